@@ -1,0 +1,267 @@
+"""What a shot contains, in plain numbers: the vocabulary between `shot/`, which reads it, and what renders it.
+
+Nothing here knows USD, Mitsuba or Dr.Jit. Lengths are scene units, positions and directions are in world space,
+colours are scene-linear Rec.709 unless the stage says otherwise. Every class checks its own numbers, so that what
+reaches a kernel is finite and in range; the messages name the field, and `shot/` adds file and prim.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+if TYPE_CHECKING:
+    from .looks import Look
+
+Array = npt.NDArray[Any]
+Color = tuple[float, float, float]
+
+WHITE: Color = (1.0, 1.0, 1.0)
+BLACK: Color = (0.0, 0.0, 0.0)
+
+
+class SceneError(ValueError):
+    """Something in a scene cannot be rendered; the text is one sentence for the user."""
+
+
+def color(value: float | Sequence[float] | Array, name: str, minimum: float = 0.0) -> Color:
+    """Return `value`, a number or three of them, as a colour of finite numbers not below `minimum`."""
+    numbers = np.broadcast_to(np.asarray(value, dtype=np.float64), (3,)) if np.size(value) in (1, 3) else None
+    if numbers is None or not np.all(np.isfinite(numbers)) or np.any(numbers < minimum):
+        raise SceneError(f"{name} is {value}: expected one or three finite numbers of at least {minimum:g}")
+    return (float(numbers[0]), float(numbers[1]), float(numbers[2]))
+
+
+def number(value: float, name: str, minimum: float = -np.inf, maximum: float = np.inf) -> float:
+    """Return `value` as a finite float between `minimum` and `maximum`."""
+    result = float(value)
+    if not np.isfinite(result) or not minimum <= result <= maximum:
+        bounds = " ".join(
+            words
+            for words, bound in ((f"at least {minimum:g}", minimum), (f"at most {maximum:g}", maximum))
+            if np.isfinite(bound)
+        )
+        raise SceneError(f"{name} is {value}: expected a finite number {bounds}".rstrip())
+    return result
+
+
+@dataclass(frozen=True)
+class Medium:
+    """A homogeneous fog.
+
+    Attributes
+    ----------
+    scattering, absorption
+        Coefficients σs and σa, per channel and scene unit.
+    anisotropy
+        Mean cosine g of the Henyey–Greenstein phase function, in (−1, 1).
+    mesh
+        The closed surface that the fog fills, or None where it fills the whole space.
+    """
+
+    scattering: Color
+    absorption: Color = BLACK
+    anisotropy: float = 0.0
+    mesh: Mesh | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "scattering", color(self.scattering, "scattering"))
+        object.__setattr__(self, "absorption", color(self.absorption, "absorption"))
+        number(self.anisotropy, "anisotropy", -0.99, 0.99)
+
+    @property
+    def extinction(self) -> Color:
+        """σt = σs + σa, per channel and scene unit."""
+        return tuple(s + a for s, a in zip(self.scattering, self.absorption, strict=True))  # type: ignore[return-value]
+
+
+@dataclass(frozen=True)
+class Texture:
+    """An image over the UV square: `pixels` (H, W, 1 or 3), scene-linear float32, first row at v = 1."""
+
+    pixels: Array
+    wrap: str = "repeat"  # repeat | clamp | mirror
+    uv_transform: Array = field(default_factory=lambda: np.eye(3))  # (3, 3), applied to (u, v, 1)
+
+
+@dataclass(frozen=True)
+class Material:
+    """The inputs of a UsdPreviewSurface that the renderer uses."""
+
+    diffuse: Color | Texture = (0.18, 0.18, 0.18)
+    emissive: Color | Texture = BLACK
+    roughness: float | Texture = 0.5
+    metallic: float | Texture = 0.0
+    ior: float = 1.5
+    clearcoat: float = 0.0
+    clearcoat_roughness: float = 0.01
+    opacity: float | Texture = 1.0
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """A triangle mesh in world space; vertices are split wherever their normal or UV is not shared.
+
+    Attributes
+    ----------
+    name
+        Prim path.
+    points, faces
+        (V, 3) float64 and (F, 3) int; faces wind counter-clockwise around the outward normal.
+    normals, uvs
+        (V, 3) and (V, 2), or None: faceted, no texture coordinates.
+    """
+
+    name: str
+    points: Array
+    faces: Array
+    normals: Array | None = None
+    uvs: Array | None = None
+    material: Material = Material()
+
+
+@dataclass(frozen=True)
+class Shaping:
+    """UsdLuxShapingAPI: a light's cone, its soft edge and its focus (angles in degrees from the light's axis)."""
+
+    cone_angle: float = 90.0
+    cone_softness: float = 0.0
+    focus: float = 0.0
+    focus_tint: Color = BLACK
+
+
+@dataclass(frozen=True)
+class Light:
+    """What all lights share.
+
+    Attributes
+    ----------
+    name
+        Prim path.
+    radiance
+        Emitted radiance after intensity, exposure, colour, temperature and `normalize`. For a point: radiant
+        intensity. For a distant light of no angle: irradiance.
+    group
+        Light group: beams of the light go to the layer `beams_<group>`; "" is the unnamed group.
+    emits_beams, beam_count, beam_scale, seed
+        Whether the light makes beams, how many a pass (None: the renderer's default), a factor on their power alone,
+        and the seed of their samples.
+    portal
+        The mesh through which the light reaches the shot, or None. It is no surface.
+    look
+        The look of the light's beams, or None for the physical one.
+    """
+
+    name: str
+    radiance: Color
+    group: str = ""
+    emits_beams: bool = True
+    beam_count: int | None = None
+    beam_scale: float = 1.0
+    seed: int = 0
+    portal: Mesh | None = None
+    look: Look | None = None
+    shaping: Shaping | None = None
+    lights_surfaces: bool = True
+
+
+@dataclass(frozen=True)
+class SphereLight(Light):
+    """A sphere; `radius` 0 is a point. `axis` is the unit direction that shaping is measured from (local −Z)."""
+
+    center: Array = field(default_factory=lambda: np.zeros(3))
+    radius: float = 0.0
+    axis: Array = field(default_factory=lambda: np.array([0.0, 0.0, -1.0]))
+
+
+@dataclass(frozen=True)
+class FlatLight(Light):
+    """A rectangle or an ellipse that emits to one side: center ± half_x ± half_y, along half_x × half_y's −normal.
+
+    `axis` is the unit emission direction (local −Z). `disk` tells the ellipse with these half axes from the rectangle.
+    """
+
+    center: Array = field(default_factory=lambda: np.zeros(3))
+    half_x: Array = field(default_factory=lambda: np.array([0.5, 0.0, 0.0]))
+    half_y: Array = field(default_factory=lambda: np.array([0.0, 0.5, 0.0]))
+    axis: Array = field(default_factory=lambda: np.array([0.0, 0.0, -1.0]))
+    disk: bool = False
+
+    @property
+    def area(self) -> float:
+        """Area in square scene units."""
+        box = 4.0 * float(np.linalg.norm(np.cross(self.half_x, self.half_y)))
+        return box * np.pi / 4.0 if self.disk else box
+
+
+@dataclass(frozen=True)
+class DistantLight(Light):
+    """Light from infinity along the unit vector `axis`, from a cone of `angle` degrees (full width)."""
+
+    axis: Array = field(default_factory=lambda: np.array([0.0, 0.0, -1.0]))
+    angle: float = 0.53
+
+
+@dataclass(frozen=True)
+class DomeLight(Light):
+    """An environment: `radiance` times an optional latitude-longitude image (H, W, 3), oriented by a rotation.
+
+    The image is oriented as UsdLuxDomeLight has its latlong format: +Y is up, its middle looks along local +Z;
+    `to_world` (3, 3) turns local directions into world directions. Makes no beams unless asked.
+    """
+
+    image: Array | None = None
+    to_world: Array = field(default_factory=lambda: np.eye(3))
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A camera as UsdGeom has it, with lengths in scene units.
+
+    Attributes
+    ----------
+    to_world
+        (4, 4) rigid transform for column vectors; the camera looks along its −Z, +Y is up.
+    focal_length, horizontal_aperture, vertical_aperture, horizontal_offset, vertical_offset
+        In scene units. For an orthographic camera the apertures are the view's width and height.
+    clipping
+        Near and far distance.
+    """
+
+    name: str
+    to_world: Array
+    focal_length: float = 5.0
+    horizontal_aperture: float = 2.0955
+    vertical_aperture: float = 1.52908
+    horizontal_offset: float = 0.0
+    vertical_offset: float = 0.0
+    orthographic: bool = False
+    clipping: tuple[float, float] = (1e-3, 1e6)
+
+
+@dataclass(frozen=True)
+class DrawnBeams:
+    """Beams that someone drew: `start` and `end` (N, 3), `radius_start` and `radius_end` (N,), `power` (N, 3)."""
+
+    name: str
+    start: Array
+    end: Array
+    radius_start: Array
+    radius_end: Array
+    power: Array
+    group: str = ""
+    look: Look | None = None
+
+
+@dataclass(frozen=True)
+class Scene:
+    """All of a shot at one frame but its camera."""
+
+    meshes: tuple[Mesh, ...] = ()
+    lights: tuple[Light, ...] = ()
+    drawn: tuple[DrawnBeams, ...] = ()
+    medium: Medium | None = None
