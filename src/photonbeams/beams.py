@@ -1,0 +1,178 @@
+"""The primitive: a photon beam is a truncated cone of light (Talk, section 1; theory of Jarosz et al. 2011).
+
+A beam is the whole path of a photon between two events: two ends, a radius at each, and a power Φ (RGB, flux). It is
+the Talk's linear RiCurves with two control points. `Beams` holds many of them as a Dr.Jit struct of arrays.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, ClassVar
+
+import drjit as dr
+import numpy as np
+import numpy.typing as npt
+
+from .device import Array3f, Float
+from .scene import SceneError
+
+_COLOR = ("start", "end", "power")
+_REQUIRED = ("start", "end", "radius_start", "radius_end", "power")
+_OPTIONAL = ("offset", "total", "entry", "end_normal")
+
+
+class Beams:
+    """N photon beams.
+
+    Parameters
+    ----------
+    start, end
+        (N, 3) positions of the two ends, scene units.
+    radius_start, radius_end
+        (N,) radii at the two ends, not negative; a number serves all beams. One may be zero, never both.
+    power
+        (N, 3) flux Φ, or one colour for all beams.
+    offset
+        (N,) distance from the light at which the beam starts: falloffs along a light path that was cut in pieces go
+        on over the cut. Default 0.
+    total
+        (N,) length of the whole light path, to which fractions along the beam refer. Default: the end of this beam.
+    entry
+        (N,) distance from the light at which the medium begins. Default: at the light.
+    end_normal
+        (N, 3) normal of the surface that stopped the beam: the beam is cut by that plane, not straight across, and
+        does not poke through walls that it meets at a slant. Default: cut straight across.
+
+    Arrays may be NumPy or Dr.Jit arrays. `start`, ... are then Dr.Jit arrays (`Array3f`, `Float`).
+
+    Raises
+    ------
+    SceneError
+        Shapes that do not agree, numbers that are not finite, negative radii.
+
+    Examples
+    --------
+    >>> import photonbeams as pb
+    >>> beams = pb.Beams([[0, 0, 0]], [[0, 0, 1]], 0.1, 0.2, [[1, 1, 1]])
+    >>> len(beams)
+    1
+    """
+
+    DRJIT_STRUCT: ClassVar[dict[str, Any]] = {
+        **{name: (Array3f if name in (*_COLOR, "end_normal") else Float) for name in _REQUIRED},
+        **{name: (Array3f if name == "end_normal" else Float) for name in _OPTIONAL},
+    }
+
+    def __init__(
+        self,
+        start: Any = None,
+        end: Any = None,
+        radius_start: Any = None,
+        radius_end: Any = None,
+        power: Any = None,
+        *,
+        offset: Any = None,
+        total: Any = None,
+        entry: Any = None,
+        end_normal: Any = None,
+    ) -> None:
+        if start is None:  # as Dr.Jit makes a struct before it fills it
+            return
+        given = {
+            "start": start, "end": end, "radius_start": radius_start, "radius_end": radius_end, "power": power,
+            "offset": offset, "total": total, "entry": entry, "end_normal": end_normal,
+        }  # fmt: skip
+        count = _count(start)
+        for name in _REQUIRED:
+            setattr(self, name, _array(given[name], name, count))
+        for name in _OPTIONAL:
+            setattr(self, name, None if given[name] is None else _array(given[name], name, count))
+        _check_radii(self)
+
+    start: Any
+    end: Any
+    radius_start: Any
+    radius_end: Any
+    power: Any
+    offset: Any
+    total: Any
+    entry: Any
+    end_normal: Any
+
+    def __len__(self) -> int:
+        """Return the number of beams."""
+        return int(dr.width(self.start))
+
+    def __repr__(self) -> str:
+        return f"Beams({len(self):,})"
+
+    def arrays(self) -> dict[str, npt.NDArray[np.float32]]:
+        """Return all that is set as NumPy arrays, (N, 3) or (N,)."""
+        present = {name: getattr(self, name) for name in (*_REQUIRED, *_OPTIONAL)}
+        return {
+            name: np.ascontiguousarray(value.numpy().T) if dr.depth_v(value) == 2 else value.numpy()
+            for name, value in present.items()
+            if value is not None
+        }
+
+    def take(self, index: Any) -> Beams:
+        """Return the beams of these numbers (a Dr.Jit UInt32 array)."""
+        result = Beams()
+        for name in (*_REQUIRED, *_OPTIONAL):
+            value = getattr(self, name)
+            setattr(result, name, None if value is None else dr.gather(type(value), value, index))
+        return result
+
+    def save(self, path: str | Path) -> None:
+        """Write the beams as a NumPy archive (.npz); nothing half-written is left behind."""
+        path = Path(path)
+        beside = path.with_name(f".{path.name}.tmp")
+        try:
+            with beside.open("wb") as file:
+                np.savez_compressed(file, **self.arrays())  # type: ignore[arg-type]
+            beside.replace(path)
+        finally:
+            beside.unlink(missing_ok=True)
+
+    @classmethod
+    def load(cls, path: str | Path) -> Beams:
+        """Read beams that `save` wrote; raises SceneError where the file is none of that."""
+        try:
+            with np.load(path, allow_pickle=False) as archive:
+                return cls(**{name: archive[name] for name in (*_REQUIRED, *_OPTIONAL) if name in archive})
+        except FileNotFoundError:
+            raise SceneError(f"{path}: no such file") from None
+        except (OSError, ValueError, TypeError, EOFError) as error:
+            raise SceneError(f"{path}: expected beams saved by photonbeams (.npz): {error}") from None
+
+
+def _count(start: Any) -> int:
+    return int(dr.width(start)) if dr.is_jit_v(start) else len(np.atleast_2d(np.asarray(start)))
+
+
+def _array(value: Any, name: str, count: int) -> Any:
+    """Return `value` as Float or Array3f of width `count`, checked where it comes from outside."""
+    vector = name in (*_COLOR, "end_normal")
+    kind = Array3f if vector else Float
+    if dr.is_jit_v(value):
+        result = kind(value)
+        if dr.width(result) == 1 and count > 1:  # a number for all: broadcast, so that it can be gathered
+            result = result + dr.zeros(Float, count)
+        if dr.width(result) != count:
+            raise SceneError(f"Beams: {name} has {dr.width(result)} entries: expected {count}, as start has")
+        return result
+    shape = (count, 3) if vector else (count,)
+    try:
+        numbers = np.broadcast_to(np.asarray(value, dtype=np.float32), shape)
+    except (ValueError, TypeError):
+        raise SceneError(f"Beams: {name} has shape {np.shape(value)}: expected {shape}") from None
+    if not np.all(np.isfinite(numbers)):
+        raise SceneError(f"Beams: {name} of beam {int(np.argwhere(~np.isfinite(numbers))[0][0])} is not finite")
+    return kind(np.ascontiguousarray(numbers.T))
+
+
+def _check_radii(beams: Beams) -> None:
+    if len(beams) and bool(
+        dr.any((beams.radius_start < 0) | (beams.radius_end < 0) | (beams.radius_start + beams.radius_end <= 0))
+    ):
+        raise SceneError("Beams: expected radii that are not negative, and not both of a beam zero")

@@ -1,0 +1,59 @@
+"""Which estimate, where: the weight of the frustum against the billboard (theory, section 3, "Which one, where").
+
+The billboard takes the factors at one point and knows neither where the beam ends nor where the camera is. It equals
+the frustum where the chord, of half length h about the closest approach, lies free inside the beam, the ray and the
+medium, and the factors vary little over it. Two numbers tell: h over the distance to the nearest boundary, and the
+factors' relative change over h, whose square is the billboard's error.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import drjit as dr
+
+from ..looks import BoundLook
+from .geometry import Approach, Record
+
+# The chord may come this near to a boundary, in half chords, before the frustum has to take over.
+_CLEARANCE = 1.2
+# Relative change of the factors over half a chord that leaves the billboard an error of about (0.1)²/6.
+_CHANGE = 0.1
+# The hand-over runs from this share of the limit to the limit.
+_BEGIN = 0.7
+
+
+def need(beam: Record, at: Approach, radius: Any, look: BoundLook, t_min: Any, t_max: Any, origin: Any, direction: Any
+         ) -> tuple[Any, Any]:  # fmt: skip
+    """Return how much a ray needs the frustum at this beam, 1 being entirely, by the boundaries and by the factors."""
+    sin2 = dr.rcp(at.inv_sin2)
+    sine = dr.sqrt(dr.maximum(sin2, 0))
+    taper = dr.abs(beam.slope * at.cosine)
+    opening = dr.fma(-taper, taper, sin2)
+    # Farthest that the chord through the axis reaches from the closest approach; endless along the cone's wall.
+    half = radius * (taper + sine) / dr.maximum(opening, 1e-6)
+    c = dr.abs(at.cosine)
+    margin = dr.minimum(dr.abs(at.t - t_min), dr.abs(t_max - at.t))
+    to_end = dr.minimum(dr.abs(at.s), dr.abs(beam.stop - at.s)) * dr.rcp(dr.maximum(c, 1e-6))
+    margin = dr.minimum(margin, to_end)
+    if beam.cap is not None:
+        height = beam.cap_offset - (0.0 if origin is None else dr.dot(origin, beam.cap))
+        facing = dr.dot(direction, beam.cap)
+        margin = dr.minimum(margin, dr.abs(dr.fma(facing, at.t, -height)) * dr.rcp(dr.maximum(dr.abs(facing), 1e-6)))
+    boundary = _CLEARANCE * half * dr.rcp(dr.maximum(margin, 1e-20))
+    rate = dr.fma(c, look.rate_along + look.rate_fraction * dr.rcp(beam.total), look.rate_eye)
+    change = (half * rate + taper * dr.rcp(dr.maximum(sine, 1e-6))) * (1 / _CHANGE)
+    # Below sin² = 0.0025 float32 has lost the angle.
+    narrow = 0.0025 * at.inv_sin2
+    return boundary, dr.maximum(change, narrow)
+
+
+def frustum_weight(boundary: Any, change: Any) -> Any:
+    """Return the frustum's weight, smooth in everything that moves: 0 is the billboard alone, 1 the frustum alone."""
+    x = dr.clip((dr.maximum(boundary, change) - _BEGIN) * (1 / (1 - _BEGIN)), 0, 1)
+    return x * x * dr.fma(-2, x, 3)
+
+
+def touched(boundary: Any, change: Any, inside: Any) -> Any:
+    """Return whether the frustum contributes to a ray: where it has weight, and its chord can overlap the beam."""
+    return ((boundary > _BEGIN) | inside) & (dr.maximum(boundary, change) > _BEGIN)

@@ -1,0 +1,141 @@
+"""Radiance of beams toward any rays: the estimators without an image."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import drjit as dr
+import numpy as np
+
+from ..beams import Beams
+from ..device import Array3f, Bool, Float, UInt32
+from ..looks import BoundLook, Look
+from ..quadrature import Rule, gauss_legendre
+from ..scene import Medium
+from .billboard import billboard_sum
+from .frustum import Points, frustum_sum
+from .geometry import Packed, Rays, pack
+
+ESTIMATORS = ("auto", "billboard", "frustum")
+
+#: Points that a production needed at most (Talk, section 3).
+DEFAULT_RULE = gauss_legendre(6)
+
+# Stands for a ray without end; its square is still a float32.
+ENDLESS = 1e18
+
+
+def estimate(
+    beams: Beams,
+    origin: Any,
+    direction: Any,
+    t_max: Any = None,
+    *,
+    look: Look | None = None,
+    medium: Medium | None = None,
+    estimator: str = "auto",
+    rule: Rule = DEFAULT_RULE,
+    t_min: Any = None,
+) -> Any:
+    """Return the radiance of beams toward rays.
+
+    Parameters
+    ----------
+    beams
+        The beams.
+    origin, direction
+        (N, 3), or one for all; directions need not be of unit length, distances are in scene units.
+    t_max, t_min
+        (N,) distance to the first surface, and to where the medium begins. Default: no surface, 0.
+    look, medium
+        Default look: physical. A medium is needed where the look has a physical factor.
+    estimator
+        "billboard" (Beam × Beam 1D), "frustum" (2D) or "auto", their blend.
+    rule
+        Quadrature of the frustum, `gauss_legendre(6)` unless given.
+
+    Returns
+    -------
+    Array3f
+        (N) radiances.
+
+    Raises
+    ------
+    ValueError
+        An unknown estimator, shapes that do not agree, a physical look without a medium.
+    """
+    check_estimator(estimator)
+    rays, count = _rays(origin, direction, t_min, t_max)
+    if len(beams) == 0:
+        return dr.zeros(Array3f, count)
+    bound = (look or Look()).bind(medium, reach(beams))
+    # One lane more than needed keeps a single ray from becoming a literal.
+    return sum_over_all(pack(beams, Array3f(0), shared=False), rays, bound, estimator, Points(rule))
+
+
+def sum_over_all(packed: Packed, rays: Rays, look: BoundLook, estimator: str, points: Points) -> Any:
+    """Return the radiance of all beams toward all rays."""
+    first, stop = UInt32(0), dr.opaque(UInt32, packed.count)
+
+    def number(i: Any) -> Any:
+        return i
+
+    radiance = Array3f(0)
+    if estimator != "frustum":
+        radiance += billboard_sum([rays], first, stop, number, packed, look, blended=estimator == "auto")[0]
+    if estimator != "billboard":
+        radiance += frustum_sum(rays, first, stop, number, packed, look, points, blended=estimator == "auto")
+    dr.eval(radiance)
+    return radiance
+
+
+def check_estimator(estimator: str) -> None:
+    """Raise ValueError unless `estimator` is one of ESTIMATORS."""
+    if estimator not in ESTIMATORS:
+        raise ValueError(f"estimator is {estimator!r}: expected one of {', '.join(ESTIMATORS)}")
+
+
+def reach(beams: Beams) -> float:
+    """Return the greatest length of a light path, over which the look's variation is judged."""
+    length = dr.norm(beams.end - beams.start)
+    if beams.offset is not None:
+        length = length + beams.offset
+    return max(float(dr.max(length)[0]), 1e-6)
+
+
+def _rays(origin: Any, direction: Any, t_min: Any, t_max: Any) -> tuple[Rays, int]:
+    origin, direction = _vectors(origin, "origin"), _vectors(direction, "direction")
+    low = _numbers(0.0 if t_min is None else t_min, "t_min")
+    high = _numbers(ENDLESS if t_max is None else t_max, "t_max")
+    widths = [dr.width(value) for value in (origin, direction, low, high)]
+    count = max(widths)
+    if any(width not in (1, count) for width in widths):
+        raise ValueError(f"origin, direction, t_min and t_max have {widths} rays: expected one number of rays, or 1")
+    active = dr.full(Bool, True, count)
+    length = dr.norm(direction)
+    if bool(dr.any(~(length > 0))):
+        raise ValueError("a ray has no direction: expected vectors of positive, finite length")
+    rays = Rays(
+        dr.select(active, origin, 0), dr.select(active, direction / length, 0),
+        dr.select(active, dr.minimum(high, ENDLESS), 0), dr.select(active, low, 0),
+    )  # fmt: skip
+    dr.eval(rays.origin, rays.direction, rays.t_max, rays.t_min)
+    return rays, count
+
+
+def _vectors(value: Any, name: str) -> Any:
+    if dr.is_jit_v(value):
+        return Array3f(value)
+    numbers = np.atleast_2d(np.asarray(value, dtype=np.float32))
+    if numbers.ndim != 2 or numbers.shape[1] != 3:
+        raise ValueError(f"{name} has shape {np.shape(value)}: expected (N, 3)")
+    return Array3f(np.ascontiguousarray(numbers.T))
+
+
+def _numbers(value: Any, name: str) -> Any:
+    if dr.is_jit_v(value):
+        return Float(value)
+    numbers = np.atleast_1d(np.asarray(value, dtype=np.float32))
+    if numbers.ndim != 1 or np.any(np.isnan(numbers)):
+        raise ValueError(f"{name} has shape {np.shape(value)}: expected (N,) numbers")
+    return Float(numbers)

@@ -1,0 +1,124 @@
+"""Beam × Beam 2D: the beam as a conical frustum, integrated along the ray by quadrature (Talk, sections 2 and 3).
+
+    L = Φ · angle(θ) · ∫_a^b k2(r(t)/R(s(t)), R(s(t))) · along(s(t)) · eye(t) dt
+
+No 1/sin θ and no singularity: valid with the camera inside the cone and along the axis. The interval [a, b] is the
+ray's chord through the cone, split where the profile or a colour ramp has a corner; the rule's points serve each
+smooth piece.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import drjit as dr
+import numpy as np
+
+from ..device import Array2f, Array3f, Float, UInt32
+from ..looks import BoundLook
+from ..quadrature import Rule
+from .blend import frustum_weight, need
+from .geometry import Chord, Packed, Rays, Record, chord, closest_approach, load
+
+# A ramp with more corners than this is taken for a smooth curve: each costs every chord a comparison.
+_MOST_CORNERS = 8
+
+
+class Points:
+    """A rule's points and weights in device memory: neither their values nor their number is part of a kernel."""
+
+    def __init__(self, rule: Rule) -> None:
+        self._data = Float(np.stack([rule.points, rule.weights], axis=1).ravel().astype(np.float32))
+        self.count = dr.opaque(UInt32, len(rule.points))
+
+    def __call__(self, number: Any) -> Any:
+        """Return point and weight of this number."""
+        return dr.gather(Array2f, self._data, number)
+
+
+def corners(beam: Record, ray: Chord, look: BoundLook) -> list[Any]:
+    """Return the τ at which the integrand has a corner: rings of the profile, knots of the colour ramp."""
+    radius = dr.fma(beam.slope, ray.s, beam.radius)
+    slope_c = beam.slope * ray.cosine
+    result = []
+    for rho in look.profile.corners:
+        if rho == 0:
+            result.append(-ray.drift / dr.maximum(ray.sin2, 1e-12))
+            continue
+        A = dr.fma(-(rho * rho) * slope_c, slope_c, ray.sin2)
+        B = dr.fma(-(rho * rho) * slope_c, radius, ray.drift)
+        C = dr.fma(-(rho * rho) * radius, radius, ray.offset2)
+        root = dr.sqrt(dr.maximum(dr.fma(B, B, -A * C), 0))
+        inv = dr.rcp(dr.select(dr.abs(A) < 1e-12, 1e-12, A))
+        result += [(-B - root) * inv, (-B + root) * inv]
+    inv_c = dr.rcp(dr.select(dr.abs(ray.cosine) < 1e-6, 1e-6, ray.cosine))
+    distances = [dr.opaque(Float, place) - beam.offset for place in look.corners_distance]
+    distances += [dr.opaque(Float, place) * beam.total - beam.offset for place in look.corners_fraction]
+    result += [(distance - ray.s) * inv_c for distance in distances[:_MOST_CORNERS]]
+    return result
+
+
+def integrand(beam: Record, ray: Chord, tau: Any, look: BoundLook, t_min: Any) -> Any:
+    """Return k2 · along · eye at τ."""
+    radius = dr.maximum(dr.fma(beam.slope, dr.fma(ray.cosine, tau, ray.s), beam.radius), 1e-12)
+    inv = dr.rcp(radius * radius)
+    distance = dr.fma(ray.cosine, tau, ray.s) + beam.offset
+    t = ray.t + tau
+    factors = look.along(
+        distance, dr.maximum(distance - beam.entry, 0), dr.clip(distance * dr.rcp(beam.total), 0, 1)
+    ) * look.eye(t, t - t_min)
+    return factors * (look.profile.density(dr.minimum(ray.radius2(tau) * inv, 1)) * inv)
+
+
+@dr.syntax
+def chord_integral(beam: Record, ray: Chord, look: BoundLook, points: Points, t_min: Any, active: Any) -> Any:
+    """Return ∫ k2 · along · eye over the chord, piece by piece between corners (Talk, eq. 2)."""
+    breaks = corners(beam, ray, look)
+    total = Array3f(0)
+    low, end = Float(ray.a), dr.select(active, ray.b, ray.a)
+    while low < end:
+        high = Float(end)
+        for place in breaks:
+            high = dr.select((place > low) & (place < high), place, high)
+        half, middle = 0.5 * (high - low), 0.5 * (high + low)
+        j = UInt32(0)
+        while j < points.count:
+            node = points(j)
+            total += integrand(beam, ray, dr.fma(half, node.x, middle), look, t_min) * (node.y * half)
+            j += 1
+        low = high
+    return total
+
+
+@dr.syntax
+def frustum_sum(
+    ray: Rays,
+    first: Any,
+    stop: Any,
+    number: Callable[[Any], Any],
+    packed: Packed,
+    look: BoundLook,
+    points: Points,
+    blended: bool,
+) -> Any:
+    """Return the radiance of the beams `number(first)` … `number(stop − 1)` toward each lane's ray.
+
+    With `blended` each beam counts by the frustum's weight, the billboard's complement (`auto`).
+    """
+    radiance = Array3f(0)
+    i = UInt32(first)
+    while i < stop:
+        beam = load(packed, number(i))
+        part = chord(beam, ray.origin, ray.direction, ray.t_min, ray.t_max)
+        weight = dr.select(part.valid, Float(1), Float(0))
+        if dr.hint(blended, mode="scalar"):
+            at = closest_approach(beam, ray.origin, ray.direction)
+            radius = dr.fma(beam.slope, at.s, beam.radius)
+            boundary, change = need(beam, at, radius, look, ray.t_min, ray.t_max, ray.origin, ray.direction)
+            weight *= frustum_weight(boundary, change)
+        if weight > 0:
+            light = chord_integral(beam, part, look, points, ray.t_min, weight > 0)
+            radiance += beam.power * look.angle(-part.cosine) * light * weight
+        i += 1
+    return radiance

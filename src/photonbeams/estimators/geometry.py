@@ -1,0 +1,259 @@
+"""Geometry of a camera ray and a beam: closest approach, ray ∩ truncated cone (theory, "Geometry"), and their storage.
+
+With unit ray direction d, unit axis w, c = d·w and e = start − o:
+
+    sin² = 1 − c²,  s = (c (d·e) − w·e)/sin²,  t = (d·e − c (w·e))/sin²,  u² = (d·(w × e))²/sin²
+
+s and t are the parameters of closest approach along the beam and along the ray, u the distance between the lines.
+Inside the cone R(s) = r0 + k s, measured from the ray parameter t0, with e⊥ the offset from the axis there:
+
+    A τ² + 2B τ + C ≤ 0,  A = sin² − k²c²,  B = e⊥·d − k c R(s0),  C = |e⊥|² − R(s0)²
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+
+from ..beams import Beams
+from ..device import Array3f, Array4f, Float, UInt32
+
+# Shorter beams have no direction that float32 could hold; they carry no visible light.
+_SHORTEST = 1e-12
+
+
+@dataclass
+class Rays:
+    """Camera rays o + t d with d of unit length, seen for t from t_min to t_max.
+
+    `shared_origin` says that all rays have one origin (a pinhole): what depends on beam and origin alone is then
+    computed once a beam. `t_min` is also where the medium begins; the eye factor counts from there.
+    """
+
+    origin: Any  # (N, 3)
+    direction: Any  # (N, 3)
+    t_max: Any  # (N,)
+    t_min: Any = None  # (N,), None: 0
+    shared_origin: bool = False
+
+
+@dataclass
+class Packed:
+    """Beams packed for gathering: `groups` packets of four floats a beam, relative to the point `origin`.
+
+    0: axis, radius at the start · 1: start, slope k of the radius · 2: power, length · then, where present,
+    (w × e, w·e) for a shared ray origin · (end normal, its distance from the origin) · (offset, total, entry, 0).
+    """
+
+    data: Any
+    groups: int
+    origin: Any
+    shared: bool
+    caps: bool
+    path: bool
+    count: int
+
+
+def pack(beams: Beams, origin: Any, shared: bool) -> Packed:
+    """Pack beams relative to `origin`, which is the origin of all rays where `shared` is true."""
+    start, end = beams.start - origin, beams.end - origin
+    axis = end - start
+    length = dr.norm(axis)
+    axis = axis * dr.select(length > _SHORTEST, dr.rcp(length), 0)
+    slope = (beams.radius_end - beams.radius_start) * dr.select(length > _SHORTEST, dr.rcp(length), 0)
+    packets = [(axis, beams.radius_start), (start, slope), (beams.power, length)]
+    if shared:
+        packets.append((dr.cross(axis, start), dr.dot(axis, start)))
+    if beams.end_normal is not None:
+        packets.append((beams.end_normal, dr.dot(beams.end_normal, end)))
+    path = any(value is not None for value in (beams.offset, beams.total, beams.entry))
+    if path:
+        offset = beams.offset if beams.offset is not None else dr.zeros(Float, len(beams))
+        total = beams.total if beams.total is not None else offset + length
+        entry = beams.entry if beams.entry is not None else dr.zeros(Float, len(beams))
+        packets.append((Array3f(offset, total, entry), dr.zeros(Float, len(beams))))
+    count, groups = len(beams), len(packets)
+    data = dr.zeros(Float, count * groups * 4)
+    place = dr.arange(UInt32, count) * groups
+    for number, (vector, scalar) in enumerate(packets):
+        dr.scatter(data, Array4f(vector.x, vector.y, vector.z, scalar), place + number)
+    dr.eval(data)
+    return Packed(data, groups, origin, shared, beams.end_normal is not None, path, count)
+
+
+@dataclass
+class Record:
+    """One beam a lane, loaded in a kernel; vectors relative to the packed origin."""
+
+    axis: Any
+    radius: Any  # at the start
+    start: Any
+    slope: Any  # of the radius, along the axis
+    power: Any
+    length: Any
+    moment: Any = None  # w × e, for a shared ray origin
+    reach: Any = None  # w·e, likewise
+    cap: Any = None  # end normal
+    cap_offset: Any = None  # its plane's distance from the origin
+    path: Any = None  # offset, total, entry
+
+    @property
+    def offset(self) -> Any:
+        """Distance from the light at the beam's start."""
+        return 0.0 if self.path is None else self.path.x
+
+    @property
+    def total(self) -> Any:
+        """Length of the whole light path."""
+        return self.length if self.path is None else self.path.y
+
+    @property
+    def entry(self) -> Any:
+        """Distance from the light at which the medium begins."""
+        return 0.0 if self.path is None else self.path.z
+
+    @property
+    def stop(self) -> Any:
+        """Distance from the start that no part of the beam passes.
+
+        A beam that ends on a surface is cut by its plane. Where it meets that at a slant the cone's rim reaches past
+        the axis' end, but by a radius at most: farther out the plane is a poor picture of the surface.
+        """
+        return self.length if self.cap is None else self.length + dr.fma(self.slope, self.length, self.radius)
+
+
+def load(packed: Packed, number: Any) -> Record:
+    """Gather the beams of these numbers."""
+    base = number * packed.groups
+    packets = [dr.gather(Array4f, packed.data, base + group) for group in range(packed.groups)]
+    record = Record(
+        axis=packets[0].xyz, radius=packets[0].w, start=packets[1].xyz, slope=packets[1].w,
+        power=packets[2].xyz, length=packets[2].w,
+    )  # fmt: skip
+    rest = packets[3:]
+    if packed.shared:
+        record.moment, record.reach = rest[0].xyz, rest[0].w
+        rest = rest[1:]
+    if packed.caps:
+        record.cap, record.cap_offset = rest[0].xyz, rest[0].w
+        rest = rest[1:]
+    if packed.path:
+        record.path = rest[0].xyz
+    return record
+
+
+@dataclass
+class Approach:
+    """Where a ray and a beam's axis come closest."""
+
+    cosine: Any  # c = d·w
+    inv_sin2: Any
+    s: Any  # along the beam, from its start
+    t: Any  # along the ray
+    u2: Any  # squared distance between the lines
+
+
+def closest_approach(beam: Record, origin: Any, direction: Any) -> Approach:
+    """Return the closest approach; `origin` is relative to the packed origin, or None where that is shared."""
+    if beam.moment is not None:
+        relative, moment, reach = beam.start, beam.moment, beam.reach
+    else:
+        relative = beam.start - origin
+        moment, reach = dr.cross(beam.axis, relative), dr.dot(beam.axis, relative)
+    c, along = dr.dot(direction, beam.axis), dr.dot(direction, relative)
+    inv = dr.rcp(dr.fma(-c, c, 1))
+    return Approach(
+        c, inv, dr.fma(c, along, -reach) * inv, dr.fma(-c, reach, along) * inv, dr.square(dr.dot(direction, moment)) * inv
+    )
+
+
+@dataclass
+class Chord:
+    """The part of a ray inside a beam: τ in [a, b], counted from the ray parameter `t`; empty unless `valid`."""
+
+    valid: Any
+    a: Any
+    b: Any
+    t: Any
+    s: Any  # along the beam at τ = 0
+    cosine: Any
+    sin2: Any
+    offset2: Any  # |e⊥|² at τ = 0
+    drift: Any  # e⊥·d at τ = 0
+
+    def radius2(self, tau: Any) -> Any:
+        """Return the squared distance from the axis at τ."""
+        return dr.maximum(dr.fma(dr.fma(self.sin2, tau, 2 * self.drift), tau, self.offset2), 0)
+
+
+_HUGE = 1e30
+
+
+def chord(beam: Record, origin: Any, direction: Any, t_min: Any, t_max: Any) -> Chord:
+    """Intersect a ray with a truncated cone.
+
+    Valid from everywhere: beside the beam, inside it, behind its ends, on its axis and along it either way. The cone
+    is intersected from a point of the ray near the beam, where all numbers are of the beam's size, not from the
+    camera, where float32 would cancel.
+    """
+    relative = beam.start if origin is None else beam.start - origin
+    c = dr.dot(direction, beam.axis)
+    sin2 = dr.squared_norm(dr.cross(direction, beam.axis))
+    reach = dr.dot(beam.axis, relative)
+    low, high = _slab(beam, origin, direction, c, reach)
+    low, high = dr.maximum(low, t_min), dr.minimum(high, t_max)
+    nearest = dr.fma(-c, reach, dr.dot(direction, relative)) / dr.maximum(sin2, 1e-12)
+    t = dr.maximum(dr.minimum(nearest, high), low)
+    point = dr.fma(direction, t, -relative)
+    s = dr.dot(point, beam.axis)
+    across = dr.fma(beam.axis, -s, point)
+    radius = dr.fma(beam.slope, s, beam.radius)
+    slope_c = beam.slope * c
+    drift, offset2 = dr.dot(across, direction), dr.squared_norm(across)
+    first, last = _inside_cone(
+        dr.fma(-slope_c, slope_c, sin2), dr.fma(-slope_c, radius, drift), dr.fma(-radius, radius, offset2), slope_c
+    )
+    a, b = dr.maximum(first, low - t), dr.minimum(last, high - t)
+    return Chord((a < b) & (low < high), a, b, t, s, c, sin2, offset2, drift)
+
+
+def _slab(beam: Record, origin: Any, direction: Any, c: Any, reach: Any) -> tuple[Any, Any]:
+    """Return the ray interval between a beam's two ends: planes across the axis, or the plane of its last surface."""
+    low, high = _between(c, reach, reach + beam.stop)
+    if beam.cap is not None:
+        facing = dr.dot(direction, beam.cap)
+        height = beam.cap_offset - (0.0 if origin is None else dr.dot(origin, beam.cap))
+        cut_low, cut_high = _between(facing, height, _HUGE)
+        low, high = dr.maximum(low, cut_low), dr.minimum(high, cut_high)
+    return low, high
+
+
+def _between(rate: Any, low: Any, high: Any) -> tuple[Any, Any]:
+    """Return the t for which low ≤ rate · t ≤ high; an empty interval is returned reversed."""
+    flat = dr.abs(rate) < 1e-9
+    inv = dr.rcp(dr.select(flat, 1, rate))
+    t0, t1 = low * inv, high * inv
+    inside = (low <= 0) & (high >= 0)
+    return (
+        dr.select(flat, dr.select(inside, -_HUGE, _HUGE), dr.minimum(t0, t1)),
+        dr.select(flat, dr.select(inside, _HUGE, -_HUGE), dr.maximum(t0, t1)),
+    )
+
+
+def _inside_cone(A: Any, B: Any, C: Any, slope_c: Any) -> tuple[Any, Any]:
+    """Return the interval of A τ² + 2B τ + C ≤ 0 on the nappe of positive radius.
+
+    With A < 0 the ray runs along the axis within the cone's opening; the inside is then the outer interval, and of
+    its two halves the one toward which the radius grows. The stable form of the roots lets A → 0 send one to infinity.
+    """
+    disc = dr.fma(B, B, -A * C)
+    q = -(B + dr.copysign(dr.sqrt(dr.maximum(disc, 0)), B))
+    q = dr.select(dr.abs(q) < 1e-30, dr.copysign(1e-30, q), q)
+    r0, r1 = q / dr.select(dr.abs(A) < 1e-30, dr.copysign(1e-30, A), A), C / q
+    low, high = dr.minimum(r0, r1), dr.maximum(r0, r1)
+    outer, miss = A < 0, disc < 0
+    first = dr.select(outer, dr.select(miss | (slope_c < 0), -_HUGE, high), dr.select(miss, _HUGE, low))
+    last = dr.select(outer, dr.select(miss | (slope_c > 0), _HUGE, low), dr.select(miss, -_HUGE, high))
+    return first, last

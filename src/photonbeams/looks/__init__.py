@@ -1,0 +1,32 @@
+"""Shading: the four programmable factors of a beam, along, across, eye and angle, and their presets."""
+
+from .across import Across, Biweight, Epanechnikov, Gaussian, Smoothstep, Tabulated, Uniform
+from .along import Attenuation, ColorRamp, Exponential, Polynomial, Power, Texture
+from .angle import Glow, Isotropic, Scattering
+from .factors import At, Constant, Factor, Fog
+from .look import BoundLook, Look
+
+__all__ = [
+    "Across",
+    "At",
+    "Attenuation",
+    "Biweight",
+    "BoundLook",
+    "ColorRamp",
+    "Constant",
+    "Epanechnikov",
+    "Exponential",
+    "Factor",
+    "Fog",
+    "Gaussian",
+    "Glow",
+    "Isotropic",
+    "Look",
+    "Polynomial",
+    "Power",
+    "Scattering",
+    "Smoothstep",
+    "Tabulated",
+    "Texture",
+    "Uniform",
+]

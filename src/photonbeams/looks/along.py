@@ -1,0 +1,173 @@
+"""Along the beam: its colour from the light to its end, and its change toward the camera (`eye`).
+
+The physical falloff is exp(−σt s) (Art, table 1; theory of Jarosz et al. 2011). Everything else is the artist's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Literal
+
+import drjit as dr
+import numpy as np
+import numpy.typing as npt
+
+from ..device import Array3f, Float
+from .factors import At, Factor
+from .ramp import Interpolation, ramp_table
+from .table import Table
+
+Space = Literal["fraction", "distance"]
+
+
+class Attenuation(Factor):
+    """Physical attenuation exp(−σt x), x the distance in the medium; for along and for eye."""
+
+    def evaluate(self, at: At) -> Any:
+        """Return the transmittance of the medium, per channel."""
+        return dr.exp(-at.medium.extinction * at.depth)
+
+
+class Exponential(Factor):
+    """exp(−x / length): an exponential falloff of the artist's own length, one or one per channel (scene units)."""
+
+    def __init__(self, length: float | Sequence[float]) -> None:
+        lengths = _positive(length, "an exponential falloff's length")
+        self._rate = dr.opaque(Array3f, (1 / lengths).tolist())
+
+    def evaluate(self, at: At) -> Any:
+        """Return the falloff, per channel."""
+        return dr.exp(-self._rate * at.distance)
+
+
+class Power(Factor):
+    """(1 + x / length)^(−exponent): a power falloff without the singularity at the light."""
+
+    def __init__(self, exponent: float = 2.0, length: float = 1.0) -> None:
+        self._exponent = dr.opaque(Float, float(exponent))
+        self._rate = dr.opaque(Float, 1 / float(_positive(length, "a power falloff's length")[0]))
+
+    def evaluate(self, at: At) -> Any:
+        """Return the falloff."""
+        return dr.exp2(-self._exponent * dr.log2(1 + dr.maximum(at.distance, 0) * self._rate))
+
+
+class Polynomial(Factor):
+    """Σ c_i x^i, not below zero, of x = 0 at `begin` to 1 at `end` (clamped outside).
+
+    Parameters
+    ----------
+    coefficients
+        (M,) or (M, 3), from the constant term up.
+    begin, end, space
+        Where x is 0 and 1: fractions of the beam, or distances in scene units.
+    """
+
+    def __init__(
+        self, coefficients: npt.ArrayLike, begin: float = 0.0, end: float = 1.0, space: Space = "fraction"
+    ) -> None:
+        numbers = np.asarray(coefficients, dtype=np.float64)
+        if numbers.ndim not in (1, 2) or not len(numbers) or not np.all(np.isfinite(numbers)):
+            raise ValueError("a polynomial falloff expects finite coefficients, (M,) or (M, 3)")
+        rows = np.broadcast_to(numbers.reshape(len(numbers), -1), (len(numbers), 3))
+        self._coefficients = [dr.opaque(Array3f, row.tolist()) for row in rows]
+        self._interval = _Interval(begin, end, space)
+        self.corners_fraction, self.corners_distance = self._interval.corners((0.0, 1.0))
+
+    def evaluate(self, at: At) -> Any:
+        """Return the polynomial by Horner's rule."""
+        x = self._interval.parameter(at)
+        result = self._coefficients[-1]
+        for coefficient in reversed(self._coefficients[:-1]):
+            result = dr.fma(result, x, coefficient)
+        return dr.maximum(result, 0)
+
+
+class ColorRamp(Factor):
+    """Colours at knots, interpolated: the Talk's colour change as the beams extinguish.
+
+    Parameters
+    ----------
+    knots, colors
+        (M,) ascending positions and (M, 3) colours, M ≥ 1.
+    interpolation
+        "none" (steps), "linear", "smooth", "catmull-rom" or "monotone".
+    begin, end, space
+        Where knot position 0 and 1 lie: fractions of the light's path ("fraction"), or scene units ("distance").
+
+    Raises
+    ------
+    ValueError
+        Knots that do not ascend, shapes that do not agree, numbers that are not finite.
+    """
+
+    def __init__(
+        self,
+        knots: npt.ArrayLike,
+        colors: npt.ArrayLike,
+        interpolation: Interpolation = "linear",
+        begin: float = 0.0,
+        end: float = 1.0,
+        space: Space = "fraction",
+    ) -> None:
+        positions = np.asarray(knots, dtype=np.float64)
+        values, low, high = ramp_table(positions, np.asarray(colors, dtype=np.float64), interpolation)
+        width = end - begin
+        self._interval = _Interval(begin + low * width, begin + high * width, space)
+        self._table = Table(values)
+        if interpolation in ("none", "linear"):
+            inside = (positions - low) / (high - low)
+            self.corners_fraction, self.corners_distance = self._interval.corners(tuple(inside))
+
+    def evaluate(self, at: At) -> Any:
+        """Return the ramp's colour."""
+        return self._table(self._interval.parameter(at))
+
+
+class Texture(Factor):
+    """A one-dimensional colour texture along the beam: `pixels` (M, 3), or an image (H, W, 3) whose rows are averaged.
+
+    The first column lies at `begin`, the last at `end`.
+    """
+
+    def __init__(self, pixels: npt.ArrayLike, begin: float = 0.0, end: float = 1.0, space: Space = "fraction") -> None:
+        numbers = np.asarray(pixels, dtype=np.float64)
+        if numbers.ndim == 3:
+            numbers = numbers.mean(axis=0)
+        if numbers.ndim != 2 or numbers.shape[1] not in (1, 3) or not len(numbers) or not np.all(np.isfinite(numbers)):
+            raise ValueError(f"a texture along the beam has shape {numbers.shape}: expected finite colours, (M, 3)")
+        row = np.broadcast_to(numbers, (len(numbers), 3))
+        self._table = Table(row if len(row) > 1 else np.repeat(row, 2, axis=0))
+        self._interval = _Interval(begin, end, space)
+
+    def evaluate(self, at: At) -> Any:
+        """Return the texture's colour."""
+        return self._table(self._interval.parameter(at))
+
+
+class _Interval:
+    """The map from distance or fraction to [0, 1]."""
+
+    def __init__(self, begin: float, end: float, space: Space) -> None:
+        if space not in ("fraction", "distance"):
+            raise ValueError(f"space is {space!r}: expected 'fraction' or 'distance'")
+        if not (np.isfinite(begin) and np.isfinite(end) and end > begin):
+            raise ValueError(f"a falloff goes from {begin} to {end}: expected its end behind its begin")
+        self._begin, self._width, self._space = float(begin), float(end - begin), space
+        self._offset = dr.opaque(Float, self._begin)
+        self._scale = dr.opaque(Float, 1 / self._width)
+
+    def parameter(self, at: At) -> Any:
+        return dr.clip((getattr(at, self._space) - self._offset) * self._scale, 0, 1)
+
+    def corners(self, inside: Sequence[float]) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """Return corners at these parameters, as (fractions, distances)."""
+        places = tuple(self._begin + float(x) * self._width for x in inside)
+        return (places, ()) if self._space == "fraction" else ((), places)
+
+
+def _positive(value: float | Sequence[float], name: str) -> npt.NDArray[np.float64]:
+    numbers = np.broadcast_to(np.asarray(value, dtype=np.float64), (3,))
+    if not np.all(np.isfinite(numbers)) or np.any(numbers <= 0):
+        raise ValueError(f"{name} is {value}: expected a positive number")
+    return numbers

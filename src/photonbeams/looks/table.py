@@ -1,0 +1,45 @@
+"""A function on [0, 1] as a table with linear interpolation: what ramps, textures and profiles become in a kernel."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import drjit as dr
+import numpy as np
+import numpy.typing as npt
+
+from ..device import Array2f, Array3f, Array4f, Float, UInt32
+
+
+class Table:
+    """`values` (M,) or (M, 3) at M ≥ 2 equidistant points of [0, 1]; clamped outside.
+
+    One look-up is one gather of a packet that holds both neighbours' (scalar table) or two packets (colour table),
+    since gathers, not arithmetic, bound the estimators' loops.
+    """
+
+    def __init__(self, values: npt.ArrayLike) -> None:
+        numbers = np.asarray(values, dtype=np.float32)
+        if numbers.ndim not in (1, 2) or len(numbers) < 2:
+            raise ValueError(f"a table has shape {numbers.shape}: expected (M,) or (M, 3) with M of at least 2")
+        self.colour = numbers.ndim == 2
+        if self.colour:
+            packed = np.zeros((len(numbers), 4), np.float32)
+            packed[:, :3] = numbers
+        else:
+            packed = np.stack([numbers, np.append(numbers[1:], numbers[-1])], axis=1)
+        self._data = Float(packed.ravel())
+        self._last = dr.opaque(UInt32, len(numbers) - 1)
+
+    def __call__(self, x: Any) -> Any:
+        """Interpolate at x (any width); returns a Float, or an Array3f for a colour table."""
+        place = dr.clip(x, 0, 1) * type(x)(self._last)
+        # A NaN would become an arbitrary index; `minimum` keeps the gather inside the table whatever x is.
+        index = dr.minimum(UInt32(place), self._last - 1)
+        weight = place - type(x)(index)
+        if self.colour:
+            low = dr.gather(Array4f, self._data, index)
+            high = dr.gather(Array4f, self._data, index + 1)
+            return dr.lerp(Array3f(low.xyz), Array3f(high.xyz), weight)
+        pair = dr.gather(Array2f, self._data, index)
+        return dr.lerp(pair.x, pair.y, weight)
