@@ -1,0 +1,291 @@
+"""Which processor the kernels run on: a libLLVM that works, or CUDA, chosen before Dr.Jit is first imported.
+
+Dr.Jit loads libLLVM while it is imported and takes what it finds. Version 14 it refuses; with 15 and 16 it aborts the
+process on AVX-512 machines ("Cannot select: fmaximum"). So `prepare`, which `import photonbeams` calls, looks for the
+newest library that works and names it in DRJIT_LIBLLVM_PATH. A value that the user has set wins.
+
+The array types `Float`, `UInt32`, `Int32`, `UInt64`, `Bool`, `Array2f`, `Array3f` and `Array4f` of the chosen backend
+are attributes of this module. The first use of one starts the backend; call `select` before to choose which.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import sys
+from dataclasses import dataclass, field
+from functools import cache
+from glob import glob
+from importlib import import_module, metadata
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from . import libllvm
+from .libllvm import Candidate, Version
+
+if TYPE_CHECKING:
+    from drjit.llvm.ad import Array2f, Array3f, Array4f, Bool, Float, Int32, UInt32, UInt64
+
+__all__ = [
+    "Array2f", "Array3f", "Array4f", "Bool", "Candidate", "Description", "DeviceError", "Float", "Int32", "UInt32",
+    "UInt64", "backend", "describe", "mitsuba", "mitsuba_variant", "prepare", "select", "set_threads",
+]  # fmt: skip
+
+_ARRAY_TYPES = ("Array2f", "Array3f", "Array4f", "Bool", "Float", "Int32", "UInt32", "UInt64")
+_PACKAGES = ("photonbeams", "mitsuba", "drjit", "usd-core", "OpenEXR", "OpenImageIO", "numpy", "scipy")
+
+
+class DeviceError(RuntimeError):
+    """The machine cannot run the kernels as asked; the text is one sentence for the user."""
+
+
+@dataclass(frozen=True)
+class Description:
+    """What `photonbeams doctor` prints. `problem` says why this machine cannot render, or is None."""
+
+    python: str
+    platform: str
+    processors: int
+    memory: int | None  # bytes
+    memory_free: int | None  # bytes
+    versions: dict[str, str | None]  # by package; None: not installed
+    candidates: tuple[Candidate, ...]
+    cuda_problem: str | None
+    library: str | None
+    library_from_user: bool
+    backend: str | None = None
+    llvm_version: Version = ()
+    vector_width: int | None = None
+    threads: int | None = None
+    problem: str | None = None
+
+
+@dataclass
+class _State:
+    """What the process has chosen; Dr.Jit itself can be started only once."""
+
+    backend: str | None = None
+    library: str | None = None  # what prepare() put into DRJIT_LIBLLVM_PATH
+    types: dict[str, Any] = field(default_factory=dict)
+
+
+_state = _State()
+
+
+def prepare() -> None:
+    """Name the newest libLLVM that works in DRJIT_LIBLLVM_PATH, unless the user has or Dr.Jit is imported already."""
+    if "drjit" in sys.modules or os.environ.get("DRJIT_LIBLLVM_PATH"):
+        return
+    library = libllvm.newest()
+    if library is not None:
+        os.environ["DRJIT_LIBLLVM_PATH"] = _state.library = library
+
+
+@cache
+def _cuda_problem() -> str | None:
+    """Return why CUDA cannot be used, or None; rays against meshes need OptiX, which a driver may come without."""
+    windows = sys.platform == "win32"
+    try:
+        driver = ctypes.CDLL("nvcuda.dll" if windows else "libcuda.so.1")
+        count = ctypes.c_int()
+        if driver.cuInit(0) != 0 or driver.cuDeviceGetCount(ctypes.byref(count)) != 0 or count.value == 0:
+            return "the NVIDIA driver reports no usable GPU"
+    except (OSError, AttributeError):
+        return "no NVIDIA driver was found"
+    if windows or glob("/usr/lib/wsl/lib/libnvoptix*"):
+        return None
+    try:
+        ctypes.CDLL("libnvoptix.so.1")
+    except OSError:
+        return "the NVIDIA driver lacks OptiX (libnvoptix.so.1)"
+    return None
+
+
+def _wanted(name: str | None) -> str | None:
+    """Return "llvm" or "cuda" for a device's name, or None for "auto"."""
+    if name in (None, "auto"):
+        name = os.environ.get("PHOTONBEAMS_DEVICE") or "auto"
+    backends = {"auto": None, "cpu": "llvm", "cuda": "cuda"}
+    if name not in backends:
+        raise DeviceError(f"device is {name!r}: expected auto, cpu or cuda")
+    return backends[name]
+
+
+def _automatic() -> str:
+    """Return what Mitsuba already runs on in this process; else CUDA where it is usable, else LLVM."""
+    mitsuba_module = sys.modules.get("mitsuba")
+    variant = str(mitsuba_module.variant()) if mitsuba_module else ""
+    if variant.startswith(("llvm_", "cuda_")):
+        return variant[:4]
+    return "llvm" if _cuda_problem() else "cuda"
+
+
+def select(name: str | None = None) -> None:
+    """Choose the device and start it.
+
+    Parameters
+    ----------
+    name
+        "cpu" (LLVM), "cuda", or "auto": what the environment variable PHOTONBEAMS_DEVICE says, else CUDA where a
+        usable NVIDIA driver exists, else LLVM.
+
+    Raises
+    ------
+    DeviceError
+        If the device is not there, or another one has been started in this process.
+    """
+    wanted = _wanted(name)
+    if _state.backend is None:
+        _start(wanted or _automatic())
+    elif wanted not in (None, _state.backend):
+        raise DeviceError(
+            f"device is {name}: the {_state.backend} backend was already started in this process; "
+            "select the device before anything else is used"
+        )
+
+
+def _start(name: str) -> None:
+    """Import Dr.Jit with the backend `name` and keep its array types."""
+    prepare()
+    if name == "cuda" and (problem := _cuda_problem()):
+        raise DeviceError(f"device is cuda, but {problem}")
+    if name == "llvm" and "drjit" not in sys.modules and not os.environ.get("DRJIT_LIBLLVM_PATH"):
+        raise DeviceError(_no_library())
+    import drjit
+
+    if not drjit.has_backend(getattr(drjit.JitBackend, name.upper())):
+        raise DeviceError(_no_backend(name))
+    version = drjit.detail.llvm_version()
+    if name == "llvm" and not os.environ.get("DRJIT_LIBLLVM_PATH") and version[0] < libllvm.OLDEST:
+        raise DeviceError(
+            f"Dr.Jit was imported before photonbeams and took LLVM {version[0]}, which fails on many machines; "
+            "import photonbeams first, or set DRJIT_LIBLLVM_PATH"
+        )
+    module = import_module(f"drjit.{name}.ad")
+    _state.types = {array: getattr(module, array) for array in _ARRAY_TYPES}
+    _state.backend = name
+
+
+def _no_library() -> str:
+    """Return the sentence for a machine without a libLLVM that works."""
+    found = "; ".join(f"{candidate.path}: {candidate.problem}" for candidate in libllvm.candidates())
+    return f"no libLLVM that works was found{f' ({found})' if found else ''}: {libllvm.INSTALL_HINT}"
+
+
+def _no_backend(name: str) -> str:
+    """Return the sentence for a backend that Dr.Jit could not start."""
+    if name == "cuda":
+        return "device is cuda, but Dr.Jit could not start CUDA: the NVIDIA driver may be too old for it"
+    path = os.environ.get("DRJIT_LIBLLVM_PATH")
+    origin = "DRJIT_LIBLLVM_PATH names" if _state.library is None else "the newest library found is"
+    return f"Dr.Jit could not start LLVM, and {origin} {path or 'no library'}: {libllvm.INSTALL_HINT}"
+
+
+def __getattr__(name: str) -> Any:
+    """Return an array type of the backend, which starts with the first one."""
+    if name not in _ARRAY_TYPES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    if _state.backend is None:
+        select()
+    return _state.types[name]
+
+
+def backend() -> str:
+    """Return "llvm" or "cuda", starting the default device if none is."""
+    if _state.backend is None:
+        select()
+    assert _state.backend is not None
+    return _state.backend
+
+
+def mitsuba_variant() -> str:
+    """Return the Mitsuba variant whose arrays are this module's: "llvm_ad_rgb" or "cuda_ad_rgb"."""
+    return f"{backend()}_ad_rgb"
+
+
+def mitsuba() -> Any:
+    """Return the module `mitsuba` with `mitsuba_variant` set."""
+    variant = mitsuba_variant()
+    import mitsuba as module
+
+    if module.variant() != variant:
+        module.set_variant(variant)
+    return module
+
+
+def set_threads(count: int) -> None:
+    """Let kernels on the CPU run on `count` threads; 0 means one for every processor."""
+    if count < 0:
+        raise DeviceError(f"threads is {count}: expected 0 (all processors) or more")
+    backend()
+    import drjit
+
+    drjit.set_thread_count(count or _processors())
+
+
+def _processors() -> int:
+    """Return how many processors this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def describe() -> Description:
+    """Return what this machine has to render with, and what it lacks; starts the default device."""
+    import platform
+
+    problem = None
+    try:
+        select()
+    except DeviceError as error:
+        problem = str(error)
+    path = os.environ.get("DRJIT_LIBLLVM_PATH")
+    return Description(
+        python=f"{platform.python_version()} ({sys.executable})",
+        platform=platform.platform(),
+        processors=_processors(),
+        memory=_memory("SC_PHYS_PAGES"),
+        memory_free=_memory("SC_AVPHYS_PAGES"),
+        versions={package: _package_version(package) for package in _PACKAGES},
+        candidates=libllvm.candidates(),
+        cuda_problem=_cuda_problem(),
+        library=path,
+        library_from_user=path is not None and path != _state.library,
+        problem=problem,
+        **(_running() if problem is None else {}),
+    )
+
+
+def _running() -> dict[str, Any]:
+    """Return the fields of `Description` that only a started Dr.Jit knows."""
+    import drjit
+
+    return {
+        "backend": backend(),
+        "llvm_version": tuple(drjit.detail.llvm_version()) if backend() == "llvm" else (),
+        "vector_width": _vector_width(drjit) if backend() == "llvm" else None,
+        "threads": drjit.thread_count(),
+    }
+
+
+def _vector_width(drjit: Any) -> int | None:
+    """Return how many floats a vector register holds; Dr.Jit tells it only in C++, under the mangled name."""
+    try:
+        core = ctypes.CDLL(str(next(Path(drjit.__file__).parent.glob("libdrjit-core.*"))))
+        return int(core._Z21jit_llvm_vector_widthv())
+    except (OSError, AttributeError, StopIteration):
+        return None
+
+
+def _memory(name: str) -> int | None:
+    """Return an amount of memory in bytes, or None where the system does not say."""
+    try:
+        return os.sysconf(name) * os.sysconf("SC_PAGE_SIZE")
+    except (AttributeError, ValueError, OSError):
+        return None
+
+
+def _package_version(package: str) -> str | None:
+    """Return the installed version of a package, or None."""
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return None
