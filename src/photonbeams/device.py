@@ -177,8 +177,9 @@ def _no_backend(name: str) -> str:
     if name == "cuda":
         return "device is cuda, but Dr.Jit could not start CUDA: the NVIDIA driver may be too old for it"
     path = os.environ.get("DRJIT_LIBLLVM_PATH")
-    origin = "DRJIT_LIBLLVM_PATH names" if _state.library is None else "the newest library found is"
-    return f"Dr.Jit could not start LLVM, and {origin} {path or 'no library'}: {libllvm.INSTALL_HINT}"
+    if path and path != _state.library:
+        return f"DRJIT_LIBLLVM_PATH names {path}, which Dr.Jit could not start; unset it to use the newest that works"
+    return f"Dr.Jit could not start LLVM from {path or 'what it found'}: {libllvm.INSTALL_HINT}"
 
 
 def __getattr__(name: str) -> Any:
@@ -228,13 +229,17 @@ def _processors() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def describe() -> Description:
-    """Return what this machine has to render with, and what it lacks; starts the default device."""
+def describe(start: bool = True) -> Description:
+    """Return what this machine has to render with, and what it lacks.
+
+    With `start` the default device is started; without, what only a running Dr.Jit knows is left out.
+    """
     import platform
 
     problem = None
     try:
-        select()
+        if start:
+            select()
     except DeviceError as error:
         problem = str(error)
     path = os.environ.get("DRJIT_LIBLLVM_PATH")
@@ -250,7 +255,7 @@ def describe() -> Description:
         library=path,
         library_from_user=path is not None and path != _state.library,
         problem=problem,
-        **(_running() if problem is None else {}),
+        **(_running() if _state.backend else {}),
     )
 
 

@@ -1,0 +1,5 @@
+"""`python -m photonbeams` is the command `photonbeams`."""
+
+from .cli import main
+
+main()

@@ -1,0 +1,112 @@
+"""The command `photonbeams`.
+
+Each command is the function of its name in the module of its name, and that module is imported when the command is
+called or listed. The modules import what is heavy (Mitsuba, OpenUSD, Dr.Jit) inside the function, so that `--help`
+is fast. Exit codes: 0 success, 1 a failed render, 2 bad usage, 130 interrupted; messages go to standard error.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Sequence
+from importlib import import_module
+from importlib.util import find_spec
+from typing import Annotated, Any
+
+import typer
+from typer.core import TyperGroup
+
+__all__ = ["app", "main"]
+
+_COMMANDS = ("render", "info", "quadrature", "doctor")
+
+
+class _InterruptedError(Exception):
+    """Ctrl-C: Typer would turn a KeyboardInterrupt into a silent exit."""
+
+
+class _Commands(TyperGroup):
+    """The commands, imported one by one."""
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        return [name for name in _COMMANDS if find_spec(f"{__name__}.{name}")]
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        # For a name that is none, all are loaded: Typer looks among them for the one that was meant.
+        for name in [cmd_name] if cmd_name in _COMMANDS else self.list_commands(ctx):
+            if name not in self.commands and name in self.list_commands(ctx):
+                self.commands[name] = _command(name)
+        return self.commands.get(cmd_name)
+
+    def invoke(self, ctx: Any) -> Any:
+        try:
+            return super().invoke(ctx)
+        except KeyboardInterrupt:
+            raise _InterruptedError from None
+
+
+def _command(name: str) -> Any:
+    """Return the function `name` of the module `name` as a command."""
+    module = import_module(f"{__name__}.{name}")
+    single = typer.Typer(add_completion=False)
+    single.command(name)(getattr(module, name))
+    return typer.main.get_command(single)
+
+
+app = typer.Typer(cls=_Commands, no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False)
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        from photonbeams import __version__
+
+        typer.echo(f"photonbeams {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _photonbeams(
+    version: Annotated[
+        bool, typer.Option("--version", help="Print the version.", callback=_print_version, is_eager=True)
+    ] = False,
+) -> None:
+    """Render volumetric light as photon beams: a USD stage in, a layered EXR out."""
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the command line and exit the process.
+
+    An error that a user can cause ends it with one sentence on standard error; PHOTONBEAMS_TRACEBACK=1 shows where it
+    came from. An error that is the program's own keeps its traceback.
+    """
+    try:
+        app(args=arguments, prog_name="photonbeams")
+    except (KeyboardInterrupt, _InterruptedError):
+        _fail("Interrupted; nothing was written", 130)
+    except Exception as error:
+        sentence = _sentence(error)
+        if sentence is None or os.environ.get("PHOTONBEAMS_TRACEBACK", "0") not in ("", "0"):
+            raise
+        _fail(f"Error: {sentence}", 1)
+
+
+def _sentence(error: Exception) -> str | None:
+    """Return what to tell the user of an error, or None if it is a fault of the program."""
+    from photonbeams.device import DeviceError
+    from photonbeams.scene import SceneError
+
+    if isinstance(error, SceneError | DeviceError):
+        return str(error)
+    if isinstance(error, OSError):
+        reason = error.strerror or str(error)
+        return f"{error.filename}: {reason}" if error.filename is not None else reason
+    if isinstance(error, MemoryError) or "out of memory" in str(error):  # Dr.Jit raises a RuntimeError
+        return "not enough memory for so many beams and pixels on this device"
+    return None
+
+
+def _fail(message: str, code: int) -> None:
+    """Print a message on standard error and exit."""
+    print(message, file=sys.stderr)
+    raise SystemExit(code)

@@ -1,0 +1,102 @@
+"""`photonbeams doctor`: what this machine has to render with, and what is wrong if it cannot."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import typer
+
+if TYPE_CHECKING:
+    from ..device import Description
+
+# Traces one ray against a sphere, 2 away, and ends in the maximum that LLVM 15 cannot compile for AVX-512.
+# A home of its own makes Dr.Jit compile the kernel instead of loading it from its cache.
+_TRIAL = """
+import os, sys, tempfile
+from photonbeams import device
+with tempfile.TemporaryDirectory() as home:
+    os.environ["HOME"] = home
+    import OpenEXR, OpenImageIO, drjit, numpy, pxr.Usd
+    mitsuba = device.mitsuba()
+    scene = mitsuba.load_dict({"type": "scene", "ball": {"type": "sphere"}})
+    x = drjit.opaque(mitsuba.Float, 0, 64)
+    hit = scene.ray_intersect_preliminary(mitsuba.Ray3f(mitsuba.Point3f(x, 0, -3), mitsuba.Vector3f(0, 0, 1)))
+    distance = drjit.maximum(hit.t, x).numpy()
+if not numpy.allclose(distance, 2, atol=1e-4):
+    sys.exit(f"a ray met a sphere at {distance[0]:g} instead of 2")
+"""
+
+
+def doctor() -> None:
+    """Show what this machine has to render with, and what is wrong if it cannot render.
+
+    A small kernel is compiled and run to prove it. Exits with 1 if the machine cannot render.
+    """
+    from rich.console import Console
+    from rich.table import Table
+
+    from .. import device
+
+    problem, crashed = trial()
+    # A library that has just killed a child process must not be loaded into this one.
+    found = device.describe(start=not crashed)
+    table = Table(show_header=False, box=None, pad_edge=False)
+    table.add_column(style="bold", no_wrap=True)
+    table.add_column(overflow="fold")
+    for name, value in rows(found):
+        table.add_row(name, value)
+    console = Console(highlight=False, markup=False)
+    console.print(table)
+    console.print()
+    problem = found.problem or problem
+    if problem is None:
+        console.print(
+            "This machine can render: a test kernel compiled, ran, and gave the right answer.", soft_wrap=True
+        )
+        return
+    console.print(f"This machine cannot render: {problem}.", soft_wrap=True)
+    raise typer.Exit(1)
+
+
+def trial() -> tuple[str | None, bool]:
+    """Run a kernel in a child process; return what is wrong, if anything, and whether a signal ended the child."""
+    child = subprocess.run([sys.executable, "-c", _TRIAL], capture_output=True, text=True, check=False)
+    if child.returncode == 0:
+        return None, False
+    if child.returncode > 0:
+        reason = (child.stderr.strip().splitlines() or ["no reason given"])[-1]
+        return f"the test kernel failed: {reason.removeprefix('photonbeams.device.DeviceError: ')}", False
+    library = os.environ.get("DRJIT_LIBLLVM_PATH", "libLLVM")
+    ending = signal.Signals(-child.returncode).name
+    return f"the test kernel ended in {ending} with {library}: set DRJIT_LIBLLVM_PATH to another libLLVM", True
+
+
+def rows(found: Description) -> Iterator[tuple[str, str]]:
+    """Yield the table's rows, a name and a value each."""
+    yield "Python", found.python
+    yield "Platform", found.platform
+    yield "Processors", f"{found.processors}"
+    yield "Memory", f"{_gibibytes(found.memory)}, {_gibibytes(found.memory_free)} of it free"
+    for package, version in found.versions.items():
+        yield package, version or "not installed"
+    yield "", ""
+    yield "Backend", found.backend or "none"
+    if found.backend == "llvm":
+        yield "LLVM", ".".join(map(str, found.llvm_version))
+        yield "Vector width", f"{found.vector_width or 'unknown'}"
+        yield "Threads", f"{found.threads}"
+    origin = "named by DRJIT_LIBLLVM_PATH" if found.library_from_user else "the newest that works"
+    yield "libLLVM", f"{found.library} ({origin})" if found.library else "none"
+    yield "CUDA", found.cuda_problem or "usable"
+    for candidate in found.candidates:
+        version = ".".join(map(str, candidate.version)) or "unknown version"
+        yield "Found", f"{candidate.path}, {version}: {candidate.problem or 'accepted'}"
+
+
+def _gibibytes(size: int | None) -> str:
+    return "unknown" if size is None else f"{size / 2**30:.1f} GiB"

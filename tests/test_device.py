@@ -1,0 +1,229 @@
+"""The choice of libLLVM or CUDA, most of it in child processes, since Dr.Jit can be started only once."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from photonbeams import device, libllvm
+from photonbeams.device import DeviceError
+
+needs_llvm = pytest.mark.skipif(libllvm.newest() is None, reason="no libLLVM that works is installed")
+
+
+def run(code, **environment):
+    """Return what `code` prints in a fresh process without a device chosen, or its last line of error."""
+    inherited = {k: v for k, v in os.environ.items() if k not in ("DRJIT_LIBLLVM_PATH", "PHOTONBEAMS_DEVICE")}
+    child = subprocess.run([sys.executable, "-c", code], env=inherited | environment, capture_output=True, text=True)
+    return child.stdout.strip() if child.returncode == 0 else child.stderr.strip().splitlines()[-1]
+
+
+@pytest.fixture
+def machine(tmp_path, monkeypatch):
+    """Return a folder that holds all libraries of the machine."""
+    monkeypatch.setattr(libllvm, "_library_paths", lambda: iter(sorted(map(str, tmp_path.iterdir()))))
+    libllvm.candidates.cache_clear()
+    yield tmp_path
+    libllvm.candidates.cache_clear()
+
+
+# -- Finding libLLVM -----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("name", "version"),
+    [
+        ("libLLVM.so.22.1", (22, 1)),
+        ("libLLVM-17.so.1", (17,)),
+        ("libLLVM-14.0.6.so.1", (14, 0, 6)),
+        ("libLLVM-19.so", (19,)),
+        ("libLLVM.so", ()),
+        ("libLLVM.dylib", ()),
+        ("libLLVM.so.18.1-rust", None),
+        ("libLLVMSupport.a", None),
+        ("libLLVMSPIRVLib.so.15", None),
+    ],
+)
+def test_the_version_is_read_from_the_file_name(name, version):
+    assert libllvm._version_in_name(f"/usr/lib/{name}") == version
+
+
+def test_old_versions_are_refused_by_name_and_never_loaded(machine, monkeypatch):
+    for name in ("libLLVM-14.so.1", "libLLVM-15.so.1", "libLLVM-16.so.1"):
+        (machine / name).touch()
+    monkeypatch.setattr(libllvm, "_probe", lambda path: pytest.fail(f"{path} was loaded"))
+    assert libllvm.newest() is None
+    assert [c.problem.split(";")[0] for c in libllvm.candidates()] == [
+        "aborts on AVX-512 machines",
+        "aborts on AVX-512 machines",
+        "too old for Dr.Jit",
+    ]
+
+
+@needs_llvm
+def test_a_library_that_does_not_load_gives_way_to_the_next(machine):
+    real = Path(os.environ["DRJIT_LIBLLVM_PATH"])
+    (machine / "libLLVM.so.99.1").write_bytes(b"no library")
+    # Loading this one kills its process with SIGBUS.
+    (machine / "libLLVM.so.98.1").write_bytes(real.read_bytes()[: real.stat().st_size // 3])
+    (machine / "libLLVM.so").symlink_to(real)
+    assert libllvm.newest() == os.path.realpath(real)
+    assert [bool(c.problem) for c in libllvm.candidates()] == [True, True, False]
+    assert all("does not load" in c.problem for c in libllvm.candidates()[:2])
+
+
+def test_links_to_one_library_count_once(machine):
+    (machine / "libLLVM.so.15.0").touch()
+    (machine / "libLLVM-15.so").symlink_to("libLLVM.so.15.0")
+    assert len(libllvm.candidates()) == 1
+
+
+def test_a_machine_without_libllvm_is_told_what_to_install():
+    code = """if True:
+    from photonbeams import libllvm
+    import sys, photonbeams, os
+    libllvm.candidates = lambda: ()
+    os.environ.pop("DRJIT_LIBLLVM_PATH", None)
+    photonbeams.device.select("cpu")
+    """
+    sentence = run(code)
+    assert "no libLLVM that works was found" in sentence and "apt-get install libllvm19" in sentence
+
+
+# -- Starting ------------------------------------------------------------------------------------------------------
+
+
+@needs_llvm
+def test_importing_photonbeams_names_a_library_and_imports_nothing_heavy():
+    code = """if True:
+    import os, sys, photonbeams
+    print(os.environ["DRJIT_LIBLLVM_PATH"], *sorted({"drjit", "mitsuba", "numpy", "pxr"} & set(sys.modules)))
+    """
+    assert run(code) == libllvm.newest()
+
+
+def test_a_library_that_the_user_names_wins():
+    code = "import os, photonbeams; print(os.environ['DRJIT_LIBLLVM_PATH'])"
+    assert run(code, DRJIT_LIBLLVM_PATH="/mine/libLLVM.so") == "/mine/libLLVM.so"
+
+
+def test_a_named_library_that_is_not_there_is_one_sentence():
+    sentence = run("from photonbeams.device import Float", DRJIT_LIBLLVM_PATH="/nowhere", PHOTONBEAMS_DEVICE="cpu")
+    assert "DRJIT_LIBLLVM_PATH names /nowhere, which Dr.Jit could not start" in sentence
+
+
+def test_dr_jit_that_was_started_with_an_old_llvm_is_refused():
+    code = """if True:
+    import drjit
+    drjit.detail.llvm_version = lambda: (15, 0, 7)
+    from photonbeams import device
+    device.select("cpu")
+    """
+    assert "import photonbeams first" in run(code)
+
+
+def test_the_types_are_those_of_the_backend():
+    import drjit as dr
+
+    for name in device._ARRAY_TYPES:
+        kind = getattr(device, name)
+        assert dr.is_array_v(kind) and kind.__module__ == f"drjit.{device.backend()}.ad"
+
+
+def test_mitsuba_has_the_variant_with_the_same_types():
+    mi = device.mitsuba()
+    assert mi.variant() == device.mitsuba_variant()
+    assert mi.Float is device.Float
+    assert device.mitsuba() is mi
+
+
+@needs_llvm
+def test_auto_follows_the_variant_that_mitsuba_already_has():
+    code = """if True:
+    import photonbeams, mitsuba
+    mitsuba.set_variant("llvm_ad_rgb")
+    photonbeams.device._cuda_problem = lambda: None
+    print(photonbeams.device.backend())
+    """
+    assert run(code) == "llvm"
+
+
+@needs_llvm
+def test_the_environment_says_what_auto_means():
+    code = """if True:
+    from photonbeams import device
+    device._cuda_problem = lambda: None
+    device.select("auto")
+    print(device.backend())
+    """
+    assert run(code, PHOTONBEAMS_DEVICE="cpu") == "llvm"
+
+
+def test_another_device_than_the_running_one_is_refused():
+    other = {"llvm": "cuda", "cuda": "cpu"}[device.backend()]
+    with pytest.raises(DeviceError, match="already started in this process"):
+        device.select(other)
+    device.select("auto")
+    device.select({"llvm": "cpu", "cuda": "cuda"}[device.backend()])
+
+
+@pytest.mark.skipif(device._cuda_problem() is None, reason="this machine has CUDA")
+def test_cuda_on_a_machine_without_it_is_one_sentence():
+    sentence = run("from photonbeams import device; device.select('cuda')")
+    assert sentence.startswith("photonbeams.device.DeviceError: device is cuda, but")
+
+
+def test_a_device_of_another_name_is_refused():
+    with pytest.raises(DeviceError, match="device is 'gpu': expected auto, cpu or cuda"):
+        device.select("gpu")
+
+
+def test_an_unknown_attribute_is_an_attribute_error():
+    with pytest.raises(AttributeError, match="has no attribute 'Double'"):
+        _ = device.Double
+
+
+# -- What is running -----------------------------------------------------------------------------------------------
+
+
+def test_threads_are_set_and_zero_means_all():
+    import drjit as dr
+
+    before = dr.thread_count()
+    try:
+        device.set_threads(1)
+        assert dr.thread_count() == 1
+        device.set_threads(0)
+        assert dr.thread_count() == device._processors()
+    finally:
+        device.set_threads(before)
+
+
+def test_a_negative_number_of_threads_is_refused():
+    with pytest.raises(DeviceError, match="threads is -1"):
+        device.set_threads(-1)
+
+
+def test_the_description_tells_what_is_there():
+    found = device.describe()
+    assert found.problem is None and found.backend == device.backend()
+    assert found.versions["drjit"] and found.versions["photonbeams"]
+    assert found.processors >= 1
+    if found.backend == "llvm":
+        assert found.llvm_version[0] >= libllvm.OLDEST and found.vector_width in (None, 4, 8, 16)
+
+
+# -- The public names ----------------------------------------------------------------------------------------------
+
+
+def test_every_public_name_is_there():
+    import photonbeams
+    from photonbeams import looks
+
+    assert set(looks.__all__) < set(photonbeams.__all__)
+    for name in photonbeams.__all__:
+        assert getattr(photonbeams, name) is not None
+    with pytest.raises(AttributeError, match="no attribute 'Beam'"):
+        _ = photonbeams.Beam
