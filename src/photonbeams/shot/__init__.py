@@ -1,0 +1,1 @@
+"""USD in, EXR out: stages, cameras, lights, meshes, media and looks; image files."""

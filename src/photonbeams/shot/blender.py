@@ -1,0 +1,49 @@
+"""What Blender's exporter writes differently from UsdLux, found by exporting with Blender 5.0.1.
+
+Both corrections hold for lights whose strongest opinion lies in a layer that Blender wrote; Blender signs its layers
+with `doc = "Blender v..."`. An intensity that another layer overrides is taken at its word.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from pxr import Sdf, Usd, UsdGeom
+
+from ..scene import Array
+
+
+def wrote(prim: Usd.Prim) -> bool:
+    """Return whether a light's intensity, or else the light itself, comes from a layer that Blender wrote."""
+    attribute = prim.GetAttribute("inputs:intensity")
+    specs = attribute.GetPropertyStack() if attribute and attribute.HasAuthoredValue() else prim.GetPrimStack()
+    return bool(specs) and _signed(specs[0].layer)
+
+
+def _signed(layer: Sdf.Layer) -> bool:
+    return str(layer.documentation).startswith("Blender v")
+
+
+def sun(angle: float, value: Array) -> tuple[float, Array]:
+    """Return the angle and intensity that Blender's sun has.
+
+    Of a sun of 3 W/m² and 1° Blender writes a normalized DistantLight of intensity 0.75 and angle 0.5; its own
+    importer multiplies by 4 and by 2 again.
+    """
+    return 2 * angle, 4 * value
+
+
+def lost_world_rotation(prim: Usd.Prim, time: Usd.TimeCode) -> bool:
+    """Return whether a dome light is a Blender world whose orientation was not written.
+
+    Blender turns a DomeLight so that its pole is Z and its middle +X, but 5.0.1 does so only for worlds that have a
+    Mapping node, and writes no rotation for the others.
+    """
+    specs = prim.GetPrimStack()
+    if not specs or not _signed(specs[0].layer):
+        return False
+    return np.allclose(np.array(UsdGeom.Xformable(prim).GetLocalTransformation(time)), np.eye(4))
+
+
+def world() -> Array:
+    """Return the rotation (3, 3) of a Blender world: pole from +Y to +Z, the image's middle from +Z to +X."""
+    return np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])

@@ -1,0 +1,94 @@
+"""UsdGeomCamera as the renderer's camera."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from pxr import Usd, UsdGeom, UsdRender
+
+from ..scene import Array, Camera, SceneError
+from .polygons import unit
+from .reading import LOG, Reading, file_of, prims_under
+
+# UsdGeomCamera: focal length and apertures are in tenths of a scene unit.
+_TENTH = 0.1
+
+
+def list_cameras(stage: Usd.Stage) -> list[str]:
+    """Return the paths of all cameras, in the order of the stage."""
+    return [str(prim.GetPath()) for prim in prims_under(stage.GetPseudoRoot()) if prim.IsA(UsdGeom.Camera)]
+
+
+def read_camera(stage: Usd.Stage, name: str | None = None, time: Any = None) -> Camera:
+    """Return a camera by path or name; by default that of the render settings, else the first.
+
+    Raises
+    ------
+    SceneError
+        No camera, none of that name, or several; and apertures or a lens that make no picture.
+    """
+    reading = Reading(stage, Usd.TimeCode.Default() if time is None else time)
+    return _camera(reading, _chosen(stage, name))
+
+
+def _chosen(stage: Usd.Stage, name: str | None) -> Usd.Prim:
+    paths = list_cameras(stage)
+    if not paths:
+        raise SceneError(f"{file_of(stage)} has no camera: expected a Camera prim")
+    if name is None:
+        path = _settings_camera(stage)
+        if path and path not in paths:
+            raise SceneError(f"{file_of(stage)}: the render settings name {path}: expected one of {', '.join(paths)}")
+        if not path and len(paths) > 1:
+            LOG.info("%s: of %d cameras the first is used: %s", file_of(stage), len(paths), paths[0])
+        return stage.GetPrimAtPath(path or paths[0])
+    found = [path for path in paths if path == name] or [path for path in paths if path.endswith(f"/{name}")]
+    if not found:
+        raise SceneError(f"{file_of(stage)} has no camera '{name}': expected one of {', '.join(paths)}")
+    if len(found) > 1:
+        raise SceneError(f"{file_of(stage)} has several cameras '{name}': expected one of {', '.join(found)}")
+    return stage.GetPrimAtPath(found[0])
+
+
+def _settings_camera(stage: Usd.Stage) -> str:
+    settings = UsdRender.Settings.GetStageRenderSettings(stage)
+    targets = settings.GetCameraRel().GetForwardedTargets() if settings else []
+    return str(targets[0]) if targets else ""
+
+
+def _camera(reading: Reading, prim: Usd.Prim) -> Camera:
+    def length(name: str, default: float) -> float:
+        value = _TENTH * reading.number(prim, name, default, minimum=0.0)
+        if value == 0:
+            raise reading.fail(prim, name, "is 0: expected a positive number")
+        return value
+
+    orthographic = reading.value(prim, "projection", "perspective") == "orthographic"
+    near, far = (float(each) for each in reading.value(prim, "clippingRange", (1, 1e6)))
+    if not 0 <= near < far:
+        raise reading.fail(prim, "clippingRange", f"is ({near:g}, {far:g}): expected a near distance before a far one")
+    return Camera(
+        name=str(prim.GetPath()),
+        to_world=_rigid(reading, prim),
+        focal_length=_TENTH * reading.number(prim, "focalLength", 50.0) if orthographic else length("focalLength", 50),
+        horizontal_aperture=length("horizontalAperture", 20.955),
+        vertical_aperture=length("verticalAperture", 15.2908),
+        horizontal_offset=_TENTH * reading.number(prim, "horizontalApertureOffset", 0.0),
+        vertical_offset=_TENTH * reading.number(prim, "verticalApertureOffset", 0.0),
+        orthographic=orthographic,
+        clipping=(near, far),
+    )
+
+
+def _rigid(reading: Reading, prim: Usd.Prim) -> Array:
+    """Return where a camera stands and looks, without scale, shear and mirroring."""
+    matrix = reading.to_world(prim)
+    back = unit(matrix[:3, 2])
+    right = unit(np.cross(matrix[:3, 1], back))
+    if not np.any(back) or not np.any(right):
+        raise SceneError(f"{reading.place(prim)} is scaled to nothing: expected a transform that can be undone")
+    result = np.eye(4)
+    result[:3, :3] = np.stack([right, np.cross(back, right), back], axis=1)
+    result[:3, 3] = matrix[:3, 3]
+    return result

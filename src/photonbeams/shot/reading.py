@@ -1,0 +1,144 @@
+"""One reading of a stage at one time: values, transforms, and messages that name file, prim and attribute."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from pxr import Gf, Usd, UsdGeom
+
+from ..scene import Array, Color, SceneError, color, number
+
+LOG = logging.getLogger("photonbeams")
+
+
+def file_of(stage: Usd.Stage) -> str:
+    """Return the name of a stage's root layer, for messages."""
+    layer = stage.GetRootLayer()
+    return str(layer.realPath or layer.identifier)
+
+
+@dataclass
+class Reading:
+    """A stage at a time, what was warned about already, and what was read and may be read again.
+
+    Attributes
+    ----------
+    stage, time
+        At the default time, attributes that hold only time samples answer with their first.
+    warned
+        Texts of warnings that were given; share it between the frames of a shot, so that each is given once.
+    cache
+        Decoded textures, materials and triangulated prototypes by key.
+    """
+
+    stage: Usd.Stage
+    time: Usd.TimeCode
+    warned: set[str] = field(default_factory=set)
+    cache: dict[Any, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.time, Usd.TimeCode):
+            self.time = Usd.TimeCode(self.time)
+        if self.time.IsDefault():
+            self.time = Usd.TimeCode.EarliestTime()
+        self.xforms = UsdGeom.XformCache(self.time)
+
+    def place(self, prim: Usd.Prim, name: str = "") -> str:
+        """Return "file: /prim.attribute", as messages begin."""
+        return f"{file_of(self.stage)}: {prim.GetPath()}{'.' if name else ''}{name}"
+
+    def fail(self, prim: Usd.Prim, name: str, text: str) -> SceneError:
+        """Return (for raising) the error that an attribute `text`: "is 0: expected ..."."""
+        return SceneError(f"{self.place(prim, name)} {text}")
+
+    def warn(self, prim: Usd.Prim, text: str, name: str = "") -> None:
+        """Warn once about something that cannot be rendered."""
+        message = f"{self.place(prim, name)} {text}"
+        if message not in self.warned:
+            self.warned.add(message)
+            LOG.warning("%s", message)
+
+    def value(self, prim: Usd.Prim, name: str, default: Any = None) -> Any:
+        """Return an attribute's value or fallback at the time, or `default` where it has none."""
+        attribute = prim.GetAttribute(name)
+        result = attribute.Get(self.time) if attribute else None
+        return default if result is None else result
+
+    def number(
+        self, prim: Usd.Prim, name: str, default: float, minimum: float = -np.inf, maximum: float = np.inf
+    ) -> float:
+        """Return a number, checked to be finite and within its bounds."""
+        value = self.value(prim, name, default)
+        if not isinstance(value, (int, float)):
+            raise self.fail(prim, name, f"is {value}: expected a number")
+        return number(value, self.place(prim, name), minimum, maximum)
+
+    def color(self, prim: Usd.Prim, name: str, default: Any) -> Color:
+        """Return a colour, checked to be finite and not negative."""
+        return color(np.asarray(self.value(prim, name, default), dtype=float), self.place(prim, name))
+
+    def flag(self, prim: Usd.Prim, name: str, default: bool) -> bool:
+        """Return a bool."""
+        return bool(self.value(prim, name, default))
+
+    def array(self, prim: Usd.Prim, name: str, columns: int, value: Any = None) -> Array | None:
+        """Return an array attribute (or `value` of it) as (N, columns) finite float64, or None where it is empty."""
+        raw = self.value(prim, name) if value is None else value
+        if raw is None or len(raw) == 0:
+            return None
+        try:
+            numbers = np.asarray(raw, dtype=np.float64).reshape(len(raw), columns)
+        except (TypeError, ValueError):
+            raise self.fail(prim, name, f"has values of another type: expected {columns} numbers each") from None
+        finite = np.isfinite(numbers).all(axis=1)
+        if not finite.all():
+            index = int(np.argmin(finite))
+            raise self.fail(prim, f"{name}[{index}]", f"is {raw[index]}: expected finite numbers")
+        return numbers
+
+    def to_world(self, prim: Usd.Prim) -> Array:
+        """Return a prim's (4, 4) transform to world space, for column vectors."""
+        return self.matrix(prim, self.xforms.GetLocalToWorldTransform(prim))
+
+    def matrix(self, prim: Usd.Prim, matrix: Gf.Matrix4d) -> Array:
+        """Return USD's row-vector matrix as a finite (4, 4) for column vectors."""
+        result = np.array(matrix, dtype=np.float64).T
+        if not np.all(np.isfinite(result)):
+            raise SceneError(f"{self.place(prim)} has a transform that is not finite: expected finite xformOps")
+        return result
+
+    def targets(self, prim: Usd.Prim, name: str) -> list[Usd.Prim]:
+        """Return the prims that a relationship names; SceneError names one that is missing."""
+        relationship = prim.GetRelationship(name)
+        paths = relationship.GetForwardedTargets() if relationship else []
+        found = [self.stage.GetPrimAtPath(path) for path in paths]
+        for path, target in zip(paths, found, strict=True):
+            if not target or not target.IsActive():
+                raise self.fail(prim, name, f"names {path}: expected a prim that is on the stage")
+        return found
+
+
+def visible(prim: Usd.Prim, time: Usd.TimeCode) -> bool:
+    """Return whether a prim is to be rendered: not invisible, and of purpose default or render."""
+    imageable = UsdGeom.Imageable(prim)
+    if not imageable:
+        return True
+    purpose = imageable.ComputePurpose()
+    return imageable.ComputeVisibility(time) != "invisible" and purpose in ("default", "render")
+
+
+def has_photonbeams(prim: Usd.Prim, schema: str, *attributes: str) -> bool:
+    """Return whether an API schema is applied, or one of its attributes authored without it."""
+    if schema in prim.GetAppliedSchemas():
+        return True
+    return any(prim.GetAttribute(f"photonbeams:{name}").HasAuthoredValue() for name in attributes)
+
+
+def prims_under(root: Usd.Prim, predicate: Any = None) -> Iterator[Usd.Prim]:
+    """Return the prims at and below `root`, instances entered."""
+    chosen = Usd.PrimDefaultPredicate if predicate is None else predicate
+    yield from Usd.PrimRange(root, Usd.TraverseInstanceProxies(chosen))

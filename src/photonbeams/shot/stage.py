@@ -1,0 +1,156 @@
+"""USD stages: opening one, and reading all of a shot at one time."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable
+from typing import Any
+
+from pxr import Ar, Gf, Sdf, Tf, Usd, UsdGeom, UsdUtils
+
+from ..scene import SceneError
+from . import schemas as schemas
+from .camera import list_cameras, read_camera
+from .contents import read_scene
+from .reading import LOG, file_of
+
+__all__ = ["default_time", "list_cameras", "open_stage", "read_camera", "read_scene"]
+
+
+def open_stage(
+    path: str | os.PathLike[str],
+    session_layers: Iterable[str | os.PathLike[str]] = (),
+    overrides: Iterable[str] = (),
+) -> Usd.Stage:
+    """Open a stage, with stronger layers and values laid over it.
+
+    Parameters
+    ----------
+    path
+        A .usd, .usda, .usdc or .usdz file.
+    session_layers
+        Layers over the stage, the first the strongest.
+    overrides
+        Values over those, each "/prim.attribute=value" in USD's own notation ("/Lamp.inputs:intensity=2",
+        "/Dust.photonbeams:scattering=(0.1, 0.1, 0.2)"). A number stands for a colour's three, too.
+
+    Raises
+    ------
+    SceneError
+        No such file, no stage, a broken one, or one that refers to files that are not there.
+    """
+    layer = _layer(str(path))
+    # What OpenUSD would print is in the errors that are raised below.
+    quiet = UsdUtils.CoalescingDiagnosticDelegate()
+    try:
+        session = Sdf.Layer.CreateAnonymous("session.usda")
+        session.subLayerPaths = [_layer(str(each)).identifier for each in session_layers]
+        stage = Usd.Stage.Open(layer, session)
+        _check_composition(stage)
+    except Tf.ErrorException as error:
+        raise SceneError(f"{path} cannot be read: {_reason(error)}") from None
+    finally:
+        messages = [str(each.commentary) for each in quiet.TakeUncoalescedDiagnostics()]
+        del quiet
+    for message in messages:
+        LOG.debug("%s", message)
+    for each in overrides:
+        _override(stage, each)
+    return stage
+
+
+def default_time(stage: Usd.Stage) -> Usd.TimeCode:
+    """Return the stage's start, if it has one, else the default time."""
+    if stage.HasAuthoredMetadata("startTimeCode"):
+        return Usd.TimeCode(stage.GetStartTimeCode())
+    return Usd.TimeCode.Default()
+
+
+def _layer(path: str) -> Sdf.Layer:
+    resolved = str(Ar.GetResolver().Resolve(path))
+    if not resolved or not os.path.exists(Ar.SplitPackageRelativePathOuter(resolved)[0]):
+        raise SceneError(f"{path}: expected a USD stage, there is no such file")
+    if os.path.isdir(resolved) or not Usd.Stage.IsSupportedFile(resolved):
+        raise SceneError(f"{path} is no USD stage: expected a .usd, .usda, .usdc or .usdz file")
+    try:
+        layer = Sdf.Layer.FindOrOpen(path)
+    except Tf.ErrorException as error:
+        raise SceneError(f"{path} cannot be read: {_reason(error)}") from None
+    if not layer:
+        raise SceneError(f"{path} cannot be read: expected a USD stage")
+    return layer
+
+
+def _reason(error: Any) -> str:
+    """Return the first thing that OpenUSD complained of, without its file names and line numbers."""
+    text = str(error).strip()
+    for line in text.splitlines():
+        _, mark, message = line.partition(" -- ")
+        if mark:
+            return message.strip().rstrip(".")
+    return text.splitlines()[-1].strip() if text else "it is broken"
+
+
+def _check_composition(stage: Usd.Stage) -> None:
+    errors = stage.GetCompositionErrors()
+    if errors:
+        raise SceneError(f"{file_of(stage)} refers to what cannot be read: {str(errors[0]).strip().splitlines()[0]}")
+
+
+def _override(stage: Usd.Stage, text: str) -> None:
+    """Set one attribute in the session layer."""
+    target, equals, value = text.partition("=")
+    path = Sdf.Path(target.strip()) if Sdf.Path.IsValidPathString(target.strip()) else Sdf.Path()
+    if not equals or not path.IsPrimPropertyPath():
+        raise SceneError(f"cannot set '{text}': expected /prim.attribute=value")
+    prim = stage.GetPrimAtPath(path.GetPrimPath())
+    if not prim:
+        raise SceneError(f"cannot set '{text}': {file_of(stage)} has no prim {path.GetPrimPath()}")
+    kind = _type_of(prim, path.name)
+    if kind is None:
+        raise SceneError(f"cannot set '{text}': {path.GetPrimPath()} has no attribute {path.name}")
+    with Usd.EditContext(stage, stage.GetSessionLayer()):
+        prim.CreateAttribute(path.name, kind).Set(_parsed(value.strip(), kind, text))
+
+
+def _type_of(prim: Usd.Prim, name: str) -> Sdf.ValueTypeName | None:
+    """Return an attribute's type, also of photonbeams' own attributes where their schema is not applied."""
+    attribute = prim.GetAttribute(name)
+    if attribute:
+        return attribute.GetTypeName()
+    registry = Usd.SchemaRegistry()
+    for schema in ("PhotonBeamsLightAPI", "PhotonBeamsCurvesAPI", "PhotonBeamsMediumAPI"):
+        definition = registry.FindAppliedAPIPrimDefinition(schema)
+        found = definition.GetAttributeDefinition(name) if definition else None
+        if found:
+            return found.GetTypeName()
+    return None
+
+
+def _parsed(value: str, kind: Sdf.ValueTypeName, text: str) -> Any:
+    """Return a value written in USD's own notation."""
+    if kind in (Sdf.ValueTypeNames.Token, Sdf.ValueTypeNames.String) and value[:1] not in "\"'":
+        value = f'"{value}"'
+    if kind == Sdf.ValueTypeNames.Asset and not value.startswith("@"):
+        value = f"@{value}@"
+    if isinstance(kind.defaultValue, (Gf.Vec3f, Gf.Vec3d)) and value[:1] != "(":
+        numbers = value.split(",")
+        value = f"({', '.join(numbers * 3 if len(numbers) == 1 else numbers)})"
+    layer = Sdf.Layer.CreateAnonymous(".usda")
+    quiet = UsdUtils.CoalescingDiagnosticDelegate()
+    try:
+        parsed = layer.ImportFromString(f'#usda 1.0\ndef "A"\n{{\n    {kind} v = {value}\n}}\n')
+    except Tf.ErrorException:
+        parsed = False
+    finally:
+        quiet.TakeUncoalescedDiagnostics()
+        del quiet
+    spec = layer.GetAttributeAtPath("/A.v") if parsed else None
+    if spec is None or spec.default is None:
+        raise SceneError(f"cannot set '{text}': expected a value of type {kind}")
+    return spec.default
+
+
+def up_axis(stage: Usd.Stage) -> str:
+    """Return "Y" or "Z"; the renderer works in the stage's own axes."""
+    return str(UsdGeom.GetStageUpAxis(stage))
