@@ -1,0 +1,1 @@
+"""One frame: camera rays, surfaces through fog, passes and layers."""

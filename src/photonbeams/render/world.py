@@ -1,0 +1,283 @@
+"""The shot as Mitsuba sees it: surfaces to hit, fog to pass, portals and lights, and the sphere around it all.
+
+Lights are not in the Mitsuba scene: `simulation.lights` samples and intersects them, so that beams and surfaces see the
+same light. A surface that glows is an `area` emitter, read where a ray hits it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+import numpy as np
+
+from .. import scene
+from ..device import Array3f, Bool, Float, UInt32, mitsuba
+from ..simulation.emission import Bounds
+from ..simulation.lights import Source, opaque, source
+from ..simulation.portals import Portal
+from ..simulation.sampling import hash32, unit_float
+
+mi = mitsuba()
+
+_LAYERS = 32  # of cut-out surfaces that a ray may pass
+
+
+class Fog:
+    """The medium: its extinction (opaque) and its boundary, or None where it fills the whole space."""
+
+    def __init__(self, medium: scene.Medium, scale: float) -> None:
+        self.medium = medium
+        self.extinction = opaque(medium.extinction)
+        self.step = opaque(1e-4 * scale)
+        self.boundary = None
+        if medium.mesh is not None:
+            self.boundary = mi.load_dict({"type": "scene", "boundary": _shape(_outward(medium.mesh), None, None)})
+
+    def interval(self, origin: Array3f, direction: Array3f) -> tuple[Float, Float, Array3f]:
+        """Return the first stretch [enter, exit] of a ray inside the fog, and the outward normal at the exit.
+
+        A ray that misses the fog enters at infinity and exits at 0. `exit` is infinite without a boundary.
+        """
+        if self.boundary is None:
+            nowhere = 0 * origin.x + 0 * direction.x
+            return nowhere, dr.inf + nowhere, direction + nowhere
+        first = self.boundary.ray_intersect(mi.Ray3f(mi.Point3f(origin), mi.Vector3f(direction)))
+        hit = first.is_valid()
+        inside = hit & (dr.dot(Array3f(first.n), direction) > 0)
+        beyond = origin + (dr.select(hit, first.t, 0) + self.step) * direction
+        second = self.boundary.ray_intersect(mi.Ray3f(mi.Point3f(beyond), mi.Vector3f(direction)), hit & ~inside)
+        through = hit & ~inside & second.is_valid()
+        enter = dr.select(inside, 0, dr.select(through, first.t, dr.inf))
+        leave = dr.select(inside, first.t, dr.select(through, first.t + self.step + second.t, 0))
+        return enter, leave, Array3f(dr.select(inside, first.n, second.n))
+
+    def length(self, origin: Array3f, direction: Array3f, distance: Float) -> Float:
+        """Return how much of a ray, up to `distance`, lies in the fog.
+
+        An unbounded fog does not dim what is infinitely far away, or no sky would shine through it: length 0.
+        """
+        if self.boundary is None:
+            return dr.select(dr.isfinite(distance), distance, 0)
+        enter, leave, _ = self.interval(origin, direction)
+        return dr.maximum(dr.minimum(leave, distance) - enter, 0)
+
+    def transmittance(self, origin: Array3f, direction: Array3f, distance: Float) -> Array3f:
+        """Return exp(−σt · length) up to `distance`."""
+        return dr.exp(-self.extinction * self.length(origin, direction, distance))
+
+
+@dataclass(frozen=True)
+class World:
+    """All of a shot but its camera, ready for rays.
+
+    Attributes
+    ----------
+    description
+        The plain numbers that it was built from.
+    surfaces
+        The Mitsuba scene of all surfaces (Embree on the CPU, OptiX on a GPU).
+    sources, portals
+        The lights as Dr.Jit sees them, in the order of `description.lights`, and by the name of the light its portal.
+    fog
+        The medium, or None.
+    bounds, radius
+        A sphere around everything, including the viewpoints.
+    cutouts, glowing
+        Whether any surface lets rays pass, and whether any emits light.
+    """
+
+    description: scene.Scene
+    surfaces: Any
+    sources: tuple[Source, ...]
+    portals: dict[str, Portal]
+    fog: Fog | None
+    bounds: Bounds
+    radius: float
+    cutouts: bool
+    glowing: bool
+
+    @classmethod
+    def build(cls, description: scene.Scene, viewpoints: Sequence[Any] = ()) -> World:
+        """Build the world of a scene; `viewpoints` are the camera's positions, which the bounds shall contain.
+
+        Raises
+        ------
+        SceneError
+            If a portal has no area.
+        """
+        center, radius = _bounding_sphere(description, viewpoints)
+        medium = description.medium
+        hidden = {light.portal.name for light in description.lights if light.portal is not None}
+        hidden |= {medium.mesh.name} if medium is not None and medium.mesh is not None else set()
+        meshes = [mesh for mesh in description.meshes if mesh.name not in hidden and len(mesh.faces)]
+        return cls(
+            description=description,
+            surfaces=_surfaces(meshes),
+            sources=tuple(source(light) for light in description.lights),
+            portals={
+                light.name: Portal(light.portal, _shape(light.portal, None, None))
+                for light in description.lights
+                if light.portal is not None
+            },
+            fog=Fog(medium, radius) if medium is not None else None,
+            bounds=Bounds(center, radius),
+            radius=radius,
+            cutouts=any(_cut_out(mesh.material) for mesh in meshes),
+            glowing=any(_glows(mesh.material) for mesh in meshes),
+        )
+
+    def intersect(self, origin: Array3f, direction: Array3f, active: Bool, seed: UInt32) -> Any:
+        """Return the first surface that rays hit, as a SurfaceInteraction3f.
+
+        A surface of some opacity stops that part of the rays, decided by a hash of `seed`; the rest goes through.
+        """
+        skip = self._skip_cutouts(origin, direction, active, seed) if self.cutouts else 0
+        ray = mi.Ray3f(mi.Point3f(origin + skip * direction), mi.Vector3f(direction))
+        hit = self.surfaces.ray_intersect(ray, active)
+        hit.t += skip
+        return hit
+
+    def blocked(self, origin: Array3f, direction: Array3f, distance: Float, active: Bool, seed: UInt32) -> Bool:
+        """Return which rays hit a surface before `distance`."""
+        skip = self._skip_cutouts(origin, direction, active, seed) if self.cutouts else 0
+        ray = mi.Ray3f(mi.Point3f(origin + skip * direction), mi.Vector3f(direction))
+        ray.maxt = dr.minimum(distance, dr.largest(Float)) - skip
+        return self.surfaces.ray_test(ray, active & (ray.maxt > 0))
+
+    def _skip_cutouts(self, origin: Array3f, direction: Array3f, active: Bool, seed: UInt32) -> Float:
+        """Return how far rays go before the surface that stops them."""
+        step = opaque(2e-5 * self.radius)
+
+        def passing(skip: Float, layer: UInt32, going: Bool) -> tuple[Float, UInt32, Bool]:
+            ray = mi.Ray3f(mi.Point3f(origin + skip * direction), mi.Vector3f(direction))
+            hit = self.surfaces.ray_intersect(ray, going)
+            clear = dr.mean(hit.bsdf().eval_null_transmission(hit, going))
+            going = going & hit.is_valid() & (unit_float(hash32(seed, layer)) < clear)
+            return dr.select(going, skip + hit.t + step, skip), layer + 1, going
+
+        state = (0 * origin.x + 0 * direction.x, dr.zeros(UInt32, dr.width(origin)), Bool(active))
+        skip, _, _ = dr.while_loop(state, lambda _, layer, going: going & (layer < _LAYERS), passing, label="cutouts")
+        return skip
+
+
+def _bounding_sphere(description: scene.Scene, viewpoints: Sequence[Any]) -> tuple[np.ndarray, float]:
+    """Return centre and radius of a sphere around surfaces, finite lights, portals, fog, drawn beams and viewpoints."""
+    clouds = [mesh.points for mesh in description.meshes]
+    for light in description.lights:
+        if isinstance(light, scene.SphereLight):
+            clouds.append(np.asarray(light.center) + light.radius * np.concatenate([np.eye(3), -np.eye(3)]))
+        if isinstance(light, scene.FlatLight):
+            signs = np.array([[1, 1], [1, -1], [-1, 1], [-1, -1]])
+            clouds.append(light.center + signs @ np.array([light.half_x, light.half_y]))
+        if light.portal is not None:
+            clouds.append(light.portal.points)
+    if description.medium is not None and description.medium.mesh is not None:
+        clouds.append(description.medium.mesh.points)
+    for drawn in description.drawn:
+        clouds += [drawn.start, drawn.end]
+    clouds += [np.asarray(point) for point in viewpoints]
+    points = np.concatenate([np.asarray(cloud, dtype=np.float64).reshape(-1, 3) for cloud in [*clouds, np.empty(0)]])
+    if not len(points):
+        return np.zeros(3), 1.0
+    center = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    radius = 1.001 * float(np.linalg.norm(points - center, axis=1).max())
+    return center, radius or 1.0
+
+
+def _surfaces(meshes: Sequence[scene.Mesh]) -> Any:
+    """Return the Mitsuba scene of all surfaces; meshes of one material share its BSDF."""
+    parts: dict[str, Any] = {"type": "scene"}
+    bsdfs: dict[int, Any] = {}
+    for index, mesh in enumerate(meshes):
+        key = id(mesh.material)
+        if key not in bsdfs:
+            bsdfs[key] = _bsdf(mesh.material)
+        parts[f"mesh_{index}"] = _shape(mesh, bsdfs[key], _emitter(mesh.material))
+    return mi.load_dict(parts)
+
+
+def _shape(mesh: scene.Mesh, bsdf: Any, emitter: Any) -> Any:
+    properties = mi.Properties()
+    if bsdf is not None:
+        properties["bsdf"] = bsdf
+    if emitter is not None:
+        properties["emitter"] = emitter
+    shape = mi.Mesh(
+        mesh.name,
+        vertex_count=len(mesh.points),
+        face_count=len(mesh.faces),
+        has_vertex_normals=mesh.normals is not None,
+        has_vertex_texcoords=mesh.uvs is not None,
+        props=properties,
+    )
+    parameters = mi.traverse(shape)
+    parameters["vertex_positions"] = np.asarray(mesh.points, dtype=np.float32).ravel()
+    parameters["faces"] = np.asarray(mesh.faces, dtype=np.uint32).ravel()
+    if mesh.normals is not None:
+        parameters["vertex_normals"] = np.asarray(mesh.normals, dtype=np.float32).ravel()
+    if mesh.uvs is not None:
+        parameters["vertex_texcoords"] = np.asarray(mesh.uvs, dtype=np.float32).ravel()
+    parameters.update()
+    return shape
+
+
+def _outward(mesh: scene.Mesh) -> scene.Mesh:
+    """Return a closed mesh with its faces wound around the outward normal, whichever way they were."""
+    a, b, c = (np.asarray(mesh.points)[np.asarray(mesh.faces)[:, corner]] for corner in range(3))
+    volume = float(np.einsum("ij,ij->", a - a[0], np.cross(b - a[0], c - a[0])))
+    faces = np.asarray(mesh.faces)
+    return scene.Mesh(mesh.name, mesh.points, faces if volume >= 0 else faces[:, ::-1])
+
+
+def _bsdf(material: scene.Material) -> Any:
+    """Return a UsdPreviewSurface as Mitsuba's `principled`, seen from both sides, cut out by its opacity."""
+    alpha = max(float(material.clearcoat_roughness) ** 2, 1e-3)
+    surface = {
+        "type": "principled",
+        "base_color": _texture(material.diffuse),
+        "roughness": _texture(material.roughness),
+        "metallic": _texture(material.metallic),
+        "eta": max(material.ior, 1 / max(material.ior, 1e-3), 1.001),  # reflectance at normal incidence is symmetric
+        "clearcoat": float(np.clip(material.clearcoat, 0, 1)),
+        "clearcoat_gloss": float(np.clip((0.1 - alpha) / 0.099, 0, 1)),  # Mitsuba: alpha = lerp(0.1, 0.001, gloss)
+    }
+    both_sides: dict[str, Any] = {"type": "twosided", "surface": surface}
+    if _cut_out(material):
+        both_sides = {"type": "mask", "opacity": _texture(material.opacity), "surface": both_sides}
+    return mi.load_dict(both_sides)
+
+
+def _emitter(material: scene.Material) -> Any:
+    if not _glows(material):
+        return None
+    value = material.emissive
+    radiance = _texture(value) if isinstance(value, scene.Texture) else {"type": "rgb", "value": list(value)}
+    return mi.load_dict({"type": "area", "radiance": radiance})
+
+
+def _texture(value: scene.Color | scene.Texture | float) -> Any:
+    """Return a number, a colour or an image as a Mitsuba texture, in the range of a reflectance unless an image."""
+    if isinstance(value, scene.Texture):
+        pixels = np.asarray(value.pixels, dtype=np.float32)
+        flip = np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 1.0], [0.0, 0.0, 1.0]])  # Mitsuba's first row is at v = 0
+        return {
+            "type": "bitmap",
+            "bitmap": mi.Bitmap(np.ascontiguousarray(pixels)),
+            "raw": True,
+            "wrap_mode": value.wrap,
+            "to_uv": mi.ScalarTransform3f(flip @ np.asarray(value.uv_transform, dtype=np.float64)),
+        }
+    if isinstance(value, tuple):
+        return {"type": "rgb", "value": [float(np.clip(channel, 0, 1)) for channel in value]}
+    return float(np.clip(value, 0, 1))
+
+
+def _cut_out(material: scene.Material) -> bool:
+    return isinstance(material.opacity, scene.Texture) or material.opacity < 1
+
+
+def _glows(material: scene.Material) -> bool:
+    return isinstance(material.emissive, scene.Texture) or max(material.emissive) > 0

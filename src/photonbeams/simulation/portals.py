@@ -1,0 +1,106 @@
+"""Portals: the openings through which light reaches a shot, and points on them.
+
+A planar portal, which nearly all are, is sampled by stratified points of its tight bounding rectangle, of which those
+that miss the portal are dropped: a keyhole's outline costs candidates, not stratification.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+import numpy as np
+
+from .. import scene
+from ..device import Array2f, Array3f, Bool, mitsuba
+from .lights import opaque
+
+mi = mitsuba()
+
+_FLAT = 1e-4  # a portal whose points leave their plane by less than this part of its size is planar
+
+
+@dataclass(frozen=True)
+class _Rectangle:
+    corner: Any
+    edge_x: Any
+    edge_y: Any
+    normal: Any
+    lift: Any  # from where a ray looks for the portal
+
+
+class Portal:
+    """An opening, as a small Mitsuba scene of its own.
+
+    Attributes
+    ----------
+    area
+        What the sampled points are uniform over: the area of the bounding rectangle, or of the portal itself.
+    fill
+        The part of the candidates that meets the portal.
+    """
+
+    def __init__(self, mesh: scene.Mesh, shape: Any) -> None:
+        points, faces = np.asarray(mesh.points, dtype=np.float64), np.asarray(mesh.faces)
+        corners = points[faces.reshape(-1, 3)]
+        area = _area(corners)
+        if not area > 0:
+            raise scene.SceneError(f"{mesh.name}: the portal has no area, so no light passes it")
+        self.shape = shape
+        self.scene = mi.load_dict({"type": "scene", "portal": shape})
+        self.rectangle, rectangle_area = _bounding_rectangle(points[np.unique(faces)], corners)
+        self.area = rectangle_area if self.rectangle else area
+        self.fill = min(1.0, area / self.area)
+
+    def sample(self, u: Array2f) -> tuple[Array3f, Array3f, Bool]:
+        """Return points uniform over `area`, the unit normals there, and which of the points lie on the portal."""
+        if self.rectangle is None:
+            sample = self.shape.sample_position(0.0, mi.Point2f(u))
+            return Array3f(sample.p), Array3f(sample.n), dr.full(Bool, True, dr.width(u))
+        box = self.rectangle
+        point = box.corner + u.x * box.edge_x + u.y * box.edge_y
+        normal = box.normal + 0 * u.x
+        ray = mi.Ray3f(mi.Point3f(point - box.lift * normal), mi.Vector3f(normal))
+        ray.maxt = 2 * box.lift
+        return point, normal, self.scene.ray_test(ray)
+
+    def crosses(self, origin: Array3f, direction: Array3f, distance: Any = None) -> Bool:
+        """Return which rays, no longer than `distance`, pass the portal."""
+        ray = mi.Ray3f(mi.Point3f(origin), mi.Vector3f(direction))
+        if distance is not None:
+            ray.maxt = distance
+        return self.scene.ray_test(ray)
+
+
+def _area(corners: Any) -> float:
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    return 0.5 * float(np.linalg.norm(normals, axis=1).sum())
+
+
+def _bounding_rectangle(points: Any, corners: Any) -> tuple[_Rectangle | None, float]:
+    """Return the smallest rectangle along an edge that holds a planar portal, and its area; None if not planar."""
+    center = points.mean(axis=0)
+    _, extent, axes = np.linalg.svd(points - center, full_matrices=False)
+    if len(extent) == 3 and extent[2] > _FLAT * extent[0]:
+        return None, 0.0
+    normal = np.cross(axes[0], axes[1])
+    edges = (corners - np.roll(corners, 1, axis=1)).reshape(-1, 3)
+    edges = edges[np.linalg.norm(edges, axis=1) > 1e-9 * extent[0]]
+    edges /= np.linalg.norm(edges, axis=1, keepdims=True)
+    best: tuple[float, Any] | None = None
+    for x in edges:
+        y = np.cross(normal, x)
+        local = (points - center) @ np.array([x, y]).T
+        low, size = local.min(axis=0), np.ptp(local, axis=0)
+        if best is None or size[0] * size[1] < best[0] * (1 - 1e-9):
+            best = float(size[0] * size[1]), (center + low[0] * x + low[1] * y, size[0] * x, size[1] * y)
+    assert best is not None
+    corner, edge_x, edge_y = best[1]
+    lift = 2 * _FLAT * extent[0]
+    return _Rectangle(opaque(corner), opaque(edge_x), opaque(edge_y), opaque(normal), opaque(lift)), best[0]
+
+
+def count_candidates(portal: Portal, count: int) -> int:
+    """Return how many candidates leave about `count` points on the portal."""
+    return max(1, round(count / portal.fill))

@@ -1,0 +1,139 @@
+"""Points in the unit square and the measure-preserving maps that carry them to discs, cones and spheres.
+
+All maps keep neighbours together, so that what is stratified in the square stays stratified on the light: a beam's
+footprint is the size of its cell. Sources: Shirley and Chiu 1997 (square to disc), Clarberg 2008 (square to sphere),
+Joe and Kuo 2008 (Sobol), Burley 2020, "Practical hash-based Owen scrambling" (samples of a pixel).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import drjit as dr
+import numpy as np
+from scipy.stats import qmc
+
+from ..device import Array2f, Array3f, Float, UInt32, mitsuba
+
+mi = mitsuba()
+
+_BELOW_ONE = float(np.nextafter(np.float32(1), np.float32(0)))
+
+
+def sobol_block(count: int, block: int, key: tuple[int, ...]) -> tuple[Array2f, Array2f]:
+    """Return points [block·count, (block + 1)·count) of the scrambled 4D Sobol sequence that `key` names, as two pairs.
+
+    Consecutive blocks continue one sequence, so passes stratify each other; skipping ahead costs about 2 ns a point.
+    """
+    sequence = qmc.Sobol(4, scramble=True, rng=np.random.default_rng(key))
+    parts = []
+    if block > 0:
+        sequence.fast_forward(block * count)
+    else:  # alone, or SciPy warns of counts that are no power of two
+        parts.append(sequence.random(1))
+    points = np.concatenate([*parts, sequence.random(count - sum(map(len, parts)))]).astype(np.float32)
+    columns = [Float(column) for column in np.minimum(points, np.float32(_BELOW_ONE)).T.copy()]
+    return Array2f(columns[0], columns[1]), Array2f(columns[2], columns[3])
+
+
+def hash32(*values: UInt32) -> UInt32:
+    """Return a hash of integers (the finaliser of "lowbias32", Wellons 2018, applied value by value)."""
+    state = UInt32(0x9E3779B9)
+    for value in values:
+        state = (state ^ value) * 0x85EBCA6B + 0x68BC21EB
+        state ^= state >> 16
+        state *= 0x21F0AAAD
+        state ^= state >> 15
+        state *= 0xD35A2D97
+        state ^= state >> 15
+    return state
+
+
+def unit_float(bits: UInt32) -> Float:
+    """Return the upper 24 bits as a number in [0, 1)."""
+    return Float(bits >> 8) * 2.0**-24
+
+
+def pixel_sample(index: UInt32, seed: UInt32) -> Array2f:
+    """Return point number `index` of the 2D Sobol sequence, scrambled by `seed`.
+
+    A different seed gives an independent sequence, each well distributed over consecutive indices: one per pixel and
+    use. The indices are shuffled too (Burley 2020, section 4), or two uses would march in step over the passes.
+    """
+    shuffled = _scramble(index, hash32(seed, UInt32(1)))
+    x = _scramble(dr.brev(shuffled), hash32(seed, UInt32(2)))
+    y = _scramble(_pascal(shuffled), hash32(seed, UInt32(3)))
+    return Array2f(unit_float(x), unit_float(y))
+
+
+def _scramble(bits: UInt32, seed: UInt32) -> UInt32:
+    """Return a nested uniform scramble: each bit is flipped by a hash of those above it (Laine and Karras 2011)."""
+    x = dr.brev(bits)
+    x += seed
+    x ^= x * 0x6C50B47C
+    x ^= x * 0xB82F1E52
+    x ^= x * 0xC7AFE638
+    x ^= x * 0x8D22F6E6
+    return dr.brev(x)
+
+
+def _pascal(index: UInt32) -> UInt32:
+    """Return the second Sobol dimension's bits for `index`: the Pascal matrix modulo 2 (Ahmed 2024), reversed."""
+    x = UInt32(index)
+    for shift, mask in ((16, 0xFFFF0000), (8, 0xFF00FF00), (4, 0xF0F0F0F0), (2, 0xCCCCCCCC), (1, 0xAAAAAAAA)):
+        x ^= (x & mask) >> shift
+    return dr.brev(x)
+
+
+def disk(u: Array2f) -> Array2f:
+    """Return the point of the unit disc for a point of the unit square, area-preserving."""
+    return Array2f(mi.warp.square_to_uniform_disk_concentric(mi.Point2f(u)))
+
+
+def sphere(u: Array2f) -> Array3f:
+    """Return the unit vector for a point of the unit square, area-preserving (octahedral, Clarberg 2008)."""
+    p = 2 * u - 1
+    a = dr.abs(p)
+    signed = 1 - (a.x + a.y)
+    r = 1 - dr.abs(signed)
+    phi = dr.select(r > 0, (a.y - a.x) / dr.maximum(r, 1e-12) + 1, 1) * (dr.pi / 4)
+    s, c = dr.sincos(phi)
+    f = r * dr.safe_sqrt(2 - r * r)
+    return Array3f(dr.copysign(c * f, p.x), dr.copysign(s * f, p.y), dr.copysign(1 - r * r, signed))
+
+
+def perpendicular(axis: Array3f) -> tuple[Array3f, Array3f]:
+    """Return two unit vectors that make a right-handed frame with the unit vector `axis`."""
+    s, t = mi.coordinate_system(mi.Vector3f(axis))
+    return Array3f(s), Array3f(t)
+
+
+def cone(u: Array2f, axis: Array3f, one_minus_cos: Float) -> Array3f:
+    """Return a direction around `axis`, uniform in the solid angle 2π(1 − cos) of a cone.
+
+    Takes 1 − cos, not cos: half a degree is 4e-5, of which float32 keeps two digits in the cosine.
+    """
+    p: Any = disk(u)
+    return around(p, axis, dr.squared_norm(p) * one_minus_cos)
+
+
+def power_cone(u: Array2f, axis: Array3f, power: Float, q: Float) -> tuple[Array3f, Float]:
+    """Return a direction with density ∝ cos^power within a cone, and that density per solid angle.
+
+    The density is (k + 1) cos^k θ / (2π q), with k = `power` and q = 1 − cos^(k+1) at the cone's edge: k = 0 is uniform
+    in solid angle, k = 1 in projected solid angle, k = focus follows a focused light.
+    """
+    p: Any = disk(u)
+    x = dr.squared_norm(p) * q
+    series = x / (power + 1) * (1 + 0.5 * x * power / (power + 1))  # 1 - (1 - x)^(1/(k+1)), where float32 cancels
+    h = dr.select(x < 1e-3, series, 1 - dr.power(dr.maximum(1 - x, 0), 1 / (power + 1)))
+    cosine = 1 - h
+    density = (power + 1) * dr.select(power > 0, dr.power(dr.maximum(cosine, 1e-20), power), 1) / (dr.two_pi * q)
+    return around(p, axis, h), density
+
+
+def around(p: Array2f, axis: Array3f, h: Float) -> Array3f:
+    """Return the direction at 1 − cos = `h` from `axis`, on the side where `p` lies."""
+    s, t = perpendicular(axis)
+    scale = dr.safe_sqrt(h * (2 - h)) * dr.rcp(dr.maximum(dr.norm(p), 1e-12))
+    return dr.normalize(s * (p.x * scale) + t * (p.y * scale) + axis * (1 - h))
