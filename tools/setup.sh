@@ -1,0 +1,86 @@
+#!/bin/sh
+# Prepare a folder for working on photonbeams: a virtual environment, the packages, and a libLLVM that works.
+# Usage: tools/setup.sh VENV. Does only what is missing; the Makefile calls it until VENV/.ready is up to date.
+set -eu
+
+venv=$1
+
+stop() {
+    echo "set-up: $*" >&2
+    exit 1
+}
+
+# With apt, when it may: as root, or with a sudo that asks for no password.
+apt_install() {
+    command -v apt-get >/dev/null || return 1
+    if [ "$(id -u)" = 0 ]; then
+        as_root="env"
+    elif sudo -n true 2>/dev/null; then
+        as_root="sudo -n env"
+    else
+        return 1
+    fi
+    $as_root apt-get update -qq >/dev/null 2>&1 || true # an old index may still do
+    for package in "$@"; do
+        apt-cache show "$package" >/dev/null 2>&1 || continue
+        echo "set-up: installing $package with apt-get"
+        $as_root DEBIAN_FRONTEND=noninteractive apt-get install -qq -y --no-install-recommends "$package" >/dev/null 2>&1 &&
+            return 0
+    done
+    return 1
+}
+
+recent() { "$1" -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null; }
+
+find_python() {
+    for python in ${PYTHON:-python3.11 python3 python3.12 python3.13}; do
+        if recent "$python"; then
+            return 0
+        fi
+    done
+    stop "Python 3.11 or newer is needed: install python3.11, or name one with PYTHON=/path/to/python3"
+}
+
+make_venv() {
+    if recent "$venv/bin/python" && "$venv/bin/python" -m pip --version >/dev/null 2>&1; then
+        return 0
+    fi
+    find_python
+    version=$("$python" -c 'import sys; print("%d.%d" % sys.version_info[:2])')
+    # Debian keeps venv's pip (ensurepip) in a package of its own.
+    "$python" -c 'import venv, ensurepip' 2>/dev/null ||
+        apt_install "python$version-venv" ||
+        stop "Python's venv module is missing: install the package python$version-venv"
+    echo "set-up: making $venv with $python ($version)"
+    "$python" -m venv --clear "$venv"
+}
+
+install_packages() {
+    echo "set-up: installing the packages of pyproject.toml"
+    "$venv/bin/python" -m pip install --quiet --disable-pip-version-check -e '.[dev]' ||
+        stop "pip could not install the packages of pyproject.toml; its message is above"
+}
+
+has_libllvm() {
+    [ -n "${DRJIT_LIBLLVM_PATH:-}" ] ||
+        "$venv/bin/python" -c 'import sys; from photonbeams import libllvm; sys.exit(libllvm.newest() is None)'
+}
+
+install_libllvm() {
+    # 19 and 22 are the tested ones; 14 to 16 do not work with Dr.Jit.
+    has_libllvm || apt_install libllvm19 libllvm22 libllvm21 libllvm20 libllvm18 libllvm17 ||
+        stop "no libLLVM from version 17 on was found: install the package libllvm19, or set DRJIT_LIBLLVM_PATH"
+}
+
+prove() {
+    report=$("$venv/bin/photonbeams" doctor 2>&1) || {
+        echo "$report" >&2
+        exit 1
+    }
+}
+
+make_venv
+install_packages
+install_libllvm
+prove
+touch "$venv/.ready"
