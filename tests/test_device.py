@@ -124,6 +124,13 @@ def test_dr_jit_that_was_started_with_an_old_llvm_is_refused():
     assert "import photonbeams first" in run(code)
 
 
+def test_dr_jit_that_does_not_load_is_one_sentence(tmp_path):
+    # As it fails where libatomic is missing.
+    (tmp_path / "drjit.py").write_text("try:\n    raise ImportError('libatomic.so.1: gone')\nexcept ImportError: ext\n")
+    sentence = run("from photonbeams.device import Float", PYTHONPATH=str(tmp_path), PHOTONBEAMS_DEVICE="cpu")
+    assert "Dr.Jit does not load (libatomic.so.1: gone)" in sentence
+
+
 def test_the_types_are_those_of_the_backend():
     import drjit as dr
 

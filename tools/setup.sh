@@ -61,6 +61,13 @@ install_packages() {
         stop "pip could not install the packages of pyproject.toml; its message is above"
 }
 
+# Dr.Jit's wheel links libatomic, which comes with compilers but not with a small Debian.
+install_libatomic() {
+    "$venv/bin/python" -c 'import ctypes; ctypes.CDLL("libatomic.so.1")' 2>/dev/null || [ "$(uname)" != Linux ] ||
+        apt_install libatomic1 ||
+        stop "libatomic.so.1 is missing: install the package libatomic1"
+}
+
 has_libllvm() {
     [ -n "${DRJIT_LIBLLVM_PATH:-}" ] ||
         "$venv/bin/python" -c 'import sys; from photonbeams import libllvm; sys.exit(libllvm.newest() is None)'
@@ -81,6 +88,7 @@ prove() {
 
 make_venv
 install_packages
+install_libatomic
 install_libllvm
 prove
 touch "$venv/.ready"

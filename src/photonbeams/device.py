@@ -151,8 +151,7 @@ def _start(name: str) -> None:
         raise DeviceError(f"device is cuda, but {problem}")
     if name == "llvm" and "drjit" not in sys.modules and not os.environ.get("DRJIT_LIBLLVM_PATH"):
         raise DeviceError(_no_library())
-    import drjit
-
+    drjit = _import_drjit()
     if not drjit.has_backend(getattr(drjit.JitBackend, name.upper())):
         raise DeviceError(_no_backend(name))
     version = drjit.detail.llvm_version()
@@ -164,6 +163,17 @@ def _start(name: str) -> None:
     module = import_module(f"drjit.{name}.ad")
     _state.types = {array: getattr(module, array) for array in _ARRAY_TYPES}
     _state.backend = name
+
+
+def _import_drjit() -> Any:
+    """Return the module `drjit`; its wheel links a library that a small Debian lacks."""
+    try:
+        return import_module("drjit")
+    except (ImportError, NameError) as error:  # a NameError, raised while it handles the ImportError
+        cause = error.__context__ or error
+        raise DeviceError(
+            f"Dr.Jit does not load ({cause}); libatomic.so.1 is in Debian's package libatomic1"
+        ) from error
 
 
 def _no_library() -> str:
