@@ -80,9 +80,17 @@ def triangles_of(polygons: Polygons) -> Triangles:
 
 
 def vertex_normals(points: Array, vertices: Array) -> Array:
-    """Return normals (P, 3): the mean of the triangles at each point, weighted by area; zero where there is none."""
-    a, b, c = (points[vertices[:, i]] for i in range(3))
-    weighted = np.repeat(np.cross(b - a, c - a), 3, axis=0)  # (3 T, 3)
+    """Return normals (P, 3): the mean of the triangles at each point; zero where there is none.
+
+    Weights are the angles at the point (Thürmer and Wüthrich 1998): the mean does not depend on which way the polygons
+    were cut.
+    """
+    corners = points[vertices]  # (T, 3, 3)
+    ahead = unit(np.roll(corners, -1, axis=1) - corners)
+    behind = unit(np.roll(corners, 1, axis=1) - corners)
+    angles = np.arccos(np.clip(np.sum(ahead * behind, axis=2), -1.0, 1.0))  # (T, 3)
+    faces = unit(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
+    weighted = (angles[..., None] * faces[:, None]).reshape(-1, 3)
     flat = vertices.reshape(-1)
     sums = np.stack([np.bincount(flat, weighted[:, axis], len(points)) for axis in range(3)], axis=1)
     return unit(sums)

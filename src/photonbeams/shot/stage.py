@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Iterable
 from typing import Any
 
@@ -82,13 +83,14 @@ def _layer(path: str) -> Sdf.Layer:
 
 
 def _reason(error: Any) -> str:
-    """Return the first thing that OpenUSD complained of, without its file names and line numbers."""
-    text = str(error).strip()
-    for line in text.splitlines():
-        _, mark, message = line.partition(" -- ")
-        if mark:
-            return message.strip().rstrip(".")
-    return text.splitlines()[-1].strip() if text else "it is broken"
+    """Return what OpenUSD complained of, the line of the file in front, without its own lines of code."""
+    messages = re.findall(r" : '(.*?)\s*'(?=\s*\n\tError|\s*$)", str(error), re.DOTALL)
+    for message in messages:
+        located = re.fullmatch(r".*?:(\d+):\d+: (.*)", message, re.DOTALL)
+        if located:
+            text = re.sub(r"parse error matching \S+", "there is more than expected", " ".join(located[2].split()))
+            return f"line {located[1]}: {text}"
+    return " ".join(messages[0].split()) if messages else "expected a USD stage"
 
 
 def _check_composition(stage: Usd.Stage) -> None:

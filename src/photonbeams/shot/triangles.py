@@ -22,7 +22,8 @@ def triangulate(counts: Array, indices: Array, points: Array) -> tuple[Array, Ar
         (P, 3).
     """
     offsets = np.concatenate([[0], np.cumsum(counts)[:-1]])
-    scale = float(np.ptp(points, axis=0).max(initial=0.0)) or 1.0
+    scale = float(np.ptp(points, axis=0).max()) if len(points) else 0.0
+    scale = scale or 1.0
     corners: list[Array] = []
     faces: list[Array] = []
     dropped = 0

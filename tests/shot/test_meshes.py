@@ -1,0 +1,424 @@
+"""Meshes and gprims, in world space."""
+
+import logging
+
+import numpy as np
+import pytest
+from pxr import Usd, UsdGeom
+
+from photonbeams.scene import SceneError
+from photonbeams.shot.stage import read_scene
+
+QUAD = """
+    int[] faceVertexCounts = [4]
+    int[] faceVertexIndices = [0, 1, 2, 3]
+    point3f[] points = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)]
+    uniform token subdivisionScheme = "none"
+"""
+CUBE = """
+    int[] faceVertexCounts = [4, 4, 4, 4, 4, 4]
+    int[] faceVertexIndices = [0, 2, 3, 1, 4, 5, 7, 6, 0, 1, 5, 4, 2, 6, 7, 3, 0, 4, 6, 2, 1, 3, 7, 5]
+    point3f[] points = [
+        (-1, -1, -1), (1, -1, -1), (-1, 1, -1), (1, 1, -1), (-1, -1, 1), (1, -1, 1), (-1, 1, 1), (1, 1, 1)]
+"""
+
+
+def mesh(body, name="M", extra=""):
+    return f'def Mesh "{name}" {extra}\n{{\n{body}\n}}\n'
+
+
+def only(scene):
+    (result,) = scene.meshes
+    return result
+
+
+def face_normals(mesh):
+    a, b, c = (mesh.points[mesh.faces[:, i]] for i in range(3))
+    return np.cross(b - a, c - a)
+
+
+def volume(mesh):
+    a, b, c = (mesh.points[mesh.faces[:, i]] for i in range(3))
+    return np.einsum("ij,ij->", a, np.cross(b, c)) / 6
+
+
+def test_a_quad_becomes_two_triangles_and_shares_its_points(scene):
+    result = only(scene(mesh(QUAD)))
+    assert result.name == "/M"
+    assert result.points.shape == (4, 3)
+    assert result.faces.shape == (2, 3)
+    assert result.normals is None
+    assert result.uvs is None
+
+
+def test_transforms_of_all_ancestors_reach_the_points(scene):
+    text = f"""def Xform "A" {{
+        double3 xformOp:translate = (10, 0, 0)
+        uniform token[] xformOpOrder = ["xformOp:translate"]
+        def Xform "B" {{
+            float xformOp:rotateZ = 90
+            uniform token[] xformOpOrder = ["xformOp:rotateZ"]
+            {mesh(QUAD)}
+        }}
+    }}"""
+    assert np.allclose(only(scene(text)).points.max(axis=0), [10, 1, 0])
+    assert np.allclose(only(scene(text)).points.min(axis=0), [9, 0, 0])
+
+
+def test_left_handed_faces_are_turned_round(scene):
+    right = only(scene(mesh(QUAD)))
+    left = only(scene(mesh(QUAD + 'uniform token orientation = "leftHanded"', "L")))
+    assert np.all(face_normals(right)[:, 2] > 0)
+    assert np.all(face_normals(left)[:, 2] < 0)
+
+
+def test_a_mirroring_transform_keeps_the_outside_out(scene):
+    mirrored = """
+        float3 xformOp:scale = (-2, 1, 1)
+        uniform token[] xformOpOrder = ["xformOp:scale"]"""
+    result = only(scene(mesh(CUBE + mirrored)))
+    assert volume(result) == pytest.approx(16)
+    # The smooth normals point outward as well.
+    assert np.all(np.einsum("ij,ij->i", result.normals, result.points) > 0)
+
+
+def test_authored_normals_go_by_the_inverse_transpose(scene):
+    text = mesh(
+        QUAD
+        + """
+        normal3f[] normals = [(0.6, 0, 0.8), (0, 0, 1), (0, 0, 1), (0, 0, 1)] (interpolation = "vertex")
+        float3 xformOp:scale = (1, 1, -4)
+        uniform token[] xformOpOrder = ["xformOp:scale"]"""
+    )
+    result = only(scene(text))
+    expected = np.array([0.6, 0, -0.2]) / np.hypot(0.6, 0.2)
+    assert np.allclose(result.normals[np.argmin(result.points.sum(axis=1))], expected)
+
+
+@pytest.mark.parametrize(
+    ("interpolation", "values", "vertices"),
+    [
+        ("constant", "[(0, 0, 1)]", 4),
+        ("uniform", "[(0, 0, 1)]", 4),
+        ("vertex", "[(0, 0, 1), (0, 1, 0), (0, 0, 1), (0, 0, 1)]", 4),
+        ("varying", "[(0, 0, 1), (0, 1, 0), (0, 0, 1), (0, 0, 1)]", 4),
+        ("faceVarying", "[(0, 0, 1), (0, 1, 0), (0, 0, 1), (0, 0, 1)]", 4),
+    ],
+)
+@pytest.mark.parametrize("name", ["normals", "primvars:normals"])
+def test_normals_of_every_interpolation(scene, interpolation, values, vertices, name):
+    text = mesh(f'{QUAD}\nnormal3f[] {name} = {values} (interpolation = "{interpolation}")')
+    result = only(scene(text))
+    assert len(result.points) == vertices
+    expected = [0, 1, 0] if values.count("(") == 4 else [0, 0, 1]
+    corner = np.argmax(np.all(result.points == [1, 0, 0], axis=1))
+    assert np.allclose(result.normals[corner], expected)
+
+
+def test_primvars_normals_win_over_normals(scene):
+    text = mesh(
+        f"""{QUAD}
+        normal3f[] normals = [(0, 1, 0)] (interpolation = "constant")
+        normal3f[] primvars:normals = [(1, 0, 0)] (interpolation = "constant")"""
+    )
+    assert np.allclose(only(scene(text)).normals, [1, 0, 0])
+
+
+def test_subdivision_meshes_without_normals_are_smooth_and_others_faceted(scene):
+    smooth = only(scene(mesh(CUBE)))
+    assert len(smooth.points) == 8
+    assert np.allclose(smooth.normals, smooth.points / np.sqrt(3))
+    assert only(scene(mesh(CUBE + 'uniform token subdivisionScheme = "none"', "B"))).normals is None
+    assert only(scene(mesh(CUBE + 'uniform token subdivisionScheme = "bilinear"', "C"))).normals is None
+
+
+def test_a_normal_of_zero_is_replaced_by_that_of_its_face(scene):
+    text = mesh(f'{QUAD}\nnormal3f[] normals = [(0, 0, 0), (0, 0, 1), (0, 0, 1), (0, 0, 1)] (interpolation = "vertex")')
+    assert np.allclose(only(scene(text)).normals, [0, 0, 1])
+
+
+@pytest.mark.parametrize(
+    ("interpolation", "values", "indices"),
+    [
+        ("vertex", "[(0, 0), (1, 0), (1, 1), (0, 1)]", ""),
+        ("varying", "[(0, 0), (1, 0), (1, 1), (0, 1)]", ""),
+        ("faceVarying", "[(0, 0), (1, 0), (1, 1), (0, 1)]", ""),
+        ("faceVarying", "[(1, 1), (0, 1), (0, 0), (1, 0)]", "[2, 3, 0, 1]"),
+        ("constant", "[(0.5, 0.5)]", ""),
+        ("uniform", "[(0.5, 0.5)]", ""),
+    ],
+)
+def test_texture_coordinates_of_every_interpolation(scene, interpolation, values, indices):
+    text = f'{QUAD}\ntexCoord2f[] primvars:st = {values} (interpolation = "{interpolation}")'
+    if indices:
+        text += f"\nint[] primvars:st:indices = {indices}"
+    result = only(scene(mesh(text)))
+    expected = result.points[:, :2] if values.count("(") == 4 else [0.5, 0.5]
+    assert np.allclose(result.uvs, expected)
+
+
+def test_vertices_are_split_only_where_texture_coordinates_differ(scene):
+    body = """
+        int[] faceVertexCounts = [3, 3]
+        int[] faceVertexIndices = [0, 1, 2, 0, 2, 3]
+        point3f[] points = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)]
+        texCoord2f[] primvars:st = [(0, 0), (1, 0), (1, 1), (0, 0), (0.5, 0.5), (0, 1)] (
+            interpolation = "faceVarying")"""
+    result = only(scene(mesh(body)))
+    assert len(result.points) == 5
+    assert len(result.faces) == 2
+
+
+def test_hidden_guide_and_proxy_prims_are_no_surfaces(scene):
+    text = (
+        mesh(QUAD + 'token visibility = "invisible"', "A")
+        + mesh(QUAD + 'uniform token purpose = "guide"', "B")
+        + mesh(QUAD + 'uniform token purpose = "proxy"', "C")
+        + mesh(QUAD + 'uniform token purpose = "render"', "D")
+        + f'def Xform "E" {{\n token visibility = "invisible"\n{mesh(QUAD)}\n}}\n'
+        + f'class "F" {{\n{mesh(QUAD)}\n}}\n'
+        + f'def "G" (active = false) {{\n{mesh(QUAD)}\n}}\n'
+    )
+    assert [each.name for each in scene(text).meshes] == ["/D"]
+
+
+def test_points_deform_with_time(usd):
+    body = QUAD.replace(
+        "point3f[] points = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)]",
+        """point3f[] points.timeSamples = {
+            1: [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)],
+            3: [(0, 0, 2), (1, 0, 2), (1, 1, 2), (0, 1, 2)]}""",
+    )
+    stage = usd(mesh(body))
+    assert np.allclose(only(read_scene(stage, 2)).points[:, 2], 1)
+    # At the default time there is no value: the first sample is meant.
+    assert np.allclose(only(read_scene(stage)).points[:, 2], 0)
+
+
+def test_holes_are_left_out(scene):
+    body = CUBE + 'int[] holeIndices = [1]\nuniform token subdivisionScheme = "none"'
+    assert len(only(scene(mesh(body))).faces) == 10
+
+
+def test_materials_of_face_subsets_split_the_mesh(scene):
+    body = f"""{CUBE}
+        uniform token subdivisionScheme = "none"
+        rel material:binding = </Red>
+        def GeomSubset "Top" (prepend apiSchemas = ["MaterialBindingAPI"]) {{
+            uniform token elementType = "face"
+            uniform token familyName = "materialBind"
+            int[] indices = [1, 3]
+            rel material:binding = </Blue>
+        }}"""
+    result = scene(
+        mesh(body, extra='(prepend apiSchemas = ["MaterialBindingAPI"])')
+        + color("Red", "(1, 0, 0)")
+        + color("Blue", "(0, 0, 1)")
+    )
+    assert {each.name: (len(each.faces), each.material.diffuse) for each in result.meshes} == {
+        "/M/Top": (4, (0, 0, 1)),
+        "/M": (8, (1, 0, 0)),
+    }
+
+
+def color(name, value):
+    return f"""def Material "{name}" {{
+        token outputs:surface.connect = </{name}/S.outputs:surface>
+        def Shader "S" {{
+            uniform token info:id = "UsdPreviewSurface"
+            color3f inputs:diffuseColor = {value}
+            token outputs:surface
+        }}
+    }}
+    """
+
+
+def test_a_subset_that_names_no_face_of_the_mesh_is_an_error(scene):
+    body = f"""{QUAD}
+        def GeomSubset "S" {{
+            uniform token elementType = "face"
+            uniform token familyName = "materialBind"
+            int[] indices = [7]
+        }}"""
+    with pytest.raises(SceneError, match=r"/M/S\.indices name face 7: expected faces from 0 to 0"):
+        scene(mesh(body))
+
+
+@pytest.mark.parametrize(
+    ("body", "message"),
+    [
+        (
+            QUAD.replace("[0, 1, 2, 3]", "[0, 1, 2, 9]"),
+            r"/M\.faceVertexIndices name point 9: expected points from 0 to 3",
+        ),
+        (QUAD.replace("[0, 1, 2, 3]", "[0, 1, 2, -1]"), r"/M\.faceVertexIndices name point -1"),
+        (QUAD.replace("[4]", "[5]"), r"/M\.faceVertexIndices has 4 values: expected 5"),
+        (QUAD.replace("(1, 1, 0)", "(1, nan, 0)"), r"/M\.points\[2\] is .*: expected finite numbers"),
+        (QUAD + "normal3f[] normals = [(0, 0, 1)]", r"/M\.normals has 1 values of interpolation 'vertex': expected 4"),
+        (
+            QUAD + 'texCoord2f[] primvars:st = [(0, 0)] (interpolation = "vertex")',
+            r"/M\.primvars:st has 1 values of interpolation 'vertex': expected 4",
+        ),
+        (
+            QUAD
+            + 'texCoord2f[] primvars:st = [(0, 0)] (interpolation = "vertex")\n'
+            + "int[] primvars:st:indices = [0, 5, 0, 0]",
+            r"/M\.primvars:st:indices name values that primvars:st does not have",
+        ),
+    ],
+)
+def test_contradictions_are_errors_that_name_prim_and_attribute(scene, body, message):
+    with pytest.raises(SceneError, match=rf"stage\.usda: {message}"):
+        scene(mesh(body))
+
+
+def test_empty_meshes_and_faces_without_area_are_skipped_with_a_warning(scene, caplog):
+    degenerate = """
+        int[] faceVertexCounts = [3, 3]
+        int[] faceVertexIndices = [0, 1, 2, 0, 0, 1]
+        point3f[] points = [(0, 0, 0), (1, 0, 0), (1, 1, 0)]
+        uniform token subdivisionScheme = "none" """
+    with caplog.at_level(logging.WARNING, "photonbeams"):
+        result = scene(mesh("", "Empty") + mesh(degenerate, "Bad"))
+    assert len(only(result).faces) == 1
+    assert [record.getMessage().split("stage.usda: ")[1] for record in caplog.records] == [
+        "/Empty has no faces: it is skipped",
+        "/Bad has 1 faces without area: they are skipped",
+    ]
+
+
+def test_a_warning_is_given_once_for_all_frames(usd, caplog):
+    stage = usd(mesh("", "Empty"))
+    warned: set[str] = set()
+    for frame in range(3):
+        read_scene(stage, frame, warned)
+    assert len(caplog.records) == 1
+    assert len(warned) == 1
+
+
+def test_what_is_not_rendered_is_named(scene, caplog):
+    scene('def Points "P" {}\ndef BasisCurves "Hair" {}')
+    assert "/P is a Points, which is not rendered" in caplog.text
+    assert "/Hair is a BasisCurves without PhotonBeamsCurvesAPI, which is not rendered" in caplog.text
+
+
+GPRIMS = {
+    'Cube "G" { double size = 3 }': (27.0, 0),
+    'Sphere "G" { double radius = 2 }': (4 / 3 * np.pi * 8, 0.006),
+    'Cylinder "G" { double radius = 2\n double height = 3\n uniform token axis = "X" }': (np.pi * 4 * 3, 0.002),
+    'Cylinder_1 "G" { double radiusTop = 1\n double radiusBottom = 2\n double height = 3 }': (np.pi * 7, 0.002),
+    'Cone "G" { double radius = 2\n double height = 3\n uniform token axis = "Y" }': (np.pi * 4, 0.002),
+    'Capsule "G" { double radius = 1\n double height = 2\n uniform token axis = "Y" }': (np.pi * (2 + 4 / 3), 0.005),
+}
+
+
+@pytest.mark.parametrize("text", GPRIMS)
+def test_gprims_have_the_volume_and_the_bounds_of_the_shape(usd, text):
+    # Facets lie inside: 64 around lose sin(2π/64)/(2π/64), 0.16 % of a cross-section's area.
+    stage = usd(f"def {text}")
+    result = only(read_scene(stage))
+    expected, loss = GPRIMS[text]
+    assert expected * (1 - loss) <= volume(result) <= expected * (1 + 1e-9)
+    bounds = UsdGeom.Gprim(stage.GetPrimAtPath("/G")).ComputeWorldBound(0, "default").ComputeAlignedRange()
+    # USD bounds a Cylinder_1 without looking at which radius is where.
+    assert np.allclose(result.points.max(axis=0), bounds.GetMax(), atol=0.01)
+    assert np.allclose(result.points.min(axis=0), bounds.GetMin(), atol=0.01)
+    if result.normals is not None:
+        facing = face_normals(result) / np.linalg.norm(face_normals(result), axis=1, keepdims=True)
+        assert np.all(np.einsum("ij,ikj->ik", facing, result.normals[result.faces]) > 0.98)
+
+
+def test_a_plane_faces_its_axis(scene):
+    result = only(scene('def Plane "G" { double width = 2\n double length = 4\n uniform token axis = "Y" }'))
+    assert np.allclose(result.normals, [0, 1, 0])
+    assert np.all(face_normals(result)[:, 1] > 0)
+    assert np.allclose(np.sort(np.ptp(result.points, axis=0)), [0, 2, 4])
+
+
+def test_without_a_material_display_color_is_the_diffuse_colour(scene, caplog):
+    body = QUAD + 'color3f[] primvars:displayColor = [(0.1, 0.2, 0.3)] (interpolation = "constant")'
+    assert only(scene(mesh(body))).material.diffuse == pytest.approx((0.1, 0.2, 0.3))
+    varying = '[(0, 0, 0), (1, 0, 0), (1, 0, 0), (0, 0, 0)] (interpolation = "vertex")'
+    result = only(scene(mesh(QUAD + f"color3f[] primvars:displayColor = {varying}", "V")))
+    assert result.material.diffuse == pytest.approx((0.5, 0, 0))
+    assert "/V.primvars:displayColor varies over the surface: its mean is used" in caplog.text
+
+
+def bounds_of(stage, path):
+    cache = UsdGeom.BBoxCache(Usd.TimeCode.Default(), ["default", "render"])
+    found = cache.ComputeWorldBound(stage.GetPrimAtPath(path)).ComputeAlignedRange()
+    return np.array(found.GetMin()), np.array(found.GetMax())
+
+
+def test_scenegraph_instances_land_where_usd_has_their_bounds(usd):
+    stage = usd(f"""
+        class "Proto" {{
+            def Xform "Part" {{
+                double3 xformOp:translate = (0, 3, 0)
+                uniform token[] xformOpOrder = ["xformOp:translate"]
+                {mesh(CUBE)}
+            }}
+        }}
+        def Xform "A" (instanceable = true
+            references = </Proto>) {{
+            double3 xformOp:translate = (5, 0, 0)
+            uniform token[] xformOpOrder = ["xformOp:translate"]
+        }}
+        def Xform "B" (instanceable = true
+            references = </Proto>) {{
+            float xformOp:rotateZ = 30
+            uniform token[] xformOpOrder = ["xformOp:rotateZ"]
+        }}""")
+    result = {each.name: each for each in read_scene(stage).meshes}
+    assert sorted(result) == ["/A/Part/M", "/B/Part/M"]
+    for name, each in result.items():
+        low, high = bounds_of(stage, name.split("/Part")[0])
+        assert np.allclose(each.points.min(axis=0), low, atol=1e-5)
+        assert np.allclose(each.points.max(axis=0), high, atol=1e-5)
+
+
+INSTANCER = """
+def PointInstancer "I" {
+    rel prototypes = [</I/P/Cube>, </I/P/Ball>]
+    int[] protoIndices = [0, 1, 0, 1]
+    point3f[] positions = [(0, 0, 0), (5, 0, 0), (10, 0, 0), (15, 0, 0)]
+    quath[] orientations = [(1, 0, 0, 0), (0.924, 0, 0, 0.383), (0.924, 0, 0.383, 0), (1, 0, 0, 0)]
+    float3[] scales = [(1, 1, 1), (1, 2, 1), (0.5, 0.5, 0.5), (1, 1, 1)]
+    int64[] ids = [7, 8, 9, 10]
+    int64[] invisibleIds = [%s]
+    float3 xformOp:scale = (1, 1, 2)
+    double3 xformOp:translate = (0, 0, 4)
+    uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:scale"]
+    over "P" {
+        def Cube "Cube" {
+            double3 xformOp:translate = (0, 1, 0)
+            uniform token[] xformOpOrder = ["xformOp:translate"]
+        }
+        def Cube "Ball" { double size = 1 }
+    }
+}"""
+
+
+def test_point_instances_land_where_usd_has_their_bounds(usd):
+    stage = usd(INSTANCER % "")
+    result = read_scene(stage).meshes
+    assert [each.name for each in result] == ["/I[0]", "/I[1]", "/I[2]", "/I[3]"]
+    low, high = bounds_of(stage, "/I")
+    assert np.allclose(np.min([each.points.min(axis=0) for each in result], axis=0), low, atol=1e-3)
+    assert np.allclose(np.max([each.points.max(axis=0) for each in result], axis=0), high, atol=1e-3)
+
+
+def test_hidden_point_instances_are_not_there(usd):
+    assert [each.name for each in read_scene(usd(INSTANCER % "8, 10")).meshes] == ["/I[0]", "/I[2]"]
+
+
+def test_a_prototype_that_is_not_there_is_an_error(usd):
+    text = (INSTANCER % "").replace("[0, 1, 0, 1]", "[0, 1, 0, 2]")
+    with pytest.raises(SceneError, match=r"/I\.protoIndices name prototype 2: expected 0 to 1"):
+        read_scene(usd(text))
+
+
+def test_point_instances_of_another_number_than_positions_are_an_error(usd):
+    text = (INSTANCER % "").replace("(15, 0, 0)]", "(15, 0, 0), (1, 1, 1)]")
+    with pytest.raises(SceneError, match=r"/I\.positions has 5 values: expected 4, as protoIndices"):
+        read_scene(usd(text))
