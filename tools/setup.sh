@@ -4,6 +4,7 @@
 set -eu
 
 venv=$1
+cd "$(dirname "$0")/.."
 
 stop() {
     echo "set-up: $*" >&2
@@ -70,7 +71,7 @@ install_libatomic() {
 
 has_libllvm() {
     [ -n "${DRJIT_LIBLLVM_PATH:-}" ] ||
-        "$venv/bin/python" -c 'import sys; from photonbeams import libllvm; sys.exit(libllvm.newest() is None)'
+        PYTHONPATH=src "$venv/bin/python" -c 'import sys; from photonbeams import libllvm; sys.exit(libllvm.newest() is None)'
 }
 
 install_libllvm() {
@@ -87,8 +88,8 @@ prove() {
 }
 
 make_venv
-install_packages
 install_libatomic
 install_libllvm
+install_packages
 prove
 touch "$venv/.ready"
