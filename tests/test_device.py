@@ -168,8 +168,9 @@ def test_the_environment_says_what_auto_means():
     assert run(code, PHOTONBEAMS_DEVICE="cpu") == "llvm"
 
 
-def test_another_device_than_the_running_one_is_refused():
+def test_another_device_than_the_running_one_is_refused(monkeypatch):
     other = {"llvm": "cuda", "cuda": "cpu"}[device.backend()]
+    monkeypatch.setenv("PHOTONBEAMS_DEVICE", other)
     with pytest.raises(DeviceError, match="already started in this process"):
         device.select(other)
     device.select("auto")

@@ -10,7 +10,7 @@ from . import device
 
 if TYPE_CHECKING:
     from .beams import Beams
-    from .estimators import estimate
+    from .estimators.estimate import estimate
     from .looks import (
         Across,
         At,

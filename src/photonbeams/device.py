@@ -127,7 +127,7 @@ def select(name: str | None = None) -> None:
     ----------
     name
         "cpu" (LLVM), "cuda", or "auto": what the environment variable PHOTONBEAMS_DEVICE says, else CUDA where a
-        usable NVIDIA driver exists, else LLVM.
+        usable NVIDIA driver exists, else LLVM. Once a device is started, "auto" is that one.
 
     Raises
     ------
@@ -137,9 +137,9 @@ def select(name: str | None = None) -> None:
     wanted = _wanted(name)
     if _state.backend is None:
         _start(wanted or _automatic())
-    elif wanted not in (None, _state.backend):
+    elif name not in (None, "auto") and wanted != _state.backend:
         raise DeviceError(
-            f"device is {name}: the {_state.backend} backend was already started in this process; "
+            f"device is {name}, but the {_state.backend} backend was already started in this process; "
             "select the device before anything else is used"
         )
 
