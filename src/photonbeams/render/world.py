@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from functools import cached_property
+from typing import Any, NamedTuple
 
 import drjit as dr
 import numpy as np
@@ -16,7 +17,16 @@ import numpy as np
 from .. import scene
 from ..device import Array3f, Bool, Float, UInt32, mitsuba
 from ..simulation.emission import Bounds
-from ..simulation.lights import Source, opaque, source
+from ..simulation.lights import (
+    DistantSource,
+    DomeSource,
+    FlatSource,
+    Source,
+    SphereSource,
+    opaque,
+    pack,
+    source,
+)
 from ..simulation.portals import Portal
 from ..simulation.sampling import hash32, unit_float
 
@@ -67,6 +77,14 @@ class Fog:
     def transmittance(self, origin: Array3f, direction: Array3f, distance: Float) -> Array3f:
         """Return exp(−σt · length) up to `distance`."""
         return dr.exp(-self.extinction * self.length(origin, direction, distance))
+
+
+class Lamps(NamedTuple):
+    """All lights of one kind: a struct of arrays of it, and their number (opaque)."""
+
+    kind: Any
+    packed: Any
+    count: Any
 
 
 @dataclass(frozen=True)
@@ -128,6 +146,27 @@ class World:
             cutouts=any(_cut_out(mesh.material) for mesh in meshes),
             glowing=any(_glows(mesh.material) for mesh in meshes),
         )
+
+    @cached_property
+    def lamps(self) -> tuple[Lamps, ...]:
+        """The lights of surfaces, packed by kind, for loops over them; domes are in `domes`."""
+        lights = zip(self.description.lights, self.sources, strict=True)
+        shining = [item for light, item in lights if light.lights_surfaces and max(light.radiance) > 0]
+        kinds: dict[type, list[Any]] = {}
+        for item in shining:
+            if not isinstance(item, DomeSource):
+                kinds.setdefault(type(item), []).append(item)
+        return tuple(
+            Lamps(kind, pack(kinds[kind]), dr.opaque(UInt32, len(kinds[kind])))
+            for kind in (SphereSource, FlatSource, DistantSource)
+            if kind in kinds
+        )
+
+    @cached_property
+    def domes(self) -> tuple[DomeSource, ...]:
+        """The environments."""
+        lights = zip(self.description.lights, self.sources, strict=True)
+        return tuple(item for light, item in lights if isinstance(item, DomeSource) and light.lights_surfaces)
 
     def intersect(self, origin: Array3f, direction: Array3f, active: Bool, seed: UInt32) -> Any:
         """Return the first surface that rays hit, as a SurfaceInteraction3f.

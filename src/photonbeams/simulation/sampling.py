@@ -32,8 +32,22 @@ def sobol_block(count: int, block: int, key: tuple[int, ...]) -> tuple[Array2f, 
     else:  # alone, or SciPy warns of counts that are no power of two
         parts.append(sequence.random(1))
     points = np.concatenate([*parts, sequence.random(count - sum(map(len, parts)))]).astype(np.float32)
-    columns = [Float(column) for column in np.minimum(points, np.float32(_BELOW_ONE)).T.copy()]
+    columns = [aligned(column) for column in np.minimum(points, np.float32(_BELOW_ONE)).T]
     return Array2f(columns[0], columns[1]), Array2f(columns[2], columns[3])
+
+
+def aligned(numbers: Any) -> Float:
+    """Return numbers as a Float whose memory is aligned to 64 bytes.
+
+    Dr.Jit wraps NumPy's memory as it is, and whether an input is aligned is part of a kernel: frames would recompile by
+    the chance of an address.
+    """
+    numbers = np.asarray(numbers, dtype=np.float32)
+    memory = np.empty(numbers.nbytes + 64, dtype=np.uint8)
+    first = -memory.ctypes.data % 64
+    result = memory[first : first + numbers.nbytes].view(np.float32)
+    result[:] = numbers
+    return Float(result)
 
 
 def hash32(*values: UInt32) -> UInt32:
@@ -124,9 +138,9 @@ def power_cone(u: Array2f, axis: Array3f, power: Float, q: Float) -> tuple[Array
     in solid angle, k = 1 in projected solid angle, k = focus follows a focused light.
     """
     p: Any = disk(u)
-    x = dr.squared_norm(p) * q
+    x: Any = dr.squared_norm(p) * q
     series = x / (power + 1) * (1 + 0.5 * x * power / (power + 1))  # 1 - (1 - x)^(1/(k+1)), where float32 cancels
-    h = dr.select(x < 1e-3, series, 1 - dr.power(dr.maximum(1 - x, 0), 1 / (power + 1)))
+    h: Any = dr.select(x < 1e-3, series, 1 - dr.power(dr.maximum(1 - x, 0), 1 / (power + 1)))
     cosine = 1 - h
     density = (power + 1) * dr.select(power > 0, dr.power(dr.maximum(cosine, 1e-20), power), 1) / (dr.two_pi * q)
     return around(p, axis, h), density
