@@ -103,7 +103,7 @@ def _nearest_lamp(world: World, origin: Array3f, direction: Array3f) -> Sight:
     state: tuple[Any, ...] = (dr.full(Float, dr.inf, width), dr.zeros(Array3f, width))
     for lamps in world.lamps:
         state = _each(lamps, state, nearer)
-    return Sight(dr.isfinite(state[0]), *state, dr.zeros(Float, width))
+    return Sight(dr.isfinite(state[0]), state[0], state[1], dr.zeros(Float, width))
 
 
 def _background(world: World, origin: Array3f, direction: Array3f) -> Array3f:

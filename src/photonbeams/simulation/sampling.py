@@ -127,8 +127,8 @@ def cone(u: Array2f, axis: Array3f, one_minus_cos: Float) -> Array3f:
 
     Takes 1 − cos, not cos: half a degree is 4e-5, of which float32 keeps two digits in the cosine.
     """
-    p: Any = disk(u)
-    return around(p, axis, dr.squared_norm(p) * one_minus_cos)
+    p = disk(u)
+    return around(p, axis, Float(dr.squared_norm(p) * one_minus_cos))
 
 
 def power_cone(u: Array2f, axis: Array3f, power: Float, q: Float) -> tuple[Array3f, Float]:
@@ -137,12 +137,13 @@ def power_cone(u: Array2f, axis: Array3f, power: Float, q: Float) -> tuple[Array
     The density is (k + 1) cos^k θ / (2π q), with k = `power` and q = 1 − cos^(k+1) at the cone's edge: k = 0 is uniform
     in solid angle, k = 1 in projected solid angle, k = focus follows a focused light.
     """
-    p: Any = disk(u)
-    x: Any = dr.squared_norm(p) * q
+    p = disk(u)
+    x = Float(dr.squared_norm(p) * q)
     series = x / (power + 1) * (1 + 0.5 * x * power / (power + 1))  # 1 - (1 - x)^(1/(k+1)), where float32 cancels
-    h: Any = dr.select(x < 1e-3, series, 1 - dr.power(dr.maximum(1 - x, 0), 1 / (power + 1)))
-    cosine = 1 - h
-    density = (power + 1) * dr.select(power > 0, dr.power(dr.maximum(cosine, 1e-20), power), 1) / (dr.two_pi * q)
+    root = Float(dr.power(dr.maximum(1 - x, 0), 1 / (power + 1)))
+    h = Float(dr.select(x < 1e-3, series, 1 - root))
+    falloff = Float(dr.select(power > 0, dr.power(dr.maximum(1 - h, 1e-20), power), 1))
+    density = (power + 1) * falloff / (dr.two_pi * q)
     return around(p, axis, h), density
 
 
