@@ -1,0 +1,118 @@
+"""A stage as Blender 5.0.1 exports it (data/blender/export.py): every light has the power and the place it has there.
+
+The powers were confirmed by rendering the same lights over a grey plane with Cycles.
+"""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from photonbeams.shot.stage import open_stage, read_camera, read_scene
+
+STAGE = Path(__file__).parent / "data" / "blender" / "blender.usda"
+
+
+@pytest.fixture(scope="module")
+def blender():
+    return read_scene(open_stage(STAGE))
+
+
+@pytest.fixture(scope="module")
+def lights(blender):
+    return {light.name.split("/")[-1]: light for light in blender.lights}
+
+
+def flux(light):
+    """Return the flux of a diffuse emitter: π times its area times its radiance."""
+    area = light.area if hasattr(light, "area") else 4 * np.pi * light.radius**2
+    return np.pi * area * np.array(light.radiance)
+
+
+def test_all_lights_are_read_and_nothing_is_warned_about(lights, caplog):
+    assert sorted(lights) == ["disk", "env_light", "point", "rect", "sharp_sun", "soft_spot", "spot", "sun"]
+    read_scene(open_stage(STAGE))
+    assert not caplog.text
+
+
+def test_a_spot_of_w_watts_has_the_radiant_intensity_w_over_4_pi(lights):
+    spot = lights["spot"]
+    assert spot.radius == 0
+    assert spot.radiance == pytest.approx((100 / (4 * np.pi),) * 3, rel=1e-6)
+    assert np.allclose(spot.center, [1, 2, 3])
+    # Rotated by 0.5 about X, it shines along −Z turned toward +Y.
+    assert np.allclose(spot.axis, [0, np.sin(0.5), -np.cos(0.5)], atol=1e-6)
+    assert (spot.shaping.cone_angle, spot.shaping.cone_softness) == pytest.approx((20, 0.3))
+
+
+def test_spheres_and_areas_emit_their_watts(lights):
+    assert flux(lights["soft_spot"]) == pytest.approx([100] * 3, rel=1e-6)
+    assert flux(lights["point"]) == pytest.approx([100, 50, 25], rel=1e-6)  # 50 W, an exposure of 1, a colour
+    assert flux(lights["rect"]) == pytest.approx([10] * 3, rel=1e-6)
+    assert flux(lights["disk"]) == pytest.approx([10] * 3, rel=1e-6)
+
+
+def test_areas_have_their_size_and_place(lights):
+    rect, disk = lights["rect"], lights["disk"]
+    assert np.allclose([np.linalg.norm(rect.half_x), np.linalg.norm(rect.half_y)], [2, 1])
+    assert np.allclose(rect.axis, [0, 0, -1])
+    assert disk.disk
+    assert np.allclose(np.linalg.norm(disk.half_x), 1)
+    assert np.allclose(disk.center, [5, 2, 3])
+
+
+def test_a_sun_has_its_strength_as_irradiance_and_its_own_angle(lights):
+    sun = lights["sun"]
+    assert sun.angle == pytest.approx(1)
+    assert np.array(sun.radiance) * np.pi * np.sin(np.radians(0.5)) ** 2 == pytest.approx([3] * 3, rel=1e-5)
+    assert np.allclose(sun.axis, [0, 1, 0], atol=1e-6)
+    assert lights["sharp_sun"].radiance == (3, 3, 3)
+
+
+def test_the_world_stands_upright_with_its_middle_toward_x(lights):
+    world = lights["env_light"]
+    assert np.allclose(world.to_world @ [0, 1, 0], [0, 0, 1])
+    assert np.allclose(world.to_world @ [0, 0, 1], [1, 0, 0])
+    assert np.linalg.det(world.to_world) == pytest.approx(1)
+    assert world.image.shape == (2, 4, 3)
+    assert not world.emits_beams
+
+
+def test_a_world_with_a_rotation_is_taken_at_its_word(tmp_path):
+    text = STAGE.read_text().replace("float3 xformOp:rotateXYZ = (0, -0, 0)", "float3 xformOp:rotateXYZ = (90, 0, 90)")
+    (tmp_path / "blender.usda").write_text(text.replace("./textures", str(STAGE.parent / "textures")))
+    dome = next(light for light in read_scene(open_stage(tmp_path / "blender.usda")).lights if "env" in light.name)
+    assert np.allclose(dome.to_world @ [0, 1, 0], [0, 0, 1], atol=1e-6)
+    assert np.allclose(dome.to_world @ [0, 0, 1], [1, 0, 0], atol=1e-6)
+
+
+def test_a_suns_intensity_that_is_set_over_blenders_is_taken_at_its_word():
+    path = next(light.name for light in read_scene(open_stage(STAGE)).lights if light.name.endswith("/sharp_sun"))
+    stage = open_stage(STAGE, overrides=[f"{path}.inputs:intensity=8"])
+    sun = next(light for light in read_scene(stage).lights if light.name == path)
+    assert sun.radiance == (8, 8, 8)
+
+
+def test_the_camera_has_its_lens_its_shift_and_its_place():
+    camera = read_camera(open_stage(STAGE), "camera")
+    assert camera.focal_length == pytest.approx(0.035)
+    assert camera.horizontal_aperture == pytest.approx(0.036)
+    # Blender's shift is in units of the larger side of the picture.
+    assert (camera.horizontal_offset, camera.vertical_offset) == pytest.approx((0.0036, -0.0018))
+    assert np.allclose(camera.to_world[:3, 3], [0, -10, 2])
+    assert np.allclose(camera.to_world[:3, :3] @ [0, 0, -1], [0, 1, 0], atol=1e-6)
+
+
+def test_meshes_have_their_texture_and_instances_their_place(blender):
+    meshes = {mesh.name.split("/")[2]: mesh for mesh in blender.meshes}
+    assert len(blender.meshes) == 3
+    cube = meshes["Cube"]
+    assert np.allclose(np.abs(cube.points), 1)
+    assert cube.uvs is not None
+    diffuse = cube.material.diffuse.pixels
+    assert np.allclose(diffuse[0], [0, 1, 0])  # the top row: green
+    assert np.allclose(diffuse[-1], [1, 0, 0])
+    for index in range(2):
+        ball = meshes[f"copy{index}"]
+        assert np.allclose(0.5 * (ball.points.min(axis=0) + ball.points.max(axis=0)), [3 + 3 * index, 0, 0], atol=1e-6)
+        assert np.allclose(np.linalg.norm(ball.normals, axis=1), 1)

@@ -1,0 +1,339 @@
+"""UsdLux lights: what they emit, and where they stand."""
+
+import numpy as np
+import pytest
+
+from photonbeams.scene import BLACK, DistantLight, DomeLight, FlatLight, SceneError, SphereLight
+
+SCALED = """
+    double3 xformOp:translate = (1, 2, 3)
+    float3 xformOp:scale = (2, 3, 4)
+    uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:scale"]
+"""
+PORTAL = """
+def Mesh "Window" {
+    int[] faceVertexCounts = [4]
+    int[] faceVertexIndices = [0, 1, 2, 3]
+    point3f[] points = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)]
+}
+"""
+
+
+def light(kind, body="", extra=""):
+    return f'def {kind} "L" {extra}\n{{\n{body}\n}}\n'
+
+
+def only(scene):
+    (result,) = scene.lights
+    return result
+
+
+def test_radiance_is_intensity_exposure_and_color(scene):
+    text = light(
+        "RectLight", "float inputs:intensity = 3\nfloat inputs:exposure = 2\ncolor3f inputs:color = (1, 0.5, 0)"
+    )
+    assert only(scene(text)).radiance == (12, 6, 0)
+
+
+def test_color_temperature_multiplies_and_6500_kelvin_is_white(scene):
+    warm = only(
+        scene(light("RectLight", "bool inputs:enableColorTemperature = 1\nfloat inputs:colorTemperature = 3000"))
+    )
+    assert warm.radiance[0] > 1.5 > 1 > warm.radiance[1] > warm.radiance[2]
+    assert only(scene(light("SphereLight", "float inputs:colorTemperature = 3000"))).radiance == (1, 1, 1)
+
+
+def test_color_temperature_of_6500_is_white(scene):
+    assert only(scene(light("RectLight", "bool inputs:enableColorTemperature = 1"))).radiance == pytest.approx(
+        (1, 1, 1)
+    )
+
+
+@pytest.mark.parametrize(
+    ("kind", "body", "area"),
+    [
+        ("RectLight", "float inputs:width = 2\nfloat inputs:height = 0.5", 2 * 2 * 0.5 * 3),
+        ("DiskLight", "float inputs:radius = 0.5", np.pi * 0.5 * 2 * 0.5 * 3),
+        ("SphereLight", "float inputs:radius = 0.5", 4 * np.pi * (0.5 * 3) ** 2),
+    ],
+)
+def test_normalized_lights_are_divided_by_their_area_in_world_space(scene, kind, body, area):
+    result = only(scene(light(kind, f"{body}\nfloat inputs:intensity = 7\nbool inputs:normalize = 1\n{SCALED}")))
+    assert result.radiance == pytest.approx((7 / area,) * 3)
+
+
+def test_lights_without_normalize_keep_their_radiance_at_any_size(scene):
+    assert only(scene(light("DiskLight", f"float inputs:intensity = 7\n{SCALED}"))).radiance == (7, 7, 7)
+
+
+@pytest.mark.parametrize(("angle", "half"), [(1.0, 0.5), (90.0, 45.0)])
+def test_a_normalized_distant_light_gives_its_intensity_as_irradiance(scene, angle, half):
+    body = f"float inputs:intensity = 5\nfloat inputs:angle = {angle}\nbool inputs:normalize = 1"
+    result = only(scene(light("DistantLight", body)))
+    assert isinstance(result, DistantLight)
+    # The irradiance of a disc of sky of half angle θ is π sin²θ times its radiance.
+    assert result.radiance[0] * np.pi * np.sin(np.radians(half)) ** 2 == pytest.approx(5)
+
+
+@pytest.mark.parametrize("normalize", [0, 1])
+def test_a_distant_light_of_no_angle_holds_its_irradiance(scene, normalize):
+    body = f"float inputs:intensity = 5\nfloat inputs:angle = 0\nbool inputs:normalize = {normalize}"
+    assert only(scene(light("DistantLight", body))).radiance == (5, 5, 5)
+
+
+def test_a_distant_light_has_its_radiance_without_normalize(scene):
+    turned = 'float xformOp:rotateX = 90\nuniform token[] xformOpOrder = ["xformOp:rotateX"]'
+    result = only(scene(light("DistantLight", f"float inputs:intensity = 5\n{turned}")))
+    assert result.radiance == (5, 5, 5)
+    assert result.angle == pytest.approx(0.53)
+    assert np.allclose(result.axis, [0, 1, 0])
+
+
+@pytest.mark.parametrize("body", ["bool treatAsPoint = 1", "float inputs:radius = 0\nbool inputs:normalize = 1"])
+def test_a_point_is_the_limit_of_the_normalized_sphere(scene, body):
+    point = only(scene(light("SphereLight", f"float inputs:intensity = 8\n{body}")))
+    small = only(
+        scene(
+            light("SphereLight", "float inputs:intensity = 8\nfloat inputs:radius = 0.001\nbool inputs:normalize = 1")
+        )
+    )
+    assert point.radius == 0
+    assert point.radiance == pytest.approx(np.array(small.radiance) * np.pi * small.radius**2)
+    assert point.radiance[0] == 2
+
+
+def test_a_spot_as_blender_writes_one_has_its_watts_over_four_pi(scene):
+    watts = 100
+    body = f"""
+        float inputs:intensity = {watts / np.pi}
+        bool inputs:normalize = 1
+        float inputs:radius = 0
+        bool treatAsPoint = 1
+        bool inputs:enableColorTemperature = 1
+        float inputs:shaping:cone:angle = 20
+        float inputs:shaping:cone:softness = 0.3"""
+    result = only(scene(light("SphereLight", body, '(prepend apiSchemas = ["ShapingAPI"])')))
+    assert result.radiance == pytest.approx((watts / (4 * np.pi),) * 3)
+    assert (result.shaping.cone_angle, result.shaping.cone_softness) == pytest.approx((20, 0.3))
+
+
+def test_shaping_is_read_and_there_is_none_where_none_is_authored(scene):
+    body = """
+        float inputs:shaping:cone:angle = 30
+        float inputs:shaping:cone:softness = 2
+        float inputs:shaping:focus = 4
+        color3f inputs:shaping:focusTint = (1, 0, 0)"""
+    shaping = only(scene(light("DiskLight", body, '(prepend apiSchemas = ["ShapingAPI"])'))).shaping
+    assert (shaping.cone_angle, shaping.cone_softness, shaping.focus, shaping.focus_tint) == (30, 1, 4, (1, 0, 0))
+    assert only(scene(light("SphereLight"))).shaping is None
+
+
+def test_flat_lights_take_scale_into_their_half_axes(scene):
+    rect = only(scene(light("RectLight", f"float inputs:width = 2\nfloat inputs:height = 0.5\n{SCALED}")))
+    assert isinstance(rect, FlatLight)
+    assert np.allclose([rect.half_x, rect.half_y, rect.axis], [[2, 0, 0], [0, 0.75, 0], [0, 0, -1]])
+    assert np.allclose(rect.center, [1, 2, 3])
+    assert rect.area == pytest.approx(6)
+    disk = only(scene(light("DiskLight", f"float inputs:radius = 1\n{SCALED}")))
+    assert disk.disk
+    assert disk.area == pytest.approx(np.pi * 2 * 3)
+
+
+@pytest.mark.parametrize("scale", ["(-1, 1, 1)", "(1, 1, -1)", "(-1, -1, -1)"])
+def test_a_mirrored_flat_light_emits_along_its_mirrored_axis(scene, scale):
+    body = f'float3 xformOp:scale = {scale}\nuniform token[] xformOpOrder = ["xformOp:scale"]'
+    result = only(scene(light("RectLight", body)))
+    assert np.allclose(result.axis, [0, 0, 1 if scale.endswith("-1)") else -1])
+    assert np.cross(result.half_x, result.half_y) @ result.axis < 0
+
+
+def test_a_sphere_takes_the_mean_scale(scene):
+    result = only(scene(light("SphereLight", f"float inputs:radius = 0.5\n{SCALED}")))
+    assert isinstance(result, SphereLight)
+    assert result.radius == pytest.approx(1.5)
+    assert np.allclose(result.center, [1, 2, 3])
+    assert np.allclose(result.axis, [0, 0, -1])
+
+
+def test_hidden_lights_and_lights_scaled_to_nothing_do_not_shine(scene, caplog):
+    assert scene(light("SphereLight", 'token visibility = "invisible"')).lights == ()
+    assert not caplog.text
+    body = 'float3 xformOp:scale = (0, 0, 0)\nuniform token[] xformOpOrder = ["xformOp:scale"]'
+    assert scene(light("RectLight", body)).lights == ()
+    assert "/L is scaled to nothing: it is skipped" in caplog.text
+
+
+def test_a_light_of_another_kind_is_skipped_with_a_warning(scene, caplog):
+    assert scene(light("CylinderLight")).lights == ()
+    assert "/L is a light of kind CylinderLight, which is not rendered: it is skipped" in caplog.text
+
+
+def test_what_is_not_rendered_of_a_light_is_named(scene, caplog):
+    body = """
+        asset inputs:texture:file = @a.png@
+        asset inputs:shaping:ies:file = @a.ies@
+        rel collection:lightLink:excludes = </L>
+        rel light:filters = </L>"""
+    assert len(scene(light("RectLight", body)).lights) == 1
+    for name in (
+        "inputs:texture:file is",
+        "inputs:shaping:ies:file is",
+        "collection:lightLink is",
+        "light:filters are",
+    ):
+        assert f"/L.{name} not rendered" in caplog.text
+
+
+def test_a_light_that_lights_everything_gives_no_warning(scene, caplog):
+    scene(light("RectLight"))
+    assert not caplog.text
+
+
+def test_a_light_without_diffuse_and_specular_lights_the_fog_alone(scene):
+    assert only(scene(light("RectLight"))).lights_surfaces
+    body = "float inputs:diffuse = 0\nfloat inputs:specular = 0"
+    assert not only(scene(light("DiskLight", body))).lights_surfaces
+
+
+def test_beam_settings_are_read_with_and_without_the_api_applied(scene):
+    body = """
+        bool photonbeams:enabled = 0
+        int photonbeams:count = 1000
+        float photonbeams:intensity = 2
+        token photonbeams:lightGroup = "key"
+        int photonbeams:seed = 9"""
+    for extra in ("", '(prepend apiSchemas = ["PhotonBeamsLightAPI"])'):
+        result = only(scene(f'def Scope "S{len(extra)}"\n{{\n{light("SphereLight", body, extra)}\n}}\n'))
+        assert (result.emits_beams, result.beam_count, result.beam_scale) == (False, 1000, 2)
+        assert (result.group, result.seed) == ("key", 9)
+
+
+def test_a_light_without_settings_makes_beams_and_a_dome_makes_none_unless_asked(scene):
+    assert only(scene(light("SphereLight"))).emits_beams
+    assert only(scene(light("SphereLight", "", '(prepend apiSchemas = ["PhotonBeamsLightAPI"])'))).beam_count is None
+    assert not only(scene(light("DomeLight"))).emits_beams
+    assert not only(scene(light("DomeLight", "", '(prepend apiSchemas = ["PhotonBeamsLightAPI"])'))).emits_beams
+    assert only(scene(light("DomeLight", "bool photonbeams:enabled = 1"))).emits_beams
+
+
+def test_a_portal_is_no_surface(scene):
+    text = f'def Xform "W" {{\n{SCALED}\n{PORTAL}\n}}\n' + light("SphereLight", "rel photonbeams:portal = </W/Window>")
+    result = scene(text)
+    assert result.meshes == ()
+    portal = only(result).portal
+    assert portal.name == "/W/Window"
+    assert np.allclose(portal.points.min(axis=0), [1, 2, 3])
+    assert np.allclose(portal.points.max(axis=0), [3, 5, 3])
+
+
+def test_several_portals_become_one_mesh(scene):
+    text = PORTAL + 'def Plane "Door" {\n}\n' + light("SphereLight", "rel photonbeams:portal = [</Window>, </Door>]")
+    result = scene(text)
+    assert result.meshes == ()
+    assert only(result).portal.faces.tolist() == [[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]]
+
+
+def test_a_portal_is_no_surface_if_it_comes_after_its_light(scene):
+    assert scene(light("SphereLight", "rel photonbeams:portal = </Window>") + PORTAL).meshes == ()
+
+
+@pytest.mark.parametrize(
+    ("target", "message"),
+    [
+        ("", r"/L\.photonbeams:portal names /Window: expected a prim that is on the stage"),
+        ('def Xform "Window" {\n}', r"/L\.photonbeams:portal names /Window, a Xform: expected a mesh or another gprim"),
+        ('def "Window" {\n}', r"names /Window, a prim without a type: expected a mesh"),
+        (
+            PORTAL.replace("(1, 1, 0), (0, 1, 0)", "(2, 0, 0), (3, 0, 0)"),
+            r"names /Window, which has no area: expected a",
+        ),
+        ('def Mesh "Window" {\n}', r"names /Window, which has no area"),
+    ],
+)
+def test_a_portal_that_lets_no_light_through_is_an_error(scene, target, message):
+    with pytest.raises(SceneError, match=message):
+        scene(light("SphereLight", "rel photonbeams:portal = </Window>") + target)
+
+
+@pytest.mark.parametrize(
+    ("body", "message"),
+    [
+        ("int photonbeams:count = 0", r"/L\.photonbeams:count is 0: expected a number from 1 to 100,000,000"),
+        ("int photonbeams:count = -5", r"/L\.photonbeams:count is -5: expected"),
+        ("int photonbeams:count = 200000000", r"/L\.photonbeams:count is 200000000: expected"),
+        ("int64 photonbeams:count = 10000000000", r"/L\.photonbeams:count is 10000000000: expected"),
+        ("float photonbeams:intensity = -1", r"/L\.photonbeams:intensity is -1.*: expected a finite number at least 0"),
+        ("float inputs:intensity = nan", r"/L\.inputs:intensity is nan: expected a finite number"),
+        ("float inputs:intensity = -2", r"/L\.inputs:intensity is -2.*: expected a finite number at least 0"),
+        (
+            "color3f inputs:color = (1, -1, 0)",
+            r"/L\.inputs:color is .*: expected one or three finite numbers of at least 0",
+        ),
+        ("float inputs:exposure = inf", r"/L\.inputs:exposure is inf: expected"),
+        ("float inputs:radius = -1", r"/L\.inputs:radius is -1.*: expected"),
+        ('token photonbeams:lightGroup = "a b"', r"/L\.photonbeams:lightGroup is 'a b': expected letters"),
+        (
+            "rel photonbeams:look = </Nowhere>",
+            r"/L\.photonbeams:look names /Nowhere: expected a prim that is on the stage",
+        ),
+        ("rel photonbeams:look = </L>", r"/L\.photonbeams:look names /L, a SphereLight: expected a PhotonBeamsLook"),
+    ],
+)
+def test_attributes_out_of_range_are_errors_that_name_them(scene, body, message):
+    with pytest.raises(SceneError, match=rf"stage\.usda: {message}"):
+        scene(light("SphereLight", body))
+
+
+@pytest.mark.parametrize(("kind", "name"), [("RectLight", "width"), ("RectLight", "height"), ("DiskLight", "radius")])
+def test_a_flat_light_without_area_is_an_error(scene, kind, name):
+    with pytest.raises(SceneError, match=rf"/L\.inputs:{name} is 0: expected a positive number"):
+        scene(light(kind, f"float inputs:{name} = 0"))
+
+
+def test_lights_are_instanced_too(scene):
+    text = f"""
+        class "Proto" {{
+        {light("SphereLight")}
+        }}
+        def Xform "A" (
+            instanceable = true
+            references = </Proto>
+        ) {{
+            double3 xformOp:translate = (5, 0, 0)
+            uniform token[] xformOpOrder = ["xformOp:translate"]
+        }}"""
+    result = only(scene(text))
+    assert result.name == "/A/L"
+    assert np.allclose(result.center, [5, 0, 0])
+
+
+def test_a_dome_has_its_rotation_without_scale(scene):
+    body = """
+        float xformOp:rotateY = 90
+        float3 xformOp:scale = (2, 2, 2)
+        uniform token[] xformOpOrder = ["xformOp:rotateY", "xformOp:scale"]"""
+    result = only(scene(light("DomeLight", body)))
+    assert isinstance(result, DomeLight)
+    assert np.allclose(result.to_world @ [0, 0, 1], [1, 0, 0])
+    assert np.allclose(result.to_world @ result.to_world.T, np.eye(3))
+    assert result.image is None
+    assert result.radiance != BLACK
+
+
+@pytest.mark.parametrize(
+    ("up", "axis", "pole", "middle"),
+    [
+        ("Y", "scene", [0, 1, 0], [0, 0, 1]),
+        ("Z", "scene", [0, 0, 1], [0, -1, 0]),
+        ("Y", "Z", [0, 0, 1], [0, -1, 0]),
+        ("Z", "Y", [0, 1, 0], [0, 0, 1]),
+    ],
+)
+def test_a_dome_light_1_turns_its_pole_to_the_axis(scene, up, axis, pole, middle):
+    result = only(scene(light("DomeLight_1", f'uniform token poleAxis = "{axis}"'), f'upAxis = "{up}"'))
+    assert np.allclose(result.to_world @ [0, 1, 0], pole)
+    assert np.allclose(result.to_world @ [0, 0, 1], middle)
+
+
+def test_a_dome_light_has_its_pole_on_y_whatever_is_up(scene):
+    assert np.allclose(only(scene(light("DomeLight"), 'upAxis = "Z"')).to_world, np.eye(3))

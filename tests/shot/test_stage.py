@@ -1,0 +1,154 @@
+"""Opening stages, and what is said of those that cannot be opened."""
+
+import re
+
+import pytest
+from pxr import Usd
+
+from photonbeams.scene import SceneError
+from photonbeams.shot.stage import default_time, open_stage, read_scene
+
+LAMP = """#usda 1.0
+def SphereLight "Lamp" {
+    float inputs:intensity = 3
+    color3f inputs:color = (1, 1, 1)
+}
+def Scope "Dust" {
+}
+"""
+
+
+def written(folder, text, name="stage.usda"):
+    path = folder / name
+    path.write_text(text)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("hello", "is not a valid usda layer"),
+        ("", "is not a valid usda layer"),
+        ('#usda 1.0\ndef Xform "A" {', r"cannot be read: line 2: Expected }"),
+        (
+            '#usda 1.0\ndef Xform "A" {\n    int photonbeams:count = 10000000000\n}',
+            r"line 3: .*</A\.photonbeams:count>",
+        ),
+    ],
+)
+def test_a_broken_stage_is_one_sentence_with_its_line(tmp_path, capfd, text, message):
+    path = written(tmp_path, text)
+    with pytest.raises(SceneError, match=message) as error:
+        open_stage(path)
+    assert str(error.value).startswith(str(path))
+    assert "\n" not in str(error.value)
+    assert "pxrInternal" not in str(error.value)
+    assert capfd.readouterr().err == ""
+
+
+def test_a_missing_stage_is_named(tmp_path):
+    with pytest.raises(SceneError, match=r"missing\.usda: expected a USD stage, there is no such file"):
+        open_stage(tmp_path / "missing.usda")
+
+
+def test_a_folder_or_another_file_is_no_stage(tmp_path):
+    with pytest.raises(SceneError, match=r"is no USD stage: expected a \.usd"):
+        open_stage(tmp_path)
+    with pytest.raises(SceneError, match=r"readme\.txt is no USD stage"):
+        open_stage(written(tmp_path, "text", "readme.txt"))
+
+
+@pytest.mark.parametrize("name", ["stage.usdc", "stage.usdz", "stage.usd"])
+def test_a_broken_binary_stage_is_one_sentence(tmp_path, name):
+    with pytest.raises(SceneError, match=rf"{re.escape(name)} cannot be read: ") as error:
+        open_stage(written(tmp_path, "PXR-USDC but cut off", name))
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "#usda 1.0\n(\n    subLayers = [@./gone.usda@]\n)\n",
+        '#usda 1.0\ndef Xform "A" (\n    references = @./gone.usda@\n) {\n}\n',
+        '#usda 1.0\ndef Xform "A" (\n    payload = @./gone.usda@\n) {\n}\n',
+    ],
+)
+def test_a_layer_that_is_not_there_is_an_error_that_names_it(tmp_path, capfd, text):
+    path = written(tmp_path, text)
+    with pytest.raises(SceneError, match=r"gone\.usda") as error:
+        open_stage(path)
+    assert str(error.value).startswith(f"{path} refers to what cannot be read: ")
+    assert "\n" not in str(error.value)
+    assert capfd.readouterr().err == ""
+
+
+def test_values_can_be_set_over_the_stage(tmp_path):
+    path = written(tmp_path, LAMP)
+    stage = open_stage(
+        path,
+        overrides=[
+            "/Lamp.inputs:intensity=5",
+            "/Lamp.inputs:color=0.5",
+            "/Lamp.photonbeams:lightGroup=key",
+            "/Dust.photonbeams:scattering=(0.1, 0.2, 0.3)",
+            "/Dust.photonbeams:absorption=0.1,0.2,0.3",
+        ],
+    )
+    result = read_scene(stage)
+    assert result.lights[0].radiance == (2.5, 2.5, 2.5)
+    assert result.lights[0].group == "key"
+    assert result.medium.scattering == pytest.approx((0.1, 0.2, 0.3))
+    assert result.medium.absorption == pytest.approx((0.1, 0.2, 0.3))
+    assert path.read_text() == LAMP
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("/Lamp.inputs:intensity", r"expected /prim\.attribute=value"),
+        ("Lamp=3", r"expected /prim\.attribute=value"),
+        ("/Lamp.inputs:intensity=bright", "expected a value of type float"),
+        ("/Lamp.inputs:brightness=3", "/Lamp has no attribute inputs:brightness"),
+        ("/Torch.inputs:intensity=3", "has no prim /Torch"),
+    ],
+)
+def test_a_value_that_cannot_be_set_is_an_error(tmp_path, capfd, text, message):
+    with pytest.raises(SceneError, match=f"cannot set '{re.escape(text)}'.*{message}"):
+        open_stage(written(tmp_path, LAMP), overrides=[text])
+    assert capfd.readouterr().err == ""
+
+
+def test_session_layers_are_stronger_than_the_stage_and_the_first_the_strongest(tmp_path):
+    layers = [
+        written(tmp_path, f'#usda 1.0\nover "Lamp" {{\n    float inputs:intensity = {value}\n}}\n', f"over{value}.usda")
+        for value in (7, 8)
+    ]
+    stage = open_stage(written(tmp_path, LAMP), session_layers=layers)
+    assert read_scene(stage).lights[0].radiance == (7, 7, 7)
+    with pytest.raises(SceneError, match=r"gone\.usda: expected a USD stage"):
+        open_stage(written(tmp_path, LAMP), session_layers=[tmp_path / "gone.usda"])
+
+
+def test_payloads_are_loaded(tmp_path):
+    written(tmp_path, LAMP, "lamp.usda")
+    text = '#usda 1.0\ndef "A" (\n    payload = @./lamp.usda@</Lamp>\n) {\n}\n'
+    assert [light.name for light in read_scene(open_stage(written(tmp_path, text))).lights] == ["/A"]
+
+
+def test_the_default_time_is_the_start_of_the_stage_if_it_has_one(usd):
+    assert default_time(usd("", "startTimeCode = 101\nendTimeCode = 130")) == Usd.TimeCode(101)
+    assert default_time(usd("")).IsDefault()
+
+
+def test_an_empty_stage_is_an_empty_scene(scene):
+    result = scene("")
+    assert (result.meshes, result.lights, result.drawn, result.medium) == ((), (), (), None)
+
+
+def test_a_transform_that_is_not_finite_is_an_error(scene):
+    text = """def Cube "C" {
+        double3 xformOp:translate = (nan, 0, 0)
+        uniform token[] xformOpOrder = ["xformOp:translate"]
+    }"""
+    with pytest.raises(SceneError, match=r"stage\.usda: /C has a transform that is not finite"):
+        scene(text)
