@@ -17,8 +17,6 @@ from .medium import is_medium, read_medium
 from .meshes import is_gprim, read_meshes
 from .reading import Reading, visible
 
-# Prims that hold no geometry of their own, or are read with the gprim that they belong to.
-_SILENT = ("", "Xform", "Scope", "Camera", "Material", "GeomSubset", "PhotonBeamsLook", "SkelRoot")
 _PROTOTYPE_PRIMS = Usd.PrimIsActive & Usd.PrimIsLoaded  # prototypes may be `over` or `class`
 
 
@@ -93,8 +91,6 @@ def _collect(reading: Reading, item: _Item, contents: _Contents) -> None:
     elif prim.IsA(UsdGeom.Gprim):
         hint = " without PhotonBeamsCurvesAPI" if prim.IsA(UsdGeom.BasisCurves) else ""
         reading.warn(prim, f"is a {prim.GetTypeName()}{hint}, which is not rendered: it is skipped")
-    elif not prim.IsDefined() or prim.GetTypeName() in _SILENT:
-        return
 
 
 def _warn_of_skinning(reading: Reading, prim: Usd.Prim) -> None:

@@ -134,10 +134,10 @@ def write_beams(beams: DrawnBeams, path: str | os.PathLike[str], prim_path: str 
     if len(points):
         curves.CreateExtentAttr(UsdGeom.PointBased.ComputeExtent(curves.GetPointsAttr().Get()))
     prim = curves.GetPrim()
-    prim.ApplyAPI("PhotonBeamsCurvesAPI")
-    prim.GetAttribute("photonbeams:power").Set(_vectors(beams.power))
+    prim.AddAppliedSchema("PhotonBeamsCurvesAPI")
+    prim.CreateAttribute("photonbeams:power", Sdf.ValueTypeNames.Color3fArray, False).Set(_vectors(beams.power))
     if beams.group:
-        prim.GetAttribute("photonbeams:lightGroup").Set(beams.group)
+        prim.CreateAttribute("photonbeams:lightGroup", Sdf.ValueTypeNames.Token, False).Set(beams.group)
     _export(layer, Path(path))
 
 

@@ -190,7 +190,7 @@ def _shaping(reading: Reading, prim: Usd.Prim) -> Shaping | None:
 def _beam_settings(reading: Reading, prim: Usd.Prim) -> dict[str, Any]:
     """Return the fields that PhotonBeamsLightAPI sets, applied formally or not."""
     count = reading.value(prim, "photonbeams:count")
-    if count is not None and not 1 <= count <= MOST_BEAMS:
+    if count is not None and not (isinstance(count, int) and 1 <= count <= MOST_BEAMS):
         raise reading.fail(prim, "photonbeams:count", f"is {count}: expected a number from 1 to {MOST_BEAMS:,}")
     group = str(reading.value(prim, "photonbeams:lightGroup", ""))
     check_group(reading, prim, group)

@@ -166,7 +166,10 @@ class _Source:
 
 
 def _warn_of_unknown(source: _Source) -> None:
-    known = set(Usd.SchemaRegistry().FindConcretePrimDefinition("PhotonBeamsLook").GetPropertyNames())
+    definition = Usd.SchemaRegistry().FindConcretePrimDefinition("PhotonBeamsLook")
+    if not definition:  # schemas that were registered after OpenUSD looked for them, see schemas.register
+        return
+    known = set(definition.GetPropertyNames())
     for name in source.prim.GetAuthoredPropertyNames():
         if name.startswith("photonbeams:") and name not in known:
             source.reading.warn(source.prim, "is no attribute of a PhotonBeamsLook: it is ignored", str(name))

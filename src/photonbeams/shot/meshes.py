@@ -33,7 +33,7 @@ def read_meshes(reading: Reading, prim: Usd.Prim, to_world: Array, name: str) ->
     result = []
     for bound, label, faces in _parts(reading, prim, name):
         triangles = _triangles(reading, prim, bound.uv_name)
-        chosen = slice(None) if faces is None else np.isin(triangles.faces, faces)
+        chosen = None if faces is None else np.isin(triangles.faces, faces)
         material = _surface(reading, prim, bound, triangles.uvs is not None)
         mesh = _in_world(triangles, chosen, to_world, label, material)
         if len(mesh.faces):
@@ -43,7 +43,7 @@ def read_meshes(reading: Reading, prim: Usd.Prim, to_world: Array, name: str) ->
 
 def read_solid(reading: Reading, prim: Usd.Prim, to_world: Array) -> Mesh:
     """Return a gprim's triangles alone, as one mesh: what portals and media need."""
-    return _in_world(_triangles(reading, prim, ""), slice(None), to_world, str(prim.GetPath()), Material())
+    return _in_world(_triangles(reading, prim, ""), None, to_world, str(prim.GetPath()), Material())
 
 
 def is_closed(reading: Reading, prim: Usd.Prim) -> bool:
@@ -223,11 +223,12 @@ def _checked(reading: Reading, prim: Usd.Prim, name: str, values: Values, polygo
     return values
 
 
-def _in_world(triangles: Triangles, chosen: Any, to_world: Array, name: str, material: Material) -> Mesh:
-    """Return chosen triangles in world space, wound around the outward normal even where the transform mirrors."""
-    vertices = triangles.vertices[chosen]
-    kept, vertices = np.unique(vertices, return_inverse=True)
-    vertices = vertices.reshape(-1, 3)
+def _in_world(triangles: Triangles, chosen: Array | None, to_world: Array, name: str, material: Material) -> Mesh:
+    """Return the chosen triangles, or all, in world space: wound around the outward normal, also where mirrored."""
+    vertices, kept = triangles.vertices, np.arange(len(triangles.points))
+    if chosen is not None:
+        kept, vertices = np.unique(vertices[chosen], return_inverse=True)
+        vertices = vertices.reshape(-1, 3)
     linear = to_world[:3, :3]
     determinant = np.linalg.det(linear)
     if determinant < 0:

@@ -22,6 +22,11 @@ class Values:
         lengths = {"constant": 1, "uniform": len(polygons.counts), "faceVarying": len(polygons.indices)}
         return lengths.get(self.interpolation, len(polygons.points))
 
+    @property
+    def per_point(self) -> bool:
+        """Whether all corners at a point have the same value."""
+        return self.interpolation in ("constant", "vertex", "varying")
+
     def at(self, corners: Array, faces: Array, indices: Array) -> Array:
         """Return the value at each triangle corner, (T, 3, d)."""
         if self.interpolation == "constant":
@@ -68,7 +73,12 @@ def triangles_of(polygons: Polygons) -> Triangles:
     elif polygons.smooth and len(corners):
         normals = vertex_normals(polygons.points, positions)[positions]
     uvs = None if polygons.uvs is None else polygons.uvs.at(corners, faces, polygons.indices)
-    vertices, kept = _welded(positions, normals, uvs)
+    split = [
+        values
+        for source, values in ((polygons.normals, normals), (polygons.uvs, uvs))
+        if source is not None and values is not None and not source.per_point
+    ]
+    vertices, kept = _welded(positions, split)
     return Triangles(
         points=polygons.points[positions.reshape(-1)[kept]],
         vertices=vertices,
@@ -111,12 +121,13 @@ def _mended(normals: Array, triangles: Array) -> Array:
     return unit(normals)
 
 
-def _welded(positions: Array, *values: Array | None) -> tuple[Array, Array]:
-    """Return new vertex indices (T, 3), and for each new vertex the flat corner that it is taken from."""
+def _welded(positions: Array, values: list[Array]) -> tuple[Array, Array]:
+    """Return new vertex indices (T, 3), and for each new vertex the flat corner that it is taken from.
+
+    Corners are one vertex if they are of one point and agree in the `values` (T, 3, d) that can differ there.
+    """
     identity = positions.reshape(-1).astype(np.int64)
     for each in values:
-        if each is None:
-            continue
         for column in each.reshape(len(identity), -1).T:
             # Ranks of columns, combined two at a time, stay small integers: sorting those is quicker than rows.
             _, rank = np.unique(column, return_inverse=True)

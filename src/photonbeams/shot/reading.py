@@ -79,7 +79,12 @@ class Reading:
 
     def color(self, prim: Usd.Prim, name: str, default: Any) -> Color:
         """Return a colour, checked to be finite and not negative."""
-        return color(np.asarray(self.value(prim, name, default), dtype=float), self.place(prim, name))
+        value = self.value(prim, name, default)
+        try:
+            numbers = np.asarray(value, dtype=float)
+        except (TypeError, ValueError):
+            raise self.fail(prim, name, f"is {value}: expected a colour") from None
+        return color(numbers, self.place(prim, name))
 
     def flag(self, prim: Usd.Prim, name: str, default: bool) -> bool:
         """Return a bool."""

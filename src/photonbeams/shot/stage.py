@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterable
 from typing import Any
 
-from pxr import Ar, Gf, Sdf, Tf, Usd, UsdGeom, UsdUtils
+from pxr import Ar, Gf, Pcp, Sdf, Tf, Usd, UsdUtils
 
 from ..scene import SceneError
 from . import schemas as schemas
@@ -94,9 +94,13 @@ def _reason(error: Any) -> str:
 
 
 def _check_composition(stage: Usd.Stage) -> None:
-    errors = stage.GetCompositionErrors()
-    if errors:
-        raise SceneError(f"{file_of(stage)} refers to what cannot be read: {str(errors[0]).strip().splitlines()[0]}")
+    """Raise for a layer, prim or loop that leaves a hole in the stage; warn of what composes without it."""
+    fatal = (Pcp.ErrorInvalidAssetPathBase, Pcp.ErrorInvalidSublayerPath, Pcp.ErrorUnresolvedPrimPath)
+    for error in stage.GetCompositionErrors():
+        text = " ".join(str(error).split()).removesuffix("; skipping.").rstrip(".")
+        if isinstance(error, (*fatal, Pcp.ErrorArcCycle, Pcp.ErrorSublayerCycle)):
+            raise SceneError(f"{file_of(stage)} refers to what cannot be read: {text}")
+        LOG.warning("%s: %s", file_of(stage), text)
 
 
 def _override(stage: Usd.Stage, text: str) -> None:
@@ -151,8 +155,3 @@ def _parsed(value: str, kind: Sdf.ValueTypeName, text: str) -> Any:
     if spec is None or spec.default is None:
         raise SceneError(f"cannot set '{text}': expected a value of type {kind}")
     return spec.default
-
-
-def up_axis(stage: Usd.Stage) -> str:
-    """Return "Y" or "Z"; the renderer works in the stage's own axes."""
-    return str(UsdGeom.GetStageUpAxis(stage))
