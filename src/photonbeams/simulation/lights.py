@@ -263,7 +263,8 @@ class DomeSource:
     """An environment, sampled by its brightness through Mitsuba's emitters.
 
     Mitsuba's `envmap` has the convention of UsdLuxDomeLight's latlong format: +Y is up, the middle of the image looks
-    along +Z and its first quarter along +X, so the light's own rotation is all there is.
+    along +Z and its first quarter along +X, so the light's own rotation is all there is. Mitsuba puts the first and the
+    last row at the poles themselves, not half a row from them: up to half a pixel of latitude, which is left at that.
     """
 
     def __init__(self, light: scene.DomeLight) -> None:

@@ -20,7 +20,7 @@ from .emission import Emission, emit, emit_through
 from .footprints import FLOOR, radius_along
 from .lights import DistantSource, DomeSource, concat, opaque
 from .portals import count_candidates
-from .sampling import sobol_block
+from .sampling import hash32, sobol_block
 
 if TYPE_CHECKING:
     from ..looks import Look
@@ -40,6 +40,14 @@ class BeamSet(NamedTuple):
     group: str
     look: Look | None
     beams: Beams
+
+
+class Run(NamedTuple):
+    """How a stratum is sampled: samples, number of the pass, width of a beam in spacings."""
+
+    samples: int
+    pass_index: int
+    overlap: float
 
 
 def trace(
@@ -80,14 +88,14 @@ def trace(
             candidates = count_candidates(portal, count - aside)
             u, v = _points(light, candidates, pass_index, seed, _PORTAL)
             emission = emit_through(light, source, portal, world.bounds, u, v, candidates)
-            pieces += _beams(world, source, emission, candidates, overlap, split=True)
+            pieces += _beams(world, source, emission, Run(candidates, pass_index, overlap), split=True)
             count = aside
         if count:
             u, v = _points(light, count, pass_index, seed, _ALL)
             emission = emit(light, source, world.bounds, u, v, count)
             if portal is not None:
                 emission.valid &= ~portal.crosses(emission.origin, emission.direction)
-            pieces += _beams(world, source, emission, count, overlap, split=False)
+            pieces += _beams(world, source, emission, Run(count, pass_index, overlap), split=False)
         if pieces:
             sets.append(BeamSet(light.group, light.look, _joined(pieces)))
     return sets + [BeamSet(drawn.group, drawn.look, _drawn(drawn)) for drawn in world.description.drawn]
@@ -102,10 +110,11 @@ def _name_key(name: str) -> int:
     return zlib.crc32(name.encode())
 
 
-def _beams(world: World, source: Any, emission: Emission, count: int, overlap: float, split: bool) -> list[Beams]:
+def _beams(world: World, source: Any, emission: Emission, run: Run, split: bool) -> list[Beams]:
     """Return the beams of light paths: to the first surface, inside the fog, cut at the portal."""
     alive = emission.valid & (dr.max(emission.flux) > 0)
-    hit = world.intersect(emission.origin, emission.direction, alive, dr.arange(UInt32, dr.width(emission.origin)))
+    seed = hash32(dr.arange(UInt32, dr.width(emission.origin)), dr.opaque(UInt32, run.pass_index))
+    hit = world.intersect(emission.origin, emission.direction, alive, seed)
     scale = 1.0 if isinstance(source, DistantSource | DomeSource) else ESCAPE
     escape = world.bounds.exit(emission.origin, emission.direction, scale)
     total = dr.select(hit.is_valid(), hit.t, escape)
@@ -115,7 +124,7 @@ def _beams(world: World, source: Any, emission: Emission, count: int, overlap: f
         return []
     emission, total, against = kept
     reference = float(np.median(np.minimum(total.numpy(), 2 * world.radius)))
-    radius = radius_along(emission, count, reference, overlap, opaque(FLOOR * world.radius))
+    radius = radius_along(emission, run.samples, reference, run.overlap, opaque(FLOOR * world.radius))
     light, everywhere = 0 * total, dr.full(Bool, True, dr.width(total))
     if not split:
         return _piece(world, emission, radius, (light, total), total, against, everywhere)

@@ -1,0 +1,190 @@
+"""What reaches a point from a light, against the closed forms of radiometry."""
+
+import drjit as dr
+import numpy as np
+import pytest
+from photonbeams import scene
+from photonbeams.device import Array3f, Float, UInt32
+from photonbeams.simulation import lights
+from photonbeams.simulation.sampling import sobol_block
+
+POINTS = 1 << 14
+AXIS = np.array([0.6, 0.0, -0.8])
+SIDE = np.array([0.8, 0.0, 0.6])
+UP = np.array([0.0, 1.0, 0.0])
+RADIANCE = (3.0, 2.0, 1.0)
+
+
+@pytest.fixture(scope="module")
+def square():
+    return sobol_block(POINTS, 0, (5,))[0]
+
+
+def vector(values):
+    return Array3f(*(Float(float(value)) for value in values))
+
+
+def irradiance(source, point, normal, square):
+    """Return the mean of weight · cos θ over samples, and its standard error were they random, (3,) each."""
+    light = source.illuminate(vector(point) + dr.zeros(Float, POINTS), square)
+    cosine = dr.maximum(dr.dot(light.direction, vector(normal)), 0)
+    value = (light.weight * cosine).numpy().astype(np.float64)
+    return value.mean(axis=1), value.std(axis=1) / np.sqrt(POINTS)
+
+
+def agrees(measured, expected):
+    """Return whether a Monte Carlo value is within four standard errors, or float32 rounding, of the expected one."""
+    value, error = measured
+    return np.all(np.abs(value - np.multiply(expected, RADIANCE)) < 4 * error + 1e-5 * np.abs(value))
+
+
+def flat(disk=False, **given):
+    return scene.FlatLight(
+        "/flat", RADIANCE, center=np.array([1.0, 2, 3]), half_x=0.7 * SIDE, half_y=0.4 * UP, axis=AXIS, disk=disk, **given
+    )
+
+
+def sphere(radius=0.5, **given):
+    return scene.SphereLight("/sphere", RADIANCE, center=np.array([1.0, 2, 3]), radius=radius, axis=AXIS, **given)
+
+
+def test_irradiance_of_a_point_is_intensity_over_squared_distance(square):
+    source = lights.source(sphere(radius=0.0))
+    assert agrees(irradiance(source, [1, 2, 0], [0, 0, 1], square), 1 / 9)
+    assert agrees(irradiance(source, [1, 2, 0], [0, 0.6, 0.8], square), 0.8 / 9)
+
+
+def test_irradiance_of_a_sphere_is_that_of_its_disc(square):
+    source = lights.source(sphere(radius=0.5))
+    for distance in (0.6, 3.0, 1000.0):
+        expected = np.pi * 0.5**2 / distance**2  # exact while the whole sphere is above the horizon
+        assert agrees(irradiance(source, [1, 2, 3 - distance], [0, 0, 1], square), expected)
+
+
+def corner_factor(x, y):
+    """Return the form factor of a rectangle from a point under its corner, sides in units of the distance."""
+    a, b = np.hypot(1, x), np.hypot(1, y)
+    return (x / a * np.arctan(y / a) + y / b * np.arctan(x / b)) / (2 * np.pi)
+
+
+@pytest.mark.parametrize("distance", [0.3, 2.0])
+def test_irradiance_of_a_rectangle_is_its_form_factor(square, distance):
+    source = lights.source(flat())
+    center = np.array([1.0, 2, 3])
+    middle = 4 * corner_factor(0.7 / distance, 0.4 / distance)
+    corner = corner_factor(1.4 / distance, 0.8 / distance)
+    assert agrees(irradiance(source, center + distance * AXIS, -AXIS, square), np.pi * middle)
+    at_corner = center + distance * AXIS + 0.7 * SIDE + 0.4 * UP
+    assert agrees(irradiance(source, at_corner, -AXIS, square), np.pi * corner)
+
+
+def test_irradiance_of_a_disk_follows_its_closed_form(square):
+    light = scene.FlatLight("/d", RADIANCE, half_x=0.7 * SIDE, half_y=0.7 * UP, axis=AXIS, disk=True)
+    source = lights.source(light)
+    expected = np.pi * 0.7**2 / (0.7**2 + 1.1**2)
+    assert agrees(irradiance(source, 1.1 * AXIS, -AXIS, square), expected)
+
+
+def test_a_flat_light_is_dark_from_behind(square):
+    value, _ = irradiance(lights.source(flat()), np.array([1.0, 2, 3]) - AXIS, AXIS, square)
+    assert np.array_equal(value, [0, 0, 0])
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.53, 40.0])
+def test_irradiance_of_a_distant_light_is_its_projected_solid_angle(square, angle):
+    source = lights.source(scene.DistantLight("/sun", RADIANCE, axis=AXIS, angle=angle))
+    expected = np.pi * np.sin(np.radians(angle / 2)) ** 2 if angle else 1.0
+    assert agrees(irradiance(source, [5, 6, 7], -AXIS, square), expected)
+
+
+def test_irradiance_of_an_even_dome_is_pi_times_its_radiance(square):
+    assert agrees(irradiance(lights.source(scene.DomeLight("/dome", RADIANCE)), [0, 0, 0], UP, square), np.pi)
+
+
+@pytest.mark.parametrize(
+    "light",
+    [
+        sphere(),
+        sphere(shaping=scene.Shaping(70, 0.5, 2.0)),
+        flat(),
+        flat(disk=True),
+        scene.DistantLight("/sun", RADIANCE, axis=AXIS, angle=10.0),
+        scene.DomeLight("/dome", RADIANCE, image=np.random.default_rng(3).random((8, 16, 3)).astype(np.float32)),
+    ],
+    ids=["sphere", "spot", "rect", "disk", "distant", "dome"],
+)
+def test_a_ray_sees_what_the_light_sample_carries(square, light):
+    source = lights.source(light)
+    point = vector(np.array([1.0, 2, 3]) + 2.5 * AXIS + 0.3 * UP) + dr.zeros(Float, POINTS)
+    sample = source.illuminate(point, square)
+    sight = source.see(point, sample.direction)
+    hit = sight.hit.numpy()
+    assert hit.mean() > 0.99  # rounding loses a few at the rim
+    pdf, carried = sight.pdf.numpy()[hit], sample.weight.numpy()[:, hit]
+    # Near a sphere's rim, and over the steps between an image's pixels, rounding of the direction is amplified.
+    assert np.median(np.abs(pdf / sample.pdf.numpy()[hit] - 1)) < 1e-5
+    error = np.abs(sight.radiance.numpy()[:, hit] / pdf - carried) / carried.max()
+    assert np.quantile(error, 0.99) < 1e-4
+    distance = sample.distance.numpy()[hit]
+    if np.all(np.isfinite(distance)):
+        assert np.quantile(np.abs(sight.distance.numpy()[hit] - distance), 0.99) < 1e-4
+
+
+def test_rays_past_a_light_see_nothing(square):
+    for light in (sphere(), flat(), flat(disk=True)):
+        source = lights.source(light)
+        start = np.array([1.0, 2, 3]) + 2 * AXIS
+        for direction in (AXIS, np.array([0.0, 0.8, 0.0]) - 0.6 * AXIS):  # away from it; more than 0.7 to its side
+            assert not dr.any(source.see(vector(start), vector(direction)).hit)
+    corner = np.array([1.0, 2, 3]) + 2 * AXIS + 0.65 * SIDE + 0.35 * UP  # in the rectangle, not in the ellipse
+    assert dr.all(lights.source(flat()).see(vector(corner), vector(-AXIS)).hit)
+    assert not dr.any(lights.source(flat(disk=True)).see(vector(corner), vector(-AXIS)).hit)
+
+
+def factor(shaping, degrees):
+    return lights.Shaping.of(shaping).factor(Float(np.cos(np.radians(np.atleast_1d(degrees))))).numpy()
+
+
+def test_spot_cone_falls_from_its_soft_start_to_its_edge():
+    soft = scene.Shaping(cone_angle=40.0, cone_softness=0.5)
+    assert np.allclose(factor(soft, [0, 19.9, 30, 40.1, 90, 180])[0], [1, 1, 0.5, 0, 0, 0], atol=1e-3)
+    hard = scene.Shaping(cone_angle=40.0)
+    assert np.array_equal(factor(hard, [0, 39.99, 40.01, 120])[0], [1, 1, 0, 0])
+    assert np.array_equal(factor(None, [0, 90, 180])[0], [1, 1, 1])
+
+
+def test_focus_is_a_power_of_the_cosine_and_its_tint_what_remains():
+    focused = scene.Shaping(cone_angle=180.0, focus=3.0)
+    assert np.allclose(factor(focused, [0, 60, 100])[0], [1, 0.125, 0], atol=1e-6)
+    tinted = scene.Shaping(cone_angle=180.0, focus=3.0, focus_tint=(0.2, 0.4, 1.0))
+    assert np.allclose(factor(tinted, 60)[:, 0], [0.2 * 0.875 + 0.125, 0.4 * 0.875 + 0.125, 1], atol=1e-6)
+
+
+def test_packed_lights_are_the_lights():
+    given = [sphere(radius, shaping=scene.Shaping(30.0 + radius)) for radius in (0.0, 0.5, 1.0)]
+    packed = lights.pack([lights.source(light) for light in given])
+    taken = dr.gather(lights.SphereSource, packed, UInt32([2, 1]))
+    assert np.allclose(taken.radius.numpy(), [1.0, 0.5])
+    assert np.allclose(taken.center.numpy()[:, 0], [1, 2, 3])
+    assert np.allclose(taken.shaping.cutoff.numpy(), np.radians([31.0, 30.5]))
+
+
+TURN = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])
+
+
+@pytest.mark.parametrize("turn", [np.eye(3), TURN], ids=["upright", "turned"])
+@pytest.mark.parametrize(("row", "column"), [(2, 3), (13, 3), (5, 20), (8, 16), (8, 0), (8, 31)])
+def test_a_bright_pixel_shines_from_its_place_in_the_latlong_image(square, turn, row, column):
+    height, width = 16, 32
+    image = np.zeros((height, width, 3), dtype=np.float32)
+    image[row, column] = 1
+    # UsdLuxDomeLight: longitude runs from +π at the left edge to −π at the right one, and +Y is up.
+    longitude, latitude = np.pi * (1 - 2 * (column + 0.5) / width), np.pi * (0.5 - (row + 0.5) / height)
+    local = [np.sin(longitude) * np.cos(latitude), np.sin(latitude), np.cos(longitude) * np.cos(latitude)]
+    direction = turn @ local
+    source = lights.source(scene.DomeLight("/dome", RADIANCE, image=image, to_world=turn))
+    seen = source.see(vector([0, 0, 0]), vector(direction)).radiance.numpy()[:, 0]
+    assert np.all(seen > 0.5 * np.array(RADIANCE))  # interpolated between rows that are half a pixel off at most
+    assert np.allclose(source.see(vector([0, 0, 0]), vector(-direction)).radiance.numpy(), 0)
+    sample = source.illuminate(dr.zeros(Array3f, POINTS), square)
+    assert (dr.dot(sample.direction, vector(direction)).numpy() > np.cos(2 * np.pi / height)).all()

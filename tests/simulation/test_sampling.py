@@ -1,0 +1,91 @@
+"""The maps from the unit square, and the samples in it."""
+
+import drjit as dr
+import numpy as np
+import pytest
+from photonbeams.device import Array2f, Array3f, Float, UInt32
+from photonbeams.simulation import sampling
+
+POINTS = 1 << 14
+
+
+@pytest.fixture(scope="module")
+def square():
+    """Return stratified points of the unit square."""
+    return sampling.sobol_block(POINTS, 0, (1,))[0]
+
+
+def is_net(points):
+    """Return whether every elementary interval of base 2 holds one of 2^m points."""
+    count = points.shape[1]
+    m = count.bit_length() - 1
+    cells = [np.floor(points[0] * 2**k) * 2 ** (m - k) + np.floor(points[1] * 2 ** (m - k)) for k in range(m + 1)]
+    return all(len(np.unique(cell)) == count for cell in cells)
+
+
+def test_sobol_blocks_continue_one_sequence_over_passes():
+    whole = np.concatenate(sampling.sobol_block(64, 0, (3, 4)))
+    blocks = np.concatenate([np.concatenate(sampling.sobol_block(16, i, (3, 4))) for i in range(4)], axis=1)
+    assert np.array_equal(whole, blocks)
+    assert is_net(whole[:2])
+
+
+def test_sobol_blocks_differ_by_key():
+    assert not np.array_equal(sampling.sobol_block(16, 0, (1,))[0].numpy(), sampling.sobol_block(16, 0, (2,))[0].numpy())
+
+
+@pytest.mark.parametrize("seed", [0, 1, 12345])
+def test_samples_of_a_pixel_are_a_net_over_passes(seed):
+    assert is_net(sampling.pixel_sample(dr.arange(UInt32, 64), UInt32(seed)).numpy())
+
+
+def test_two_uses_of_a_pixel_do_not_march_in_step():
+    index = dr.arange(UInt32, 4096)
+    pairs = np.concatenate([sampling.pixel_sample(index, UInt32(seed)).numpy() for seed in range(4)])
+    correlation = np.corrcoef(pairs) - np.eye(8)
+    assert np.abs(correlation).max() < 5 / np.sqrt(4096)  # five standard errors of independent samples
+
+
+def test_sphere_map_preserves_area(square):
+    directions = sampling.sphere(square).numpy()
+    # Moments of the uniform sphere: 0, 1/3, 1/15 (x²y²); stratified, so far within the error of random points.
+    assert np.allclose(directions.mean(axis=1), 0, atol=1 / np.sqrt(POINTS))
+    assert np.allclose((directions**2).mean(axis=1), 1 / 3, atol=1 / np.sqrt(POINTS))
+    assert np.isclose((directions[0] ** 2 * directions[1] ** 2).mean(), 1 / 15, atol=1 / np.sqrt(POINTS))
+    assert np.allclose(np.linalg.norm(directions, axis=0), 1, atol=1e-6)
+
+
+def test_sphere_map_keeps_neighbours_together(square):
+    shifted = Array2f(dr.minimum(square.x + 1e-3, 1), square.y)
+    step = np.linalg.norm((sampling.sphere(shifted) - sampling.sphere(square)).numpy(), axis=0)
+    assert step.max() < 1e-3 * 8 * np.pi  # the map is continuous, with bounded slope
+
+
+@pytest.mark.parametrize("power", [0.0, 1.0, 2.5, 40.0])
+@pytest.mark.parametrize("angle", [1e-3, 0.3, 1.2])
+def test_power_cone_has_the_density_it_says(square, power, angle):
+    axis = Array3f(0.36, -0.48, 0.8)
+    q = -np.expm1((power + 1) * np.log(np.cos(angle)))
+    directions, density = sampling.power_cone(square, axis, Float(power), Float(q))
+    chord = np.linalg.norm((directions - axis).numpy().astype(np.float64), axis=0)  # 2 sin(θ/2): small angles survive
+    theta = 2 * np.arcsin(chord / 2)
+    assert theta.max() < angle * (1 + 1e-3) + 1e-7
+    # Uniform in 1 - cos^(k+1), as the density's integral says; float32 rounds the axis and the directions to 1e-7.
+    fraction = -np.expm1((power + 1) * np.log(np.cos(theta))) / q
+    rounding = 2e-7 * (power + 1) * np.sin(angle) / q + 1e-6
+    assert np.abs(np.sort(fraction) - (np.arange(POINTS) + 0.5) / POINTS).max() < 2 / np.sqrt(POINTS) + rounding
+    expected = (power + 1) * np.cos(theta) ** power / (2 * np.pi * q)
+    assert np.allclose(density.numpy(), expected, rtol=1e-5 * (power + 1), atol=1e-5 * expected.max())
+
+
+def test_cone_of_half_a_degree_is_uniform_in_float32(square):
+    half = np.radians(0.265)
+    directions = sampling.cone(square, Array3f(0, 0, 1), Float(2 * np.sin(half / 2) ** 2)).numpy()
+    radius2 = (directions[0] ** 2 + directions[1] ** 2) / np.sin(half) ** 2
+    assert np.allclose(np.quantile(radius2, [0.25, 0.5, 0.75]), [0.25, 0.5, 0.75], atol=0.01)
+
+
+def test_memory_of_inputs_is_aligned_whatever_the_length():
+    for count in (1, 3, 17, 1000):
+        numbers = np.arange(count)
+        assert np.array_equal(sampling.aligned(numbers).numpy(), numbers)
