@@ -3,6 +3,7 @@
 import drjit as dr
 import numpy as np
 import pytest
+
 from photonbeams import scene
 from photonbeams.device import Array3f, Float, UInt32
 from photonbeams.simulation import lights
@@ -40,7 +41,14 @@ def agrees(measured, expected):
 
 def flat(disk=False, **given):
     return scene.FlatLight(
-        "/flat", RADIANCE, center=np.array([1.0, 2, 3]), half_x=0.7 * SIDE, half_y=0.4 * UP, axis=AXIS, disk=disk, **given
+        "/flat",
+        RADIANCE,
+        center=np.array([1.0, 2, 3]),
+        half_x=0.7 * SIDE,
+        half_y=0.4 * UP,
+        axis=AXIS,
+        disk=disk,
+        **given,
     )
 
 

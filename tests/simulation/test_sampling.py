@@ -3,6 +3,7 @@
 import drjit as dr
 import numpy as np
 import pytest
+
 from photonbeams.device import Array2f, Array3f, Float, UInt32
 from photonbeams.simulation import sampling
 
@@ -31,7 +32,9 @@ def test_sobol_blocks_continue_one_sequence_over_passes():
 
 
 def test_sobol_blocks_differ_by_key():
-    assert not np.array_equal(sampling.sobol_block(16, 0, (1,))[0].numpy(), sampling.sobol_block(16, 0, (2,))[0].numpy())
+    assert not np.array_equal(
+        sampling.sobol_block(16, 0, (1,))[0].numpy(), sampling.sobol_block(16, 0, (2,))[0].numpy()
+    )
 
 
 @pytest.mark.parametrize("seed", [0, 1, 12345])

@@ -1,0 +1,224 @@
+"""Light paths at the light: their power, and that strata add up, against float64 integrals and `illuminate`."""
+
+import drjit as dr
+import numpy as np
+import pytest
+
+from photonbeams import scene
+from photonbeams.device import Array3f, Float
+from photonbeams.render.world import World
+from photonbeams.simulation import lights
+from photonbeams.simulation.emission import emit, emit_through
+from photonbeams.simulation.sampling import sobol_block
+
+RADIANCE = (3.0, 2.0, 1.0)
+COUNT = 1 << 14
+AXIS = np.array([0.0, 0.0, -1.0])
+
+
+def portal(points, faces=((0, 1, 2), (0, 2, 3))):
+    return scene.Mesh("/portal", np.array(points, dtype=np.float64), np.array(faces))
+
+
+#: A tilted quadrilateral one and a half units in front of the lights.
+QUAD = portal([[-0.5, -0.4, -1.5], [0.3, -0.4, -1.3], [0.3, 0.6, -1.3], [-0.5, 0.6, -1.5]])
+#: A round hole over a flaring slot, as a fan of triangles: a keyhole.
+ANGLES = np.linspace(-0.35 * np.pi, 1.35 * np.pi, 24)
+OUTLINE = np.array(
+    [[0.2 * np.cos(a), 0.2 + 0.2 * np.sin(a), -1.0] for a in ANGLES] + [[-0.25, -0.5, -1], [0.25, -0.5, -1]]
+)
+KEYHOLE = portal(
+    np.concatenate([[[0.0, 0.1, -1.0]], OUTLINE]),
+    [[0, 1 + i, 1 + (i + 1) % len(OUTLINE)] for i in range(len(OUTLINE))],
+)
+#: A bent sheet: not planar.
+BENT = portal(
+    [[-0.5, -0.4, -1.2], [0, -0.4, -1.0], [0.5, -0.4, -1.2], [-0.5, 0.4, -1.2], [0, 0.4, -1.0], [0.5, 0.4, -1.2]],
+    [[0, 1, 4], [0, 4, 3], [1, 2, 5], [1, 5, 4]],
+)
+
+
+def flat(**given):
+    return scene.FlatLight(
+        "/light", RADIANCE, half_x=np.array([0.2, 0, 0]), half_y=np.array([0, 0.1, 0]), axis=AXIS, **given
+    )
+
+
+def sphere(radius=0.2, **given):
+    return scene.SphereLight("/light", RADIANCE, radius=radius, axis=AXIS, **given)
+
+
+def distant(angle=5.0, **given):
+    return scene.DistantLight("/light", RADIANCE, axis=AXIS, angle=angle, **given)
+
+
+def world(light):
+    """Return a world of one light, within a sphere of radius 4."""
+    return World.build(scene.Scene(lights=(light,)), viewpoints=[(-4, 0, 0), (4, 0, 0)])
+
+
+def emission(light, count=COUNT, block=0):
+    built = world(light)
+    return emit(light, built.sources[0], built.bounds, *sobol_block(count, block, (1,)), count), built
+
+
+def through(light, count=COUNT):
+    built = world(light)
+    hole = built.portals[light.name]
+    return emit_through(light, built.sources[0], hole, built.bounds, *sobol_block(count, 0, (2,)), count), built
+
+
+def flux(paths, where=None):
+    """Return the total flux of paths, (3,), and its standard error were they independent."""
+    value = paths.flux.numpy().astype(np.float64) * paths.valid.numpy()
+    if where is not None:
+        value = value * where
+    count = value.shape[1]
+    return value.sum(axis=1), np.sqrt(count) * value.std(axis=1)
+
+
+SHAPED = scene.Shaping(cone_angle=35.0)
+
+
+@pytest.mark.parametrize(
+    ("light", "power"),
+    [
+        (sphere(), 4 * np.pi**2 * 0.2**2),
+        (sphere(shaping=SHAPED), 2 * np.pi**2 * 0.2**2 * (1 - np.cos(np.radians(35)))),
+        (sphere(radius=0.0), 4 * np.pi),
+        (sphere(radius=0.0, shaping=scene.Shaping(cone_angle=180.0, focus=3.0)), 2 * np.pi / 4),
+        (flat(), np.pi * 0.08),
+        (flat(disk=True), np.pi * 0.08 * np.pi / 4),
+        (flat(shaping=SHAPED), np.pi * 0.08 * np.sin(np.radians(35)) ** 2),
+        (flat(shaping=scene.Shaping(cone_angle=90.0, focus=3.0)), 2 * np.pi * 0.08 / 5),
+        (distant(angle=0.0), np.pi * 4.004**2),
+        (distant(), 2 * np.pi * (1 - np.cos(np.radians(2.5))) * np.pi * 4.004**2),
+        (scene.DomeLight("/light", RADIANCE), 4 * np.pi * np.pi * 4.004**2),
+        (sphere(beam_scale=0.5), 2 * np.pi**2 * 0.2**2),
+    ],
+)
+def test_paths_carry_the_power_of_their_light(light, power):
+    total, error = flux(emission(light)[0])
+    # Every path has the same power here: what remains is float32 rounding, and the hard edge of the whole sphere's map.
+    assert np.allclose(total, np.multiply(power, RADIANCE), rtol=2e-5, atol=4 * error.max())
+
+
+def test_soft_cone_carries_the_integral_of_its_falloff():
+    shaping = scene.Shaping(cone_angle=50.0, cone_softness=0.7)
+    angle = np.radians(50) * (np.arange(20_000) + 0.5) / 20_000
+    x = np.clip((angle - np.radians(15)) / np.radians(35), 0, 1)
+    expected = (2 * np.pi * np.sin(angle) * (1 - x * x * (3 - 2 * x))).sum() * np.radians(50) / 20_000
+    total, error = flux(emission(sphere(radius=0.0, shaping=shaping))[0])
+    assert np.all(np.abs(total - np.multiply(expected, RADIANCE)) < 4 * error + 1e-5 * total)
+
+
+def test_paths_begin_on_the_light():
+    paths, _ = emission(sphere())
+    assert np.allclose(np.linalg.norm(paths.origin.numpy(), axis=0), 0.2, atol=1e-6)
+    assert dr.all(dr.dot(paths.origin, paths.direction) > -1e-6)  # outward
+    paths, _ = emission(flat(shaping=SHAPED))
+    x, y, z = paths.origin.numpy()
+    assert np.abs(x).max() <= 0.2 and np.abs(y).max() <= 0.1 and np.abs(z).max() == 0
+    assert paths.direction.numpy()[2].max() <= -np.cos(np.radians(35)) + 1e-6
+    paths, built = emission(distant())
+    assert np.linalg.norm(paths.origin.numpy(), axis=0).min() >= built.radius * (1 - 1e-5)  # outside of the bounds
+
+
+def grid(low, high, count):
+    return low + (np.arange(count) + 0.5) / count * (high - low)
+
+
+def rectangle_to_quad(mesh, count=40):
+    """Return ∫∫ L cos cos / d² over the flat light and the portal's parallelogram: midpoint rule, float64."""
+    corner, x, y = mesh.points[0], mesh.points[1] - mesh.points[0], mesh.points[3] - mesh.points[0]
+    s, t = (axis.ravel() for axis in np.meshgrid(grid(0, 1, count), grid(0, 1, count)))
+    points = corner + s[:, None] * x + t[:, None] * y
+    normal = np.cross(x, y)
+    total = 0.0
+    for u in grid(-0.2, 0.2, count):
+        for v in grid(-0.1, 0.1, count):
+            to = points - [u, v, 0]
+            total += np.sum(-to[:, 2] * np.abs(to @ normal) / np.sum(to * to, axis=1) ** 2)
+    return total / count**4 * 0.08
+
+
+def test_flux_through_a_portal_is_the_form_factor_integral():
+    total, error = flux(through(flat(portal=QUAD))[0])
+    expected = np.multiply(rectangle_to_quad(QUAD), RADIANCE)
+    assert np.all(np.abs(total - expected) < error + 1e-4 * expected)  # stratified: better than one standard error
+
+
+def solid_angle(mesh):
+    """Return the solid angle of a mesh seen from the origin (Van Oosterom and Strackee 1983)."""
+    a, b, c = (mesh.points[mesh.faces[:, corner]] for corner in range(3))
+    la, lb, lc = (np.linalg.norm(p, axis=1) for p in (a, b, c))
+    numerator = np.einsum("ij,ij->i", a, np.cross(b, c))
+    ab, bc, ca = (np.einsum("ij,ij->i", p, q) for p, q in ((a, b), (b, c), (c, a)))
+    return np.abs(2 * np.arctan2(numerator, la * lb * lc + ab * lc + bc * la + ca * lb)).sum()
+
+
+@pytest.mark.parametrize("mesh", [QUAD, KEYHOLE, BENT], ids=["quad", "keyhole", "bent"])
+def test_flux_of_a_point_through_a_portal_is_its_solid_angle(mesh):
+    paths, built = through(sphere(radius=0.0, portal=mesh))
+    total, error = flux(paths)
+    expected = np.multiply(solid_angle(mesh), RADIANCE)
+    assert np.all(np.abs(total - expected) < 2 * error + 1e-4 * expected)
+    assert (built.portals["/light"].rectangle is None) == (mesh is BENT)
+    assert np.isclose(paths.valid.numpy().mean(), built.portals["/light"].fill, atol=0.01)
+
+
+def test_keyhole_points_lie_in_its_tight_rectangle():
+    hole = world(sphere(portal=KEYHOLE)).portals["/light"]
+    assert np.isclose(hole.area, np.prod(np.ptp(OUTLINE[:, :2], axis=0)), rtol=1e-6)
+    assert 0.5 < hole.fill < 0.8
+
+
+@pytest.mark.parametrize("light", [sphere, flat, distant], ids=["sphere", "flat", "distant"])
+def test_paths_through_a_portal_and_the_others_make_the_light_without_one(light):
+    inside, _ = through(light(portal=QUAD))
+    others, built = emission(light(portal=QUAD), block=1)
+    others.valid &= ~built.portals["/light"].crosses(others.origin, others.direction)
+    whole, _ = emission(light(), block=2)
+
+    def landing(paths):
+        """Return which paths cross a square behind the portal, partly in its light."""
+        o, d = paths.origin.numpy(), paths.direction.numpy()
+        t = (-2.5 - o[2]) / np.where(d[2] < 0, d[2], -1e-9)
+        x, y = o[0] + t * d[0], o[1] + t * d[1]
+        return (d[2] < 0) & (t > 0) & (np.abs(x - 0.6) < 0.7) & (np.abs(y - 0.3) < 0.5)
+
+    parts = [flux(paths, landing(paths)) for paths in (inside, others, whole)]
+    error = np.sqrt(sum(part[1] ** 2 for part in parts))
+    assert np.all(parts[0][0] > 0) and np.all(parts[1][0] > 0)
+    assert np.all(np.abs(parts[0][0] + parts[1][0] - parts[2][0]) < 4 * error)
+
+
+@pytest.mark.parametrize(
+    "light",
+    [sphere(), sphere(radius=0.0, shaping=scene.Shaping(60, 0.5, 1.5)), flat(), flat(disk=True), distant(),
+     scene.DomeLight("/light", RADIANCE, image=np.random.default_rng(1).random((8, 16, 3)))],
+    ids=["sphere", "spot", "rect", "disk", "distant", "dome"],
+)  # fmt: skip
+def test_beams_that_land_on_a_patch_carry_what_illuminate_says(light):
+    paths, built = emission(light, count=1 << 16)
+    half = 0.5
+    o, d = paths.origin.numpy().astype(np.float64), paths.direction.numpy().astype(np.float64)
+    t = (-1.5 - o[2]) / np.where(np.abs(d[2]) > 1e-9, d[2], 1e-9)
+    landing = (t > 0) & (d[2] < 0) & (np.abs(o[0] + t * d[0]) < half) & (np.abs(o[1] + t * d[1]) < half)
+    beams, beams_error = flux(paths, landing)
+    u, v = sobol_block(COUNT, 0, (9,))
+    point = Array3f(half * (2 * v.x - 1), half * (2 * v.y - 1), Float(-1.5))
+    sample = built.sources[0].illuminate(point, u)
+    value = (sample.weight * dr.maximum(sample.direction.z, 0)).numpy().astype(np.float64) * (2 * half) ** 2
+    error = np.hypot(beams_error, value.std(axis=1) / np.sqrt(COUNT))
+    assert np.all(np.abs(beams - value.mean(axis=1)) < 4 * error)
+
+
+def test_a_portal_of_no_area_is_refused():
+    with pytest.raises(scene.SceneError, match="/portal: the portal has no area"):
+        world(sphere(portal=portal([[0, 0, 0], [1, 0, 0], [2, 0, 0], [3, 0, 0]])))
+
+
+def test_a_light_of_an_unknown_kind_is_refused():
+    with pytest.raises(scene.SceneError, match="/light: a Light cannot be sampled"):
+        lights.source(scene.Light("/light", RADIANCE))
