@@ -117,7 +117,7 @@ def stones(random: np.random.Generator, width: tuple[float, float], height: floa
 
 
 def room(random: np.random.Generator) -> dict[str, Shape]:
-    """Return walls and floor of the shot's room, open behind the camera and above."""
+    """Return walls and floor of the shot's room, which is open above."""
     boards = []
     left = -3.0
     while left < 2.2:
@@ -132,15 +132,19 @@ def room(random: np.random.Generator) -> dict[str, Shape]:
         box((-3.2, -0.05, -0.25), (-0.43, 2.9, -THICKNESS + 0.001)),
         box((0.43, -0.05, -0.25), (2.35, 2.9, -THICKNESS + 0.001)),
         box((-0.44, 1.94, -0.25), (0.44, 2.9, -THICKNESS + 0.001)),
-        box((2.25, -0.05, -0.1), (2.45, 2.9, 4.0)),
+        box((2.25, -0.05, -0.1), (2.45, 2.9, 4.2)),
+        box((-3.25, -0.05, -0.1), (-3.05, 2.9, 4.2)),
+        box((-3.2, -0.05, 4.0), (2.4, 2.9, 4.2)),
         box((-3.2, -0.25, -0.1), (2.45, -0.03, 4.0)),
     ]
-    side = placed(stones(random, (-0.1, 4.0), 2.85, (9.0, 9.0, 0.0)), rotation(1, -90), (2.21, 0.0, 0.0))
+    left_side = placed(stones(random, (-4.0, 0.1), 2.85, (9.0, 9.0, 0.0)), rotation(1, 90), (-3.02, 0.0, 0.0))
+    right_side = placed(stones(random, (-0.1, 4.0), 2.85, (9.0, 9.0, 0.0)), rotation(1, -90), (2.21, 0.0, 0.0))
     return {
         "Floor": merge(boards),
         "Masonry": merge(core),
         "DoorWall": stones(random, (-3.1, 2.25), 2.85, (-0.60, 0.60, 2.13)),
-        "SideWall": side,
+        "LeftWall": left_side,
+        "RightWall": right_side,
     }
 
 
@@ -238,7 +242,7 @@ def flight(time: float) -> tuple[np.ndarray, np.ndarray]:
         keyhole + np.array([0.01, 0.0, 0.0]),
         (-0.35, 0.70, 0.25),
         (-0.35, 0.55, 0.75),
-        (-0.3, 0.5, 0.7),
+        (-0.3, 0.64, 0.55),
     ]
     where = time * (len(eyes) - 1)
     i = min(int(where), len(eyes) - 2)
@@ -279,8 +283,8 @@ def lights(stage: Usd.Stage) -> None:
     prim.CreateRelationship("photonbeams:portal", False).AddTarget("/World/Portal")
     prim.CreateRelationship("photonbeams:look", False).AddTarget("/World/Looks/Keyhole")
     fill = UsdLux.DomeLight.Define(stage, "/World/Light/Fill")
-    fill.GetPrim().SetDocumentation("Night from above and behind the camera, so that the dark is not black.")
-    fill.CreateIntensityAttr(0.08)
+    fill.GetPrim().SetDocumentation("The night sky over the roofless room, so that the dark is not black.")
+    fill.CreateIntensityAttr(0.2)
     fill.CreateColorAttr(Gf.Vec3f(0.45, 0.62, 1.0))
     hole = keyhole_outline(NECK, HEIGHT)
     count = len(hole)
@@ -299,7 +303,9 @@ def dust_and_look(stage: Usd.Stage) -> None:
     dust.CreateAttribute("photonbeams:absorption", Sdf.ValueTypeNames.Color3f, False).Set(Gf.Vec3f(0.01, 0.02, 0.03))
     dust.CreateAttribute("photonbeams:anisotropy", Sdf.ValueTypeNames.Float, False).Set(0.2)
     look = stage.DefinePrim("/World/Looks/Keyhole", "PhotonBeamsLook")
-    look.SetDocumentation("Near-white at the lamp, through orange to deep red and violet where the beams extinguish.")
+    look.SetDocumentation(
+        "Near-white at the keyhole, through orange to deep red and violet where the beams extinguish."
+    )
     ramp = {
         0.0: (1.0, 0.93, 0.8),
         0.3: (1.0, 0.72, 0.36),
@@ -311,7 +317,11 @@ def dust_and_look(stage: Usd.Stage) -> None:
     look.CreateAttribute("photonbeams:along:ramp:colors", Sdf.ValueTypeNames.Color3fArray, False).Set(
         [Gf.Vec3f(*c) for c in ramp.values()]
     )
-    look.CreateAttribute("photonbeams:along:ramp:interpolation", Sdf.ValueTypeNames.Token, False).Set("monotone")
+    for name, value in (("ramp:interpolation", "monotone"), ("space", "distance")):
+        attribute = f"photonbeams:along:{name}"
+        look.CreateAttribute(attribute, Sdf.ValueTypeNames.Token, False, Sdf.VariabilityUniform).Set(value)
+    for name, value in (("begin", LIGHT_DISTANCE), ("end", LIGHT_DISTANCE + 2.0)):  # from the hole to the floor
+        look.CreateAttribute(f"photonbeams:along:{name}", Sdf.ValueTypeNames.Float, False).Set(value)
     look.CreateAttribute("photonbeams:along:physical", Sdf.ValueTypeNames.Bool, False).Set(True)
 
 
