@@ -1,7 +1,7 @@
 """Surfaces through fog: what camera rays see where beams end, lit directly by the same lights that make the beams.
 
 For each ray: the first surface or lamp; the surface's own glow; from each light one sample of the light, and one sample
-of the BSDF for all of them, combined by multiple importance sampling (balance heuristic, Veach 1997); the fog's
+of the BSDF for all of them, combined by multiple importance sampling (power heuristic, Veach 1997); the fog's
 transmittance exp(−σt x) on the way from the light and on the way to the eye. Lamps hide what is behind them from the
 camera, and cast no shadows.
 """
@@ -183,7 +183,7 @@ def _reflected(world: World, reflection: _Reflection, light: Any, pass_index: UI
     point = Array3f(hit.p)
     sample = light.illuminate(point, pixel_sample(pass_index, stream))
     value, pdf = reflection.evaluate(sample.direction)
-    share = dr.select(sample.pdf > 0, sample.pdf / (sample.pdf + pdf), 1)
+    share = dr.select(sample.pdf > 0, _power_heuristic(sample.pdf, pdf), 1)
     value = value * sample.weight * share
     useful = reflection.active & (dr.max(value) > 0)
     start = Array3f(hit.spawn_ray(mi.Vector3f(sample.direction)).o)
@@ -193,9 +193,14 @@ def _reflected(world: World, reflection: _Reflection, light: Any, pass_index: UI
 
     sight = light.see(point, reflection.direction)
     met = sight.hit & ((sight.distance < reflection.distance) | ~dr.isfinite(reflection.distance))
-    share = reflection.pdf / dr.maximum(reflection.pdf + sight.pdf, 1e-30)
+    share = _power_heuristic(reflection.pdf, sight.pdf)
     dimming = _dimming(world, start, reflection.direction, sight.distance)
     return result + dr.select(met, reflection.weight * sight.radiance * share * dimming, 0)
+
+
+def _power_heuristic(own: Float, other: Float) -> Float:
+    """Return own² / (own² + other²); of the ratio, for the squares may overflow."""
+    return dr.rcp(1 + dr.square(other / dr.maximum(own, 1e-20)))
 
 
 def _dimming(world: World, origin: Array3f, direction: Array3f, distance: Float) -> Array3f:

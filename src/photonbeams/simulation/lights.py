@@ -17,7 +17,7 @@ import numpy as np
 
 from .. import scene
 from ..device import Array2f, Array3f, Bool, Float, mitsuba
-from .sampling import cone, disk
+from .sampling import aligned, cone, disk
 
 mi = mitsuba()
 
@@ -320,11 +320,19 @@ def source(light: scene.Light) -> Source:
 
 
 def pack(sources: Sequence[T]) -> T:
-    """Return structs of one kind as one struct of arrays, for `dr.gather` in a loop over lights."""
+    """Return structs of one kind as one struct of arrays, for `dr.gather` in a loop over lights.
+
+    The last entry is there twice: a gather from an array of one is a broadcast in Dr.Jit, hence another kernel.
+    """
     result = type(sources[0])()
     for name, kind in result.DRJIT_STRUCT.items():  # type: ignore[attr-defined]
-        values = [getattr(item, name) for item in sources]
-        setattr(result, name, pack(values) if kind is Shaping else concat(values))
+        values = [getattr(item, name) for item in [*sources, sources[-1]]]
+        if kind is Shaping:
+            packed: Any = pack(values[:-1])
+        else:
+            rows = np.array([np.ravel(value.numpy()) for value in values]).T
+            packed = aligned(rows[0]) if kind is Float else Array3f(*(aligned(row) for row in rows))
+        setattr(result, name, packed)
     return result
 
 

@@ -1,0 +1,255 @@
+"""Surfaces through fog: against closed forms, and against Mitsuba's own direct light of an equivalent scene."""
+
+import dataclasses
+
+import drjit as dr
+import numpy as np
+import pytest
+
+from comparison import box, quad
+from photonbeams import scene
+from photonbeams.device import Array3f, Bool, UInt32, mitsuba
+from photonbeams.render.surfaces import shade
+from photonbeams.render.world import World
+from photonbeams.simulation.sampling import aligned
+
+DIFFUSE = scene.Material(diffuse=(0.6, 0.5, 0.4), roughness=1.0, ior=1.001)
+GLOSSY = scene.Material(diffuse=(0.2, 0.3, 0.4), roughness=0.25, metallic=0.3, clearcoat=0.5)
+FLOOR = quad("/floor", [[-3, 0, -3], [-3, 0, 3], [3, 0, 3], [3, 0, -3]], DIFFUSE)
+LIGHT = scene.FlatLight(
+    "/light", (5.0, 4.0, 3.0), center=np.array([0.3, 2.5, 0.0]), half_x=np.array([0.6, 0, 0]),
+    half_y=np.array([0, 0, 0.4]), axis=np.array([0, -1.0, 0]),
+)  # fmt: skip
+DOWN = np.array([0.0, -1.0, 0.0])
+
+
+def rays(origin, target):
+    """Return rays, (N, 3) each or one for all, from origins to targets."""
+    origin, target = np.broadcast_arrays(np.atleast_2d(origin).astype(float), np.atleast_2d(target).astype(float))
+    direction = (target - origin) / np.linalg.norm(target - origin, axis=1, keepdims=True)
+    return [Array3f(*(aligned(column) for column in part.T)) for part in (origin, direction)]
+
+
+def render(world, origin, direction, passes=64):
+    """Return mean and variance over passes of the radiance, (3, N), and the last pass."""
+    count = dr.width(direction)
+    values = []
+    for number in range(passes):
+        result = shade(
+            world, origin, direction, dr.full(Bool, True, count), dr.arange(UInt32, count),
+            dr.opaque(UInt32, number), dr.opaque(UInt32, 1),
+        )  # fmt: skip
+        values.append(result.radiance.numpy().astype(np.float64))
+    return np.mean(values, axis=0), np.var(values, axis=0), result
+
+
+def built(meshes, *lights, medium=None):
+    return World.build(scene.Scene(tuple(meshes), lights, medium=medium), viewpoints=[(0, 2, 4)])
+
+
+def lambert(light, medium=None, at=(0, 0, 0)):
+    """Return the radiance of a floor seen from (0, 3, 4) under a light, averaged over the samples of many pixels."""
+    world = built([FLOOR], light, medium=medium)
+    origin, direction = rays(np.broadcast_to([0.0, 3, 4], (512, 3)), at)
+    mean, _, last = render(world, origin, direction, passes=32)
+    return mean.mean(axis=1), last
+
+
+# Mitsuba's principled BSDF is Lambert times a retro-reflection at roughness 1; its value is read off a distant light.
+@pytest.fixture(scope="module")
+def reflectance():
+    """Return radiance per irradiance of the floor, seen from (0, 3, 4), lit from above."""
+    return lambert(scene.DistantLight("/sun", (1.0,) * 3, axis=DOWN, angle=0.0))[0]
+
+
+def test_a_diffuse_floor_reflects_nearly_as_lambert(reflectance):
+    assert np.allclose(reflectance, np.array([0.6, 0.5, 0.4]) / np.pi, rtol=0.35)
+
+
+@pytest.mark.parametrize(
+    ("light", "irradiance"),
+    [
+        (scene.SphereLight("/p", (1.0,) * 3, center=np.array([0, 2.0, 0])), 1 / 4),
+        (scene.SphereLight("/s", (1.0,) * 3, center=np.array([0, 20.0, 0]), radius=0.5), np.pi * 0.25 / 400),
+        (scene.DistantLight("/d", (1.0,) * 3, axis=DOWN, angle=2.0), np.pi * np.sin(np.radians(1)) ** 2),
+    ],
+    ids=["point", "sphere", "distant"],
+)
+def test_lights_from_above_reflect_by_their_irradiance(reflectance, light, irradiance):
+    # The lamps subtend less than 3 degrees, over which the reflectance is even to 1e-3.
+    assert np.allclose(lambert(light)[0], reflectance * irradiance, rtol=2e-3)
+
+
+def test_fog_dims_light_on_both_legs(reflectance):
+    medium = scene.Medium((0.1, 0.2, 0.3), (0.0, 0.1, 0.0))
+    point = scene.SphereLight("/p", (1.0,) * 3, center=np.array([0, 2.0, 0]))
+    value, last = lambert(point, medium)
+    extinction = np.array([0.1, 0.3, 0.3])
+    assert np.allclose(value, reflectance / 4 * np.exp(-extinction * (2 + 5)), rtol=1e-4)
+    assert np.allclose(last.transmittance.numpy()[:, 0], np.exp(-extinction * 5), rtol=1e-5)
+    assert np.allclose(last.depth.numpy(), 5, rtol=1e-5)
+    # An unbounded fog leaves the light of a distant light as it is, or there would be none.
+    sun = scene.DistantLight("/sun", (1.0,) * 3, axis=DOWN, angle=0.0)
+    assert np.allclose(lambert(sun, medium)[0], reflectance * np.exp(-extinction * 5), rtol=1e-4)
+
+
+def test_bounded_fog_dims_only_where_it_is(reflectance):
+    medium = scene.Medium((0.5,) * 3, mesh=box("/fog", [-9, 1, -9], [9, 2, 9]))
+    sun = scene.DistantLight("/sun", (1.0,) * 3, axis=DOWN, angle=0.0)
+    value, last = lambert(sun, medium)
+    slant = 5 / 3  # of the way from (0, 3, 4), per unit of height
+    assert np.allclose(value, reflectance * np.exp(-0.5 * (1 + slant)), rtol=1e-4)
+    assert np.allclose(last.transmittance.numpy(), np.exp(-0.5 * slant), rtol=1e-4)
+
+
+def test_shadows_fall_behind_surfaces():
+    sun = scene.DistantLight("/sun", (1.0,) * 3, axis=DOWN, angle=0.0)
+    roof = quad("/roof", [[-1, 2, -1], [1, 2, -1], [1, 2, 1], [-1, 2, 1]], DIFFUSE)
+    origin, direction = rays([[0, 1, 4], [0, 1, 4]], [[0.0, 0, 0], [2, 0, 0]])
+    mean, _, _ = render(built([FLOOR, roof], sun), origin, direction, passes=1)
+    assert np.all(mean[:, 0] == 0) and np.all(mean[:, 1] > 0)
+
+
+def test_lamps_are_seen_directly_and_hide_what_is_behind():
+    sphere = scene.SphereLight("/s", (1.0, 2.0, 3.0), center=np.array([0, 2.0, 0]), radius=0.5)
+    facing = dataclasses.replace(LIGHT, half_y=np.array([0, 0.4, 0]), axis=np.array([0, 0, 1.0]))
+    lamps = (
+        sphere,
+        dataclasses.replace(facing, center=np.array([2.0, 2, 0])),
+        dataclasses.replace(facing, name="/back", center=np.array([-2.0, 2, 0]), axis=np.array([0, 0, -1.0])),
+    )
+    wall = quad("/wall", [[-9, -9, -2], [9, -9, -2], [9, 9, -2], [-9, 9, -2]], scene.Material(diffuse=(0.0,) * 3))
+    targets = np.array([[0, 2.0, 0], [2, 2, 0], [-2, 2, 0]])
+    origin, direction = rays(targets + np.array([0, 0, 4]), targets)
+    _, _, result = render(built([wall], *lamps, medium=scene.Medium((0.1,) * 3)), origin, direction, passes=1)
+    assert np.allclose(result.depth.numpy(), [3.5, 4, 6], rtol=1e-6)
+    assert np.array_equal(result.alpha.numpy(), [1, 1, 1])
+    radiance = result.radiance.numpy()
+    assert np.allclose(radiance[:, 0], np.array([1, 2, 3]) * np.exp(-0.35), rtol=1e-5)
+    assert np.allclose(radiance[:, 1], np.array([5, 4, 3]) * np.exp(-0.4), rtol=1e-5)
+    assert np.all(radiance[:, 2] < 0.2)  # a flat light is not there from behind: the wall, by its gloss
+
+
+def test_lights_that_light_no_surfaces_are_neither_seen_nor_felt():
+    hidden = dataclasses.replace(LIGHT, lights_surfaces=False)
+    origin, direction = rays([[0, 1, 4], [0.3, 0.1, 0]], [[0.0, 0, 0], [0.3, 2.5, 0]])
+    mean, _, result = render(built([FLOOR], hidden), origin, direction, passes=1)
+    assert np.all(mean == 0)
+    assert np.array_equal(result.alpha.numpy(), [1, 0])
+
+
+def test_the_open_shows_the_environment_without_alpha():
+    lights = (scene.DomeLight("/dome", (0.1, 0.2, 0.3)), scene.DistantLight("/sun", (7.0,) * 3, axis=DOWN, angle=1.0))
+    origin, direction = rays([0, 0, 0], [[0, 0.1, 1.0], [0, 1, 0]])
+    mean, _, result = render(built([], *lights), origin, direction, passes=1)
+    assert np.allclose(mean[:, 0], [0.1, 0.2, 0.3])
+    assert np.allclose(mean[:, 1], [7.1, 7.2, 7.3])
+    assert np.array_equal(result.alpha.numpy(), [0, 0])
+    assert np.all(np.isinf(result.depth.numpy()))
+
+
+def test_rays_that_are_not_active_see_nothing():
+    origin, direction = rays([[0, 1, 4], [0, 1, 4]], [[0.0, 0, 0], [0, 5, 0]])
+    world = built([FLOOR], LIGHT, scene.DomeLight("/dome", (1.0,) * 3))
+    result = shade(world, origin, direction, Bool([False, False]), UInt32([0, 1]), UInt32(0), UInt32(0))
+    assert np.all(result.radiance.numpy() == 0) and np.all(result.alpha.numpy() == 0)
+
+
+def test_surfaces_glow_to_both_sides():
+    material = dataclasses.replace(DIFFUSE, emissive=(1.0, 2.0, 3.0))
+    origin, direction = rays([[0, 1, 0], [0, -1, 0]], [[0.1, 0, 0], [0.1, 0, 0]])
+    mean, _, _ = render(built([dataclasses.replace(FLOOR, material=material)]), origin, direction, passes=1)
+    assert np.allclose(mean.T, [[1, 2, 3], [1, 2, 3]])
+
+
+def test_images_lie_on_surfaces_with_their_first_row_at_v_one():
+    pixels = np.zeros((2, 2, 3), dtype=np.float32)
+    pixels[0, 1] = (1, 0.5, 0.25)  # top right: u, v near 1
+    uvs = np.array([[0, 0], [1, 0], [1, 1], [0, 1.0]])
+    shift = np.array([[1, 0, 0.5], [0, 1, 0], [0, 0, 1.0]])
+    for transform, spot in ((np.eye(3), [0.5, 0.5]), (shift, [-0.5, 0.5])):
+        glow = scene.Material(emissive=scene.Texture(pixels, "repeat", transform))
+        card = dataclasses.replace(quad("/card", [[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], glow), uvs=uvs)
+        corners = np.array([[x, y, 0] for x in (-0.5, 0.5) for y in (-0.5, 0.5)])
+        origin, direction = rays(corners + np.array([0, 0, 1]), corners)
+        mean, _, _ = render(built([card]), origin, direction, passes=1)
+        expected = [pixels[0, 1] if list(corner[:2]) == spot else (0, 0, 0) for corner in corners]
+        assert np.allclose(mean.T, expected, atol=1e-6)
+
+
+def test_opacity_lets_its_part_of_light_and_sight_through(reflectance):
+    sun = scene.DistantLight("/sun", (1.0,) * 3, axis=DOWN, angle=0.0)
+    sheer = scene.Material(diffuse=(0.0,) * 3, opacity=0.25, ior=1.001)
+    veil = quad("/veil", [[-2, 1, -2], [2, 1, -2], [2, 1, 1], [-2, 1, 1]], sheer)
+    origin, direction = rays(np.broadcast_to([0.0, 3, 4], (4096, 3)), [0, 0, 0])
+    mean, variance, _ = render(built([FLOOR, veil], sun), origin, direction, passes=8)
+    error = np.sqrt(variance.mean(axis=1) / mean.shape[1] / 8)  # light passes the veil once, sight passes beside it
+    assert np.all(np.abs(mean.mean(axis=1) - 0.75 * reflectance) < 4 * error + 1e-3 * reflectance)
+
+
+def mitsuba_scene(material):
+    """Return Mitsuba's own version of `FLOOR`, a block and `LIGHT`, with the emitter as a shape."""
+    mi = mitsuba()
+    world = built([dataclasses.replace(FLOOR, material=material), box("/block", [-1, 0, -1], [-0.2, 0.8, 0], material)])
+    frame = np.eye(4)
+    frame[:3, :3] = np.array([LIGHT.half_x, LIGHT.half_y, LIGHT.axis]).T
+    frame[:3, 3] = LIGHT.center
+    parts = {f"shape_{i}": shape for i, shape in enumerate(world.surfaces.shapes())}
+    parts["light"] = {
+        "type": "rectangle",
+        "to_world": mi.ScalarTransform4f(frame),
+        "emitter": {"type": "area", "radiance": {"type": "rgb", "value": list(LIGHT.radiance)}},
+    }
+    return world, mi.load_dict({"type": "scene", **parts})
+
+
+@pytest.mark.parametrize("material", [DIFFUSE, GLOSSY], ids=["diffuse", "glossy"])
+def test_direct_light_equals_mitsubas_own_integrator(material):
+    mi = mitsuba()
+    world, reference = mitsuba_scene(material)
+    world = World.build(dataclasses.replace(world.description, lights=(LIGHT,)), viewpoints=[(0, 2, 4)])
+    x, y = (axis.ravel() for axis in np.meshgrid(np.linspace(-1.5, 1.5, 16), np.linspace(-0.9, 0.77, 9)))
+    origin, direction = rays([0, 2, 4], np.stack([x, y, 0 * x], axis=1))
+    count, samples = dr.width(direction), 256
+    mean, variance, _ = render(world, origin, direction, passes=samples)
+
+    integrator = mi.load_dict({"type": "direct"})
+    sampler = mi.load_dict({"type": "independent"})
+    sampler.seed(3, count * samples)
+    index = dr.arange(UInt32, count * samples) // samples
+    ray = mi.RayDifferential3f(
+        mi.Point3f(dr.gather(Array3f, origin + dr.zeros(mi.Float, count), index)),
+        mi.Vector3f(dr.gather(Array3f, direction, index)),
+    )
+    theirs = np.array(integrator.sample(reference, sampler, ray)[0]).reshape(3, count, samples)
+    error = np.sqrt(theirs.var(axis=2) / samples + variance / samples)
+    z = (mean - theirs.mean(axis=2)) / (error + 1e-5)
+    lit = theirs.mean(axis=2)[0] > 1e-4
+    assert lit.mean() > 0.5
+    # 432 values: a normal variate exceeds 4.5 of its deviations in 0.3 % of such sets; float32 needs a little room.
+    assert np.abs(z).max() < 4.5
+    assert abs(z[:, lit].mean()) < 4 / np.sqrt(lit.sum())  # the three channels share their samples
+
+
+def test_samples_of_a_pixel_converge_faster_than_random_ones():
+    origin, direction = rays(np.broadcast_to([0.0, 2, 4], (256, 3)), [0.5, 0, 0])
+    mean, variance, _ = render(built([FLOOR], LIGHT), origin, direction, passes=64)
+    # The spread of the means of pixels that see the same point, against that of 64 independent samples.
+    assert mean[0].std() < 0.5 * np.sqrt(variance[0].mean() / 64)
+
+
+def test_passes_and_lights_values_compile_nothing():
+    def frame(number):
+        light = dataclasses.replace(LIGHT, radiance=(1.0 + number, 2, 3), center=np.array([0.1 * number, 2.5, 0]))
+        extra = [dataclasses.replace(light, name=f"/extra{i}") for i in range(number)]
+        medium = scene.Medium((0.1 + 0.1 * number,) * 3)
+        world = built([FLOOR], light, *extra, medium=medium)
+        origin, direction = rays(np.broadcast_to([0.0, 2, 4], (64, 3)), [0.1 * number, 0, 0])
+        render(world, origin, direction, passes=2)
+
+    frame(0)
+    with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
+        dr.kernel_history()
+        frame(1)
+        compiled = [kernel for kernel in dr.kernel_history() if kernel.get("hash") and not kernel["cache_hit"]]
+    assert not compiled
