@@ -108,7 +108,11 @@ def fluence(points: np.ndarray, light_points: int = 24) -> np.ndarray:
 
 @cache
 def single_scattering(
-    width: int, height: int, position: tuple[float, float, float] = (0.0, 1.5, 1.95), steps: int = 192
+    width: int,
+    height: int,
+    position: tuple[float, float, float] = (0.0, 1.5, 1.95),
+    steps: int = 192,
+    light_points: int = 24,
 ) -> np.ndarray:
     """Return the single scattering of the fog (height, width): ∫ σs / 4π · fluence · exp(−σt t) dt, midpoint rule."""
     origin, direction = camera_rays(width, height, position)
@@ -116,7 +120,7 @@ def single_scattering(
     total = np.zeros(len(origin))
     for step in range(steps):
         t = (step + 0.5) / steps * far
-        light = fluence(origin + t[:, None] * direction)
+        light = fluence(origin + t[:, None] * direction, light_points)
         total += light * np.exp(-(SCATTERING + ABSORPTION) * t) * far / steps
     return (total * SCATTERING / (4 * np.pi)).reshape(height, width)
 

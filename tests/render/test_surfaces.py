@@ -187,27 +187,33 @@ def test_opacity_lets_its_part_of_light_and_sight_through(reflectance):
     assert np.all(np.abs(mean.mean(axis=1) - 0.75 * reflectance) < 4 * error + 1e-3 * reflectance)
 
 
-def mitsuba_scene(material):
-    """Return Mitsuba's own version of `FLOOR`, a block and `LIGHT`, with the emitter as a shape."""
+SPHERE = scene.SphereLight("/light", (9.0, 4.0, 3.0), center=np.array([0.3, 2.5, 0.0]), radius=0.4)
+SKY = scene.DomeLight("/light", (1.0, 2.0, 3.0), image=np.random.default_rng(2).random((8, 16, 3)) ** 4)
+
+
+def emitter_of(light):
+    """Return a light as Mitsuba itself has it."""
     mi = mitsuba()
-    world = built([dataclasses.replace(FLOOR, material=material), box("/block", [-1, 0, -1], [-0.2, 0.8, 0], material)])
+    if isinstance(light, scene.DomeLight):
+        pixels = np.float32(light.image * light.radiance)
+        return {"type": "envmap", "bitmap": mi.Bitmap(pixels)}
+    area = {"type": "area", "radiance": {"type": "rgb", "value": list(light.radiance)}}
+    if isinstance(light, scene.SphereLight):
+        return {"type": "sphere", "center": list(light.center), "radius": light.radius, "emitter": area}
     frame = np.eye(4)
-    frame[:3, :3] = np.array([LIGHT.half_x, LIGHT.half_y, LIGHT.axis]).T
-    frame[:3, 3] = LIGHT.center
-    parts = {f"shape_{i}": shape for i, shape in enumerate(world.surfaces.shapes())}
-    parts["light"] = {
-        "type": "rectangle",
-        "to_world": mi.ScalarTransform4f(frame),
-        "emitter": {"type": "area", "radiance": {"type": "rgb", "value": list(LIGHT.radiance)}},
-    }
-    return world, mi.load_dict({"type": "scene", **parts})
+    frame[:3, :3] = np.array([light.half_x, light.half_y, light.axis]).T
+    frame[:3, 3] = light.center
+    return {"type": "rectangle", "to_world": mi.ScalarTransform4f(frame), "emitter": area}
 
 
 @pytest.mark.parametrize("material", [DIFFUSE, GLOSSY], ids=["diffuse", "glossy"])
-def test_direct_light_equals_mitsubas_own_integrator(material):
+@pytest.mark.parametrize("light", [LIGHT, SPHERE, SKY], ids=["rect", "sphere", "dome"])
+def test_direct_light_equals_mitsubas_own_integrator(material, light):
     mi = mitsuba()
-    world, reference = mitsuba_scene(material)
-    world = World.build(dataclasses.replace(world.description, lights=(LIGHT,)), viewpoints=[(0, 2, 4)])
+    block = box("/block", [-1, 0, -1], [-0.2, 0.8, 0], material)
+    world = built([dataclasses.replace(FLOOR, material=material), block], light)
+    shapes = {f"shape_{i}": shape for i, shape in enumerate(world.surfaces.shapes())}
+    reference = mi.load_dict({"type": "scene", **shapes, "light": emitter_of(light)})
     x, y = (axis.ravel() for axis in np.meshgrid(np.linspace(-1.5, 1.5, 16), np.linspace(-0.9, 0.77, 9)))
     origin, direction = rays([0, 2, 4], np.stack([x, y, 0 * x], axis=1))
     count, samples = dr.width(direction), 256
