@@ -1,0 +1,356 @@
+"""Image files: layered EXR and tone-mapped PNG out, layers and pictures back in.
+
+Nothing is half written: a file grows beside its target under a hidden name and is renamed once it is whole and on the
+disk. What goes wrong on the way is an `OSError` that names the target.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import secrets
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import OpenEXR
+import OpenImageIO
+
+from ..scene import Array, SceneError
+
+PathLike = str | os.PathLike[str]
+
+HALF_MAX = 65504.0  # the largest finite half
+REC709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)  # red, green, blue, white: the `chromaticities` of EXR
+SHOULDER = 0.5  # scene-linear value up to which `tone_mapped` changes nothing
+PNG_END = b"IEND\xaeB`\x82"  # the last chunk of a whole PNG
+WHITENING = 0.15  # how fast the shoulder turns bright colours white; the value of Khronos' PBR Neutral
+
+
+# -- files -----------------------------------------------------------------------------------------------------------
+
+
+def prepare_output(path: PathLike) -> Path:
+    """Return `path`, having checked, before hours of rendering, that a picture can be written there.
+
+    Makes the folder if there is none, as usdrecord does.
+
+    Raises
+    ------
+    SceneError
+        Neither .exr nor .png.
+    OSError
+        The folder cannot be made or written to, or a folder bears the file's name.
+    """
+    path = _picture_path(path)
+    with suppress(_Undone), atomic_path(path):
+        raise _Undone
+    return path
+
+
+@contextmanager
+def atomic_path(path: PathLike) -> Iterator[Path]:
+    """Give a path beside `path`, with its suffix, to write to; rename it to `path` at the end, remove it on failure.
+
+    Makes the folder if there is none.
+
+    Raises
+    ------
+    OSError
+        What kept the file from being written, with `path` as its file name.
+    """
+    path = Path(path)
+    # Short enough for any name that is allowed itself, and never the name of a picture that someone globs for.
+    beside = path.parent / f".{path.stem[:40]}.{secrets.token_hex(6)}.tmp{path.suffix}"
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        if path.is_dir():
+            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+        # Mode 666 under the user's umask, which a temporary file would not have.
+        os.close(os.open(beside, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666))
+        yield beside
+        _flush(beside)
+        os.replace(beside, path)
+    except OSError as error:
+        if error.filename is not None and Path(os.fsdecode(error.filename)) not in (beside, path, path.parent):
+            raise  # some other file, that the writer needed
+        raise OSError(error.errno or errno.EIO, error.strerror or str(error), str(path)) from error
+    finally:
+        with suppress(OSError):
+            beside.unlink()
+
+
+class _Undone(Exception):  # noqa: N818 (no error: it takes back a trial)
+    pass
+
+
+def _flush(path: Path) -> None:
+    """Wait until a file is on the disk: a full network disk tells only then."""
+    file = os.open(path, os.O_RDWR)
+    try:
+        os.fsync(file)
+    finally:
+        os.close(file)
+
+
+def _failed(message: str) -> OSError:
+    """Return the system's error that a library reports in words."""
+    known = (errno.ENOSPC, errno.EFBIG, errno.EDQUOT, errno.EACCES, errno.EROFS, errno.EIO)
+    for number in known:
+        if os.strerror(number).lower() in message.lower():
+            return OSError(number, os.strerror(number))
+    return OSError(
+        errno.EIO, f"cannot be written ({message.strip().splitlines()[0] if message.strip() else 'is the disk full?'})"
+    )
+
+
+def _picture_path(path: PathLike) -> Path:
+    path = Path(path)
+    if path.suffix.lower() not in (".exr", ".png"):
+        raise SceneError(f"cannot write {path}: expected a name that ends in .exr (layers) or .png (a picture)")
+    return path
+
+
+# -- out -------------------------------------------------------------------------------------------------------------
+
+
+def write_frame(
+    path: PathLike,
+    layers: Mapping[str, Array],
+    metadata: Mapping[str, Any] | None = None,
+    layer: str = "rgba",
+    exposure: float = 0.0,
+) -> None:
+    """Write a frame as its name says: all layers to an .exr, or the tone-mapped picture of one `layer` to a .png.
+
+    Raises
+    ------
+    SceneError
+        Another suffix, or no such layer.
+    OSError
+        As `atomic_path`.
+    """
+    path = _picture_path(path)
+    if path.suffix.lower() == ".exr":
+        write_exr(path, layers, metadata)
+    elif layer in layers:
+        write_png(path, layers[layer], exposure)
+    else:
+        raise SceneError(f"cannot write {path}: there is no layer '{layer}', only {', '.join(layers)}")
+
+
+def write_exr(path: PathLike, layers: Mapping[str, Array], metadata: Mapping[str, Any] | None = None) -> None:
+    """Write a multi-part EXR, a part for each layer, `rgba` first; ZIP, half for colour, float for depth.
+
+    Parameters
+    ----------
+    path
+        Its folder is made if there is none.
+    layers
+        Name to pixels, all of one size, first row on top: (H, W, 4) and (H, W, 3) become R, G, B(, A), (H, W) or
+        (H, W, 1) becomes Z. Colours beyond ±65504 are clamped to that, the largest half; infinite depth stays.
+    metadata
+        Header attributes for every part: str, int, float, `Fraction` (framesPerSecond), lists of str, and (4, 4)
+        arrays. The matrices worldToCamera and worldToNDC are for row vectors, as Imath and USD have them. For a
+        cropped frame, `dataWindow` and `displayWindow` are (x0, y0, x1, y1), the last pixel included. Chromaticities
+        are Rec.709 unless given.
+
+    Raises
+    ------
+    ValueError
+        Layers of several sizes or of other shapes, or metadata that EXR has no type for.
+    OSError
+        As `atomic_path`.
+    """
+    header = _header({"chromaticities": REC709, **(metadata or {})})
+    names = sorted(layers, key=lambda name: name != "rgba")  # stable: the others keep their order
+    if not names or len({np.shape(layers[name])[:2] for name in names}) != 1:
+        shapes = ", ".join(f"{name} {np.shape(layers[name])}" for name in names)
+        raise ValueError(f"while writing {path}, got layers {shapes or 'without one'}: expected one size")
+    parts = [OpenEXR.Part(dict(header), _channels(name, layers[name]), name) for name in names]
+    with atomic_path(path) as beside:
+        try:
+            OpenEXR.File(parts).write(str(beside))
+        except RuntimeError as error:  # OpenEXR's only one
+            raise _failed(str(error)) from error
+
+
+def _header(metadata: Mapping[str, Any]) -> dict[str, Any]:
+    """Return attributes of the types that the OpenEXR module takes."""
+    result: dict[str, Any] = {"type": OpenEXR.scanlineimage, "compression": OpenEXR.ZIP_COMPRESSION}
+    for name, value in metadata.items():
+        if name in ("dataWindow", "displayWindow"):
+            x0, y0, x1, y1 = value
+            result[name] = (np.array([x0, y0], np.int32), np.array([x1, y1], np.int32))
+        elif isinstance(value, np.ndarray) and value.shape == (4, 4):
+            result[name] = np.ascontiguousarray(value, dtype=np.float32)
+        elif isinstance(value, str | Fraction | tuple) or (isinstance(value, list) and _all_text(value)):
+            result[name] = value
+        elif isinstance(value, int | np.integer):
+            number = int(value)
+            result[name] = number if abs(number) < 2**31 else str(number)  # EXR's int has 32 bits
+        elif isinstance(value, float | np.floating):
+            result[name] = float(value)
+        else:
+            raise ValueError(f"while writing an EXR header, got {name} = {value!r}: no attribute type fits it")
+    return result
+
+
+def _all_text(values: list[Any]) -> bool:
+    return bool(values) and all(isinstance(each, str) for each in values)
+
+
+def _channels(name: str, pixels: Array) -> dict[str, Array]:
+    """Return the layer's channels by the name that OpenEXR gives to an interleaved array."""
+    pixels = np.asarray(pixels)
+    if pixels.ndim == 3 and pixels.shape[2] in (3, 4):
+        key = "RGBA" if pixels.shape[2] == 4 else "RGB"
+        return {key: np.ascontiguousarray(np.clip(pixels, -HALF_MAX, HALF_MAX), dtype=np.float16)}
+    if pixels.ndim == 2 or (pixels.ndim == 3 and pixels.shape[2] == 1):
+        return {"Z": np.ascontiguousarray(pixels.reshape(pixels.shape[:2]), dtype=np.float32)}
+    raise ValueError(f"while writing layer {name}, got shape {pixels.shape}: expected (H, W), (H, W, 3) or (H, W, 4)")
+
+
+def write_png(path: PathLike, pixels: Array, exposure: float = 0.0) -> None:
+    """Write scene-linear colours (H, W, 3 or 4), premultiplied, as an opaque 8-bit sRGB picture over black.
+
+    Alpha is left out: beams add light where alpha is zero, which PNG's alpha cannot say.
+
+    Parameters
+    ----------
+    exposure
+        In stops: the colours are multiplied by 2^exposure.
+
+    Raises
+    ------
+    OSError
+        As `atomic_path`.
+    """
+    picture = dithered(srgb_encoded(tone_mapped(np.asarray(pixels)[..., :3], exposure)))
+    spec = OpenImageIO.ImageSpec(picture.shape[1], picture.shape[0], 3, "uint8")
+    spec.attribute("oiio:ColorSpace", "srgb_rec709_scene")
+    with atomic_path(path) as beside:
+        file: Any = OpenImageIO.ImageOutput.create("png")
+        done = file.open(str(beside), spec) and file.write_image(picture)
+        file.close()
+        # On a full disk every call says True: the error text tells, and for the last few bytes only the file itself.
+        message = file.geterror()
+        if message or not done or not beside.read_bytes().endswith(PNG_END):
+            raise _failed(message)
+
+
+def tone_mapped(pixels: Array, exposure: float = 0.0) -> Array:
+    """Return display-linear colours in [0, 1] of scene-linear ones: the view that PNGs are made with.
+
+    Colours whose largest channel m is below 0.5 stay as they are, so that fog and shadows are what was computed. Above
+    that, m goes through a hyperbola to 1, with no kink, and its colour is scaled by the same factor, so that no channel
+    clips alone and hue holds; as m grows, the colour is mixed with white, as film and the eye see what is very bright.
+    This is the shoulder of Khronos' PBR Neutral, begun lower, since a lamp's neighbourhood in fog spans many stops,
+    and without its toe, which would darken thin fog. Negative values and NaN become 0.
+    """
+    light = np.asarray(pixels, dtype=np.float64) * 2.0**exposure
+    light = np.nan_to_num(np.maximum(light, 0.0), nan=0.0, posinf=1e30)
+    peak = light.max(axis=-1, keepdims=True)
+    room = 1.0 - SHOULDER
+    above = np.maximum(peak, SHOULDER)
+    target = 1.0 - room**2 / (above + room - SHOULDER)
+    white = 1.0 - 1.0 / (WHITENING * (above - target) + 1.0)
+    colour = light * (target / above)
+    return np.where(peak > SHOULDER, colour + (target - colour) * white, light)
+
+
+def srgb_encoded(linear: Array) -> Array:
+    """Return linear values in [0, 1] as the sRGB transfer function encodes them (IEC 61966-2-1)."""
+    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * np.maximum(linear, 0.0031308) ** (1 / 2.4) - 0.055)
+
+
+def srgb_decoded(encoded: Array) -> Array:
+    """Return the linear values of sRGB-encoded ones."""
+    return np.where(encoded <= 0.04045, encoded / 12.92, ((np.maximum(encoded, 0.0) + 0.055) / 1.055) ** 2.4)
+
+
+def dithered(picture: Array) -> Array:
+    """Return values in [0, 1], (H, W, C), as 8 bit, rounded up or down by a fixed pattern so that fog does not band.
+
+    The pattern is interleaved gradient noise (Jimenez 2014), shifted for each channel: evenly spread over any few
+    neighbours, and the same for each frame. On the average a pixel keeps its value; 0 and 1 stay exact.
+    """
+    height, width, channels = picture.shape
+    y, x, c = np.ogrid[:height, :width, :channels]
+    pattern = np.modf(52.9829189 * np.modf(0.06711056 * (x + 47 * c) + 0.00583715 * (y + 17 * c))[0])[0]
+    return np.clip(np.floor(picture * 255.0 + pattern), 0, 255).astype(np.uint8)
+
+
+# -- in --------------------------------------------------------------------------------------------------------------
+
+
+def read_layers(path: PathLike) -> dict[str, Array]:
+    """Return the parts of an EXR, or of another image the whole, as float32 by name, in the file's order.
+
+    Returns
+    -------
+    dict
+        Name to (H, W, C), or (H, W) where there is one channel. A part without a name is "rgba". Values are as
+        stored: no colour is converted. Parts of one name are told apart by their view, or by their number.
+
+    Raises
+    ------
+    OSError
+        No such file, or it may not be read.
+    SceneError
+        No image, or a broken one.
+    """
+    layers: dict[str, Array] = {}
+    for index, (spec, pixels) in enumerate(_subimages(path)):
+        name = spec.get_string_attribute("oiio:subimagename") or "rgba"
+        if name in layers:
+            name = f"{name}.{spec.get_string_attribute('view') or index}"
+        layers[name] = pixels[..., 0] if pixels.shape[2] == 1 else pixels
+    return layers
+
+
+def read_image(path: PathLike) -> Array:
+    """Return an image file's (first) picture as scene-linear float32, (H, W, C), first row on top.
+
+    8-bit images of three or four channels are taken as sRGB, others as linear.
+
+    Raises
+    ------
+    OSError, SceneError
+        As `read_layers`.
+    """
+    spec, pixels = next(_subimages(path))
+    if str(spec.format) == "uint8" and pixels.shape[2] >= 3:
+        pixels[..., :3] = srgb_decoded(pixels[..., :3])
+    return pixels
+
+
+def _subimages(path: PathLike) -> Iterator[tuple[Any, Array]]:
+    """Yield each subimage's description and its pixels, (H, W, C) float32."""
+    path = Path(path)
+    with path.open("rb"):  # for the system's own words where there is no file, or no right to it
+        pass
+    file: Any = OpenImageIO.ImageInput.open(str(path))
+    if not file:
+        raise _unreadable(path, OpenImageIO.geterror())
+    try:
+        index = 0
+        while file.seek_subimage(index, 0):
+            spec = file.spec()
+            pixels = file.read_image(index, 0, 0, spec.nchannels, "float")
+            message = file.geterror()
+            if pixels is None or message:
+                raise _unreadable(path, message)
+            yield spec, np.asarray(pixels, dtype=np.float32).reshape(spec.height, spec.width, spec.nchannels)
+            index += 1
+        file.geterror()  # seeking past the last one is no error
+    finally:
+        file.close()
+
+
+def _unreadable(path: Path, message: str) -> SceneError:
+    reason = message.strip().splitlines()[0] if message.strip() else "unknown format"
+    return SceneError(f"{path} cannot be read: expected an image ({reason})")

@@ -1,0 +1,336 @@
+"""Picture files: what is written is what is read, and nothing is half written."""
+
+import errno
+import os
+import subprocess
+import sys
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+import OpenEXR
+import OpenImageIO
+import pytest
+
+from photonbeams.scene import SceneError
+from photonbeams.shot import images
+
+SIZE = (30, 44)
+
+
+@pytest.fixture
+def layers():
+    random = np.random.default_rng(1)
+    colour = {name: random.uniform(0, 2, (*SIZE, 3)).astype(np.float32) for name in ("surface", "beams", "beams_key")}
+    depth = random.uniform(1, 9, SIZE).astype(np.float32)
+    depth[0, 0] = np.inf
+    rgba = np.concatenate([colour["surface"] + colour["beams"], np.ones((*SIZE, 1), np.float32)], axis=2)
+    return {**colour, "transmittance": colour["beams"] / 2, "depth": depth, "rgba": rgba}
+
+
+METADATA = {
+    "worldToCamera": np.arange(16.0).reshape(4, 4),
+    "worldToNDC": np.eye(4),
+    "framesPerSecond": Fraction(24000, 1001),
+    "expTime": np.float32(1 / 48),
+    "software": "photonbeams 0.1.0",
+    "commandLine": "photonbeams render keyhole.usda",
+    "seed": np.int64(7),
+    "passes": 16,
+    "lightGroups": ["key", "fill"],
+    "bigSeed": 2**40,
+}
+
+
+def subimages(path):
+    file = OpenImageIO.ImageInput.open(str(path))
+    result = []
+    while file.seek_subimage(len(result), 0):
+        result.append(file.spec())
+    file.close()
+    return result
+
+
+def names_in(folder):
+    return sorted(each.name for each in folder.iterdir())
+
+
+def test_an_exr_has_a_part_for_each_layer_with_rgba_first(tmp_path, layers):
+    images.write_exr(tmp_path / "a.exr", layers, METADATA)
+    found = [
+        (s.get_string_attribute("oiio:subimagename"), tuple(s.channelnames), str(s.format))
+        for s in subimages(tmp_path / "a.exr")
+    ]
+    rgb = ("R", "G", "B")
+    assert found == [
+        ("rgba", (*rgb, "A"), "half"),
+        ("surface", rgb, "half"),
+        ("beams", rgb, "half"),
+        ("beams_key", rgb, "half"),
+        ("transmittance", rgb, "half"),
+        ("depth", ("Z",), "float"),
+    ]
+
+
+def test_layers_read_back_as_written_to_the_precision_of_their_type(tmp_path, layers):
+    images.write_exr(tmp_path / "a.exr", layers)
+    found = images.read_layers(tmp_path / "a.exr")
+    assert list(found) == ["rgba", "surface", "beams", "beams_key", "transmittance", "depth"]
+    for name, pixels in layers.items():
+        expected = pixels if name == "depth" else pixels.astype(np.float16).astype(np.float32)
+        np.testing.assert_array_equal(found[name], expected)
+
+
+def test_headers_keep_their_values_and_types(tmp_path, layers):
+    images.write_exr(tmp_path / "a.exr", layers, METADATA)
+    with OpenEXR.File(str(tmp_path / "a.exr"), header_only=True) as file:
+        assert len({part.name() for part in file.parts}) == 6
+        for part in file.parts:
+            header = part.header
+            np.testing.assert_array_equal(header["worldToCamera"], METADATA["worldToCamera"])
+            assert header["worldToCamera"].dtype == np.float32  # M44f
+            assert header["framesPerSecond"] == Fraction(24000, 1001)
+            assert header["expTime"] == np.float32(1 / 48)
+            assert (header["seed"], header["passes"]) == (7, 16)
+            assert header["bigSeed"] == str(2**40)
+            assert header["lightGroups"] == ["key", "fill"]
+            assert header["software"] == "photonbeams 0.1.0"
+            assert header["chromaticities"] == pytest.approx(images.REC709)
+            assert header["compression"] == OpenEXR.ZIP_COMPRESSION
+
+
+def test_a_cropped_frame_keeps_its_place_in_the_whole(tmp_path, layers):
+    windows = {"dataWindow": (10, 5, 53, 34), "displayWindow": (0, 0, 99, 49)}
+    images.write_exr(tmp_path / "a.exr", layers, windows)
+    for spec in subimages(tmp_path / "a.exr"):
+        assert (spec.x, spec.y, spec.width, spec.height) == (10, 5, 44, 30)
+        assert (spec.full_width, spec.full_height) == (100, 50)
+
+
+def test_colours_too_bright_for_half_become_the_largest_half(tmp_path):
+    pixels = np.full((2, 2, 3), 1e6, np.float32)
+    pixels[0, 0] = np.inf, -np.inf, 65519.0
+    images.write_exr(tmp_path / "a.exr", {"beams": pixels})
+    found = images.read_layers(tmp_path / "a.exr")["beams"]
+    assert found[1, 1].tolist() == [65504.0] * 3
+    assert found[0, 0].tolist() == [65504.0, -65504.0, 65504.0]
+
+
+def test_nan_stays_nan_so_that_it_can_be_found(tmp_path):
+    pixels = np.full((2, 2, 3), np.nan, np.float32)
+    images.write_exr(tmp_path / "a.exr", {"beams": pixels})
+    assert np.isnan(images.read_layers(tmp_path / "a.exr")["beams"]).all()
+
+
+def test_the_same_layers_make_the_same_bytes(tmp_path, layers):
+    for name in ("a", "b"):
+        images.write_frame(tmp_path / f"{name}.exr", layers, METADATA)
+        images.write_frame(tmp_path / f"{name}.png", layers)
+    assert (tmp_path / "a.exr").read_bytes() == (tmp_path / "b.exr").read_bytes()
+    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
+
+
+def test_a_missing_folder_is_made(tmp_path, layers):
+    images.write_frame(tmp_path / "new" / "deep" / "a.exr", layers)
+    assert names_in(tmp_path / "new" / "deep") == ["a.exr"]
+
+
+def test_a_file_has_the_mode_that_the_umask_says(tmp_path, layers):
+    before = os.umask(0o027)
+    try:
+        images.write_frame(tmp_path / "a.exr", layers)
+        images.write_frame(tmp_path / "a.png", layers)
+    finally:
+        os.umask(before)
+    assert {(tmp_path / name).stat().st_mode & 0o777 for name in ("a.exr", "a.png")} == {0o640}
+
+
+def test_layers_of_several_sizes_are_refused(tmp_path, layers):
+    with pytest.raises(ValueError, match=r"depth \(2, 2\)"):
+        images.write_exr(tmp_path / "a.exr", {**layers, "depth": np.ones((2, 2))})
+    assert names_in(tmp_path) == []
+
+
+@pytest.mark.parametrize("name", ["a.jpg", "a.tif", "a", ".exr"])
+def test_other_suffixes_are_refused(tmp_path, layers, name):
+    for call in (lambda p: images.write_frame(p, layers), images.prepare_output):
+        with pytest.raises(SceneError, match=r"\.exr \(layers\) or \.png"):
+            call(tmp_path / name)
+    assert names_in(tmp_path) == []
+
+
+def test_a_layer_that_is_not_there_is_named(tmp_path, layers):
+    with pytest.raises(SceneError, match="no layer 'fog', only surface, beams"):
+        images.write_frame(tmp_path / "a.png", layers, layer="fog")
+
+
+# -- nothing half written --------------------------------------------------------------------------------------------
+
+
+def test_an_output_is_tried_before_rendering_and_leaves_no_trace(tmp_path):
+    (tmp_path / "old.exr").write_bytes(b"yesterday")
+    assert images.prepare_output(tmp_path / "old.exr") == tmp_path / "old.exr"
+    images.prepare_output(tmp_path / "sub" / "new.png")
+    assert (tmp_path / "old.exr").read_bytes() == b"yesterday"
+    assert names_in(tmp_path / "sub") == []
+    assert names_in(tmp_path) == ["old.exr", "sub"]
+
+
+def test_a_folder_in_the_way_is_an_error_that_names_it(tmp_path, layers):
+    (tmp_path / "a.exr").mkdir()
+    with pytest.raises(IsADirectoryError) as error:
+        images.write_frame(tmp_path / "a.exr", layers)
+    assert error.value.filename == str(tmp_path / "a.exr")
+
+
+def test_a_file_in_the_folders_place_is_an_error(tmp_path, layers):
+    (tmp_path / "out").write_text("a file")
+    with pytest.raises(OSError) as error:
+        images.write_frame(tmp_path / "out" / "a.exr", layers)
+    assert error.value.filename == str(tmp_path / "out" / "a.exr")
+    with pytest.raises(OSError):
+        images.write_frame(tmp_path / "out" / "sub" / "a.exr", layers)
+    assert names_in(tmp_path) == ["out"]
+
+
+def test_a_failed_writer_leaves_the_old_file_and_nothing_else(tmp_path):
+    path = tmp_path / "a.npz"
+    path.write_bytes(b"yesterday")
+    for failure in (KeyboardInterrupt, ValueError):
+        with pytest.raises(failure), images.atomic_path(path) as beside:
+            beside.write_bytes(b"half")
+            raise failure
+    assert path.read_bytes() == b"yesterday"
+    assert names_in(tmp_path) == ["a.npz"]
+
+
+def test_another_files_error_keeps_that_files_name(tmp_path):
+    with pytest.raises(FileNotFoundError) as error, images.atomic_path(tmp_path / "a.npz"):
+        (tmp_path / "source.txt").read_bytes()
+    assert error.value.filename == str(tmp_path / "source.txt")
+
+
+# A child process, because the limit on the size of its files, which stands for a full disk, cannot be taken back.
+FULL_DISK = """
+import resource, signal, sys
+import numpy as np
+from photonbeams.shot import images
+path, limit = sys.argv[1], int(sys.argv[2])
+pixels = np.random.default_rng(1).uniform(0, 1, (150, 200, 3)).astype(np.float32)
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
+try:
+    images.write_frame(path, {"rgba": pixels, "beams": pixels[::-1]})
+except OSError as error:
+    print(error.errno, error.filename)
+"""
+
+
+@pytest.mark.parametrize("suffix", ["exr", "png"])
+def test_a_full_disk_is_an_error_and_leaves_the_old_file(tmp_path, suffix):
+    path = tmp_path / f"a.{suffix}"
+
+    def write(limit):
+        command = [sys.executable, "-c", FULL_DISK, str(path), str(limit)]
+        return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
+
+    assert write(10**9) == ""
+    whole = path.stat().st_size
+    path.write_bytes(b"yesterday")
+    for limit in (100, whole // 2, whole - 1):
+        number, name = write(limit).split(" ", 1)
+        assert int(number) in (errno.EFBIG, errno.EIO)
+        assert name == str(path)
+        assert path.read_bytes() == b"yesterday"
+        assert names_in(tmp_path) == [path.name]
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
+def test_an_unwritable_folder_is_an_error_that_names_the_file(tmp_path, layers):
+    tmp_path.chmod(0o555)
+    with pytest.raises(PermissionError) as error:
+        images.write_frame(tmp_path / "a.exr", layers)
+    assert error.value.filename == str(tmp_path / "a.exr")
+
+
+@pytest.mark.skipif(not Path("/proc/self").exists(), reason="needs a folder where nobody may write")
+def test_a_folder_where_nobody_may_write_is_an_error_that_names_the_file(layers):
+    with pytest.raises(OSError) as error:
+        images.write_frame("/proc/self/a.exr", layers)
+    assert error.value.filename == "/proc/self/a.exr"
+
+
+# -- pictures --------------------------------------------------------------------------------------------------------
+
+
+def test_a_picture_is_the_view_of_its_layer_to_one_step_of_8_bits(tmp_path, layers):
+    images.write_png(tmp_path / "a.png", layers["rgba"], exposure=-1.0)
+    file = OpenImageIO.ImageInput.open(str(tmp_path / "a.png"))
+    found = file.read_image("uint8").astype(float)
+    file.close()
+    expected = 255 * images.srgb_encoded(images.tone_mapped(layers["rgba"][..., :3], -1.0))
+    assert np.abs(found - expected).max() < 1.0
+
+
+def test_a_written_picture_reads_back_linear(tmp_path):
+    pixels = np.full((20, 20, 3), (0.01, 0.1, 0.4), np.float32)  # below the shoulder
+    images.write_png(tmp_path / "a.png", pixels)
+    # A step of 8 bits is 1.055/2.4 · x^(1/2.4 − 1) / 255 wide: at most 2 % of the value from 0.01 up.
+    np.testing.assert_allclose(images.read_image(tmp_path / "a.png").mean(axis=(0, 1)), pixels[0, 0], rtol=0.02)
+
+
+def test_the_view_changes_nothing_below_its_shoulder_and_never_leaves_0_to_1():
+    dark = np.random.default_rng(2).uniform(0, images.SHOULDER, (50, 3))
+    np.testing.assert_array_equal(images.tone_mapped(dark), dark)
+    bright = np.array([[3e4, 2e4, 1e4], [np.inf, 1, 0], [np.nan, -1, 0.25], [0.9, 0.1, 0.0]])
+    view = images.tone_mapped(bright)
+    assert view.min() >= 0.0 and view.max() <= 1.0
+    assert view[2].tolist() == [0.0, 0.0, 0.25]
+
+
+def test_the_view_is_smooth_and_rises_with_the_light():
+    light = np.geomspace(0.01, 1e4, 4001)[:, None] * np.array([1.0, 0.6, 0.2])
+    view = images.tone_mapped(light)
+    assert np.all(np.diff(view, axis=0) >= 0.0)
+    slope = np.diff(view[:, 0]) / np.diff(light[:, 0])
+    at = int(np.searchsorted(light[:, 0], images.SHOULDER))
+    assert slope[at + 1] == pytest.approx(slope[at - 2], rel=0.02)  # 2 |f''| Δ: 2 · 4 · 0.5 · 0.0035 at the joint
+
+
+def test_the_view_keeps_hue_while_bright_colours_whiten():
+    colour = np.array([1.0, 0.55, 0.2])
+    for gain in (0.4, 1.0, 3.0, 30.0):
+        view = images.tone_mapped(gain * colour)
+        # Hue is where the middle channel lies between the others.
+        assert (view[1] - view[2]) / (view[0] - view[2]) == pytest.approx((0.55 - 0.2) / (1.0 - 0.2), rel=1e-9)
+    assert images.tone_mapped(1e4 * colour).min() > 0.98
+
+
+def test_dither_keeps_the_mean_of_a_gradient_and_both_ends_exact():
+    for level in (0.1, 0.37, 0.5, 0.9):
+        flat = np.full((64, 64, 3), (20 + level) / 255)
+        # 4096 evenly spread thresholds count a share to 1/64 at worst.
+        np.testing.assert_allclose(images.dithered(flat).mean(axis=(0, 1)), 20 + level, atol=1 / 64)
+    ends = images.dithered(np.stack([np.zeros((8, 8)), np.ones((8, 8)), np.ones((8, 8))], axis=2))
+    assert np.unique(ends[..., 0]).tolist() == [0]
+    assert np.unique(ends[..., 1:]).tolist() == [255]
+
+
+# -- bad input -------------------------------------------------------------------------------------------------------
+
+
+def test_a_file_that_is_no_image_is_named(tmp_path):
+    (tmp_path / "a.exr").write_text("no picture")
+    for read in (images.read_layers, images.read_image):
+        with pytest.raises(SceneError, match=r"a\.exr cannot be read: expected an image"):
+            read(tmp_path / "a.exr")
+        with pytest.raises(FileNotFoundError):
+            read(tmp_path / "b.exr")
+
+
+def test_a_truncated_exr_is_an_error(tmp_path, layers):
+    path = tmp_path / "a.exr"
+    images.write_exr(path, layers)
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    with pytest.raises(SceneError, match=r"a\.exr cannot be read"):
+        images.read_layers(path)
