@@ -17,8 +17,8 @@ def reference():
 def test_plain_integration_has_converged(reference):
     coarse = single_scattering(64, 36, steps=96, light_points=6)
     mask = lit(reference)
-    # The midpoint rule is first order over the shadow's edge: twice the steps halve the error. It is 2e-3 in the median
-    # and 1e-4 in the mean, measured once against 800 steps and 576 light points; the beams may be off by 1.5e-2 and 5e-3.
+    # The midpoint rule is first order over the shadow's edge: twice the steps halve the error. The reference's is 2e-3
+    # in the median and 1e-4 in the mean, measured once against 800 steps and 576 light points.
     assert np.isclose(coarse[mask].mean(), reference[mask].mean(), rtol=2e-3)
     assert np.median(np.abs(coarse - reference)[mask] / reference[mask]) < 7e-3
 

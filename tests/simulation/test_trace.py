@@ -248,3 +248,21 @@ def test_a_second_frame_compiles_nothing():
         frame(1)
         compiled = [kernel for kernel in dr.kernel_history() if kernel.get("hash") and not kernel["cache_hit"]]
     assert not compiled
+
+
+@pytest.mark.parametrize(
+    "light",
+    [
+        dataclasses.replace(LAMP, radiance=(0.0,) * 3),
+        scene.FlatLight("/lamp", (1.0,) * 3, half_x=np.zeros(3)),
+        scene.DomeLight("/lamp", (1.0,) * 3, image=np.zeros((4, 8, 3), dtype=np.float32)),
+    ],
+    ids=["black", "no area", "black dome"],
+)
+def test_lights_without_power_make_no_beams(light):
+    assert trace(world_of(light), beams_per_light=16) == []
+
+
+def test_a_single_beam_is_a_beam(room):
+    assert len(only(trace(world_of(LAMP), beams_per_light=1))["start"]) == 1
+    assert len(only(trace(room, beams_per_light=1))["start"]) == 2

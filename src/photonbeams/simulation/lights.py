@@ -218,7 +218,7 @@ class FlatSource:
         offset = origin + distance * direction - self.center
         x, y = dr.dot(offset, self.dual_x), dr.dot(offset, self.dual_y)
         inside = dr.select(self.disk > 0, x * x + y * y, dr.square(dr.maximum(dr.abs(x), dr.abs(y)))) <= 1
-        hit = (cosine > 0) & (distance > 0) & inside
+        hit = (cosine > 0) & (distance > 0) & inside & (self.area > 0)
         radiance = dr.select(hit, self.emitted(-direction), 0)
         pdf = distance * distance / dr.maximum(cosine * self.area, 1e-30)
         return Sight(hit, dr.select(hit, distance, dr.inf), radiance, pdf)
