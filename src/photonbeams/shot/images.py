@@ -96,15 +96,16 @@ def _flush(path: Path) -> None:
         os.close(file)
 
 
-def _failed(message: str) -> OSError:
-    """Return the system's error that a library reports in words."""
-    known = (errno.ENOSPC, errno.EFBIG, errno.EDQUOT, errno.EACCES, errno.EROFS, errno.EIO)
-    for number in known:
-        if os.strerror(number).lower() in message.lower():
-            return OSError(number, os.strerror(number))
-    return OSError(
-        errno.EIO, f"cannot be written ({message.strip().splitlines()[0] if message.strip() else 'is the disk full?'})"
-    )
+def _failed(path: Path, message: str) -> OSError:
+    """Return the system's error behind a library's failure to write `path`, which the library tells in words, if so."""
+    try:
+        with path.open("ab") as file:  # what stopped the library stops this, and Python asks the system why
+            file.write(bytes(1 << 16))
+            file.flush()
+            os.fsync(file)
+    except OSError as error:
+        return error
+    return OSError(errno.EIO, f"cannot be written ({message.strip().partition(chr(10))[0] or 'for no reason given'})")
 
 
 def _picture_path(path: PathLike) -> Path:
@@ -175,7 +176,7 @@ def write_exr(path: PathLike, layers: Mapping[str, Array], metadata: Mapping[str
         try:
             OpenEXR.File(parts).write(str(beside))
         except RuntimeError as error:  # OpenEXR's only one
-            raise _failed(str(error)) from error
+            raise _failed(beside, str(error)) from error
 
 
 def _header(metadata: Mapping[str, Any]) -> dict[str, Any]:
@@ -239,7 +240,7 @@ def write_png(path: PathLike, pixels: Array, exposure: float = 0.0) -> None:
         # On a full disk every call says True: the error text tells, and for the last few bytes only the file itself.
         message = file.geterror()
         if message or not done or not beside.read_bytes().endswith(PNG_END):
-            raise _failed(message)
+            raise _failed(beside, message)
 
 
 def tone_mapped(pixels: Array, exposure: float = 0.0) -> Array:
