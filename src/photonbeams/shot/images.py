@@ -11,6 +11,7 @@ import os
 import secrets
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -288,14 +289,28 @@ def dithered(picture: Array) -> Array:
 # -- in --------------------------------------------------------------------------------------------------------------
 
 
-def read_layers(path: PathLike) -> dict[str, Array]:
-    """Return the parts of an EXR, or of another image the whole, as float32 by name, in the file's order.
+@dataclass(frozen=True)
+class Part:
+    """A part of an EXR, or another image as a whole.
 
-    Returns
-    -------
-    dict
-        Name to (H, W, C), or (H, W) where there is one channel. A part without a name is "rgba". Values are as
-        stored: no colour is converted. Parts of one name are told apart by their view, or by their number.
+    Attributes
+    ----------
+    name
+        "rgba" for a part without a name; parts of one name are told apart by their view, or by their number.
+    channels, types
+        The channels' names, and how they are stored: half, float, uint8, ...
+    pixels
+        (H, W, C) float32 as stored, no colour converted, first row on top.
+    """
+
+    name: str
+    channels: tuple[str, ...]
+    types: tuple[str, ...]
+    pixels: Array
+
+
+def read_parts(path: PathLike) -> list[Part]:
+    """Return all parts of an image file, in its order.
 
     Raises
     ------
@@ -304,13 +319,19 @@ def read_layers(path: PathLike) -> dict[str, Array]:
     SceneError
         No image, or a broken one.
     """
-    layers: dict[str, Array] = {}
+    parts: list[Part] = []
     for index, (spec, pixels) in enumerate(_subimages(path)):
         name = spec.get_string_attribute("oiio:subimagename") or "rgba"
-        if name in layers:
+        if name in {part.name for part in parts}:
             name = f"{name}.{spec.get_string_attribute('view') or index}"
-        layers[name] = pixels[..., 0] if pixels.shape[2] == 1 else pixels
-    return layers
+        types = tuple(str(spec.channelformat(channel)) for channel in range(spec.nchannels))
+        parts.append(Part(name, tuple(spec.channelnames), types, pixels))
+    return parts
+
+
+def read_layers(path: PathLike) -> dict[str, Array]:
+    """Return the pixels of `read_parts` by name, (H, W, C), or (H, W) where there is one channel."""
+    return {part.name: part.pixels[..., 0] if len(part.channels) == 1 else part.pixels for part in read_parts(path)}
 
 
 def read_image(path: PathLike) -> Array:
@@ -321,7 +342,7 @@ def read_image(path: PathLike) -> Array:
     Raises
     ------
     OSError, SceneError
-        As `read_layers`.
+        As `read_parts`.
     """
     spec, pixels = next(_subimages(path))
     if str(spec.format) == "uint8" and pixels.shape[2] >= 3:

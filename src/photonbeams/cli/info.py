@@ -1,0 +1,220 @@
+"""`photonbeams info`: what a stage or a picture holds."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from pxr import Usd
+    from rich.console import Console
+
+    from ..scene import Array, Light, Mesh, Scene
+
+MESHES_SHOWN = 60
+STAGES = (".usd", ".usda", ".usdc", ".usdz")
+_NO_NEWS = ("channels", "chunkCount", "lineOrder", "name", "type", "screenWindowCenter", "screenWindowWidth")
+
+
+def info(path: Path) -> None:
+    """Show what a USD stage or an image file holds.
+
+    Of a stage: cameras, lights, meshes, fog, looks, frames and units. Of an image: its parts with their channels,
+    sizes, ranges and NaNs, and its headers.
+    """
+    from rich.console import Console
+
+    console = Console(highlight=False, markup=False)
+    if not console.is_terminal:
+        console.width = 240  # what is piped or filed keeps its lines whole
+    if path.suffix.lower() in STAGES:
+        _show_stage(console, path)
+    else:
+        _show_image(console, path)
+
+
+# -- images ----------------------------------------------------------------------------------------------------------
+
+
+def _show_image(console: Console, path: Path) -> None:
+    from ..shot.images import read_parts
+
+    rows = []
+    for part in read_parts(path):
+        height, width = part.pixels.shape[:2]
+        channels = " ".join(part.channels) if max(map(len, part.channels)) > 1 else "".join(part.channels)
+        types = ", ".join(dict.fromkeys(part.types))
+        rows.append((part.name, channels, types, f"{width} x {height}", *statistics(part.pixels)))
+    columns = ("layer", "channels", "type", "size", "min", "mean", "max", "NaN", "infinite")
+    console.print(_table(columns, rows, right=5))
+    header = _exr_header(path) if path.suffix.lower() == ".exr" else {}
+    if header:
+        console.print()
+        console.print(_table(None, [(name, _text(header[name])) for name in sorted(header)]))
+
+
+def statistics(pixels: Array) -> tuple[str, str, str, str, str]:
+    """Return least, mean and greatest of the finite values, and how many pixels hold a NaN or an infinity, as text."""
+    finite = pixels[np.isfinite(pixels)].astype(np.float64)
+    ranges = [f"{value:.5g}" for value in (finite.min(), finite.mean(), finite.max())] if finite.size else ["-"] * 3
+    flat = pixels.reshape(pixels.shape[0] * pixels.shape[1], -1)
+    counts = [f"{int(test(flat).any(axis=1).sum()):,}" for test in (np.isnan, np.isinf)]
+    return (ranges[0], ranges[1], ranges[2], counts[0], counts[1])
+
+
+def _exr_header(path: Path) -> dict[str, Any]:
+    """Return the first part's attributes, without those that say how the file is laid out."""
+    import OpenEXR
+
+    with OpenEXR.File(str(path), header_only=True) as file:
+        return {name: value for name, value in file.parts[0].header.items() if name not in _NO_NEWS}
+
+
+def _text(value: Any) -> str:
+    """Return a header's value for people: matrices as rows, windows as corners."""
+    if isinstance(value, tuple | list):
+        return ", ".join(_text(each) for each in value)
+    if isinstance(value, np.ndarray) and value.ndim == 1:
+        return " ".join(f"{number:g}" for number in value)
+    if isinstance(value, np.ndarray):
+        return "\n".join(" ".join(f"{number:9.5g}" for number in row) for row in value)
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    return str(getattr(value, "name", value))
+
+
+# -- stages ----------------------------------------------------------------------------------------------------------
+
+
+def _show_stage(console: Console, path: Path) -> None:
+    from ..shot import stage as stages
+
+    stage = stages.open_stage(path)
+    scene = stages.read_scene(stage, stages.default_time(stage))
+    console.print(_table(None, _stage_rows(stage, scene)))
+    sections = [
+        ("camera", "lens", "aperture", "position"),
+        ("light", "kind", "radiance", "group", "beams", "portal", "look"),
+        ("mesh", "points", "triangles", "material"),
+        ("drawn beams", "count", "group", "look"),
+        ("look", "along", "across", "eye", "angle"),
+    ]
+    tables: list[list[tuple[str, ...]]] = [
+        _camera_rows(stage, stages.default_time(stage)),
+        [_light_row(light) for light in scene.lights],
+        _mesh_rows(scene.meshes),
+        [(each.name, f"{len(each.start):,}", each.group, _name(each.look)) for each in scene.drawn],
+        list(_look_rows(scene)),
+    ]
+    for columns, rows in zip(sections, tables, strict=True):
+        if rows:
+            console.print()
+            console.print(_table(columns, rows))
+
+
+def _stage_rows(stage: Usd.Stage, scene: Scene) -> Iterable[tuple[str, str]]:
+    from pxr import UsdGeom
+
+    yield "up axis", str(UsdGeom.GetStageUpAxis(stage))
+    yield "unit", f"{UsdGeom.GetStageMetersPerUnit(stage):g} m"
+    if stage.HasAuthoredTimeCodeRange():
+        first, last = stage.GetStartTimeCode(), stage.GetEndTimeCode()
+        yield "frames", f"{first:g} to {last:g}, {stage.GetTimeCodesPerSecond():g} a second"
+    else:
+        yield "frames", "one, no range is given"
+    yield "triangles", f"{sum(len(mesh.faces) for mesh in scene.meshes):,} in {len(scene.meshes):,} meshes"
+    medium = scene.medium
+    if medium is None:
+        yield "fog", "none: give one with --scattering"
+        return
+    place = "the whole space" if medium.mesh is None else medium.mesh.name
+    yield "fog", f"scattering {_triple(medium.scattering)}, absorption {_triple(medium.absorption)} per unit"
+    yield "", f"anisotropy {medium.anisotropy:g}, fills {place}"
+
+
+def _camera_rows(stage: Usd.Stage, time: Usd.TimeCode) -> list[tuple[str, ...]]:
+    from ..shot import stage as stages
+
+    rows: list[tuple[str, ...]] = []
+    for name in stages.list_cameras(stage):
+        camera = stages.read_camera(stage, name, time)
+        lens = "orthographic" if camera.orthographic else f"{camera.focal_length:.4g}"
+        aperture = f"{camera.horizontal_aperture:.4g} x {camera.vertical_aperture:.4g}"
+        rows.append((name, lens, aperture, _triple(camera.to_world[:3, 3])))
+    return rows
+
+
+def _light_row(light: Light) -> tuple[str, ...]:
+    beams = "none"
+    if light.emits_beams:
+        beams = "default" if light.beam_count is None else f"{light.beam_count:,}"
+        beams += "" if light.beam_scale == 1.0 else f", x {light.beam_scale:g}"
+    portal = "" if light.portal is None else light.portal.name
+    kind = type(light).__name__.removesuffix("Light").lower()
+    if kind == "flat":
+        kind = "disk" if getattr(light, "disk", False) else "rect"
+    if getattr(light, "image", None) is not None:
+        kind += ", image"
+    return (light.name, kind, _triple(light.radiance), light.group, beams, portal, _name(light.look))
+
+
+def _mesh_rows(meshes: Sequence[Mesh]) -> list[tuple[str, ...]]:
+    """Return the meshes in the stage's order, no more than a screen or two of them."""
+    rows: list[tuple[str, ...]] = []
+    for mesh in meshes[:MESHES_SHOWN]:
+        diffuse = mesh.material.diffuse
+        material = _triple(diffuse) if isinstance(diffuse, tuple) else f"{diffuse.pixels.shape[1]} px texture"
+        rows.append((mesh.name, f"{len(mesh.points):,}", f"{len(mesh.faces):,}", material))
+    if len(meshes) > MESHES_SHOWN:
+        rest = meshes[MESHES_SHOWN:]
+        triangles = sum(len(mesh.faces) for mesh in rest)
+        rows.append((f"and {len(rest):,} more", f"{sum(len(mesh.points) for mesh in rest):,}", f"{triangles:,}", ""))
+    return rows
+
+
+def _look_rows(scene: Scene) -> Iterable[tuple[str, ...]]:
+    looks: dict[str, Any] = {}
+    for look in [light.look for light in scene.lights] + [drawn.look for drawn in scene.drawn]:
+        if look is not None:
+            looks[_name(look)] = look
+    for name, look in looks.items():
+        along: Any = getattr(look, "along", None)
+        words = [str(getattr(along, "falloff", along))]
+        if getattr(along, "knots", ()):
+            words.append(f"ramp of {len(along.knots)}")
+        if getattr(along, "texture", None) is not None:
+            words.append("texture")
+        factors = (("across", "profile"), ("eye", "falloff"), ("angle", "shading"))
+        rest = [str(getattr(getattr(look, factor, None), kind, "")) for factor, kind in factors]
+        yield (name, " x ".join(words), *rest)
+
+
+# -- text ------------------------------------------------------------------------------------------------------------
+
+
+def _name(thing: Any) -> str:
+    return "" if thing is None else str(getattr(thing, "name", None) or type(thing).__name__)
+
+
+def _triple(values: Iterable[float]) -> str:
+    numbers = [f"{value:.4g}" for value in values]
+    return numbers[0] if len(set(numbers)) == 1 else " ".join(numbers)
+
+
+def _table(columns: tuple[str, ...] | None, rows: Iterable[tuple[str, ...]], right: int = 0) -> Any:
+    """Return a plain table, the last `right` columns flush right; without `columns` the first one names the rows."""
+    from rich.table import Table
+
+    rows = list(rows)
+    table = Table(show_header=columns is not None, box=None, pad_edge=False, header_style="bold")
+    width = len(columns) if columns is not None else 2
+    for index in range(width):
+        options: Mapping[str, Any] = {"justify": "right"} if index >= width - right else {}
+        style = "bold" if columns is None and index == 0 else ""
+        table.add_column(columns[index] if columns else "", style=style, overflow="fold", **options)
+    for row in rows:
+        table.add_row(*row)
+    return table

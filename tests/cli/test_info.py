@@ -1,0 +1,78 @@
+"""`photonbeams info` says what a file holds, in lines that can be searched."""
+
+import re
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from photonbeams.cli.info import info, statistics
+from photonbeams.scene import SceneError
+from photonbeams.shot.images import write_frame
+
+EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
+
+
+def lines(capsys, path):
+    info(path)
+    return [re.sub(r"\s+", " ", line).strip() for line in capsys.readouterr().out.splitlines()]
+
+
+def test_an_exr_shows_its_layers_ranges_and_headers(tmp_path, capsys):
+    rgba = np.full((6, 8, 4), 0.5, np.float32)
+    rgba[1, 2] = np.nan, 2.0, 0.5, 1.0
+    depth = np.full((6, 8), 3.0)
+    depth[0] = np.inf
+    metadata = {"framesPerSecond": Fraction(24), "seed": 7, "worldToCamera": np.eye(4)}
+    write_frame(tmp_path / "a.exr", {"depth": depth, "rgba": rgba}, metadata)
+    found = lines(capsys, tmp_path / "a.exr")
+    mean = (0.5 * (6 * 8 * 4 - 3) + 3.0) / (6 * 8 * 4 - 1)  # but for the NaN, and the 2 and the 1
+    assert f"rgba RGBA half 8 x 6 0.5 {mean:.5g} 2 1 0" in found
+    assert "depth Z float 8 x 6 3 3 3 0 8" in found
+    assert "seed 7" in found
+    assert "framesPerSecond 24" in found
+    assert "worldToCamera 1 0 0 0" in found
+
+
+def test_a_png_shows_its_size_and_type(tmp_path, capsys):
+    write_frame(tmp_path / "a.png", {"rgba": np.zeros((6, 8, 4))})
+    assert "rgba RGB uint8 8 x 6 0 0 0 0 0" in lines(capsys, tmp_path / "a.png")
+
+
+def test_a_layer_of_nothing_finite_has_no_range():
+    assert statistics(np.full((2, 3, 1), np.nan)) == ("-", "-", "-", "6", "0")
+
+
+def test_the_keyhole_stage_shows_all_that_a_render_needs(capsys):
+    found = "\n".join(lines(capsys, EXAMPLES / "keyhole" / "keyhole.usda"))
+    for pattern in (
+        r"^up axis Y$",
+        r"^unit 1 m$",
+        r"^frames 1 to 101, 24 a second$",
+        r"^fog scattering [\d.]",
+        r"^/World/Camera 0\.032 0\.036 x 0\.02025 ",
+        r"^/World/Flight ",
+        r"^/World/Light/Key rect .* key 4,096.* /World/Portal /World/Looks/Keyhole$",
+        r"^/World/Light/Fill dome .* none$",
+        r"^/World/Door/Leaf [\d,]+ [\d,]+ 256 px texture$",
+        r"^/World/Looks/Keyhole physical x ramp of \d epanechnikov physical physical$",
+    ):
+        assert re.search(pattern, found, re.MULTILINE), pattern
+    assert not re.search(r"^/World/Portal", found, re.MULTILINE)  # a portal is no mesh
+
+
+def test_a_stage_from_blender_says_what_it_lacks(capsys):
+    found = lines(capsys, EXAMPLES / "blender" / "attic.usda")
+    assert "fog none: give one with --scattering" in found
+    assert "frames one, no range is given" in found
+    assert "up axis Z" in found
+    assert any(line.startswith("and ") and " more " in line for line in found)
+
+
+def test_what_is_neither_stage_nor_image_is_named(tmp_path):
+    (tmp_path / "a.txt").write_text("hello")
+    with pytest.raises(SceneError, match=r"a\.txt cannot be read: expected an image"):
+        info(tmp_path / "a.txt")
+    with pytest.raises(FileNotFoundError):
+        info(tmp_path / "b.exr")
