@@ -230,7 +230,7 @@ def flight(time: float) -> tuple[np.ndarray, np.ndarray]:
         (-0.42, 0.62, 1.18),
         (-0.115, 0.50, 0.80),  # inside, near the axis
         (-0.14, 0.72, 0.50),  # up along the shaft, toward the light
-        (0.10, 0.86, 0.42),
+        (0.08, 0.84, 0.50),
         (0.62, 0.95, 0.62),  # out on the other side
         (0.95, 0.98, 1.05),
     ]
@@ -240,8 +240,8 @@ def flight(time: float) -> tuple[np.ndarray, np.ndarray]:
         (0.1, 0.72, 0.20),
         keyhole + np.array([0.02, 0.02, 0.0]),
         keyhole + np.array([0.01, 0.0, 0.0]),
-        (-0.35, 0.70, 0.25),
-        (-0.35, 0.55, 0.75),
+        (-0.24, 0.84, 0.02),
+        (-0.34, 0.68, 0.42),
         (-0.3, 0.64, 0.55),
     ]
     where = time * (len(eyes) - 1)
