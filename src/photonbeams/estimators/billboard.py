@@ -13,7 +13,7 @@ from typing import Any
 
 import drjit as dr
 
-from ..device import Array3f, UInt32
+from ..device import Array3f, Bool, UInt32
 from ..looks import BoundLook
 from .blend import frustum_weight, need, touched
 from .geometry import Approach, Packed, Rays, Record, closest_approach, load
@@ -67,11 +67,11 @@ def billboard_sum(
     flags
         For `auto`: a UInt32 array in which the entries that the frustum has to visit are marked.
     """
-    # Single precision is all there is: these names are lanes' state, one of each per ray.
     radiance = [Array3f(0) for _ in range(len(rays))]
     i = UInt32(first)
     while i < stop:
         beam = load(packed, number(i))
+        marked = Bool(False)
         for p in range(len(rays)):
             ray = rays[p]
             at = closest_approach(beam, ray.origin, ray.direction)
@@ -90,7 +90,9 @@ def billboard_sum(
                     share = 1 - frustum_weight(boundary, change)
                     if inside & (share > 0) & (at.u2 < radius * radius):
                         radiance[p] += value(beam, at, radius, look, ray.t_min) * share
-                    if dr.hint(flags is not None, mode="scalar"):
-                        dr.scatter(flags, UInt32(1), i, touched(boundary, change, inside))
+                    marked |= touched(boundary, change, inside)
+        if dr.hint(flags is not None, mode="scalar"):
+            # Lanes of one tile write the same number to the same place: no race, whatever the order.
+            dr.scatter(flags, UInt32(1), i, marked)
         i += 1
     return radiance

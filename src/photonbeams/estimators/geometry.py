@@ -165,7 +165,11 @@ def closest_approach(beam: Record, origin: Any, direction: Any) -> Approach:
     c, along = dr.dot(direction, beam.axis), dr.dot(direction, relative)
     inv = dr.rcp(dr.fma(-c, c, 1))
     return Approach(
-        c, inv, dr.fma(c, along, -reach) * inv, dr.fma(-c, reach, along) * inv, dr.square(dr.dot(direction, moment)) * inv
+        c,
+        inv,
+        dr.fma(c, along, -reach) * inv,
+        dr.fma(-c, reach, along) * inv,
+        dr.square(dr.dot(direction, moment)) * inv,
     )
 
 

@@ -1,0 +1,183 @@
+"""Radiance of beams toward all pixels of a picture: the estimators behind each tile's list of candidates.
+
+Two kernels. The billboard's carries eight pixels a lane and visits every candidate; for `auto` it also marks the
+entries of the lists in which some pixel needs the frustum. The frustum's kernel then visits those alone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+
+from ..beams import Beams
+from ..device import Array3f, Bool, Float, UInt32
+from ..looks import Look
+from ..scene import Medium
+from .billboard import billboard_sum
+from .estimate import ENDLESS, check_estimator, reach
+from .frustum import Points, frustum_sum
+from .geometry import Packed, Rays, pack
+from .tiles import TILE, Bins, Lists, Projection, footprints
+
+#: Pixels a lane of the billboard's kernel. A beam is gathered once for all of them: of 1, 4 and 8 pixels, 8 are the
+#: fastest on two AVX-512 cores.
+PIXELS = 8
+
+# Entries of the tiles' lists at a time: 64 MiB each for the list and its marks.
+_ENTRIES = 1 << 24
+
+
+@dataclass
+class PixelRays:
+    """One ray a pixel, row by row from the top left: `origin` is one point for all, or (W · H, 3)."""
+
+    origin: Any
+    direction: Any  # (W · H, 3), unit length
+    t_max: Any  # (W · H,)
+    t_min: Any  # (W · H,)
+
+    @property
+    def shared_origin(self) -> bool:
+        """Whether all rays start at one point."""
+        return dr.width(self.origin) == 1
+
+
+@dataclass
+class Estimate:
+    """Radiance (W · H, 3) and what it took: ray–beam tests of the billboard's kernel and of the frustum's."""
+
+    radiance: Any
+    billboard_tests: int = 0
+    frustum_tests: int = 0
+
+
+def estimate_image(
+    beams: Beams,
+    view: Projection,
+    rays: PixelRays,
+    *,
+    look: Look,
+    medium: Medium | None,
+    estimator: str = "auto",
+    points: Points,
+) -> Estimate:
+    """Return the radiance of beams toward every pixel; the same numbers as `estimate`, to float32 rounding."""
+    check_estimator(estimator)
+    result = Estimate(dr.zeros(Array3f, view.width * view.height))
+    if len(beams) == 0:
+        return result
+    bound = look.bind(medium, reach(beams))
+    shared = rays.shared_origin
+    packed = pack(beams, rays.origin if shared else view.origin, shared)
+    marks, depth = footprints(beams, view), tile_depth(view, rays)
+    for bins in _batches(marks, view, depth):
+        lists = bins.lists()
+        if lists.entries == 0:
+            continue
+        flags = None
+        if estimator != "frustum":
+            flags = dr.zeros(UInt32, lists.entries) if estimator == "auto" else None
+            result.billboard_tests += lists.entries * TILE * TILE
+            result.radiance += _billboards(lists, view, rays, packed, bound, flags)
+        if flags is not None:
+            lists = lists.keep(flags)
+        if estimator != "billboard" and lists.entries:
+            result.frustum_tests += lists.entries * TILE * TILE
+            result.radiance += _frustums(lists, view, rays, packed, bound, points, blended=estimator == "auto")
+        dr.eval(result.radiance)
+    return result
+
+
+def _batches(marks: Any, view: Projection, depth: Any) -> list[Bins]:
+    """Return bins over all beams, in as many parts as keep each part's lists within memory."""
+    whole = Bins(marks, view, depth, 0, marks.count)
+    parts = -(-whole.entries // _ENTRIES)
+    if parts <= 1:
+        return [whole]
+    size = -(-marks.count // parts)
+    return [Bins(marks, view, depth, at, min(at + size, marks.count)) for at in range(0, marks.count, size)]
+
+
+def tile_depth(view: Projection, rays: PixelRays) -> Any:
+    """Return (tiles,) the planar depth of the farthest surface in each tile."""
+    pixel = dr.arange(UInt32, view.width * view.height)
+    width, columns = dr.opaque(UInt32, view.width), dr.opaque(UInt32, view.columns)
+    tile = (pixel // width) // TILE * columns + (pixel % width) // TILE
+    depth = dr.minimum(rays.t_max, ENDLESS) * dr.dot(rays.direction, view.forward)
+    result = dr.zeros(Float, view.tiles)
+    dr.scatter_reduce(dr.ReduceOp.Max, result, depth, tile)
+    dr.eval(result)
+    return result
+
+
+class _Lanes:
+    """The pixels of a lane that carries `count` of them: tile after tile, row after row within a tile."""
+
+    def __init__(self, view: Projection, count: int) -> None:
+        per_tile = TILE * TILE // count
+        lane = dr.arange(UInt32, view.tiles * per_tile)
+        self.tile, self._local = lane // per_tile, (lane % per_tile) * count
+        self._width, self._height = dr.opaque(UInt32, view.width), dr.opaque(UInt32, view.height)
+        self._columns = dr.opaque(UInt32, view.columns)
+
+    def pixel(self, number: int) -> tuple[Any, Any]:
+        """Return the index of a lane's pixel, and whether it lies in the picture."""
+        local = self._local + number
+        x = (self.tile % self._columns) * TILE + local % TILE
+        y = (self.tile // self._columns) * TILE + local // TILE
+        return y * self._width + x, (x < self._width) & (y < self._height)
+
+
+def _lane_rays(rays: PixelRays, view: Projection, pixel: Any, inside: Any) -> Rays:
+    shared = rays.shared_origin
+    # Outside of the picture t_max = 0: such a ray meets nothing.
+    return Rays(
+        None if shared else dr.gather(Array3f, rays.origin, pixel, inside) - view.origin,
+        dr.gather(Array3f, rays.direction, pixel, inside),
+        dr.gather(Float, rays.t_max, pixel, inside),
+        dr.gather(Float, rays.t_min, pixel, inside),
+        shared,
+    )
+
+
+def _billboards(lists: Lists, view: Projection, rays: PixelRays, packed: Packed, look: Any, flags: Any) -> Any:
+    lanes = _Lanes(view, PIXELS)
+    pixels = [lanes.pixel(number) for number in range(PIXELS)]
+    radiance = billboard_sum(
+        [_lane_rays(rays, view, *pixel) for pixel in pixels],
+        dr.gather(UInt32, lists.first, lanes.tile),
+        dr.gather(UInt32, lists.stop, lanes.tile),
+        lambda i: dr.gather(UInt32, lists.beams, i),
+        packed,
+        look,
+        blended=flags is not None,
+        flags=flags,
+    )
+    picture = dr.zeros(Array3f, view.width * view.height)
+    for (pixel, inside), value in zip(pixels, radiance, strict=True):
+        dr.scatter(picture, value, pixel, inside)
+    dr.eval(picture)
+    return picture
+
+
+def _frustums(
+    lists: Lists, view: Projection, rays: PixelRays, packed: Packed, look: Any, points: Points, blended: bool
+) -> Any:
+    lanes = _Lanes(view, 1)
+    pixel, inside = lanes.pixel(0)
+    radiance = frustum_sum(
+        _lane_rays(rays, view, pixel, inside),
+        dr.gather(UInt32, lists.first, lanes.tile),
+        dr.gather(UInt32, lists.stop, lanes.tile),
+        lambda i: dr.gather(UInt32, lists.beams, i),
+        packed,
+        look,
+        points,
+        blended,
+    )
+    picture = dr.zeros(Array3f, view.width * view.height)
+    dr.scatter(picture, radiance, pixel, inside & dr.full(Bool, True, dr.width(pixel)))
+    dr.eval(picture)
+    return picture
