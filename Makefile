@@ -5,7 +5,8 @@ PYTHON_BIN := $(VENV)/bin/python
 
 # The two halves of the Talk's figure, from one render: the composite, and the beams alone.
 KEYHOLE := $(VENV)/bin/photonbeams render examples/keyhole/keyhole.usda \
-	-o out/keyhole.exr -o out/keyhole.png --layer beams -o out/keyhole.beams.png
+	--passes 64 \
+	-o out/keyhole.exr -o out/keyhole.png --picture beams=out/keyhole.beams.png
 
 # What to hand to pytest, as in `make test ARGS=tests/test_quadrature.py`.
 ARGS :=

@@ -3,7 +3,7 @@
 from .across import Across, Biweight, Epanechnikov, Gaussian, Smoothstep, Tabulated, Uniform
 from .along import Attenuation, ColorRamp, Exponential, Polynomial, Power, Texture
 from .angle import Glow, Isotropic, Scattering
-from .factors import At, Constant, Factor, Fog
+from .factors import At, Constant, Factor, Fog, Product
 from .look import BoundLook, Look
 
 __all__ = [
@@ -24,6 +24,7 @@ __all__ = [
     "Look",
     "Polynomial",
     "Power",
+    "Product",
     "Scattering",
     "Smoothstep",
     "Tabulated",

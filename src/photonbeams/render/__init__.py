@@ -1,1 +1,1 @@
-"""One frame: camera rays, surfaces through fog, passes and layers."""
+"""One frame of a shot: camera rays, surfaces through fog, passes, layers."""

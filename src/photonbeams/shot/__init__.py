@@ -1,1 +1,5 @@
-"""USD in, EXR out: stages, cameras, lights, meshes, media and looks; image files."""
+"""Shots: USD in, EXR out. `Shot` opens a stage, renders frames of it, and the frames write themselves."""
+
+from .shot import Frame, Shot
+
+__all__ = ["Frame", "Shot"]

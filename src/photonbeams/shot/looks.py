@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from pxr import Usd
@@ -12,6 +12,9 @@ from pxr import Usd
 from ..scene import Array, Color, SceneError, color
 from .reading import Reading
 from .textures import read_image
+
+if TYPE_CHECKING:
+    from ..looks import Look
 
 _FALLOFFS = ("physical", "none", "exponential", "power", "polynomial")
 _INTERPOLATIONS = {
@@ -247,3 +250,45 @@ def _angle(source: _Source) -> AngleSpec:
         mix=source.number("angle:mix", 0.5, 0.0, 1.0),
         gain=source.number("angle:gain", 1.0, minimum=0.0),
     )
+
+
+def build_look(spec: LookSpec) -> Look:
+    """Return the look that a LookSpec describes."""
+    from .. import looks  # starts Dr.Jit, which readers do not need
+
+    along, eye, angle = spec.along, spec.eye, spec.angle
+    span = {"space": along.span.space, "begin": along.span.begin, "end": along.span.end}
+    parts: list[looks.Factor] = []
+    if along.falloff == "exponential":
+        parts.append(looks.Exponential(along.length))
+    elif along.falloff == "power":
+        parts.append(looks.Power(along.exponent, along.length))
+    elif along.falloff == "polynomial":
+        parts.append(looks.Polynomial(along.coefficients, **span))  # type: ignore[arg-type]
+    if along.knots:
+        parts.append(looks.ColorRamp(along.knots, along.colors, along.interpolation, **span))  # type: ignore[arg-type]
+    if along.texture is not None:
+        parts.append(looks.Texture(along.texture, **span))  # type: ignore[arg-type]
+    if along.physical:
+        parts.append(looks.Attenuation())
+    if along.tint != (1.0, 1.0, 1.0) or not parts:
+        parts.append(looks.Constant(along.tint))
+    profile = {
+        "constant": looks.Uniform,
+        "epanechnikov": looks.Epanechnikov,
+        "biweight": looks.Biweight,
+        "gaussian": lambda: looks.Gaussian(spec.across.width),
+        "smoothstep": lambda: looks.Smoothstep(spec.across.hardness),
+        "tabulated": lambda: looks.Tabulated(spec.across.values),
+    }[spec.across.profile]
+    toward = {
+        "physical": looks.Attenuation,
+        "none": lambda: looks.Constant(1.0),
+        "exponential": lambda: looks.Exponential(eye.length),
+    }[eye.falloff]
+    shading = {
+        "physical": looks.Scattering,
+        "constant": looks.Isotropic,
+        "glow": lambda: looks.Glow(angle.anisotropy, angle.mix, angle.gain),
+    }[angle.shading]
+    return looks.Look(along=looks.Product(tuple(parts)), across=profile(), eye=toward(), angle=shading())

@@ -1,0 +1,195 @@
+"""A shot: a stage and a camera, rendered into frames, written as layered EXR."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pxr import Usd
+
+from .. import scene
+from . import stage as stages
+from .images import write_frame
+from .looks import LookSpec, build_look
+
+if TYPE_CHECKING:
+    from ..render.frame import Statistics
+    from ..scene import Array
+
+DEFAULT_WIDTH = 1280
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A rendered frame.
+
+    Attributes
+    ----------
+    layers
+        Name to (H, W, C) float32: rgba, surface, beams, beams_<group>, transmittance, depth.
+    metadata
+        What the EXR's header says.
+    statistics
+        Passes, beams, seconds by phase, kernels compiled.
+    """
+
+    layers: dict[str, Array]
+    metadata: dict[str, Any]
+    statistics: Statistics
+
+    def write(self, path: str | os.PathLike[str], layer: str = "rgba", exposure: float = 0.0) -> None:
+        """Write a layered EXR, or one layer as a tone-mapped PNG, by the suffix; whole or not at all."""
+        write_frame(path, self.layers, self.metadata, layer=layer, exposure=exposure)
+
+
+class Shot:
+    """A stage seen by one of its cameras. `Shot.open` makes one."""
+
+    def __init__(self, stage: Usd.Stage, camera: str | None = None, medium: scene.Medium | None = None) -> None:
+        self.stage, self.camera, self.medium = stage, camera, medium
+        self._warned: set[Any] = set()
+        self._looks: dict[str, Any] = {}
+
+    @classmethod
+    def open(
+        cls,
+        path: str | os.PathLike[str],
+        camera: str | None = None,
+        *,
+        medium: scene.Medium | None = None,
+        session_layers: Iterable[str | os.PathLike[str]] = (),
+        overrides: Iterable[str] = (),
+    ) -> Shot:
+        """Open a USD stage.
+
+        Parameters
+        ----------
+        path
+            A .usd, .usda, .usdc or .usdz file.
+        camera
+            Path or name of the camera; None: the render settings' or the only one.
+        medium
+            A fog instead of the stage's own, or for a stage that has none.
+        session_layers, overrides
+            Layers over the stage, and values "/prim.attribute=value" over those.
+
+        Raises
+        ------
+        SceneError
+            What cannot be read, in one sentence.
+        """
+        shot = cls(stages.open_stage(path, session_layers, overrides), camera, medium)
+        stages.read_camera(shot.stage, camera)  # a wrong name is an error now, not after a long read
+        return shot
+
+    def time(self, frame: float | None = None) -> Usd.TimeCode:
+        """Return the time code of a frame; None is the stage's start or default time."""
+        return stages.default_time(self.stage) if frame is None else Usd.TimeCode(frame)
+
+    def read(self, frame: float | None = None) -> tuple[scene.Scene, scene.Camera]:
+        """Return what the stage holds at a frame, with its looks built, and the camera."""
+        time = self.time(frame)
+        camera = stages.read_camera(self.stage, self.camera, time)
+        content = stages.read_scene(self.stage, time, self._warned)
+        content = replace(
+            content,
+            medium=self.medium or content.medium,
+            lights=tuple(replace(light, look=self._look(light.look)) for light in content.lights),
+            drawn=tuple(replace(beams, look=self._look(beams.look)) for beams in content.drawn),
+        )
+        return content, camera
+
+    def _look(self, spec: Any) -> Any:
+        """Return the look of a spec; lights that share a prim share it, and so its kernels."""
+        if not isinstance(spec, LookSpec):
+            return spec
+        known = self._looks.get(spec.name)
+        if known is None or repr(known[0]) != repr(spec):
+            known = self._looks[spec.name] = (spec, build_look(spec))
+        return known[1]
+
+    def resolution(self, width: int | None = None, height: int | None = None, frame: float | None = None) -> Any:
+        """Return (width, height): what is given, and the rest from the camera's aperture."""
+        camera = stages.read_camera(self.stage, self.camera, self.time(frame))
+        width = DEFAULT_WIDTH if width is None else width
+        if height is None:
+            height = max(1, round(width * camera.vertical_aperture / camera.horizontal_aperture))
+        if not (1 <= width <= 65536 and 1 <= height <= 65536):
+            raise scene.SceneError(f"the resolution is {width} x {height}: expected 1 to 65536 pixels each way")
+        return width, height
+
+    def render(
+        self,
+        frame: float | None = None,
+        passes: int | None = None,
+        *,
+        width: int | None = None,
+        height: int | None = None,
+        crop: Sequence[float] | None = None,
+        progress: Callable[[int, Statistics], None] | None = None,
+        **settings: Any,
+    ) -> Frame:
+        """Render a frame.
+
+        Parameters
+        ----------
+        frame
+            Frame number; None is the stage's start or default time.
+        passes, **settings
+            The fields of `render.frame.Settings`: passes, time_limit, beams, estimator, rule, seed, overlap.
+        width, height
+            Pixels; 1280 wide, and the height from the aperture, unless given.
+        crop
+            x0, y0, x1, y1 in fractions of the picture from the top left: the part to render.
+        progress
+            Called with the passes done and the statistics so far.
+        """
+        from ..render.camera import View, Window
+        from ..render.frame import Settings, render
+
+        if passes is not None:
+            settings["passes"] = passes
+        size = self.resolution(width, height, frame)
+        window = Window(*size, _cropped(*size, crop))
+        content, camera = self.read(frame)
+        picture = render(content, camera, window, Settings(**settings), progress)
+        metadata = {
+            **View(camera, window).matrices(),
+            **self._about(frame),
+            "seed": int(settings.get("seed", 0)),
+            "passes": picture.statistics.passes,
+            "camera": camera.name,
+            "displayWindow": (0, 0, size[0] - 1, size[1] - 1),
+            "dataWindow": (*window.crop[:2], window.crop[2] - 1, window.crop[3] - 1),
+        }
+        return Frame(picture.layers, metadata, picture.statistics)
+
+    def _about(self, frame: float | None) -> dict[str, Any]:
+        from fractions import Fraction
+        from importlib.metadata import version
+
+        rate = self.stage.GetFramesPerSecond()
+        time = self.time(frame)
+        about: dict[str, Any] = {
+            "software": f"photonbeams {version('photonbeams')}",
+            "framesPerSecond": Fraction(rate).limit_denominator(1001),
+            "expTime": 0.0,
+            "scene": Path(self.stage.GetRootLayer().identifier).name,
+        }
+        if not time.IsDefault():
+            about["frame"] = float(time.GetValue())
+        return about
+
+
+def _cropped(width: int, height: int, crop: Sequence[float] | None) -> tuple[int, int, int, int]:
+    """Return the pixels of a crop window, at least one."""
+    if crop is None:
+        return (0, 0, width, height)
+    x0, y0, x1, y1 = crop
+    if not (0 <= x0 < x1 <= 1 and 0 <= y0 < y1 <= 1):
+        raise scene.SceneError(f"the crop is {tuple(crop)}: expected 0 <= x0 < x1 <= 1 and 0 <= y0 < y1 <= 1")
+    left, top = int(x0 * width), int(y0 * height)
+    return (left, top, max(left + 1, round(x1 * width)), max(top + 1, round(y1 * height)))
