@@ -163,7 +163,8 @@ def closest_approach(beam: Record, origin: Any, direction: Any) -> Approach:
         relative = beam.start - origin
         moment, reach = dr.cross(beam.axis, relative), dr.dot(beam.axis, relative)
     c, along = dr.dot(direction, beam.axis), dr.dot(direction, relative)
-    inv = dr.rcp(dr.fma(-c, c, 1))
+    # Along the axis the rounded cosine passes 1: a negative sin² would turn into a NaN.
+    inv = dr.rcp(dr.maximum(dr.fma(-c, c, 1), 1e-7))
     return Approach(
         c,
         inv,

@@ -10,15 +10,24 @@ neighbours too.)
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import drjit as dr
+import numpy as np
 
-from ..device import Float
+from ..device import Array3f, Bool, Float, UInt32
 from .emission import Emission
 from .lights import opaque
+from .sampling import hash32, perpendicular
+
+if TYPE_CHECKING:
+    from ..render.world import World
 
 FLOOR = 1e-4  # least radius in units of the bounding radius: a point light's apex must not be singular
+
+_RIM = 6  # rays along a beam's rim that look for surfaces in its way
+_HALVINGS = 5  # of a beam that surfaces are in the way of
+_SLACK = 0.25  # radii that the rim may be stopped short of the plane where the axis ended: surfaces are curved
 
 
 def radius_along(
@@ -43,3 +52,55 @@ def radius_along(
         return dr.maximum(half * dr.sqrt(x * x + y * y), floor)
 
     return radius
+
+
+def unblocked(
+    world: World, emission: Emission, radius: Callable[[Float], Float], begin: Float, total: Float, against: Array3f
+) -> Float:
+    """Return the factor on each beam's radius that keeps it out of surfaces: 1, or halved while its rim is blocked.
+
+    A beam is one ray with a width. Where a surface stands in the way of the rim but not of the axis, in corners and at
+    edges, a wide beam would shine through it. Its light stays; the beam becomes narrower.
+
+    Parameters
+    ----------
+    begin, total, against
+        The beam's ends, as distances from the light, and the normal of the surface that stopped it.
+    """
+    scale = dr.full(Float, 1.0, dr.width(total))
+    seed = hash32(dr.arange(UInt32, dr.width(total)))
+    for _ in range(_HALVINGS):
+        scale = dr.select(_rim_blocked(world, emission, radius, scale, begin, total, against, seed), 0.5 * scale, scale)
+        dr.eval(scale)
+    return scale
+
+
+def _rim_blocked(
+    world: World,
+    emission: Emission,
+    radius: Callable[[Float], Float],
+    scale: Float,
+    begin: Float,
+    total: Float,
+    against: Array3f,
+    seed: UInt32,
+) -> Bool:
+    """Return whether a ray from the axis' begin to the rim's end meets a surface before the one that stopped the axis.
+
+    From the axis, not from the rim: beside a portal's edge the rim begins in the wall, and that is no leak.
+    """
+    across, up = perpendicular(emission.direction)
+    start = emission.origin + begin * emission.direction
+    end = emission.origin + total * emission.direction
+    at_end = radius(total) * scale
+    blocked = dr.full(Bool, False, dr.width(total))
+    for angle in np.arange(_RIM) * (2 * np.pi / _RIM):
+        side = float(np.cos(angle)) * across + float(np.sin(angle)) * up
+        ray = end + at_end * side - start
+        length = dr.norm(ray)
+        ray *= dr.rcp(length)
+        facing = dr.dot(ray, against)
+        plane = dr.dot(end - start, against) / dr.minimum(facing, -1e-3)
+        reach = dr.minimum(plane, length + at_end) - _SLACK * at_end
+        blocked |= world.blocked(start, ray, reach, reach > 0, seed)
+    return blocked

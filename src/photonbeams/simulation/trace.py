@@ -17,7 +17,7 @@ from .. import scene
 from ..beams import Beams
 from ..device import Array2f, Array3f, Bool, Float, UInt32
 from .emission import Emission, emit, emit_through
-from .footprints import FLOOR, radius_along
+from .footprints import FLOOR, radius_along, unblocked
 from .lights import DistantSource, DomeSource, concat, opaque
 from .portals import count_candidates
 from .sampling import hash32, sobol_block
@@ -126,14 +126,16 @@ def _beams(world: World, source: Any, emission: Emission, run: Run, split: bool)
     reference = float(np.median(np.minimum(total.numpy(), 2 * world.radius)))
     radius = radius_along(emission, run.samples, reference, run.overlap, opaque(FLOOR * world.radius))
     light, everywhere = 0 * total, dr.full(Bool, True, dr.width(total))
-    if not split:
-        return _piece(world, emission, radius, (light, total), total, against, everywhere)
     portal = emission.portal * (1 - 1e-5)
-    passes = total > portal
+    passes = (total > portal) & split
+    scale = unblocked(world, emission, radius, dr.select(passes, portal, 0), total, against)
+    if not split:
+        return _piece(world, emission, lambda s: radius(s) * scale, (light, total), total, against, everywhere)
     middle = dr.minimum(portal, total)
     first_normal = dr.select(passes, -emission.direction, against)
-    first = _piece(world, emission, radius, (light, middle), total, first_normal, everywhere)
-    return first + _piece(world, emission, radius, (middle, total), total, against, passes)
+    before = dr.select(passes, 1, scale)
+    first = _piece(world, emission, lambda s: radius(s) * before, (light, middle), total, first_normal, everywhere)
+    return first + _piece(world, emission, lambda s: radius(s) * scale, (middle, total), total, against, passes)
 
 
 def _compressed(keep: Bool, *values: Any) -> list[Any]:

@@ -1,0 +1,206 @@
+"""`photonbeams quadrature`: how many points the light in a beam takes, Gauss beside Riemann."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from ..convergence import Curve
+
+_COLUMNS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256)
+_WIDE = 150  # terminal columns from which a row is one line
+_FLOOR = 1e-15  # of float64; an error of 0 has no logarithm
+
+
+def quadrature(
+    plot: Annotated[Path | None, typer.Option(metavar="FILE.png", help="Draw the errors, too.")] = None,
+    rays: Annotated[int, typer.Option(min=1, max=100_000, metavar="N", help="Camera rays inside the beam.")] = 200,
+    max_order: Annotated[int, typer.Option(min=1, max=256, metavar="N", help="Show up to N points.")] = 24,
+    seed: Annotated[int, typer.Option(min=0, metavar="N", help="Seed of the rays.")] = 0,
+) -> None:
+    """Show how many points the light in a beam takes: Gauss-Legendre beside the Riemann sum.
+
+    Rays start inside a tapered beam in fog and look anywhere. For every built-in profile across the beam and every
+    falloff along it, the relative error of the light along a ray is shown for n points on each smooth piece of it:
+    the median of the rays, and the worst.
+
+    Examples: photonbeams quadrature, or photonbeams quadrature --plot errors.png --rays 1000
+    """
+    if plot is not None:
+        _check(plot)
+    from rich.console import Console
+
+    found = _study(rays, max_order, seed)
+    console = Console(highlight=False, markup=False)
+    if not console.is_terminal:
+        console.width = 240  # what is piped or filed keeps its lines whole
+    for title, curves in found.items():
+        console.print(f"{title}: median and worst error", style="bold")
+        console.print(table(curves, max_order, narrow=console.width < _WIDE))
+        console.print()
+    everything = [curve for curves in found.values() for curve in curves]
+    console.print(f"{rays:,} rays; n is the number of points on each smooth piece of a ray.")
+    console.print(claim(everything))
+    if plot is not None:
+        from ..shot.images import atomic_path
+
+        with atomic_path(plot) as path:
+            draw(found, max_order, path)
+        console.print(f"Wrote {plot}", soft_wrap=True)
+
+
+def _check(plot: Path) -> None:
+    """Stop, before anything is computed, where the picture could not be written."""
+    from ..shot.images import prepare_output
+
+    if plot.suffix.lower() != ".png":
+        raise typer.BadParameter(f"{plot} is no name of a picture: expected FILE.png", param_hint="'--plot'")
+    prepare_output(plot)
+
+
+def _study(rays: int, max_order: int, seed: int) -> dict[str, list[Curve]]:
+    """Return the curves under the titles of their tables."""
+    from rich.console import Console
+    from rich.progress import Progress
+
+    from .. import convergence
+
+    cases = {
+        "Profiles across a beam of physical falloff": convergence.profiles(),
+        "Falloffs along a beam of Epanechnikov profile": convergence.falloffs(),
+    }
+    with Progress(console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("Integrating", total=sum(map(len, cases.values())))
+        return {
+            title: convergence.curves(some, rays, max_order, seed, lambda: bar.advance(task))
+            for title, some in cases.items()
+        }
+
+
+# -- words -----------------------------------------------------------------------------------------------------------
+
+
+def table(curves: Sequence[Curve], max_order: int, narrow: bool = False) -> Table:
+    """Return two rows for each curve, Gauss and Riemann: the errors, and how many points are enough.
+
+    A narrow table has name above rule and median above worst, and fits a terminal of 80 columns.
+    """
+    from rich.table import Table
+
+    from ..convergence import GAUSS_POINTS
+
+    result = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0), collapse_padding=True, header_style="bold")
+    for _ in range(1 if narrow else 2):
+        result.add_column("", no_wrap=True)
+    orders = [n for n in _COLUMNS if n <= max_order]
+    for header in (*(f"n={n}" for n in orders), "n for 1 %", f"n as {GAUSS_POINTS} Gauss"):
+        result.add_column(header, justify="right")
+    for curve in curves:
+        gauss = _row(curve.gauss, orders, narrow, curve.gauss_needed(), GAUSS_POINTS)
+        riemann = _row(curve.riemann, orders, narrow, curve.riemann_needed(), curve.riemann_equal())
+        result.add_row(*([f"{curve.name}\nGauss"] if narrow else [curve.name, "Gauss"]), *gauss)
+        result.add_row(*(["\nRiemann"] if narrow else ["", "Riemann"]), *riemann)
+    return result
+
+
+def _row(
+    errors: dict[int, tuple[float, float]], orders: Sequence[int], narrow: bool, enough: int | None, equal: int | None
+) -> list[str]:
+    counts = [_count(count, max(errors)) for count in (enough, equal)]
+    between = "\n" if narrow else "  "
+    return [between.join(_error(each) for each in errors[n]) for n in orders] + counts
+
+
+def claim(curves: Sequence[Curve]) -> str:
+    """Return what the Talk says, and what was found, worst rays counting."""
+    from ..convergence import GAUSS_POINTS
+
+    gauss = _range([curve.gauss_needed() for curve in curves])
+    riemann = _range([curve.riemann_needed() for curve in curves])
+    equal = [curve.riemann_equal() for curve in curves]
+    twice = sum(n is None or n > 2 * GAUSS_POINTS for n in equal)
+    least = min((n for n in equal if n is not None), default=None)
+    ordered = sorted(equal, key=_position)
+    middle = ordered[len(ordered) // 2]
+    return (
+        "Talk: six Gauss points are enough, and a Riemann sum needs more than twice as many. "
+        f"Here 1 % on every ray takes {gauss} Gauss points and {riemann} Riemann points. As good as six Gauss points "
+        f"are {_range(equal)} Riemann points ({_ratio(least)} to {_ratio(ordered[-1])} as many, "
+        f"the median {_ratio(middle)}): more than twice as many for {twice} of {len(curves)}."
+    )
+
+
+def _position(count: int | None) -> float:
+    return float("inf") if count is None else count
+
+
+def _count(count: int | None, most: int) -> str:
+    return f">{most}" if count is None else str(count)
+
+
+def _range(counts: Sequence[int | None]) -> str:
+    from ..quadrature import MOST_POINTS
+
+    ordered = sorted(counts, key=_position)
+    first, last = (_count(n, MOST_POINTS).replace(">", "over ") for n in (ordered[0], ordered[-1]))
+    return first if first == last else f"{first} to {last}"
+
+
+def _ratio(count: int | None) -> str:
+    from ..convergence import GAUSS_POINTS
+    from ..quadrature import MOST_POINTS
+
+    return f"over {MOST_POINTS / GAUSS_POINTS:.0f} times" if count is None else f"{count / GAUSS_POINTS:.2g} times"
+
+
+def _error(error: float) -> str:
+    return f"{max(error, _FLOOR):.0e}".replace("e-0", "e-").replace("e+00", "")
+
+
+# -- the picture -----------------------------------------------------------------------------------------------------
+
+
+def draw(found: dict[str, list[Curve]], max_order: int, path: Path) -> None:
+    """Draw error against n: profiles above falloffs, the median ray beside the worst; Gauss solid, Riemann dashed."""
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    import matplotlib.pyplot as plt
+    from matplotlib.lines import Line2D
+
+    figure, axes = plt.subplots(len(found), 2, figsize=(13, 9), dpi=110, sharex=True, sharey="row", squeeze=False)
+    colour: Callable[[int], Any] = plt.get_cmap("tab20")
+    for row, (title, curves) in zip(axes, found.items(), strict=True):
+        for number, curve in enumerate(curves):
+            for errors, style in ((curve.gauss, "-"), (curve.riemann, "--")):
+                shown = [n for n in errors if n <= max_order]
+                for which, panel in enumerate(row):
+                    values = [max(errors[n][which], _FLOOR) for n in shown]
+                    # tab20 pairs each colour with its pale twin: all strong ones first.
+                    panel.loglog(shown, values, style, color=colour(number % 10 * 2 + number // 10), lw=1.4, ms=3,
+                                 marker="." if style == "-" else "")  # fmt: skip
+        for panel, which in zip(row, ("median ray", "worst ray"), strict=True):
+            panel.set_title(f"{title}: {which}", fontsize=10)
+            panel.axhline(0.01, color="0.4", lw=0.8, ls=":")
+            panel.axvline(6, color="0.4", lw=0.8, ls=":")
+            panel.grid(alpha=0.25)
+        names = [Line2D([], [], color=colour(i % 10 * 2 + i // 10), label=c.name) for i, c in enumerate(curves)]
+        row[1].legend(handles=names, loc="center left", bbox_to_anchor=(1.01, 0.5), frameon=False, fontsize=9)
+        row[0].set_ylabel("relative error")
+    ticks = [n for n in _COLUMNS if n <= max_order]
+    for panel in axes[-1]:
+        panel.set_xlabel("points on each smooth piece, n")
+        panel.set_xticks(ticks, [str(n) for n in ticks])
+        panel.minorticks_off()
+    rules = [Line2D([], [], color="0.2", ls=style, label=name) for name, style in (("Gauss", "-"), ("Riemann", "--"))]
+    axes[0, 0].legend(handles=rules, loc="lower left", frameon=False)
+    figure.suptitle("Light along rays inside a beam: Gauss-Legendre beside the Riemann sum (dotted: 1 %, six points)")
+    figure.tight_layout()
+    figure.savefig(path)
+    plt.close(figure)
