@@ -21,9 +21,23 @@ import numpy.typing as npt
 
 from . import device
 from .looks import (
-    Across, At, Attenuation, Biweight, ColorRamp, Epanechnikov, Exponential, Factor, Fog, Gaussian, Polynomial, Power,
-    Smoothstep, Tabulated, Texture, Uniform,
-)  # fmt: skip
+    Across,
+    At,
+    Attenuation,
+    Biweight,
+    ColorRamp,
+    Epanechnikov,
+    Exponential,
+    Factor,
+    Fog,
+    Gaussian,
+    Polynomial,
+    Power,
+    Smoothstep,
+    Tabulated,
+    Texture,
+    Uniform,
+)
 from .quadrature import MOST_POINTS, Rule, gauss_legendre, riemann
 from .scene import Medium
 

@@ -45,7 +45,11 @@ def quadrature(
         console.print(table(curves, max_order, narrow=console.width < _WIDE))
         console.print()
     everything = [curve for curves in found.values() for curve in curves]
-    console.print(f"{rays:,} rays; n is the number of points on each smooth piece of a ray.")
+    pieces = [curve.pieces for curve in everything]
+    console.print(
+        f"{rays:,} rays; n is the number of points on each smooth piece of a ray, "
+        f"of which it has {min(pieces):.2g} to {max(pieces):.2g} on average."
+    )
     console.print(claim(everything))
     if plot is not None:
         from ..shot.images import atomic_path
@@ -95,7 +99,7 @@ def table(curves: Sequence[Curve], max_order: int, narrow: bool = False) -> Tabl
 
     from ..convergence import GAUSS_POINTS
 
-    result = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0), collapse_padding=True, header_style="bold")
+    result = Table(box=None, pad_edge=False, padding=(0, 1 if narrow else 2, 0, 0), header_style="bold")
     for _ in range(1 if narrow else 2):
         result.add_column("", no_wrap=True)
     orders = [n for n in _COLUMNS if n <= max_order]
@@ -113,7 +117,7 @@ def _row(
     errors: dict[int, tuple[float, float]], orders: Sequence[int], narrow: bool, enough: int | None, equal: int | None
 ) -> list[str]:
     counts = [_count(count, max(errors)) for count in (enough, equal)]
-    between = "\n" if narrow else "  "
+    between = "\n" if narrow else " "
     return [between.join(_error(each) for each in errors[n]) for n in orders] + counts
 
 
@@ -175,23 +179,26 @@ def draw(found: dict[str, list[Curve]], max_order: int, path: Path) -> None:
     from matplotlib.lines import Line2D
 
     figure, axes = plt.subplots(len(found), 2, figsize=(13, 9), dpi=110, sharex=True, sharey="row", squeeze=False)
-    colour: Callable[[int], Any] = plt.get_cmap("tab20")
+    palette: Callable[[int], Any] = plt.get_cmap("tab20")
+
+    def colour(number: int) -> Any:
+        return palette(number % 10 * 2 + number // 10)  # each colour has a pale twin beside it: strong ones first
+
     for row, (title, curves) in zip(axes, found.items(), strict=True):
         for number, curve in enumerate(curves):
             for errors, style in ((curve.gauss, "-"), (curve.riemann, "--")):
                 shown = [n for n in errors if n <= max_order]
                 for which, panel in enumerate(row):
                     values = [max(errors[n][which], _FLOOR) for n in shown]
-                    # tab20 pairs each colour with its pale twin: all strong ones first.
-                    panel.loglog(shown, values, style, color=colour(number % 10 * 2 + number // 10), lw=1.4, ms=3,
-                                 marker="." if style == "-" else "")  # fmt: skip
-        for panel, which in zip(row, ("median ray", "worst ray"), strict=True):
-            panel.set_title(f"{title}: {which}", fontsize=10)
+                    dot = "." if style == "-" else ""
+                    panel.loglog(shown, values, style, color=colour(number), lw=1.4, ms=3, marker=dot)
+        for panel, name in zip(row, ("median ray", "worst ray"), strict=True):
+            panel.set_title(f"{title}: {name}", fontsize=10)
             panel.axhline(0.01, color="0.4", lw=0.8, ls=":")
             panel.axvline(6, color="0.4", lw=0.8, ls=":")
             panel.grid(alpha=0.25)
-        names = [Line2D([], [], color=colour(i % 10 * 2 + i // 10), label=c.name) for i, c in enumerate(curves)]
-        row[1].legend(handles=names, loc="center left", bbox_to_anchor=(1.01, 0.5), frameon=False, fontsize=9)
+        lines = [Line2D([], [], color=colour(i), label=each.name) for i, each in enumerate(curves)]
+        row[1].legend(handles=lines, loc="center left", bbox_to_anchor=(1.01, 0.5), frameon=False, fontsize=9)
         row[0].set_ylabel("relative error")
     ticks = [n for n in _COLUMNS if n <= max_order]
     for panel in axes[-1]:
