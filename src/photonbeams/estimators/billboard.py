@@ -27,7 +27,7 @@ def value(beam: Record, at: Approach, radius: Any, look: BoundLook, t_min: Any) 
     kernel = dr.sqrt(dr.maximum(1 - x, 0)) * look.profile.line(x) * inv_radius * sine_inv
     distance = at.s + beam.offset
     factors = (
-        look.along(distance, distance - beam.entry, dr.clip(distance * dr.rcp(beam.total), 0, 1))
+        look.along(distance, dr.maximum(distance - beam.entry, 0), dr.clip(distance * dr.rcp(beam.total), 0, 1))
         * look.eye(at.t, at.t - t_min)
         * look.angle(-at.cosine)
     )
