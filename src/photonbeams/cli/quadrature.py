@@ -20,7 +20,7 @@ _FLOOR = 1e-15  # of float64; an error of 0 has no logarithm
 
 def quadrature(
     plot: Annotated[Path | None, typer.Option(metavar="FILE.png", help="Draw the errors, too.")] = None,
-    rays: Annotated[int, typer.Option(min=1, max=100_000, metavar="N", help="Camera rays inside the beam.")] = 200,
+    rays: Annotated[int, typer.Option(min=1, max=100_000, metavar="N", help="Camera rays inside the beam.")] = 1000,
     max_order: Annotated[int, typer.Option(min=1, max=256, metavar="N", help="Show up to N points.")] = 24,
     seed: Annotated[int, typer.Option(min=0, metavar="N", help="Seed of the rays.")] = 0,
 ) -> None:
@@ -30,7 +30,7 @@ def quadrature(
     falloff along it, the relative error of the light along a ray is shown for n points on each smooth piece of it:
     the median of the rays, and the worst.
 
-    Examples: photonbeams quadrature, or photonbeams quadrature --plot errors.png --rays 1000
+    Examples: photonbeams quadrature, or photonbeams quadrature --plot errors.png --rays 200
     """
     if plot is not None:
         _check(plot)
@@ -125,18 +125,18 @@ def claim(curves: Sequence[Curve]) -> str:
     """Return what the Talk says, and what was found, worst rays counting."""
     from ..convergence import GAUSS_POINTS
 
-    gauss = _range([curve.gauss_needed() for curve in curves])
+    needed = [curve.gauss_needed() for curve in curves]
     riemann = _range([curve.riemann_needed() for curve in curves])
-    equal = [curve.riemann_equal() for curve in curves]
-    twice = sum(n is None or n > 2 * GAUSS_POINTS for n in equal)
-    least = min((n for n in equal if n is not None), default=None)
-    ordered = sorted(equal, key=_position)
-    middle = ordered[len(ordered) // 2]
+    late = [curve.name for curve, n in zip(curves, needed, strict=True) if _position(n) > GAUSS_POINTS]
+    but = f" (all but {', '.join(late)})" if late else ""
+    equal = sorted((curve.riemann_equal() for curve in curves), key=_position)
+    twice = sum(_position(n) > 2 * GAUSS_POINTS for n in equal)
     return (
-        "Talk: six Gauss points are enough, and a Riemann sum needs more than twice as many. "
-        f"Here 1 % on every ray takes {gauss} Gauss points and {riemann} Riemann points. As good as six Gauss points "
-        f"are {_range(equal)} Riemann points ({_ratio(least)} to {_ratio(ordered[-1])} as many, "
-        f"the median {_ratio(middle)}): more than twice as many for {twice} of {len(curves)}."
+        "Talk: six Gauss points are enough, and a Riemann sum needs more than twice as many.\n"
+        f"Here 1 % on every ray takes {_range(needed)} Gauss points and {riemann} Riemann points; six Gauss points are "
+        f"enough for {len(curves) - len(late)} of {len(curves)}{but}.\n"
+        f"As good as six Gauss points are {_range(equal)} Riemann points, {_ratio(equal[0])} to {_ratio(equal[-1])} as "
+        f"many, in the median {_ratio(equal[len(equal) // 2])}; more than twice as many for {twice} of {len(equal)}."
     )
 
 
