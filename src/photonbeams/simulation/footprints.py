@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 FLOOR = 1e-4  # least radius in units of the bounding radius: a point light's apex must not be singular
 
 _RIM = 6  # rays along a beam's rim that look for surfaces in its way
-_HALVINGS = 5  # of a beam that surfaces are in the way of
 _SLACK = 0.25  # radii that the rim may be stopped short of the plane where the axis ended: surfaces are curved
 
 
@@ -55,7 +54,13 @@ def radius_along(
 
 
 def unblocked(
-    world: World, emission: Emission, radius: Callable[[Float], Float], begin: Float, total: Float, against: Array3f
+    world: World,
+    emission: Emission,
+    radius: Callable[[Float], Float],
+    begin: Float,
+    total: Float,
+    against: Array3f,
+    halvings: int,
 ) -> Float:
     """Return the factor on each beam's radius that keeps it out of surfaces: 1, or halved while its rim is blocked.
 
@@ -66,10 +71,12 @@ def unblocked(
     ----------
     begin, total, against
         The beam's ends, as distances from the light, and the normal of the surface that stopped it.
+    halvings
+        How often at most: a narrow beam is a bright streak, where a wide one is a soft edge.
     """
     scale = dr.full(Float, 1.0, dr.width(total))
     seed = hash32(dr.arange(UInt32, dr.width(total)))
-    for _ in range(_HALVINGS):
+    for _ in range(halvings):
         scale = dr.select(_rim_blocked(world, emission, radius, scale, begin, total, against, seed), 0.5 * scale, scale)
         dr.eval(scale)
     return scale

@@ -31,6 +31,10 @@ if TYPE_CHECKING:
 ESCAPE = 8.0
 LIGHT_SIDE = 0.25  # the part of a light's beams that do not go through its portal, where they are seen
 
+# How often a beam is halved that a surface stands in the way of: seldom where it would be seen as a streak, often
+# behind a portal, where it would be seen through the wall.
+HALVINGS, HALVINGS_ASIDE = 1, 5
+
 _PORTAL, _ALL = 0, 1  # names of strata in seeds
 
 
@@ -43,11 +47,12 @@ class BeamSet(NamedTuple):
 
 
 class Run(NamedTuple):
-    """How a stratum is sampled: samples, number of the pass, width of a beam in spacings."""
+    """How a stratum is sampled: samples, number of the pass, width of a beam in spacings, and how often to halve it."""
 
     samples: int
     pass_index: int
     overlap: float
+    halvings: int
 
 
 def trace(
@@ -88,14 +93,20 @@ def trace(
             candidates = count_candidates(portal, count - aside)
             u, v = _points(light, candidates, pass_index, seed, _PORTAL)
             emission = emit_through(light, source, portal, world.bounds, u, v, candidates)
-            pieces += _beams(world, source, emission, Run(candidates, pass_index, overlap), split=True)
+            pieces += _beams(world, source, emission, Run(candidates, pass_index, overlap, HALVINGS), split=True)
             count = aside
         if count:
             u, v = _points(light, count, pass_index, seed, _ALL)
             emission = emit(light, source, world.bounds, u, v, count)
             if portal is not None:
                 emission.valid &= ~portal.crosses(emission.origin, emission.direction)
-            pieces += _beams(world, source, emission, Run(count, pass_index, overlap), split=False)
+            pieces += _beams(
+                world,
+                source,
+                emission,
+                Run(count, pass_index, overlap, HALVINGS if portal is None else HALVINGS_ASIDE),
+                split=False,
+            )
         if pieces:
             sets.append(BeamSet(light.group, light.look, _joined(pieces)))
     return sets + [BeamSet(drawn.group, drawn.look, _drawn(drawn)) for drawn in world.description.drawn]
@@ -128,7 +139,7 @@ def _beams(world: World, source: Any, emission: Emission, run: Run, split: bool)
     light, everywhere = 0 * total, dr.full(Bool, True, dr.width(total))
     portal = emission.portal * (1 - 1e-5)
     passes = (total > portal) & split
-    scale = unblocked(world, emission, radius, dr.select(passes, portal, 0), total, against)
+    scale = unblocked(world, emission, radius, dr.select(passes, portal, 0), total, against, run.halvings)
     if not split:
         return _piece(world, emission, lambda s: radius(s) * scale, (light, total), total, against, everywhere)
     middle = dr.minimum(portal, total)
