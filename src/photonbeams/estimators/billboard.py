@@ -16,22 +16,17 @@ import drjit as dr
 from ..device import Array3f, Bool, UInt32
 from ..looks import BoundLook
 from .blend import frustum_weight, need, touched
-from .geometry import Approach, Packed, Rays, Record, closest_approach, load
+from .geometry import Approach, Packed, Rays, Record, load, passing
 
 
 def value(beam: Record, at: Approach, radius: Any, look: BoundLook, t_min: Any) -> Any:
     """Return a beam's radiance toward a ray that meets it, by the line kernel of the look's profile."""
     inv_radius = dr.rcp(radius)
-    x = at.u2 * inv_radius * inv_radius
-    sine_inv = dr.sqrt(at.inv_sin2)
-    kernel = dr.sqrt(dr.maximum(1 - x, 0)) * look.profile.line(x) * inv_radius * sine_inv
+    x = at.u2 * dr.square(inv_radius)
+    kernel = dr.sqrt(dr.maximum(1 - x, 0)) * look.profile.line(x) * (inv_radius * at.inv_sine)
     distance = at.s + beam.offset
-    factors = (
-        look.along(distance, dr.maximum(distance - beam.entry, 0), dr.clip(distance * dr.rcp(beam.total), 0, 1))
-        * look.eye(at.t, at.t - t_min)
-        * look.angle(-at.cosine)
-    )
-    return beam.power * (factors * kernel)
+    light = look.path(distance, beam.depth(distance), beam.fraction(distance), at.t, at.t - t_min)
+    return beam.power * (light * look.angle(-at.cosine) * kernel)
 
 
 def in_range(beam: Record, at: Approach, t_min: Any, t_max: Any, origin: Any, direction: Any) -> Any:
@@ -74,25 +69,23 @@ def billboard_sum(
         marked = Bool(False)
         for p in range(len(rays)):
             ray = rays[p]
-            at = closest_approach(beam, ray.origin, ray.direction)
-            radius = dr.fma(beam.slope, at.s, beam.radius)
-            if dr.hint(not blended, mode="scalar"):
-                hit = (at.u2 < radius * radius) & in_range(beam, at, ray.t_min, ray.t_max, ray.origin, ray.direction)
-                if hit:
-                    radiance[p] += value(beam, at, radius, look, ray.t_min)
-            else:
-                taper = beam.slope * at.cosine
-                # Meets the cone that the beam is cut from, exactly: u² A ≤ sin² R², over sin².
-                near = at.u2 * dr.fma(-taper * taper, at.inv_sin2, 1) < radius * radius
-                if near:
+            way = passing(beam, ray.origin, ray.direction)
+            if way.meets(beam):
+                at = way.closest()
+                radius = dr.fma(beam.slope, at.s, beam.radius)
+                inside = in_range(beam, at, ray.t_min, ray.t_max, ray.origin, ray.direction)
+                hit = inside & (at.u2 < dr.square(radius))
+                if dr.hint(blended, mode="scalar"):
                     boundary, change = need(beam, at, radius, look, ray.t_min, ray.t_max, ray.origin, ray.direction)
-                    inside = in_range(beam, at, ray.t_min, ray.t_max, ray.origin, ray.direction)
                     share = 1 - frustum_weight(boundary, change)
-                    if inside & (share > 0) & (at.u2 < radius * radius):
+                    if hit & (share > 0):
                         radiance[p] += value(beam, at, radius, look, ray.t_min) * share
                     marked |= touched(boundary, change, inside)
-        if dr.hint(flags is not None, mode="scalar"):
-            # Lanes of one tile write the same number to the same place: no race, whatever the order.
-            dr.scatter(flags, UInt32(1), i, marked)
+                else:
+                    radiance[p] += dr.select(hit, value(beam, at, radius, look, ray.t_min), 0)
+        if dr.hint(flags is not None, mode="scalar"):  # noqa: SIM102 - one is Python, the other is traced
+            if marked:
+                # Lanes of one tile write the same number to the same place: no race, whatever the order.
+                dr.scatter(flags, UInt32(1), i, marked)
         i += 1
     return radiance

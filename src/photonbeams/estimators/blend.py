@@ -26,12 +26,11 @@ _BEGIN = 0.7
 def need(beam: Record, at: Approach, radius: Any, look: BoundLook, t_min: Any, t_max: Any, origin: Any, direction: Any
          ) -> tuple[Any, Any]:  # fmt: skip
     """Return how much a ray needs the frustum at this beam, 1 being entirely, by the boundaries and by the factors."""
-    sin2 = dr.rcp(at.inv_sin2)
-    sine = dr.sqrt(dr.maximum(sin2, 0))
+    sine = at.sin2 * at.inv_sine
     taper = dr.abs(beam.slope * at.cosine)
-    opening = dr.fma(-taper, taper, sin2)
+    opening = dr.fma(-taper, taper, at.sin2)
     # Farthest that the chord through the axis reaches from the closest approach; endless along the cone's wall.
-    half = radius * (taper + sine) / dr.maximum(opening, 1e-6)
+    half = radius * (taper + sine) * dr.rcp(dr.maximum(opening, 1e-6))
     c = dr.abs(at.cosine)
     margin = dr.minimum(dr.abs(at.t - t_min), dr.abs(t_max - at.t))
     to_end = dr.minimum(dr.abs(at.s), dr.abs(beam.stop - at.s)) * dr.rcp(dr.maximum(c, 1e-6))
@@ -41,10 +40,10 @@ def need(beam: Record, at: Approach, radius: Any, look: BoundLook, t_min: Any, t
         facing = dr.dot(direction, beam.cap)
         margin = dr.minimum(margin, dr.abs(dr.fma(facing, at.t, -height)) * dr.rcp(dr.maximum(dr.abs(facing), 1e-6)))
     boundary = _CLEARANCE * half * dr.rcp(dr.maximum(margin, 1e-20))
-    rate = dr.fma(c, look.rate_along + look.rate_fraction * dr.rcp(beam.total), look.rate_eye)
-    change = (half * rate + taper * dr.rcp(dr.maximum(sine, 1e-6))) * (1 / _CHANGE)
+    rate = dr.fma(c, look.rate_along + look.rate_fraction * beam.inv_total, look.rate_eye)
+    change = (half * rate + taper * at.inv_sine) * (1 / _CHANGE)
     # Below sin² = 0.0025 float32 has lost the angle.
-    narrow = 0.0025 * at.inv_sin2
+    narrow = 0.0025 * dr.square(at.inv_sine)
     return boundary, dr.maximum(change, narrow)
 
 

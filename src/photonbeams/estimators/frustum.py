@@ -69,10 +69,8 @@ def integrand(beam: Record, ray: Chord, tau: Any, look: BoundLook, t_min: Any) -
     inv = dr.rcp(radius * radius)
     distance = dr.fma(ray.cosine, tau, ray.s) + beam.offset
     t = ray.t + tau
-    factors = look.along(
-        distance, dr.maximum(distance - beam.entry, 0), dr.clip(distance * dr.rcp(beam.total), 0, 1)
-    ) * look.eye(t, t - t_min)
-    return factors * (look.profile.density(dr.minimum(ray.radius2(tau) * inv, 1)) * inv)
+    light = look.path(distance, beam.depth(distance), beam.fraction(distance), t, t - t_min)
+    return light * (look.profile.density(dr.minimum(ray.radius2(tau) * inv, 1)) * inv)
 
 
 @dr.syntax
@@ -81,7 +79,7 @@ def chord_integral(beam: Record, ray: Chord, look: BoundLook, points: Points, t_
     breaks = corners(beam, ray, look)
     total = Array3f(0)
     low, end = Float(ray.a), dr.select(active, ray.b, ray.a)
-    rate = dr.fma(dr.abs(ray.cosine), look.rate_along + look.rate_fraction * dr.rcp(beam.total), look.rate_eye)
+    rate = dr.fma(dr.abs(ray.cosine), look.rate_along + look.rate_fraction * beam.inv_total, look.rate_eye)
     longest = dr.maximum(_CHANGE * dr.rcp(dr.maximum(rate, 1e-20)), (ray.b - ray.a) * (1 / _MOST_CUTS))
     while low < end:
         # A piece of almost the whole rest takes all of it: rounding would leave a sliver.

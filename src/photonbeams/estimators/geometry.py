@@ -93,6 +93,7 @@ class Record:
     slope: Any  # of the radius, along the axis
     power: Any
     length: Any
+    inv_total: Any  # 1 / the length of the whole light path
     moment: Any = None  # w × e, for a shared ray origin
     reach: Any = None  # w·e, likewise
     cap: Any = None  # end normal
@@ -108,6 +109,14 @@ class Record:
     def total(self) -> Any:
         """Length of the whole light path."""
         return self.length if self.path is None else self.path.y
+
+    def depth(self, distance: Any) -> Any:
+        """Return the part of a distance from the light that lies in the medium."""
+        return dr.maximum(distance - self.entry, 0)
+
+    def fraction(self, distance: Any) -> Any:
+        """Return a distance from the light as a fraction of the whole light path."""
+        return dr.clip(distance * self.inv_total, 0, 1)
 
     @property
     def entry(self) -> Any:
@@ -130,7 +139,7 @@ def load(packed: Packed, number: Any) -> Record:
     packets = [dr.gather(Array4f, packed.data, base + group) for group in range(packed.groups)]
     record = Record(
         axis=packets[0].xyz, radius=packets[0].w, start=packets[1].xyz, slope=packets[1].w,
-        power=packets[2].xyz, length=packets[2].w,
+        power=packets[2].xyz, length=packets[2].w, inv_total=None,
     )  # fmt: skip
     rest = packets[3:]
     if packed.shared:
@@ -141,7 +150,36 @@ def load(packed: Packed, number: Any) -> Record:
         rest = rest[1:]
     if packed.path:
         record.path = rest[0].xyz
+    record.inv_total = dr.rcp(record.total)  # once a beam, not once a ray
     return record
+
+
+@dataclass
+class Passing:
+    """How a ray passes a beam's axis, as far as it takes no division: enough to tell whether they meet."""
+
+    cosine: Any  # c = d·w
+    sin2: Any
+    along: Any  # d·e
+    reach: Any  # w·e
+    s_sin2: Any  # s sin²
+    u2_sin2: Any  # u² sin²
+
+    def meets(self, beam: Record) -> Any:
+        """Return whether the ray, endless both ways, meets the endless cone that the beam is cut from.
+
+        Exactly: u² (sin² − k²c²) < sin² R(s)², here times sin².
+        """
+        taper = beam.slope * self.cosine
+        radius_sin2 = dr.fma(beam.slope, self.s_sin2, beam.radius * self.sin2)
+        return self.u2_sin2 * dr.fma(-taper, taper, self.sin2) < dr.square(radius_sin2)
+
+    def closest(self) -> Approach:
+        """Return where the two lines come closest."""
+        inv_sine = dr.rsqrt(self.sin2)
+        inv = dr.square(inv_sine)
+        t = dr.fma(-self.cosine, self.reach, self.along) * inv
+        return Approach(self.cosine, self.sin2, inv_sine, self.s_sin2 * inv, t, self.u2_sin2 * inv)
 
 
 @dataclass
@@ -149,29 +187,32 @@ class Approach:
     """Where a ray and a beam's axis come closest."""
 
     cosine: Any  # c = d·w
-    inv_sin2: Any
+    sin2: Any
+    inv_sine: Any
     s: Any  # along the beam, from its start
     t: Any  # along the ray
     u2: Any  # squared distance between the lines
 
 
-def closest_approach(beam: Record, origin: Any, direction: Any) -> Approach:
-    """Return the closest approach; `origin` is relative to the packed origin, or None where that is shared."""
+# Lines count as inclined by this sin² at least: along the axis the rounded cosine passes 1.
+_PARALLEL = 1e-7
+
+
+def passing(beam: Record, origin: Any, direction: Any) -> Passing:
+    """Return how a ray passes a beam; `origin` is relative to the packed origin, or None where that is shared."""
     if beam.moment is not None:
         relative, moment, reach = beam.start, beam.moment, beam.reach
     else:
         relative = beam.start - origin
         moment, reach = dr.cross(beam.axis, relative), dr.dot(beam.axis, relative)
     c, along = dr.dot(direction, beam.axis), dr.dot(direction, relative)
-    # Along the axis the rounded cosine passes 1: a negative sin² would turn into a NaN.
-    inv = dr.rcp(dr.maximum(dr.fma(-c, c, 1), 1e-7))
-    return Approach(
-        c,
-        inv,
-        dr.fma(c, along, -reach) * inv,
-        dr.fma(-c, reach, along) * inv,
-        dr.square(dr.dot(direction, moment)) * inv,
-    )
+    sin2 = dr.maximum(dr.fma(-c, c, 1), _PARALLEL)
+    return Passing(c, sin2, along, reach, dr.fma(c, along, -reach), dr.square(dr.dot(direction, moment)))
+
+
+def closest_approach(beam: Record, origin: Any, direction: Any) -> Approach:
+    """Return where a ray and a beam's axis come closest; `origin` as for `passing`."""
+    return passing(beam, origin, direction).closest()
 
 
 @dataclass

@@ -112,21 +112,29 @@ def tile_depth(view: Projection, rays: PixelRays) -> Any:
     return result
 
 
+# Neighbouring lanes carry neighbouring pixels, so that a vector of lanes sees a small block of the picture: a beam
+# passes most blocks by, and what no lane needs is skipped.
+_BLOCK_WIDTH, _BLOCK_HEIGHT = 4, 4
+_BLOCK = _BLOCK_WIDTH * _BLOCK_HEIGHT
+_BLOCKS_ACROSS = TILE // _BLOCK_WIDTH
+
+
 class _Lanes:
-    """The pixels of a lane that carries `count` of them: tile after tile, row after row within a tile."""
+    """The pixels of lanes that carry `count` of them: tile after tile, block after block within a tile."""
 
     def __init__(self, view: Projection, count: int) -> None:
         per_tile = TILE * TILE // count
         lane = dr.arange(UInt32, view.tiles * per_tile)
-        self.tile, self._local = lane // per_tile, (lane % per_tile) * count
+        self.tile, local = lane // per_tile, lane % per_tile
+        self._block, self._place = local // _BLOCK * count, local % _BLOCK
         self._width, self._height = dr.opaque(UInt32, view.width), dr.opaque(UInt32, view.height)
         self._columns = dr.opaque(UInt32, view.columns)
 
     def pixel(self, number: int) -> tuple[Any, Any]:
         """Return the index of a lane's pixel, and whether it lies in the picture."""
-        local = self._local + number
-        x = (self.tile % self._columns) * TILE + local % TILE
-        y = (self.tile // self._columns) * TILE + local // TILE
+        block = self._block + number
+        x = (self.tile % self._columns) * TILE + block % _BLOCKS_ACROSS * _BLOCK_WIDTH + self._place % _BLOCK_WIDTH
+        y = (self.tile // self._columns) * TILE + block // _BLOCKS_ACROSS * _BLOCK_HEIGHT + self._place // _BLOCK_WIDTH
         return y * self._width + x, (x < self._width) & (y < self._height)
 
 
@@ -155,6 +163,8 @@ def _billboards(lists: Lists, view: Projection, rays: PixelRays, packed: Packed,
         blended=flags is not None,
         flags=flags,
     )
+    # One kernel for all pixels of a lane: left to the scatters, the loop would run once for each.
+    dr.eval(radiance, flags)
     picture = dr.zeros(Array3f, view.width * view.height)
     for (pixel, inside), value in zip(pixels, radiance, strict=True):
         dr.scatter(picture, value, pixel, inside)

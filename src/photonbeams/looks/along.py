@@ -13,31 +13,31 @@ import numpy as np
 import numpy.typing as npt
 
 from ..device import Array3f, Float
-from .factors import At, Factor
+from .factors import At, Decay, Factor
 from .ramp import Interpolation, ramp_table
 from .table import Table
 
 Space = Literal["fraction", "distance"]
 
 
-class Attenuation(Factor):
+class Attenuation(Decay):
     """Physical attenuation exp(−σt x), x the distance in the medium; for along and for eye."""
 
-    def evaluate(self, at: At) -> Any:
-        """Return the transmittance of the medium, per channel."""
-        return dr.exp(-at.medium.extinction * at.depth)
+    def exponent(self, at: At) -> Any:
+        """Return minus the optical depth, per channel."""
+        return -at.medium.extinction * at.depth
 
 
-class Exponential(Factor):
+class Exponential(Decay):
     """exp(−x / length): an exponential falloff of the artist's own length, one or one per channel (scene units)."""
 
     def __init__(self, length: float | Sequence[float]) -> None:
         lengths = _positive(length, "an exponential falloff's length")
         self._rate = dr.opaque(Array3f, (1 / lengths).tolist())
 
-    def evaluate(self, at: At) -> Any:
-        """Return the falloff, per channel."""
-        return dr.exp(-self._rate * at.distance)
+    def exponent(self, at: At) -> Any:
+        """Return minus the distance in lengths, per channel."""
+        return -self._rate * at.distance
 
 
 class Power(Factor):

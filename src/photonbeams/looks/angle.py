@@ -15,7 +15,7 @@ _INV_4PI = 0.07957747154594767
 def henyey_greenstein(cosine: Any, anisotropy: Any) -> Any:
     """Return the phase function (1 − g²) / (4π (1 + g² − 2 g cos)^1.5) of the scattering angle's cosine."""
     base = 1 + anisotropy * anisotropy - 2 * anisotropy * cosine
-    return _INV_4PI * (1 - anisotropy * anisotropy) * dr.rcp(base * dr.sqrt(base))
+    return _INV_4PI * (1 - anisotropy * anisotropy) * dr.rsqrt(base) ** 3
 
 
 class Scattering(Factor):

@@ -72,6 +72,13 @@ class Factor:
         """Return the factor's value: a Float, or an Array3f."""
         raise NotImplementedError
 
+    def split(self, at: At) -> tuple[Any, Any]:
+        """Return (value, exponent) with the factor equal to value · exp(exponent).
+
+        The exponents of a look are summed before one exponential is taken of them: it is the dearest step of all.
+        """
+        return self.evaluate(at), 0.0
+
     def __mul__(self, other: Any) -> Factor:
         return Product((self, factor(other)))
 
@@ -89,10 +96,32 @@ class Product(Factor):
 
     def evaluate(self, at: At) -> Any:
         """Return the product of the factors' values."""
-        result = self.factors[0].evaluate(at)
+        value, exponent = self.split(at)
+        return value * dr.exp(exponent)
+
+    def split(self, at: At) -> tuple[Any, Any]:
+        """Return the product of the values and the sum of the exponents."""
+        value, exponent = self.factors[0].split(at)
         for each in self.factors[1:]:
-            result = result * each.evaluate(at)
-        return result
+            more, further = each.split(at)
+            value, exponent = value * more, exponent + further
+        return value, exponent
+
+
+class Decay(Factor):
+    """A factor exp(exponent). Subclasses answer `exponent`."""
+
+    def exponent(self, at: At) -> Any:
+        """Return the exponent, not above 0 in what is not an artist's whim."""
+        raise NotImplementedError
+
+    def evaluate(self, at: At) -> Any:
+        """Return the exponential."""
+        return dr.exp(self.exponent(at))
+
+    def split(self, at: At) -> tuple[Any, Any]:
+        """Return 1 and the exponent."""
+        return 1.0, self.exponent(at)
 
 
 class Constant(Factor):

@@ -93,6 +93,13 @@ class BoundLook:
         """Return the change over a distance to the camera, `depth` of it in the medium."""
         return self._look.eye.evaluate(At(distance=distance, depth=depth, fog=self._fog))
 
+    def path(self, distance: Any, depth: Any, fraction: Any, reach: Any, reach_depth: Any) -> Any:
+        """Return along · eye: at a distance from the light, seen over the distance `reach`."""
+        look, fog = self._look, self._fog
+        along, fading = look.along.split(At(distance=distance, depth=depth, fraction=fraction, fog=fog))
+        eye, dimming = look.eye.split(At(distance=reach, depth=reach_depth, fog=fog))
+        return along * eye * dr.exp(fading + dimming)
+
     def angle(self, cosine: Any) -> Any:
         """Return the view-angle shading for the cosine between the light's direction and that to the camera."""
         return self._look.angle.evaluate(At(cosine=cosine, fog=self._fog))
