@@ -69,11 +69,18 @@ def camera(position: object = (0.0, 1.5, 1.95)) -> scene.Camera:
     return scene.Camera("/camera", to_world, focal_length=1.0, horizontal_aperture=2.0, vertical_aperture=2.0 * 9 / 16)
 
 
-def camera_rays(width: int, height: int, position: object = (0.0, 1.5, 1.95)) -> tuple[np.ndarray, np.ndarray]:
-    """Return origins and unit directions (height · width, 3) through the pixels' centres, top row first."""
+def camera_rays(
+    width: int, height: int, position: object = (0.0, 1.5, 1.95), turn: float = 0.0
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return origins and unit directions (height · width, 3) through the pixels' centres, top row first.
+
+    `turn` is the angle in degrees by which the camera is turned to its left, from looking along −z.
+    """
     x = (np.arange(width) + 0.5) / width * 2 - 1
     y = (1 - (np.arange(height) + 0.5) / height * 2) * height / width
     grid = np.stack([*np.meshgrid(x, y), np.full((height, width), -1.0)], axis=-1).reshape(-1, 3)
+    c, s = np.cos(np.radians(turn)), np.sin(np.radians(turn))
+    grid = grid @ np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]]).T
     return np.broadcast_to(np.asarray(position, dtype=np.float64), grid.shape), grid / np.linalg.norm(
         grid, axis=1, keepdims=True
     )
@@ -113,9 +120,10 @@ def single_scattering(
     position: tuple[float, float, float] = (0.0, 1.5, 1.95),
     steps: int = 192,
     light_points: int = 24,
+    turn: float = 0.0,
 ) -> np.ndarray:
     """Return the single scattering of the fog (height, width): ∫ σs / 4π · fluence · exp(−σt t) dt, midpoint rule."""
-    origin, direction = camera_rays(width, height, position)
+    origin, direction = camera_rays(width, height, position, turn)
     far = wall_distance(origin, direction)
     total = np.zeros(len(origin))
     for step in range(steps):
