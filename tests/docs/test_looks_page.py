@@ -1,0 +1,55 @@
+"""docs/looks.md says what the schema says, and what it shows works."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from photonbeams.shot import stage as stages
+from photonbeams.shot.looks import LookSpec
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGE = (ROOT / "docs" / "looks.md").read_text()
+SCHEMA = (ROOT / "src/photonbeams/shot/schema/schema.usda").read_text().split('class PhotonBeamsLook "')[1]
+
+
+def blocks(language):
+    return re.findall(rf"```{language}\n(.*?)```", PAGE, re.DOTALL)
+
+
+@pytest.mark.parametrize("source", blocks("python"))
+def test_python_on_the_page_runs(source):
+    names = {}
+    exec(source, names)
+    assert np.all(np.isfinite(names["radiance"].numpy())) if "radiance" in names else names["look"]
+
+
+def test_the_stage_on_the_page_is_read(tmp_path):
+    (stage_text,) = blocks("usda")
+    (tmp_path / "a.usda").write_text(stage_text)
+    stage = stages.open_stage(tmp_path / "a.usda")
+    (light,) = stages.read_scene(stage, stages.default_time(stage)).lights
+    assert isinstance(light.look, LookSpec)
+    assert light.look.along.knots == pytest.approx((0, 0.4, 1))
+    assert light.look.across.hardness == pytest.approx(0.3)
+
+
+def test_the_page_names_all_attributes_and_no_others():
+    defined = set(re.findall(r"photonbeams:((?:along|across|eye|angle):[\w:]+)", SCHEMA))
+    named = set(re.findall(r"\b((?:along|across|eye|angle):[\w:]+)", PAGE))
+    assert named == defined
+
+
+def test_the_page_names_all_tokens():
+    tokens = {
+        token for row in re.findall(r"allowedTokens = \[(.*?)\]", SCHEMA) for token in re.findall(r'"(\w+)"', row)
+    }
+    assert [token for token in tokens if f'"{token}"' not in PAGE] == []
+
+
+def test_every_picture_is_there_and_small():
+    shown = set(re.findall(r"\((pictures/[^)]+)\)", PAGE + (ROOT / "docs" / "theory.md").read_text()))
+    assert len(shown) >= 25
+    assert [name for name in shown if not (ROOT / "docs" / name).is_file()] == []
+    assert sum((ROOT / "docs" / name).stat().st_size for name in shown) < 2_000_000
