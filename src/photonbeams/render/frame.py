@@ -24,9 +24,12 @@ from .camera import View, Window
 from .surfaces import shade
 from .world import World
 
-# Width of a beam in spacings of its neighbours. On the comparison scene the median error over the lit pixels is 2.5 %
-# at 1, 1.2 % at 1.4 and 0.9 % at 2, where the blur of the shaft's edge begins to tell.
-OVERLAP = 1.5
+# Width of a beam in spacings of its neighbours in the first pass. One pass of 4,096 beams of the comparison scene is
+# then within 1.5 % of the integral in the median, from beside (1.0 %) and from inside the shaft (1.4 %, worst of three
+# seeds); at 1.5 the inside has 3 %, at 2.5 the blur of the shaft's edge has cost half a percent of its light.
+OVERLAP = 2.2
+# Passes continue one low-discrepancy sequence, whose spacing in four dimensions shrinks with this power of its length.
+SHRINKAGE = -0.25
 DEFAULT_BEAMS = 4096
 DEFAULT_PASSES = 16
 
@@ -177,7 +180,7 @@ class _Frame:
                 pass_index=number,
                 seed=settings.seed,
                 light_side=self._light_side,
-                overlap=settings.overlap,
+                overlap=settings.overlap * (number + 1) ** SHRINKAGE,
             )
             dr.eval([each.beams for each in sets])
         origin, direction = view.rays(subpixel(number))
