@@ -19,10 +19,10 @@ from .blend import frustum_weight, need, touched
 from .geometry import Approach, Packed, Rays, Record, load, passing
 
 
-def value(beam: Record, at: Approach, radius: Any, look: BoundLook, t_min: Any) -> Any:
-    """Return a beam's radiance toward a ray that meets it, by the line kernel of the look's profile."""
+def value(beam: Record, at: Approach, u2: Any, radius: Any, look: BoundLook, t_min: Any) -> Any:
+    """Return a beam's radiance toward a ray that passes its axis at the squared distance `u2`."""
     inv_radius = dr.rcp(radius)
-    x = at.u2 * dr.square(inv_radius)
+    x = u2 * dr.square(inv_radius)
     kernel = dr.sqrt(dr.maximum(1 - x, 0)) * look.profile.line(x) * (inv_radius * at.inv_sine)
     distance = at.s + beam.offset
     light = look.path(distance, beam.depth(distance), beam.fraction(distance), at.t, at.t - t_min)
@@ -74,15 +74,18 @@ def billboard_sum(
                 at = way.closest()
                 radius = dr.fma(beam.slope, at.s, beam.radius)
                 inside = in_range(beam, at, ray.t_min, ray.t_max, ray.origin, ray.direction)
-                hit = inside & (at.u2 < dr.square(radius))
                 if dr.hint(blended, mode="scalar"):
                     boundary, change = need(beam, at, radius, look, ray.t_min, ray.t_max, ray.origin, ray.direction)
                     share = 1 - frustum_weight(boundary, change)
-                    if hit & (share > 0):
-                        radiance[p] += value(beam, at, radius, look, ray.t_min) * share
+                    if inside & (radius > 0) & (share > 0):
+                        # The distance that is R where the ray leaves the cone. At u = R itself a tapered beam's chord
+                        # is not yet empty, and a hard rim would hand over with a step.
+                        u2 = at.u2 * (1 - dr.square(beam.slope * at.cosine * at.inv_sine))
+                        radiance[p] += value(beam, at, u2, radius, look, ray.t_min) * share
                     marked |= touched(boundary, change, inside)
                 else:
-                    radiance[p] += dr.select(hit, value(beam, at, radius, look, ray.t_min), 0)
+                    hit = inside & (at.u2 < dr.square(radius))
+                    radiance[p] += dr.select(hit, value(beam, at, at.u2, radius, look, ray.t_min), 0)
         if dr.hint(flags is not None, mode="scalar"):  # noqa: SIM102 - one is Python, the other is traced
             if marked:
                 # Lanes of one tile write the same number to the same place: no race, whatever the order.

@@ -30,7 +30,8 @@ def need(beam: Record, at: Approach, radius: Any, look: BoundLook, t_min: Any, t
     taper = dr.abs(beam.slope * at.cosine)
     opening = dr.fma(-taper, taper, at.sin2)
     # Farthest that the chord through the axis reaches from the closest approach; endless along the cone's wall.
-    half = radius * (taper + sine) * dr.rcp(dr.maximum(opening, 1e-6))
+    # Steeper than the cone opens, a ray's closest approach may lie beyond the apex, where the radius is negative.
+    half = dr.abs(radius) * (taper + sine) * dr.rcp(dr.maximum(opening, 1e-6))
     c = dr.abs(at.cosine)
     margin = dr.minimum(dr.abs(at.t - t_min), dr.abs(t_max - at.t))
     to_end = dr.minimum(dr.abs(at.s), dr.abs(beam.stop - at.s)) * dr.rcp(dr.maximum(c, 1e-6))
