@@ -124,8 +124,8 @@ def render(
     from ..shot.stage import open_stage
 
     if list_cameras:
-        for path in cameras_of(open_stage(scene)):
-            typer.echo(str(path))
+        for name in cameras_of(open_stage(scene)):
+            typer.echo(name)
         return
     shot = Shot.open(scene, camera, session_layers=session_layer or (), overrides=overrides or ())
     shot.medium = _fog(shot, frame, scattering, absorption, anisotropy)

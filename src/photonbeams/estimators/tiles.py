@@ -194,7 +194,7 @@ def _walk(
                 tile = UInt32(row * columns + column)
                 seen = everywhere | (front > _hidden(dr.gather(Float, depth, tile), rest.z, view))
                 cell = tile * _LANES + lane
-                slot = dr.scatter_inc(counter, cell, seen)
+                slot: Any = dr.scatter_inc(counter, cell, seen)
                 if dr.hint(out is not None, mode="scalar"):
                     dr.scatter(out, beam, dr.gather(UInt32, base, cell) + slot, seen)
                 column += 1
@@ -236,7 +236,7 @@ class Lists:
 
     def keep(self, flags: Any) -> Lists:
         """Return the lists with the flagged entries alone, in their order."""
-        index = dr.compress(flags > 0)
+        index: Any = dr.compress(flags > 0)
         before = dr.prefix_sum(flags)
         total, entries = dr.opaque(UInt32, dr.width(index)), dr.opaque(UInt32, self.entries)
 

@@ -51,14 +51,19 @@ class View:
         height, width = window.shape
         matrix = np.asarray(camera.to_world, dtype=np.float64)
         corners = np.abs(np.array([[0, 0], [width, height]]) - center) / scale
+        edge_x, edge_y = corners.max(axis=0).tolist()
         self.projection = Projection(
-            *(_opaque(v) for v in (matrix[:3, 3], matrix[:3, 0], matrix[:3, 1], -matrix[:3, 2])),
-            (dr.opaque(Float, scale[0]), dr.opaque(Float, scale[1])),
-            (dr.opaque(Float, center[0]), dr.opaque(Float, center[1])),
-            width,
-            height,
-            camera.orthographic,
-            *corners.max(axis=0).tolist(),
+            origin=_opaque(matrix[:3, 3]),
+            right=_opaque(matrix[:3, 0]),
+            up=_opaque(matrix[:3, 1]),
+            forward=_opaque(-matrix[:3, 2]),
+            scale=(dr.opaque(Float, scale[0]), dr.opaque(Float, scale[1])),
+            center=(dr.opaque(Float, center[0]), dr.opaque(Float, center[1])),
+            width=width,
+            height=height,
+            orthographic=camera.orthographic,
+            edge_x=edge_x,
+            edge_y=edge_y,
         )
 
     def rays(self, offset: tuple[float, float]) -> tuple[Any, Any]:

@@ -111,7 +111,9 @@ class Shot:
             known = self._looks[spec.name] = (spec, build_look(spec))
         return known[1]
 
-    def resolution(self, width: int | None = None, height: int | None = None, frame: float | None = None) -> Any:
+    def resolution(
+        self, width: int | None = None, height: int | None = None, frame: float | None = None
+    ) -> tuple[int, int]:
         """Return (width, height): what is given, and the rest from the camera's aperture."""
         camera = stages.read_camera(self.stage, self.camera, self.time(frame))
         width = DEFAULT_WIDTH if width is None else width
@@ -153,7 +155,7 @@ class Shot:
         if passes is not None:
             settings["passes"] = passes
         size = self.resolution(width, height, frame)
-        window = Window(*size, _cropped(*size, crop))
+        window = Window(size[0], size[1], _cropped(size[0], size[1], crop))
         content, camera = self.read(frame)
         picture = render(content, camera, window, Settings(**settings), progress)
         metadata = {

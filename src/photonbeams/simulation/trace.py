@@ -139,14 +139,15 @@ def _beams(world: World, source: Any, emission: Emission, run: Run, split: bool)
     light, everywhere = 0 * total, dr.full(Bool, True, dr.width(total))
     portal = emission.portal * (1 - 1e-5)
     passes = (total > portal) & split
-    scale = unblocked(world, emission, radius, dr.select(passes, portal, 0), total, against, run.halvings)
+    begin = dr.select(passes, portal, light)
+    narrowed = unblocked(world, emission, radius, begin, total, against, run.halvings)
     if not split:
-        return _piece(world, emission, lambda s: radius(s) * scale, (light, total), total, against, everywhere)
+        return _piece(world, emission, lambda s: radius(s) * narrowed, (light, total), total, against, everywhere)
     middle = dr.minimum(portal, total)
     first_normal = dr.select(passes, -emission.direction, against)
-    before = dr.select(passes, 1, scale)
+    before = dr.select(passes, 1, narrowed)
     first = _piece(world, emission, lambda s: radius(s) * before, (light, middle), total, first_normal, everywhere)
-    return first + _piece(world, emission, lambda s: radius(s) * scale, (middle, total), total, against, passes)
+    return first + _piece(world, emission, lambda s: radius(s) * narrowed, (middle, total), total, against, passes)
 
 
 def _compressed(keep: Bool, *values: Any) -> list[Any]:
