@@ -24,9 +24,10 @@ from .geometry import Chord, Packed, Rays, Record, chord, closest_approach, load
 # A ramp with more corners than this is taken for a smooth curve: each costs every chord a comparison.
 _MOST_CORNERS = 8
 
-# Change of the factors, in units of their largest value, that one piece of a chord may hold: six points then err by
-# 1e-5 on an exponential. A chord is cut in four at most for it, since a look with jumps changes endlessly fast.
-_CHANGE, _MOST_CUTS = 8.0, 4
+# Change of the factors, in units of their largest value, and of the radius, as a ratio, that one piece of a chord may
+# hold: six points then err by 1e-5 on an exponential, by 1e-6 on 1/R². A chord is cut in four at most for it, since a
+# look with jumps changes endlessly fast, and a pointed cone endlessly often.
+_CHANGE, _RATIO, _MOST_CUTS = 8.0, 3.0, 4
 
 
 class Points:
@@ -80,10 +81,17 @@ def chord_integral(beam: Record, ray: Chord, look: BoundLook, points: Points, t_
     total = Array3f(0)
     low, end = Float(ray.a), dr.select(active, ray.b, ray.a)
     rate = dr.fma(dr.abs(ray.cosine), look.rate_along + look.rate_fraction * beam.inv_total, look.rate_eye)
-    longest = dr.maximum(_CHANGE * dr.rcp(dr.maximum(rate, 1e-20)), (ray.b - ray.a) * (1 / _MOST_CUTS))
+    steady = _CHANGE * dr.rcp(dr.maximum(rate, 1e-20))
+    shortest = (ray.b - ray.a) * (1 / _MOST_CUTS)
+    growth = beam.slope * ray.cosine
+    spread = dr.select(growth > 0, _RATIO - 1, 1 - 1 / _RATIO) * dr.rcp(dr.maximum(dr.abs(growth), 1e-20))
     while low < end:
-        # A piece of almost the whole rest takes all of it: rounding would leave a sliver.
-        high = dr.select(end - low > 1.01 * longest, low + longest, end)
+        radius = dr.fma(beam.slope, dr.fma(ray.cosine, low, ray.s), beam.radius)
+        longest = dr.maximum(dr.minimum(steady, spread * radius), shortest)
+        # A piece of almost the whole rest takes all of it: rounding would leave a sliver. One too short to be told from
+        # `low` would never end.
+        cut = low + longest
+        high = dr.select((end - low > 1.01 * longest) & (cut > low), cut, end)
         for place in breaks:
             high = dr.select((place > low) & (place < high), place, high)
         half, middle = 0.5 * (high - low), 0.5 * (high + low)
