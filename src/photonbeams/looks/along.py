@@ -44,6 +44,8 @@ class Power(Factor):
     """(1 + x / length)^(−exponent): a power falloff without the singularity at the light."""
 
     def __init__(self, exponent: float = 2.0, length: float = 1.0) -> None:
+        if not np.isfinite(exponent):
+            raise ValueError(f"a power falloff's exponent is {exponent}: expected a finite number")
         self._exponent = dr.opaque(Float, float(exponent))
         self._rate = dr.opaque(Float, 1 / float(_positive(length, "a power falloff's length")[0]))
 

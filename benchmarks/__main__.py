@@ -1,0 +1,38 @@
+"""`python -m benchmarks [NAME …]`: run the benchmarks of these names, or all, and print a table for each."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import platform
+from importlib import import_module
+
+from rich.console import Console
+
+# In the order in which they run; each module prints its own table in `report(console)`.
+NAMES = {
+    "gather": "tests per second beside the yardstick's",
+    "cost": "seconds and memory from a thousand to a million beams",
+    "quadrature": "Gauss against Riemann at equal error",
+    "keyhole": "the example frame, from an empty kernel cache",
+}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
+    parser.add_argument(
+        "names", nargs="*", metavar="NAME", help="; ".join(f"{n}: {about}" for n, about in NAMES.items())
+    )
+    names = parser.parse_args().names or list(NAMES)
+    if unknown := [name for name in names if name not in NAMES]:
+        parser.error(f"no benchmark {unknown[0]}: expected {', '.join(NAMES)}")
+    console = Console()
+    console.width = max(console.width, 110)  # a table that wraps cannot be read
+    load = f", load {os.getloadavg()[0]:.1f}" if hasattr(os, "getloadavg") else ""
+    console.print(f"[dim]{platform.machine()}, {os.cpu_count()} processors{load}: figures need an idle machine[/]")
+    for name in names:
+        import_module(f".{name}", __package__).report(console)
+
+
+if __name__ == "__main__":
+    main()
