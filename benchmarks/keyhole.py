@@ -17,7 +17,7 @@ from rich.table import Table
 import photonbeams as pb
 
 STAGE = Path(__file__).parents[1] / "examples" / "keyhole" / "keyhole.usda"
-WIDTH, HEIGHT, PASSES, TARGET = 1280, 720, 16, 60.0  # seconds
+WIDTH, HEIGHT, PASSES, TARGET = 1280, 720, 64, 60.0  # seconds
 
 
 def report(console: Console) -> None:

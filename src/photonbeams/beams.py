@@ -13,6 +13,7 @@ import drjit as dr
 import numpy as np
 import numpy.typing as npt
 
+from .arrays import to_float, to_vectors
 from .device import Array3f, Float
 from .scene import SceneError
 
@@ -168,7 +169,7 @@ def _array(value: Any, name: str, count: int) -> Any:
         raise SceneError(f"Beams: {name} has shape {np.shape(value)}: expected {shape}") from None
     if not np.all(np.isfinite(numbers)):
         raise SceneError(f"Beams: {name} of beam {int(np.argwhere(~np.isfinite(numbers))[0][0])} is not finite")
-    return kind(np.ascontiguousarray(numbers.T))
+    return to_vectors(numbers) if vector else to_float(numbers)
 
 
 def _check_radii(beams: Beams) -> None:

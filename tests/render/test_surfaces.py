@@ -8,10 +8,10 @@ import pytest
 
 from comparison import box, quad
 from photonbeams import scene
+from photonbeams.arrays import to_vectors
 from photonbeams.device import Array3f, Bool, UInt32, mitsuba
 from photonbeams.render.surfaces import shade
 from photonbeams.render.world import World
-from photonbeams.simulation.sampling import aligned
 
 DIFFUSE = scene.Material(diffuse=(0.6, 0.5, 0.4), roughness=1.0, ior=1.001)
 GLOSSY = scene.Material(diffuse=(0.2, 0.3, 0.4), roughness=0.25, metallic=0.3, clearcoat=0.5)
@@ -27,7 +27,7 @@ def rays(origin, target):
     """Return rays, (N, 3) each or one for all, from origins to targets."""
     origin, target = np.broadcast_arrays(np.atleast_2d(origin).astype(float), np.atleast_2d(target).astype(float))
     direction = (target - origin) / np.linalg.norm(target - origin, axis=1, keepdims=True)
-    return [Array3f(*(aligned(column) for column in part.T)) for part in (origin, direction)]
+    return [to_vectors(part) for part in (origin, direction)]
 
 
 def render(world, origin, direction, passes=64):

@@ -86,9 +86,3 @@ def test_cone_of_half_a_degree_is_uniform_in_float32(square):
     directions = sampling.cone(square, Array3f(0, 0, 1), Float(2 * np.sin(half / 2) ** 2)).numpy()
     radius2 = (directions[0] ** 2 + directions[1] ** 2) / np.sin(half) ** 2
     assert np.allclose(np.quantile(radius2, [0.25, 0.5, 0.75]), [0.25, 0.5, 0.75], atol=0.01)
-
-
-def test_memory_of_inputs_is_aligned_whatever_the_length():
-    for count in (1, 3, 17, 1000):
-        numbers = np.arange(count)
-        assert np.array_equal(sampling.aligned(numbers).numpy(), numbers)

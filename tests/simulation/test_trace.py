@@ -8,9 +8,10 @@ import pytest
 
 from comparison import HOLE_X, across_x, box, comparison_scene, quad
 from photonbeams import device, scene
+from photonbeams.arrays import to_vectors
 from photonbeams.device import Array3f, Bool, UInt32
 from photonbeams.render.world import World
-from photonbeams.simulation import sampling, trace
+from photonbeams.simulation import trace
 from photonbeams.simulation.sides import lights_seen
 from photonbeams.simulation.trace import ESCAPE
 
@@ -207,8 +208,7 @@ def grid(eye, forward):
     x, y = (axis.ravel() for axis in np.meshgrid(np.linspace(-1, 1, 32), np.linspace(-0.6, 0.6, 18)))
     rays = forward + x[:, None] * right + y[:, None] * np.array([0, 1.0, 0])
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
-    columns = [sampling.aligned(column) for column in rays.T]
-    return Array3f(*eye), Array3f(*columns)
+    return Array3f(*eye), to_vectors(rays)
 
 
 def test_the_camera_sees_the_light_side_through_the_hole_and_not_from_behind_a_wall(room):

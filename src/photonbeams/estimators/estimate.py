@@ -7,6 +7,7 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
+from ..arrays import to_float, to_vectors
 from ..beams import Beams
 from ..device import Array3f, Bool, Float, UInt32
 from ..looks import BoundLook, Look
@@ -69,7 +70,6 @@ def estimate(
     if len(beams) == 0:
         return dr.zeros(Array3f, count)
     bound = (look or Look()).bind(medium, reach(beams))
-    # One lane more than needed keeps a single ray from becoming a literal.
     return sum_over_all(pack(beams, Array3f(0), shared=False), rays, bound, estimator, Points(rule))
 
 
@@ -129,7 +129,7 @@ def _vectors(value: Any, name: str) -> Any:
     numbers = np.atleast_2d(np.asarray(value, dtype=np.float32))
     if numbers.ndim != 2 or numbers.shape[1] != 3:
         raise ValueError(f"{name} has shape {np.shape(value)}: expected (N, 3)")
-    return Array3f(np.ascontiguousarray(numbers.T))
+    return to_vectors(numbers)
 
 
 def _numbers(value: Any, name: str) -> Any:
@@ -138,4 +138,4 @@ def _numbers(value: Any, name: str) -> Any:
     numbers = np.atleast_1d(np.asarray(value, dtype=np.float32))
     if numbers.ndim != 1 or np.any(np.isnan(numbers)):
         raise ValueError(f"{name} has shape {np.shape(value)}: expected (N,) numbers")
-    return Float(numbers)
+    return to_float(numbers)

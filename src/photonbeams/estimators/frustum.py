@@ -15,6 +15,7 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
+from ..arrays import to_float
 from ..device import Array2f, Array3f, Float, UInt32
 from ..looks import BoundLook
 from ..quadrature import Rule
@@ -34,7 +35,7 @@ class Points:
     """A rule's points and weights in device memory: neither their values nor their number is part of a kernel."""
 
     def __init__(self, rule: Rule) -> None:
-        self._data = Float(np.stack([rule.points, rule.weights], axis=1).ravel().astype(np.float32))
+        self._data = to_float(np.stack([rule.points, rule.weights], axis=1))
         self.count = dr.opaque(UInt32, len(rule.points))
 
     def __call__(self, number: Any) -> Any:

@@ -20,6 +20,7 @@ import drjit as dr
 import numpy as np
 import numpy.typing as npt
 
+from ..arrays import to_float
 from ..device import Float
 from ..quadrature import gauss_legendre
 from .table import Table
@@ -179,7 +180,7 @@ class AcrossFunction(Across):
 
     def __init__(self, function: Callable[[Any], Any]) -> None:
         grid = np.linspace(0, 1, 4 * _SAMPLES)
-        values = np.asarray(dr.zeros(Float, len(grid)) + function(Float(grid)), dtype=np.float64)
+        values = np.asarray(dr.zeros(Float, len(grid)) + function(to_float(grid)), dtype=np.float64)
         if values.shape != grid.shape or not np.all(np.isfinite(values)) or np.any(values < 0):
             raise ValueError("a profile function expects finite values of at least 0 for ρ from 0 to 1")
         self._grid, self._values = grid, values

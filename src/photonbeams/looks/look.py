@@ -7,6 +7,7 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
+from ..arrays import to_float
 from ..device import Float
 from ..scene import Medium
 from .across import Across, Epanechnikov, across
@@ -72,9 +73,9 @@ class BoundLook:
         self.corners_fraction = look.along.corners_fraction
         self.corners_distance = look.along.corners_distance
         grid = np.linspace(0, 1, _RATE_SAMPLES)
-        distance = Float(grid * reach)
+        distance = to_float(grid * reach)
         moving = self.along(distance, distance, dr.opaque(Float, 0.5))
-        by_fraction = self.along(dr.opaque(Float, 0.0), dr.opaque(Float, 0.0), Float(grid))
+        by_fraction = self.along(dr.opaque(Float, 0.0), dr.opaque(Float, 0.0), to_float(grid))
         toward = self.eye(distance, distance)
         self.rate_along = dr.opaque(Float, _rate(moving) / reach)
         self.rate_fraction = dr.opaque(Float, _rate(by_fraction))

@@ -8,7 +8,8 @@ import drjit as dr
 import numpy as np
 import numpy.typing as npt
 
-from ..device import Array2f, Array3f, Array4f, Float, UInt32
+from ..arrays import to_float
+from ..device import Array2f, Array3f, Array4f, UInt32
 
 
 class Table:
@@ -28,7 +29,7 @@ class Table:
             packed[:, :3] = numbers
         else:
             packed = np.stack([numbers, np.append(numbers[1:], numbers[-1])], axis=1)
-        self._data = Float(packed.ravel())
+        self._data = to_float(packed)
         self._last = dr.opaque(UInt32, len(numbers) - 1)
 
     def __call__(self, x: Any) -> Any:

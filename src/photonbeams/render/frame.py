@@ -210,12 +210,13 @@ class _Frame:
             self._world, origin, direction, dr.full(Bool, True, count), dr.arange(UInt32, count),
             dr.opaque(UInt32, number), dr.opaque(UInt32, self._settings.seed & 0xFFFFFFFF),
         )  # fmt: skip
+        dr.eval(shaded)  # apart from the sums, which begin as constants: the first pass would have kernels of its own
         self._surface += shaded.radiance
         self._transmittance += shaded.transmittance
         self._alpha += shaded.alpha
         if number == 0:  # a mean of depths is the depth of nothing: the first pass looks through pixel centres
             self._depth = self._view.planar_depth(direction, shaded.depth)
-        dr.eval(self._surface, self._transmittance, self._alpha, self._depth, shaded)
+        dr.eval(self._surface, self._transmittance, self._alpha, self._depth)
         return shaded
 
     def _pixel_rays(self, origin: Any, direction: Any, depth: Any) -> PixelRays:

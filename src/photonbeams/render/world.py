@@ -15,6 +15,7 @@ import drjit as dr
 import numpy as np
 
 from .. import scene
+from ..arrays import to_float, to_uint
 from ..device import Array3f, Bool, Float, UInt32, mitsuba
 from ..simulation.emission import Bounds
 from ..simulation.lights import (
@@ -253,12 +254,12 @@ def _shape(mesh: scene.Mesh, bsdf: Any, emitter: Any) -> Any:
         props=properties,
     )
     parameters = mi.traverse(shape)
-    parameters["vertex_positions"] = np.asarray(mesh.points, dtype=np.float32).ravel()
-    parameters["faces"] = np.asarray(mesh.faces, dtype=np.uint32).ravel()
+    parameters["vertex_positions"] = to_float(mesh.points)
+    parameters["faces"] = to_uint(mesh.faces)
     if mesh.normals is not None:
-        parameters["vertex_normals"] = np.asarray(mesh.normals, dtype=np.float32).ravel()
+        parameters["vertex_normals"] = to_float(mesh.normals)
     if mesh.uvs is not None:
-        parameters["vertex_texcoords"] = np.asarray(mesh.uvs, dtype=np.float32).ravel()
+        parameters["vertex_texcoords"] = to_float(mesh.uvs)
     parameters.update()
     return shape
 

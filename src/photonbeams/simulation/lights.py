@@ -16,8 +16,9 @@ import drjit as dr
 import numpy as np
 
 from .. import scene
+from ..arrays import to_float, to_vectors
 from ..device import Array2f, Array3f, Bool, Float, mitsuba
-from .sampling import aligned, cone, disk
+from .sampling import cone, disk
 
 mi = mitsuba()
 
@@ -331,16 +332,9 @@ def pack(sources: Sequence[T]) -> T:
             packed: Any = pack(values[:-1])
         else:
             rows = np.array([np.ravel(value.numpy()) for value in values]).T
-            packed = aligned(rows[0]) if kind is Float else Array3f(*(aligned(row) for row in rows))
+            packed = to_float(rows[0]) if kind is Float else to_vectors(rows.T)
         setattr(result, name, packed)
     return result
-
-
-def concat(values: Sequence[Any]) -> Any:
-    """Return Float or Array3f arrays one after the other."""
-    if isinstance(values[0], Array3f):
-        return Array3f(*(dr.concat([value[axis] for value in values]) for axis in range(3)))
-    return dr.concat(list(values))
 
 
 def _unit(vector: Any) -> np.ndarray:

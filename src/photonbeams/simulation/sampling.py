@@ -7,12 +7,11 @@ Joe and Kuo 2008 (Sobol), Burley 2020, "Practical hash-based Owen scrambling" (s
 
 from __future__ import annotations
 
-from typing import Any
-
 import drjit as dr
 import numpy as np
 from scipy.stats import qmc
 
+from ..arrays import to_float
 from ..device import Array2f, Array3f, Float, UInt32, mitsuba
 
 mi = mitsuba()
@@ -32,22 +31,8 @@ def sobol_block(count: int, block: int, key: tuple[int, ...]) -> tuple[Array2f, 
     else:  # alone, or SciPy warns of counts that are no power of two
         parts.append(sequence.random(1))
     points = np.concatenate([*parts, sequence.random(count - sum(map(len, parts)))]).astype(np.float32)
-    columns = [aligned(column) for column in np.minimum(points, np.float32(_BELOW_ONE)).T]
+    columns = [to_float(column) for column in np.minimum(points, np.float32(_BELOW_ONE)).T]
     return Array2f(columns[0], columns[1]), Array2f(columns[2], columns[3])
-
-
-def aligned(numbers: Any) -> Float:
-    """Return numbers as a Float whose memory is aligned to 64 bytes.
-
-    Dr.Jit wraps NumPy's memory as it is, and whether an input is aligned is part of a kernel: frames would recompile by
-    the chance of an address.
-    """
-    numbers = np.asarray(numbers, dtype=np.float32)
-    memory = np.empty(numbers.nbytes + 64, dtype=np.uint8)
-    first = -memory.ctypes.data % 64
-    result = memory[first : first + numbers.nbytes].view(np.float32)
-    result[:] = numbers
-    return Float(result)
 
 
 def hash32(*values: UInt32) -> UInt32:

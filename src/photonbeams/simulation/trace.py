@@ -18,7 +18,7 @@ from ..beams import Beams
 from ..device import Array2f, Array3f, Bool, Float, UInt32
 from .emission import Emission, emit, emit_through
 from .footprints import FLOOR, radius_along, unblocked
-from .lights import DistantSource, DomeSource, concat, opaque
+from .lights import DistantSource, DomeSource, opaque
 from .portals import count_candidates
 from .sampling import hash32, sobol_block
 
@@ -192,9 +192,17 @@ def _piece(
 
 
 def _joined(pieces: list[Beams]) -> Beams:
-    """Return all beams as one struct, in order."""
-    fields = {name: [getattr(piece, name) for piece in pieces] for name in Beams.DRJIT_STRUCT}
-    return Beams(**{name: concat(values) for name, values in fields.items()})
+    """Return all beams as one struct, in order.
+
+    Not by `dr.concat`, which makes the lengths a part of its kernels: every pass has others.
+    """
+    if len(pieces) == 1:
+        return pieces[0]
+    result, first = dr.zeros(Beams, sum(map(len, pieces))), 0
+    for piece in pieces:
+        dr.scatter(result, piece, dr.arange(UInt32, len(piece)) + dr.opaque(UInt32, first))
+        first += len(piece)
+    return result
 
 
 def _drawn(drawn: scene.DrawnBeams) -> Beams:

@@ -1,0 +1,27 @@
+"""NumPy's numbers as Dr.Jit arrays."""
+
+import numpy as np
+import pytest
+
+from photonbeams import device
+from photonbeams.arrays import to_float, to_uint, to_vectors
+
+
+@pytest.mark.parametrize("count", [0, 1, 3, 17, 1000])
+def test_numbers_are_kept_and_their_memory_is_aligned(count):
+    numbers = np.arange(2 * count)[::2]  # strided: no memory to share
+    for array in (to_float(numbers), to_uint(numbers), to_float(numbers.reshape(-1, 1))):
+        assert np.array_equal(array.numpy(), numbers)
+        assert device.backend() != "llvm" or array.numpy().ctypes.data % 64 == 0  # a view, on the CPU
+
+
+def test_vectors_go_by_their_axes():
+    vectors = np.arange(12.0).reshape(4, 3)
+    assert np.array_equal(to_vectors(vectors).numpy(), vectors.T)
+
+
+def test_arrays_do_not_share_memory_with_what_they_were_made_of():
+    numbers = np.zeros(64, np.float32)
+    array = to_float(numbers)
+    numbers[:] = 1
+    assert not array.numpy().any()
