@@ -7,7 +7,7 @@ from photonbeams import device
 from photonbeams.arrays import to_float, to_uint, to_vectors
 
 
-@pytest.mark.parametrize("count", [0, 1, 3, 17, 1000])
+@pytest.mark.parametrize("count", [1, 3, 17, 1000])
 def test_numbers_are_kept_and_their_memory_is_aligned(count):
     numbers = np.arange(2 * count)[::2]  # strided: no memory to share
     for array in (to_float(numbers), to_uint(numbers), to_float(numbers.reshape(-1, 1))):
