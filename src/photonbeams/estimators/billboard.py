@@ -82,7 +82,8 @@ def billboard_sum(
                         # is not yet empty, and a hard rim would hand over with a step.
                         u2 = at.u2 * (1 - dr.square(beam.slope * at.cosine * at.inv_sine))
                         radiance[p] += value(beam, at, u2, radius, look, ray.t_min) * share
-                    marked |= touched(boundary, change, inside)
+                    # An empty ray, as beyond the picture's border, lies at its own boundary.
+                    marked |= touched(boundary, change, inside) & (ray.t_min < ray.t_max)
                 else:
                     hit = inside & (at.u2 < dr.square(radius))
                     radiance[p] += dr.select(hit, value(beam, at, at.u2, radius, look, ray.t_min), 0)

@@ -1,0 +1,219 @@
+"""Pictures by tiles against the same rays one by one: no beam is missed where it is seen, whatever the camera."""
+
+import dataclasses
+
+import drjit as dr
+import numpy as np
+import pytest
+
+import photonbeams as pb
+from photonbeams import scene
+from photonbeams.arrays import to_float
+from photonbeams.device import Float
+from photonbeams.estimators import image
+from photonbeams.estimators.estimate import ENDLESS
+from photonbeams.estimators.frustum import Points
+from photonbeams.estimators.image import PixelRays, estimate_image
+from photonbeams.estimators.tiles import TILE, Bins, footprints
+from photonbeams.render.camera import View, Window
+
+EPSILON32 = float(np.finfo(np.float32).eps)
+MEDIUM = pb.Medium((0.3, 0.2, 0.1), (0.05, 0.1, 0.2), 0.4)
+POINTS = Points(pb.gauss_legendre(6))
+WIDTH, HEIGHT = 83, 50  # no multiple of a tile
+
+
+def looking(eye, forward, roll=0.3):
+    """Return a camera's matrix, for column vectors."""
+    z = -np.asarray(forward, dtype=float) / np.linalg.norm(forward)
+    x = np.cross([np.sin(roll), np.cos(roll), 0.1], z)
+    x /= np.linalg.norm(x)
+    matrix = np.eye(4)
+    matrix[:3, :4] = np.stack([x, np.cross(z, x), z, np.asarray(eye, dtype=float)], axis=1)
+    return matrix
+
+
+PINHOLE = scene.Camera(
+    "/camera",
+    to_world=looking((0.1, -0.2, 0.3), (0.2, 0.1, -1)),
+    focal_length=0.9,
+    horizontal_aperture=1.0,
+    vertical_aperture=0.6,
+)
+VIEWS = {
+    "pinhole": (PINHOLE, Window.full(WIDTH, HEIGHT)),
+    "wide": (dataclasses.replace(PINHOLE, focal_length=0.2), Window.full(WIDTH, HEIGHT)),
+    "long lens": (dataclasses.replace(PINHOLE, focal_length=6.0), Window.full(WIDTH, HEIGHT)),
+    "shifted": (dataclasses.replace(PINHOLE, horizontal_offset=0.4, vertical_offset=-0.2), Window.full(WIDTH, HEIGHT)),
+    "crop": (PINHOLE, Window(200, 120, (20, 33, 20 + WIDTH, 33 + HEIGHT))),
+    "orthographic": (
+        dataclasses.replace(PINHOLE, orthographic=True, horizontal_aperture=4.0, vertical_aperture=2.4),
+        Window.full(WIDTH, HEIGHT),
+    ),
+}
+
+
+class Picture:
+    """One view: its projection, and a ray through each pixel's centre."""
+
+    def __init__(self, name, t_max=None):
+        view = View(*VIEWS[name])
+        self.projection = view.projection
+        count = WIDTH * HEIGHT
+        origin, direction = view.rays((0.5, 0.5))
+        self.t_max = np.full(count, ENDLESS) if t_max is None else t_max
+        self.rays = PixelRays(origin, direction, to_float(self.t_max), dr.zeros(Float, count))
+        dr.eval(self.rays.t_min, self.rays.t_max)
+
+    def tiled(self, beams, look, estimator):
+        return estimate_image(
+            beams, self.projection, self.rays, look=look, medium=MEDIUM, estimator=estimator, points=POINTS
+        )
+
+    def one_by_one(self, beams, look, estimator):
+        found = pb.estimate(
+            beams, self.rays.origin, self.rays.direction, t_max=self.rays.t_max,
+            look=look, medium=MEDIUM, estimator=estimator,
+        )  # fmt: skip
+        return pixels(found)
+
+
+def pixels(radiance):
+    return np.ascontiguousarray(radiance.numpy().T)
+
+
+def random_beams(rng, count):
+    """Return beams of all kinds: through the camera, behind it, thin and far, thick and near, along the view."""
+    toward = np.array([0.2, 0.1, -1.0])
+    start = rng.uniform(-1, 1, (count, 3)) * rng.choice([0.3, 2, 8], (count, 1))
+    start += toward * rng.choice([0, 2], (count, 1))
+    end = start + rng.normal(size=(count, 3)) * rng.choice([0.3, 2, 8], (count, 1))
+    radius = rng.choice([0.004, 0.03, 0.3], (count, 1)) * rng.uniform(0.1, 1, (count, 2))
+    return start, end, radius
+
+
+@pytest.mark.parametrize("view", VIEWS)
+@pytest.mark.parametrize("estimator", ["billboard", "frustum", "auto"])
+def test_tiled_equals_untiled(view, estimator, rng):
+    picture = Picture(view)
+    start, end, radius = random_beams(rng, 300)
+    beams = pb.Beams(start, end, radius[:, 0], radius[:, 1], rng.uniform(0.1, 1, (300, 3)))
+    for look in (pb.Look(), pb.Look(across=pb.Gaussian(), along=pb.Exponential(2), eye=1.0, angle=1.0)):
+        found = pixels(picture.tiled(beams, look, estimator).radiance)
+        expected = picture.one_by_one(beams, look, estimator)
+        # One packs the beams about the camera, the other about the world's origin: places up to 20 units away round
+        # to 20 ε, against radii of which some are 0.0004. A ray at such a beam's rim may see it or not, and what it
+        # sees is uncertain by a share of the whole picture's brightest; all others agree to rounding.
+        error = np.abs(found - expected).max(axis=1)
+        scale = np.maximum(expected.max(axis=1), np.quantile(expected, 0.99))
+        assert np.quantile(error / scale, 0.98) <= 1000 * EPSILON32
+        assert np.linalg.norm(found - expected) <= 20 * EPSILON32 / 0.0004 * np.linalg.norm(expected)
+
+
+def inside_points(rng, start, end, radius, normal, count):
+    """Return (N, count, 3) points inside of beams, half of them on the wall; NaN what a slanted end cuts off."""
+    axis = end - start
+    length = np.linalg.norm(axis, axis=1, keepdims=True)
+    axis /= length
+    up = np.cross(axis, [0.123, 0.456, 0.789])
+    up /= np.linalg.norm(up, axis=1, keepdims=True)
+    right = np.cross(axis, up)
+    longest = 1.0 if normal is None else 1 + radius[:, 1:] / length  # a slanted end may reach past the axis' end
+    along = rng.choice([0, 1, *rng.random(10)], (len(start), count)) * longest
+    reach = radius[:, :1] + np.diff(radius, axis=1) * along
+    reach *= np.where(rng.random(along.shape) < 0.5, 1, rng.random(along.shape))
+    angle = rng.uniform(0, 2 * np.pi, along.shape)
+    points = start[:, None] + axis[:, None] * (along * length)[..., None]
+    points += (reach * np.cos(angle))[..., None] * up[:, None] + (reach * np.sin(angle))[..., None] * right[:, None]
+    if normal is not None:
+        points[np.einsum("npk,nk->np", points - end[:, None], normal) < 0] = np.nan
+    return points
+
+
+@pytest.mark.parametrize("view", VIEWS)
+@pytest.mark.parametrize("slanted", [False, True])
+def test_no_tile_misses_a_beam(view, slanted, rng):
+    """Every point of a beam that lies in the picture lies in a tile that lists the beam."""
+    camera, window = VIEWS[view]
+    projection = View(camera, window).projection
+    start, end, radius = random_beams(rng, 3000)
+    normal = None
+    if slanted:
+        normal = rng.normal(size=start.shape) * 0.5 - (end - start) / np.linalg.norm(end - start, axis=1, keepdims=True)
+        normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    beams = pb.Beams(start, end, radius[:, 0], radius[:, 1], [[1, 1, 1]], end_normal=normal)
+    endless = dr.full(Float, np.inf, projection.tiles)
+    lists = Bins(footprints(beams, projection), projection, endless, 0, len(beams)).lists()
+    sizes = lists.stop.numpy().astype(int) - lists.first.numpy()
+    listed = np.repeat(np.arange(projection.tiles), sizes) * len(beams) + lists.beams.numpy()
+
+    points = inside_points(rng, start, end, radius, normal, 400)
+    place = points @ camera.to_world[:3, :3] - camera.to_world[:3, 3] @ camera.to_world[:3, :3]
+    depth = np.ones_like(place[..., 2]) if camera.orthographic else -place[..., 2]
+    scale, center = ([float(axis[0]) for axis in pair] for pair in (projection.scale, projection.center))
+    with np.errstate(all="ignore"):
+        x, y = (center[0] + scale[0] * place[..., 0] / depth), (center[1] - scale[1] * place[..., 1] / depth)
+        # Rounding moves a place on the screen by this many pixels, which may be across the border of a tile.
+        slack = 40 * EPSILON32 * scale[0] / depth
+        x, y = (np.where(np.abs(axis / TILE - np.round(axis / TILE)) * TILE > slack, axis, np.nan) for axis in (x, y))
+        seen = (depth > 1e-4) & (x >= 0) & (x < WIDTH) & (y >= 0) & (y < HEIGHT)
+    tile = y[seen] // TILE * projection.columns + x[seen] // TILE
+    number = np.broadcast_to(np.arange(len(beams))[:, None], seen.shape)[seen]
+    assert np.count_nonzero(seen) > 10_000
+    assert np.all(np.isin(tile.astype(int) * len(beams) + number, listed))
+
+
+def test_beams_behind_surfaces_are_left_out_and_those_across_them_are_cut(rng):
+    # A wall that slants away, in front of some beams and behind others.
+    t_max = np.repeat(np.linspace(1.0, 5.0, HEIGHT), WIDTH)
+    picture, endless = Picture("pinhole", t_max), Picture("pinhole")
+    start = rng.uniform(-1.5, 1.5, (200, 3)) + np.array([0.1, -0.2, -2.7])
+    beams = pb.Beams(start, start + rng.normal(size=(200, 3)), 0.05, 0.05, [[1, 1, 1]])
+    for estimator in ("billboard", "frustum", "auto"):
+        tiled = picture.tiled(beams, pb.Look(), estimator)
+        found, expected = pixels(tiled.radiance), picture.one_by_one(beams, pb.Look(), estimator)
+        assert np.linalg.norm(found - expected) <= 1e-4 * np.linalg.norm(expected)
+        tests = endless.tiled(beams, pb.Look(), estimator)
+        assert tiled.billboard_tests + tiled.frustum_tests < 0.8 * (tests.billboard_tests + tests.frustum_tests)
+
+
+def test_auto_sends_to_the_frustum_only_what_is_near(rng):
+    start = rng.uniform(-1, 1, (200, 3)) * np.array([0, 1, 1]) + np.array([-9, 0, -4])  # their ends are out of view
+    far = pb.Beams(start, start + np.array([18, 0, 0]), 0.01, 0.01, [[1, 1, 1]])
+    picture = Picture("pinhole")
+    assert picture.tiled(far, pb.Look(), "auto").frustum_tests == 0
+    around = pb.Beams([[0.1, -0.2, 0.3]], [[0.3, -0.1, -0.7]], 0.1, 0.2, [[1, 1, 1]])
+    assert picture.tiled(around, pb.Look(), "auto").frustum_tests >= WIDTH * HEIGHT
+
+
+def test_lists_longer_than_memory_allows_are_worked_off_in_parts(rng, monkeypatch):
+    picture = Picture("pinhole")
+    start, end, radius = random_beams(rng, 400)
+    beams = pb.Beams(start, end, radius[:, 0], radius[:, 1], [[1, 1, 1]])
+    whole = picture.tiled(beams, pb.Look(), "auto")
+    monkeypatch.setattr(image, "_ENTRIES", 500)
+    parts = picture.tiled(beams, pb.Look(), "auto")
+    assert parts.billboard_tests == whole.billboard_tests and parts.frustum_tests == whole.frustum_tests
+    # The same numbers, summed in another order.
+    np.testing.assert_allclose(pixels(parts.radiance), pixels(whole.radiance), rtol=400 * EPSILON32)
+
+
+def test_other_beams_and_another_camera_compile_nothing(rng):
+    def run(view, count):
+        start, end, radius = random_beams(rng, count)
+        beams = pb.Beams(start, end, radius[:, 0], radius[:, 1], [[1, 1, 1]])
+        dr.eval(Picture(view).tiled(beams, look, "auto").radiance)
+
+    look = pb.Look(along=pb.ColorRamp([0, 1], [[1, 0, 0], [0, 0, 1]]) * pb.Attenuation())
+    run("pinhole", 300)
+    with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
+        dr.kernel_history_clear()
+        run("shifted", 500)
+        kernels = [entry for entry in dr.kernel_history() if entry["type"].name == "JIT"]
+    assert kernels and all(entry["cache_hit"] for entry in kernels)
+
+
+def test_a_picture_without_beams_is_black():
+    none = pb.Beams(np.zeros((0, 3)), np.zeros((0, 3)), 0.1, 0.1, np.zeros((0, 3)))
+    found = Picture("pinhole").tiled(none, pb.Look(), "auto")
+    assert found.billboard_tests == 0 and not pixels(found.radiance).any()
