@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from pathlib import Path
 from typing import Any, ClassVar
+from zipfile import BadZipFile
 
 import drjit as dr
 import numpy as np
@@ -139,11 +140,11 @@ class Beams:
     def load(cls, path: str | Path) -> Beams:
         """Read beams that `save` wrote; raises SceneError where the file is none of that."""
         try:
-            with np.load(path, allow_pickle=False) as archive:
+            with Path(path).open("rb") as file, np.load(file, allow_pickle=False) as archive:
                 return cls(**{name: archive[name] for name in (*_REQUIRED, *_OPTIONAL) if name in archive})
         except FileNotFoundError:
             raise SceneError(f"{path}: no such file") from None
-        except (OSError, ValueError, TypeError, EOFError) as error:
+        except (OSError, ValueError, TypeError, EOFError, BadZipFile) as error:
             raise SceneError(f"{path}: expected beams saved by photonbeams (.npz): {error}") from None
 
 
@@ -155,6 +156,8 @@ def _array(value: Any, name: str, count: int) -> Any:
     """Return `value` as Float or Array3f of width `count`, checked where it comes from outside."""
     vector = name in (*_COLOR, "end_normal")
     kind = Array3f if vector else Float
+    if value is None:
+        raise SceneError(f"Beams: {name} is not given: expected {'(N, 3)' if vector else '(N,)'} numbers")
     if dr.is_jit_v(value):
         result = kind(value)
         if dr.width(result) == 1 and count > 1:  # a number for all: broadcast, so that it can be gathered
