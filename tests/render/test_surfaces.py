@@ -36,8 +36,8 @@ def render(world, origin, direction, passes=64):
     values = []
     for number in range(passes):
         result = shade(
-            world, origin, direction, dr.full(Bool, True, count), dr.arange(UInt32, count),
-            dr.opaque(UInt32, number), dr.opaque(UInt32, 1),
+            world, origin, direction, dr.full(Bool, True, count), dr.arange(UInt32, count) * passes + dr.opaque(UInt32, number),
+            dr.opaque(UInt32, 1),
         )  # fmt: skip
         values.append(result.radiance.numpy().astype(np.float64))
     return np.mean(values, axis=0), np.var(values, axis=0), result
@@ -151,7 +151,7 @@ def test_the_open_shows_the_environment_without_alpha():
 def test_rays_that_are_not_active_see_nothing():
     origin, direction = rays([[0, 1, 4], [0, 1, 4]], [[0.0, 0, 0], [0, 5, 0]])
     world = built([FLOOR], LIGHT, scene.DomeLight("/dome", (1.0,) * 3))
-    result = shade(world, origin, direction, Bool([False, False]), UInt32([0, 1]), UInt32(0), UInt32(0))
+    result = shade(world, origin, direction, Bool([False, False]), UInt32([0, 1]), UInt32(0))
     assert np.all(result.radiance.numpy() == 0) and np.all(result.alpha.numpy() == 0)
 
 

@@ -86,3 +86,13 @@ def test_cone_of_half_a_degree_is_uniform_in_float32(square):
     directions = sampling.cone(square, Array3f(0, 0, 1), Float(2 * np.sin(half / 2) ** 2)).numpy()
     radius2 = (directions[0] ** 2 + directions[1] ** 2) / np.sin(half) ** 2
     assert np.allclose(np.quantile(radius2, [0.25, 0.5, 0.75]), [0.25, 0.5, 0.75], atol=0.01)
+
+
+def test_z_order_numbers_pixels_square_by_square():
+    x, y = (axis.ravel() for axis in np.meshgrid(np.arange(64), np.arange(64)))
+    place = sampling.z_order(UInt32(x), UInt32(y)).numpy()
+    assert np.array_equal(np.sort(place), np.arange(4096))
+    for size in (2, 8, 32):  # each aligned square of pixels is an aligned block of places
+        square = place // size**2
+        assert all(len(set(square[(x // size == i) & (y // size == i)])) == 1 for i in range(64 // size))
+    assert sampling.z_order(UInt32([65535, 0]), UInt32([65535, 1])).numpy().tolist() == [2**32 - 1, 2]

@@ -68,11 +68,14 @@ class View:
 
     def rays(self, offset: tuple[float, float]) -> tuple[Any, Any]:
         """Return origins (1 or W · H) and unit directions (W · H) through each pixel at `offset` in [0, 1)²."""
+        x, y = self.pixels()
+        return self._through(Float(x) + dr.opaque(Float, offset[0]), Float(y) + dr.opaque(Float, offset[1]))
+
+    def pixels(self) -> tuple[Any, Any]:
+        """Return column and row of each pixel of the window, row by row."""
         height, width = self.window.shape
         index, columns = dr.arange(UInt32, width * height), dr.opaque(UInt32, width)
-        x = Float(index % columns) + dr.opaque(Float, offset[0])
-        y = Float(index // columns) + dr.opaque(Float, offset[1])
-        return self._through(x, y)
+        return index % columns, index // columns
 
     def coarse_rays(self, columns: int, rows: int) -> tuple[Any, Any]:
         """Return rays on a coarse grid over the window."""

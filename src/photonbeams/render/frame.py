@@ -18,6 +18,7 @@ from ..estimators.frustum import Points
 from ..estimators.image import PixelRays, estimate_image
 from ..looks import Look
 from ..quadrature import Rule
+from ..simulation.sampling import z_order
 from ..simulation.sides import lights_seen
 from ..simulation.trace import trace
 from .camera import View, Window
@@ -165,6 +166,10 @@ class _Frame:
             self._light_side = lights_seen(self._world, *view.coarse_rays(128, 72))
         self._points = Points(settings.rule)
         count = view.projection.width * view.projection.height
+        (x, y), (left, top) = view.pixels(), view.window.crop[:2]
+        block = 1 << (settings.passes - 1).bit_length()
+        self._order = z_order(x + dr.opaque(UInt32, left), y + dr.opaque(UInt32, top)) * dr.opaque(UInt32, block)
+        dr.eval(self._order)
         self._surface, self._transmittance = dr.zeros(Array3f, count), dr.zeros(Array3f, count)
         self._alpha, self._depth = dr.zeros(Float, count), dr.zeros(Float, count)
         self._groups: dict[str, Any] = {}
@@ -207,8 +212,8 @@ class _Frame:
     def _shade(self, origin: Any, direction: Any, number: int) -> Any:
         count = dr.width(direction)
         shaded = shade(
-            self._world, origin, direction, dr.full(Bool, True, count), dr.arange(UInt32, count),
-            dr.opaque(UInt32, number), dr.opaque(UInt32, self._settings.seed & 0xFFFFFFFF),
+            self._world, origin, direction, dr.full(Bool, True, count), self._order + dr.opaque(UInt32, number),
+            dr.opaque(UInt32, self._settings.seed & 0xFFFFFFFF),
         )  # fmt: skip
         dr.eval(shaded)  # apart from the sums, which begin as constants: the first pass would have kernels of its own
         self._surface += shaded.radiance

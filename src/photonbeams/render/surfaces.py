@@ -42,9 +42,7 @@ class Shaded:
         self.transmittance: Any = transmittance
 
 
-def shade(
-    world: World, origin: Array3f, direction: Array3f, active: Bool, pixel: UInt32, pass_index: UInt32, seed: UInt32
-) -> Shaded:
+def shade(world: World, origin: Array3f, direction: Array3f, active: Bool, index: UInt32, seed: UInt32) -> Shaded:
     """Return what rays see of surfaces, lamps and environment.
 
     Parameters
@@ -53,21 +51,21 @@ def shade(
         The shot.
     origin, direction, active
         Rays; directions of unit length. Rays that are not active see nothing.
-    pixel
-        The ray's pixel: pixels have independent samples.
-    pass_index, seed
-        Samples of a pixel are well distributed over consecutive passes. Opaque, or each pass compiles a kernel.
+    index, seed
+        Place of the ray's samples in the sequences that the seed names; opaque, or each pass compiles a kernel. Passes
+        of a pixel stand next to each other, in an aligned block, and the blocks along a Z-order curve: samples are then
+        well distributed in each pixel and over each square of pixels, and what noise is left is fine-grained (Ahmed and
+        Wonka 2020, "Screen-space blue-noise diffusion of Monte Carlo sampling error").
 
     Notes
     -----
     An unbounded fog does not dim what is infinitely far away (`Fog.length`): environment and distant lights.
     """
-    key = hash32(pixel, seed)
-    hit = world.intersect(origin, direction, active, hash32(key, pass_index, UInt32(_CUTOUT)))
+    hit = world.intersect(origin, direction, active, hash32(index, seed, UInt32(_CUTOUT)))
     lamp = _nearest_lamp(world, origin, direction)
     on_lamp = active & (lamp.distance < hit.t)
     on_surface = active & hit.is_valid() & ~on_lamp
-    radiance = _glow(world, hit, on_surface) + _direct(world, hit, on_surface, pass_index, key)
+    radiance = _glow(world, hit, on_surface) + _direct(world, hit, on_surface, index, seed)
     radiance = dr.select(on_lamp, lamp.radiance, radiance)
     covered = on_lamp | on_surface
     radiance += dr.select(active & ~covered, _background(world, origin, direction), 0)
@@ -134,20 +132,20 @@ def _glow(world: World, hit: Any, active: Bool) -> Array3f:
 class _Reflection:
     """A surface's BSDF at hits, and one sample of it."""
 
-    def __init__(self, world: World, hit: Any, active: Bool, pass_index: UInt32, key: UInt32) -> None:
+    def __init__(self, world: World, hit: Any, active: Bool, index: UInt32, seed: UInt32) -> None:
         self.hit, self.active = hit, active
         self.bsdf = hit.bsdf()
         self.context = mi.BSDFContext()
         # A cut-out surface was drawn to stop the ray; undo the factor of opacity that Mitsuba's `mask` puts on top.
         clear = dr.mean(self.bsdf.eval_null_transmission(hit, active)) if world.cutouts else Float(0)
         self.opacity = dr.maximum(1 - clear, 1e-6)
-        lobe = unit_float(hash32(key, pass_index, UInt32(_BSDF)))
-        u = pixel_sample(pass_index, hash32(key, UInt32(_BSDF)))
+        lobe = unit_float(hash32(index, seed, UInt32(_BSDF)))
+        u = pixel_sample(index, hash32(seed, UInt32(_BSDF)))
         sample, weight = self.bsdf.sample(self.context, hit, lobe * self.opacity, mi.Point2f(u), active)
         self.pdf = sample.pdf / self.opacity
         self.weight = dr.select(active & (self.pdf > 0), Array3f(weight), 0)
         self.direction = Array3f(hit.to_world(sample.wo))
-        self.seed = hash32(key, pass_index, UInt32(_LIGHT))
+        self.seed = hash32(index, seed, UInt32(_LIGHT))
         self.origin = Array3f(hit.spawn_ray(mi.Vector3f(self.direction)).o)
         alive = active & (dr.max(self.weight) > 0)
         self.distance = world.intersect(self.origin, self.direction, alive, self.seed).t
@@ -159,36 +157,36 @@ class _Reflection:
         return Array3f(value) / self.opacity, pdf / self.opacity
 
 
-def _direct(world: World, hit: Any, active: Bool, pass_index: UInt32, key: UInt32) -> Array3f:
+def _direct(world: World, hit: Any, active: Bool, index: UInt32, seed: UInt32) -> Array3f:
     """Return the light of all lights that surfaces reflect to the eye, one sample of each."""
     radiance = dr.zeros(Array3f, dr.width(hit.t))
     if not world.lamps and not world.domes:
         return radiance
-    reflection = _Reflection(world, hit, active, pass_index, key)
+    reflection = _Reflection(world, hit, active, index, seed)
     for kind, lamps in enumerate(world.lamps):
 
         def add(light: Any, number: UInt32, state: tuple[Any, ...], kind: int = kind) -> tuple[Any, ...]:
-            stream = hash32(key, UInt32(_LIGHT + 16 * kind), number)
-            return (state[0] + _reflected(world, reflection, light, pass_index, stream),)
+            stream = hash32(seed, UInt32(_LIGHT + 16 * kind), number)
+            return (state[0] + _reflected(world, reflection, light, index, stream),)
 
         (radiance,) = _each(lamps, (radiance,), add)
     for number, dome in enumerate(world.domes):
-        radiance += _reflected(world, reflection, dome, pass_index, hash32(key, UInt32(_DOME + 16 * number)))
+        radiance += _reflected(world, reflection, dome, index, hash32(seed, UInt32(_DOME + 16 * number)))
     return radiance
 
 
-def _reflected(world: World, reflection: _Reflection, light: Any, pass_index: UInt32, stream: UInt32) -> Array3f:
+def _reflected(world: World, reflection: _Reflection, light: Any, index: UInt32, stream: UInt32) -> Array3f:
     """Return what a surface reflects of one light: a sample of the light and the sample of the BSDF, weighted."""
     hit = reflection.hit
     point = Array3f(hit.p)
-    sample = light.illuminate(point, pixel_sample(pass_index, stream))
+    sample = light.illuminate(point, pixel_sample(index, stream))
     value, pdf = reflection.evaluate(sample.direction)
     share = dr.select(sample.pdf > 0, _power_heuristic(sample.pdf, pdf), 1)
     value = value * sample.weight * share
     useful = reflection.active & (dr.max(value) > 0)
     start = Array3f(hit.spawn_ray(mi.Vector3f(sample.direction)).o)
     reach = sample.distance * (1 - 1e-4)
-    free = useful & ~world.blocked(start, sample.direction, reach, useful, hash32(stream, pass_index))
+    free = useful & ~world.blocked(start, sample.direction, reach, useful, hash32(index, stream))
     result = dr.select(free, value * _dimming(world, start, sample.direction, sample.distance), 0)
 
     sight = light.see(point, reflection.direction)

@@ -56,13 +56,24 @@ def unit_float(bits: UInt32) -> Float:
 def pixel_sample(index: UInt32, seed: UInt32) -> Array2f:
     """Return point number `index` of the 2D Sobol sequence, scrambled by `seed`.
 
-    A different seed gives an independent sequence, each well distributed over consecutive indices: one per pixel and
-    use. The indices are shuffled too (Burley 2020, section 4), or two uses would march in step over the passes.
+    A different seed gives an independent sequence, one per use, each well distributed over aligned blocks of indices.
+    The indices are shuffled too (Burley 2020, section 4), or two uses would march in step over the passes.
     """
     shuffled = _scramble(index, hash32(seed, UInt32(1)))
     x = _scramble(dr.brev(shuffled), hash32(seed, UInt32(2)))
     y = _scramble(_pascal(shuffled), hash32(seed, UInt32(3)))
     return Array2f(unit_float(x), unit_float(y))
+
+
+def z_order(x: UInt32, y: UInt32) -> UInt32:
+    """Return the place of a pixel on the Z-order curve (Morton 1966): 16 bits of each coordinate, interleaved."""
+
+    def spread(bits: UInt32) -> UInt32:
+        for shift, mask in ((8, 0x00FF00FF), (4, 0x0F0F0F0F), (2, 0x33333333), (1, 0x55555555)):
+            bits = (bits | (bits << shift)) & mask
+        return bits
+
+    return spread(UInt32(x)) | (spread(UInt32(y)) << 1)
 
 
 def _scramble(bits: UInt32, seed: UInt32) -> UInt32:
