@@ -1,6 +1,7 @@
-"""Render the pictures of docs/: a swatch of every look, and error against the number of points. Run by `make docs`.
+"""Render the pictures of docs/: a swatch of every look, error against the number of points, and the example stages.
 
-A swatch shows what one factor does, with the others plain: beams as `estimate` sees them, and the factor's curve.
+`make docs` runs it. A swatch shows what one factor does, with the others plain: beams as `estimate` sees them, and the
+factor's curve.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ mpl.use("Agg")
 import drjit as dr
 import matplotlib.pyplot as plt
 import numpy as np
+import renders
 
 import photonbeams as pb
 from photonbeams.cli.quadrature import quadrature
@@ -214,6 +216,7 @@ def main() -> None:
                     figure.savefig(path)
                 plt.close(figure)
     quadrature(plot=PICTURES / "quadrature.png")
+    renders.main()
 
 
 if __name__ == "__main__":

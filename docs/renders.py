@@ -1,0 +1,41 @@
+"""Render the stages that README.md and docs/guide.md show, at the size of a page. `make docs` calls it.
+
+The attic's layer is the one that the guide prints.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+from pages import DOCS, ROOT, saved_files
+
+PICTURES = DOCS / "pictures"
+ATTIC = ("examples/blender/attic.usda", "--scattering", "0.05", "--exposure", "1", "--passes", "128")
+DUSTY = ("dusty.usda", "--exposure", "1", "--passes", "128")
+KEYHOLE = ("examples/keyhole/keyhole.usda", "--passes", "256")
+
+#: Stage and flags, and what is shown of it: layer and picture.
+RENDERS = {
+    ATTIC: {"rgba": "attic-fog"},
+    DUSTY: {"rgba": "attic-dusty", "surface": "attic-surface", "beams": "attic-beams"},
+    KEYHOLE: {"rgba": "keyhole", "beams": "keyhole-beams"},
+}
+
+
+def main() -> None:
+    """Write all renders."""
+    with tempfile.TemporaryDirectory() as folder:
+        (Path(folder) / "examples").symlink_to(ROOT / "examples")
+        for name, source in saved_files((DOCS / "guide.md").read_text()).items():
+            (Path(folder) / name).write_text(source)
+        for arguments, pictures in RENDERS.items():
+            flags = [f"--picture={layer}={PICTURES / name}.png" for layer, name in pictures.items()]
+            command = [sys.executable, "-m", "photonbeams", "render", *arguments, "--res", "640", "0", "-q", *flags]
+            subprocess.run(command, cwd=folder, check=True)
+
+
+if __name__ == "__main__":
+    main()
