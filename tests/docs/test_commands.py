@@ -1,0 +1,183 @@
+"""What README.md and docs/ tell a reader to type works: commands, Python, files to save, messages, links.
+
+Every `sh` block is run, page by page, in a folder that has the examples, as a reader of the clone has them. Renders are
+made small by flags at the end, where the last one wins.
+"""
+
+import re
+import runpy
+import shutil
+import tomllib
+from itertools import pairwise
+
+import pytest
+from docs.pages import ROOT, anchors, blocks, commands, links, saved_files
+
+from photonbeams import Shot
+from photonbeams.cli import main
+
+PAGES = {"README.md": 4, "docs/guide.md": 12, "docs/looks.md": 0, "docs/theory.md": 0, "docs/dependencies.md": 0}
+#: First words of commands that set up a machine or need another program.
+SKIPPED = ("make", "apt", "apt-get", "pip", "blender", "git")
+CHEAP = {
+    "render": ["--res", "64", "0", "--passes", "1", "--beams", "64", "--progress", "none"],
+    "quadrature": ["--rays", "8", "--max-order", "6"],
+}
+
+
+def page(name):
+    return (ROOT / name).read_text()
+
+
+@pytest.fixture
+def clone(tmp_path, monkeypatch):
+    """Return a folder with the examples, and `shot.usda`, a stage that pages name without saying which it is."""
+    shutil.copytree(ROOT / "examples", tmp_path / "examples")
+    for path in (ROOT / "examples" / "keyhole").glob("*.png"):
+        shutil.copy(path, tmp_path)
+    shutil.copy(ROOT / "examples" / "keyhole" / "keyhole.usda", tmp_path / "shot.usda")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def call(arguments):
+    """Return the exit code of the command, run in this process: starting one for each takes most of the time."""
+    with pytest.raises(SystemExit) as ending:
+        main(arguments)
+    return ending.value.code or 0
+
+
+def run(words):
+    """Run a documented command cheaply; assert that it succeeds, and return the files that it says it writes."""
+    if words[0] in SKIPPED:
+        return []
+    assert words[0] == "photonbeams", f"{words[0]} is neither run nor among those that are skipped: {' '.join(words)}"
+    assert not set("|<>;&$*") & set("".join(words)), f"only plain commands are run here: {' '.join(words)}"
+    cheap = [] if "--list-cameras" in words else CHEAP.get(words[1], [])
+    assert call([*words[1:], *cheap]) == 0, " ".join(words)
+    return written(words)
+
+
+def written(words):
+    """Return the names of the files that a command's flags name, # as digits."""
+    named = [value for flag, value in pairwise(words) if flag in ("-o", "--output", "--plot")]
+    named += [value.partition("=")[2] for flag, value in pairwise(words) if flag == "--picture"]
+    return [re.sub("#+", lambda run: "[0-9]" * len(run[0]), name) for name in named]
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_every_command_runs_and_writes_what_it_names(name, clone):
+    for file, source in saved_files(page(name)).items():
+        (clone / file).write_text(source)
+    count = 0
+    for words in commands(page(name)):
+        for path in (path for pattern in written(words) for path in clone.glob(pattern)):
+            path.unlink()  # what an earlier command wrote is no proof
+        for pattern in run(words):
+            assert list(clone.glob(pattern)), f"{' '.join(words)} did not write {pattern}"
+        count += words[0] not in SKIPPED
+    assert count >= PAGES[name]
+
+
+def test_every_page_is_among_them():
+    assert set(PAGES) == {"README.md", *(f"docs/{path.name}" for path in (ROOT / "docs").glob("*.md"))}
+
+
+def test_every_fenced_block_is_of_a_language_that_is_tested():
+    for name in PAGES:
+        fences = re.findall(r"^```(.*)$", page(name), re.MULTILINE)
+        assert set(fences[::2]) <= {"sh", "python", "usda"}, name
+        assert set(fences[1::2]) <= {""}, name
+
+
+@pytest.mark.parametrize(
+    "command", ["photonbeams render nothing.usda -o a.png", "photonbeams render shot.usda --no-such-flag", "ls"]
+)
+def test_a_command_that_fails_is_found(command, clone):
+    with pytest.raises(AssertionError):
+        run(command.split())
+
+
+def test_commands_are_words_without_comments_and_with_their_continued_lines():
+    text = "```sh\nmake x   # a comment\nphotonbeams render \\\n    -o 'b c.png' --picture beams=d.####.png\n```\n"
+    render = ["photonbeams", "render", "-o", "b c.png", "--picture", "beams=d.####.png"]
+    assert commands(text) == [["make", "x"], render]
+    assert written(render) == ["b c.png", "d.[0-9][0-9][0-9][0-9].png"]
+
+
+@pytest.mark.parametrize("name", [name for name in PAGES if blocks(page(name), "python")])
+def test_every_python_block_runs(name, clone, monkeypatch):
+    for file, source in saved_files(page(name)).items():
+        (clone / file).write_text(source)
+    render = Shot.render
+    small = {"passes": 1, "width": 64, "beams": 64}
+    monkeypatch.setattr(Shot, "render", lambda shot, *args, **settings: render(shot, *args, **{**settings, **small}))
+    names = {}
+    for index, source in enumerate(blocks(page(name), "python")):
+        # A page's blocks go on from one another, as they do for its reader.
+        script = clone / f"block{index}.py"
+        script.write_text(source)
+        names = runpy.run_path(str(script), init_globals={k: v for k, v in names.items() if not k.startswith("__")})
+        for file in re.findall(r'\.write\("([^"]+)"', source):
+            assert (clone / file).is_file()
+
+
+# -- messages --------------------------------------------------------------------------------------------------------
+
+GOOD = ["render", "dusty.usda", "-o", "a.png", "--dry-run"]
+#: What provokes each message of the guide: a change of its layer, and a command.
+PROVOKED = {
+    "the stage has no medium": ((), ["render", "examples/blender/attic.usda", "-o", "a.png", "--dry-run"]),
+    "the stage has no light that makes beams": ((), [*GOOD, "--set", "/Attic/Spot/Spot.photonbeams:enabled=0"]),
+    "has no camera": ((), [*GOOD, "--camera", "Nobody"]),
+    "expected a prim that is on the stage": (("portal = </Skylight>", "portal = </Window>"), GOOD),
+    "expected a PhotonBeamsLook": (("look = </Afternoon>", "look = </Fog>"), GOOD),
+    "expected as many of each": (("knots = [0, 0.4, 1]", "knots = [0, 1]"), GOOD),
+    "has no attribute": ((), [*GOOD, "--set", "/Fog.photonbeams:colour=1"]),
+    "refers to what cannot be read": (("attic.usda@", "cellar.usda@"), GOOD),
+    "expected a name that ends in .exr": ((), ["render", "dusty.usda", "-o", "a.jpg", "--dry-run"]),
+    "expected at least one output": ((), ["render", "dusty.usda"]),
+}
+
+
+def test_every_message_of_the_guide_is_provoked():
+    table = page("docs/guide.md").split("\n| message |")[1].split("\n\n")[0]
+    assert re.findall(r"^\| `(.+?)` \|", table, re.MULTILINE) == list(PROVOKED)
+
+
+@pytest.mark.parametrize("message", PROVOKED)
+def test_a_message_of_the_guide_is_what_the_program_says(message, clone, capsys):
+    change, arguments = PROVOKED[message]
+    source = saved_files(page("docs/guide.md"))["dusty.usda"]
+    assert not change or change[0] in source
+    (clone / "dusty.usda").write_text(source.replace(*change) if change else source)
+    assert call(arguments) in (1, 2)
+    said = re.sub(r"[\s│]+", " ", capsys.readouterr().err)  # bad usage comes in a box
+    assert message in said
+
+
+# -- links -----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", [*PAGES, "CHANGELOG.md"])
+def test_every_link_and_picture_leads_somewhere(name):
+    found = links(page(name))
+    for path, anchor in found:
+        target = ((ROOT / name).parent / path).resolve() if path else ROOT / name
+        assert target.exists(), path
+        assert target.is_relative_to(ROOT), path
+        assert not anchor or anchor in anchors(target.read_text()), f"{path}#{anchor}"
+    assert found or name in ("docs/dependencies.md", "CHANGELOG.md")
+
+
+def test_renders_are_small():
+    shown = {path for name in ("README.md", "docs/guide.md") for path, _ in links(page(name)) if path.endswith(".png")}
+    assert len(shown) >= 6
+    assert [path for path in shown if (ROOT / "docs/pictures" / path.split("/")[-1]).stat().st_size > 400_000] == []
+
+
+def test_every_dependency_has_its_line():
+    project = tomllib.loads(page("pyproject.toml"))
+    named = [*project["project"]["dependencies"], *project["project"]["optional-dependencies"]["dev"]]
+    named = {re.match(r"[\w-]+", each)[0] for each in named + project["build-system"]["requires"]}
+    assert set(re.findall(r"^\| ([\w-]+) \| (?!for)", page("docs/dependencies.md"), re.MULTILINE)) == named
