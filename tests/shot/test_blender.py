@@ -86,6 +86,22 @@ def test_a_world_with_a_rotation_is_taken_at_its_word(tmp_path):
     assert np.allclose(dome.to_world @ [0, 0, 1], [1, 0, 0], atol=1e-6)
 
 
+def env_light(stage):
+    return next(light for light in read_scene(stage).lights if light.name.endswith("env_light"))
+
+
+def test_a_world_keeps_its_correction_under_other_opinions_and_loses_it_to_a_transform(tmp_path):
+    name = env_light(open_stage(STAGE)).name
+    for change in ("photonbeams:enabled=0", "inputs:exposure=1"):
+        assert np.allclose(env_light(open_stage(STAGE, overrides=[f"{name}.{change}"])).to_world @ [0, 1, 0], [0, 0, 1])
+    prims = name.strip("/").split("/")
+    order = 'uniform token[] xformOpOrder = ["xformOp:rotateX"]\nfloat xformOp:rotateX = 0\n'
+    text = "".join(f'over "{prim}"\n{{\n' for prim in prims) + order + "}\n" * len(prims)
+    (tmp_path / "turned.usda").write_text(f"#usda 1.0\n{text}")
+    turned = env_light(open_stage(STAGE, session_layers=[tmp_path / "turned.usda"]))
+    assert np.allclose(turned.to_world, np.eye(3))
+
+
 def test_a_suns_intensity_that_is_set_over_blenders_is_taken_at_its_word():
     path = next(light.name for light in read_scene(open_stage(STAGE)).lights if light.name.endswith("/sharp_sun"))
     stage = open_stage(STAGE, overrides=[f"{path}.inputs:intensity=8"])

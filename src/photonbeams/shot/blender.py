@@ -1,7 +1,7 @@
 """What Blender's exporter writes differently from UsdLux, found by exporting with Blender 5.0.1.
 
-Both corrections hold for lights whose strongest opinion lies in a layer that Blender wrote; Blender signs its layers
-with `doc = "Blender v..."`. An intensity that another layer overrides is taken at its word.
+Both corrections hold for lights that a layer of Blender's defines; Blender signs its layers with `doc = "Blender
+v..."`. An intensity or a transform that another layer overrides is taken at its word.
 """
 
 from __future__ import annotations
@@ -38,8 +38,10 @@ def lost_world_rotation(prim: Usd.Prim, time: Usd.TimeCode) -> bool:
     Blender turns a DomeLight so that its pole is Z and its middle +X, but 5.0.1 does so only for worlds that have a
     Mapping node, and writes no rotation for the others.
     """
-    specs = prim.GetPrimStack()
-    if not specs or not _signed(specs[0].layer):
+    if not any(_signed(spec.layer) for spec in prim.GetPrimStack() if spec.specifier == Sdf.SpecifierDef):
+        return False
+    order = prim.GetAttribute("xformOpOrder").GetPropertyStack()
+    if order and not _signed(order[0].layer):  # someone turned it as it should be
         return False
     return np.allclose(np.array(UsdGeom.Xformable(prim).GetLocalTransformation(time)), np.eye(4))
 
