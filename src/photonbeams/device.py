@@ -257,7 +257,7 @@ def describe(start: bool = True) -> Description:
         python=f"{platform.python_version()} ({sys.executable})",
         platform=platform.platform(),
         processors=_processors(),
-        memory=_memory("SC_PHYS_PAGES"),
+        memory=memory(),
         memory_free=_memory("SC_AVPHYS_PAGES"),
         versions={package: _package_version(package) for package in _PACKAGES},
         candidates=libllvm.candidates(),
@@ -288,6 +288,11 @@ def _vector_width(drjit: Any) -> int | None:
         return int(core._Z21jit_llvm_vector_widthv())
     except (OSError, AttributeError, StopIteration):
         return None
+
+
+def memory() -> int | None:
+    """Return the machine's memory in bytes, or None where the system does not say."""
+    return _memory("SC_PHYS_PAGES")
 
 
 def _memory(name: str) -> int | None:

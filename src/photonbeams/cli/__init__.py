@@ -12,18 +12,16 @@ import sys
 from collections.abc import Sequence
 from importlib import import_module
 from importlib.util import find_spec
-from typing import Annotated, Any
+from typing import Annotated, Any, NoReturn
 
 import typer
 from typer.core import TyperGroup
+from typer.exceptions import TyperException
 
 __all__ = ["app", "main"]
 
 _COMMANDS = ("render", "info", "quadrature", "doctor")
-
-
-class _InterruptedError(Exception):
-    """Ctrl-C: Typer would turn a KeyboardInterrupt into a silent exit."""
+_INTERRUPTED = 130
 
 
 class _Commands(TyperGroup):
@@ -39,12 +37,6 @@ class _Commands(TyperGroup):
                 self.commands[name] = _command(name)
         return self.commands.get(cmd_name)
 
-    def invoke(self, ctx: Any) -> Any:
-        try:
-            return super().invoke(ctx)
-        except KeyboardInterrupt:
-            raise _InterruptedError from None
-
 
 def _command(name: str) -> Any:
     """Return the function `name` of the module `name` as a command."""
@@ -54,7 +46,7 @@ def _command(name: str) -> Any:
     return typer.main.get_command(single)
 
 
-app = typer.Typer(cls=_Commands, no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False)
+app = typer.Typer(cls=_Commands, add_completion=False, pretty_exceptions_enable=False)
 
 
 def _print_version(wanted: bool) -> None:
@@ -81,14 +73,44 @@ def main(arguments: Sequence[str] | None = None) -> None:
     came from. An error that is the program's own keeps its traceback.
     """
     try:
-        app(args=arguments, prog_name="photonbeams")
-    except (KeyboardInterrupt, _InterruptedError):
-        _fail("Interrupted; nothing was written", 130)
+        # Typer would draw a box around what is wrong, and cut the sentence into lines.
+        code = app(args=arguments or sys.argv[1:] or ["--help"], prog_name="photonbeams", standalone_mode=False)
+    except TyperException as error:
+        _fail(f"Error: {_usage(error)}", 2)
+    except KeyboardInterrupt:
+        code = _INTERRUPTED
     except Exception as error:
         sentence = _sentence(error)
-        if sentence is None or os.environ.get("PHOTONBEAMS_TRACEBACK", "0") not in ("", "0"):
+        if _interrupted(error):
+            code = _INTERRUPTED
+        elif sentence is None or os.environ.get("PHOTONBEAMS_TRACEBACK", "0") not in ("", "0"):
             raise
-        _fail(f"Error: {sentence}", 1)
+        else:
+            _fail(f"Error: {sentence}", 1)
+    if code == _INTERRUPTED:
+        _fail("Interrupted; nothing was written", _INTERRUPTED)
+    raise SystemExit(code or 0)
+
+
+def _interrupted(error: BaseException | None) -> bool:
+    """Return whether Ctrl-C is behind an error: Dr.Jit wraps what is raised while it records a loop."""
+    while error is not None:
+        if isinstance(error, KeyboardInterrupt):
+            return True
+        error = error.__cause__ or error.__context__
+    return False
+
+
+def _usage(error: TyperException) -> str:
+    """Return what is wrong with a command line: the flag, what was found, and what was expected."""
+    parameter, details = getattr(error, "param", None), getattr(error.__cause__, "errors", None)
+    if parameter is not None and callable(details):  # what Typer checks types with knows what it found
+        found = details()[0]
+        expected = str(found["msg"]).removeprefix("Input should be ").partition(", unable")[0].rstrip(".")
+        before, choices, names = expected.partition(" is not one of ")
+        return f"{parameter.opts[0]} is {found['input']}: expected {'one of ' + names if choices else before}"
+    own = isinstance(error, typer.BadParameter) and parameter is None  # raised by a command, in a whole sentence
+    return error.message if own else " ".join(error.format_message().split()).rstrip(".")  # type: ignore[attr-defined]
 
 
 def _sentence(error: Exception) -> str | None:
@@ -106,7 +128,7 @@ def _sentence(error: Exception) -> str | None:
     return None
 
 
-def _fail(message: str, code: int) -> None:
+def _fail(message: str, code: int) -> NoReturn:
     """Print a message on standard error and exit."""
     print(message, file=sys.stderr)
     raise SystemExit(code)

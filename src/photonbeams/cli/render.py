@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
-import re
+import math
+import shlex
 import sys
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from .outputs import chosen_layers, parse_outputs, prepare_outputs, write_outputs
+from .progress import Progress, bar, messages, print_summary
+
 if TYPE_CHECKING:
-    from ..render.frame import Statistics
-    from ..scene import Medium
+    from ..quadrature import Rule
+    from ..scene import Color, Scene
     from ..shot import Shot
+
+MOST_THREADS = 1024
 
 
 class Estimator(StrEnum):
@@ -42,14 +47,6 @@ class Device(StrEnum):
     cuda = "cuda"
 
 
-class Progress(StrEnum):
-    """How progress is shown."""
-
-    rich = "rich"
-    plain = "plain"
-    none = "none"
-
-
 def render(
     scene: Annotated[Path, typer.Argument(help="A .usd, .usda, .usdc or .usdz stage.")],
     output: Annotated[
@@ -64,12 +61,15 @@ def render(
     picture: Annotated[
         list[str] | None, typer.Option(metavar="LAYER=FILE.png", help="Write one layer as a picture; may be repeated.")
     ] = None,
-    frame: Annotated[
-        float | None, typer.Option("--frames", "-f", help="The frame; default: the stage's start.")
+    layers: Annotated[
+        str | None, typer.Option(metavar="NAME,NAME", help="Layers of an .exr, beside rgba; default: all.")
     ] = None,
+    frames: Annotated[str | None, typer.Option("--frames", "-f", help="The frame; default: the stage's start.")] = None,
     camera: Annotated[str | None, typer.Option("--camera", "-cam", help="Path or name of the camera.")] = None,
     list_cameras: Annotated[bool, typer.Option("--list-cameras", help="List the cameras and stop.")] = False,
-    res: Annotated[tuple[int, int], typer.Option(metavar="W H", help="Size in pixels; H 0: from the aperture.")] = (
+    res: Annotated[
+        tuple[int, int], typer.Option(metavar="W H", help="Size in pixels; what is 0 comes from the aperture.")
+    ] = (
         0,
         0,
     ),
@@ -94,7 +94,7 @@ def render(
     session_layer: Annotated[list[Path] | None, typer.Option(help="A layer over the stage.")] = None,
     exposure: Annotated[float, typer.Option(help="Stops, for pictures alone.")] = 0.0,
     seed: Annotated[int, typer.Option(help="Seed of all samples.")] = 0,
-    threads: Annotated[int | None, typer.Option(help="Processor threads.", min=1)] = None,
+    threads: Annotated[int | None, typer.Option(help="Processor threads.")] = None,
     device: Annotated[Device, typer.Option(help="Where to render.")] = Device.auto,
     progress: Annotated[Progress | None, typer.Option(help="Default: rich on a terminal, else plain.")] = None,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Read everything, render nothing.")] = False,
@@ -109,140 +109,158 @@ def render(
 
     photonbeams render room.usdc -o room.png --scattering 0.05 --res 1920 0 --passes 64
     """
-    from .. import device as devices
-
-    if not list_cameras and not dry_run and not output and not picture:
+    if not (output or picture or list_cameras or dry_run):
         raise typer.BadParameter("expected at least one output: -o FILE.exr, -o FILE.png or --picture LAYER=FILE.png")
-    devices.select(device.value)
-    if threads is not None:
-        devices.set_threads(threads)
-    _log(quiet, verbose)
-    from ..quadrature import gauss_legendre, riemann
+    _check_flags(res, res_scale, crop, passes, time_limit, beams, order, anisotropy, exposure, threads)
+    number = _frame_number(frames)
+    fog = _Fog(_color("--scattering", scattering), _color("--absorption", absorption), anisotropy)
+    outputs = parse_outputs(output or (), picture or ())
+    _start(device, threads)
     from ..shot import Shot
-    from ..shot.images import prepare_output
     from ..shot.stage import list_cameras as cameras_of
     from ..shot.stage import open_stage
 
-    if list_cameras:
-        for name in cameras_of(open_stage(scene)):
-            typer.echo(name)
-        return
-    shot = Shot.open(scene, camera, session_layers=session_layer or (), overrides=overrides or ())
-    shot.medium = _fog(shot, frame, scattering, absorption, anisotropy)
-    targets = [(path, "rgba") for path in output or []] + [_picture(each) for each in picture or []]
-    targets = [(_numbered(path, shot, frame), layer) for path, layer in targets]
-    size = shot.resolution(res[0] or None, res[1] or None, frame)
-    width, height = (max(1, round(value * res_scale)) for value in size)
-    for path, _ in targets:
-        prepare_output(path)
-    if dry_run:
-        from ..render.frame import check
-
-        check(shot.read(frame)[0])
-        return
-    begin = time.perf_counter()
-    with _bar(progress, quiet, passes) as advance:
-        result = shot.render(
-            frame, passes, width=width, height=height, crop=crop if crop != (0, 0, 1, 1) else None, progress=advance,
-            time_limit=time_limit, beams=beams, estimator=estimator.value, seed=seed,
-            rule=(gauss_legendre if rule is RuleName.gauss else riemann)(order),
-        )  # fmt: skip
-    result.metadata["commandLine"] = " ".join(["photonbeams", *sys.argv[1:]])
-    unknown = [layer for _, layer in targets if layer not in result.layers]
-    if unknown:
-        raise typer.BadParameter(f"--picture {unknown[0]}: expected one of the layers {', '.join(result.layers)}")
-    for path, layer in targets:
-        result.write(path, layer=layer, exposure=exposure)
-    if not quiet:
-        _summary(result.statistics, [path for path, _ in targets], time.perf_counter() - begin)
+    with messages(quiet, verbose):
+        if list_cameras:
+            for name in cameras_of(open_stage(scene, session_layer or (), overrides or ())):
+                typer.echo(name)
+            return
+        shot = Shot.open(scene, camera, session_layers=session_layer or (), overrides=overrides or ())
+        content, eye = shot.read(number)
+        content = fog.over(content)
+        names = shot.check(content)
+        outputs = [each.numbered(_moment(shot, number)) for each in outputs]
+        kept = chosen_layers(layers, outputs, names)
+        width, height = _size(shot, number, res, res_scale)
+        prepare_outputs(outputs)
+        if dry_run:
+            if not quiet:
+                files = ", ".join(str(each.path) for each in outputs) or "nothing"
+                print(f"All is well: {scene} seen by {eye.name}, {width} x {height} pixels", file=sys.stderr)
+                print(f"would write {files}, with the layers {', '.join(kept)}", file=sys.stderr)
+            return
+        begin = time.perf_counter()
+        with bar(progress, quiet, passes) as advance:
+            result = shot.render(
+                number, passes, width=width, height=height, crop=crop, progress=advance, contents=(content, eye),
+                time_limit=time_limit, beams=beams, estimator=estimator.value, rule=_rule(rule, order), seed=seed,
+            )  # fmt: skip
+        result.metadata["commandLine"] = _command_line()
+        write_outputs(result, outputs, kept, exposure)
+        if not quiet:
+            print_summary(result.statistics, [each.path for each in outputs], time.perf_counter() - begin)
 
 
-def _picture(text: str) -> tuple[Path, str]:
-    layer, found, path = text.partition("=")
-    if not found or not layer or not path:
-        raise typer.BadParameter(f"--picture {text}: expected LAYER=FILE.png, such as beams=beams.png")
-    return Path(path), layer
+def _check_flags(
+    res: tuple[int, int],
+    res_scale: float,
+    crop: tuple[float, float, float, float],
+    passes: int,
+    time_limit: float | None,
+    beams: int,
+    order: int,
+    anisotropy: float | None,
+    exposure: float,
+    threads: int | None,
+) -> None:
+    """Refuse numbers out of range before anything heavy is imported; a NaN is never in range."""
+    from ..quadrature import MOST_POINTS
 
-
-def _numbered(path: Path, shot: Shot, frame: float | None) -> Path:
-    """Return the path with its run of # replaced by the frame number."""
-    runs = re.findall("#+", path.name)
-    if not runs:
-        return path
-    moment = shot.time(frame)
-    value = 0.0 if moment.IsDefault() else float(moment.GetValue())
-    if len(runs) > 1:
-        raise typer.BadParameter(f"{path}: expected one run of # for the frame number")
-    text = f"{int(value):0{len(runs[0])}d}" if value == int(value) else f"{value:g}"
-    return path.with_name(path.name.replace(runs[0], text))
-
-
-def _fog(
-    shot: Shot, frame: float | None, scattering: str | None, absorption: str | None, anisotropy: float | None
-) -> Medium | None:
-    """Return the fog that flags give: what they leave out comes from the stage's."""
-    if scattering is None and absorption is None and anisotropy is None:
-        return None
-    from ..scene import BLACK, Medium, SceneError
-
-    own = shot.read(frame)[0].medium
-    if own is None and scattering is None:
-        raise SceneError("--absorption and --anisotropy change a fog, and the stage has none: give --scattering too")
-    return Medium(
-        scattering=_color(scattering, "--scattering") if scattering is not None else own.scattering,  # type: ignore[union-attr]
-        absorption=_color(absorption, "--absorption") if absorption is not None else (own.absorption if own else BLACK),
-        anisotropy=anisotropy if anisotropy is not None else (own.anisotropy if own else 0.0),
-        mesh=own.mesh if own else None,
+    x0, y0, x1, y1 = crop
+    inside = 0 <= x0 < x1 <= 1 and 0 <= y0 < y1 <= 1
+    checks = (
+        ("--res", res, min(res) >= 0 and max(res) <= 65536, "two numbers from 0 to 65536, 0 for the aperture's"),
+        ("--res-scale", res_scale, 0 < res_scale <= 1000, "more than 0 and no more than 1000"),
+        ("--crop", crop, inside, "0 <= x0 < x1 <= 1 and 0 <= y0 < y1 <= 1"),
+        ("--passes", passes, 1 <= passes < 2**31, f"1 to {2**31 - 1}"),
+        ("--time-limit", time_limit, time_limit is None or time_limit > 0, "a positive number of seconds"),
+        ("--beams", beams, 1 <= beams <= 100_000_000, "1 to 100000000 beams a pass and light"),
+        ("--order", order, 1 <= order <= MOST_POINTS, f"1 to {MOST_POINTS} points"),
+        ("--anisotropy", anisotropy, anisotropy is None or -0.99 <= anisotropy <= 0.99, "-0.99 to 0.99"),
+        ("--exposure", exposure, -100 <= exposure <= 100, "-100 to 100 stops"),
+        ("--threads", threads, threads is None or 1 <= threads <= MOST_THREADS, f"1 to {MOST_THREADS}"),
     )
+    for flag, value, right, expected in checks:
+        if not right:
+            text = " ".join(f"{each:g}" for each in value) if isinstance(value, tuple) else value
+            raise typer.BadParameter(f"{flag} is {text}: expected {expected}")
 
 
-def _color(text: str, flag: str) -> Any:
+def _frame_number(text: str | None) -> float | None:
+    """Return the one frame that is asked for, or None for the stage's start."""
+    if text is None:
+        return None
+    try:
+        number = float(text)
+    except ValueError:
+        number = math.nan
+    if not abs(number) < 1e9:
+        raise typer.BadParameter(f"--frames is {text}: expected one frame number, such as 101; a command renders one")
+    return number
+
+
+def _color(flag: str, text: str | None) -> Color | None:
+    """Return the colour that a flag gives as a number, or as three with commas between."""
     from ..scene import color
 
+    if text is None:
+        return None
     try:
-        numbers = [float(part) for part in text.split(",")]
-    except ValueError:
-        raise typer.BadParameter(f"{flag} {text}: expected one number, or three with commas between") from None
-    return color(numbers if len(numbers) != 1 else numbers[0], flag)
+        return color([float(part) for part in text.split(",")], flag)
+    except ValueError:  # a SceneError is one, too
+        expected = "one number, or three with commas between, finite and at least 0"
+        raise typer.BadParameter(f"{flag} is {text}: expected {expected}") from None
 
 
-def _log(quiet: bool, verbose: bool) -> None:
-    import logging
+@dataclass(frozen=True)
+class _Fog:
+    """The fog that flags give."""
 
-    logging.basicConfig(format="%(levelname)s: %(message)s", stream=sys.stderr)
-    level = logging.ERROR if quiet else logging.DEBUG if verbose else logging.WARNING
-    logging.getLogger("photonbeams").setLevel(level)
+    scattering: Color | None
+    absorption: Color | None
+    anisotropy: float | None
 
+    def over(self, content: Scene) -> Scene:
+        """Return the scene in this fog: what the flags leave out comes from the scene's own."""
+        from ..scene import BLACK, Medium
 
-@contextmanager
-def _bar(kind: Progress | None, quiet: bool, passes: int) -> Iterator[Callable[[int, Statistics], None] | None]:
-    """Yield what is called with each pass done, to show it on standard error."""
-    if quiet or kind is Progress.none:
-        yield None
-        return
-    from rich.console import Console
-
-    console = Console(stderr=True, highlight=False)
-    if kind is Progress.plain or (kind is None and not console.is_terminal):
-        yield lambda done, statistics: print(f"pass {done} of {passes}", file=sys.stderr, flush=True)
-        return
-    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
-    from rich.progress import Progress as Bar
-
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(),
-               TextColumn("left"), TimeRemainingColumn())  # fmt: skip
-    with Bar(*columns, console=console, transient=True) as bar:
-        task = bar.add_task("passes", total=passes)
-        yield lambda done, statistics: bar.update(task, completed=done)
+        given = {name: value for name, value in vars(self).items() if value is not None}
+        if not given:
+            return content
+        if content.medium is None and self.scattering is None:
+            raise typer.BadParameter(
+                "--absorption and --anisotropy change a fog, and the stage has none: expected --scattering, too"
+            )
+        return replace(content, medium=replace(content.medium or Medium(scattering=BLACK), **given))
 
 
-def _summary(statistics: Statistics, files: list[Path], seconds: float) -> None:
-    """Print what was done."""
-    phases = ", ".join(f"{name} {value:.1f}" for name, value in statistics.seconds.items())
-    lines = [
-        f"{statistics.passes} passes, {statistics.beams:,} beams, {statistics.tests / 1e6:,.0f} million ray-beam tests",
-        f"{seconds:.1f} s ({phases}; compiling {statistics.compile_seconds:.1f} of it, "
-        f"{statistics.kernels_compiled} kernels)",
-        *(f"wrote {path}" for path in files),
-    ]
-    print("\n".join(lines), file=sys.stderr)
+def _start(device: Device, threads: int | None) -> None:
+    """Start the device on so many threads."""
+    from .. import device as devices
+
+    devices.select(device.value)
+    if threads is not None:
+        devices.set_threads(threads)
+
+
+def _moment(shot: Shot, number: float | None) -> float:
+    """Return the frame number that names files."""
+    moment = shot.time(number)
+    return 0.0 if moment.IsDefault() else float(moment.GetValue())
+
+
+def _size(shot: Shot, number: float | None, res: tuple[int, int], scale: float) -> tuple[int, int]:
+    """Return width and height in pixels."""
+    width, height = shot.resolution(res[0] or None, res[1] or None, number)
+    return shot.resolution(max(1, round(scale * width)), max(1, round(scale * height)), number)
+
+
+def _rule(name: RuleName, order: int) -> Rule:
+    from ..quadrature import gauss_legendre, riemann
+
+    return (gauss_legendre if name is RuleName.gauss else riemann)(order)
+
+
+def _command_line() -> str:
+    """Return the command for the header of an EXR, whose text is UTF-8 whatever file names are."""
+    return shlex.join(["photonbeams", *sys.argv[1:]]).encode("utf-8", "replace").decode("utf-8")

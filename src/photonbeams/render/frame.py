@@ -11,7 +11,7 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
-from .. import scene
+from .. import device, scene
 from ..device import Array3f, Bool, Float, UInt32
 from ..estimators.estimate import DEFAULT_RULE, ENDLESS, check_estimator
 from ..estimators.frustum import Points
@@ -33,6 +33,8 @@ OVERLAP = 2.2
 SHRINKAGE = -0.25
 DEFAULT_BEAMS = 4096
 DEFAULT_PASSES = 16
+# Bytes at the peak of a pass on the CPU: resident memory of renders of 2 to 20 million pixels and 1 to 3 million beams.
+PIXEL_BYTES, BEAM_BYTES = 300, 350
 
 
 @dataclass(frozen=True)
@@ -125,9 +127,10 @@ def render(
     Raises
     ------
     SceneError
-        There is no medium, or nothing that makes beams; a portal has no area.
+        There is no medium, or nothing that makes beams; a portal has no area; a pass does not fit into memory.
     """
     check(description)
+    _check_memory(description, window, settings)
     statistics = Statistics()
     begin = time.perf_counter()
     with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
@@ -151,9 +154,44 @@ def check(description: scene.Scene) -> None:
         raise scene.SceneError(
             "the stage has no medium: expected a prim with PhotonBeamsMediumAPI, or a fog given by --scattering"
         )
-    shining = [light for light in description.lights if light.emits_beams and max(light.radiance) > 0]
-    if not shining and not description.drawn:
-        raise scene.SceneError("the stage has no light that makes beams: expected a UsdLux light, or drawn beams")
+    lights, drawn = description.lights, description.drawn
+    shining = any(light.emits_beams and light.beam_scale * max(light.radiance) > 0 for light in lights)
+    if shining or any(len(each.start) for each in drawn):
+        return
+    text = "the stage has no light that makes beams: expected a UsdLux light, or drawn beams"
+    names = ", ".join([light.name for light in lights] + [each.name for each in drawn])
+    if names:  # all black or empty, or switched off, which a dome is from the start
+        text = f"the stage has no light that makes beams: {names} expected to shine and to have photonbeams:enabled on"
+    raise scene.SceneError(text)
+
+
+def _check_memory(description: scene.Scene, window: Window, settings: Settings) -> None:
+    """Raise SceneError for a pass that the system would end for want of memory, which it does without a word.
+
+    On CUDA Dr.Jit says so itself.
+    """
+    height, width = window.shape
+    counts = [settings.beams if light.beam_count is None else light.beam_count for light in description.lights]
+    beams = sum(count for light, count in zip(description.lights, counts, strict=True) if light.emits_beams)
+    needed, present = PIXEL_BYTES * width * height + BEAM_BYTES * beams, device.memory()
+    if device.backend() == "llvm" and present is not None and needed > present:
+        raise scene.SceneError(
+            f"{width} x {height} pixels and {beams:,} beams take {needed / 2**30:,.0f} GiB, and this machine has "
+            f"{present / 2**30:,.0f}: expected fewer, or a part of the picture by --crop"
+        )
+
+
+def layer_names(description: scene.Scene) -> list[str]:
+    """Return the names of a frame's layers, in their order."""
+    groups = dict.fromkeys(_group_layers(description).values())
+    return ["rgba", "surface", "beams", *groups, "transmittance", "depth"]
+
+
+def _group_layers(description: scene.Scene) -> dict[str, str]:
+    """Return the layer of each light group; none where all beams are of the unnamed one."""
+    groups = {light.group for light in description.lights if light.emits_beams}
+    groups |= {drawn.group for drawn in description.drawn}
+    return {group: f"beams_{group or 'default'}" for group in sorted(groups)} if groups - {""} else {}
 
 
 class _Frame:
@@ -244,12 +282,18 @@ class _Frame:
         groups = {name: picture(self._groups[name]) * np.float32(scale) for name in sorted(self._groups)}
         surface, alpha = (picture(value) * np.float32(scale) for value in (self._surface, self._alpha))
         beams = sum(groups.values(), np.zeros_like(surface))
-        layers = {"rgba": np.concatenate([surface + beams, alpha], axis=2), "surface": surface, "beams": beams}
-        if set(groups) - {""}:
-            layers |= {f"beams_{name or 'default'}": value for name, value in groups.items()}
-        layers["transmittance"] = picture(self._transmittance) * np.float32(scale)
-        layers["depth"] = picture(self._depth)
-        return layers
+        layers = {
+            "rgba": np.concatenate([surface + beams, alpha], axis=2),
+            "surface": surface,
+            "beams": beams,
+            "transmittance": picture(self._transmittance) * np.float32(scale),
+            "depth": picture(self._depth),
+        }
+        description = self._world.description
+        for group, name in _group_layers(description).items():
+            # Black where no beam of the group was in the fog; a group called "default" is one with the unnamed one.
+            layers[name] = layers.get(name, 0) + groups.get(group, np.zeros_like(surface))
+        return {name: layers[name] for name in layer_names(description)}
 
 
 def subpixel(number: int) -> tuple[float, float]:

@@ -13,6 +13,7 @@ from .reading import LOG, Reading, file_of, prims_under
 
 # UsdGeomCamera: focal length and apertures are in tenths of a scene unit.
 _TENTH = 0.1
+_RATIO = 1e5  # of a camera's lengths to each other
 
 
 def list_cameras(stage: Usd.Stage) -> list[str]:
@@ -64,11 +65,14 @@ def _camera(reading: Reading, prim: Usd.Prim) -> Camera:
             raise reading.fail(prim, name, "is 0: expected a positive number")
         return value
 
-    orthographic = reading.value(prim, "projection", "perspective") == "orthographic"
+    projection = str(reading.value(prim, "projection", "perspective"))
+    if projection not in ("perspective", "orthographic"):
+        raise reading.fail(prim, "projection", f"is '{projection}': expected perspective or orthographic")
+    orthographic = projection == "orthographic"
     near, far = (float(each) for each in reading.value(prim, "clippingRange", (1, 1e6)))
-    if not 0 <= near < far:
+    if not 0 <= near < far < np.inf:
         raise reading.fail(prim, "clippingRange", f"is ({near:g}, {far:g}): expected a near distance before a far one")
-    return Camera(
+    camera = Camera(
         name=str(prim.GetPath()),
         to_world=_rigid(reading, prim),
         focal_length=_TENTH * reading.number(prim, "focalLength", 50.0) if orthographic else length("focalLength", 50),
@@ -79,6 +83,21 @@ def _camera(reading: Reading, prim: Usd.Prim) -> Camera:
         orthographic=orthographic,
         clipping=(near, far),
     )
+    _check_proportions(reading, prim, camera)
+    return camera
+
+
+def _check_proportions(reading: Reading, prim: Usd.Prim, camera: Camera) -> None:
+    """Raise SceneError for a lens whose picture is one direction or half the space: single precision cannot tell."""
+    wide = camera.horizontal_aperture
+    sizes = {"verticalAperture": camera.vertical_aperture}
+    if not camera.orthographic:
+        sizes["focalLength"] = camera.focal_length
+    offsets = {"horizontalApertureOffset": camera.horizontal_offset, "verticalApertureOffset": camera.vertical_offset}
+    for name, value in (sizes | offsets).items():
+        if abs(value) > _RATIO * wide or (name in sizes and value * _RATIO < wide):
+            text = f"is {value / _TENTH:g} and horizontalAperture {wide / _TENTH:g}: expected a ratio below {_RATIO:g}"
+            raise reading.fail(prim, name, text)
 
 
 def _rigid(reading: Reading, prim: Usd.Prim) -> Array:

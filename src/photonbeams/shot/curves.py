@@ -39,11 +39,16 @@ def read_curves(reading: Reading, prim: Usd.Prim, to_world: Array, name: str) ->
         reading.warn(prim, "is not 'linear': the polygon of control points is used", "type")
     first, last, curve = _segments(counts, periodic=reading.value(prim, "wrap") == "periodic")
     start, end = (points[index] @ to_world[:3, :3].T + to_world[:3, 3] for index in (first, last))
+    reading.within_reach(prim, start)
+    reading.within_reach(prim, end)
     kept = np.any(start != end, axis=1)
     if not kept.all():
         reading.warn(prim, f"has {np.count_nonzero(~kept)} segments without length: they are skipped")
     # Widths are diameters, and scale with the curves.
     radii = _widths(reading, prim, counts) * (0.5 * np.linalg.norm(to_world[:3, :3], axis=0).mean())
+    reading.within_reach(prim, radii)
+    if np.any(kept & (radii[first] == 0) & (radii[last] == 0)):
+        raise reading.fail(prim, "widths", "is 0 at both ends of a segment: expected the diameters of beams")
     group = str(reading.value(prim, "photonbeams:lightGroup", ""))
     check_group(reading, prim, group)
     looks = reading.targets(prim, "photonbeams:look")

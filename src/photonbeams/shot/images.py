@@ -37,7 +37,7 @@ WHITENING = 0.15  # how fast the shoulder turns bright colours white; the value 
 def prepare_output(path: PathLike) -> Path:
     """Return `path`, having checked, before hours of rendering, that a picture can be written there.
 
-    Makes the folder if there is none, as usdrecord does.
+    The trial leaves no trace; writing makes the folder if there is none, as usdrecord does.
 
     Raises
     ------
@@ -47,8 +47,14 @@ def prepare_output(path: PathLike) -> Path:
         The folder cannot be made or written to, or a folder bears the file's name.
     """
     path = _picture_path(path)
-    with suppress(_Undone), atomic_path(path):
-        raise _Undone
+    missing = [folder for folder in path.parents if not folder.exists()]
+    try:
+        with suppress(_Undone), atomic_path(path):
+            raise _Undone
+    finally:
+        for folder in missing:
+            with suppress(OSError):
+                folder.rmdir()
     return path
 
 
@@ -78,6 +84,8 @@ def atomic_path(path: PathLike) -> Iterator[Path]:
     except OSError as error:
         if error.filename is not None and Path(os.fsdecode(error.filename)) not in (beside, path, path.parent):
             raise  # some other file, that the writer needed
+        if isinstance(error, FileExistsError):  # what `mkdir` says where a file has the folder's name
+            error = NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR))
         raise OSError(error.errno or errno.EIO, error.strerror or str(error), str(path)) from error
     finally:
         with suppress(OSError):

@@ -36,6 +36,8 @@ MOST_BEAMS = 100_000_000
 # The black body of UsdLux is normalized to luminance, yet its documentation has 6500 K result in white: without this
 # division every light of Blender's, which writes 6500 K on all of them, would be slightly magenta.
 _WHITE_KELVIN = 6500.0
+# A normalized sphere of a smaller radius is a point: its radiance would exceed single precision.
+_POINT = 1e-12
 
 
 def is_light(prim: Usd.Prim) -> bool:
@@ -57,7 +59,7 @@ def read_light(reading: Reading, prim: Usd.Prim, to_world: Array, name: str) -> 
     if kind not in readers:
         reading.warn(prim, f"is a light of kind {kind}, which is not rendered: it is skipped")
         return None
-    if kind not in ("DistantLight", "DomeLight", "DomeLight_1") and abs(np.linalg.det(to_world[:3, :3])) < 1e-30:
+    if kind not in ("DomeLight", "DomeLight_1") and abs(np.linalg.det(to_world[:3, :3])) < 1e-30:
         reading.warn(prim, "is scaled to nothing: it is skipped")
         return None
     _warn_of_links(reading, prim)
@@ -94,12 +96,14 @@ def _normalized(reading: Reading, prim: Usd.Prim) -> bool:
 def _sphere(reading: Reading, prim: Usd.Prim, to_world: Array, shared: dict[str, Any]) -> Light:
     linear = to_world[:3, :3]
     radius = reading.number(prim, "inputs:radius", 0.5, minimum=0.0) * float(np.linalg.norm(linear, axis=0).mean())
+    reading.within_reach(prim, radius)
     value = _value(reading, prim)
-    if reading.flag(prim, "treatAsPoint", False) or radius == 0:
+    normalized = _normalized(reading, prim)
+    if reading.flag(prim, "treatAsPoint", False) or radius == 0 or (normalized and radius < _POINT):
         # π r² times the normalized radiance value/(4π r²), whatever r: the radiant intensity of every such sphere.
         radiance, radius = value / 4, 0.0
     else:
-        radiance = value / (4 * np.pi * radius**2) if _normalized(reading, prim) else value
+        radiance = value / (4 * np.pi * radius**2) if normalized else value
     return SphereLight(
         **shared, radiance=_rgb(radiance), center=to_world[:3, 3], radius=radius, axis=unit(linear @ [0.0, 0.0, -1.0])
     )
@@ -116,6 +120,7 @@ def _flat(reading: Reading, prim: Usd.Prim, to_world: Array, shared: dict[str, A
         reading.warn(prim, "is not rendered: the light has one colour", "inputs:texture:file")
     linear = to_world[:3, :3]
     half_x, half_y = linear[:, 0] * half[0], linear[:, 1] * half[1]
+    reading.within_reach(prim, [half_x, half_y])
     # A normal goes by the inverse transpose: it stays square to a sheared light.
     axis = unit(np.linalg.solve(linear.T, [0.0, 0.0, -1.0]))
     if np.cross(half_x, half_y) @ axis > 0:  # mirrored: the rectangle is the same with half_x turned round

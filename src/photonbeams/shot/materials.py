@@ -44,12 +44,25 @@ def bound_material(reading: Reading, prim: Usd.Prim) -> Bound:
     """Return the material bound to a gprim or face subset; without one, a grey that takes `displayColor`."""
     material, _ = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial(UsdShade.Tokens.full)
     if not material:
+        _warn_of_missing(reading, prim)
         return Bound(GREY, diffuse_primvar="displayColor")
     own = material.GetPrim()
     key = ("material", (own.GetPrimInPrototype() if own.IsInstanceProxy() else own).GetPath())
     if key not in reading.cache:
         reading.cache[key] = _read(reading, material)
     return reading.cache[key]
+
+
+def _warn_of_missing(reading: Reading, prim: Usd.Prim) -> None:
+    """Warn where a prim or its nearest ancestor with a binding names a material that is not there."""
+    while prim:
+        binding = prim.GetRelationship("material:binding")
+        targets = binding.GetTargets() if binding else []
+        if targets:
+            text = f"names {targets[0]}: expected a material on the stage; displayColor or grey is used"
+            reading.warn(prim, text, "material:binding")
+            return
+        prim = prim.GetParent()
 
 
 def _read(reading: Reading, material: UsdShade.Material) -> Bound:

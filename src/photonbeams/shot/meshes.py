@@ -12,7 +12,7 @@ from ..scene import Array, Material, Mesh, Texture
 from .gprims import GPRIMS, gprim_polygons
 from .materials import Bound, bound_material
 from .polygons import Polygons, Triangles, Values, triangles_of, unit
-from .reading import Reading
+from .reading import FARTHEST, Reading
 
 _INTERPOLATIONS = ("constant", "uniform", "varying", "vertex", "faceVarying")
 
@@ -36,6 +36,7 @@ def read_meshes(reading: Reading, prim: Usd.Prim, to_world: Array, name: str) ->
         chosen = None if faces is None else np.isin(triangles.faces, faces)
         material = _surface(reading, prim, bound, triangles.uvs is not None)
         mesh = _in_world(triangles, chosen, to_world, label, material)
+        reading.within_reach(prim, mesh.points)
         if len(mesh.faces):
             result.append(mesh)
     return result
@@ -43,7 +44,9 @@ def read_meshes(reading: Reading, prim: Usd.Prim, to_world: Array, name: str) ->
 
 def read_solid(reading: Reading, prim: Usd.Prim, to_world: Array) -> Mesh:
     """Return a gprim's triangles alone, as one mesh: what portals and media need."""
-    return _in_world(_triangles(reading, prim, ""), None, to_world, str(prim.GetPath()), Material())
+    mesh = _in_world(_triangles(reading, prim, ""), None, to_world, str(prim.GetPath()), Material())
+    reading.within_reach(prim, mesh.points)
+    return mesh
 
 
 def is_closed(reading: Reading, prim: Usd.Prim) -> bool:
@@ -121,7 +124,8 @@ def _triangles(reading: Reading, prim: Usd.Prim, uv_name: str) -> Triangles:
         polygons = _mesh_polygons(reading, prim, uv_name) if is_mesh else gprim_polygons(reading, prim)
         triangles = triangles_of(polygons)
         if not len(polygons.counts):
-            reading.warn(prim, "has no faces: it is skipped")
+            has_counts = is_mesh and len(reading.value(prim, "faceVertexCounts", ())) > 0
+            reading.warn(prim, f"has no {'points' if has_counts else 'faces'}: it is skipped")
         elif triangles.dropped:
             reading.warn(prim, f"has {triangles.dropped} faces without area: they are skipped")
         reading.cache[key] = triangles
@@ -132,8 +136,11 @@ def _mesh_polygons(reading: Reading, prim: Usd.Prim, uv_name: str) -> Polygons:
     points = reading.array(prim, "points", 3)
     counts = np.asarray(reading.value(prim, "faceVertexCounts", ()), dtype=np.int64)
     indices = np.asarray(reading.value(prim, "faceVertexIndices", ()), dtype=np.int64)
-    points = np.zeros((0, 3)) if points is None else points
-    if counts.sum() != len(indices) or np.any(counts < 0):
+    if points is None:
+        return Polygons(np.zeros((0, 3)), counts[:0], indices[:0])
+    if np.any(counts < 0):
+        raise reading.fail(prim, "faceVertexCounts", f"holds {counts.min()}: expected numbers of at least 0")
+    if counts.sum() != len(indices):
         raise reading.fail(
             prim,
             "faceVertexIndices",
@@ -190,7 +197,11 @@ def _uvs(reading: Reading, prim: Usd.Prim, polygons: Polygons, uv_name: str) -> 
     for name in [*([uv_name] if uv_name else []), "st", *others]:
         primvar = api.FindPrimvarWithInheritance(name)
         if primvar and primvar.HasValue():
-            return _primvar(reading, prim, primvar, 2, polygons)
+            uvs = _primvar(reading, prim, primvar, 2, polygons)
+            if uvs is not None and np.abs(uvs.values).max() > FARTHEST:
+                text = f"holds {np.abs(uvs.values).max():g}: expected no more than {FARTHEST:g}"
+                raise reading.fail(prim, str(primvar.GetName()), text)
+            return uvs
     return None
 
 

@@ -128,7 +128,7 @@ def _welded(positions: Array, values: list[Array]) -> tuple[Array, Array]:
     """
     identity = positions.reshape(-1).astype(np.int64)
     for each in values:
-        for column in each.reshape(len(identity), -1).T:
+        for column in each.reshape(-1, each.shape[-1]).T:
             # Ranks of columns, combined two at a time, stay small integers: sorting those is quicker than rows.
             _, rank = np.unique(column, return_inverse=True)
             _, identity = np.unique(identity * (int(rank.max(initial=0)) + 1) + rank, return_inverse=True)

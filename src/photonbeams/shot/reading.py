@@ -14,6 +14,9 @@ from ..scene import Array, Color, SceneError, color, number
 
 LOG = logging.getLogger("photonbeams")
 
+# In scene units, from the origin. Kernels square distances in single precision, which ends at 1e38.
+FARTHEST = 1e12
+
 
 def file_of(stage: Usd.Stage) -> str:
     """Return the name of a stage's root layer, for messages."""
@@ -114,7 +117,15 @@ class Reading:
         result = np.array(matrix, dtype=np.float64).T
         if not np.all(np.isfinite(result)):
             raise SceneError(f"{self.place(prim)} has a transform that is not finite: expected finite xformOps")
+        self.within_reach(prim, result)
         return result
+
+    def within_reach(self, prim: Usd.Prim, values: Any) -> None:
+        """Raise SceneError where a prim's lengths or coordinates in world space are beyond what can be rendered."""
+        farthest = float(np.max(np.abs(values), initial=0.0))
+        if not farthest <= FARTHEST:
+            text = f"{self.place(prim)} reaches {farthest:g} units from the origin: expected no more than {FARTHEST:g}"
+            raise SceneError(text)
 
     def targets(self, prim: Usd.Prim, name: str) -> list[Usd.Prim]:
         """Return the prims that a relationship names; SceneError names one that is missing."""

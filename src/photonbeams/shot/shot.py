@@ -14,6 +14,7 @@ from .. import scene
 from . import stage as stages
 from .images import write_frame
 from .looks import LookSpec, build_look
+from .reading import file_of
 
 if TYPE_CHECKING:
     from ..render.frame import Statistics
@@ -102,6 +103,16 @@ class Shot:
         )
         return content, camera
 
+    def check(self, content: scene.Scene) -> list[str]:
+        """Return the names of the layers that a frame of this content has; SceneError where nothing makes beams."""
+        from ..render.frame import check, layer_names
+
+        try:
+            check(content)
+        except scene.SceneError as error:
+            raise scene.SceneError(f"{file_of(self.stage)}: {error}") from None
+        return layer_names(content)
+
     def _look(self, spec: Any) -> Any:
         """Return the look of a spec; lights that share a prim share it, and so its kernels."""
         if not isinstance(spec, LookSpec):
@@ -116,9 +127,11 @@ class Shot:
     ) -> tuple[int, int]:
         """Return (width, height): what is given, and the rest from the camera's aperture."""
         camera = stages.read_camera(self.stage, self.camera, self.time(frame))
-        width = DEFAULT_WIDTH if width is None else width
+        aspect = camera.horizontal_aperture / camera.vertical_aperture
+        if width is None:
+            width = DEFAULT_WIDTH if height is None else max(1, round(height * aspect))
         if height is None:
-            height = max(1, round(width * camera.vertical_aperture / camera.horizontal_aperture))
+            height = max(1, round(width / aspect))
         if not (1 <= width <= 65536 and 1 <= height <= 65536):
             raise scene.SceneError(f"the resolution is {width} x {height}: expected 1 to 65536 pixels each way")
         return width, height
@@ -132,6 +145,7 @@ class Shot:
         height: int | None = None,
         crop: Sequence[float] | None = None,
         progress: Callable[[int, Statistics], None] | None = None,
+        contents: tuple[scene.Scene, scene.Camera] | None = None,
         **settings: Any,
     ) -> Frame:
         """Render a frame.
@@ -143,11 +157,13 @@ class Shot:
         passes, **settings
             The fields of `render.frame.Settings`: passes, time_limit, beams, estimator, rule, seed, overlap.
         width, height
-            Pixels; 1280 wide, and the height from the aperture, unless given.
+            Pixels; what is not given comes from the aperture, and without either the picture is 1280 wide.
         crop
             x0, y0, x1, y1 in fractions of the picture from the top left: the part to render.
         progress
             Called with the passes done and the statistics so far.
+        contents
+            What `read` returned for the frame, as it is or changed; None reads it.
         """
         from ..render.camera import View, Window
         from ..render.frame import Settings, render
@@ -156,7 +172,8 @@ class Shot:
             settings["passes"] = passes
         size = self.resolution(width, height, frame)
         window = Window(size[0], size[1], _cropped(size[0], size[1], crop))
-        content, camera = self.read(frame)
+        content, camera = self.read(frame) if contents is None else contents
+        self.check(content)
         picture = render(content, camera, window, Settings(**settings), progress)
         metadata = {
             **View(camera, window).matrices(),
@@ -173,7 +190,8 @@ class Shot:
         from fractions import Fraction
         from importlib.metadata import version
 
-        rate = self.stage.GetFramesPerSecond()
+        # The header holds a fraction of two 32-bit integers.
+        rate = min(max(self.stage.GetFramesPerSecond(), 0.0), 1e6)
         time = self.time(frame)
         about: dict[str, Any] = {
             "software": f"photonbeams {version('photonbeams')}",

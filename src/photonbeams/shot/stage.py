@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Iterable
+from math import isfinite
 from typing import Any
 
 from pxr import Ar, Gf, Pcp, Sdf, Tf, Usd, UsdUtils
@@ -62,13 +63,16 @@ def open_stage(
 
 def default_time(stage: Usd.Stage) -> Usd.TimeCode:
     """Return the stage's start, if it has one, else the default time."""
-    if stage.HasAuthoredMetadata("startTimeCode"):
+    if stage.HasAuthoredMetadata("startTimeCode") and isfinite(stage.GetStartTimeCode()):
         return Usd.TimeCode(stage.GetStartTimeCode())
     return Usd.TimeCode.Default()
 
 
 def _layer(path: str) -> Sdf.Layer:
-    resolved = str(Ar.GetResolver().Resolve(path))
+    try:
+        resolved = str(Ar.GetResolver().Resolve(path))
+    except UnicodeEncodeError:
+        raise SceneError(f"{path!r} cannot be read: expected a name in UTF-8") from None
     if not resolved or not os.path.exists(Ar.SplitPackageRelativePathOuter(resolved)[0]):
         raise SceneError(f"{path}: expected a USD stage, there is no such file")
     if os.path.isdir(resolved) or not Usd.Stage.IsSupportedFile(resolved):
