@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import logging
+import signal
 import sys
+import threading
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from enum import StrEnum
@@ -46,16 +48,46 @@ class _Lines(logging.Formatter):
 
 
 @contextmanager
-def bar(kind: Progress | None, quiet: bool, passes: int) -> Iterator[Callable[[int, Statistics], None] | None]:
-    """Yield what is called with each pass done, to show it."""
+def held_interrupt() -> Iterator[Callable[[], None]]:
+    """Hold Ctrl-C back until what is yielded is called; a second one is not held back.
+
+    Compiled libraries lose an exception that is raised while they are imported or call Python: they print a traceback
+    and go on, hang, or abort.
+    """
+    pressed = False
+
+    def hold(*_: object) -> None:
+        nonlocal pressed
+        if pressed:
+            raise KeyboardInterrupt
+        pressed = True
+
+    def check() -> None:
+        if pressed:
+            raise KeyboardInterrupt
+
+    usual = signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    if not usual or threading.current_thread() is not threading.main_thread():
+        yield check
+        return
+    signal.signal(signal.SIGINT, hold)
+    try:
+        yield check
+    finally:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+@contextmanager
+def bar(kind: Progress | None, quiet: bool, passes: int) -> Iterator[Callable[[int], None]]:
+    """Yield what shows the number of passes done."""
     if quiet or kind is Progress.none:
-        yield None
+        yield lambda done: None
         return
     from rich.console import Console
 
     console = Console(stderr=True, highlight=False)
     if kind is Progress.plain or (kind is None and not console.is_terminal):
-        yield lambda done, statistics: print(f"pass {done} of {passes}", file=sys.stderr, flush=True)
+        yield lambda done: print(f"pass {done} of {passes}", file=sys.stderr, flush=True)
         return
     from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
     from rich.progress import Progress as Bar
@@ -64,7 +96,7 @@ def bar(kind: Progress | None, quiet: bool, passes: int) -> Iterator[Callable[[i
                TextColumn("left"), TimeRemainingColumn())  # fmt: skip
     with Bar(*columns, console=console, transient=True) as shown:
         task = shown.add_task("passes", total=passes)
-        yield lambda done, statistics: shown.update(task, completed=done)
+        yield lambda done: shown.update(task, completed=done)
 
 
 def print_summary(statistics: Statistics, files: Iterable[Path], seconds: float) -> None:

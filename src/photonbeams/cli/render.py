@@ -14,10 +14,11 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from .outputs import chosen_layers, parse_outputs, prepare_outputs, write_outputs
-from .progress import Progress, bar, messages, print_summary
+from .progress import Progress, bar, held_interrupt, messages, print_summary
 
 if TYPE_CHECKING:
     from ..quadrature import Rule
+    from ..render.frame import Statistics
     from ..scene import Color, Scene
     from ..shot import Shot
 
@@ -115,18 +116,21 @@ def render(
     number = _frame_number(frames)
     fog = _Fog(_color("--scattering", scattering), _color("--absorption", absorption), anisotropy)
     outputs = parse_outputs(output or (), picture or ())
-    _start(device, threads)
-    from ..shot import Shot
-    from ..shot.stage import list_cameras as cameras_of
-    from ..shot.stage import open_stage
+    with messages(quiet, verbose), held_interrupt() as check:
+        _start(device, threads)
+        from ..shot import Shot
+        from ..shot.stage import list_cameras as cameras_of
+        from ..shot.stage import open_stage
 
-    with messages(quiet, verbose):
+        check()
         if list_cameras:
             for name in cameras_of(open_stage(scene, session_layer or (), overrides or ())):
                 typer.echo(name)
             return
         shot = Shot.open(scene, camera, session_layers=session_layer or (), overrides=overrides or ())
+        check()
         content, eye = shot.read(number)
+        check()
         content = fog.over(content)
         names = shot.check(content)
         outputs = [each.numbered(_moment(shot, number)) for each in outputs]
@@ -140,7 +144,12 @@ def render(
                 print(f"would write {files}, with the layers {', '.join(kept)}", file=sys.stderr)
             return
         begin = time.perf_counter()
-        with bar(progress, quiet, passes) as advance:
+        with bar(progress, quiet, passes) as show:
+
+            def advance(done: int, _: Statistics) -> None:
+                check()
+                show(done)
+
             result = shot.render(
                 number, passes, width=width, height=height, crop=crop, progress=advance, contents=(content, eye),
                 time_limit=time_limit, beams=beams, estimator=estimator.value, rule=_rule(rule, order), seed=seed,
