@@ -109,6 +109,7 @@ def test_values_can_be_set_over_the_stage(tmp_path):
         ("Lamp=3", r"expected /prim\.attribute=value"),
         ("/Lamp.inputs:intensity=bright", "expected a value of type float"),
         ("/Lamp.inputs:brightness=3", "/Lamp has no attribute inputs:brightness"),
+        ("/Dust.photonbeams:intensity=2", "/Dust has no attribute photonbeams:intensity"),
         ("/Torch.inputs:intensity=3", "has no prim /Torch"),
     ],
 )

@@ -87,7 +87,7 @@ def bar(kind: Progress | None, quiet: bool, passes: int) -> Iterator[Callable[[i
 
     console = Console(stderr=True, highlight=False)
     if kind is Progress.plain or (kind is None and not console.is_terminal):
-        yield lambda done: print(f"pass {done} of {passes}", file=sys.stderr, flush=True)
+        yield _plain(passes)
         return
     from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
     from rich.progress import Progress as Bar
@@ -97,6 +97,17 @@ def bar(kind: Progress | None, quiet: bool, passes: int) -> Iterator[Callable[[i
     with Bar(*columns, console=console, transient=True) as shown:
         task = shown.add_task("passes", total=passes)
         yield lambda done: shown.update(task, completed=done)
+
+
+def _plain(passes: int) -> Callable[[int], None]:
+    """Return what prints a line about every twentieth of the passes: a log is read afterwards."""
+    step = max(1, passes // 20)
+
+    def show(done: int) -> None:
+        if done % step == 0 or done == passes:
+            print(f"pass {done} of {passes}", file=sys.stderr, flush=True)
+
+    return show
 
 
 def print_summary(statistics: Statistics, files: Iterable[Path], seconds: float) -> None:

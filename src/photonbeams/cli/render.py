@@ -104,8 +104,8 @@ def render(
 ) -> None:
     """Render a frame of a stage.
 
-    Examples
-    --------
+    Examples:
+
     photonbeams render shot.usda -o out/shot.####.exr -f 1001
 
     photonbeams render room.usdc -o room.png --scattering 0.05 --res 1920 0 --passes 64

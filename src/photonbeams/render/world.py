@@ -39,12 +39,12 @@ _LAYERS = 32  # of cut-out surfaces that a ray may pass
 class Fog:
     """The medium: its extinction (opaque) and its boundary, or None where it fills the whole space."""
 
-    def __init__(self, medium: scene.Medium, scale: float) -> None:
+    def __init__(self, medium: scene.Medium) -> None:
         self.medium = medium
         self.extinction = opaque(medium.extinction)
-        self.step = opaque(1e-4 * scale)
         self.boundary = None
         if medium.mesh is not None:
+            self.step = opaque(1e-4 * float(np.linalg.norm(np.ptp(medium.mesh.points, axis=0))))
             self.boundary = mi.load_dict({"type": "scene", "boundary": _shape(_outward(medium.mesh), None, None)})
 
     def interval(self, origin: Array3f, direction: Array3f) -> tuple[Float, Float, Array3f]:
@@ -141,7 +141,7 @@ class World:
                 for light in description.lights
                 if light.portal is not None
             },
-            fog=Fog(medium, radius) if medium is not None else None,
+            fog=Fog(medium) if medium is not None else None,
             bounds=Bounds(center, radius),
             radius=radius,
             cutouts=any(_cut_out(mesh.material) for mesh in meshes),
@@ -189,14 +189,15 @@ class World:
 
     def _skip_cutouts(self, origin: Array3f, direction: Array3f, active: Bool, seed: UInt32) -> Float:
         """Return how far rays go before the surface that stops them."""
-        step = opaque(2e-5 * self.radius)
+        # Beyond the rounding of a hit's place.
+        step = 1e-5 * dr.max(dr.abs(origin))
 
         def passing(skip: Float, layer: UInt32, going: Bool) -> tuple[Float, UInt32, Bool]:
             ray = mi.Ray3f(mi.Point3f(origin + skip * direction), mi.Vector3f(direction))
             hit = self.surfaces.ray_intersect(ray, going)
             clear = dr.mean(hit.bsdf().eval_null_transmission(hit, going))
             going = going & hit.is_valid() & (unit_float(hash32(seed, layer)) < clear)
-            return dr.select(going, skip + hit.t + step, skip), layer + 1, going
+            return dr.select(going, skip + hit.t * (1 + 1e-5) + step, skip), layer + 1, going
 
         state = (0 * origin.x + 0 * direction.x, dr.zeros(UInt32, dr.width(origin)), Bool(active))
         skip, _, _ = dr.while_loop(state, lambda _, layer, going: going & (layer < _LAYERS), passing, label="cutouts")

@@ -124,12 +124,15 @@ def _override(stage: Usd.Stage, text: str) -> None:
 
 
 def _type_of(prim: Usd.Prim, name: str) -> Sdf.ValueTypeName | None:
-    """Return an attribute's type, also of photonbeams' own attributes where their schema is not applied."""
+    """Return an attribute's type, also of photonbeams' own attributes where their schema could be applied."""
     attribute = prim.GetAttribute(name)
     if attribute:
         return attribute.GetTypeName()
     registry = Usd.SchemaRegistry()
     for schema in ("PhotonBeamsLightAPI", "PhotonBeamsCurvesAPI", "PhotonBeamsMediumAPI"):
+        kinds = registry.GetAPISchemaCanOnlyApplyToTypeNames(schema)
+        if kinds and prim.GetTypeName() not in kinds:
+            continue
         definition = registry.FindAppliedAPIPrimDefinition(schema)
         found = definition.GetAttributeDefinition(name) if definition else None
         if found:

@@ -23,7 +23,7 @@ from .sampling import hash32, perpendicular
 if TYPE_CHECKING:
     from ..render.world import World
 
-FLOOR = 1e-4  # least radius in units of the bounding radius: a point light's apex must not be singular
+FLOOR = 1e-4  # least radius in units of a path's usual length: a point light's apex must not be singular
 
 _RIM = 6  # rays along a beam's rim that look for surfaces in its way
 _SLACK = 0.25  # radii that the rim may be stopped short of the plane where the axis ended: surfaces are curved

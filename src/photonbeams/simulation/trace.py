@@ -135,7 +135,7 @@ def _beams(world: World, source: Any, emission: Emission, run: Run, split: bool)
         return []
     emission, total, against = kept
     reference = float(np.median(np.minimum(total.numpy(), 2 * world.radius)))
-    radius = radius_along(emission, run.samples, reference, run.overlap, opaque(FLOOR * world.radius))
+    radius = radius_along(emission, run.samples, reference, run.overlap, opaque(FLOOR * reference))
     light, everywhere = 0 * total, dr.full(Bool, True, dr.width(total))
     portal = emission.portal * (1 - 1e-5)
     passes = (total > portal) & split
