@@ -35,10 +35,8 @@ def render(world, origin, direction, passes=64):
     count = dr.width(direction)
     values = []
     for number in range(passes):
-        result = shade(
-            world, origin, direction, dr.full(Bool, True, count), dr.arange(UInt32, count) * passes + dr.opaque(UInt32, number),
-            dr.opaque(UInt32, 1),
-        )  # fmt: skip
+        index = dr.arange(UInt32, count) * passes + dr.opaque(UInt32, number)
+        result = shade(world, origin, direction, dr.full(Bool, True, count), index, dr.opaque(UInt32, 1))
         values.append(result.radiance.numpy().astype(np.float64))
     return np.mean(values, axis=0), np.var(values, axis=0), result
 

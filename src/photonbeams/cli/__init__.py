@@ -72,9 +72,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     An error that a user can cause ends it with one sentence on standard error; PHOTONBEAMS_TRACEBACK=1 shows where it
     came from. An error that is the program's own keeps its traceback.
     """
+    given = sys.argv[1:] if arguments is None else list(arguments)
     try:
         # Typer would draw a box around what is wrong, and cut the sentence into lines.
-        code = app(args=arguments or sys.argv[1:] or ["--help"], prog_name="photonbeams", standalone_mode=False)
+        code = app(args=given or ["--help"], prog_name="photonbeams", standalone_mode=False)
     except TyperException as error:
         _fail(f"Error: {_usage(error)}", 2)
     except KeyboardInterrupt:
@@ -89,7 +90,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             _fail(f"Error: {sentence}", 1)
     if code == _INTERRUPTED:
         _fail("Interrupted; nothing was written", _INTERRUPTED)
-    raise SystemExit(code or 0)
+    raise SystemExit(code or (0 if given else 2))  # without a command the help is shown for want of one
 
 
 def _interrupted(error: BaseException | None) -> bool:

@@ -104,7 +104,7 @@ def render(
 ) -> None:
     """Render a frame of a stage.
 
-    Examples:
+    For example:
 
     photonbeams render shot.usda -o out/shot.####.exr -f 1001
 
