@@ -341,7 +341,7 @@ def test_without_a_command_the_help_is_shown(capsys, monkeypatch):
     monkeypatch.setattr(sys, "argv", ["photonbeams"])
     with pytest.raises(SystemExit) as stop:
         cli.main()
-    assert stop.value.code == 0
+    assert stop.value.code == 2
     assert "render" in capsys.readouterr().out
 
 
