@@ -55,7 +55,7 @@ class Picture:
         view = View(camera, Window.full(WIDTH, HEIGHT))
         self.projection = view.projection
         count = WIDTH * HEIGHT
-        self.rays = PixelRays(*view.rays((0.5, 0.5)), dr.full(Float, ENDLESS, count), dr.zeros(Float, count))
+        self.rays = PixelRays(*view.rays((0.5, 0.5))[:3], dr.full(Float, ENDLESS, count), dr.zeros(Float, count))
         dr.eval(self.rays.t_max, self.rays.t_min)
 
     def of(self, beams: pb.Beams, look: pb.Look, estimator: str, points: Points) -> Estimate:

@@ -230,6 +230,8 @@ class Camera:
         In scene units. For an orthographic camera the apertures are the view's width and height.
     clipping
         Near and far distance.
+    lens_radius, focus_distance
+        Of a thin lens, and where it is in focus, along the optical axis; a radius of 0 is a pinhole.
     """
 
     name: str
@@ -241,6 +243,8 @@ class Camera:
     vertical_offset: float = 0.0
     orthographic: bool = False
     clipping: tuple[float, float] = (1e-3, 1e6)
+    lens_radius: float = 0.0
+    focus_distance: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -259,9 +263,14 @@ class DrawnBeams:
 
 @dataclass(frozen=True)
 class Scene:
-    """All of a shot at one frame but its camera."""
+    """All of a shot at one time but its camera.
+
+    `bounds` are centre and radius of a sphere around everything at all times, so that beams do not change with what
+    moves elsewhere; None: of what is there.
+    """
 
     meshes: tuple[Mesh, ...] = ()
     lights: tuple[Light, ...] = ()
     drawn: tuple[DrawnBeams, ...] = ()
     medium: Medium | None = None
+    bounds: tuple[Array, float] | None = None

@@ -9,13 +9,14 @@ import pytest
 import photonbeams as pb
 from photonbeams import scene
 from photonbeams.arrays import to_float
-from photonbeams.device import Float
+from photonbeams.device import Array2f, Float, UInt32
 from photonbeams.estimators import image
 from photonbeams.estimators.estimate import ENDLESS
 from photonbeams.estimators.frustum import Points
-from photonbeams.estimators.image import PixelRays, estimate_image
+from photonbeams.estimators.image import PixelRays, estimate_image, lane_of
 from photonbeams.estimators.tiles import TILE, Bins, footprints
 from photonbeams.render.camera import View, Window
+from photonbeams.simulation.sampling import hash32, unit_float
 
 EPSILON32 = float(np.finfo(np.float32).eps)
 MEDIUM = pb.Medium((0.3, 0.2, 0.1), (0.05, 0.1, 0.2), 0.4)
@@ -51,29 +52,52 @@ VIEWS = {
         Window.full(WIDTH, HEIGHT),
     ),
 }
+LENS = dataclasses.replace(PINHOLE, lens_radius=0.08, focus_distance=2.5)
+#: Camera at shutter open and, where it moves, at shutter close.
+FILM = {
+    "moving beams": (PINHOLE, None),
+    "lens": (LENS, None),
+    "dolly": (PINHOLE, dataclasses.replace(PINHOLE, to_world=looking((0.3, -0.1, 0.0), (0.2, 0.1, -1)))),
+    "pan": (PINHOLE, dataclasses.replace(PINHOLE, to_world=looking((0.1, -0.2, 0.3), (0.35, 0.05, -1), roll=0.2))),
+    "lens and pan": (LENS, dataclasses.replace(LENS, to_world=looking((0.2, -0.2, 0.1), (0.3, 0.1, -1)))),
+    "orthographic and pan": (
+        dataclasses.replace(VIEWS["orthographic"][0]),
+        dataclasses.replace(VIEWS["orthographic"][0], to_world=looking((0.2, -0.2, 0.1), (0.3, 0.1, -1))),
+    ),
+}
+
+
+def by_group(numbers):
+    """Return a place in the unit square, for the lens, and a time, for groups of pixels."""
+    u, v, time = (unit_float(hash32(numbers, UInt32(dimension))) for dimension in range(3))
+    return Array2f(u, v), time
 
 
 class Picture:
     """One view: its projection, and a ray through each pixel's centre."""
 
     def __init__(self, name, t_max=None):
-        view = View(*VIEWS[name])
+        view = View(FILM[name][0], Window.full(WIDTH, HEIGHT), FILM[name][1]) if name in FILM else View(*VIEWS[name])
         self.projection = view.projection
         count = WIDTH * HEIGHT
-        origin, direction = view.rays((0.5, 0.5))
+        rays = view.rays((0.5, 0.5), by_group if name in FILM else None)
+        self.time = None
+        if rays.lanes is not None:
+            x, y = view.pixels()
+            self.time = by_group(lane_of(x, y, UInt32(self.projection.columns)))[1]
         self.t_max = np.full(count, ENDLESS) if t_max is None else t_max
-        self.rays = PixelRays(origin, direction, to_float(self.t_max), dr.zeros(Float, count))
+        self.rays = PixelRays(*rays[:3], to_float(self.t_max), dr.zeros(Float, count), rays.lanes)
         dr.eval(self.rays.t_min, self.rays.t_max)
 
-    def tiled(self, beams, look, estimator):
+    def tiled(self, beams, look, estimator, close=None):
         return estimate_image(
-            beams, self.projection, self.rays, look=look, medium=MEDIUM, estimator=estimator, points=POINTS
+            beams, self.projection, self.rays, look=look, medium=MEDIUM, estimator=estimator, points=POINTS, close=close
         )
 
-    def one_by_one(self, beams, look, estimator):
+    def one_by_one(self, beams, look, estimator, close=None):
         found = pb.estimate(
             beams, self.rays.origin, self.rays.direction, t_max=self.rays.t_max,
-            look=look, medium=MEDIUM, estimator=estimator,
+            look=look, medium=MEDIUM, estimator=estimator, close=close, time=self.time,
         )  # fmt: skip
         return pixels(found)
 
@@ -92,15 +116,19 @@ def random_beams(rng, count):
     return start, end, radius
 
 
-@pytest.mark.parametrize("view", VIEWS)
+@pytest.mark.parametrize("view", [*VIEWS, *FILM])
 @pytest.mark.parametrize("estimator", ["billboard", "frustum", "auto"])
 def test_tiled_equals_untiled(view, estimator, rng):
     picture = Picture(view)
     start, end, radius = random_beams(rng, 300)
     beams = pb.Beams(start, end, radius[:, 0], radius[:, 1], rng.uniform(0.1, 1, (300, 3)))
+    close = None
+    if view == "moving beams":
+        start, end = (each + 0.1 * rng.normal(size=each.shape) for each in (start, end))
+        close = pb.Beams(start, end, radius[:, 1], radius[:, 0], rng.uniform(0.1, 1, (300, 3)))
     for look in (pb.Look(), pb.Look(across=pb.Gaussian(), along=pb.Exponential(2), eye=1.0, angle=1.0)):
-        found = pixels(picture.tiled(beams, look, estimator).radiance)
-        expected = picture.one_by_one(beams, look, estimator)
+        found = pixels(picture.tiled(beams, look, estimator, close).radiance)
+        expected = picture.one_by_one(beams, look, estimator, close)
         # One packs the beams about the camera, the other about the world's origin: places up to 20 units away round
         # to 20 ε, against radii of which some are 0.0004. A ray at such a beam's rim may see it or not, and what it
         # sees is uncertain by a share of the whole picture's brightest; all others agree to rounding.
@@ -130,6 +158,24 @@ def inside_points(rng, start, end, radius, normal, count):
     return points
 
 
+def lerp(a, b, weight):
+    return a + (b - a) * weight
+
+
+def on_screen(points, time, rng, camera, close, projection):
+    """Return pixel positions (N, P) of world points, each seen from somewhere on the lens, and their depth."""
+    matrices = [np.linalg.inv(each.to_world) for each in (camera, close or camera)]
+    place = lerp(*(points @ matrix[:3, :3].T + matrix[:3, 3] for matrix in matrices), time[..., None])
+    scale, center = ([float(axis[0]) for axis in pair] for pair in (projection.scale, projection.center))
+    depth = -place[..., 2]
+    if camera.orthographic:
+        return center[0] + scale[0] * place[..., 0], center[1] - scale[1] * place[..., 1], np.ones_like(depth)
+    angle, reach = rng.uniform(0, 2 * np.pi, depth.shape), camera.lens_radius * np.sqrt(rng.random(depth.shape))
+    blur = reach * (1 / depth - (1 / camera.focus_distance if camera.lens_radius else 0))
+    x = center[0] + scale[0] * (place[..., 0] / depth - np.cos(angle) * blur)
+    return x, center[1] - scale[1] * (place[..., 1] / depth - np.sin(angle) * blur), depth
+
+
 @pytest.mark.parametrize("view", VIEWS)
 @pytest.mark.parametrize("slanted", [False, True])
 def test_no_tile_misses_a_beam(view, slanted, rng):
@@ -148,19 +194,52 @@ def test_no_tile_misses_a_beam(view, slanted, rng):
     listed = np.repeat(np.arange(projection.tiles), sizes) * len(beams) + lists.beams.numpy()
 
     points = inside_points(rng, start, end, radius, normal, 400)
-    place = points @ camera.to_world[:3, :3] - camera.to_world[:3, 3] @ camera.to_world[:3, :3]
-    depth = np.ones_like(place[..., 2]) if camera.orthographic else -place[..., 2]
-    scale, center = ([float(axis[0]) for axis in pair] for pair in (projection.scale, projection.center))
     with np.errstate(all="ignore"):
-        x, y = (center[0] + scale[0] * place[..., 0] / depth), (center[1] - scale[1] * place[..., 1] / depth)
+        x, y, depth = on_screen(points, np.zeros(points.shape[:2]), rng, camera, None, projection)
         # Rounding moves a place on the screen by this many pixels, which may be across the border of a tile.
-        slack = 40 * EPSILON32 * scale[0] / depth
+        slack = 40 * EPSILON32 * float(projection.scale[0][0]) / depth
         x, y = (np.where(np.abs(axis / TILE - np.round(axis / TILE)) * TILE > slack, axis, np.nan) for axis in (x, y))
         seen = (depth > 1e-4) & (x >= 0) & (x < WIDTH) & (y >= 0) & (y < HEIGHT)
     tile = y[seen] // TILE * projection.columns + x[seen] // TILE
     number = np.broadcast_to(np.arange(len(beams))[:, None], seen.shape)[seen]
     assert np.count_nonzero(seen) > 10_000
     assert np.all(np.isin(tile.astype(int) * len(beams) + number, listed))
+
+
+@pytest.mark.parametrize("film", FILM)
+@pytest.mark.parametrize("slanted", [False, True])
+def test_no_tile_misses_a_beam_out_of_focus_or_in_motion(film, slanted, rng):
+    """Every point of a beam, at every time and from every place on the lens, lies in a tile that lists the beam."""
+    (camera, close), count = FILM[film], 6000
+    projection = View(camera, Window.full(WIDTH, HEIGHT), close).projection
+    half = count // 2
+    around = camera.to_world[:3, 3] + rng.normal(size=(2, half, 3)) * rng.choice([0.1, 0.4, 2], (1, half, 1))
+    both = zip(random_beams(rng, half), (*around, rng.uniform(0.001, 0.05, (half, 2))), strict=True)
+    ends = [[np.concatenate(pair) for pair in both]]
+    ends.append(
+        [each + rng.normal(size=each.shape) * rng.choice([0, 0.05, 0.3, 1], (count, 1)) for each in ends[0][:2]]
+    )
+    ends[1].append(ends[0][2] * rng.uniform(0.5, 1.5, (count, 2)))
+    normal = rng.normal(size=(count, 3)) if slanted else None
+    states = [pb.Beams(a, b, r[:, 0], r[:, 1], [[1, 1, 1]], end_normal=normal) for a, b, r in ends]
+    endless = dr.full(Float, np.inf, projection.tiles)
+    lists = Bins(footprints(states[0], projection, states[1]), projection, endless, 0, count).lists()
+    sizes = lists.stop.numpy().astype(int) - lists.first.numpy()
+    listed = np.repeat(np.arange(projection.tiles), sizes) * count + lists.beams.numpy()
+
+    seen_points = 0
+    for time in (0.0, 0.15, 0.5, 0.8, 1.0):
+        points = inside_points(rng, *(lerp(a, b, time) for a, b in zip(*ends, strict=True)), normal, 100)
+        with np.errstate(all="ignore"):
+            x, y, depth = on_screen(points, np.full(points.shape[:2], time), rng, camera, close, projection)
+            slack = 40 * EPSILON32 * float(projection.scale[0][0]) / depth
+            away = [np.abs(axis / TILE - np.round(axis / TILE)) * TILE > slack for axis in (x, y)]
+            seen = (depth > 1e-4) & (x >= 0) & (x < WIDTH) & (y >= 0) & (y < HEIGHT) & away[0] & away[1]
+        tile = y[seen] // TILE * projection.columns + x[seen] // TILE
+        number = np.broadcast_to(np.arange(count)[:, None], seen.shape)[seen]
+        assert np.all(np.isin(tile.astype(int) * count + number, listed))
+        seen_points += len(number)
+    assert seen_points > 10_000
 
 
 def test_beams_behind_surfaces_are_left_out_and_those_across_them_are_cut(rng):

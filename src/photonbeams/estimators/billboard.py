@@ -56,7 +56,7 @@ def billboard_sum(
     Parameters
     ----------
     rays
-        The K rays of each lane, origins relative to the packed origin.
+        The K rays of each lane, origins relative to the packed origin; of one time.
     blended
         Whether to leave out what the frustum does better (`auto`), or to take everything (`billboard`).
     flags
@@ -65,7 +65,7 @@ def billboard_sum(
     radiance = [Array3f(0) for _ in range(len(rays))]
     i = UInt32(first)
     while i < stop:
-        beam = load(packed, number(i))
+        beam = load(packed, number(i), rays[0].time)
         marked = Bool(False)
         for p in range(len(rays)):
             ray = rays[p]

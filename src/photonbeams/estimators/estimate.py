@@ -37,6 +37,8 @@ def estimate(
     estimator: str = "auto",
     rule: Rule = DEFAULT_RULE,
     t_min: Any = None,
+    close: Beams | None = None,
+    time: Any = None,
 ) -> Any:
     """Return the radiance of beams toward rays.
 
@@ -54,6 +56,9 @@ def estimate(
         "billboard" (Beam × Beam 1D), "frustum" (2D) or "auto", their blend.
     rule
         Quadrature of the frustum, `gauss_legendre(6)` unless given.
+    close, time
+        Where beams move: the same beams at shutter close (`beams` being those at shutter open), and (N,) times of the
+        rays, 0 at shutter open and 1 at shutter close. In between all numbers of a beam are interpolated linearly.
 
     Returns
     -------
@@ -66,11 +71,12 @@ def estimate(
         An unknown estimator, shapes that do not agree, a physical look without a medium.
     """
     check_estimator(estimator)
-    rays, count = _rays(origin, direction, t_min, t_max)
+    rays, count = _rays(origin, direction, t_min, t_max, time if close is not None else None)
+    check_motion(beams, close, time)
     if len(beams) == 0:
         return dr.zeros(Array3f, count)
-    bound = (look or Look()).bind(medium, reach(beams))
-    return sum_over_all(pack(beams, Array3f(0), shared=False), rays, bound, estimator, Points(rule))
+    bound = (look or Look()).bind(medium, reach(beams, close))
+    return sum_over_all(pack(beams, Array3f(0), shared=False, close=close), rays, bound, estimator, Points(rule))
 
 
 def sum_over_all(packed: Packed, rays: Rays, look: BoundLook, estimator: str, points: Points) -> Any:
@@ -95,22 +101,37 @@ def check_estimator(estimator: str) -> None:
         raise ValueError(f"estimator is {estimator!r}: expected one of {', '.join(ESTIMATORS)}")
 
 
-def reach(beams: Beams) -> float:
+def check_motion(beams: Beams, close: Beams | None, time: Any) -> None:
+    """Raise ValueError unless `close` can be `beams` at another time."""
+    if close is None:
+        return
+    if time is None:
+        raise ValueError("beams move and the rays have no time: expected (N,) times from 0 to 1")
+    both = [{name for name in Beams.DRJIT_STRUCT if getattr(each, name) is not None} for each in (beams, close)]
+    if len(beams) != len(close) or both[0] != both[1]:
+        raise ValueError(f"{close} at shutter close are not {beams} at shutter open: expected the same beams")
+
+
+def reach(beams: Beams, close: Beams | None = None) -> float:
     """Return the greatest length of a light path, over which the look's variation is judged."""
     length = dr.norm(beams.end - beams.start)
     if beams.offset is not None:
         length = length + beams.offset
-    return max(float(dr.max(length)[0]), 1e-6)
+    own = max(float(dr.max(length)[0]), 1e-6)
+    return own if close is None else max(own, reach(close))
 
 
-def _rays(origin: Any, direction: Any, t_min: Any, t_max: Any) -> tuple[Rays, int]:
+def _rays(origin: Any, direction: Any, t_min: Any, t_max: Any, time: Any) -> tuple[Rays, int]:
     origin, direction = _vectors(origin, "origin"), _vectors(direction, "direction")
     low = _numbers(0.0 if t_min is None else t_min, "t_min")
     high = _numbers(ENDLESS if t_max is None else t_max, "t_max")
-    widths = [dr.width(value) for value in (origin, direction, low, high)]
+    moment = _numbers(0.0 if time is None else time, "time")
+    widths = [dr.width(value) for value in (origin, direction, low, high, moment)]
     count = max(widths)
     if any(width not in (1, count) for width in widths):
-        raise ValueError(f"origin, direction, t_min and t_max have {widths} rays: expected one number of rays, or 1")
+        raise ValueError(
+            f"origin, direction, t_min, t_max and time have {widths} rays: expected one number of rays, or 1"
+        )
     active = dr.full(Bool, True, count)
     length = dr.norm(direction)
     if bool(dr.any(~(length > 0))):
@@ -118,8 +139,9 @@ def _rays(origin: Any, direction: Any, t_min: Any, t_max: Any) -> tuple[Rays, in
     rays = Rays(
         dr.select(active, origin, 0), dr.select(active, direction / length, 0),
         dr.select(active, dr.minimum(high, ENDLESS), 0), dr.select(active, low, 0),
+        time=None if time is None else dr.select(active, moment, 0),
     )  # fmt: skip
-    dr.eval(rays.origin, rays.direction, rays.t_max, rays.t_min)
+    dr.eval(rays.origin, rays.direction, rays.t_max, rays.t_min, rays.time)
     return rays, count
 
 

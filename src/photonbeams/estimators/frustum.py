@@ -123,7 +123,7 @@ def frustum_sum(
     radiance = Array3f(0)
     i = UInt32(first)
     while i < stop:
-        beam = load(packed, number(i))
+        beam = load(packed, number(i), ray.time)
         part = chord(beam, ray.origin, ray.direction, ray.t_min, ray.t_max)
         weight = dr.select(part.valid, Float(1), Float(0))
         if dr.hint(blended, mode="scalar"):

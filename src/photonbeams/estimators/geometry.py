@@ -29,7 +29,8 @@ class Rays:
     """Camera rays o + t d with d of unit length, seen for t from t_min to t_max.
 
     `shared_origin` says that all rays have one origin (a pinhole): what depends on beam and origin alone is then
-    computed once a beam. `t_min` is also where the medium begins; the eye factor counts from there.
+    computed once a beam. `t_min` is also where the medium begins; the eye factor counts from there. `time` is 0 at
+    shutter open and 1 at shutter close, for beams that move.
     """
 
     origin: Any  # (N, 3)
@@ -37,14 +38,17 @@ class Rays:
     t_max: Any  # (N,)
     t_min: Any = None  # (N,), None: 0
     shared_origin: bool = False
+    time: Any = None  # (N,)
 
 
 @dataclass
 class Packed:
     """Beams packed for gathering: `groups` packets of four floats a beam, relative to the point `origin`.
 
-    0: axis, radius at the start · 1: start, slope k of the radius · 2: power, length · then, where present,
-    (w × e, w·e) for a shared ray origin · (end normal, its distance from the origin) · (offset, total, entry, 0).
+    Beams at rest: 0: axis, radius at the start · 1: start, slope k of the radius · 2: power, length · then, where
+    present, (w × e, w·e) for a shared ray origin · (end normal, its distance from the origin) · (offset, total, entry,
+    0). Beams that move, at shutter open, and again at shutter close: start, radius · end, radius · power, 0 · then,
+    where present, (end normal, 0) · (offset, total, entry, 0).
     """
 
     data: Any
@@ -54,10 +58,27 @@ class Packed:
     caps: bool
     path: bool
     count: int
+    moving: bool = False
 
 
-def pack(beams: Beams, origin: Any, shared: bool) -> Packed:
-    """Pack beams relative to `origin`, which is the origin of all rays where `shared` is true."""
+def pack(beams: Beams, origin: Any, shared: bool, close: Beams | None = None) -> Packed:
+    """Pack beams relative to `origin`, which is the origin of all rays where `shared` is true.
+
+    `close` are the same beams at shutter close, where they move; of what they have, both have it.
+    """
+    caps = beams.end_normal is not None
+    path = any(value is not None for value in (beams.offset, beams.total, beams.entry))
+    packets = _at_rest(beams, origin, shared) if close is None else _ends(beams, origin) + _ends(close, origin)
+    count, groups = len(beams), len(packets)
+    data = dr.zeros(Float, count * groups * 4)
+    place = dr.arange(UInt32, count) * groups
+    for number, (vector, scalar) in enumerate(packets):
+        dr.scatter(data, Array4f(vector.x, vector.y, vector.z, scalar), place + number)
+    dr.eval(data)
+    return Packed(data, groups, origin, shared and close is None, caps, path, count, close is not None)
+
+
+def _at_rest(beams: Beams, origin: Any, shared: bool) -> list[tuple[Any, Any]]:
     start, end = beams.start - origin, beams.end - origin
     axis = end - start
     length = dr.norm(axis)
@@ -68,19 +89,29 @@ def pack(beams: Beams, origin: Any, shared: bool) -> Packed:
         packets.append((dr.cross(axis, start), dr.dot(axis, start)))
     if beams.end_normal is not None:
         packets.append((beams.end_normal, dr.dot(beams.end_normal, end)))
-    path = any(value is not None for value in (beams.offset, beams.total, beams.entry))
-    if path:
-        offset = beams.offset if beams.offset is not None else dr.zeros(Float, len(beams))
-        total = beams.total if beams.total is not None else offset + length
-        entry = beams.entry if beams.entry is not None else dr.zeros(Float, len(beams))
-        packets.append((Array3f(offset, total, entry), dr.zeros(Float, len(beams))))
-    count, groups = len(beams), len(packets)
-    data = dr.zeros(Float, count * groups * 4)
-    place = dr.arange(UInt32, count) * groups
-    for number, (vector, scalar) in enumerate(packets):
-        dr.scatter(data, Array4f(vector.x, vector.y, vector.z, scalar), place + number)
-    dr.eval(data)
-    return Packed(data, groups, origin, shared, beams.end_normal is not None, path, count)
+    return packets + _path(beams, length)
+
+
+def _ends(beams: Beams, origin: Any) -> list[tuple[Any, Any]]:
+    nothing = dr.zeros(Float, len(beams))
+    packets = [
+        (beams.start - origin, beams.radius_start),
+        (beams.end - origin, beams.radius_end),
+        (beams.power, nothing),
+    ]
+    if beams.end_normal is not None:
+        packets.append((beams.end_normal, nothing))
+    return packets + _path(beams, dr.norm(beams.end - beams.start))
+
+
+def _path(beams: Beams, length: Any) -> list[tuple[Any, Any]]:
+    if beams.offset is None and beams.total is None and beams.entry is None:
+        return []
+    nothing = dr.zeros(Float, len(beams))
+    offset = beams.offset if beams.offset is not None else nothing
+    total = beams.total if beams.total is not None else offset + length
+    entry = beams.entry if beams.entry is not None else nothing
+    return [(Array3f(offset, total, entry), nothing)]
 
 
 @dataclass
@@ -133,10 +164,38 @@ class Record:
         return self.length if self.cap is None else self.length + dr.fma(self.slope, self.length, self.radius)
 
 
-def load(packed: Packed, number: Any) -> Record:
-    """Gather the beams of these numbers."""
+def load(packed: Packed, number: Any, time: Any = None) -> Record:
+    """Gather the beams of these numbers, as they are at a time of the shutter."""
     base = number * packed.groups
     packets = [dr.gather(Array4f, packed.data, base + group) for group in range(packed.groups)]
+    record = _moved(packets, packed, time) if packed.moving else _loaded(packets, packed)
+    record.inv_total = dr.rcp(record.total)  # once a beam, not once a ray
+    return record
+
+
+def _moved(packets: list[Any], packed: Packed, time: Any) -> Record:
+    half = len(packets) // 2
+    at = [dr.lerp(first, last, time) for first, last in zip(packets[:half], packets[half:], strict=True)]
+    start, end = at[0].xyz, at[1].xyz
+    axis = end - start
+    squared = dr.maximum(dr.squared_norm(axis), _SHORTEST * _SHORTEST)
+    inv = dr.rsqrt(squared)
+    axis *= inv
+    record = Record(
+        axis=axis, radius=at[0].w, start=start, slope=(at[1].w - at[0].w) * inv,
+        power=at[2].xyz, length=squared * inv, inv_total=None,
+    )  # fmt: skip
+    rest = at[3:]
+    if packed.caps:
+        record.cap = dr.normalize(rest[0].xyz)
+        record.cap_offset = dr.dot(record.cap, end)
+        rest = rest[1:]
+    if packed.path:
+        record.path = rest[0].xyz
+    return record
+
+
+def _loaded(packets: list[Any], packed: Packed) -> Record:
     record = Record(
         axis=packets[0].xyz, radius=packets[0].w, start=packets[1].xyz, slope=packets[1].w,
         power=packets[2].xyz, length=packets[2].w, inv_total=None,
@@ -150,7 +209,6 @@ def load(packed: Packed, number: Any) -> Record:
         rest = rest[1:]
     if packed.path:
         record.path = rest[0].xyz
-    record.inv_total = dr.rcp(record.total)  # once a beam, not once a ray
     return record
 
 

@@ -16,7 +16,7 @@ from ..device import Array3f, Bool, Float, UInt32
 from ..looks import Look
 from ..scene import Medium
 from .billboard import billboard_sum
-from .estimate import ENDLESS, check_estimator, reach
+from .estimate import ENDLESS, check_estimator, check_motion, reach
 from .frustum import Points, frustum_sum
 from .geometry import Packed, Rays, pack
 from .tiles import TILE, Bins, Lists, Projection, footprints
@@ -31,17 +31,23 @@ _ENTRIES = 1 << 24
 
 @dataclass
 class PixelRays:
-    """One ray a pixel, row by row from the top left: `origin` is one point for all, or (W · H, 3)."""
+    """One ray a pixel, row by row from the top left: `origin` is one point for all, or (W · H, 3).
+
+    `lanes` are origins and times (0 to 1 over the shutter) that groups of pixels share, (lanes(view), 3) and
+    (lanes(view),), where the lens is wide or anything moves; `lane_of` tells a pixel's group. `origin` repeats them.
+    """
 
     origin: Any
     direction: Any  # (W · H, 3), unit length
+    facing: Any  # (W · H,) planar depth per unit of t
     t_max: Any  # (W · H,)
     t_min: Any  # (W · H,)
+    lanes: tuple[Any, Any] | None = None
 
     @property
     def shared_origin(self) -> bool:
-        """Whether all rays start at one point."""
-        return dr.width(self.origin) == 1
+        """Whether all rays start at one point, at one time."""
+        return dr.width(self.origin) == 1 and self.lanes is None
 
 
 @dataclass
@@ -62,16 +68,18 @@ def estimate_image(
     medium: Medium | None,
     estimator: str = "auto",
     points: Points,
+    close: Beams | None = None,
 ) -> Estimate:
     """Return the radiance of beams toward every pixel; the same numbers as `estimate`, to float32 rounding."""
     check_estimator(estimator)
+    check_motion(beams, close, rays.lanes)
     result = Estimate(dr.zeros(Array3f, view.width * view.height))
     if len(beams) == 0:
         return result
-    bound = look.bind(medium, reach(beams))
+    bound = look.bind(medium, reach(beams, close))
     shared = rays.shared_origin
-    packed = pack(beams, rays.origin if shared else view.origin, shared)
-    marks, depth = footprints(beams, view), tile_depth(view, rays)
+    packed = pack(beams, rays.origin if shared else view.origin, shared, close)
+    marks, depth = footprints(beams, view, close), tile_depth(view, rays)
     for bins in _batches(marks, view, depth):
         lists = bins.lists()
         if lists.entries == 0:
@@ -105,7 +113,7 @@ def tile_depth(view: Projection, rays: PixelRays) -> Any:
     pixel = dr.arange(UInt32, view.width * view.height)
     width, columns = dr.opaque(UInt32, view.width), dr.opaque(UInt32, view.columns)
     tile = (pixel // width) // TILE * columns + (pixel % width) // TILE
-    depth = dr.minimum(rays.t_max, ENDLESS) * dr.dot(rays.direction, view.forward)
+    depth = dr.minimum(rays.t_max, ENDLESS) * rays.facing
     result = dr.zeros(Float, view.tiles)
     dr.scatter_reduce(dr.ReduceOp.Max, result, depth, tile)
     dr.eval(result)
@@ -124,9 +132,10 @@ class _Lanes:
 
     def __init__(self, view: Projection, count: int) -> None:
         per_tile = TILE * TILE // count
-        lane = dr.arange(UInt32, view.tiles * per_tile)
-        self.tile, local = lane // per_tile, lane % per_tile
+        self.number = dr.arange(UInt32, view.tiles * per_tile)
+        self.tile, local = self.number // per_tile, self.number % per_tile
         self._block, self._place = local // _BLOCK * count, local % _BLOCK
+        self.group = self._block // PIXELS * _BLOCK + self._place
         self._width, self._height = dr.opaque(UInt32, view.width), dr.opaque(UInt32, view.height)
         self._columns = dr.opaque(UInt32, view.columns)
 
@@ -138,25 +147,46 @@ class _Lanes:
         return y * self._width + x, (x < self._width) & (y < self._height)
 
 
-def _lane_rays(rays: PixelRays, view: Projection, pixel: Any, inside: Any) -> Rays:
-    shared = rays.shared_origin
+def lanes(view: Projection) -> int:
+    """Return how many groups of pixels there are that share an origin and a time: those of the billboard's lanes."""
+    return view.tiles * (TILE * TILE // PIXELS)
+
+
+def lane_of(x: Any, y: Any, columns: Any) -> Any:
+    """Return the group of the pixel (x, y), in a picture that is `columns` tiles wide.
+
+    The pixels of a group lie four apart: of 4 × 4 neighbours each belongs to another.
+    """
+    block = y % TILE // _BLOCK_HEIGHT * _BLOCKS_ACROSS + x % TILE // _BLOCK_WIDTH
+    place = y % _BLOCK_HEIGHT * _BLOCK_WIDTH + x % _BLOCK_WIDTH
+    return (y // TILE * columns + x // TILE) * (TILE * TILE // PIXELS) + block // PIXELS * _BLOCK + place
+
+
+def _lane_rays(rays: PixelRays, view: Projection, pixel: Any, inside: Any, lane: Any) -> Rays:
+    """Return a lane's ray through a pixel; `lane` is its group."""
+    origin, time = None, None
+    if rays.lanes is not None:
+        origin, time = dr.gather(Array3f, rays.lanes[0], lane), dr.gather(Float, rays.lanes[1], lane)
+    if view.orthographic:
+        origin = dr.gather(Array3f, rays.origin, pixel, inside)
     # Outside of the picture t_max = 0: such a ray meets nothing.
     return Rays(
-        None if shared else dr.gather(Array3f, rays.origin, pixel, inside) - view.origin,
+        None if rays.shared_origin else origin - view.origin,
         dr.gather(Array3f, rays.direction, pixel, inside),
         dr.gather(Float, rays.t_max, pixel, inside),
         dr.gather(Float, rays.t_min, pixel, inside),
-        shared,
+        rays.shared_origin,
+        time,
     )
 
 
 def _billboards(lists: Lists, view: Projection, rays: PixelRays, packed: Packed, look: Any, flags: Any) -> Any:
-    lanes = _Lanes(view, PIXELS)
-    pixels = [lanes.pixel(number) for number in range(PIXELS)]
+    lane = _Lanes(view, PIXELS)
+    pixels = [lane.pixel(number) for number in range(PIXELS)]
     radiance = billboard_sum(
-        [_lane_rays(rays, view, *pixel) for pixel in pixels],
-        dr.gather(UInt32, lists.first, lanes.tile),
-        dr.gather(UInt32, lists.stop, lanes.tile),
+        [_lane_rays(rays, view, *pixel, lane.number) for pixel in pixels],
+        dr.gather(UInt32, lists.first, lane.tile),
+        dr.gather(UInt32, lists.stop, lane.tile),
         lambda i: dr.gather(UInt32, lists.beams, i),
         packed,
         look,
@@ -175,12 +205,12 @@ def _billboards(lists: Lists, view: Projection, rays: PixelRays, packed: Packed,
 def _frustums(
     lists: Lists, view: Projection, rays: PixelRays, packed: Packed, look: Any, points: Points, blended: bool
 ) -> Any:
-    lanes = _Lanes(view, 1)
-    pixel, inside = lanes.pixel(0)
+    lane = _Lanes(view, 1)
+    pixel, inside = lane.pixel(0)
     radiance = frustum_sum(
-        _lane_rays(rays, view, pixel, inside),
-        dr.gather(UInt32, lists.first, lanes.tile),
-        dr.gather(UInt32, lists.stop, lanes.tile),
+        _lane_rays(rays, view, pixel, inside, lane.tile * (TILE * TILE // PIXELS) + lane.group),
+        dr.gather(UInt32, lists.first, lane.tile),
+        dr.gather(UInt32, lists.stop, lane.tile),
         lambda i: dr.gather(UInt32, lists.beams, i),
         packed,
         look,

@@ -11,13 +11,12 @@ counts in its own cells, so that no two threads race for a slot.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import drjit as dr
-import numpy as np
 
 from ..beams import Beams
-from ..device import Array3f, Array4f, Bool, Float, Int32, UInt32
+from ..device import Array2f, Array3f, Array4f, Bool, Float, Int32, UInt32
 
 #: Width and height of a tile in pixels.
 TILE = 16
@@ -25,8 +24,25 @@ TILE = 16
 # Lanes that bin; the cells they count in take 4 · LANES bytes a tile.
 _LANES = 1024
 
+_FAR = 1e30
+
 # Beams are clipped this many radii before the camera plane, where a disc's picture is still an ellipse.
 _CLIP = 1.25
+
+
+@dataclass
+class Pose:
+    """Where a camera is: its position and its unit vectors, world space (Dr.Jit, opaque)."""
+
+    origin: Any
+    right: Any
+    up: Any
+    forward: Any
+
+    def to_camera(self, point: Any) -> Any:
+        """Return x right, y up, z forward of a world point."""
+        q = point - self.origin
+        return Array3f(dr.dot(q, self.right), dr.dot(q, self.up), dr.dot(q, self.forward))
 
 
 @dataclass
@@ -35,8 +51,9 @@ class Projection:
 
     Attributes
     ----------
-    origin, right, up, forward
-        Camera position and unit vectors, world space (Dr.Jit, opaque).
+    poses
+        Where the camera is: once, or at shutter open and at shutter close. In between what is at rest moves linearly
+        through camera space.
     scale
         Pixels per unit of slope (perspective), or per scene unit (orthographic), along x and along y.
     center
@@ -45,12 +62,11 @@ class Projection:
         Image size in pixels.
     edge_x, edge_y
         Greatest |x/z| and |y/z| in the picture (perspective).
+    lens
+        Radius of the lens and the distance at which it is in focus (opaque); None for a pinhole.
     """
 
-    origin: Any
-    right: Any
-    up: Any
-    forward: Any
+    poses: tuple[Pose, ...]
     scale: tuple[Any, Any]
     center: tuple[Any, Any]
     width: int
@@ -58,6 +74,12 @@ class Projection:
     orthographic: bool
     edge_x: float = 0.0
     edge_y: float = 0.0
+    lens: tuple[Any, Any] | None = None
+
+    @property
+    def origin(self) -> Any:
+        """Position of the camera, at shutter open where it moves."""
+        return self.poses[0].origin
 
     @property
     def columns(self) -> int:
@@ -74,11 +96,6 @@ class Projection:
         """Number of tiles."""
         return self.columns * self.rows
 
-    def to_camera(self, point: Any) -> Any:
-        """Return x right, y up, z forward of a world point."""
-        q = point - self.origin
-        return Array3f(dr.dot(q, self.right), dr.dot(q, self.up), dr.dot(q, self.forward))
-
 
 @dataclass
 class Footprints:
@@ -88,30 +105,33 @@ class Footprints:
     count: int
 
 
-def footprints(beams: Beams, view: Projection) -> Footprints:
-    """Project beams to the screen."""
-    start, end = view.to_camera(beams.start), view.to_camera(beams.end)
-    r0, r1 = beams.radius_start, beams.radius_end
-    if beams.end_normal is not None:  # the rim may reach past the end by a radius
-        axis = dr.normalize(end - start)
-        slope = (r1 - r0) / dr.norm(end - start)
-        end, r1 = end + axis * r1, r1 + dr.maximum(slope, 0) * r1
-    if view.orthographic:
-        near, visible = dr.full(Bool, False, len(beams)), dr.full(Bool, True, len(beams))
-    else:
-        near, visible, start, end, r0, r1 = _clip(start, end, r0, r1, view)
-    z0, z1 = (Float(1), Float(1)) if view.orthographic else (dr.rcp(start.z), dr.rcp(end.z))
-    stretch_x, stretch_y = (1.0, 1.0) if view.orthographic else (_stretch(view.edge_x), _stretch(view.edge_y))
-    (sx, sy), (cx, cy) = view.scale, view.center
+class _Cone(NamedTuple):
+    """A beam in camera space at one time of the shutter."""
+
+    start: Any
+    end: Any
+    radius_start: Any
+    radius_end: Any
+
+
+def footprints(beams: Beams, view: Projection, close: Beams | None = None) -> Footprints:
+    """Project beams to the screen, widened by the lens and by all motion over the shutter.
+
+    At any time a beam's two ends are convex combinations of where they are in camera space with the camera and the
+    beams at shutter open and at shutter close. So the box around an end's discs at those times, and the hull of both
+    ends' boxes, hold the beam at all times.
+    """
+    cones = [_cone(each, pose) for pose in view.poses for each in (beams, close) if each is not None]
+    near, visible, limit = _nearness(cones, view)
+    starts = _Box.around(_clipped(cones, limit, view), view)
+    ends = _Box.around(_clipped([_Cone(b, a, rb, ra) for a, b, ra, rb in cones], limit, view), view)
+    widest = cones[0].radius_start
+    for cone in cones:
+        widest = dr.maximum(widest, dr.maximum(cone.radius_start, cone.radius_end))
     packets = (
-        Array4f(cx + sx * start.x * z0, cy - sy * start.y * z0, cx + sx * end.x * z1, cy - sy * end.y * z1),
-        Array4f(
-            *(dr.abs(s) * r * z * k for r, z in ((r0, z0), (r1, z1)) for s, k in ((sx, stretch_x), (sy, stretch_y)))
-        ),
-        # Depth is compared by a number that is linear on the screen: 1/z in perspective, −z in parallel projection.
-        Array4f(
-            _key(start.z, view), _key(end.z, view), dr.maximum(r0, r1), dr.select(near, 1, dr.select(visible, 0, -1))
-        ),
+        Array4f(starts.x, starts.y, ends.x, ends.y),
+        Array4f(starts.half_x, starts.half_y, ends.half_x, ends.half_y),
+        Array4f(starts.key, ends.key, widest, dr.select(near, 1, dr.select(visible, 0, -1))),
     )
     data = dr.zeros(Float, len(beams) * 12)
     for number, packet in enumerate(packets):
@@ -120,38 +140,114 @@ def footprints(beams: Beams, view: Projection) -> Footprints:
     return Footprints(data, len(beams))
 
 
-def _stretch(edge: float) -> float:
-    """Return how much wider than R/z a sphere's picture is at most, inside a picture with this greatest slope."""
-    return float(np.hypot(1.0, edge))
+def _cone(beams: Beams, pose: Pose) -> _Cone:
+    start, end = pose.to_camera(beams.start), pose.to_camera(beams.end)
+    r0, r1 = beams.radius_start, beams.radius_end
+    if beams.end_normal is not None:  # the rim may reach past the end by a radius
+        axis, length = end - start, dr.norm(end - start)
+        axis, slope = axis / length, (r1 - r0) / length
+        end, r1 = end + axis * r1, r1 + dr.maximum(slope, 0) * r1
+    return _Cone(start, end, r0, r1)
+
+
+def _nearness(cones: list[_Cone], view: Projection) -> tuple[Any, Any, Any]:
+    """Return which beams are near, which can be seen at all, and the z at which each is clipped.
+
+    A disc of radius R about a point c behind the clip plane z = ε is seen, in a picture whose corner lies at the angle
+    e, only if √(|c|² − ε²) cos e − ε sin e < R. Beams that come so near are seen everywhere. For what moves, and for
+    rays from all over a lens, R is of a beam at rest that holds all of it.
+    """
+    first = cones[0]
+    largest, moved = dr.maximum(first.radius_start, first.radius_end), Float(0)
+    for cone in cones[1:]:
+        largest = dr.maximum(largest, dr.maximum(cone.radius_start, cone.radius_end))
+        moved = dr.maximum(moved, dr.maximum(dr.norm(cone.start - first.start), dr.norm(cone.end - first.end)))
+    reach = largest + moved + (view.lens[0] if view.lens is not None else 0)
+    limit = dr.maximum(_CLIP * reach, 1e-6)
+    if view.orthographic:
+        count = dr.width(largest)
+        return dr.full(Bool, False, count), dr.full(Bool, True, count), limit
+    axis = first.end - first.start
+    where = dr.clip(-dr.dot(first.start, axis) / dr.maximum(dr.squared_norm(axis), 1e-20), 0, 1)
+    distance = dr.norm(first.start + axis * where)
+    edge_x, edge_y = _edges(view)
+    corner = dr.sqrt(1 + edge_x * edge_x + edge_y * edge_y)
+    nearest, farthest = first.start.z, first.start.z
+    for cone in cones:
+        nearest = dr.minimum(nearest, dr.minimum(cone.start.z, cone.end.z))
+        farthest = dr.maximum(farthest, dr.maximum(cone.start.z, cone.end.z))
+    near = (nearest < limit) & (distance < (_CLIP + (1 + _CLIP) * corner) * reach)
+    return near, near | (farthest > limit), limit
+
+
+def _edges(view: Projection) -> tuple[Any, Any]:
+    """Return the greatest |x/z| and |y/z| of rays: from the lens' rim they lean farther out than through a pinhole."""
+    lean = view.lens[0] / view.lens[1] if view.lens is not None else Float(0)
+    return view.edge_x + lean, view.edge_y + lean
+
+
+def _clipped(cones: list[_Cone], limit: Any, view: Projection) -> list[tuple[Any, Any, Any]]:
+    """Return centre, radius and validity of the discs whose hull holds the cones' starts, before the clip plane.
+
+    A start behind that plane is replaced by where the lines from it to all other corners of the hull pass the plane.
+    """
+    if view.orthographic:
+        return [(cone.start, cone.radius_start, Bool(True)) for cone in cones]
+    discs = []
+    for cone in cones:
+        start, radius = cone.start, cone.radius_start
+        others = [(other.end, other.radius_end) for other in cones]
+        others += [(other.start, other.radius_start) for other in cones if other is not cone]
+        behind = start.z < limit
+        for corner, corner_radius in others:
+            dz = corner.z - start.z
+            cut = dr.select(behind, dr.clip((limit - start.z) / dr.select(dz == 0, 1, dz), 0, 1), 0)
+            place = start + (corner - start) * cut
+            place.z = dr.maximum(place.z, limit)
+            discs.append((place, dr.lerp(radius, corner_radius, cut), ~behind | (corner.z > limit)))
+    return discs
+
+
+class _Box(NamedTuple):
+    """Screen box of discs: centre and half extents in pixels, and the key of the nearest depth."""
+
+    x: Any
+    y: Any
+    half_x: Any
+    half_y: Any
+    key: Any
+
+    @classmethod
+    def around(cls, discs: list[tuple[Any, Any, Any]], view: Projection) -> _Box:
+        """Return the box of all valid discs; of a beam that has none, which is not seen, it means nothing."""
+        low, high, key = Array2f(_FAR), Array2f(-_FAR), Float(-_FAR)
+        for place, radius, valid in discs:
+            center, half = _disc(place, radius, view)
+            low = dr.select(valid, dr.minimum(low, center - half), low)
+            high = dr.select(valid, dr.maximum(high, center + half), high)
+            key = dr.select(valid, dr.maximum(key, _key(place.z, view)), key)
+        middle, extent = 0.5 * (low + high), 0.5 * (high - low)
+        return cls(middle.x, middle.y, extent.x, extent.y, key)
+
+
+def _disc(place: Any, radius: Any, view: Projection) -> tuple[Any, Any]:
+    """Return centre and half extents in pixels of a disc, out of focus as it may be."""
+    (sx, sy), (cx, cy) = view.scale, view.center
+    z = Float(1) if view.orthographic else dr.rcp(place.z)
+    center = Array2f(cx + sx * place.x * z, cy - sy * place.y * z)
+    if view.orthographic:
+        return center, Array2f(dr.abs(sx) * radius, dr.abs(sy) * radius)
+    # A sphere's picture is wider than R/z by this at most, inside a picture with this greatest slope.
+    edge_x, edge_y = _edges(view)
+    half = Array2f(dr.sqrt(1 + edge_x * edge_x), dr.sqrt(1 + edge_y * edge_y)) * (radius * z)
+    if view.lens is not None:
+        half += view.lens[0] * dr.abs(z - dr.rcp(view.lens[1]))
+    return center, half * Array2f(dr.abs(sx), dr.abs(sy))
 
 
 def _key(z: Any, view: Projection) -> Any:
+    # Depth is compared by a number that is linear on the screen: 1/z in perspective, −z in parallel projection.
     return -z if view.orthographic else dr.rcp(z)
-
-
-def _clip(start: Any, end: Any, r0: Any, r1: Any, view: Projection) -> tuple[Any, ...]:
-    """Clip beams to the half space before the camera; tell which are near, and which can be seen at all.
-
-    A disc of radius R about a point c behind the clip plane z = ε is seen, in a picture whose corner lies at the angle
-    e, only if √(|c|² − ε²) cos e − ε sin e < R. Beams that come so near are seen everywhere.
-    """
-    largest = dr.maximum(r0, r1)
-    limit = dr.maximum(_CLIP * largest, 1e-6)
-    axis = end - start
-    where = dr.clip(-dr.dot(start, axis) / dr.maximum(dr.squared_norm(axis), 1e-20), 0, 1)
-    distance = dr.norm(start + axis * where)
-    corner = float(np.sqrt(1 + view.edge_x**2 + view.edge_y**2))
-    behind = dr.minimum(start.z, end.z) < limit
-    near = behind & (distance < (_CLIP + (1 + _CLIP) * corner) * largest)
-    visible = near | (dr.maximum(start.z, end.z) > limit)
-    dz = dr.select(axis.z == 0, 1, axis.z)
-    cut = dr.clip((limit - start.z) / dz, 0, 1)
-    radius, middle = dr.lerp(r0, r1, cut), start + axis * cut
-    cut_start, cut_end = start.z < limit, end.z < limit
-    start, r0 = dr.select(cut_start, middle, start), dr.select(cut_start, radius, r0)
-    end, r1 = dr.select(cut_end, middle, end), dr.select(cut_end, radius, r1)
-    start.z, end.z = dr.maximum(start.z, limit), dr.maximum(end.z, limit)
-    return near, visible, start, end, r0, r1
 
 
 @dr.syntax

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import drjit as dr
 import numpy as np
 
 from .. import scene
-from ..device import Array3f, Float, UInt32
-from ..estimators.tiles import Projection
+from ..device import Array2f, Array3f, Float, UInt32
+from ..estimators.image import lane_of, lanes
+from ..estimators.tiles import Pose, Projection
+from ..simulation.sampling import disk
 
 
 @dataclass(frozen=True)
@@ -32,13 +35,34 @@ class Window:
         return self.crop[3] - self.crop[1], self.crop[2] - self.crop[0]
 
 
+class CameraRays(NamedTuple):
+    """A ray a pixel: origins (1 or W · H), unit directions, planar depth per unit of t, and what groups share.
+
+    `lanes` are the origins and times of those groups (`estimators.image.lane_of`), where there is a lens or motion.
+    """
+
+    origin: Any
+    direction: Any
+    facing: Any
+    lanes: tuple[Any, Any] | None = None
+
+
 class View:
     """A camera that looks at a window: its rays and its projection. All its numbers are opaque to kernels.
 
     Where the picture's aspect is not the aperture's, the aperture is expanded, as UsdRenderSettings does by default.
+
+    Parameters
+    ----------
+    camera, window
+        The camera, and the picture's size.
+    close
+        The camera at the end of the time that is looked at, where it moves; its lens is that of `camera`. In between,
+        its transform from world to camera space is interpolated linearly, so that what is at rest moves linearly
+        through the picture's space, and tiles know where.
     """
 
-    def __init__(self, camera: scene.Camera, window: Window) -> None:
+    def __init__(self, camera: scene.Camera, window: Window, close: scene.Camera | None = None) -> None:
         self.camera, self.window = camera, window
         aspect = window.width / window.height
         apertures = max(camera.horizontal_aperture, camera.vertical_aperture * aspect)
@@ -49,14 +73,10 @@ class View:
         center = np.array([window.width, window.height]) / 2 + np.array([-1, 1]) * offset
         center = center - np.array(window.crop[:2])
         height, width = window.shape
-        matrix = np.asarray(camera.to_world, dtype=np.float64)
         corners = np.abs(np.array([[0, 0], [width, height]]) - center) / scale
         edge_x, edge_y = corners.max(axis=0).tolist()
         self.projection = Projection(
-            origin=_opaque(matrix[:3, 3]),
-            right=_opaque(matrix[:3, 0]),
-            up=_opaque(matrix[:3, 1]),
-            forward=_opaque(-matrix[:3, 2]),
+            poses=tuple(_pose(each) for each in (camera, close) if each is not None),
             scale=(dr.opaque(Float, scale[0]), dr.opaque(Float, scale[1])),
             center=(dr.opaque(Float, center[0]), dr.opaque(Float, center[1])),
             width=width,
@@ -64,12 +84,50 @@ class View:
             orthographic=camera.orthographic,
             edge_x=edge_x,
             edge_y=edge_y,
+            lens=_lens(camera),
         )
 
-    def rays(self, offset: tuple[float, float]) -> tuple[Any, Any]:
-        """Return origins (1 or W · H) and unit directions (W · H) through each pixel at `offset` in [0, 1)²."""
-        x, y = self.pixels()
-        return self._through(Float(x) + dr.opaque(Float, offset[0]), Float(y) + dr.opaque(Float, offset[1]))
+    @property
+    def film(self) -> bool:
+        """Whether rays have a place on a lens, or a time."""
+        return self.projection.lens is not None or len(self.projection.poses) > 1
+
+    def rays(self, offset: tuple[float, float], sample: Callable[[Any], tuple[Any, Any]] | None = None) -> CameraRays:
+        """Return a ray through each pixel at `offset` in [0, 1)².
+
+        `sample` gives groups of pixels, by their numbers, a place in the unit square for the lens and a time in [0, 1]:
+        it is asked where there is a lens or motion (of the camera, or of anything else, as its giver knows).
+        """
+        (column, row), view = self.pixels(), self.projection
+        x, y = Float(column) + dr.opaque(Float, offset[0]), Float(row) + dr.opaque(Float, offset[1])
+        if sample is None:
+            origin, direction = self._through(x, y)
+            return CameraRays(origin, direction, self._facing(direction))
+        numbers = dr.arange(UInt32, lanes(view))
+        own, time = self._film(Float(view.center[0]), Float(view.center[1]), *sample(numbers))[0], sample(numbers)[1]
+        own, time = own + dr.zeros(Array3f, lanes(view)), time + dr.zeros(Float, lanes(view))
+        group = lane_of(column, row, dr.opaque(UInt32, view.columns))
+        origin, direction, facing = self._film(x, y, *sample(group))
+        dr.eval(own, time, origin, direction, facing)
+        return CameraRays(origin, direction, facing, (own, time))
+
+    def _film(self, x: Any, y: Any, square: Any, time: Any) -> tuple[Any, Any, Any]:
+        """Return origin, direction and planar depth per unit of t of rays that have a place on the lens and a time."""
+        view = self.projection
+        right, up = (x - view.center[0]) / view.scale[0], (view.center[1] - y) / view.scale[1]
+        place, toward = Array3f(0), Array3f(right, up, 1)
+        if view.orthographic:
+            place, toward = Array3f(right, up, 0), Array3f(0, 0, 1)
+        elif view.lens is not None:
+            radius, focus = view.lens
+            on_lens = disk(Array2f(square)) * radius
+            place = Array3f(on_lens.x, on_lens.y, 0)
+            toward -= place / focus
+        origin, columns = _inverse(view.poses, time)
+        origin = origin + columns[0] * place.x + columns[1] * place.y + columns[2] * place.z
+        direction = columns[0] * toward.x + columns[1] * toward.y + columns[2] * toward.z
+        inv = dr.rsqrt(dr.squared_norm(direction))
+        return origin, direction * inv, inv
 
     def pixels(self) -> tuple[Any, Any]:
         """Return column and row of each pixel of the window, row by row."""
@@ -86,20 +144,21 @@ class View:
         return self._through(x, y)
 
     def _through(self, x: Any, y: Any) -> tuple[Any, Any]:
-        view = self.projection
+        view, pose = self.projection, self.projection.poses[0]
         right = (x - view.center[0]) / view.scale[0]
         up = (view.center[1] - y) / view.scale[1]
         if view.orthographic:
-            origin = view.origin + view.right * right + view.up * up
-            direction = view.forward + 0 * origin
+            origin = pose.origin + pose.right * right + pose.up * up
+            direction = pose.forward + 0 * origin
         else:
-            origin, direction = view.origin, dr.normalize(view.right * right + view.up * up + view.forward)
+            origin, direction = pose.origin, dr.normalize(pose.right * right + pose.up * up + pose.forward)
         dr.eval(origin, direction)
         return origin, direction
 
-    def planar_depth(self, direction: Any, t: Any) -> Any:
-        """Return the distance along the optical axis of the point at ray parameter t."""
-        return t * dr.dot(direction, self.projection.forward)
+    def _facing(self, direction: Any) -> Any:
+        facing = dr.dot(direction, self.projection.poses[0].forward)
+        dr.eval(facing)
+        return facing
 
     def matrices(self) -> dict[str, np.ndarray]:
         """Return worldToCamera and worldToNDC for row vectors, as EXR headers have them."""
@@ -119,6 +178,35 @@ class View:
             project[3, 2] = -1
         screen = np.array([[0.5, 0, 0, 0.5], [0, 0.5, 0, 0.5], [0, 0, 1, 0], [0, 0, 0, 1]])
         return {"worldToCamera": world.T, "worldToNDC": (screen @ project @ world).T}
+
+
+def _pose(camera: scene.Camera) -> Pose:
+    matrix = np.asarray(camera.to_world, dtype=np.float64)
+    return Pose(_opaque(matrix[:3, 3]), _opaque(matrix[:3, 0]), _opaque(matrix[:3, 1]), _opaque(-matrix[:3, 2]))
+
+
+def _lens(camera: scene.Camera) -> tuple[Any, Any] | None:
+    if camera.orthographic or camera.lens_radius == 0:
+        return None
+    return dr.opaque(Float, camera.lens_radius), dr.opaque(Float, camera.focus_distance)
+
+
+def _inverse(poses: tuple[Pose, ...], time: Any) -> tuple[Any, list[Any]]:
+    """Return the position of the camera at a time, and the columns of its transform from camera to world space."""
+    first = poses[0]
+    if len(poses) == 1:
+        return first.origin, [first.right, first.up, first.forward]
+    last = poses[1]
+    rows = [
+        dr.lerp(a, b, time) for a, b in ((first.right, last.right), (first.up, last.up), (first.forward, last.forward))
+    ]
+    # Camera space of a world point p is rows · (p − first origin) − shift.
+    shift = last.origin - first.origin
+    moved = [dr.dot(row, shift) * time for row in (last.right, last.up, last.forward)]
+    crossed = [dr.cross(rows[1], rows[2]), dr.cross(rows[2], rows[0]), dr.cross(rows[0], rows[1])]
+    inv = dr.rcp(dr.dot(rows[0], crossed[0]))
+    columns = [column * inv for column in crossed]
+    return first.origin + columns[0] * moved[0] + columns[1] * moved[1] + columns[2] * moved[2], columns
 
 
 def _opaque(vector: Any) -> Any:

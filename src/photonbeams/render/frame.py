@@ -1,12 +1,16 @@
-"""One frame: the mean of independent passes, each with beams, camera rays and light samples of its own."""
+"""One frame: the mean of independent passes, each with beams, camera rays and light samples of its own.
+
+Where anything moves, each pass looks at its own slice of the shutter. Within a slice all motion is linear: beams are
+traced at its two ends with the same samples, the camera stands at both, and rays have times in between.
+"""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple
 
 import drjit as dr
 import numpy as np
@@ -18,10 +22,10 @@ from ..estimators.frustum import Points
 from ..estimators.image import PixelRays, estimate_image
 from ..looks import Look
 from ..quadrature import Rule
-from ..simulation.sampling import z_order
+from ..simulation.sampling import hash32, pixel_sample, z_order
 from ..simulation.sides import lights_seen
-from ..simulation.trace import trace
-from .camera import View, Window
+from ..simulation.trace import BeamSet, trace
+from .camera import CameraRays, View, Window
 from .surfaces import shade
 from .world import World
 
@@ -98,17 +102,51 @@ class Statistics:
                 self.compile_seconds += entry["backend_time"] / 1e3
 
 
+class Moment(NamedTuple):
+    """A shot at one time: all of it, and its cameras, one for each view."""
+
+    scene: scene.Scene
+    cameras: tuple[scene.Camera, ...]
+
+
+@dataclass(frozen=True)
+class Shutter:
+    """A shot while the shutter is open.
+
+    Attributes
+    ----------
+    at
+        Returns the shot at a fraction of the shutter, from 0 (open) to 1 (close). What is the same object at two times
+        is at rest between them.
+    moving
+        Whether anything moves; `at` is asked for 0 alone where nothing does.
+    """
+
+    at: Callable[[float], Moment]
+    moving: bool = False
+
+    @classmethod
+    def still(cls, description: scene.Scene, *cameras: scene.Camera) -> Shutter:
+        """Return a shot in which nothing moves."""
+        moment = Moment(description, cameras)
+        return cls(lambda _: moment)
+
+
 @dataclass(frozen=True)
 class Picture:
-    """A frame's layers, (H, W, C) float32, by name, and what they took."""
+    """A frame's layers, (H, W, C) float32, by name, for each view, and what they took."""
 
-    layers: dict[str, np.ndarray]
+    views: list[dict[str, np.ndarray]]
     statistics: Statistics
+
+    @property
+    def layers(self) -> dict[str, np.ndarray]:
+        """The layers of the first view."""
+        return self.views[0]
 
 
 def render(
-    description: scene.Scene,
-    camera: scene.Camera,
+    shutter: Shutter,
     window: Window,
     settings: Settings = Settings(),
     progress: Callable[[int, Statistics], None] | None = None,
@@ -117,7 +155,7 @@ def render(
 
     Parameters
     ----------
-    description, camera, window
+    shutter, window
         What is seen, from where, and how large.
     settings
         Passes, estimator, seed.
@@ -129,13 +167,14 @@ def render(
     SceneError
         There is no medium, or nothing that makes beams; a portal has no area; a pass does not fit into memory.
     """
+    description = shutter.at(0.0).scene
     check(description)
     _check_memory(description, window, settings)
     statistics = Statistics()
     begin = time.perf_counter()
     with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
         dr.kernel_history_clear()
-        frame = _Frame(description, View(camera, window), settings, statistics)
+        frame = _Frame(shutter, window, settings, statistics)
         for number in range(settings.passes):
             if progress is not None:
                 progress(number, statistics)
@@ -145,7 +184,7 @@ def render(
                 break
         if progress is not None:
             progress(statistics.passes, statistics)
-        return Picture(frame.layers(), statistics)
+        return Picture(frame.views(), statistics)
 
 
 def check(description: scene.Scene) -> None:
@@ -194,106 +233,180 @@ def _group_layers(description: scene.Scene) -> dict[str, str]:
     return {group: f"beams_{group or 'default'}" for group in sorted(groups)} if groups - {""} else {}
 
 
-class _Frame:
-    """The sums over passes."""
+# Names of samples in seeds.
+_LENS, _TIME = 101, 102
 
-    def __init__(self, description: scene.Scene, view: View, settings: Settings, statistics: Statistics) -> None:
-        self._view, self._settings, self._statistics = view, settings, statistics
+
+class _Frame:
+    """The sums over passes of all views."""
+
+    def __init__(self, shutter: Shutter, window: Window, settings: Settings, statistics: Statistics) -> None:
+        self._shutter, self._window, self._settings, self._statistics = shutter, window, settings, statistics
+        ends = [shutter.at(0.0), shutter.at(1.0)] if shutter.moving else [shutter.at(0.0)]
+        self._eyes = [np.asarray(camera.to_world)[:3, 3] for moment in ends for camera in moment.cameras]
+        self._worlds: list[World] = []
+        self._light_side: frozenset[str] = frozenset()
         with statistics.phase("build"):
-            self._world = World.build(description, [np.asarray(view.camera.to_world)[:3, 3]])
-            self._light_side = lights_seen(self._world, *view.coarse_rays(128, 72))
+            for moment in ends:
+                world = self._world(moment)
+                for camera in moment.cameras:
+                    self._light_side |= lights_seen(world, *View(camera, window).coarse_rays(128, 72))
         self._points = Points(settings.rule)
-        count = view.projection.width * view.projection.height
-        (x, y), (left, top) = view.pixels(), view.window.crop[:2]
-        block = 1 << (settings.passes - 1).bit_length()
-        self._order = z_order(x + dr.opaque(UInt32, left), y + dr.opaque(UInt32, top)) * dr.opaque(UInt32, block)
-        dr.eval(self._order)
-        self._surface, self._transmittance = dr.zeros(Array3f, count), dr.zeros(Array3f, count)
-        self._alpha, self._depth = dr.zeros(Float, count), dr.zeros(Float, count)
-        self._groups: dict[str, Any] = {}
+        self._block = dr.opaque(UInt32, 1 << (settings.passes - 1).bit_length())
+        self._seed = dr.opaque(UInt32, settings.seed & 0xFFFFFFFF)
+        self._description = ends[0].scene
+        self._sums = [_Sums(View(camera, window), self._description) for camera in ends[0].cameras]
         self._default_look = Look()
 
+    def _world(self, moment: Moment) -> World:
+        """Return the world of a moment; of those before it, what is still the same is kept."""
+        for world in self._worlds:
+            if world.description is moment.scene:
+                return world
+        world = World.build(moment.scene, self._eyes, like=self._worlds[-1] if self._worlds else None)
+        self._worlds = [*self._worlds[-2:], world]
+        return world
+
     def add_pass(self, number: int) -> None:
-        """Add pass `number`, which depends on nothing but the scene, the seed and its number."""
-        view, statistics, settings = self._view, self._statistics, self._settings
+        """Add pass `number`, which depends on nothing but the scene, the settings and its number."""
+        statistics, settings = self._statistics, self._settings
+        first, last = _slice(number, settings.passes) if self._shutter.moving else (0.0, 0.0)
+        moments = [self._shutter.at(each) for each in ((first, last) if self._shutter.moving else (first,))]
         with statistics.phase("simulate"):
+            worlds = [self._world(moment) for moment in moments]
             sets = trace(
-                self._world,
+                worlds[0],
                 beams_per_light=settings.beams,
                 pass_index=number,
                 seed=settings.seed,
                 light_side=self._light_side,
                 overlap=settings.overlap * (number + 1) ** SHRINKAGE,
+                close=worlds[1] if len(worlds) > 1 and worlds[1] is not worlds[0] else None,
             )
-            dr.eval([each.beams for each in sets])
-        origin, direction = view.rays(subpixel(number))
-        with statistics.phase("surfaces"):
-            shaded = self._shade(origin, direction, number)
-        rays = self._pixel_rays(origin, direction, shaded.depth)
-        with statistics.phase("beams"):
-            for each in sets:
-                part = estimate_image(
-                    each.beams,
-                    view.projection,
-                    rays,
-                    look=each.look or self._default_look,
-                    medium=self._world.description.medium,
-                    estimator=settings.estimator,
-                    points=self._points,
-                )
-                self._groups[each.group] = self._groups.get(each.group, 0) + part.radiance
-                statistics.tests += part.billboard_tests + part.frustum_tests
-                statistics.beams += len(each.beams)
-            dr.eval(self._groups)
+            dr.eval([(each.beams, each.close) for each in sets])
+            middle = self._world(self._shutter.at(0.5 * (first + last)))
+        statistics.beams += sum(len(each.beams) for each in sets)
+        for eye, sums in enumerate(self._sums):
+            cameras = [moment.cameras[eye] for moment in moments]
+            view = View(cameras[0], self._window, cameras[-1] if cameras[-1] is not cameras[0] else None)
+            film = view.film or any(each.close is not None for each in sets)
+            with statistics.phase("surfaces"):
+                rays = view.rays(subpixel(number), self._samples(number) if film else None)
+                shaded = self._shade(middle, sums.order, rays, number)
+                if number == 0:
+                    sums.depth = self._depth(middle, view, sums) if film else rays.facing * shaded.depth
+                sums.add_surfaces(shaded)
+            pixels = _pixel_rays(middle, rays, shaded.depth)
+            with statistics.phase("beams"):
+                for each in sets:
+                    self._add_beams(each, view, pixels, sums)
+                dr.eval(sums.groups)
         statistics.passes += 1
 
-    def _shade(self, origin: Any, direction: Any, number: int) -> Any:
-        count = dr.width(direction)
-        shaded = shade(
-            self._world, origin, direction, dr.full(Bool, True, count), self._order + dr.opaque(UInt32, number),
-            dr.opaque(UInt32, self._settings.seed & 0xFFFFFFFF),
-        )  # fmt: skip
+    def _samples(self, number: int) -> Callable[[Any], tuple[Any, Any]]:
+        """Return what gives groups of pixels their place on the lens and their time in this pass."""
+        index = dr.opaque(UInt32, number)
+
+        def sample(groups: Any) -> tuple[Any, Any]:
+            place = groups * self._block + index
+            lens = pixel_sample(place, hash32(self._seed, UInt32(_LENS)))
+            return lens, pixel_sample(place, hash32(self._seed, UInt32(_TIME))).x
+
+        return sample
+
+    def _shade(self, world: World, order: Any, rays: CameraRays, number: int) -> Any:
+        always = dr.full(Bool, True, dr.width(rays.direction))
+        index = order * self._block + dr.opaque(UInt32, number)
+        shaded = shade(world, rays.origin, rays.direction, always, index, self._seed)
         dr.eval(shaded)  # apart from the sums, which begin as constants: the first pass would have kernels of its own
-        self._surface += shaded.radiance
-        self._transmittance += shaded.transmittance
-        self._alpha += shaded.alpha
-        if number == 0:  # a mean of depths is the depth of nothing: the first pass looks through pixel centres
-            self._depth = self._view.planar_depth(direction, shaded.depth)
-        dr.eval(self._surface, self._transmittance, self._alpha, self._depth)
         return shaded
 
-    def _pixel_rays(self, origin: Any, direction: Any, depth: Any) -> PixelRays:
-        fog = self._world.fog
-        assert fog is not None  # `check` has seen to it
-        enter, leave, _ = fog.interval(origin, direction)
-        t_max = dr.minimum(dr.minimum(depth, leave), ENDLESS)
-        t_min = dr.minimum(enter, t_max) + 0 * t_max
-        dr.eval(t_max, t_min)
-        return PixelRays(origin, direction, t_max, t_min)
+    def _depth(self, world: World, view: View, sums: _Sums) -> Any:
+        """Return planar depths as a pinhole at shutter open sees them: a blurred depth is the depth of nothing."""
+        sharp = View(replace(view.camera, lens_radius=0.0), self._window).rays(subpixel(0))
+        return sharp.facing * self._shade(world, sums.order, sharp, 0).depth
 
-    def layers(self) -> dict[str, np.ndarray]:
+    def _add_beams(self, each: BeamSet, view: View, pixels: PixelRays, sums: _Sums) -> None:
+        part = estimate_image(
+            each.beams,
+            view.projection,
+            pixels,
+            look=each.look or self._default_look,
+            medium=self._description.medium,
+            estimator=self._settings.estimator,
+            points=self._points,
+            close=each.close,
+        )
+        sums.groups[each.group] = sums.groups.get(each.group, 0) + part.radiance
+        self._statistics.tests += part.billboard_tests + part.frustum_tests
+
+    def views(self) -> list[dict[str, np.ndarray]]:
+        """Return the layers of each view, means over the passes."""
+        return [sums.layers(self._description, max(self._statistics.passes, 1)) for sums in self._sums]
+
+
+class _Sums:
+    """One view's sums over the passes."""
+
+    def __init__(self, view: View, description: scene.Scene) -> None:
+        count = view.projection.width * view.projection.height
+        self._shape = view.window.shape
+        (x, y), (left, top) = view.pixels(), view.window.crop[:2]
+        self.order = z_order(x + dr.opaque(UInt32, left), y + dr.opaque(UInt32, top))
+        self.surface, self.transmittance = dr.zeros(Array3f, count), dr.zeros(Array3f, count)
+        self.alpha, self.depth = dr.zeros(Float, count), dr.zeros(Float, count)
+        self.groups: dict[str, Any] = {}
+        dr.eval(self.order)
+
+    def add_surfaces(self, shaded: Any) -> None:
+        """Add what a pass sees of surfaces."""
+        self.surface += shaded.radiance
+        self.transmittance += shaded.transmittance
+        self.alpha += shaded.alpha
+        dr.eval(self.surface, self.transmittance, self.alpha, self.depth)
+
+    def layers(self, description: scene.Scene, passes: int) -> dict[str, np.ndarray]:
         """Return the layers, means over the passes."""
-        height, width = self._view.window.shape
-        scale = 1 / max(self._statistics.passes, 1)
+        height, width = self._shape
+        scale = np.float32(1 / passes)
 
         def picture(value: Any) -> np.ndarray:
             return np.ascontiguousarray(value.numpy().reshape(-1, height, width).transpose(1, 2, 0))
 
-        groups = {name: picture(self._groups[name]) * np.float32(scale) for name in sorted(self._groups)}
-        surface, alpha = (picture(value) * np.float32(scale) for value in (self._surface, self._alpha))
+        groups = {name: picture(self.groups[name]) * scale for name in sorted(self.groups)}
+        surface, alpha = (picture(value) * scale for value in (self.surface, self.alpha))
         beams = sum(groups.values(), np.zeros_like(surface))
         layers = {
             "rgba": np.concatenate([surface + beams, alpha], axis=2),
             "surface": surface,
             "beams": beams,
-            "transmittance": picture(self._transmittance) * np.float32(scale),
-            "depth": picture(self._depth),
+            "transmittance": picture(self.transmittance) * scale,
+            "depth": picture(self.depth),
         }
-        description = self._world.description
         for group, name in _group_layers(description).items():
             # Black where no beam of the group was in the fog; a group called "default" is one with the unnamed one.
             layers[name] = layers.get(name, 0) + groups.get(group, np.zeros_like(surface))
         return {name: layers[name] for name in layer_names(description)}
+
+
+def _pixel_rays(world: World, rays: CameraRays, depth: Any) -> PixelRays:
+    fog = world.fog
+    assert fog is not None  # `check` has seen to it
+    enter, leave, _ = fog.interval(rays.origin, rays.direction)
+    t_max = dr.minimum(dr.minimum(depth, leave), ENDLESS)
+    t_min = dr.minimum(enter, t_max) + 0 * t_max
+    dr.eval(t_max, t_min)
+    return PixelRays(rays.origin, rays.direction, rays.facing, t_max, t_min, rays.lanes)
+
+
+def _slice(number: int, passes: int) -> tuple[float, float]:
+    """Return the slice of the shutter that a pass looks at.
+
+    The slices come in the order of a van der Corput sequence: what a time limit cuts short still covers the shutter.
+    """
+    inverse = [int(f"{k:032b}"[::-1], 2) for k in range(passes)]
+    rank = sorted(range(passes), key=inverse.__getitem__).index(number)
+    return rank / passes, (rank + 1) / passes
 
 
 def subpixel(number: int) -> tuple[float, float]:

@@ -96,8 +96,8 @@ class World:
     ----------
     description
         The plain numbers that it was built from.
-    surfaces
-        The Mitsuba scene of all surfaces (Embree on the CPU, OptiX on a GPU).
+    meshes, surfaces
+        What is a surface, and the Mitsuba scene of it (Embree on the CPU, OptiX on a GPU).
     sources, portals
         The lights as Dr.Jit sees them, in the order of `description.lights`, and by the name of the light its portal.
     fog
@@ -109,6 +109,7 @@ class World:
     """
 
     description: scene.Scene
+    meshes: tuple[scene.Mesh, ...]
     surfaces: Any
     sources: tuple[Source, ...]
     portals: dict[str, Portal]
@@ -119,29 +120,40 @@ class World:
     glowing: bool
 
     @classmethod
-    def build(cls, description: scene.Scene, viewpoints: Sequence[Any] = ()) -> World:
-        """Build the world of a scene; `viewpoints` are the camera's positions, which the bounds shall contain.
+    def build(cls, description: scene.Scene, viewpoints: Sequence[Any] = (), like: World | None = None) -> World:
+        """Build the world of a scene.
+
+        Parameters
+        ----------
+        description
+            The scene.
+        viewpoints
+            The camera's positions, which the bounds shall contain where the scene does not give its own.
+        like
+            A world of the same shot at another time: what is the same object in both scenes is not built again.
 
         Raises
         ------
         SceneError
             If a portal has no area.
         """
-        center, radius = _bounding_sphere(description, viewpoints)
+        center, radius = description.bounds or _bounding_sphere(description, viewpoints)
         medium = description.medium
         hidden = {light.portal.name for light in description.lights if light.portal is not None}
         hidden |= {medium.mesh.name} if medium is not None and medium.mesh is not None else set()
-        meshes = [mesh for mesh in description.meshes if mesh.name not in hidden and len(mesh.faces)]
+        meshes = tuple(mesh for mesh in description.meshes if mesh.name not in hidden and len(mesh.faces))
+        still = like is not None and _same(meshes, like.meshes)
         return cls(
             description=description,
-            surfaces=_surfaces(meshes),
+            meshes=meshes,
+            surfaces=like.surfaces if like is not None and still else _surfaces(meshes),
             sources=tuple(source(light) for light in description.lights),
             portals={
-                light.name: Portal(light.portal, _shape(light.portal, None, None))
+                light.name: _known_portal(light, like) or Portal(light.portal, _shape(light.portal, None, None))
                 for light in description.lights
                 if light.portal is not None
             },
-            fog=Fog(medium) if medium is not None else None,
+            fog=_fog(medium, like),
             bounds=Bounds(center, radius),
             radius=radius,
             cutouts=any(_cut_out(mesh.material) for mesh in meshes),
@@ -202,6 +214,22 @@ class World:
         state = (0 * origin.x + 0 * direction.x, dr.zeros(UInt32, dr.width(origin)), Bool(active))
         skip, _, _ = dr.while_loop(state, lambda _, layer, going: going & (layer < _LAYERS), passing, label="cutouts")
         return skip
+
+
+def _same(these: Sequence[Any], those: Sequence[Any]) -> bool:
+    return len(these) == len(those) and all(a is b for a, b in zip(these, those, strict=True))
+
+
+def _known_portal(light: scene.Light, like: World | None) -> Portal | None:
+    if like is None:
+        return None
+    return next((like.portals[each.name] for each in like.description.lights if each.portal is light.portal), None)
+
+
+def _fog(medium: scene.Medium | None, like: World | None) -> Fog | None:
+    if medium is None:
+        return None
+    return like.fog if like is not None and like.description.medium is medium else Fog(medium)
 
 
 def _bounding_sphere(description: scene.Scene, viewpoints: Sequence[Any]) -> tuple[np.ndarray, float]:

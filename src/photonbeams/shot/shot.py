@@ -166,7 +166,7 @@ class Shot:
             What `read` returned for the frame, as it is or changed; None reads it.
         """
         from ..render.camera import View, Window
-        from ..render.frame import Settings, render
+        from ..render.frame import Settings, Shutter, render
 
         if passes is not None:
             settings["passes"] = passes
@@ -174,7 +174,7 @@ class Shot:
         window = Window(size[0], size[1], _cropped(size[0], size[1], crop))
         content, camera = self.read(frame) if contents is None else contents
         self.check(content)
-        picture = render(content, camera, window, Settings(**settings), progress)
+        picture = render(Shutter.still(content, camera), window, Settings(**settings), progress)
         metadata = {
             **View(camera, window).matrices(),
             **self._about(frame),

@@ -39,11 +39,20 @@ _PORTAL, _ALL = 0, 1  # names of strata in seeds
 
 
 class BeamSet(NamedTuple):
-    """Beams that share a light group and a look (None: the physical one)."""
+    """Beams that share a light group and a look (None: the physical one), and where they move, at shutter close."""
 
     group: str
     look: Look | None
     beams: Beams
+    close: Beams | None = None
+
+
+class _Moment(NamedTuple):
+    """A light at one time of the shutter, and the world around it."""
+
+    world: World
+    light: scene.Light
+    source: Any
 
 
 class Run(NamedTuple):
@@ -63,11 +72,15 @@ def trace(
     seed: int = 0,
     light_side: Collection[str] = (),
     overlap: float = 1.0,
+    close: World | None = None,
 ) -> list[BeamSet]:
     """Return the beams of one pass, a set for each light that has any, and for each set of drawn beams.
 
     Parameters
     ----------
+    world, close
+        The shot, and the same shot at shutter close where anything in it moves. A light path then has the same samples
+        at both times. What is the same object in both is taken to be at rest.
     beams_per_light
         Light paths a pass, for lights that do not say themselves. A path through a portal is two beams.
     pass_index, seed
@@ -82,34 +95,53 @@ def trace(
     The power of each pass is that of the whole light: frames average over passes.
     """
     sets = []
-    for light, source in zip(world.description.lights, world.sources, strict=True):
+    for moments in _moments(world, close):
+        light = moments[0].light
         count = beams_per_light if light.beam_count is None else light.beam_count
         if not light.emits_beams or count <= 0:
             continue
+        pieces: list[_Piece] = []
         portal = world.portals.get(light.name)
-        pieces: list[Beams] = []
         if portal is not None:
             aside = max(1, round(LIGHT_SIDE * count)) if light.name in light_side else 0
             candidates = count_candidates(portal, count - aside)
-            u, v = _points(light, candidates, pass_index, seed, _PORTAL)
-            emission = emit_through(light, source, portal, world.bounds, u, v, candidates)
-            pieces += _beams(world, source, emission, Run(candidates, pass_index, overlap, HALVINGS), split=True)
+            samples = _points(light, candidates, pass_index, seed, _PORTAL)
+            paths = [_through(moment, samples, candidates) for moment in moments]
+            pieces += _beams(moments, paths, Run(candidates, pass_index, overlap, HALVINGS), split=True)
             count = aside
         if count:
-            u, v = _points(light, count, pass_index, seed, _ALL)
-            emission = emit(light, source, world.bounds, u, v, count)
-            if portal is not None:
-                emission.valid &= ~portal.crosses(emission.origin, emission.direction)
-            pieces += _beams(
-                world,
-                source,
-                emission,
-                Run(count, pass_index, overlap, HALVINGS if portal is None else HALVINGS_ASIDE),
-                split=False,
-            )
+            samples = _points(light, count, pass_index, seed, _ALL)
+            halvings = HALVINGS if portal is None else HALVINGS_ASIDE
+            paths = [_aside(moment, samples, count) for moment in moments]
+            pieces += _beams(moments, paths, Run(count, pass_index, overlap, halvings), split=False)
         if pieces:
-            sets.append(BeamSet(light.group, light.look, _joined(pieces)))
-    return sets + [BeamSet(drawn.group, drawn.look, _drawn(drawn)) for drawn in world.description.drawn]
+            sets.append(BeamSet(light.group, light.look, *(_joined(state) for state in zip(*pieces, strict=True))))
+    return sets + _drawn(world, close)
+
+
+def _moments(world: World, close: World | None) -> list[list[_Moment]]:
+    """Return each light at the times that differ."""
+    result = [[_Moment(world, *pair)] for pair in zip(world.description.lights, world.sources, strict=True)]
+    if close is not None:
+        still = close.surfaces is world.surfaces and close.fog is world.fog
+        later = zip(close.description.lights, close.sources, strict=True)
+        for moments, (light, source) in zip(result, later, strict=True):
+            if not still or light is not moments[0].light:
+                moments.append(_Moment(close, light, source))
+    return result
+
+
+def _through(moment: _Moment, samples: tuple[Array2f, Array2f], count: int) -> Emission:
+    world, light, source = moment
+    return emit_through(light, source, world.portals[light.name], world.bounds, *samples, count)
+
+
+def _aside(moment: _Moment, samples: tuple[Array2f, Array2f], count: int) -> Emission:
+    world, light, source = moment
+    emission = emit(light, source, world.bounds, *samples, count)
+    if light.name in world.portals:
+        emission.valid &= ~world.portals[light.name].crosses(emission.origin, emission.direction)
+    return emission
 
 
 def _points(light: scene.Light, count: int, block: int, seed: int, stratum: int) -> tuple[Array2f, Array2f]:
@@ -121,33 +153,66 @@ def _name_key(name: str) -> int:
     return zlib.crc32(name.encode())
 
 
-def _beams(world: World, source: Any, emission: Emission, run: Run, split: bool) -> list[Beams]:
+# Beams at each of the times: one, or shutter open and shutter close.
+_Piece = list[Beams]
+
+
+def _beams(moments: list[_Moment], paths: list[Emission], run: Run, split: bool) -> list[_Piece]:
     """Return the beams of light paths: to the first surface, inside the fog, cut at the portal."""
-    alive = emission.valid & (dr.max(emission.flux) > 0)
-    seed = hash32(dr.arange(UInt32, dr.width(emission.origin)), dr.opaque(UInt32, run.pass_index))
+    alive = [path.valid & (dr.max(path.flux) > 0) for path in paths]
+    kept = _compressed(_any(alive), *alive, *paths, dr.arange(UInt32, dr.width(paths[0].origin)))
+    if not kept:
+        return []
+    alive, paths, numbers = kept[: len(moments)], kept[len(moments) : -1], kept[-1]
+    stretches = [
+        _stretches(moment, path, there, numbers, run, split)
+        for moment, path, there in zip(moments, paths, alive, strict=True)
+    ]
+    return [piece for states in zip(*stretches, strict=True) if (piece := _piece(list(states)))]
+
+
+def _any(masks: list[Bool]) -> Bool:
+    result = masks[0]
+    for mask in masks[1:]:
+        result = result | mask
+    return result
+
+
+class _Stretch(NamedTuple):
+    """A stretch of light paths at one time, and which of them are there."""
+
+    alive: Bool
+    beams: Beams
+
+
+def _stretches(
+    moment: _Moment, emission: Emission, alive: Bool, numbers: UInt32, run: Run, split: bool
+) -> list[_Stretch]:
+    """Return light paths at one time: up to the portal and behind it, or the whole of them."""
+    world = moment.world
+    seed = hash32(numbers, dr.opaque(UInt32, run.pass_index))
     hit = world.intersect(emission.origin, emission.direction, alive, seed)
-    scale = 1.0 if isinstance(source, DistantSource | DomeSource) else ESCAPE
+    scale = 1.0 if isinstance(moment.source, DistantSource | DomeSource) else ESCAPE
     escape = world.bounds.exit(emission.origin, emission.direction, scale)
     total = dr.select(hit.is_valid(), hit.t, escape)
     against = dr.select(hit.is_valid(), _facing(hit.n, emission.direction), -emission.direction)
-    kept = _compressed(alive, emission, total, against)
-    if not kept:
-        return []
-    emission, total, against = kept
-    reference = float(np.median(np.minimum(total.numpy(), 2 * world.radius)))
+    dr.eval(total, against)
+    reference = float(np.median(np.minimum(total.numpy()[alive.numpy()], 2 * world.radius))) if dr.any(alive) else 1.0
     radius = radius_along(emission, run.samples, reference, run.overlap, opaque(FLOOR * reference))
-    light, everywhere = 0 * total, dr.full(Bool, True, dr.width(total))
+    light = 0 * total
     portal = emission.portal * (1 - 1e-5)
     passes = (total > portal) & split
     begin = dr.select(passes, portal, light)
     narrowed = unblocked(world, emission, radius, begin, total, against, run.halvings)
     if not split:
-        return _piece(world, emission, lambda s: radius(s) * narrowed, (light, total), total, against, everywhere)
+        return [_stretch(world, emission, lambda s: radius(s) * narrowed, (light, total), total, against, alive)]
     middle = dr.minimum(portal, total)
     first_normal = dr.select(passes, -emission.direction, against)
     before = dr.select(passes, 1, narrowed)
-    first = _piece(world, emission, lambda s: radius(s) * before, (light, middle), total, first_normal, everywhere)
-    return first + _piece(world, emission, lambda s: radius(s) * narrowed, (middle, total), total, against, passes)
+    return [
+        _stretch(world, emission, lambda s: radius(s) * before, (light, middle), total, first_normal, alive),
+        _stretch(world, emission, lambda s: radius(s) * narrowed, (middle, total), total, against, alive & passes),
+    ]
 
 
 def _compressed(keep: Bool, *values: Any) -> list[Any]:
@@ -166,29 +231,45 @@ def _facing(normal: Any, direction: Array3f) -> Array3f:
     return dr.select(dr.dot(n, direction) > 0, -n, n)
 
 
-def _piece(
+def _stretch(
     world: World,
     emission: Emission,
     radius: Callable[[Float], Float],
-    stretch: tuple[Float, Float],
+    ends: tuple[Float, Float],
     total: Float,
     normal: Array3f,
     alive: Bool,
-) -> list[Beams]:
-    """Return a stretch of light paths, as far as it lies in the fog, as beams; none as an empty list."""
-    near, far = stretch
+) -> _Stretch:
+    """Return a stretch of light paths as beams, as far as it lies in the fog."""
+    near, far = ends
     entry = 0 * total
     if world.fog is not None and world.fog.boundary is not None:
         entry, leave, outward = world.fog.interval(emission.origin, emission.direction)
         normal = dr.select(leave < far, -outward, normal)
         near, far = dr.maximum(near, entry), dr.minimum(far, leave)
     start, end = emission.origin + near * emission.direction, emission.origin + far * emission.direction
-    kept = _compressed(
-        alive & (far > near), start, end, radius(near), radius(far), emission.flux, near, total, entry, normal
-    )
+    beams = Beams()
+    beams.start, beams.end, beams.radius_start, beams.radius_end = start, end, radius(near), radius(far)
+    beams.power, beams.offset, beams.total, beams.entry, beams.end_normal = emission.flux, near, total, entry, normal
+    return _Stretch(alive & (far > near), beams)
+
+
+def _piece(states: list[_Stretch]) -> _Piece:
+    """Return the beams that are there at any of the times; at another they have no power, if they are not there."""
+    kept = _compressed(_any([state.alive for state in states]), *(part for state in states for part in state))
     if not kept:
         return []
-    return [Beams(*kept[:5], offset=kept[5], total=kept[6], entry=kept[7], end_normal=kept[8])]
+    if len(states) == 1:
+        return [kept[1]]
+    (there, first), (later, last) = kept[:2], kept[2:]
+    return [_present(first, last, there), _present(last, first, later)]
+
+
+def _present(beams: Beams, other: Beams, there: Bool) -> Beams:
+    """Return beams where they are there, and elsewhere those of another time, without power."""
+    result = dr.select(there, beams, other)
+    result.power = dr.select(there, beams.power, 0)
+    return result
 
 
 def _joined(pieces: list[Beams]) -> Beams:
@@ -205,5 +286,15 @@ def _joined(pieces: list[Beams]) -> Beams:
     return result
 
 
-def _drawn(drawn: scene.DrawnBeams) -> Beams:
+def _drawn(world: World, close: World | None) -> list[BeamSet]:
+    """Return the beams that someone drew."""
+    sets = []
+    for number, drawn in enumerate(world.description.drawn):
+        later = close.description.drawn[number] if close is not None else drawn
+        moved = _as_beams(later) if later is not drawn and len(later.start) == len(drawn.start) else None
+        sets.append(BeamSet(drawn.group, drawn.look, _as_beams(drawn), moved))
+    return sets
+
+
+def _as_beams(drawn: scene.DrawnBeams) -> Beams:
     return Beams(drawn.start, drawn.end, drawn.radius_start, drawn.radius_end, drawn.power)
