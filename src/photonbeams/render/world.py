@@ -137,7 +137,7 @@ class World:
         SceneError
             If a portal has no area.
         """
-        center, radius = description.bounds or _bounding_sphere(description, viewpoints)
+        center, radius = description.bounds or bounding_sphere([description], viewpoints)
         medium = description.medium
         hidden = {light.portal.name for light in description.lights if light.portal is not None}
         hidden |= {medium.mesh.name} if medium is not None and medium.mesh is not None else set()
@@ -232,9 +232,20 @@ def _fog(medium: scene.Medium | None, like: World | None) -> Fog | None:
     return like.fog if like is not None and like.description.medium is medium else Fog(medium)
 
 
-def _bounding_sphere(description: scene.Scene, viewpoints: Sequence[Any]) -> tuple[np.ndarray, float]:
-    """Return centre and radius of a sphere around surfaces, finite lights, portals, fog, drawn beams and viewpoints."""
-    clouds = [mesh.points for mesh in description.meshes]
+def bounding_sphere(states: Sequence[scene.Scene], viewpoints: Sequence[Any]) -> tuple[np.ndarray, float]:
+    """Return centre and radius of a sphere around all states of a scene, and the viewpoints."""
+    clouds = [cloud for state in states for cloud in _clouds(state)] + [np.asarray(point) for point in viewpoints]
+    points = np.concatenate([np.asarray(cloud, dtype=np.float64).reshape(-1, 3) for cloud in [*clouds, np.empty(0)]])
+    if not len(points):
+        return np.zeros(3), 1.0
+    center = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    radius = 1.001 * float(np.linalg.norm(points - center, axis=1).max())
+    return center, radius or 1.0
+
+
+def _clouds(description: scene.Scene) -> list[Any]:
+    """Return points around surfaces, finite lights, portals, fog and drawn beams."""
+    clouds: list[Any] = [mesh.points for mesh in description.meshes]
     for light in description.lights:
         if isinstance(light, scene.SphereLight):
             clouds.append(np.asarray(light.center) + light.radius * np.concatenate([np.eye(3), -np.eye(3)]))
@@ -247,13 +258,7 @@ def _bounding_sphere(description: scene.Scene, viewpoints: Sequence[Any]) -> tup
         clouds.append(description.medium.mesh.points)
     for drawn in description.drawn:
         clouds += [drawn.start, drawn.end]
-    clouds += [np.asarray(point) for point in viewpoints]
-    points = np.concatenate([np.asarray(cloud, dtype=np.float64).reshape(-1, 3) for cloud in [*clouds, np.empty(0)]])
-    if not len(points):
-        return np.zeros(3), 1.0
-    center = 0.5 * (points.min(axis=0) + points.max(axis=0))
-    radius = 1.001 * float(np.linalg.norm(points - center, axis=1).max())
-    return center, radius or 1.0
+    return clouds
 
 
 def _surfaces(meshes: Sequence[scene.Mesh]) -> Any:

@@ -30,10 +30,22 @@ def read_camera(stage: Usd.Stage, name: str | None = None, time: Any = None) -> 
         No camera, none of that name, or several; and apertures or a lens that make no picture.
     """
     reading = Reading(stage, Usd.TimeCode.Default() if time is None else time)
-    return _camera(reading, _chosen(stage, name))
+    return _camera(reading, chosen_camera(stage, name))
 
 
-def _chosen(stage: Usd.Stage, name: str | None) -> Usd.Prim:
+def read_shutter(stage: Usd.Stage, name: str | None = None, time: Any = None) -> tuple[float, float]:
+    """Return when a camera's shutter opens and closes, in time codes after the frame's; raises SceneError as above."""
+    reading = Reading(stage, Usd.TimeCode.Default() if time is None else time)
+    prim = chosen_camera(stage, name)
+    begin, end = (reading.number(prim, f"shutter:{which}", 0.0) for which in ("open", "close"))
+    if end < begin:
+        text = f"is {end:g} and shutter:open {begin:g}: expected a shutter that does not close before it opens"
+        raise reading.fail(prim, "shutter:close", text)
+    return begin, end
+
+
+def chosen_camera(stage: Usd.Stage, name: str | None) -> Usd.Prim:
+    """Return the prim of the camera that `read_camera` reads."""
     paths = list_cameras(stage)
     if not paths:
         raise SceneError(f"{file_of(stage)} has no camera: expected a Camera prim")
@@ -72,6 +84,7 @@ def _camera(reading: Reading, prim: Usd.Prim) -> Camera:
     near, far = (float(each) for each in reading.value(prim, "clippingRange", (1, 1e6)))
     if not 0 <= near < far < np.inf:
         raise reading.fail(prim, "clippingRange", f"is ({near:g}, {far:g}): expected a near distance before a far one")
+    radius, focus = (0.0, 0.0) if orthographic else _lens(reading, prim)
     camera = Camera(
         name=str(prim.GetPath()),
         to_world=_rigid(reading, prim),
@@ -82,9 +95,22 @@ def _camera(reading: Reading, prim: Usd.Prim) -> Camera:
         vertical_offset=_TENTH * reading.number(prim, "verticalApertureOffset", 0.0),
         orthographic=orthographic,
         clipping=(near, far),
+        lens_radius=radius,
+        focus_distance=focus,
     )
     _check_proportions(reading, prim, camera)
     return camera
+
+
+def _lens(reading: Reading, prim: Usd.Prim) -> tuple[float, float]:
+    """Return the radius of a camera's lens and the distance of its focus; an fStop of 0 is a pinhole."""
+    stop = reading.number(prim, "fStop", 0.0, minimum=0.0)
+    focus = reading.number(prim, "focusDistance", 0.0, minimum=0.0)
+    if stop == 0:
+        return 0.0, focus
+    if focus == 0:
+        raise reading.fail(prim, "focusDistance", f"is 0 and fStop {stop:g}: expected a positive distance of the focus")
+    return _TENTH * reading.number(prim, "focalLength", 50.0) / (2 * stop), focus
 
 
 def _check_proportions(reading: Reading, prim: Usd.Prim, camera: Camera) -> None:

@@ -4,23 +4,30 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from pxr import Usd
 
 from .. import scene
 from . import stage as stages
+from .camera import read_shutter
 from .images import write_frame
 from .looks import LookSpec, build_look
+from .motion import Exposure, followed
 from .reading import file_of
+from .stereo import EYES, Stereo, read_eyes
 
 if TYPE_CHECKING:
     from ..render.frame import Statistics
     from ..scene import Array
 
 DEFAULT_WIDTH = 1280
+
+# Times of an animated stage at which its extent is looked at.
+_BOUNDS_TIMES = 9
 
 
 @dataclass(frozen=True)
@@ -35,11 +42,15 @@ class Frame:
         What the EXR's header says.
     statistics
         Passes, beams, seconds by phase, kernels compiled.
+    views
+        Of a stereo frame, layers and metadata of each eye, "left" before "right"; `layers` and `metadata` are those of
+        the first.
     """
 
     layers: dict[str, Array]
     metadata: dict[str, Any]
     statistics: Statistics
+    views: dict[str, tuple[dict[str, Array], dict[str, Any]]] = field(default_factory=dict)
 
     def write(self, path: str | os.PathLike[str], layer: str = "rgba", exposure: float = 0.0) -> None:
         """Write a layered EXR, or one layer as a tone-mapped PNG, by the suffix; whole or not at all."""
@@ -47,10 +58,17 @@ class Frame:
 
 
 class Shot:
-    """A stage seen by one of its cameras. `Shot.open` makes one."""
+    """A stage seen by one of its cameras, or by two eyes. `Shot.open` makes one."""
 
-    def __init__(self, stage: Usd.Stage, camera: str | None = None, medium: scene.Medium | None = None) -> None:
-        self.stage, self.camera, self.medium = stage, camera, medium
+    def __init__(
+        self,
+        stage: Usd.Stage,
+        camera: str | None = None,
+        medium: scene.Medium | None = None,
+        stereo: Stereo | None = None,
+    ) -> None:
+        self.stage, self.camera, self.medium, self.stereo = stage, camera, medium, stereo
+        self._sphere: tuple[Array, float] | None = None
         self._warned: set[Any] = set()
         self._looks: dict[str, Any] = {}
 
@@ -61,6 +79,7 @@ class Shot:
         camera: str | None = None,
         *,
         medium: scene.Medium | None = None,
+        stereo: Stereo | None = None,
         session_layers: Iterable[str | os.PathLike[str]] = (),
         overrides: Iterable[str] = (),
     ) -> Shot:
@@ -74,6 +93,8 @@ class Shot:
             Path or name of the camera; None: the render settings' or the only one.
         medium
             A fog instead of the stage's own, or for a stage that has none.
+        stereo
+            For two eyes, how the camera becomes two of them; None: one picture.
         session_layers, overrides
             Layers over the stage, and values "/prim.attribute=value" over those.
 
@@ -82,8 +103,8 @@ class Shot:
         SceneError
             What cannot be read, in one sentence.
         """
-        shot = cls(stages.open_stage(path, session_layers, overrides), camera, medium)
-        stages.read_camera(shot.stage, camera)  # a wrong name is an error now, not after a long read
+        shot = cls(stages.open_stage(path, session_layers, overrides), camera, medium, stereo)
+        shot.cameras()  # a wrong name is an error now, not after a long read
         return shot
 
     def time(self, frame: float | None = None) -> Usd.TimeCode:
@@ -102,6 +123,45 @@ class Shot:
             drawn=tuple(replace(beams, look=self._look(beams.look)) for beams in content.drawn),
         )
         return content, camera
+
+    def cameras(self, frame: float | None = None) -> tuple[scene.Camera, ...]:
+        """Return the camera at a frame, or the left and the right eye's."""
+        if self.stereo is None:
+            return (stages.read_camera(self.stage, self.camera, self.time(frame)),)
+        return read_eyes(self.stage, self.camera, self.stereo, self.time(frame))
+
+    def exposure(self, frame: float | None = None, blur: bool = True, lens: bool = True) -> Exposure:
+        """Return what is seen while the shutter of a frame is open.
+
+        `blur` and `lens` may be turned off: what moves then stands still, as the shutter opens, and all is in focus.
+        """
+        time = self.time(frame)
+        begin, end = read_shutter(self.stage, self.camera, time)
+        base = 0.0 if time.IsDefault() else float(time.GetValue())
+
+        def read(code: float) -> tuple[scene.Scene, tuple[scene.Camera, ...]]:
+            at = None if time.IsDefault() else code
+            cameras = self.cameras(at)
+            if not lens:
+                cameras = tuple(replace(camera, lens_radius=0.0) for camera in cameras)
+            return replace(self.read(at)[0], bounds=self._bounds()), cameras
+
+        return Exposure(read, base + begin, base + (end if blur else begin))
+
+    def _bounds(self) -> tuple[Array, float]:
+        """Return a sphere around all that is ever on the stage: beams must not change with what moves elsewhere."""
+        if self._sphere is None:
+            from ..render.world import bounding_sphere
+
+            codes: list[float | None] = [None]
+            if self.stage.HasAuthoredTimeCodeRange():
+                codes = [*np.linspace(self.stage.GetStartTimeCode(), self.stage.GetEndTimeCode(), _BOUNDS_TIMES)]
+            eyes = [np.asarray(camera.to_world)[:3, 3] for code in codes for camera in self.cameras(code)]
+            states = [self.read(codes[0])[0]]
+            if any(followed(states[0], self.read(code)[0]) is not states[0] for code in codes[1:2] + codes[-1:]):
+                states += [self.read(code)[0] for code in codes[1:]]
+            self._sphere = bounding_sphere(states, eyes)
+        return self._sphere
 
     def check(self, content: scene.Scene) -> list[str]:
         """Return the names of the layers that a frame of this content has; SceneError where nothing makes beams."""
@@ -126,7 +186,7 @@ class Shot:
         self, width: int | None = None, height: int | None = None, frame: float | None = None
     ) -> tuple[int, int]:
         """Return (width, height): what is given, and the rest from the camera's aperture."""
-        camera = stages.read_camera(self.stage, self.camera, self.time(frame))
+        camera = self.cameras(frame)[0]
         aspect = camera.horizontal_aperture / camera.vertical_aperture
         if width is None:
             width = DEFAULT_WIDTH if height is None else max(1, round(height * aspect))
@@ -145,6 +205,9 @@ class Shot:
         height: int | None = None,
         crop: Sequence[float] | None = None,
         progress: Callable[[int, Statistics], None] | None = None,
+        blur: bool = True,
+        lens: bool = True,
+        view: str | None = None,
         contents: tuple[scene.Scene, scene.Camera] | None = None,
         **settings: Any,
     ) -> Frame:
@@ -162,31 +225,50 @@ class Shot:
             x0, y0, x1, y1 in fractions of the picture from the top left: the part to render.
         progress
             Called with the passes done and the statistics so far.
-        contents
-            What `read` returned for the frame, as it is or changed; None reads it.
+        blur, lens
+            Whether what moves while the shutter is open blurs, and what is out of focus.
+        view
+            "left" or "right" for one of two eyes; None renders both.
         """
         from ..render.camera import View, Window
-        from ..render.frame import Settings, Shutter, render
+        from ..render.frame import Moment, Settings, Shutter, render
 
         if passes is not None:
             settings["passes"] = passes
         size = self.resolution(width, height, frame)
         window = Window(size[0], size[1], _cropped(size[0], size[1], crop))
-        content, camera = self.read(frame) if contents is None else contents
+        if contents is not None:
+            self.medium = contents[0].medium
+        exposure = self.exposure(frame, blur, lens)
+        names = self._views(view)
+        eyes = [EYES.index(name) if name else 0 for name in names]
+        content, cameras = exposure(0.0)
         self.check(content)
-        picture = render(Shutter.still(content, camera), window, Settings(**settings), progress)
-        metadata = {
-            **View(camera, window).matrices(),
-            **self._about(frame),
+        picture = render(
+            Shutter(lambda at: Moment(exposure(at)[0], tuple(exposure(at)[1][eye] for eye in eyes)), exposure.moving),
+            window, Settings(**settings), progress,
+        )  # fmt: skip
+        about = {
+            **self._about(frame, exposure),
             "seed": int(settings.get("seed", 0)),
             "passes": picture.statistics.passes,
-            "camera": camera.name,
             "displayWindow": (0, 0, size[0] - 1, size[1] - 1),
             "dataWindow": (*window.crop[:2], window.crop[2] - 1, window.crop[3] - 1),
         }
-        return Frame(picture.layers, metadata, picture.statistics)
+        views = {
+            name: (layers, {**View(cameras[eye], window).matrices(), **about, "camera": cameras[eye].name})
+            for name, eye, layers in zip(names, eyes, picture.views, strict=True)
+        }
+        layers, metadata = views[names[0]]
+        return Frame(layers, metadata, picture.statistics, views if len(views) > 1 else {})
 
-    def _about(self, frame: float | None) -> dict[str, Any]:
+    def _views(self, view: str | None) -> list[str]:
+        if view is not None and (self.stereo is None or view not in EYES):
+            expected = f"one of {', '.join(EYES)}" if self.stereo is not None else "none, for the shot has one camera"
+            raise scene.SceneError(f"view is '{view}': expected {expected}")
+        return [view] if view is not None else ["left", "right"] if self.stereo is not None else [""]
+
+    def _about(self, frame: float | None, exposure: Exposure) -> dict[str, Any]:
         from fractions import Fraction
         from importlib.metadata import version
 
@@ -196,7 +278,7 @@ class Shot:
         about: dict[str, Any] = {
             "software": f"photonbeams {version('photonbeams')}",
             "framesPerSecond": Fraction(rate).limit_denominator(1001),
-            "expTime": 0.0,
+            "expTime": exposure.duration / self.stage.GetTimeCodesPerSecond(),
             "scene": Path(self.stage.GetRootLayer().identifier).name,
         }
         if not time.IsDefault():

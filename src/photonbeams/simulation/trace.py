@@ -115,7 +115,8 @@ def trace(
             paths = [_aside(moment, samples, count) for moment in moments]
             pieces += _beams(moments, paths, Run(count, pass_index, overlap, halvings), split=False)
         if pieces:
-            sets.append(BeamSet(light.group, light.look, *(_joined(state) for state in zip(*pieces, strict=True))))
+            states = [_joined(list(state)) for state in zip(*pieces, strict=True)]
+            sets.append(BeamSet(light.group, light.look, *states))
     return sets + _drawn(world, close)
 
 

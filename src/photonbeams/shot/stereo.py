@@ -1,0 +1,105 @@
+"""Two eyes: a pair of camera prims with stereoRole, or one camera split in two with parallel axes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from pxr import Usd, UsdGeom
+
+from ..scene import Camera, SceneError
+from .camera import chosen_camera, list_cameras, read_camera
+from .reading import file_of
+
+EYES = ("left", "right")
+_EYE_DISTANCE = 0.065  # metres: between the eyes of people
+
+
+@dataclass(frozen=True)
+class Stereo:
+    """How one camera becomes two eyes; a pair of prims needs neither number.
+
+    Attributes
+    ----------
+    interaxial
+        Distance of the eyes in scene units; None: 65 mm.
+    convergence
+        Distance at which both eyes see the same place in the middle, scene units; None: the camera's focus distance,
+        and where it has none, infinitely far.
+    """
+
+    interaxial: float | None = None
+    convergence: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.interaxial is not None and not 0 <= self.interaxial < np.inf:
+            raise SceneError(f"interaxial is {self.interaxial}: expected a distance in scene units, 0 or more")
+        if self.convergence is not None and not self.convergence > 0:
+            raise SceneError(f"convergence is {self.convergence}: expected a positive distance in scene units")
+
+
+def read_eyes(stage: Usd.Stage, name: str | None, stereo: Stereo, time: Any = None) -> tuple[Camera, Camera]:
+    """Return the cameras of the left and of the right eye.
+
+    A camera with a stereoRole is one of a pair, whose other is the camera with the other role beside it, or the only
+    one on the stage. Any other camera is split: both eyes look along its axis, and their apertures are shifted so that
+    what is at the convergence distance has no disparity. Toed-in eyes would show verticals of different heights.
+
+    Raises
+    ------
+    SceneError
+        A stereoRole without its partner, or partners whose pictures do not fit each other.
+    """
+    prim = chosen_camera(stage, name)
+    role = str(UsdGeom.Camera(prim).GetStereoRoleAttr().Get() or "mono")
+    if role not in EYES:
+        return _split(read_camera(stage, str(prim.GetPath()), time), stereo, UsdGeom.GetStageMetersPerUnit(stage))
+    other = _partner(stage, prim, EYES[1 - EYES.index(role)])
+    pair = {role: str(prim.GetPath()), EYES[1 - EYES.index(role)]: str(other.GetPath())}
+    left, right = (read_camera(stage, pair[eye], time) for eye in EYES)
+    for field in ("focal_length", "horizontal_aperture", "vertical_aperture", "orthographic"):
+        a, b = getattr(left, field), getattr(right, field)
+        if a != b:
+            what = field.replace("_", " ")
+            raise SceneError(
+                f"{file_of(stage)}: the {what} of {left.name} is {a:g} and of {right.name} {b:g}: "
+                "expected two eyes with the same"
+            )
+    return left, right
+
+
+def _partner(stage: Usd.Stage, prim: Usd.Prim, role: str) -> Usd.Prim:
+    found = [stage.GetPrimAtPath(path) for path in list_cameras(stage)]
+    found = [each for each in found if str(UsdGeom.Camera(each).GetStereoRoleAttr().Get()) == role]
+    beside = [each for each in found if each.GetParent() == prim.GetParent()]
+    found = beside or found
+    if len(found) != 1:
+        names = ", ".join(str(each.GetPath()) for each in found) or "none"
+        raise SceneError(
+            f"{file_of(stage)}: {prim.GetPath()} is one of two eyes: expected one camera with stereoRole "
+            f"'{role}' beside it, found {names}"
+        )
+    return found[0]
+
+
+def _split(camera: Camera, stereo: Stereo, meters_per_unit: float) -> tuple[Camera, Camera]:
+    half = 0.5 * (_EYE_DISTANCE / meters_per_unit if stereo.interaxial is None else stereo.interaxial)
+    convergence = stereo.convergence or camera.focus_distance or np.inf
+    # The plane of convergence is seen `half` beside the eye's own axis.
+    shift = half * (1.0 if camera.orthographic else camera.focal_length) / convergence
+    return tuple(  # type: ignore[return-value]
+        replace(
+            camera,
+            name=camera.name,
+            to_world=camera.to_world @ _sideways(side * half),
+            horizontal_offset=camera.horizontal_offset - side * (0.0 if camera.orthographic else shift),
+        )
+        for side in (-1.0, 1.0)
+    )
+
+
+def _sideways(distance: float) -> Any:
+    matrix = np.eye(4)
+    matrix[0, 3] = distance
+    return matrix
