@@ -1,0 +1,189 @@
+"""The film camera: motion blur, depth of field and stereo of frames, against pinhole pictures of single instants."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from scipy.stats import t as student
+
+import photonbeams as pb
+from comparison import quad
+from photonbeams import scene
+from photonbeams.render.camera import Window
+from photonbeams.render.frame import Moment, Settings, Shutter, render
+
+WIDTH, HEIGHT = 48, 32
+WINDOW = Window.full(WIDTH, HEIGHT)
+FOG = scene.Medium(scattering=(0.2, 0.2, 0.2))
+CAMERA = scene.Camera(
+    "/camera", to_world=np.eye(4), focal_length=1.0, horizontal_aperture=1.2, vertical_aperture=0.8, focus_distance=4.0
+)
+SEEDS = 48
+
+
+def drawn(shift=(0.0, 0.0, 0.0), power=1.0):
+    """Return two beams across the view, four units away and eight, moved."""
+    start = np.array([[-1.0, -0.6, -4.0], [-0.5, 2.0, -8.0]]) + shift
+    end = np.array([[1.2, 0.7, -4.0], [0.4, -2.0, -6.0]]) + shift
+    return scene.DrawnBeams("/beams", start, end, np.full(2, 0.1), np.full(2, 0.15), np.full((2, 3), power))
+
+
+def shot(beams=None, meshes=(), lights=()):
+    return scene.Scene(tuple(meshes), tuple(lights), (beams or drawn(),), FOG)
+
+
+def beams_layer(shutter, view=0, **settings):
+    settings = {"passes": 1} | settings
+    return render(shutter, WINDOW, Settings(**settings)).views[view]["beams"][..., 0].astype(np.float64)
+
+
+def through_pixels(lens=(0.0, 0.0)):
+    """Return origin and directions of rays from a point of the lens to where the pixels' centres are in focus."""
+    x, y = np.meshgrid((np.arange(WIDTH) + 0.5) / WIDTH - 0.5, 0.5 - (np.arange(HEIGHT) + 0.5) / HEIGHT)
+    focus = CAMERA.focus_distance
+    target = np.stack([1.2 * x * focus, 0.8 * y * focus, np.full_like(x, -focus)], axis=-1).reshape(-1, 3)
+    origin = np.array([*lens, 0.0])
+    return origin, target - origin
+
+
+def instant(beams, lens=(0.0, 0.0)):
+    each = pb.Beams(beams.start, beams.end, beams.radius_start, beams.radius_end, beams.power)
+    origin, direction = through_pixels(lens)
+    return pb.estimate(each, origin, direction, medium=FOG).numpy()[0].reshape(HEIGHT, WIDTH).astype(np.float64)
+
+
+def blocks(picture):
+    """Return means over 4 × 4 pixels, each of which has its own time and place on the lens."""
+    return picture.reshape(HEIGHT // 4, 4, WIDTH // 4, 4).mean(axis=(1, 3))
+
+
+def assert_same_mean(frames, reference):
+    """Assert that frames of independent seeds have the reference as their mean, by Student's test of each block."""
+    frames, reference = np.array([blocks(frame) for frame in frames]), blocks(reference)
+    error = frames.std(axis=0, ddof=1) / np.sqrt(len(frames))
+    # Below this, what differs is rounding and the reference's own 256 samples.
+    floor = 2e-3 * reference.max()
+    score = np.abs(frames.mean(axis=0) - reference) / np.hypot(error, floor)
+    assert score.max() < student.ppf(1 - 1e-4 / (2 * reference.size), len(frames) - 1)
+    # The test has the power to see an exposure that is wrong by some percent.
+    totals = frames.mean(axis=(1, 2))
+    assert totals.std(ddof=1) / np.sqrt(len(frames)) < 0.01 * reference.mean()
+
+
+def test_a_moving_beam_is_the_mean_of_256_instants():
+    shift = np.array([0.5, 0.4, 0.3])
+    ends = shot(drawn()), shot(drawn(shift, 2.0))
+
+    def at(fraction):
+        state = ends[int(fraction)] if fraction in (0, 1) else shot(drawn(fraction * shift, 1 + fraction))
+        return Moment(state, (CAMERA,))
+
+    shutter = Shutter(at, moving=True)
+    frames = [beams_layer(shutter, seed=seed) for seed in range(SEEDS)]
+    times = (np.arange(256) + 0.5) / 256
+    assert_same_mean(frames, np.mean([instant(drawn(t * shift, 1 + t)) for t in times], axis=0))
+
+
+def test_a_lens_is_the_mean_of_pinholes_all_over_it():
+    radius = 0.25
+    lens = dataclasses.replace(CAMERA, lens_radius=radius)
+    frames = [beams_layer(Shutter.still(shot(), lens), seed=seed) for seed in range(SEEDS)]
+    ring, turn = np.meshgrid(radius * np.sqrt((np.arange(16) + 0.5) / 16), (np.arange(16) + 0.5) / 16 * 2 * np.pi)
+    places = np.stack([ring * np.cos(turn), ring * np.sin(turn)], axis=-1).reshape(-1, 2)
+    sharp, reference = instant(drawn()), np.mean([instant(drawn(), place) for place in places], axis=0)
+    assert_same_mean(frames, reference)
+    # The far beam is blurred: two of its diameters wide.
+    assert np.abs(reference - sharp).max() > 0.2 * sharp.max()
+
+
+def moved(camera, matrix):
+    return dataclasses.replace(camera, to_world=matrix @ camera.to_world)
+
+
+def test_a_moving_camera_blurs_as_what_it_sees_moving_the_other_way():
+    shift = np.array([0.6, -0.3, 0.2])
+
+    def at(fraction):
+        matrix = np.eye(4)
+        matrix[:3, 3] = fraction * shift
+        return Moment(scene_at_rest, (moved(CAMERA, matrix),))
+
+    scene_at_rest = shot()
+    frames = [beams_layer(Shutter(at, moving=True), seed=seed) for seed in range(SEEDS)]
+    times = (np.arange(256) + 0.5) / 256
+    assert_same_mean(frames, np.mean([instant(drawn(-t * shift)) for t in times], axis=0))
+
+
+def test_a_camera_that_moves_with_the_beams_sees_them_sharp():
+    shift = np.array([0.5, 0.1, 0.0])
+
+    def at(fraction):
+        matrix = np.eye(4)
+        matrix[:3, 3] = fraction * shift
+        return Moment(shot(drawn(fraction * shift)), (moved(CAMERA, matrix),))
+
+    found, expected = beams_layer(Shutter(at, moving=True)), instant(drawn())
+    assert np.abs(found - expected).max() < 1e-3 * expected.max()  # float32, at two units of the world's origin
+
+
+def test_a_turning_camera_sees_beams_and_surfaces_at_the_same_place():
+    """A beam that runs along a glowing rod stays on it, however the camera turns."""
+    glow = scene.Material(diffuse=scene.BLACK, emissive=(1.0, 1.0, 1.0))
+    rod = quad("/rod", [[-0.05, -1, -4.2], [0.05, -1, -4.2], [0.05, 1, -4.2], [-0.05, 1, -4.2]], glow)
+    start, end = np.array([[0.0, -1, -4.1]]), np.array([[0.0, 1, -4.1]])
+    beam = scene.DrawnBeams("/beam", start, end, np.array([0.05]), np.array([0.05]), np.ones((1, 3)))
+    state = shot(beam, [rod])
+
+    def at(fraction):
+        angle = 0.2 * (fraction - 0.5)
+        turn = np.array([[np.cos(angle), 0, np.sin(angle), 0], [0, 1, 0, 0], [-np.sin(angle), 0, np.cos(angle), 0]])
+        return Moment(state, (moved(CAMERA, np.vstack([turn, [0, 0, 0, 1]])),))
+
+    layers = render(Shutter(at, moving=True), WINDOW, Settings(passes=16)).layers
+    beams, surface = (layers[name][..., 0].astype(float) for name in ("beams", "surface"))
+    columns = np.arange(WIDTH) + 0.5
+    for picture in (beams, surface):
+        assert np.count_nonzero(picture[HEIGHT // 2] > 0.02 * picture.max()) > 6  # blurred over the turn
+    middles = [(picture.sum(axis=0) * columns).sum() / picture.sum() for picture in (beams, surface)]
+    assert middles[0] == pytest.approx(middles[1], abs=0.1)
+
+
+def test_a_moving_surface_covers_a_pixel_for_its_share_of_the_time():
+    glow = scene.Material(diffuse=scene.BLACK, emissive=(1.0, 1.0, 1.0))
+
+    def at(fraction):
+        x = 2 * fraction - 1
+        corners = [[x - 9, -2, -4], [x, -2, -4], [x, 2, -4], [x - 9, 2, -4]]
+        return Moment(shot(drawn((0, 0, -9)), [quad("/wall", corners, glow)]), (CAMERA,))
+
+    alpha = render(Shutter(at, moving=True), WINDOW, Settings(passes=16)).layers["rgba"][..., 3]
+    # The edge passes x = −1 … 1 at distance 4: what it has passed was covered since.
+    edge = ((np.arange(WIDTH) + 0.5) / WIDTH - 0.5) * 1.2 * 4
+    expected = np.clip((1 - edge) / 2, 0, 1)
+    assert np.abs(alpha.mean(axis=0) - expected).max() <= 1 / 16 + 1 / WIDTH
+
+
+def test_without_motion_lens_or_eye_distance_nothing_changes():
+    state = shot()
+    still = render(Shutter.still(state, CAMERA), WINDOW, Settings(passes=2)).layers
+    eyes = render(Shutter.still(state, CAMERA, dataclasses.replace(CAMERA)), WINDOW, Settings(passes=2)).views
+    for other in eyes:
+        assert all(np.array_equal(other[name], still[name]) for name in still)
+    repeated = render(Shutter.still(shot(), CAMERA), WINDOW, Settings(passes=2)).layers
+    assert all(np.array_equal(repeated[name], still[name]) for name in still)
+
+
+def test_depth_is_that_of_a_pinhole_as_the_shutter_opens():
+    wall = quad("/wall", [[-9, -9, -6], [9, -9, -6], [9, 9, -6], [-9, 9, -6]])
+    lens = dataclasses.replace(CAMERA, lens_radius=0.5)
+    layers = render(Shutter.still(shot(meshes=[wall]), lens), WINDOW, Settings(passes=2)).layers
+    assert np.allclose(layers["depth"], 6, rtol=1e-5)
+
+
+def test_slices_cover_the_shutter_in_an_order_that_may_be_cut_short():
+    from photonbeams.render.frame import _slice
+
+    for passes in (1, 2, 7, 16):
+        slices = [_slice(number, passes) for number in range(passes)]
+        assert np.allclose(sorted(slices), [(k / passes, (k + 1) / passes) for k in range(passes)])
+    assert sorted(_slice(number, 16)[0] for number in range(4)) == [0, 0.25, 0.5, 0.75]
