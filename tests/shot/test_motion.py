@@ -1,0 +1,285 @@
+"""Animated stages: what moves while the shutter is open, what stays the same from frame to frame, and two eyes."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import photonbeams as pb
+from photonbeams.scene import SceneError
+from photonbeams.shot.motion import equal, followed
+from photonbeams.shot.stereo import Stereo
+
+KEYHOLE = Path(__file__).parents[2] / "examples" / "keyhole" / "keyhole.usda"
+SMALL = {"passes": 2, "width": 48, "height": 32, "beams": 64}
+
+METADATA = "startTimeCode = 1\nendTimeCode = 9\ntimeCodesPerSecond = 24\nframesPerSecond = 24"
+STAGE = """
+def Scope "Fog" ( prepend apiSchemas = ["PhotonBeamsMediumAPI"] )
+{
+    color3f photonbeams:scattering = (0.1, 0.1, 0.1)
+}
+def Mesh "Wall"
+{
+    int[] faceVertexCounts = [4]
+    int[] faceVertexIndices = [0, 1, 2, 3]
+    point3f[] points = [(-6, -4, -8), (6, -4, -8), (6, 4, -8), (-6, 4, -8)]
+    uniform token subdivisionScheme = "none"
+}
+def Mesh "Baffle"
+{
+    int[] faceVertexCounts = [4]
+    int[] faceVertexIndices = [0, 1, 2, 3]
+    point3f[] points = [(0, -9, -9), (0, 9, -9), (0, 9, 9), (0, -9, 9)]
+    uniform token subdivisionScheme = "none"
+}
+def SphereLight "Still" ( prepend apiSchemas = ["PhotonBeamsLightAPI", "ShapingAPI"] )
+{
+    bool treatAsPoint = 1
+    float inputs:radius = 0
+    float inputs:intensity = 50
+    float inputs:shaping:cone:angle = 20
+    token photonbeams:lightGroup = "still"
+    double3 xformOp:translate = (-1.5, 0, -2)
+    uniform token[] xformOpOrder = ["xformOp:translate"]
+}
+def SphereLight "Swinging" ( prepend apiSchemas = ["PhotonBeamsLightAPI", "ShapingAPI"] )
+{
+    bool treatAsPoint = 1
+    float inputs:radius = 0
+    float inputs:intensity = 50
+    float inputs:shaping:cone:angle = 20
+    token photonbeams:lightGroup = "swinging"
+    double3 xformOp:translate.timeSamples = { 1: (1.5, 0, -2), 9: (2.5, 0.5, 2) }
+    uniform token[] xformOpOrder = ["xformOp:translate"]
+}
+def Camera "Camera"
+{
+    float focalLength = 10
+    float horizontalAperture = 12
+    float verticalAperture = 8
+    float focusDistance = 5
+    float fStop = 0
+    double shutter:open = 0
+    double shutter:close = 0
+    double3 xformOp:translate = (0, 0, 1)
+    uniform token[] xformOpOrder = ["xformOp:translate"]
+}
+"""
+
+
+@pytest.fixture
+def shot(usd):
+    def opened(*overrides, text=STAGE, **arguments):
+        path = usd(text, METADATA).GetRootLayer().realPath
+        return pb.Shot.open(path, overrides=overrides, **arguments)
+
+    return opened
+
+
+# -- What moves -------------------------------------------------------------------------------------------------------
+
+
+def test_what_is_at_rest_is_the_same_object_all_the_time(shot):
+    exposure = shot("/Camera.shutter:close=0.5").exposure(2)
+    assert exposure.moving and exposure.duration == 0.5
+    (first, eyes), (later, same_eyes) = exposure(0.0), exposure(0.25)
+    assert eyes[0] is same_eyes[0] and first.meshes is later.meshes and first.medium is later.medium
+    assert first.lights[0] is later.lights[0] and first.lights[1] is not later.lights[1]
+    # Frame 2 and an eighth of a frame: 1.125 of 8 frames from 1.5 to 2.5.
+    assert later.lights[1].center[0] == pytest.approx(1.5 + 1.125 / 8)
+    assert exposure(0.25)[0] is later
+
+
+def test_a_closed_shutter_and_a_still_stage_do_not_move(shot):
+    assert not shot().exposure(3).moving
+    still = shot("/Camera.shutter:close=0.5", text=STAGE.replace("9: (2.5, 0.5, 2)", "9: (1.5, 0, -2)"))
+    assert not still.exposure(3).moving
+    assert not shot("/Camera.shutter:close=0.5").exposure(3, blur=False).moving
+
+
+def test_prims_are_followed_by_their_names(shot):
+    first, later = (shot().read(frame)[0] for frame in (1, 2))
+    gone = followed(first, type(later)(later.meshes[:1], later.lights[1:], (), None))
+    assert [light.name for light in gone.lights] == ["/Still", "/Swinging"]
+    assert gone.lights[0] is first.lights[0] and gone.lights[1] is later.lights[1]
+    assert len(gone.meshes) == 2 and gone.medium is first.medium
+    assert followed(first, first) is first
+
+
+def test_equality_looks_into_arrays():
+    mesh = pb.scene.Mesh("/a", np.zeros((3, 3)), np.array([[0, 1, 2]]))
+    assert equal(mesh, pb.scene.Mesh("/a", np.zeros((3, 3)), np.array([[0, 1, 2]])))
+    assert not equal(mesh, pb.scene.Mesh("/a", np.ones((3, 3)), np.array([[0, 1, 2]])))
+    assert not equal((1, 2), (1, 2, 3)) and not equal(1, 1.5) and not equal(np.zeros(3), 0)
+
+
+def test_a_moving_light_blurs_and_the_exr_says_how_long_the_shutter_was_open(shot):
+    layers = []
+    for close in (0, 0.5):
+        frame = shot(f"/Camera.shutter:close={close}").render(3, **SMALL)
+        assert frame.metadata["expTime"] == pytest.approx(close / 24)
+        layers.append(frame.layers)
+    assert np.array_equal(layers[0]["beams_still"], layers[1]["beams_still"])
+    assert not np.array_equal(layers[0]["beams_swinging"], layers[1]["beams_swinging"])
+
+
+# -- From frame to frame ----------------------------------------------------------------------------------------------
+
+
+def test_what_a_moving_light_does_not_reach_does_not_flicker(shot):
+    """The temporal variance of pixels that the move does not touch is zero (issue 3)."""
+    stage = shot("/Camera.shutter:close=0.5")
+    frames = [stage.render(frame, **SMALL).layers for frame in (2, 4, 6)]
+    for other in frames[1:]:
+        assert np.array_equal(other["beams_still"], frames[0]["beams_still"])
+        assert not np.array_equal(other["beams_swinging"], frames[0]["beams_swinging"])
+        # The baffle keeps the moving light from the left half of the wall.
+        left = (frames[0]["beams_swinging"] == 0).all(axis=-1) & (other["beams_swinging"] == 0).all(axis=-1)
+        assert left[:, : SMALL["width"] // 2 - 1].mean() > 0.9
+        assert np.array_equal(other["rgba"][left], frames[0]["rgba"][left])
+
+
+def test_two_frames_of_what_is_static_are_identical(shot):
+    stage = shot(text=STAGE.replace("9: (2.5, 0.5, 2)", "9: (1.5, 0, -2)"))
+    first, later = (stage.render(frame, **SMALL).layers for frame in (1, 7))
+    assert all(np.array_equal(first[name], later[name]) for name in first)
+
+
+def test_no_lens_is_a_pinhole_and_a_wide_one_blurs(shot):
+    sharp, off, wide = (
+        shot(f"/Camera.fStop={stop}").render(1, lens=lens, **SMALL).layers
+        for stop, lens in ((0, True), (0.5, False), (0.5, True))
+    )
+    assert all(np.array_equal(sharp[name], off[name]) for name in sharp)
+    assert not np.array_equal(sharp["beams"], wide["beams"])
+    assert np.array_equal(sharp["depth"], wide["depth"])
+
+
+# -- Two eyes ---------------------------------------------------------------------------------------------------------
+
+
+def test_eyes_at_one_place_see_the_same(shot):
+    frame = shot(stereo=Stereo(interaxial=0, convergence=5)).render(1, **SMALL)
+    mono = shot().render(1, **SMALL)
+    assert list(frame.views) == ["left", "right"] and frame.layers is frame.views["left"][0]
+    for layers, _ in frame.views.values():
+        assert all(np.array_equal(layers[name], mono.layers[name]) for name in layers)
+
+
+def test_each_eye_alone_sees_what_it_sees_of_both(shot):
+    stage = shot(stereo=Stereo(interaxial=0.3, convergence=5))
+    both = stage.render(1, **SMALL)
+    for view in ("left", "right"):
+        alone = stage.render(1, view=view, **SMALL)
+        assert not alone.views
+        assert all(np.array_equal(alone.layers[name], both.views[view][0][name]) for name in alone.layers)
+        assert np.array_equal(alone.metadata["worldToNDC"], both.views[view][1]["worldToNDC"])
+
+
+ROD = """
+def Scope "Fog" ( prepend apiSchemas = ["PhotonBeamsMediumAPI"] )
+{
+    color3f photonbeams:scattering = (0.01, 0.01, 0.01)
+}
+def BasisCurves "Beam" ( prepend apiSchemas = ["PhotonBeamsCurvesAPI"] )
+{
+    uniform token type = "linear"
+    int[] curveVertexCounts = [2]
+    point3f[] points = [(0, -3, DEPTH), (0, 3, DEPTH)]
+    float[] widths = [0.2]
+}
+def Mesh "Rod" ( prepend apiSchemas = ["MaterialBindingAPI"] )
+{
+    int[] faceVertexCounts = [4]
+    int[] faceVertexIndices = [0, 1, 2, 3]
+    point3f[] points = [(-0.1, -3, DEPTH), (0.1, -3, DEPTH), (0.1, 3, DEPTH), (-0.1, 3, DEPTH)]
+    uniform token subdivisionScheme = "none"
+    rel material:binding = </Glow>
+}
+def Material "Glow"
+{
+    token outputs:surface.connect = </Glow/Surface.outputs:surface>
+    def Shader "Surface"
+    {
+        uniform token info:id = "UsdPreviewSurface"
+        color3f inputs:diffuseColor = (0, 0, 0)
+        color3f inputs:emissiveColor = (1, 1, 1)
+        token outputs:surface
+    }
+}
+def Camera "Camera"
+{
+    float focalLength = 10
+    float horizontalAperture = 12
+    float verticalAperture = 8
+}
+"""
+
+
+@pytest.mark.parametrize("depth", [3.0, 5.0, 9.0])
+def test_a_beams_disparity_is_that_of_geometry_at_its_place(usd, depth):
+    behind = depth + 0.11  # the rod, behind the beam
+    stage = usd(ROD.replace("DEPTH", f"{-depth}", 2).replace("DEPTH", f"{-behind}"))
+    interaxial, convergence, width = 0.4, 5.0, 240
+    shot = pb.Shot(stage, stereo=Stereo(interaxial, convergence))
+    frame = shot.render(passes=8, width=width, crop=(0, 0.49, 1, 0.51))
+    column = np.arange(width) + 0.5
+
+    def middle(view, layer):
+        picture = frame.views[view][0][layer][..., 0].sum(axis=0)
+        return (picture * column).sum() / picture.sum()
+
+    for layer, place in (("surface", behind), ("beams", depth)):
+        # Parallel eyes with shifted apertures: b f (1 / z − 1 / convergence), here in pixels.
+        expected = interaxial * (1 / place - 1 / convergence) / 1.2 * width
+        found = middle("left", layer) - middle("right", layer)
+        assert found == pytest.approx(expected, abs=0.15)
+        assert abs(found) > 1 or depth == convergence
+
+
+def test_a_pair_of_prims_needs_no_numbers(shot):
+    text = STAGE.replace('def Camera "Camera"\n{', 'def Camera "Right"\n{\n    uniform token stereoRole = "right"')
+    text += (
+        STAGE[STAGE.index('def Camera "Camera"') :]
+        .replace('def Camera "Camera"\n{', 'def Camera "Left"\n{\n    uniform token stereoRole = "left"')
+        .replace("(0, 0, 1)", "(-0.1, 0, 1)")
+    )
+    left, right = shot(text=text, camera="Right", stereo=Stereo()).cameras(1)
+    assert (left.name, right.name) == ("/Left", "/Right")
+    assert right.to_world[0, 3] - left.to_world[0, 3] == pytest.approx(0.1)
+
+
+# -- Bad input --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("message", "overrides"),
+    [
+        (r"/Camera\.shutter:close is -1 and shutter:open 0: expected a shutter", ["/Camera.shutter:close=-1"]),
+        (r"/Camera\.focusDistance is 0 and fStop 2", ["/Camera.fStop=2", "/Camera.focusDistance=0"]),
+        (r"/Camera\.fStop is -1", ["/Camera.fStop=-1"]),
+        (r"/Camera\.shutter:open is nan", ["/Camera.shutter:open=nan"]),
+    ],
+)
+def test_bad_cameras_are_told_in_a_sentence(shot, message, overrides):
+    with pytest.raises(SceneError, match=message):
+        shot(*overrides).render(1, **SMALL)
+
+
+def test_bad_eyes_are_told_in_a_sentence(shot):
+    with pytest.raises(SceneError, match="interaxial is -1"):
+        Stereo(interaxial=-1)
+    with pytest.raises(SceneError, match="convergence is 0"):
+        Stereo(convergence=0)
+    with pytest.raises(SceneError, match="view is 'middle': expected one of left, right"):
+        shot(stereo=Stereo()).render(1, view="middle", **SMALL)
+    with pytest.raises(SceneError, match="view is 'left': expected none, for the shot has one camera"):
+        shot().render(1, view="left", **SMALL)
+    alone = STAGE.replace('def Camera "Camera"\n{', 'def Camera "Camera"\n{\n    uniform token stereoRole = "left"')
+    with pytest.raises(SceneError, match="/Camera is one of two eyes: expected one camera with stereoRole 'right'"):
+        shot(text=alone, stereo=Stereo())
+    other = STAGE[STAGE.index('def Camera "Camera"') :].replace("horizontalAperture = 12", "horizontalAperture = 13")
+    other = other.replace('def Camera "Camera"\n{', 'def Camera "Other"\n{\n    uniform token stereoRole = "right"')
+    with pytest.raises(SceneError, match=r"horizontal aperture of /Camera is 1\.2 and of /Other 1\.3"):
+        shot(text=alone + other, camera="/Camera", stereo=Stereo())
