@@ -1,0 +1,73 @@
+"""Frame specifications as usdrecord takes them, and the frames that a stage has.
+
+The grammar is that of `UsdUtils.TimeCodeRange` (FIRST, FIRST:LAST, FIRST:LASTxSTRIDE), several with commas between, as
+in usdrecord's `UsdAppUtils.framesArgs`, which usd-core does not have.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+from pxr import Tf, Usd, UsdUtils
+
+from ..scene import SceneError
+from .reading import file_of
+
+MOST_FRAMES = 100_000
+LARGEST = 1e9
+_DIGITS = 9  # after the point: what strides such as 0.1 add up to is rounded, so that files and duplicates are found
+_NUMBER = r"[+-]?(\d+\.?\d*|\.\d+)"
+_RANGE = re.compile(f"{_NUMBER}(:{_NUMBER}(x{_NUMBER})?)?", re.ASCII)
+_EXPECTED = "expected frames such as 101, 101:105, 105:101 or 101:109x2, or several with commas between"
+
+
+def parse_frames(text: str) -> list[float]:
+    """Return the frames of a specification in its order, each once.
+
+    Raises
+    ------
+    SceneError
+        What is wrong with the text, without the text.
+    """
+    frames: dict[float, None] = {}
+    for part in text.split(","):
+        frames |= dict.fromkeys(_frames(part.strip()))
+        if len(frames) > MOST_FRAMES:
+            raise SceneError(f"expected no more than {MOST_FRAMES:,} frames")
+    return list(frames)
+
+
+def _frames(part: str) -> list[float]:
+    if not _RANGE.fullmatch(part):  # OpenUSD 26.11 crashes on some that are wrong, such as "1:"
+        raise SceneError(_EXPECTED)
+    try:
+        codes = UsdUtils.TimeCodeRange.CreateFromFrameSpec(part)
+    except Tf.ErrorException as error:
+        reason = str(error).rpartition(" : ")[2].strip().strip("'")
+        raise SceneError(f"{reason}: {_EXPECTED}") from None
+    first, last = codes.startTimeCode.GetValue(), codes.endTimeCode.GetValue()
+    if not (codes.IsValid() and max(abs(first), abs(last)) < LARGEST):
+        raise SceneError(f"expected frames between -{LARGEST:g} and {LARGEST:g}")
+    # Iterated by OpenUSD 26.11, 0:0.5x0.1 would end at 0.4.
+    steps = (last - first) / codes.stride + 1e-6
+    if steps >= MOST_FRAMES:
+        raise SceneError(f"expected no more than {MOST_FRAMES:,} frames")
+    return [round(first + step * codes.stride, _DIGITS) + 0.0 for step in range(int(steps) + 1)]  # no frame is -0
+
+
+def decimals(frame: float) -> int:
+    """Return how many digits after the point a frame number has."""
+    return next(digits for digits in range(_DIGITS + 1) if round(frame, digits) == frame or digits == _DIGITS)
+
+
+def check_frames(stage: Usd.Stage, frames: Sequence[float]) -> None:
+    """Raise SceneError for frames outside the stage's range; a stage without one has any."""
+    if not stage.HasAuthoredTimeCodeRange():
+        return
+    first, last = stage.GetStartTimeCode(), stage.GetEndTimeCode()
+    outside = [frame for frame in frames if not first <= frame <= last]
+    if outside:
+        more = f" and {len(outside) - 1:,} more of those asked for" if len(outside) > 1 else ""
+        text = f"{file_of(stage)} has no frame {outside[0]:.10g}{more}: expected frames from {first:g} to {last:g}"
+        raise SceneError(text)
