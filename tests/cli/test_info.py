@@ -35,6 +35,28 @@ def test_an_exr_shows_its_layers_ranges_and_headers(tmp_path, capsys):
     assert "worldToCamera 1 0 0 0" in found
 
 
+def test_a_stereo_exr_shows_the_view_of_each_layer_and_what_its_views_do_not_share(tmp_path, capsys):
+    views = {
+        view: (
+            {"depth": np.full((6, 8), value), "rgba": np.full((6, 8, 4), value)},
+            {"seed": 7, "camera": f"/Rig/{view}", "worldToCamera": value * np.eye(4)},
+        )
+        for view, value in (("left", 0.5), ("right", 2.0))
+    }
+    write_frame(tmp_path / "a.exr", {}, views=views)
+    found = lines(capsys, tmp_path / "a.exr")
+    assert found[0] == "layer view channels type size min mean max NaN infinite"
+    assert found[1:5] == [
+        "rgba left RGBA half 8 x 6 0.5 0.5 0.5 0 0",
+        "depth left Z float 8 x 6 0.5 0.5 0.5 0 0",
+        "rgba right RGBA half 8 x 6 2 2 2 0 0",
+        "depth right Z float 8 x 6 2 2 2 0 0",
+    ]
+    assert found.count("seed 7") == 1
+    assert {"camera left /Rig/left", "camera right /Rig/right"} <= set(found)
+    assert {"worldToCamera left 0.5 0 0 0", "worldToCamera right 2 0 0 0"} <= set(found)
+
+
 def test_a_png_shows_its_size_and_type(tmp_path, capsys):
     write_frame(tmp_path / "a.png", {"rgba": np.zeros((6, 8, 4))})
     assert "rgba RGB uint8 8 x 6 0 0 0 0 0" in lines(capsys, tmp_path / "a.png")

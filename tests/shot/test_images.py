@@ -164,6 +164,158 @@ def test_a_layer_that_is_not_there_is_named(tmp_path, layers):
         images.write_frame(tmp_path / "a.png", layers, layer="fog")
 
 
+# -- two eyes --------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def views(layers):
+    """Two eyes, the right one's pixels unlike the left one's, and its matrices too."""
+    right = {name: pixels[:, ::-1] for name, pixels in layers.items()}
+    return {
+        "left": (layers, {**METADATA, "camera": "/Rig/Left"}),
+        "right": (right, {**METADATA, "camera": "/Rig/Right", "worldToCamera": 2 * METADATA["worldToCamera"]}),
+    }
+
+
+def test_a_stereo_exr_has_the_parts_of_the_left_eye_and_then_of_the_right(tmp_path, views):
+    images.write_frame(tmp_path / "a.exr", *views["left"], views=views)
+    found = [
+        (s.get_string_attribute("name"), s.get_string_attribute("view"), tuple(s.channelnames), str(s.format))
+        for s in subimages(tmp_path / "a.exr")
+    ]
+    rgb = ("R", "G", "B")
+    colours = ("surface", "beams", "beams_key", "transmittance")
+    assert found == [
+        part
+        for eye in ("left", "right")
+        for part in (
+            (f"rgba.{eye}", eye, (*rgb, "A"), "half"),
+            *((f"{name}.{eye}", eye, rgb, "half") for name in colours),
+            (f"depth.{eye}", eye, ("Z",), "float"),
+        )
+    ]
+
+
+def test_each_eye_of_an_exr_has_its_own_matrices_and_no_legacy_header(tmp_path, views):
+    images.write_exr(tmp_path / "a.exr", *views["left"], views=views)
+    assert OpenEXR.isOpenExrFile(str(tmp_path / "a.exr"))
+    with OpenEXR.File(str(tmp_path / "a.exr")) as file:
+        assert len({part.name() for part in file.parts}) == 12
+        assert [part.part_index for part in file.parts] == list(range(12))
+        for part in file.parts:
+            metadata = views[part.header["view"]][1]
+            np.testing.assert_array_equal(part.header["worldToCamera"], metadata["worldToCamera"])
+            assert part.header["camera"] == metadata["camera"]
+            assert part.header["framesPerSecond"] == metadata["framesPerSecond"]
+            assert "multiView" not in part.header
+            assert {channel.pixels.shape[:2] for channel in part.channels.values()} == {SIZE}
+
+
+def test_each_eye_reads_back_by_itself(tmp_path, views):
+    images.write_exr(tmp_path / "a.exr", {}, views=views)
+    parts = images.read_parts(tmp_path / "a.exr")
+    assert [(part.layer, part.view) for part in parts[::6]] == [("rgba", "left"), ("rgba", "right")]
+    both = images.read_layers(tmp_path / "a.exr")
+    assert list(both) == [part.name for part in parts]
+    for view, (layers, _) in views.items():
+        found = images.read_layers(tmp_path / "a.exr", view)
+        assert sorted(found) == sorted(layers)
+        for name, pixels in layers.items():
+            expected = pixels if name == "depth" else pixels.astype(np.float16).astype(np.float32)
+            np.testing.assert_array_equal(found[name], expected)
+            np.testing.assert_array_equal(both[f"{name}.{view}"], expected)
+    np.testing.assert_array_equal(images.read_image(tmp_path / "a.exr"), both["rgba.left"])
+
+
+def test_a_view_that_is_not_there_is_named(tmp_path, layers, views):
+    images.write_exr(tmp_path / "one.exr", layers)
+    images.write_exr(tmp_path / "two.exr", layers, views=views)
+    with pytest.raises(SceneError, match=r"one\.exr has no view 'left': its views are none"):
+        images.read_layers(tmp_path / "one.exr", "left")
+    with pytest.raises(SceneError, match=r"two\.exr has no view 'centre': its views are left, right"):
+        images.read_layers(tmp_path / "two.exr", "centre")
+
+
+def test_one_eye_alone_says_which_it_is_under_the_names_of_a_mono_file(tmp_path, layers):
+    images.write_exr(tmp_path / "a.exr", layers, {"view": "right"})
+    images.write_exr(tmp_path / "b.exr", {}, views={"right": (layers, {})})
+    assert (tmp_path / "a.exr").read_bytes() == (tmp_path / "b.exr").read_bytes()
+    assert {part.view for part in images.read_parts(tmp_path / "a.exr")} == {"right"}
+    assert list(images.read_layers(tmp_path / "a.exr"))[:2] == ["rgba", "surface"]
+
+
+def test_a_mono_file_says_no_view(tmp_path, layers):
+    images.write_frame(tmp_path / "a.exr", layers, METADATA, views={})
+    with OpenEXR.File(str(tmp_path / "a.exr"), header_only=True) as file:
+        assert [part.name() for part in file.parts][:2] == ["rgba", "surface"]
+        assert not any({"view", "multiView"} & set(part.header) for part in file.parts)
+
+
+def test_a_cropped_stereo_frame_keeps_its_place_in_both_eyes(tmp_path, layers):
+    display = {"displayWindow": (0, 0, 99, 49)}
+    places = {"left": (10, 5, 53, 34), "right": (12, 5, 55, 34)}
+    views = {view: (layers, {**display, "dataWindow": window}) for view, window in places.items()}
+    images.write_exr(tmp_path / "a.exr", {}, views=views)
+    for spec in subimages(tmp_path / "a.exr"):
+        left, top = places[spec.get_string_attribute("view")][:2]
+        assert (spec.x, spec.y, spec.width, spec.height) == (left, top, 44, 30)
+        assert (spec.full_width, spec.full_height) == (100, 50)
+
+
+def test_a_stereo_picture_shows_the_eyes_side_by_side_each_as_it_is_alone(tmp_path, views):
+    def pixels(path):
+        file = OpenImageIO.ImageInput.open(str(path))
+        result = file.read_image("uint8")
+        file.close()
+        return result
+
+    images.write_frame(tmp_path / "both.png", *views["left"], "beams", 1.5, views=views)
+    for view, (layers, metadata) in views.items():
+        images.write_frame(tmp_path / f"{view}.png", layers, metadata, "beams", 1.5)
+    both = pixels(tmp_path / "both.png")
+    assert both.shape == (SIZE[0], 2 * SIZE[1], 3)
+    np.testing.assert_array_equal(both[:, : SIZE[1]], pixels(tmp_path / "left.png"))
+    np.testing.assert_array_equal(both[:, SIZE[1] :], pixels(tmp_path / "right.png"))
+
+
+WHOLE = {"displayWindow": (0, 0, 43, 29)}
+WIDER = {"displayWindow": (0, 0, 99, 29)}
+
+
+@pytest.mark.parametrize(
+    ("left", "right", "message"),
+    [
+        (({"rgba": (4, 4, 4)}, {}), ({"rgba": (4, 5, 4)}, {}), r"rgba\.right \(4, 5, 4\): expected some .* one size"),
+        (({"rgba": (4, 4, 4)}, {}), ({}, {}), r"got layers rgba\.left \(4, 4, 4\): expected some for each view"),
+        (({"rgba": (30, 44, 4)}, WHOLE), ({"rgba": (30, 44, 4)}, WIDER), r"43, 29\) for left and \(0, 0, 99, 29\) for"),
+        (({"rgba": (4, 4, 4)}, {"chromaticities": (0.3,) * 8}), ({"rgba": (4, 4, 4)}, {}), r"got chromaticities"),
+    ],
+)
+def test_views_that_cannot_be_in_one_file_are_refused_before_a_byte_is_written(tmp_path, left, right, message):
+    views = {
+        view: ({name: np.zeros(shape) for name, shape in shapes.items()}, metadata)
+        for view, (shapes, metadata) in (("left", left), ("right", right))
+    }
+    with pytest.raises(ValueError, match=message) as error:
+        images.write_exr(tmp_path / "a.exr", {}, views=views)
+    assert "\n" not in str(error.value)
+    assert names_in(tmp_path) == []
+
+
+def test_one_view_without_a_name_is_refused_beside_another(tmp_path, layers):
+    with pytest.raises(ValueError, match="got views '', 'right': expected a name for each"):
+        images.write_exr(tmp_path / "a.exr", {}, views={"": (layers, {}), "right": (layers, {})})
+
+
+def test_a_stereo_picture_of_unlike_eyes_is_refused(tmp_path, layers):
+    with pytest.raises(SceneError, match=r"no layer 'beams', only rgba"):
+        views = {"left": (layers, {}), "right": ({"rgba": layers["rgba"]}, {})}
+        images.write_frame(tmp_path / "a.png", layers, layer="beams", views=views)
+    with pytest.raises(ValueError, match=r"eyes \[30, 29\] pixels high"):
+        images.write_png(tmp_path / "a.png", layers["rgba"], layers["rgba"][1:])
+    assert names_in(tmp_path) == []
+
+
 # -- nothing half written --------------------------------------------------------------------------------------------
 
 
@@ -218,19 +370,21 @@ path, limit = sys.argv[1], int(sys.argv[2])
 pixels = np.random.default_rng(1).uniform(0, 1, (150, 200, 3)).astype(np.float32)
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
+views = {view: ({"rgba": pixels, "beams": pixels[::-1]}, {}) for view in sys.argv[3:]}
 try:
-    images.write_frame(path, {"rgba": pixels, "beams": pixels[::-1]})
+    images.write_frame(path, {"rgba": pixels, "beams": pixels[::-1]}, views=views)
 except OSError as error:
     print(error.errno, error.filename)
 """
 
 
+@pytest.mark.parametrize("eyes", [(), ("left", "right")], ids=["mono", "stereo"])
 @pytest.mark.parametrize("suffix", ["exr", "png"])
-def test_a_full_disk_is_an_error_and_leaves_the_old_file(tmp_path, suffix):
+def test_a_full_disk_is_an_error_and_leaves_the_old_file(tmp_path, suffix, eyes):
     path = tmp_path / f"a.{suffix}"
 
     def write(limit):
-        command = [sys.executable, "-c", FULL_DISK, str(path), str(limit)]
+        command = [sys.executable, "-c", FULL_DISK, str(path), str(limit), *eyes]
         return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
 
     assert write(10**9) == ""

@@ -16,14 +16,14 @@ if TYPE_CHECKING:
 
 MESHES_SHOWN = 60
 STAGES = (".usd", ".usda", ".usdc", ".usdz")
-_NO_NEWS = ("channels", "chunkCount", "lineOrder", "name", "type", "screenWindowCenter", "screenWindowWidth")
+_NO_NEWS = ("channels", "chunkCount", "lineOrder", "name", "type", "view", "screenWindowCenter", "screenWindowWidth")
 
 
 def info(path: Path) -> None:
     """Show what a USD stage or an image file holds.
 
-    Of a stage: cameras, lights, meshes, fog, looks, frames and units. Of an image: its parts with their channels,
-    sizes, ranges and NaNs, and its headers.
+    Of a stage: cameras, lights, meshes, fog, looks, frames and units. Of an image: its parts with their views,
+    channels, sizes, ranges and NaNs, and its headers.
     """
     from rich.console import Console
 
@@ -42,18 +42,21 @@ def info(path: Path) -> None:
 def _show_image(console: Console, path: Path) -> None:
     from ..shot.images import read_parts
 
+    parts = read_parts(path)
+    stereo = any(part.view for part in parts)
     rows = []
-    for part in read_parts(path):
+    for part in parts:
         height, width = part.pixels.shape[:2]
         channels = " ".join(part.channels) if max(map(len, part.channels)) > 1 else "".join(part.channels)
         types = ", ".join(dict.fromkeys(part.types))
-        rows.append((part.name, channels, types, f"{width} x {height}", *statistics(part.pixels)))
-    columns = ("layer", "channels", "type", "size", "min", "mean", "max", "NaN", "infinite")
-    console.print(_table(columns, rows, right=5))
-    header = _exr_header(path) if path.suffix.lower() == ".exr" else {}
+        names = (part.layer, part.view) if stereo else (part.layer,)
+        rows.append((*names, channels, types, f"{width} x {height}", *statistics(part.pixels)))
+    columns = ("layer", *(["view"] if stereo else []), "channels", "type", "size", "min", "mean", "max")
+    console.print(_table((*columns, "NaN", "infinite"), rows, right=5))
+    header = _header_rows(path) if path.suffix.lower() == ".exr" else []
     if header:
         console.print()
-        console.print(_table(None, [(name, _text(header[name])) for name in sorted(header)]))
+        console.print(_table(None, header))
 
 
 def statistics(pixels: Array) -> tuple[str, str, str, str, str]:
@@ -65,12 +68,26 @@ def statistics(pixels: Array) -> tuple[str, str, str, str, str]:
     return (ranges[0], ranges[1], ranges[2], counts[0], counts[1])
 
 
-def _exr_header(path: Path) -> dict[str, Any]:
-    """Return the first part's attributes, without those that say how the file is laid out."""
+def _header_rows(path: Path) -> list[tuple[str, str]]:
+    """Return the attributes of each view's first part, without those that say how the file is laid out.
+
+    What all views say is told once; what they do not, such as their matrices, for each view.
+    """
     import OpenEXR
 
+    headers: dict[str, dict[str, str]] = {}
     with OpenEXR.File(str(path), header_only=True) as file:
-        return {name: value for name, value in file.parts[0].header.items() if name not in _NO_NEWS}
+        for part in file.parts:
+            texts = {name: _text(value) for name, value in part.header.items() if name not in _NO_NEWS}
+            headers.setdefault(str(part.header.get("view", "")), texts)
+    rows: list[tuple[str, str]] = []
+    for name in sorted({name for header in headers.values() for name in header}):
+        texts = {view: header[name] for view, header in headers.items() if name in header}
+        if len(texts) == len(headers) and len(set(texts.values())) == 1:
+            rows.append((name, next(iter(texts.values()))))
+        else:
+            rows += [(f"{name} {view}".rstrip(), text) for view, text in texts.items()]
+    return rows
 
 
 def _text(value: Any) -> str:

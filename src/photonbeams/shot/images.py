@@ -23,10 +23,12 @@ import OpenImageIO
 from ..scene import Array, SceneError
 
 PathLike = str | os.PathLike[str]
+Views = Mapping[str, tuple[Mapping[str, Array], Mapping[str, Any]]]  # view to its layers and metadata
 
 HALF_MAX = 65504.0  # the largest finite half
 REC709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)  # red, green, blue, white: the `chromaticities` of EXR
 SHOULDER = 0.5  # scene-linear value up to which `tone_mapped` changes nothing
+SHARED = ("displayWindow", "chromaticities")  # of those that OpenEXR wants alike in all parts, what a frame gives
 PNG_END = b"IEND\xaeB`\x82"  # the last chunk of a whole PNG
 WHITENING = 0.15  # how fast the shoulder turns bright colours white; the value of Khronos' PBR Neutral
 
@@ -133,26 +135,41 @@ def write_frame(
     metadata: Mapping[str, Any] | None = None,
     layer: str = "rgba",
     exposure: float = 0.0,
+    views: Views | None = None,
 ) -> None:
     """Write a frame as its name says: all layers to an .exr, or the tone-mapped picture of one `layer` to a .png.
+
+    Parameters
+    ----------
+    views
+        As in `write_exr`; a .png shows them side by side, the first on the left, each at its full size.
 
     Raises
     ------
     SceneError
         Another suffix, or no such layer.
+    ValueError
+        As `write_exr` and `write_png`.
     OSError
         As `atomic_path`.
     """
     path = _picture_path(path)
     if path.suffix.lower() == ".exr":
-        write_exr(path, layers, metadata)
-    elif layer in layers:
-        write_png(path, layers[layer], exposure)
-    else:
-        raise SceneError(f"cannot write {path}: there is no layer '{layer}', only {', '.join(layers)}")
+        write_exr(path, layers, metadata, views)
+        return
+    eyes = [each for each, _ in views.values()] if views else [layers]
+    for each in eyes:
+        if layer not in each:
+            raise SceneError(f"cannot write {path}: there is no layer '{layer}', only {', '.join(each)}")
+    write_png(path, *(each[layer] for each in eyes), exposure=exposure)
 
 
-def write_exr(path: PathLike, layers: Mapping[str, Array], metadata: Mapping[str, Any] | None = None) -> None:
+def write_exr(
+    path: PathLike,
+    layers: Mapping[str, Array],
+    metadata: Mapping[str, Any] | None = None,
+    views: Views | None = None,
+) -> None:
     """Write a multi-part EXR, a part for each layer, `rgba` first; ZIP, half for colour, float for depth.
 
     Parameters
@@ -167,25 +184,59 @@ def write_exr(path: PathLike, layers: Mapping[str, Array], metadata: Mapping[str
         arrays. The matrices worldToCamera and worldToNDC are for row vectors, as Imath and USD have them. For a
         cropped frame, `dataWindow` and `displayWindow` are (x0, y0, x1, y1), the last pixel included. Chromaticities
         are Rec.709 unless given.
+    views
+        Layers and metadata of each view, in place of `layers` and `metadata`: "left" and "right", the default one
+        first. Each part says its `view`, and where there are several has it at the end of its name, as in beams.left,
+        since names are unique: https://openexr.com/en/latest/MultiViewOpenEXR.html, of whose two forms this is the
+        preferred one.
 
     Raises
     ------
     ValueError
-        Layers of several sizes or of other shapes, or metadata that EXR has no type for.
+        Layers of several sizes or of other shapes, metadata that EXR has no type for, views of unlike display windows
+        or chromaticities, or one without a name among several.
     OSError
         As `atomic_path`.
     """
-    header = _header({"chromaticities": REC709, **(metadata or {})})
-    names = sorted(layers, key=lambda name: name != "rgba")  # stable: the others keep their order
-    if not names or len({np.shape(layers[name])[:2] for name in names}) != 1:
-        shapes = ", ".join(f"{name} {np.shape(layers[name])}" for name in names)
-        raise ValueError(f"while writing {path}, got layers {shapes or 'without one'}: expected one size")
-    parts = [OpenEXR.Part(dict(header), _channels(name, layers[name]), name) for name in names]
+    views = views or {"": (layers, metadata or {})}
+    views = {
+        view: (seen, {"chromaticities": REC709, **about, **({"view": view} if view else {})})
+        for view, (seen, about) in views.items()
+    }
+    _check_views(path, views)
+    parts = [
+        OpenEXR.Part(_header(about), _channels(name, seen[name]), _part_name(name, view, views))
+        for view, (seen, about) in views.items()
+        for name in sorted(seen, key=lambda name: name != "rgba")  # stable: the others keep their order
+    ]
     with atomic_path(path) as beside:
         try:
             OpenEXR.File(parts).write(str(beside))
         except RuntimeError as error:  # OpenEXR's only one
             raise _failed(beside, str(error)) from error
+
+
+def _part_name(layer: str, view: str, views: Views) -> str:
+    return f"{layer}.{view}" if len(views) > 1 else layer
+
+
+def _check_views(path: PathLike, views: Views) -> None:
+    """Raise ValueError for what the views of one file cannot be: OpenEXR would blame the file, or write it."""
+    if len(views) > 1 and "" in views:
+        raise ValueError(f"while writing {path}, got views {', '.join(map(repr, views))}: expected a name for each")
+    for name in SHARED:
+        values = {view: tuple(about.get(name, ())) for view, (_, about) in views.items()}
+        if len(set(values.values())) > 1:
+            text = " and ".join(f"{value} for {view}" for view, value in values.items())
+            raise ValueError(f"while writing {path}, got {name} {text}: expected one for all views")
+    shapes = {
+        _part_name(name, view, views): np.shape(pixels)
+        for view, (seen, _) in views.items()
+        for name, pixels in seen.items()
+    }
+    if not all(seen for seen, _ in views.values()) or len({shape[:2] for shape in shapes.values()}) > 1:
+        text = ", ".join(f"{name} {shape}" for name, shape in shapes.items()) or "none"
+        raise ValueError(f"while writing {path}, got layers {text}: expected some for each view, all of one size")
 
 
 def _header(metadata: Mapping[str, Any]) -> dict[str, Any]:
@@ -224,8 +275,10 @@ def _channels(name: str, pixels: Array) -> dict[str, Array]:
     raise ValueError(f"while writing layer {name}, got shape {pixels.shape}: expected (H, W), (H, W, 3) or (H, W, 4)")
 
 
-def write_png(path: PathLike, pixels: Array, exposure: float = 0.0) -> None:
+def write_png(path: PathLike, *eyes: Array, exposure: float = 0.0) -> None:
     """Write scene-linear colours (H, W, 3 or 4), premultiplied, as an opaque 8-bit sRGB picture over black.
+
+    Several are set side by side, the first on the left; each is, to the bit, what it would be alone.
 
     Alpha is left out: beams add light where alpha is zero, which PNG's alpha cannot say.
 
@@ -236,10 +289,15 @@ def write_png(path: PathLike, pixels: Array, exposure: float = 0.0) -> None:
 
     Raises
     ------
+    ValueError
+        Eyes of several heights.
     OSError
         As `atomic_path`.
     """
-    picture = dithered(srgb_encoded(tone_mapped(np.asarray(pixels)[..., :3], exposure)))
+    heights = [np.shape(eye)[0] for eye in eyes]
+    if len(set(heights)) != 1:
+        raise ValueError(f"while writing {path}, got eyes {heights} pixels high: expected one height")
+    picture = np.hstack([dithered(srgb_encoded(tone_mapped(np.asarray(eye)[..., :3], exposure))) for eye in eyes])
     spec = OpenImageIO.ImageSpec(picture.shape[1], picture.shape[0], 3, "uint8")
     spec.attribute("oiio:ColorSpace", "srgb_rec709_scene")
     with atomic_path(path) as beside:
@@ -309,12 +367,20 @@ class Part:
         The channels' names, and how they are stored: half, float, uint8, ...
     pixels
         (H, W, C) float32 as stored, no colour converted, first row on top.
+    view
+        "left", "right", or what else the file says; empty where it says none.
     """
 
     name: str
     channels: tuple[str, ...]
     types: tuple[str, ...]
     pixels: Array
+    view: str = ""
+
+    @property
+    def layer(self) -> str:
+        """The name without the view at its end."""
+        return self.name.removesuffix(f".{self.view}") if self.view else self.name
 
 
 def read_parts(path: PathLike) -> list[Part]:
@@ -330,16 +396,35 @@ def read_parts(path: PathLike) -> list[Part]:
     parts: list[Part] = []
     for index, (spec, pixels) in enumerate(_subimages(path)):
         name = spec.get_string_attribute("oiio:subimagename") or "rgba"
+        view = spec.get_string_attribute("view")
         if name in {part.name for part in parts}:
-            name = f"{name}.{spec.get_string_attribute('view') or index}"
+            name = f"{name}.{view or index}"
         types = tuple(str(spec.channelformat(channel)) for channel in range(spec.nchannels))
-        parts.append(Part(name, tuple(spec.channelnames), types, pixels))
+        parts.append(Part(name, tuple(spec.channelnames), types, pixels, view))
     return parts
 
 
-def read_layers(path: PathLike) -> dict[str, Array]:
-    """Return the pixels of `read_parts` by name, (H, W, C), or (H, W) where there is one channel."""
-    return {part.name: part.pixels[..., 0] if len(part.channels) == 1 else part.pixels for part in read_parts(path)}
+def read_layers(path: PathLike, view: str | None = None) -> dict[str, Array]:
+    """Return the pixels of `read_parts` by name, (H, W, C), or (H, W) where there is one channel.
+
+    With a `view`, its layers only, under names that leave it out.
+
+    Raises
+    ------
+    OSError
+        As `read_parts`.
+    SceneError
+        As `read_parts`, or no such view.
+    """
+    parts = read_parts(path)
+    if view is not None and view not in {part.view for part in parts}:
+        views = ", ".join(dict.fromkeys(part.view for part in parts if part.view)) or "none"
+        raise SceneError(f"{path} has no view '{view}': its views are {views}")
+    return {
+        part.name if view is None else part.layer: part.pixels[..., 0] if len(part.channels) == 1 else part.pixels
+        for part in parts
+        if view is None or part.view == view
+    }
 
 
 def read_image(path: PathLike) -> Array:
