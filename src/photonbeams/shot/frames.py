@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from math import isfinite
 
 from pxr import Tf, Usd, UsdUtils
 
@@ -63,9 +64,9 @@ def decimals(frame: float) -> int:
 
 def check_frames(stage: Usd.Stage, frames: Sequence[float]) -> None:
     """Raise SceneError for frames outside the stage's range; a stage without one has any."""
-    if not stage.HasAuthoredTimeCodeRange():
-        return
     first, last = stage.GetStartTimeCode(), stage.GetEndTimeCode()
+    if not (stage.HasAuthoredTimeCodeRange() and isfinite(first) and isfinite(last)):
+        return
     outside = [frame for frame in frames if not first <= frame <= last]
     if outside:
         more = f" and {len(outside) - 1:,} more of those asked for" if len(outside) > 1 else ""

@@ -1,0 +1,197 @@
+"""UsdRender's settings and products."""
+
+import logging
+from pathlib import Path
+
+import pytest
+
+from photonbeams.scene import SceneError
+from photonbeams.shot.settings import Product, RenderSettings, product_file, read_settings
+
+CAMERAS = 'def Camera "A" {\n}\ndef Camera "B" {\n}\n'
+METADATA = 'renderSettingsPrimPath = "/S"'
+
+
+def settings(body="", name="S"):
+    return f'def RenderSettings "{name}" {{\n{body}\n}}\n'
+
+
+def product(body="", name="P"):
+    return f'def RenderProduct "{name}" {{\n{body}\n}}\n'
+
+
+@pytest.fixture
+def warnings(caplog):
+    caplog.set_level(logging.WARNING, "photonbeams")
+    return caplog
+
+
+def test_a_stage_without_settings_says_nothing(usd):
+    assert read_settings(usd(CAMERAS)) == RenderSettings()
+
+
+def test_what_is_not_authored_is_none(usd, warnings):
+    assert read_settings(usd(settings(), METADATA)) == RenderSettings(path="/S")
+    assert warnings.messages == []
+
+
+def test_settings_are_those_of_the_path_else_of_the_metadata(usd):
+    stage = usd(settings("uniform int2 resolution = (3, 2)") + settings("", "T"), METADATA)
+    assert read_settings(stage).resolution == (3, 2)
+    assert read_settings(stage, "/T") == RenderSettings(path="/T")
+
+
+def test_all_that_settings_say_is_read(usd, warnings):
+    body = """
+        rel camera = </B>
+        uniform int2 resolution = (640, 360)
+        uniform float pixelAspectRatio = 1
+        uniform token aspectRatioConformPolicy = "expandAperture"
+        uniform float4 dataWindowNDC = (0.25, 0.5, 1, 1)
+        uniform bool disableMotionBlur = true
+        uniform bool disableDepthOfField = false
+        rel products = </P>"""
+    variables = 'def RenderVar "beams_key" {\n}\ndef RenderVar "Ci" {\n}\ndef RenderVar "Deep" {\n'
+    variables += '    uniform string sourceName = "Z"\n}\n'
+    text = CAMERAS + settings(body) + product("rel orderedVars = [</beams_key>, </Ci>, </Deep>]") + variables
+    assert read_settings(usd(text, METADATA)) == RenderSettings(
+        path="/S",
+        camera="/B",
+        resolution=(640, 360),
+        pixel_aspect_ratio=1.0,
+        conform_policy="expandAperture",
+        data_window=(0.25, 0.5, 1.0, 1.0),
+        disable_motion_blur=True,
+        disable_depth_of_field=False,
+        products=(Product("/P", ("beams_key", "rgba", "depth")),),
+    )
+    assert warnings.messages == []
+
+
+@pytest.mark.parametrize(
+    ("body", "still"),
+    [
+        ("uniform bool instantaneousShutter = true", True),
+        ("uniform bool instantaneousShutter = false", False),
+        ("uniform bool instantaneousShutter = false\nuniform bool disableMotionBlur = true", True),
+        ("uniform bool instantaneousShutter = true\nuniform bool disableMotionBlur = false", True),
+    ],
+)
+def test_the_old_name_of_no_motion_blur_is_known(usd, body, still):
+    assert read_settings(usd(settings(body), METADATA)).disable_motion_blur is still
+
+
+def test_the_data_window_is_from_the_lower_left_and_of_pixel_centres():
+    def pixels(window, width, height):
+        x0, y0, x1, y1 = RenderSettings(data_window=window).crop(width, height)
+        return (int(x0 * width), int(y0 * height), round(x1 * width), round(y1 * height))
+
+    assert RenderSettings().crop(10, 10) is None
+    assert pixels((0, 0, 1, 1), 32, 18) == (0, 0, 32, 18)
+    assert pixels((0, 0, 0.5, 0.25), 8, 8) == (0, 6, 4, 8)
+    assert pixels((0.5, 0.75, 1, 1), 8, 8) == (4, 0, 8, 2)
+    assert pixels((0.06, 0, 0.14, 1), 10, 1) == (1, 0, 2, 1)  # no centre within: one pixel all the same
+    assert pixels((0.04, 0, 0.16, 1), 10, 1) == (0, 0, 2, 1)
+    # Thirds and tenths in single precision, and tiles that share no pixel.
+    third, tenth = 0.3333333432674408, 0.699999988079071
+    assert pixels((third, 0, tenth, 1), 1920, 1) == (640, 0, 1344, 1)
+    assert pixels((tenth, 0, 1, 1), 1920, 1) == (1344, 0, 1920, 1)
+    for width in range(1, 200):
+        for edge in range(1, width):
+            assert pixels((0, 0, edge / width, 1), width, 1)[2] == pixels((edge / width, 0, 1, 1), width, 1)[0] == edge
+
+
+@pytest.mark.parametrize(
+    ("body", "warning"),
+    [
+        ("uniform float pixelAspectRatio = 2", "/S.pixelAspectRatio is 2: pixels are square here"),
+        ('uniform token aspectRatioConformPolicy = "cropAperture"', "/S.aspectRatioConformPolicy is 'cropAperture'"),
+        ("uniform float4 dataWindowNDC = (-0.5, 0, 1, 1)", "/S.dataWindowNDC is (-0.5, 0, 1, 1): what is outside"),
+    ],
+)
+def test_what_is_not_done_is_warned_of_once(usd, warnings, body, warning):
+    read_settings(usd(settings(body), METADATA))
+    assert len(warnings.messages) == 1
+    assert warning in warnings.messages[0]
+
+
+def test_metadata_that_names_no_settings_is_ignored_with_a_warning(usd, warnings):
+    assert read_settings(usd(CAMERAS, 'renderSettingsPrimPath = "/A"')) == RenderSettings()
+    assert len(warnings.messages) == 1
+    assert "renderSettingsPrimPath is /A, which is no RenderSettings" in warnings.messages[0]
+
+
+@pytest.mark.parametrize("path", ["/A", "/Gone", "S", "/S.camera", "no path", "/"])
+def test_a_path_without_settings_is_refused(usd, path):
+    with pytest.raises(SceneError, match=rf"stage\.usda has no render settings '{path}': expected one of /S, /T$"):
+        read_settings(usd(CAMERAS + settings() + settings(name="T")), path)
+
+
+@pytest.mark.parametrize(
+    ("body", "message"),
+    [
+        ("rel camera = </Gone>", "/S.camera names /Gone: expected a prim that is on the stage"),
+        ("rel camera = </S>", "/S.camera names /S: expected a Camera"),
+        ("uniform int2 resolution = (0, 5)", "/S.resolution is 0 x 5: expected 1 to 65536"),
+        ("uniform int2 resolution = (5, 100000)", "/S.resolution is 5 x 100000"),
+        ("uniform float pixelAspectRatio = nan", "/S.pixelAspectRatio is nan"),
+        (
+            "uniform float4 dataWindowNDC = (0.5, 0, 0.5, 1)",
+            r"/S.dataWindowNDC is \(0.5, 0, 0.5, 1\): expected x0 < x1",
+        ),
+        ("uniform float4 dataWindowNDC = (2, 0, 3, 1)", r"/S.dataWindowNDC is \(2, 0, 3, 1\)"),
+        ("uniform float4 dataWindowNDC = (nan, 0, 3, 1)", r"/S.dataWindowNDC is \(nan, 0, 3, 1\)"),
+        ("rel products = </Gone>", "/S.products names /Gone"),
+        ("rel products = </A>", "/S.products names /A: expected a RenderProduct"),
+        ("rel products = </Bad>", "/Bad.orderedVars names /A: expected a RenderVar"),
+    ],
+)
+def test_what_makes_no_picture_is_refused_with_file_and_prim(usd, body, message):
+    with pytest.raises(SceneError, match=rf"stage\.usda: {message}"):
+        read_settings(usd(CAMERAS + settings(body) + product("rel orderedVars = </A>", "Bad"), METADATA))
+
+
+def test_what_is_given_otherwise_may_be_wrong(usd, warnings):
+    body = "rel camera = </Gone>\nuniform int2 resolution = (0, 0)\nrel products = </Gone>"
+    given = ("camera", "resolution", "products")
+    assert read_settings(usd(settings(body), METADATA), given=given) == RenderSettings(path="/S")
+
+
+def test_a_product_is_stronger_than_its_settings_and_the_first_than_others(usd, warnings):
+    body = "uniform int2 resolution = (8, 4)\nrel camera = </A>\nrel products = [</P>, </Q>, </R>]"
+    first = product("uniform int2 resolution = (6, 3)")
+    alike = product("uniform int2 resolution = (6, 3)\nrel camera = </A>", "Q")
+    other = product("uniform int2 resolution = (6, 3)\nrel camera = </B>", "R")
+    found = read_settings(usd(CAMERAS + settings(body) + first + alike + other, METADATA))
+    assert (found.resolution, found.camera) == ((6, 3), "/A")
+    assert [each.path for each in found.products] == ["/P", "/Q", "/R"]
+    assert len(warnings.messages) == 1
+    assert "/R.camera differs from that of /P, which is used for all products" in warnings.messages[0]
+
+
+def test_products_that_are_no_rasters_are_skipped_with_a_warning(usd, warnings):
+    text = (
+        settings("rel products = [</D>, </P>]") + product('uniform token productType = "deepRaster"', "D") + product()
+    )
+    assert [each.path for each in read_settings(usd(text, METADATA)).products] == ["/P"]
+    assert len(warnings.messages) == 1
+    assert "/D.productType is 'deepRaster': it is skipped" in warnings.messages[0]
+
+
+def test_a_product_names_its_file_at_each_time(usd):
+    stage = usd(product('token productName.timeSamples = { 1: "a.1.exr", 2: "a.2.PNG"\n}\n'))
+    assert [product_file(stage, Product("/P"), time) for time in (1, 2)] == [Path("a.1.exr"), Path("a.2.PNG")]
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        ("", "a name that ends in .exr or .png"),
+        ("a.tif", "a name that ends in .exr or .png"),
+        ("a.#.##_#.exr", "one run of #"),
+    ],
+)
+def test_a_product_without_a_picture_is_refused(usd, name, expected):
+    stage = usd(product(f'token productName = "{name}"'))
+    with pytest.raises(SceneError, match=rf"stage\.usda: /P\.productName is '{name}': expected {expected}"):
+        product_file(stage, Product("/P"))
