@@ -15,6 +15,7 @@ NAMES = {
     "cost": "seconds and memory from a thousand to a million beams",
     "quadrature": "Gauss against Riemann at equal error",
     "keyhole": "the example frame, from an empty kernel cache",
+    "film": "lens, shutter and a second eye beside a pinhole",
 }
 
 

@@ -331,6 +331,9 @@ def cameras(stage: Usd.Stage) -> None:
     UsdGeom.Xformable(still).AddTransformOp().Set(matrix(aimed((-2.0, 1.0, 2.35), (0.12, 0.56, 0.95))))
     flying = camera(stage, "/World/Flight", 28)
     flying.GetPrim().SetDocumentation("Flies into the shaft, up along it toward the light, and out on the other side.")
+    flying.CreateFStopAttr(4.0)
+    flying.CreateShutterOpenAttr(-0.25)  # half of a frame's time, the film camera's 180 degrees
+    flying.CreateShutterCloseAttr(0.25)
     path = UsdGeom.Xformable(flying).AddTransformOp()
     for frame in range(FRAMES[0], FRAMES[1] + 1):
         path.Set(matrix(aimed(*flight((frame - FRAMES[0]) / (FRAMES[1] - FRAMES[0])))), frame)

@@ -1,0 +1,48 @@
+"""The example's flight through its beams: the blend of estimators moves no more than the converged frustum does."""
+
+from pathlib import Path
+
+import drjit as dr
+import numpy as np
+
+import photonbeams as pb
+from photonbeams.device import Bool, Float, UInt32
+from photonbeams.estimators.estimate import ENDLESS
+from photonbeams.estimators.frustum import Points
+from photonbeams.estimators.image import PixelRays, estimate_image
+from photonbeams.render.camera import View, Window
+from photonbeams.render.world import World
+from photonbeams.simulation.trace import trace
+
+STAGE = Path(__file__).parents[2] / "examples" / "keyhole" / "keyhole.usda"
+FRAMES = range(1, 102)
+
+
+def test_no_frame_of_the_flight_pops():
+    """No frame's difference to its neighbour exceeds the converged one's by more than 1 % (issue 3)."""
+    shot = pb.Shot.open(STAGE, camera="Flight", overrides=["/World/Light/Key.photonbeams:count=96"])
+    content, _ = shot.read(1)
+    world = World.build(content, [(0, 1.5, 2)])
+    (beams,) = trace(world, light_side={light.name for light in content.lights})
+    rules = {"auto": Points(pb.gauss_legendre(6)), "frustum": Points(pb.gauss_legendre(64))}
+    pictures = {"auto": [], "frustum": []}
+    for frame in FRAMES:
+        view = View(shot.cameras(frame)[0], Window.full(48, 27))
+        rays = view.rays((0.5, 0.5))
+        count = dr.width(rays.direction)
+        hit = world.intersect(rays.origin, rays.direction, dr.full(Bool, True, count), dr.zeros(UInt32, count))
+        pixels = PixelRays(*rays[:3], dr.minimum(hit.t, ENDLESS), dr.zeros(Float, count))
+        dr.eval(pixels.t_max)
+        for estimator, points in rules.items():
+            found = estimate_image(
+                beams.beams, view.projection, pixels,
+                look=beams.look, medium=content.medium, estimator=estimator, points=points,
+            )  # fmt: skip
+            pictures[estimator].append(found.radiance.numpy().astype(np.float64))
+    blend, converged = (np.array(pictures[name]) for name in ("auto", "frustum"))
+    steps, own = (np.linalg.norm(np.diff(each, axis=0), axis=(1, 2)) for each in (blend, converged))
+    assert np.all(steps <= 1.01 * own)
+    assert np.linalg.norm(blend - converged) <= 0.005 * np.linalg.norm(converged)
+    # The camera does fly through the beams: what it sees changes by more than half on the way.
+    total = converged.sum(axis=(1, 2))
+    assert total.max() > 2 * total.min() and np.all(own > 0)
