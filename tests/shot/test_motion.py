@@ -112,6 +112,7 @@ def test_equality_looks_into_arrays():
     assert equal(mesh, pb.scene.Mesh("/a", np.zeros((3, 3)), np.array([[0, 1, 2]])))
     assert not equal(mesh, pb.scene.Mesh("/a", np.ones((3, 3)), np.array([[0, 1, 2]])))
     assert not equal((1, 2), (1, 2, 3)) and not equal(1, 1.5) and not equal(np.zeros(3), 0)
+    assert equal((0.1 + 0.2, np.array([0.1 + 0.2])), (0.3, np.array([0.3]))) and not equal(0.3, 0.3 + 1e-8)
 
 
 def test_a_moving_light_blurs_and_the_exr_says_how_long_the_shutter_was_open(shot):

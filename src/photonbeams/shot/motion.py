@@ -12,6 +12,8 @@ from ..scene import Camera, Scene
 
 T = TypeVar("T")
 
+_ROUNDING = 1e-9  # of float64 positions, between two keys of one value
+
 
 def followed(first: Scene, later: Scene) -> Scene:
     """Return a later state of a scene with the prims of the first one, in their order, for beams to be followed.
@@ -40,16 +42,20 @@ def same(first: T, later: T) -> T:
 
 
 def equal(a: Any, b: Any) -> bool:
-    """Return whether two values are equal, arrays and what holds arrays too."""
+    """Return whether two values are equal, to the rounding of interpolated keys; arrays and what holds them too."""
     if a is b:
         return True
     if is_dataclass(a) and type(a) is type(b):
         return all(equal(getattr(a, field.name), getattr(b, field.name)) for field in fields(a))
-    if isinstance(a, np.ndarray) and isinstance(b, np.ndarray):
-        return np.array_equal(a, b)
+    if isinstance(a, float | np.ndarray) and isinstance(b, float | np.ndarray):
+        return np.shape(a) == np.shape(b) and np.allclose(a, b, rtol=_ROUNDING, atol=0)
     if isinstance(a, tuple) and isinstance(b, tuple):
         return len(a) == len(b) and all(map(equal, a, b))
     return bool(type(a) is type(b) and a == b)
+
+
+# Fractions of the shutter at which a scene is looked at to learn whether it moves.
+_PROBES = (0.3, 0.7, 1.0)
 
 
 class Exposure:
@@ -57,27 +63,46 @@ class Exposure:
 
     Parameters
     ----------
-    read
-        Returns scene and cameras at a time code.
+    read_scene, read_cameras
+        Return the scene, and the cameras, at a time code.
     start, stop
         Time codes of shutter open and shutter close.
+
+    Attributes
+    ----------
+    duration
+        Time codes that the shutter is open.
+    moving
+        Whether anything moves meanwhile.
     """
 
-    def __init__(self, read: Callable[[float], tuple[Scene, tuple[Camera, ...]]], start: float, stop: float) -> None:
-        self._read, self._start, self._stop = read, start, stop
-        self.duration = stop - start  # in time codes
-        self._first = read(start)
-        self._known: dict[float, tuple[Scene, tuple[Camera, ...]]] = {0.0: self._first}
-        self.moving = stop > start and any(self._changed(fraction) for fraction in (1.0, 0.5))
+    def __init__(
+        self,
+        read_scene: Callable[[float], Scene],
+        read_cameras: Callable[[float], tuple[Camera, ...]],
+        start: float,
+        stop: float,
+    ) -> None:
+        self._read_scene, self._read_cameras = read_scene, read_cameras
+        self._start, self.duration = start, stop - start
+        self._first = read_scene(start), read_cameras(start)
+        self._known = {0.0: self._first}
+        # Reading a scene takes long: what stands still at these times is taken to stand still in between.
+        self._still = not self.duration or all(self._scene(each) is self._first[0] for each in _PROBES)
+        self.moving = bool(self.duration) and (not self._still or any(self._eyes_moved(each) for each in _PROBES))
 
     def __call__(self, fraction: float) -> tuple[Scene, tuple[Camera, ...]]:
         """Return scene and cameras at a fraction of the shutter, 0 to 1."""
         if fraction not in self._known:
-            content, cameras = self._read(self._start + fraction * (self._stop - self._start))
-            first, eyes = self._first
-            self._known[fraction] = followed(first, content), tuple(map(same, eyes, cameras))
+            content = self._first[0] if self._still else self._scene(fraction)
+            self._known[fraction] = content, self._eyes(fraction)
         return self._known[fraction]
 
-    def _changed(self, fraction: float) -> bool:
-        content, cameras = self(fraction)
-        return content is not self._first[0] or any(a is not b for a, b in zip(cameras, self._first[1], strict=True))
+    def _scene(self, fraction: float) -> Scene:
+        return followed(self._first[0], self._read_scene(self._start + fraction * self.duration))
+
+    def _eyes(self, fraction: float) -> tuple[Camera, ...]:
+        return tuple(map(same, self._first[1], self._read_cameras(self._start + fraction * self.duration)))
+
+    def _eyes_moved(self, fraction: float) -> bool:
+        return any(a is not b for a, b in zip(self._eyes(fraction), self._first[1], strict=True))

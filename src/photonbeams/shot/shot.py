@@ -54,7 +54,7 @@ class Frame:
 
     def write(self, path: str | os.PathLike[str], layer: str = "rgba", exposure: float = 0.0) -> None:
         """Write a layered EXR, or one layer as a tone-mapped PNG, by the suffix; whole or not at all."""
-        write_frame(path, self.layers, self.metadata, layer=layer, exposure=exposure)
+        write_frame(path, self.layers, self.metadata, layer=layer, exposure=exposure, views=self.views)
 
 
 class Shot:
@@ -139,14 +139,14 @@ class Shot:
         begin, end = read_shutter(self.stage, self.camera, time)
         base = 0.0 if time.IsDefault() else float(time.GetValue())
 
-        def read(code: float) -> tuple[scene.Scene, tuple[scene.Camera, ...]]:
-            at = None if time.IsDefault() else code
-            cameras = self.cameras(at)
-            if not lens:
-                cameras = tuple(replace(camera, lens_radius=0.0) for camera in cameras)
-            return replace(self.read(at)[0], bounds=self._bounds()), cameras
+        def read(code: float) -> scene.Scene:
+            return replace(self.read(None if time.IsDefault() else code)[0], bounds=self._bounds())
 
-        return Exposure(read, base + begin, base + (end if blur else begin))
+        def cameras(code: float) -> tuple[scene.Camera, ...]:
+            found = self.cameras(None if time.IsDefault() else code)
+            return found if lens else tuple(replace(camera, lens_radius=0.0) for camera in found)
+
+        return Exposure(read, cameras, base + begin, base + (end if blur else begin))
 
     def _bounds(self) -> tuple[Array, float]:
         """Return a sphere around all that is ever on the stage: beams must not change with what moves elsewhere."""
