@@ -8,13 +8,19 @@ KEYHOLE := $(VENV)/bin/photonbeams render examples/keyhole/keyhole.usda \
 	--passes 64 \
 	-o out/keyhole.exr -o out/keyhole.png --picture beams=out/keyhole.beams.png
 
+# Frames that are there already are not rendered again: `make flight` goes on where it was stopped.
+FLIGHT := $(VENV)/bin/photonbeams render examples/keyhole/keyhole.usda -cam Flight --frames 1:101 \
+	--set /World/Light/Key.photonbeams:count=2048 \
+	--res 640 0 --passes 16 --skip-existing -o out/flight/flight.####.exr
+
 # What to hand to pytest, as in `make test ARGS=tests/test_quadrature.py`.
 ARGS :=
 
-.PHONY: help keyhole test lint bench docs
+.PHONY: help keyhole flight test lint bench docs
 
 help:
 	@echo 'make keyhole  render the example shot to out/: a layered EXR, a picture, and the beams alone'
+	@echo 'make flight   render the flight through the beams (a quarter of an hour), as a film and a contact sheet'
 	@echo 'make test     run the tests (make test ARGS="-k quadrature" for some of them)'
 	@echo 'make lint     check the code with ruff and mypy'
 	@echo 'make bench    measure, each figure beside its yardstick'
@@ -23,6 +29,11 @@ help:
 keyhole: $(READY)
 	@mkdir -p out
 	$(KEYHOLE)
+
+flight: $(READY)
+	@mkdir -p out/flight
+	$(FLIGHT)
+	$(PYTHON_BIN) examples/keyhole/film.py 'out/flight/flight.####.exr' out/flight.mp4
 
 test: $(READY)
 	$(PYTHON_BIN) -m pytest $(ARGS)
