@@ -151,10 +151,11 @@ def test_all_outputs_are_written_and_summed_up(render, stage, out):
 
 @pytest.mark.parametrize(
     ("flags", "name"),
-    [((), "a.0007.exr"), (("-f", "12"), "a.0012.exr"), (("-f", "-3"), "a.-003.exr"), (("-f", "7.5"), "a.7.5.exr")],
+    [((), "a.-007.exr"), (("-f", "12"), "a.0012.exr"), (("-f", "-3"), "a.-003.exr"), (("-f", "7.5"), "a.7.5.exr")],
 )
 def test_a_run_of_hashes_is_the_frame_number(render, stage, out, flags, name):
-    assert render(stage(), "-o", out / "a.####.exr", *flags)[0] == 0
+    path = stage(metadata="startTimeCode = -7\n    endTimeCode = 12")
+    assert render(path, "-o", out / "a.####.exr", *flags)[0] == 0
     assert (out / name).exists()
 
 
@@ -308,14 +309,15 @@ def test_layers_choose_what_the_exr_holds_and_groups_have_theirs(render, stage, 
         (("--absorption", "-1"), ("--absorption is -1", "at least 0")),
         (("--anisotropy", 2), ("--anisotropy is 2", "-0.99 to 0.99")),
         (("--anisotropy", "nan"), ("--anisotropy is nan",)),
-        (("--frames", "1:5"), ("--frames is 1:5", "expected one frame number")),
-        (("--frames", "nan"), ("--frames is nan", "expected one frame number")),
+        (("--frames", "7:9"), ("a.exr is one file for 3 frames", "expected one run of #", "a.####.exr")),
+        (("--frames", "7:8x0.25"), ("a.exr is one file for 5 frames", "a.####.##.exr")),
+        (("--frames", "nan"), ("--frames is nan", "expected frames such as 101")),
         (("--device", "abacus"), ("--device is abacus", "'cpu'")),
         (("--estimator", "x"), ("--estimator is x", "'billboard'")),
         (("--progress", "x"), ("--progress is x", "'plain'")),
         (("--bogus",), ("No such option: --bogus",)),
         (("-o", "a.jpg"), ("a.jpg", ".exr or .png")),
-        (("-o", "a.##.##.exr"), ("a.##.##.exr", "one run of #")),
+        (("-o", "a.##.b##.exr"), ("a.##.b##.exr", "one run of #")),
         (("-o", "./a.exr"), ("a.exr is named twice",)),
         (("-o", "a\udcff.exr"), ("udcff", "UTF-8")),
         (("--picture", "b.png"), ("b.png", "expected LAYER=FILE.png")),

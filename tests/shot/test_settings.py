@@ -151,7 +151,12 @@ def test_what_makes_no_picture_is_refused_with_file_and_prim(usd, body, message)
         read_settings(usd(CAMERAS + settings(body) + product("rel orderedVars = </A>", "Bad"), METADATA))
 
 
-def test_what_is_given_otherwise_may_be_wrong(usd, warnings):
+def test_a_path_on_a_stage_without_settings_is_refused(usd):
+    with pytest.raises(SceneError, match=r"has no render settings '/S': expected a RenderSettings prim$"):
+        read_settings(usd(CAMERAS), "/S")
+
+
+def test_what_is_given_otherwise_may_be_wrong(usd):
     body = "rel camera = </Gone>\nuniform int2 resolution = (0, 0)\nrel products = </Gone>"
     given = ("camera", "resolution", "products")
     assert read_settings(usd(settings(body), METADATA), given=given) == RenderSettings(path="/S")

@@ -73,6 +73,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     came from. An error that is the program's own keeps its traceback.
     """
     given = sys.argv[1:] if arguments is None else list(arguments)
+    interrupted: BaseException | None = None
     try:
         # Typer would draw a box around what is wrong, and cut the sentence into lines.
         code = app(args=given or ["--help"], prog_name="photonbeams", standalone_mode=False)
@@ -83,13 +84,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except Exception as error:
         sentence = _sentence(error)
         if _interrupted(error):
-            code = _INTERRUPTED
+            code, interrupted = _INTERRUPTED, error
         elif sentence is None or os.environ.get("PHOTONBEAMS_TRACEBACK", "0") not in ("", "0"):
             raise
         else:
             _fail(f"Error: {sentence}", 1)
     if code == _INTERRUPTED:
-        _fail("Interrupted; nothing was written", _INTERRUPTED)
+        _fail(f"Interrupted; {getattr(interrupted, 'done', 'nothing was written')}", _INTERRUPTED)
     raise SystemExit(code or (0 if given else 2))  # without a command the help is shown for want of one
 
 
@@ -116,9 +117,14 @@ def _usage(error: TyperException) -> str:
 
 def _sentence(error: Exception) -> str | None:
     """Return what to tell the user of an error, or None if it is a fault of the program."""
+    from photonbeams.cli.animation import FrameError
     from photonbeams.device import DeviceError
     from photonbeams.scene import SceneError
 
+    if isinstance(error, FrameError):
+        cause = error.__cause__
+        sentence = _usage(cause) if isinstance(cause, TyperException) else _sentence(cause)  # type: ignore[arg-type]
+        return sentence and f"{error.frame}{sentence}"
     if isinstance(error, SceneError | DeviceError):
         return str(error)
     if isinstance(error, OSError):

@@ -1,10 +1,11 @@
-"""Where a frame goes: the files that `--output` and `--picture` name, and the layers in them."""
+"""Where frames go: the files that flags or render products name, and the layers in them."""
 
 from __future__ import annotations
 
+import logging
 import os
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -13,21 +14,47 @@ from typing import TYPE_CHECKING
 import typer
 
 if TYPE_CHECKING:
+    from ..scene import Array
     from ..shot.shot import Frame
+
+# usdrecord's: #### is a whole number, ####.## one with two digits after the point.
+_PLACEHOLDER = re.compile(r"#+(?:\.#+)?")
 
 
 @dataclass(frozen=True)
 class Output:
-    """A file to write, and the layer that it shows; an .exr holds the layers chosen by `--layers`."""
+    """A file to write.
+
+    Attributes
+    ----------
+    path, layer
+        The file, and the layer that a picture shows.
+    variables
+        Layers that a render product asks for, or none: an .exr holds all that `--layers` leaves, a picture `layer`.
+    """
 
     path: Path
     layer: str = "rgba"
+    variables: tuple[str, ...] = ()
 
     def numbered(self, frame: float) -> Output:
         """Return the output of a frame: the run of # in its name is the number, padded."""
-        padded = "%g" if frame != int(frame) else "%0{}d"
-        name = re.sub("#+", lambda run: padded.format(len(run[0])) % frame, self.path.name)
-        return replace(self, path=self.path.with_name(name))
+
+        def number(run: re.Match[str]) -> str:
+            digits = len(run[0].partition(".")[2])
+            if not digits and frame != int(frame):
+                return f"{frame:.10g}"
+            return f"{frame:0{len(run[0])}.{digits}f}"
+
+        return replace(self, path=self.path.with_name(_PLACEHOLDER.sub(number, self.path.name)))
+
+    def exists(self) -> bool:
+        """Return whether there is a file that is not empty."""
+        return self.path.is_file() and self.path.stat().st_size > 0
+
+    def shown(self, names: Collection[str]) -> str:
+        """Return the layer that a picture shows, of those that there are."""
+        return next((name for name in self.variables if name in names), self.layer)
 
 
 def parse_outputs(files: Iterable[Path], pictures: Iterable[str]) -> list[Output]:
@@ -52,9 +79,27 @@ def _checked(flag: str, path: Path, suffixes: Sequence[str]) -> Path:
         raise typer.BadParameter(f"{flag} is {path}: expected a name that ends in {' or '.join(suffixes)}")
     if os.fsencode(path).decode("utf-8", "ignore") != str(path):  # OpenEXR takes no other names
         raise typer.BadParameter(f"{flag} is {str(path)!r}: expected a name in UTF-8")
-    if len(re.findall("#+", path.name)) > 1:
+    if len(_PLACEHOLDER.findall(path.name)) > 1:
         raise typer.BadParameter(f"{flag} is {path}: expected one run of # for the frame number")
     return path
+
+
+def check_placeholders(outputs: Iterable[Output], frames: int, digits: int) -> None:
+    """Refuse outputs whose names cannot tell so many frames apart, with so many digits after the point."""
+    if frames < 2:
+        return
+    wanted = "####" + "." * (digits > 0) + "#" * digits
+    for output in outputs:
+        found = _PLACEHOLDER.search(output.path.name)
+        if not found:
+            raise typer.BadParameter(
+                f"the output {output.path} is one file for {frames:,} frames: expected one run of # in its name, such "
+                f"as {output.path.stem}.{wanted}{output.path.suffix}"
+            )
+        if len(found[0].partition(".")[2]) < digits:
+            raise typer.BadParameter(
+                f"the output {output.path} has too few digits for the frames: expected {wanted} in its name"
+            )
 
 
 def chosen_layers(text: str | None, outputs: Iterable[Output], names: Sequence[str]) -> list[str]:
@@ -64,6 +109,11 @@ def chosen_layers(text: str | None, outputs: Iterable[Output], names: Sequence[s
         for name in asked:
             if name not in names:
                 raise typer.BadParameter(f"{flag} names '{name}': expected one of the layers {', '.join(names)}")
+    unknown = [name for output in outputs for name in output.variables if name not in names]
+    for name in dict.fromkeys(unknown):
+        logging.getLogger("photonbeams").warning(
+            "a render product asks for '%s', which is no layer: expected %s", name, ", ".join(names)
+        )
     return [name for name in names if name in {"rgba", *wanted}]
 
 
@@ -75,13 +125,34 @@ def prepare_outputs(outputs: Iterable[Output]) -> None:
         prepare_output(output.path)
 
 
-def write_outputs(frame: Frame, outputs: Iterable[Output], layers: Iterable[str], exposure: float) -> None:
-    """Write all files or, where one cannot be written, none."""
+def write_outputs(
+    frame: Frame, outputs: Iterable[Output], layers: Sequence[str], exposure: float, *, chosen: bool = False
+) -> None:
+    """Write all files or, where one cannot be written, none.
+
+    An .exr holds `layers`; unless the user has chosen them, no more than the render product asks for.
+    """
     from ..shot.images import atomic_path
 
-    layered = replace(frame, layers={name: frame.layers[name] for name in layers})
     with ExitStack() as stack:
         places = [(output, stack.enter_context(atomic_path(output.path))) for output in outputs]
         for output, beside in places:
-            source = layered if beside.suffix.lower() == ".exr" else frame
-            source.write(beside, layer=output.layer, exposure=exposure)
+            shown = output.shown({*frame.layers, *layers})
+            every = chosen or not output.variables
+            kept = [name for name in layers if every or name in ("rgba", *output.variables)]
+            held = _holding(frame, kept if beside.suffix.lower() == ".exr" else [shown])
+            held.write(beside, layer=shown, exposure=exposure)
+
+
+def _holding(frame: Frame, names: Sequence[str]) -> Frame:
+    """Return a frame with these layers alone.
+
+    Light groups that an earlier frame had and this one has not, such as one that is hidden now, are black.
+    """
+    import numpy as np
+
+    def chosen(layers: dict[str, Array]) -> dict[str, Array]:
+        return {name: layers[name] if name in layers else np.zeros_like(layers["beams"]) for name in names}
+
+    views = {eye: (chosen(layers), metadata) for eye, (layers, metadata) in frame.views.items()}
+    return replace(frame, layers=chosen(frame.layers), views=views)

@@ -77,17 +77,20 @@ def held_interrupt() -> Iterator[Callable[[], None]]:
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
+Show = Callable[[int, str, int], None]
+
+
 @contextmanager
-def bar(kind: Progress | None, quiet: bool, passes: int) -> Iterator[Callable[[int], None]]:
-    """Yield what shows the number of passes done."""
+def bar(kind: Progress | None, quiet: bool, frames: int, passes: int) -> Iterator[Show]:
+    """Yield what shows how far a render is: at which frame, from 0, what it is called, and how many passes of it."""
     if quiet or kind is Progress.none:
-        yield lambda done: None
+        yield lambda index, name, done: None
         return
     from rich.console import Console
 
     console = Console(stderr=True, highlight=False)
     if kind is Progress.plain or (kind is None and not console.is_terminal):
-        yield _plain(passes)
+        yield _plain(frames, passes)
         return
     from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
     from rich.progress import Progress as Bar
@@ -95,29 +98,54 @@ def bar(kind: Progress | None, quiet: bool, passes: int) -> Iterator[Callable[[i
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(),
                TextColumn("left"), TimeRemainingColumn())  # fmt: skip
     with Bar(*columns, console=console, transient=True) as shown:
-        task = shown.add_task("passes", total=passes)
-        yield lambda done: shown.update(task, completed=done)
+        task = shown.add_task("passes", total=frames * passes)
+
+        def show(index: int, name: str, done: int) -> None:
+            description = f"frame {name} ({index + 1} of {frames}), passes" if frames > 1 else "passes"
+            shown.update(task, completed=index * passes + done, description=description)
+
+        yield show
 
 
-def _plain(passes: int) -> Callable[[int], None]:
-    """Return what prints a line about every twentieth of the passes: a log is read afterwards."""
-    step = max(1, passes // 20)
+def _plain(frames: int, passes: int) -> Show:
+    """Return what prints a line about every twentieth of all passes: a log is read afterwards."""
+    total = frames * passes
+    step = max(1, total // 20)
 
-    def show(done: int) -> None:
-        if done % step == 0 or done == passes:
-            print(f"pass {done} of {passes}", file=sys.stderr, flush=True)
+    def show(index: int, name: str, done: int) -> None:
+        overall = index * passes + done
+        # A frame begins where the one before it ended.
+        if (overall % step == 0 and (done or not index)) or overall == total:
+            frame = f"frame {name}: " if frames > 1 else ""
+            print(f"{frame}pass {done} of {passes}", file=sys.stderr, flush=True)
 
     return show
 
 
-def print_summary(statistics: Statistics, files: Iterable[Path], seconds: float) -> None:
-    """Print what was done."""
+def summary_lines(statistics: Statistics, files: Iterable[Path], seconds: float) -> list[str]:
+    """Return what was done for the one frame of a render."""
     phases = ", ".join(f"{name} {value:.1f}" for name, value in statistics.seconds.items())
-    lines = [
+    return [
         f"{statistics.passes:,} passes, {statistics.beams:,} beams, "
         f"{statistics.tests / 1e6:,.0f} million ray-beam tests",
         f"{seconds:.1f} s ({phases}; compiling {statistics.compile_seconds:.1f} of it, "
         f"{statistics.kernels_compiled} kernels)",
         *(f"wrote {path}" for path in files),
     ]
-    print("\n".join(lines), file=sys.stderr)
+
+
+def frame_line(name: str, statistics: Statistics, files: Iterable[Path], seconds: float) -> str:
+    """Return what was done for one frame of several."""
+    done = f"{statistics.passes:,} passes, {statistics.beams:,} beams, {seconds:.1f} s"
+    return f"frame {name}: {done}, wrote {', '.join(map(str, files))}"
+
+
+def report_line(rendered: int, skipped: int, files: int, seconds: float) -> str:
+    """Return what was done for all frames."""
+    frames = f"{counted(rendered, 'frame')} rendered, {skipped:,} skipped"
+    return f"{frames}, {counted(files, 'file')} written, {seconds:.1f} s"
+
+
+def counted(count: int, noun: str) -> str:
+    """Return "1 frame" or "5 frames"."""
+    return f"{count:,} {noun}{'' if count == 1 else 's'}"

@@ -1,26 +1,27 @@
-"""`photonbeams render`: a frame of a stage as a layered EXR and as pictures."""
+"""`photonbeams render`: frames of a stage as layered EXRs and as pictures."""
 
 from __future__ import annotations
 
-import math
 import shlex
 import sys
-import time
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from .outputs import chosen_layers, parse_outputs, prepare_outputs, write_outputs
-from .progress import Progress, bar, held_interrupt, messages, print_summary
+from .animation import Animation, Task, frame_numbers, tasks_of
+from .outputs import Output, check_placeholders, chosen_layers, parse_outputs, prepare_outputs, write_outputs
+from .progress import Progress, counted, held_interrupt, messages
 
 if TYPE_CHECKING:
     from ..quadrature import Rule
     from ..render.frame import Statistics
-    from ..scene import Color, Scene
+    from ..scene import Camera, Color, Scene
     from ..shot import Shot
+    from ..shot.settings import RenderSettings
 
 MOST_THREADS = 1024
 
@@ -56,7 +57,7 @@ def render(
             "--output",
             "-o",
             help="Where to write: .exr (layered) or .png (tone-mapped); may be repeated. "
-            "A run of # is the frame number.",
+            "A run of # is the frame number. Default: the products of the render settings.",
         ),
     ] = None,
     picture: Annotated[
@@ -65,7 +66,27 @@ def render(
     layers: Annotated[
         str | None, typer.Option(metavar="NAME,NAME", help="Layers of an .exr, beside rgba; default: all.")
     ] = None,
-    frames: Annotated[str | None, typer.Option("--frames", "-f", help="The frame; default: the stage's start.")] = None,
+    frames: Annotated[
+        str | None,
+        typer.Option(
+            "--frames",
+            "-f",
+            metavar="FRAMES",
+            help="Such as 101, 101:105, 105:101, 101:109x2, or several with commas; default: the stage's start.",
+        ),
+    ] = None,
+    skip_existing: Annotated[
+        bool, typer.Option("--skip-existing", help="Leave out frames whose files are all there.")
+    ] = False,
+    render_settings: Annotated[
+        str | None,
+        typer.Option(
+            "--render-settings",
+            "-rs",
+            metavar="PATH",
+            help="RenderSettings prim; flags win over it. Default: the one that the stage names.",
+        ),
+    ] = None,
     camera: Annotated[str | None, typer.Option("--camera", "-cam", help="Path or name of the camera.")] = None,
     list_cameras: Annotated[bool, typer.Option("--list-cameras", help="List the cameras and stop.")] = False,
     res: Annotated[
@@ -76,10 +97,11 @@ def render(
     ),
     res_scale: Annotated[float, typer.Option(help="Factor on the size.")] = 1.0,
     crop: Annotated[
-        tuple[float, float, float, float], typer.Option(metavar="X0 Y0 X1 Y1", help="Part to render, in fractions.")
-    ] = (0.0, 0.0, 1.0, 1.0),
-    passes: Annotated[int, typer.Option(help="Passes that the frame is the mean of.")] = 16,
-    time_limit: Annotated[float | None, typer.Option(help="Begin no pass after so many seconds.")] = None,
+        tuple[float, float, float, float] | None,
+        typer.Option(metavar="X0 Y0 X1 Y1", help="Part to render, in fractions from the top left."),
+    ] = None,
+    passes: Annotated[int, typer.Option(help="Passes that a frame is the mean of.")] = 16,
+    time_limit: Annotated[float | None, typer.Option(help="Begin no pass after so many seconds of a frame.")] = None,
     beams: Annotated[int, typer.Option(help="Beams a pass, for lights that do not say.")] = 4096,
     estimator: Annotated[Estimator, typer.Option(help="Beam x Beam 1D, 2D, or their blend.")] = Estimator.auto,
     rule: Annotated[RuleName, typer.Option(help="Quadrature of the frustum.")] = RuleName.gauss,
@@ -94,7 +116,9 @@ def render(
     ] = None,
     session_layer: Annotated[list[Path] | None, typer.Option(help="A layer over the stage.")] = None,
     exposure: Annotated[float, typer.Option(help="Stops, for pictures alone.")] = 0.0,
-    seed: Annotated[int, typer.Option(help="Seed of all samples.")] = 0,
+    seed: Annotated[
+        int, typer.Option(help="Seed of all samples, the same for all frames: beams stay where they are.")
+    ] = 0,
     threads: Annotated[int | None, typer.Option(help="Processor threads.")] = None,
     device: Annotated[Device, typer.Option(help="Where to render.")] = Device.auto,
     progress: Annotated[Progress | None, typer.Option(help="Default: rich on a terminal, else plain.")] = None,
@@ -102,68 +126,72 @@ def render(
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print errors alone.")] = False,
     verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Print more.")] = False,
 ) -> None:
-    """Render a frame of a stage.
+    """Render frames of a stage.
 
     For example:
 
-    photonbeams render shot.usda -o out/shot.####.exr -f 1001
+    photonbeams render shot.usda -o out/shot.####.exr -f 1001:1048
 
     photonbeams render room.usdc -o room.png --scattering 0.05 --res 1920 0 --passes 64
     """
-    if not (output or picture or list_cameras or dry_run):
-        raise typer.BadParameter("expected at least one output: -o FILE.exr, -o FILE.png or --picture LAYER=FILE.png")
     _check_flags(res, res_scale, crop, passes, time_limit, beams, order, anisotropy, exposure, threads)
-    number = _frame_number(frames)
     fog = _Fog(_color("--scattering", scattering), _color("--absorption", absorption), anisotropy)
     outputs = parse_outputs(output or (), picture or ())
     with messages(quiet, verbose), held_interrupt() as check:
         _start(device, threads)
         from ..shot import Shot
+        from ..shot.frames import check_frames
         from ..shot.stage import list_cameras as cameras_of
         from ..shot.stage import open_stage
 
+        numbers = _numbers(frames, outputs)
         check()
+        stage = open_stage(scene, session_layer or (), overrides or ())
         if list_cameras:
-            for name in cameras_of(open_stage(scene, session_layer or (), overrides or ())):
-                typer.echo(name)
+            typer.echo("\n".join(cameras_of(stage)))
             return
-        shot = Shot.open(scene, camera, session_layers=session_layer or (), overrides=overrides or ())
+        check_frames(stage, [number for number in numbers if number is not None])
         check()
-        content, eye = shot.read(number)
+        settings = _settings(stage, render_settings, camera, res, crop, outputs)
+        if not (outputs or settings.products or dry_run):
+            raise typer.BadParameter(
+                "expected at least one output: -o FILE.exr, -o FILE.png or --picture LAYER=FILE.png"
+            )
+        shot = Shot(stage, camera or settings.camera)
+        animation = Animation(
+            tasks_of(shot, numbers, outputs, settings.products), passes, skip_existing, progress, quiet
+        )
+        todo = animation.todo()
+        first = (todo or animation.tasks)[0]
+        content, eye = _contents(shot, first.number, fog)
         check()
-        content = fog.over(content)
-        names = shot.check(content)
-        outputs = [each.numbered(_moment(shot, number)) for each in outputs]
-        kept = chosen_layers(layers, outputs, names)
-        width, height = _size(shot, number, res, res_scale)
-        prepare_outputs(outputs)
+        kept = chosen_layers(layers, first.outputs, shot.check(content))
+        width, height = _size(shot, first.number, res, res_scale, settings)
+        for task in todo:
+            prepare_outputs(task.outputs)
         if dry_run:
             if not quiet:
-                files = ", ".join(str(each.path) for each in outputs) or "nothing"
-                print(f"All is well: {scene} seen by {eye.name}, {width} x {height} pixels", file=sys.stderr)
-                print(f"would write {files}, with the layers {', '.join(kept)}", file=sys.stderr)
+                _print_plan(f"{scene} seen by {eye.name}, {width} x {height} pixels", animation.tasks, todo, kept)
             return
-        begin = time.perf_counter()
-        with bar(progress, quiet, passes) as show:
 
-            def advance(done: int, _: Statistics) -> None:
-                check()
-                show(done)
-
+        def finish(task: Task, advance: Callable[[int], None]) -> Statistics:
             result = shot.render(
-                number, passes, width=width, height=height, crop=crop, progress=advance, contents=(content, eye),
+                task.number, passes, width=width, height=height, crop=crop or settings.crop(width, height),
+                progress=lambda done, _: advance(done), contents=_contents(shot, task.number, fog),
                 time_limit=time_limit, beams=beams, estimator=estimator.value, rule=_rule(rule, order), seed=seed,
             )  # fmt: skip
-        result.metadata["commandLine"] = _command_line()
-        write_outputs(result, outputs, kept, exposure)
-        if not quiet:
-            print_summary(result.statistics, [each.path for each in outputs], time.perf_counter() - begin)
+            for metadata in [result.metadata, *(each for _, each in result.views.values())]:
+                metadata["commandLine"] = _command_line()
+            write_outputs(result, task.outputs, kept, exposure, chosen=layers is not None)
+            return result.statistics
+
+        animation.render(finish, check)
 
 
 def _check_flags(
     res: tuple[int, int],
     res_scale: float,
-    crop: tuple[float, float, float, float],
+    crop: tuple[float, float, float, float] | None,
     passes: int,
     time_limit: float | None,
     beams: int,
@@ -175,7 +203,7 @@ def _check_flags(
     """Refuse numbers out of range before anything heavy is imported; a NaN is never in range."""
     from ..quadrature import MOST_POINTS
 
-    x0, y0, x1, y1 = crop
+    x0, y0, x1, y1 = crop or (0.0, 0.0, 1.0, 1.0)
     inside = 0 <= x0 < x1 <= 1 and 0 <= y0 < y1 <= 1
     checks = (
         ("--res", res, min(res) >= 0 and max(res) <= 65536, "two numbers from 0 to 65536, 0 for the aperture's"),
@@ -195,17 +223,29 @@ def _check_flags(
             raise typer.BadParameter(f"{flag} is {text}: expected {expected}")
 
 
-def _frame_number(text: str | None) -> float | None:
-    """Return the one frame that is asked for, or None for the stage's start."""
-    if text is None:
-        return None
-    try:
-        number = float(text)
-    except ValueError:
-        number = math.nan
-    if not abs(number) < 1e9:
-        raise typer.BadParameter(f"--frames is {text}: expected one frame number, such as 101; a command renders one")
-    return number
+def _numbers(text: str | None, outputs: Sequence[Output]) -> list[float | None]:
+    """Return the frames, None for the stage's start, where the outputs' names can tell them apart."""
+    from ..shot.frames import decimals
+
+    numbers = frame_numbers(text)
+    digits = max(0 if number is None else decimals(number) for number in numbers)
+    check_placeholders(outputs, len(numbers), digits)
+    return numbers
+
+
+def _settings(
+    stage: Any,
+    path: str | None,
+    camera: str | None,
+    res: tuple[int, int],
+    crop: tuple[float, float, float, float] | None,
+    outputs: Sequence[Output],
+) -> RenderSettings:
+    """Return the render settings, where flags leave them something to say."""
+    from ..shot.settings import read_settings
+
+    flags = {"camera": camera, "resolution": any(res), "dataWindowNDC": crop, "products": outputs}
+    return read_settings(stage, path, [name for name, value in flags.items() if value])
 
 
 def _color(flag: str, text: str | None) -> Color | None:
@@ -252,16 +292,29 @@ def _start(device: Device, threads: int | None) -> None:
         devices.set_threads(threads)
 
 
-def _moment(shot: Shot, number: float | None) -> float:
-    """Return the frame number that names files."""
-    moment = shot.time(number)
-    return 0.0 if moment.IsDefault() else float(moment.GetValue())
+def _contents(shot: Shot, number: float | None, fog: _Fog) -> tuple[Scene, Camera]:
+    """Return what the stage holds at a frame, in the fog that flags give, and the camera."""
+    shot.medium = None  # rendering keeps the fog of the contents: the stage's own may change with the frame
+    content, eye = shot.read(number)
+    return fog.over(content), eye
 
 
-def _size(shot: Shot, number: float | None, res: tuple[int, int], scale: float) -> tuple[int, int]:
+def _size(
+    shot: Shot, number: float | None, res: tuple[int, int], scale: float, settings: RenderSettings
+) -> tuple[int, int]:
     """Return width and height in pixels."""
-    width, height = shot.resolution(res[0] or None, res[1] or None, number)
+    wanted = res if any(res) else settings.resolution or res
+    width, height = shot.resolution(wanted[0] or None, wanted[1] or None, number)
     return shot.resolution(max(1, round(scale * width)), max(1, round(scale * height)), number)
+
+
+def _print_plan(what: str, tasks: Sequence[Task], todo: Sequence[Task], layers: Sequence[str]) -> None:
+    """Print what would be done."""
+    files = " to ".join(", ".join(map(str, task.files)) for task in dict.fromkeys([*todo[:1], *todo[-1:]]))
+    print(f"All is well: {what}", file=sys.stderr)
+    if len(tasks) > 1 or not todo:
+        print(f"would render {len(todo):,} of {counted(len(tasks), 'frame')}", file=sys.stderr)
+    print(f"would write {files or 'nothing'}, with the layers {', '.join(layers)}", file=sys.stderr)
 
 
 def _rule(name: RuleName, order: int) -> Rule:

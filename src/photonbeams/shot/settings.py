@@ -145,9 +145,8 @@ def _settings(reading: Reading, path: str | None) -> UsdRender.Settings | None:
     settings = UsdRender.Settings(stage.GetPrimAtPath(path)) if valid else None
     if not settings:
         names = [str(prim.GetPath()) for prim in stage.Traverse() if prim.IsA(UsdRender.Settings)]
-        raise SceneError(
-            f"{file_of(stage)} has no render settings '{path}': expected one of {', '.join(names) or 'none'}"
-        )
+        expected = f"one of {', '.join(names)}" if names else "a RenderSettings prim"
+        raise SceneError(f"{file_of(stage)} has no render settings '{path}': expected {expected}")
     return settings
 
 

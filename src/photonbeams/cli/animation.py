@@ -1,0 +1,167 @@
+"""The frames of a shot, one after another: where each goes, which are there already, and what became of them."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import typer
+
+from .outputs import Output
+from .progress import Progress, bar, counted, frame_line, report_line, summary_lines
+
+if TYPE_CHECKING:
+    from ..render.frame import Statistics
+    from ..shot import Shot
+    from ..shot.settings import Product
+
+
+class FrameError(Exception):
+    """What ended a render while it was at a frame, which is its cause.
+
+    Attributes
+    ----------
+    frame
+        "frame 7: ", or nothing where there is one frame alone.
+    done
+        What was written before.
+    """
+
+    def __init__(self, frame: str, written: int) -> None:
+        super().__init__(frame, written)
+        self.frame = frame
+        self.done = "nothing was written"
+        if written:
+            self.done = f"{counted(written, 'frame')} {'was' if written == 1 else 'were'} written"
+
+
+@dataclass(frozen=True)
+class Task:
+    """A frame to render, None the stage's default, what it is called, and its files."""
+
+    number: float | None
+    name: str
+    outputs: tuple[Output, ...]
+
+    def exists(self) -> bool:
+        """Return whether all files of the frame are there."""
+        return bool(self.outputs) and all(output.exists() for output in self.outputs)
+
+    @property
+    def files(self) -> list[Path]:
+        """The paths of its outputs."""
+        return [output.path for output in self.outputs]
+
+
+Finish = Callable[[Task, Callable[[int], None]], "Statistics"]
+
+
+def frame_numbers(text: str | None) -> list[float | None]:
+    """Return the frames that are asked for; None is the stage's start."""
+    from ..scene import SceneError
+    from ..shot.frames import parse_frames
+
+    if text is None:
+        return [None]
+    try:
+        return [*parse_frames(text)]
+    except SceneError as error:
+        raise typer.BadParameter(f"--frames is {text}: {error}") from None
+
+
+def tasks_of(
+    shot: Shot, numbers: Iterable[float | None], outputs: Sequence[Output], products: Sequence[Product]
+) -> list[Task]:
+    """Return what is to be done: each frame with the files that flags name or, without them, render products."""
+    from ..shot.settings import product_file
+
+    tasks = []
+    owners: dict[Path, str] = {}
+    for number in numbers:
+        code = shot.time(number)
+        frame = 0.0 if code.IsDefault() else float(code.GetValue())
+        files = outputs or [Output(product_file(shot.stage, each, code), variables=each.variables) for each in products]
+        task = Task(number, f"{frame:.10g}", tuple(each.numbered(frame) for each in files))
+        for path in task.files:
+            owner = owners.setdefault(path.absolute(), task.name)
+            if owner is not task.name:
+                raise typer.BadParameter(
+                    f"{path} is the output of the frames {owner} and {task.name}: expected one run of # in its "
+                    "name, or names that change with the frame"
+                )
+        if len({path.absolute() for path in task.files}) < len(task.files):
+            raise typer.BadParameter(f"the outputs are {', '.join(map(str, task.files))}: expected a file for each")
+        tasks.append(task)
+    return tasks
+
+
+@dataclass(frozen=True)
+class Animation:
+    """The frames of a render, and how they are gone through, as the flags say."""
+
+    tasks: Sequence[Task]
+    passes: int
+    skip_existing: bool = False
+    progress: Progress | None = None
+    quiet: bool = False
+
+    def todo(self) -> list[Task]:
+        """Return the frames that are to be rendered."""
+        return [task for task in self.tasks if not (self.skip_existing and task.exists())]
+
+    def render(self, finish: Finish, check: Callable[[], None]) -> None:
+        """Render the frames, and say what was done.
+
+        Parameters
+        ----------
+        finish
+            Renders and writes a frame; it is given what to call with the number of passes done.
+        check
+            Raises KeyboardInterrupt if Ctrl-C was pressed.
+
+        Raises
+        ------
+        FrameError
+            From what ended it; the frames before are written.
+        """
+        begin = time.perf_counter()
+        done: list[tuple[Task, Statistics]] = []
+        several = len(self.tasks) > 1
+        with bar(self.progress, self.quiet, len(self.tasks), self.passes) as show:
+            for index, task in enumerate(self.tasks):
+                try:
+                    check()
+                    # Asked anew for each: another machine may have rendered it by now.
+                    if self.skip_existing and task.exists():
+                        self._say(f"frame {task.name}: skipped, for all its files are there")
+                        continue
+                    begun = time.perf_counter()
+                    statistics = finish(task, _advancing(partial(show, index, task.name), check))
+                    done.append((task, statistics))
+                    if several:
+                        self._say(frame_line(task.name, statistics, task.files, time.perf_counter() - begun))
+                except (Exception, KeyboardInterrupt) as error:
+                    raise FrameError(f"frame {task.name}: " if several else "", len(done)) from error
+        seconds = time.perf_counter() - begin
+        if several or not done:
+            files = sum(len(task.outputs) for task, _ in done)
+            self._say(report_line(len(done), len(self.tasks) - len(done), files, seconds))
+        else:
+            self._say("\n".join(summary_lines(done[0][1], self.tasks[0].files, seconds)))
+
+    def _say(self, text: str) -> None:
+        if not self.quiet:
+            print(text, file=sys.stderr)
+
+
+def _advancing(show: Callable[[int], None], check: Callable[[], None]) -> Callable[[int], None]:
+    def advance(passes: int) -> None:
+        check()
+        show(passes)
+
+    return advance

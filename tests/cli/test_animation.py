@@ -1,0 +1,382 @@
+"""`photonbeams render` of several frames, and of what a stage's render settings say."""
+
+import os
+import re
+import signal
+
+import numpy as np
+import OpenEXR
+import OpenImageIO
+import pytest
+
+from photonbeams import Shot, cli
+from photonbeams.scene import SceneError
+from photonbeams.shot.images import read_image, read_layers
+
+STAGE = """#usda 1.0
+(
+    startTimeCode = 1
+    endTimeCode = 5
+    %s
+)
+def Scope "Fog" (prepend apiSchemas = ["PhotonBeamsMediumAPI"]) {
+    color3f photonbeams:scattering%s
+}
+def Camera "Camera" {
+    float focalLength = 20
+    float horizontalAperture = 32
+    float verticalAperture = 18
+    double3 xformOp:translate = (0, 0, 5)
+    uniform token[] xformOpOrder = ["xformOp:translate"]
+}
+def SphereLight "Lamp" (prepend apiSchemas = ["PhotonBeamsLightAPI"]) {
+    float inputs:radius = 0.1
+    float inputs:intensity = 10
+    token photonbeams:lightGroup = "key"
+}
+%s
+"""
+SIDE = 'def Camera "Side" {\n}\n'
+SETTINGS = 'def RenderSettings "Settings" {\n%s\n}\n'
+STILL = " = (0.1, 0.1, 0.1)"
+SMALL = ("--passes", 1, "--beams", 16)
+SIZE = ("--res", 32, 18)
+
+
+@pytest.fixture
+def stage(tmp_path):
+    def written(more="", metadata="", fog=STILL):
+        path = tmp_path / "stage.usda"
+        path.write_text(STAGE % (metadata, fog, more))
+        return path
+
+    return written
+
+
+@pytest.fixture
+def out(tmp_path, monkeypatch):
+    """Return an empty folder, in which the command runs."""
+    folder = tmp_path / "out"
+    folder.mkdir()
+    monkeypatch.chdir(folder)
+    return folder
+
+
+@pytest.fixture
+def render(capfd):
+    """Call the command in this process: its exit code, and the lines that it printed to standard error."""
+
+    def called(*arguments, size=SIZE):
+        with pytest.raises(SystemExit) as stop:
+            cli.main(["render", *map(str, (*arguments, *SMALL, *size))])
+        stdout, stderr = capfd.readouterr()
+        assert stdout == ""
+        return stop.value.code, stderr.splitlines()
+
+    return called
+
+
+def fails(result, code, *parts):
+    found, lines = result
+    assert found == code, lines
+    assert len(lines) == 1, lines
+    assert lines[0].startswith("Error: ")
+    for part in parts:
+        assert part in lines[0]
+
+
+def names(folder):
+    return sorted(path.name for path in folder.iterdir())
+
+
+def interrupting(monkeypatch, frame, error=None):
+    """Let rendering a frame end by Ctrl-C, or by an error."""
+    whole = Shot.render
+
+    def until(shot, number, *args, **more):
+        if number == frame and error:
+            raise error
+        if number == frame:
+            os.kill(os.getpid(), signal.SIGINT)
+        return whole(shot, number, *args, **more)
+
+    monkeypatch.setattr(Shot, "render", until)
+
+
+# -- frames ----------------------------------------------------------------------------------------------------------
+
+
+def test_frames_are_rendered_in_their_order_and_reported(render, stage, out):
+    code, lines = render(stage(), "-f", "3:1x-2,2,3", "-o", "a.####.exr", "-o", "b/a.#.png", "--progress", "none")
+    assert code == 0
+    assert names(out) == ["a.0001.exr", "a.0002.exr", "a.0003.exr", "b"]
+    assert names(out / "b") == ["a.1.png", "a.2.png", "a.3.png"]
+    found = [re.fullmatch(r"frame (\d): 1 passes, 16 beams, [\d.]+ s, wrote (.+)", line) for line in lines[:3]]
+    assert [match[1] for match in found] == ["3", "1", "2"]
+    assert found[0][2] == "a.0003.exr, b/a.3.png"
+    assert re.fullmatch(r"3 frames rendered, 0 skipped, 6 files written, [\d.]+ s", lines[3])
+    assert len(lines) == 4
+    with OpenEXR.File("a.0002.exr", header_only=True) as file:
+        assert file.parts[0].header["frame"] == 2
+
+
+def test_two_frames_of_a_stage_at_rest_have_the_same_pixels(render, stage, out):
+    assert render(stage(), "-f", "1:2", "-o", "a.#.exr", "-o", "a.#.png")[0] == 0
+    first, second = read_layers("a.1.exr"), read_layers("a.2.exr")
+    assert list(first) == list(second)
+    assert first["beams"].any()
+    assert all(np.array_equal(first[name], second[name]) for name in first)
+    assert np.array_equal(read_image("a.1.png"), read_image("a.2.png"))
+
+
+def test_a_frame_of_several_is_the_frame_alone(render, stage, out):
+    fog = ".timeSamples = { 1: (0.01, 0.01, 0.01), 5: (0.05, 0.05, 0.05)\n}\n"
+    path = stage(fog=fog)
+    assert render(path, "-f", "1:5x4", "-o", "a.#.exr")[0] == 0
+    assert render(path, "-f", "5", "-o", "b.#.exr")[0] == 0
+    first, last, alone = (read_layers(name)["beams"] for name in ("a.1.exr", "a.5.exr", "b.5.exr"))
+    assert np.array_equal(last, alone)
+    assert last.mean() > 2 * first.mean()
+
+
+def test_flags_over_a_fog_hold_for_all_frames(render, stage, out):
+    fog = ".timeSamples = { 1: (0.01, 0.01, 0.01), 5: (0.05, 0.05, 0.05)\n}\n"
+    path = stage(fog=fog)
+    assert render(path, "-f", "1,5", "-o", "a.#.exr", "--scattering", 0.02, "-q") == (0, [])
+    assert render(path, "-f", "1,5", "-o", "b.#.exr", "--anisotropy", 0.1, "-q") == (0, [])
+    first, last = (read_layers(f"a.{frame}.exr")["beams"] for frame in (1, 5))
+    assert np.array_equal(first, last)
+    first, last = (read_layers(f"b.{frame}.exr")["beams"] for frame in (1, 5))
+    assert last.mean() > 2 * first.mean()
+
+
+def test_fractional_frames_have_digits_after_the_point(render, stage, out):
+    assert render(stage(), "-f", "1:2x0.5", "-o", "a.##.##.exr")[0] == 0
+    assert names(out) == ["a.01.00.exr", "a.01.50.exr", "a.02.00.exr"]
+    fails(render(stage(), "-f", "1:2x0.25", "-o", "a.##.#.exr"), 2, "a.##.#.exr", "expected ####.## in its name")
+
+
+def test_progress_is_one_bar_over_all_frames(render, stage, out):
+    lines = render(stage(), "-f", "1:2", "-o", "a.#.exr", "--progress", "plain")[1]
+    assert [line for line in lines if "pass " in line] == [
+        "frame 1: pass 0 of 1",
+        "frame 1: pass 1 of 1",
+        "frame 2: pass 1 of 1",
+    ]
+    lines = render(stage(), "-f", "1:2", "-o", "a.#.exr", "--progress", "rich")[1]
+    assert lines[-1].startswith("2 frames rendered")
+
+
+def test_a_light_group_that_is_hidden_in_a_frame_is_black_there(render, stage, out):
+    other = 'def SphereLight "Fill" (prepend apiSchemas = ["PhotonBeamsLightAPI"]) {\n'
+    other += '    token photonbeams:lightGroup = "fill"\n    token visibility.timeSamples = {\n'
+    other += '        1: "inherited",\n        2: "invisible"\n    }\n}\n'
+    picture = ("--picture", "beams_fill=fill.#.png")
+    assert render(stage(other), "-f", "1:2", "-o", "a.#.exr", *picture, "--layers", "beams_fill")[0] == 0
+    first, second = read_layers("a.1.exr"), read_layers("a.2.exr")
+    assert list(first) == list(second) == ["rgba", "beams_fill"]
+    assert first["beams_fill"].any()
+    assert not second["beams_fill"].any()
+    assert not read_image("fill.2.png").any()
+
+
+def test_a_dry_run_counts_the_frames(render, stage, out):
+    code, lines = render(stage(), "-f", "1:4", "-o", "a.#.exr", "--dry-run")
+    assert code == 0
+    assert lines[1] == "would render 4 of 4 frames"
+    assert lines[2].startswith("would write a.1.exr to a.4.exr, with the layers rgba, ")
+    assert names(out) == []
+
+
+# -- frames that are there already -----------------------------------------------------------------------------------
+
+
+def test_frames_that_are_there_are_skipped(render, stage, out):
+    (out / "a.1.exr").write_bytes(b"kept")
+    (out / "a.1.png").write_bytes(b"kept")
+    (out / "a.2.exr").write_bytes(b"one of two")
+    (out / "a.3.exr").write_bytes(b"")
+    (out / "a.3.png").write_bytes(b"not empty")
+    flags = ("-f", "1:3", "-o", "a.#.exr", "-o", "a.#.png", "--skip-existing", "--progress", "none")
+    code, lines = render(stage(), *flags)
+    assert code == 0
+    assert (out / "a.1.exr").read_bytes() == b"kept"
+    assert all("rgba" in read_layers(f"a.{frame}.exr") for frame in (2, 3))
+    assert lines[0] == "frame 1: skipped, for all its files are there"
+    assert lines[-1].startswith("2 frames rendered, 1 skipped, 4 files written, ")
+    code, lines = render(stage(), *flags)
+    assert code == 0
+    assert lines[-1].startswith("0 frames rendered, 3 skipped, 0 files written, ")
+
+
+def test_one_frame_that_is_there_is_skipped(render, stage, out):
+    (out / "a.exr").write_bytes(b"kept")
+    code, lines = render(stage(), "-o", "a.exr", "--skip-existing", "--progress", "none")
+    assert code == 0
+    assert lines[-1].startswith("0 frames rendered, 1 skipped")
+    assert (out / "a.exr").read_bytes() == b"kept"
+
+
+def test_what_another_machine_wrote_meanwhile_is_skipped(render, stage, out, monkeypatch):
+    whole = Shot.render
+
+    def meanwhile(shot, number, *args, **more):
+        (out / "a.2.exr").write_bytes(b"theirs")
+        return whole(shot, number, *args, **more)
+
+    monkeypatch.setattr(Shot, "render", meanwhile)
+    code, lines = render(stage(), "-f", "1:3", "-o", "a.#.exr", "--skip-existing")
+    assert (code, lines[-1][:29]) == (0, "2 frames rendered, 1 skipped,")
+    assert (out / "a.2.exr").read_bytes() == b"theirs"
+
+
+# -- what is refused, and what ends it -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("flags", "code", "parts"),
+    [
+        (("-f", "1:2", "-o", "a.exr"), 2, ("a.exr is one file for 2 frames", "a.####.exr")),
+        (("-f", "1:2", "-o", "a.#.exr", "-o", "b.png"), 2, ("b.png is one file", "b.####.png")),
+        (("-f", "1:2", "-o", "a.#.exr", "--picture", "beams=b.png"), 2, ("b.png is one file",)),
+        (("-f", "1:2", "-o", "a.#.b#.exr"), 2, ("a.#.b#.exr", "expected one run of #")),
+        (("-f", "1:2", "-o", "#/a.exr"), 2, ("#/a.exr is one file",)),
+        (("-f", "5:1x1", "-o", "a.#.exr"), 2, ("--frames is 5:1x1", "endTimeCode cannot be less")),
+        (("-f", "1:", "-o", "a.#.exr"), 2, ("--frames is 1:", "expected frames such as")),
+        (("-f", "1:9999999", "-o", "a.#.exr"), 2, ("--frames is 1:9999999", "no more than 100,000 frames")),
+        (("-f", "4:7", "-o", "a.#.exr"), 1, ("stage.usda has no frame 6 and 1 more", "from 1 to 5")),
+        (("-f", "0", "-o", "a.exr"), 1, ("stage.usda has no frame 0: expected frames from 1 to 5",)),
+        (("-f", "1:2", "-o", "folder.#.exr"), 1, ("folder.2.exr: Is a directory",)),
+        (("-f", "1:2", "-o", "a.#.exr", "--layers", "glow"), 2, ("--layers names 'glow'",)),
+        (("-f", "1:2", "-o", "a.#.exr", "-cam", "Nobody"), 1, ("no camera 'Nobody'",)),
+        (("-o", "a.exr", "-rs", "/Gone"), 1, ("stage.usda has no render settings '/Gone'",)),
+    ],
+)
+def test_what_cannot_be_done_is_refused_before_the_first_frame(render, stage, out, monkeypatch, flags, code, parts):
+    (out / "folder.2.exr").mkdir()
+    monkeypatch.setattr(Shot, "render", None)
+    fails(render(stage(), *flags), code, *parts)
+    assert names(out) == ["folder.2.exr"]
+
+
+def test_an_error_names_its_frame_and_leaves_those_before(render, stage, out):
+    # A hole that closes for a moment.
+    portal = 'def Mesh "Portal" {\n    int[] faceVertexCounts = [3]\n    int[] faceVertexIndices = [0, 1, 2]\n'
+    portal += "    point3f[] points = [(-1, -1, 1), (1, -1, 1), (0, 1, 1)]\n    float3 xformOp:scale.timeSamples = {\n"
+    portal += "        2.9: (1, 1, 1), 3: (0, 0, 0), 3.1: (1, 1, 1)\n    }\n"
+    portal += '    uniform token[] xformOpOrder = ["xformOp:scale"]\n}\n'
+    portal += 'over "Lamp" {\n    rel photonbeams:portal = </Portal>\n}\n'
+    over = stage().with_name("over.usda")
+    over.write_text("#usda 1.0\n" + portal)
+    flags = ("--session-layer", over, "-f", "1:4", "-o", "a.#.exr", "--progress", "none", "-q")
+    fails(render(stage(), *flags), 1, "Error: frame 3: ", "/Portal")
+    assert names(out) == ["a.1.exr", "a.2.exr"]
+
+
+@pytest.mark.parametrize(
+    "error", [SceneError("a mesh is broken"), OSError(28, "No space left on device", "a.2.exr"), MemoryError()]
+)
+def test_whatever_ends_a_frame_names_it(render, stage, out, monkeypatch, error):
+    interrupting(monkeypatch, 2, error)
+    fails(render(stage(), "-f", "1:3", "-o", "a.#.exr", "-q"), 1, "Error: frame 2: ")
+    assert names(out) == ["a.1.exr"]
+
+
+@pytest.mark.parametrize(
+    ("frame", "written", "said"),
+    [
+        (1, [], "nothing was written"),
+        (2, ["a.1.exr"], "1 frame was written"),
+        (3, ["a.1.exr", "a.2.exr"], "2 frames were written"),
+    ],
+)
+def test_ctrl_c_keeps_what_is_finished(render, stage, out, monkeypatch, frame, written, said):
+    interrupting(monkeypatch, frame)
+    assert render(stage(), "-f", "1:4", "-o", "a.#.exr", "-q") == (130, [f"Interrupted; {said}"])
+    assert names(out) == written
+
+
+# -- render settings -------------------------------------------------------------------------------------------------
+
+
+def window(path):
+    file = OpenImageIO.ImageInput.open(str(path))
+    spec = file.spec()
+    file.close()
+    return (spec.full_width, spec.full_height), (spec.x, spec.y, spec.width, spec.height), spec["camera"]
+
+
+BODY = """
+    rel camera = </Side>
+    uniform int2 resolution = (16, 8)
+    uniform float4 dataWindowNDC = (0, 0, 0.5, 0.25)
+"""
+NAMED = 'renderSettingsPrimPath = "/Settings"'
+
+
+def test_settings_say_camera_size_and_window(render, stage, out):
+    path = stage(SIDE + SETTINGS % BODY, NAMED)
+    assert render(path, "-o", "a.exr", size=())[0] == 0
+    assert window("a.exr") == ((16, 8), (0, 6, 8, 2), "/Side")
+    assert render(path, "-o", "a.exr", "--res-scale", 2, size=())[0] == 0
+    assert window("a.exr") == ((32, 16), (0, 12, 16, 4), "/Side")
+
+
+def test_flags_win_over_settings(render, stage, out):
+    path = stage(SIDE + SETTINGS % BODY, NAMED)
+    assert render(path, "-o", "a.exr", "-cam", "Camera", "--crop", 0, 0, 1, 1)[0] == 0
+    assert window("a.exr") == ((32, 18), (0, 0, 32, 18), "/Camera")
+    other = SIDE + SETTINGS % BODY + 'def RenderSettings "Other" {\n    uniform int2 resolution = (4, 4)\n}\n'
+    assert render(stage(other, NAMED), "-o", "a.exr", "-rs", "/Other", "-cam", "Camera", size=())[0] == 0
+    assert window("a.exr") == ((4, 4), (0, 0, 4, 4), "/Camera")
+
+
+def products(*bodies):
+    listed = ", ".join(f"</P{number}>" for number in range(len(bodies)))
+    text = SETTINGS % f"    rel products = [{listed}]"
+    for number, body in enumerate(bodies):
+        text += f'def RenderProduct "P{number}" {{\n    {body}\n}}\n'
+    for name, source in (("Key", "beams_key"), ("Depth", "Z"), ("Normals", "N")):
+        text += f'def RenderVar "{name}" {{\n    uniform string sourceName = "{source}"\n}}\n'
+    return text
+
+
+def test_products_are_the_outputs_where_flags_name_none(render, stage, out):
+    first = 'token productName = "a.####.exr"\n    rel orderedVars = [</Key>, </Depth>, </Normals>]'
+    second = 'token productName = "key.####.png"\n    rel orderedVars = </Key>'
+    path = stage(products(first, second, 'token productName = "all.####.exr"'), NAMED)
+    code, lines = render(path, "-f", "1:2", "--progress", "none")
+    assert code == 0
+    assert names(out) == [f"{name}.000{frame}.{kind}" for name, kind in (("a", "exr"), ("all", "exr"), ("key", "png"))
+                          for frame in (1, 2)]  # fmt: skip
+    assert list(read_layers("a.0001.exr")) == ["rgba", "beams_key", "depth"]
+    assert "surface" in read_layers("all.0001.exr")
+    warnings = [line for line in lines if line.startswith("Warning: ")]
+    assert len(warnings) == 1
+    assert "asks for 'N', which is no layer" in warnings[0]
+    assert render(path, "-f", "1", "-o", "flag.exr")[0] == 0
+    assert "surface" in read_layers("flag.exr")
+    assert render(path, "-f", "1", "--layers", "surface")[0] == 0
+    assert list(read_layers("a.0001.exr")) == ["rgba", "surface"]
+
+
+def test_products_may_have_a_name_for_each_frame(render, stage, out):
+    body = 'token productName.timeSamples = {\n        1: "one.exr",\n        2: "two.exr"\n    }'
+    path = stage(products(body), NAMED)
+    assert render(path, "-f", "1:2")[0] == 0
+    assert names(out) == ["one.exr", "two.exr"]
+    fails(render(path, "-f", "1:3"), 2, "two.exr is the output of the frames 2 and 3", "one run of #")
+
+
+@pytest.mark.parametrize(
+    ("bodies", "code", "parts"),
+    [
+        (("",), 1, ("stage.usda: /P0.productName is ''", "ends in .exr or .png")),
+        (('token productName = "a.jpg"',), 1, ("stage.usda: /P0.productName is 'a.jpg'",)),
+        (('token productName = "a.exr"',) * 2, 2, ("the outputs are a.exr, a.exr",)),
+        ((), 2, ("expected at least one output",)),
+    ],
+)
+def test_products_that_are_no_outputs_are_refused(render, stage, out, bodies, code, parts):
+    fails(render(stage(products(*bodies), NAMED)), code, *parts)
+    assert names(out) == []
