@@ -137,6 +137,8 @@ PROVOKED = {
     "refers to what cannot be read": (("attic.usda@", "cellar.usda@"), GOOD),
     "expected a name that ends in .exr": ((), ["render", "dusty.usda", "-o", "a.jpg", "--dry-run"]),
     "expected at least one output": ((), ["render", "dusty.usda"]),
+    "expected one run of # in its name": ((), ["render", "dusty.usda", "-f", "1:2", "-o", "a.exr"]),
+    "has no render settings": ((), [*GOOD, "--render-settings", "/Render/Settings"]),
 }
 
 
