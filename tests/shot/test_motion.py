@@ -147,6 +147,13 @@ def test_two_frames_of_what_is_static_are_identical(shot):
     assert all(np.array_equal(first[name], later[name]) for name in first)
 
 
+def test_what_is_broken_at_another_frame_does_not_keep_this_one_from_rendering(shot):
+    stage = shot(text=STAGE.replace("9: (2.5, 0.5, 2)", "9: (nan, 0, 0)"))
+    assert stage.render(1, **SMALL).layers["beams"].max() > 0
+    with pytest.raises(SceneError, match="/Swinging has a transform that is not finite"):
+        stage.render(9, **SMALL)
+
+
 def test_no_lens_is_a_pinhole_and_a_wide_one_blurs(shot):
     sharp, off, wide = (
         shot(f"/Camera.fStop={stop}").render(1, lens=lens, **SMALL).layers

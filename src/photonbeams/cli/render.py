@@ -19,9 +19,10 @@ from .progress import Progress, counted, held_interrupt, messages
 if TYPE_CHECKING:
     from ..quadrature import Rule
     from ..render.frame import Statistics
-    from ..scene import Camera, Color, Scene
+    from ..scene import Color, Medium
     from ..shot import Shot
     from ..shot.settings import RenderSettings
+    from ..shot.stereo import Stereo
 
 MOST_THREADS = 1024
 
@@ -32,6 +33,14 @@ class Estimator(StrEnum):
     auto = "auto"
     billboard = "billboard"
     frustum = "frustum"
+
+
+class Eye(StrEnum):
+    """Which of two eyes."""
+
+    left = "left"
+    right = "right"
+    both = "both"
 
 
 class RuleName(StrEnum):
@@ -111,6 +120,17 @@ def render(
     ] = None,
     absorption: Annotated[str | None, typer.Option(metavar="S|R,G,B", help="Its absorption.")] = None,
     anisotropy: Annotated[float | None, typer.Option(help="Its mean cosine, -0.99 to 0.99.")] = None,
+    stereo: Annotated[
+        bool, typer.Option("--stereo", help="Two eyes: a pair of cameras with stereoRole, or the camera split in two.")
+    ] = False,
+    interaxial: Annotated[
+        float | None, typer.Option(help="Distance of the eyes in scene units; default: 65 mm.")
+    ] = None,
+    convergence: Annotated[
+        float | None,
+        typer.Option(help="Distance without disparity, scene units; default: the focus, or infinitely far."),
+    ] = None,
+    view: Annotated[Eye | None, typer.Option(help="One of the two eyes; default: both, in one file.")] = None,
     overrides: Annotated[
         list[str] | None, typer.Option("--set", metavar="/prim.attr=value", help="A value over the stage's.")
     ] = None,
@@ -135,6 +155,7 @@ def render(
     photonbeams render room.usdc -o room.png --scattering 0.05 --res 1920 0 --passes 64
     """
     _check_flags(res, res_scale, crop, passes, time_limit, beams, order, anisotropy, exposure, threads)
+    eyes = _stereo(stereo, interaxial, convergence, view)
     fog = _Fog(_color("--scattering", scattering), _color("--absorption", absorption), anisotropy)
     outputs = parse_outputs(output or (), picture or ())
     with messages(quiet, verbose), held_interrupt() as check:
@@ -157,13 +178,13 @@ def render(
             raise typer.BadParameter(
                 "expected at least one output: -o FILE.exr, -o FILE.png or --picture LAYER=FILE.png"
             )
-        shot = Shot(stage, camera or settings.camera)
+        shot = Shot(stage, camera or settings.camera, medium=fog.over, stereo=eyes)
         animation = Animation(
             tasks_of(shot, numbers, outputs, settings.products), passes, skip_existing, progress, quiet
         )
         todo = animation.todo()
         first = (todo or animation.tasks)[0]
-        content, eye = _contents(shot, first.number, fog)
+        content, _ = shot.read(first.number)
         check()
         kept = chosen_layers(layers, first.outputs, shot.check(content))
         width, height = _size(shot, first.number, res, res_scale, settings)
@@ -171,13 +192,15 @@ def render(
             prepare_outputs(task.outputs)
         if dry_run:
             if not quiet:
-                _print_plan(f"{scene} seen by {eye.name}, {width} x {height} pixels", animation.tasks, todo, kept)
+                seen_by = " and ".join(dict.fromkeys(each.name for each in shot.cameras(first.number)))
+                _print_plan(f"{scene} seen by {seen_by}, {width} x {height} pixels", animation.tasks, todo, kept)
             return
 
         def finish(task: Task, advance: Callable[[int], None]) -> Statistics:
             result = shot.render(
                 task.number, passes, width=width, height=height, crop=crop or settings.crop(width, height),
-                progress=lambda done, _: advance(done), contents=_contents(shot, task.number, fog),
+                progress=lambda done, _: advance(done), view=None if view in (None, Eye.both) else view.value,
+                blur=not settings.disable_motion_blur, lens=not settings.disable_depth_of_field,
                 time_limit=time_limit, beams=beams, estimator=estimator.value, rule=_rule(rule, order), seed=seed,
             )  # fmt: skip
             for metadata in [result.metadata, *(each for _, each in result.views.values())]:
@@ -269,18 +292,35 @@ class _Fog:
     absorption: Color | None
     anisotropy: float | None
 
-    def over(self, content: Scene) -> Scene:
-        """Return the scene in this fog: what the flags leave out comes from the scene's own."""
+    def over(self, own: Medium | None) -> Medium | None:
+        """Return this fog instead of a stage's own: what the flags leave out comes from that."""
         from ..scene import BLACK, Medium
 
         given = {name: value for name, value in vars(self).items() if value is not None}
         if not given:
-            return content
-        if content.medium is None and self.scattering is None:
+            return own
+        if own is None and self.scattering is None:
             raise typer.BadParameter(
                 "--absorption and --anisotropy change a fog, and the stage has none: expected --scattering, too"
             )
-        return replace(content, medium=replace(content.medium or Medium(scattering=BLACK), **given))
+        return replace(own or Medium(scattering=BLACK), **given)
+
+
+def _stereo(stereo: bool, interaxial: float | None, convergence: float | None, view: Eye | None) -> Stereo | None:
+    """Return how the camera becomes two eyes, or None for one."""
+    flags = {"--interaxial": interaxial, "--convergence": convergence, "--view": view}
+    for flag, value in flags.items():
+        if value is not None and not stereo:
+            raise typer.BadParameter(f"{flag} is of two eyes: expected --stereo, too")
+    if not stereo:
+        return None
+    from ..scene import SceneError
+    from ..shot.stereo import Stereo
+
+    try:
+        return Stereo(interaxial, convergence)
+    except SceneError as error:
+        raise typer.BadParameter(f"--{error}") from None
 
 
 def _start(device: Device, threads: int | None) -> None:
@@ -290,13 +330,6 @@ def _start(device: Device, threads: int | None) -> None:
     devices.select(device.value)
     if threads is not None:
         devices.set_threads(threads)
-
-
-def _contents(shot: Shot, number: float | None, fog: _Fog) -> tuple[Scene, Camera]:
-    """Return what the stage holds at a frame, in the fog that flags give, and the camera."""
-    shot.medium = None  # rendering keeps the fog of the contents: the stage's own may change with the frame
-    content, eye = shot.read(number)
-    return fog.over(content), eye
 
 
 def _size(

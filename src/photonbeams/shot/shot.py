@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -25,6 +26,9 @@ if TYPE_CHECKING:
     from ..scene import Array
 
 DEFAULT_WIDTH = 1280
+
+#: A fog that is made of the stage's own, or of None where it has none.
+Fog = Callable[[scene.Medium | None], scene.Medium | None]
 
 # Times of an animated stage at which its extent is looked at.
 _BOUNDS_TIMES = 9
@@ -64,7 +68,7 @@ class Shot:
         self,
         stage: Usd.Stage,
         camera: str | None = None,
-        medium: scene.Medium | None = None,
+        medium: scene.Medium | Fog | None = None,
         stereo: Stereo | None = None,
     ) -> None:
         self.stage, self.camera, self.medium, self.stereo = stage, camera, medium, stereo
@@ -78,7 +82,7 @@ class Shot:
         path: str | os.PathLike[str],
         camera: str | None = None,
         *,
-        medium: scene.Medium | None = None,
+        medium: scene.Medium | Fog | None = None,
         stereo: Stereo | None = None,
         session_layers: Iterable[str | os.PathLike[str]] = (),
         overrides: Iterable[str] = (),
@@ -92,7 +96,7 @@ class Shot:
         camera
             Path or name of the camera; None: the render settings' or the only one.
         medium
-            A fog instead of the stage's own, or for a stage that has none.
+            A fog instead of the stage's own, or for a stage that has none; or a function of the stage's own.
         stereo
             For two eyes, how the camera becomes two of them; None: one picture.
         session_layers, overrides
@@ -118,11 +122,16 @@ class Shot:
         content = stages.read_scene(self.stage, time, self._warned)
         content = replace(
             content,
-            medium=self.medium or content.medium,
+            medium=self._fog(content.medium),
             lights=tuple(replace(light, look=self._look(light.look)) for light in content.lights),
             drawn=tuple(replace(beams, look=self._look(beams.look)) for beams in content.drawn),
         )
         return content, camera
+
+    def _fog(self, own: scene.Medium | None) -> scene.Medium | None:
+        if callable(self.medium):
+            return self.medium(own)
+        return self.medium or own
 
     def cameras(self, frame: float | None = None) -> tuple[scene.Camera, ...]:
         """Return the camera at a frame, or the left and the right eye's."""
@@ -156,12 +165,23 @@ class Shot:
             codes: list[float | None] = [None]
             if self.stage.HasAuthoredTimeCodeRange():
                 codes = [*np.linspace(self.stage.GetStartTimeCode(), self.stage.GetEndTimeCode(), _BOUNDS_TIMES)]
-            eyes = [np.asarray(camera.to_world)[:3, 3] for code in codes for camera in self.cameras(code)]
-            states = [self.read(codes[0])[0]]
-            if any(followed(states[0], self.read(code)[0]) is not states[0] for code in codes[1:2] + codes[-1:]):
-                states += [self.read(code)[0] for code in codes[1:]]
+            states = [state for code in (codes[0], codes[-1]) if (state := self._sound(code))]
+            if len(states) < 2 or followed(*states) is not states[0]:
+                states += [state for code in codes[1:-1] if (state := self._sound(code))]
+            eyes = [np.asarray(camera.to_world)[:3, 3] for code in codes for camera in self._sound_eyes(code)]
             self._sphere = bounding_sphere(states, eyes)
         return self._sphere
+
+    def _sound(self, code: float | None) -> scene.Scene | None:
+        """Return the scene at a time, or None where it cannot be read: that is told when it is to be rendered."""
+        with suppress(scene.SceneError):
+            return self.read(code)[0]
+        return None
+
+    def _sound_eyes(self, code: float | None) -> tuple[scene.Camera, ...]:
+        with suppress(scene.SceneError):
+            return self.cameras(code)
+        return ()
 
     def check(self, content: scene.Scene) -> list[str]:
         """Return the names of the layers that a frame of this content has; SceneError where nothing makes beams."""
@@ -208,7 +228,6 @@ class Shot:
         blur: bool = True,
         lens: bool = True,
         view: str | None = None,
-        contents: tuple[scene.Scene, scene.Camera] | None = None,
         **settings: Any,
     ) -> Frame:
         """Render a frame.
@@ -237,8 +256,6 @@ class Shot:
             settings["passes"] = passes
         size = self.resolution(width, height, frame)
         window = Window(size[0], size[1], _cropped(size[0], size[1], crop))
-        if contents is not None:
-            self.medium = contents[0].medium
         exposure = self.exposure(frame, blur, lens)
         names = self._views(view)
         eyes = [EYES.index(name) if name else 0 for name in names]
