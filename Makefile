@@ -11,7 +11,7 @@ KEYHOLE := $(VENV)/bin/photonbeams render examples/keyhole/keyhole.usda \
 # Frames that are there already are not rendered again: `make flight` goes on where it was stopped.
 FLIGHT := $(VENV)/bin/photonbeams render examples/keyhole/keyhole.usda -cam Flight --frames 1:101 \
 	--set /World/Light/Key.photonbeams:count=2048 \
-	--res 640 0 --passes 16 --skip-existing -o out/flight/flight.####.exr
+	--res 640 0 --passes 16 --skip-existing -o out/flight/flight.\#\#\#\#.exr
 
 # What to hand to pytest, as in `make test ARGS=tests/test_quadrature.py`.
 ARGS :=

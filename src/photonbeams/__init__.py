@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     )
     from .quadrature import Rule, gauss_legendre, riemann
     from .scene import Medium, SceneError
-    from .shot import Shot
+    from .shot import Shot, Stereo
 
     __version__: str
 
@@ -68,6 +68,7 @@ __all__ = [
     "SceneError",
     "Shot",
     "Smoothstep",
+    "Stereo",
     "Tabulated",
     "Texture",
     "Uniform",
@@ -85,7 +86,7 @@ _HOMES = {
     "estimators": ("estimate",),
     "quadrature": ("Rule", "gauss_legendre", "riemann"),
     "scene": ("Medium", "SceneError"),
-    "shot": ("Shot",),
+    "shot": ("Shot", "Stereo"),
 }
 _HOME = dict.fromkeys(__all__, "looks") | {name: module for module, names in _HOMES.items() for name in names}
 

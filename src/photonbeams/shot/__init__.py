@@ -1,5 +1,6 @@
 """Shots: USD in, EXR out. `Shot` opens a stage, renders frames of it, and the frames write themselves."""
 
 from .shot import Frame, Shot
+from .stereo import Stereo
 
-__all__ = ["Frame", "Shot"]
+__all__ = ["Frame", "Shot", "Stereo"]
