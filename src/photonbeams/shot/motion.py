@@ -58,8 +58,11 @@ def equal(a: Any, b: Any) -> bool:
 _PROBES = (0.3, 0.7, 1.0)
 
 
+_KEPT = 8
+
+
 class Exposure:
-    """What `render.frame.Shutter` asks: scene and cameras at fractions of the shutter, each read once.
+    """What `render.frame.Shutter` asks: scene and cameras at fractions of the shutter, the last few kept.
 
     Parameters
     ----------
@@ -86,7 +89,7 @@ class Exposure:
         self._read_scene, self._read_cameras = read_scene, read_cameras
         self._start, self.duration = start, stop - start
         self._first = read_scene(start), read_cameras(start)
-        self._known = {0.0: self._first}
+        self._known = {0.0: self._first}  # and what was asked for last: a pass asks for three, some of them twice
         # Reading a scene takes long: what stands still at these times is taken to stand still in between.
         self._still = not self.duration or all(self._scene(each) is self._first[0] for each in _PROBES)
         self.moving = bool(self.duration) and (not self._still or any(self._eyes_moved(each) for each in _PROBES))
@@ -95,6 +98,8 @@ class Exposure:
         """Return scene and cameras at a fraction of the shutter, 0 to 1."""
         if fraction not in self._known:
             content = self._first[0] if self._still else self._scene(fraction)
+            for old in list(self._known)[1 : len(self._known) - _KEPT + 1]:
+                del self._known[old]
             self._known[fraction] = content, self._eyes(fraction)
         return self._known[fraction]
 
