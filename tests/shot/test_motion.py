@@ -91,6 +91,16 @@ def test_what_is_at_rest_is_the_same_object_all_the_time(shot):
     assert exposure(0.25)[0] is later
 
 
+def test_a_long_render_keeps_a_few_moments_alone(shot):
+    exposure = shot("/Camera.shutter:close=0.5").exposure(2)
+    first = exposure(0.0)
+    for fraction in np.linspace(0, 1, 40):
+        moment = exposure(fraction)
+        assert exposure(fraction) is moment
+    assert exposure(0.0) is first
+    assert exposure(1.0) is moment and len(exposure._known) < 10
+
+
 def test_a_closed_shutter_and_a_still_stage_do_not_move(shot):
     assert not shot().exposure(3).moving
     still = shot("/Camera.shutter:close=0.5", text=STAGE.replace("9: (2.5, 0.5, 2)", "9: (1.5, 0, -2)"))

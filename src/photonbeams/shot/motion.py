@@ -98,7 +98,7 @@ class Exposure:
         """Return scene and cameras at a fraction of the shutter, 0 to 1."""
         if fraction not in self._known:
             content = self._first[0] if self._still else self._scene(fraction)
-            for old in list(self._known)[1 : len(self._known) - _KEPT + 1]:
+            for old in list(self._known)[1 : max(1, len(self._known) - _KEPT + 1)]:
                 del self._known[old]
             self._known[fraction] = content, self._eyes(fraction)
         return self._known[fraction]
