@@ -32,6 +32,7 @@ def Camera "Camera" {
 def SphereLight "Lamp" (prepend apiSchemas = ["PhotonBeamsLightAPI"]) {
     float inputs:radius = 0.1
     float inputs:intensity = 10
+    float inputs:exposure.timeSamples = { 1: 0, 5: 0 }
     token photonbeams:lightGroup = "key"
 }
 %s
@@ -178,6 +179,15 @@ def test_a_light_group_that_is_hidden_in_a_frame_is_black_there(render, stage, o
     assert first["beams_fill"].any()
     assert not second["beams_fill"].any()
     assert not read_image("fill.2.png").any()
+
+
+def test_frames_of_a_stage_that_does_not_change_are_warned_of(render, stage, out):
+    path = stage()
+    path.write_text(path.read_text().replace("inputs:exposure.timeSamples = { 1: 0, 5: 0 }", "inputs:exposure = 0"))
+    code, lines = render(path, "-f", "1:2", "-o", "a.#.exr", "--progress", "none")
+    assert code == 0 and names(out) == ["a.1.exr", "a.2.exr"]
+    assert lines[0] == f"Warning: {path} has no time samples: all 2 frames are the same"
+    assert not any("Warning" in line for line in render(path, "-f", "1", "-o", "a.#.exr")[1])
 
 
 def test_a_dry_run_counts_the_frames(render, stage, out):

@@ -13,7 +13,7 @@ from math import isfinite
 from pxr import Tf, Usd, UsdUtils
 
 from ..scene import SceneError
-from .reading import file_of
+from .reading import LOG, file_of, prims_under
 
 MOST_FRAMES = 100_000
 LARGEST = 1e9
@@ -63,7 +63,12 @@ def decimals(frame: float) -> int:
 
 
 def check_frames(stage: Usd.Stage, frames: Sequence[float]) -> None:
-    """Raise SceneError for frames outside the stage's range; a stage without one has any."""
+    """Raise SceneError for frames outside the stage's range; a stage without one has any.
+
+    Warns where there are several frames of a stage on which nothing changes.
+    """
+    if len(frames) > 1 and not _animated(stage):
+        LOG.warning("%s has no time samples: all %d frames are the same", file_of(stage), len(frames))
     first, last = stage.GetStartTimeCode(), stage.GetEndTimeCode()
     if not (stage.HasAuthoredTimeCodeRange() and isfinite(first) and isfinite(last)):
         return
@@ -72,3 +77,9 @@ def check_frames(stage: Usd.Stage, frames: Sequence[float]) -> None:
         more = f" and {len(outside) - 1:,} more of those asked for" if len(outside) > 1 else ""
         text = f"{file_of(stage)} has no frame {outside[0]:.10g}{more}: expected frames from {first:g} to {last:g}"
         raise SceneError(text)
+
+
+def _animated(stage: Usd.Stage) -> bool:
+    """Return whether any attribute on the stage may change with time."""
+    prims = prims_under(stage.GetPseudoRoot())
+    return any(attribute.ValueMightBeTimeVarying() for prim in prims for attribute in prim.GetAuthoredAttributes())
