@@ -38,7 +38,7 @@ def pictures(paths: list[Path]) -> Iterator[np.ndarray]:
 
 def encode(paths: list[Path], film: Path) -> list[np.ndarray]:
     """Write the film, H.264 that every player takes; return the pictures of the contact sheet."""
-    step = max(1, -(-len(paths) // (COLUMNS * ROWS)))
+    shown = set(np.linspace(0, len(paths) - 1, min(COLUMNS * ROWS, len(paths))).astype(int).tolist())
     sheet = []
     with av.open(str(film), "w") as container:
         stream = container.add_stream("libx264", rate=RATE, options={"crf": "16"})
@@ -49,7 +49,7 @@ def encode(paths: list[Path], film: Path) -> list[np.ndarray]:
                 stream.height, stream.width = even.shape[:2]
             encoded = np.round(255 * srgb_encoded(tone_mapped(even))).astype(np.uint8)
             container.mux(stream.encode(av.VideoFrame.from_ndarray(np.ascontiguousarray(encoded), format="rgb24")))
-            if number % step == 0:
+            if number in shown:
                 sheet.append(picture)
         container.mux(stream.encode())
     return sheet

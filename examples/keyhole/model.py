@@ -55,10 +55,11 @@ def door(random: np.random.Generator) -> dict[str, Shape]:
     edges = np.array([-0.47, lock_low[0], lock_high[0], 0.12, 0.30, 0.47])
     planks = []
     for left, right in pairwise(edges):
-        # Neighbours overlap by a millimetre, so that no ray finds the joint between two planks.
+        # Neighbours overlap by a millimetre, so that no ray finds the joint between two planks, and by twelve where a
+        # plank ends, so that none finds the joint at its bevelled corners.
         spans = [(0.02, 1.98)]
         if left == lock_low[0]:
-            spans = [(0.02, lock_low[1] + 0.001), (lock_high[1] - 0.001, 1.98)]
+            spans = [(0.02, lock_low[1] + 0.012), (lock_high[1] - 0.012, 1.98)]
         shift, front = random.random(2), random.uniform(-0.004, 0.0)
         for low, high in spans:
             planks.append(box((left, low, -THICKNESS), (right + 0.001, high, front), 0.006, 1, shift))
