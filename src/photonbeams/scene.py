@@ -274,3 +274,7 @@ class Scene:
     drawn: tuple[DrawnBeams, ...] = ()
     medium: Medium | None = None
     bounds: tuple[Array, float] | None = None
+
+    def looks(self) -> dict[str, Look | None]:
+        """Return the looks of lights and drawn beams by their names."""
+        return {light.name: light.look for light in self.lights} | {each.name: each.look for each in self.drawn}

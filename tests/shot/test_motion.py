@@ -1,8 +1,10 @@
 """Animated stages: what moves while the shutter is open, what stays the same from frame to frame, and two eyes."""
 
+import re
 from pathlib import Path
 
 import numpy as np
+import OpenImageIO
 import pytest
 
 import photonbeams as pb
@@ -112,7 +114,7 @@ def test_prims_are_followed_by_their_names(shot):
     first, later = (shot().read(frame)[0] for frame in (1, 2))
     gone = followed(first, type(later)(later.meshes[:1], later.lights[1:], (), None))
     assert [light.name for light in gone.lights] == ["/Still", "/Swinging"]
-    assert gone.lights[0] is first.lights[0] and gone.lights[1] is later.lights[1]
+    assert gone.lights[0] is first.lights[0] and equal(gone.lights[1], later.lights[1])
     assert len(gone.meshes) == 2 and gone.medium is first.medium
     assert followed(first, first) is first
 
@@ -172,6 +174,76 @@ def test_no_lens_is_a_pinhole_and_a_wide_one_blurs(shot):
     assert all(np.array_equal(sharp[name], off[name]) for name in sharp)
     assert not np.array_equal(sharp["beams"], wide["beams"])
     assert np.array_equal(sharp["depth"], wide["depth"])
+
+
+# -- What a hostile user found ----------------------------------------------------------------------------------------
+
+
+def moving(prim, name, samples):
+    """Return the stage with one attribute of a prim animated."""
+    kind = {"inputs:intensity": "float", "xformOp:translate": "double3", "photonbeams:scattering": "color3f"}[name]
+    begin = STAGE.index(f'"{prim}"')
+    end = STAGE.index("\n}", begin)
+    body = re.sub(rf"    {kind} {name}[^\n]*\n", "", STAGE[begin:end] + "\n")
+    return STAGE[:begin] + body + f"    {kind} {name}.timeSamples = {samples}" + STAGE[end:]
+
+
+@pytest.mark.parametrize("back", ["(1.5, 0, -2)", "(1.5, 0.001, -2)"])
+def test_what_comes_back_to_where_it_was_has_moved(shot, back):
+    """Bounds hold what is far away in the middle of a loop, and between evenly spaced times."""
+    stage = shot(text=STAGE.replace("9: (2.5, 0.5, 2)", f"4.1: (1.5, 0, -2), 4.2: (90, 0, -2), 4.3: {back}, 9: {back}"))
+    assert stage.exposure(1)(0.0)[0].bounds[1] > 40
+
+
+def test_a_light_that_fades_out_is_rendered_black_and_warned_of_once(shot, caplog):
+    dark = STAGE.replace("float inputs:intensity = 50", "float inputs:intensity.timeSamples = { 1: 9, 3: 0 }")
+    stage = shot(text=dark)
+    assert stage.render(1, **SMALL).layers["beams"].max() > 0
+    for frame in (3, 4):
+        assert not stage.render(frame, **SMALL).layers["beams"].any()
+    assert [record.message.count("expected some of /Still, /Swinging to shine") for record in caplog.records] == [1]
+
+
+def test_a_flash_between_shutter_open_and_close_is_seen(shot):
+    flash = moving("Still", "inputs:intensity", "{ 2: 50, 2.1: 50, 2.12: 5000, 2.14: 50, 4: 50 }")
+    still = flash.replace("9: (2.5, 0.5, 2)", "9: (1.5, 0, -2)")
+    assert shot("/Camera.shutter:close=0.5", text=still).exposure(2).moving
+    turns = STAGE.replace("1: (1.5, 0, -2), 9: (2.5, 0.5, 2)", "1: (1.5, 0, -2), 1.5: (0, 9, 0), 2: (1.5, 0, -2)")
+    assert shot("/Camera.shutter:close=1", text=turns).exposure(1).moving
+
+
+def test_fog_looks_and_lens_are_those_of_a_slices_middle(shot):
+    """One pass over a shutter in which the fog gets thicker linearly shows its mean, the fog of the middle."""
+    text = moving("Fog", "photonbeams:scattering", "{ 1: (0.001, 0.001, 0.001), 9: (0.081, 0.081, 0.081) }")
+    text = text.replace("9: (2.5, 0.5, 2)", "9: (1.5, 0, -2)")
+    blurred = shot("/Camera.shutter:close=8", text=text).render(1, **SMALL | {"passes": 1}).layers["beams_still"]
+    middle = shot(text=text).render(5, **SMALL | {"passes": 1}).layers["beams_still"]
+    assert np.allclose(blurred, middle, rtol=1e-4, atol=1e-7)
+
+
+def test_an_error_inside_the_shutter_says_when(shot):
+    text = STAGE.replace("9: (2.5, 0.5, 2)", "2.2: (1.5, 0, -2), 2.3: (nan, 0, 0)")
+    with pytest.raises(SceneError, match=r"/Swinging .*\(at time 2\.[0-9]+, while the shutter is open\)"):
+        shot("/Camera.shutter:close=0.5", text=text).exposure(2)
+
+
+def test_images_are_the_same_objects_at_all_times(tmp_path, shot):
+    image = OpenImageIO.ImageBuf(OpenImageIO.ImageSpec(4, 4, 3, "uint8"))
+    image.write(str(tmp_path / "wood.png"))
+    shader = f'''def Shader "Image"
+    {{
+        uniform token info:id = "UsdUVTexture"
+        asset inputs:file = @{tmp_path}/wood.png@
+        color3f outputs:rgb
+    }}
+    def Shader "Surface"'''
+    text = STAGE + ROD[ROD.index("def Mesh") : ROD.index("def Camera")].replace("DEPTH", "-3")
+    text = text.replace('def Shader "Surface"', shader)
+    uvs = 'texCoord2f[] primvars:st = [(0, 0), (1, 0), (1, 1), (0, 1)] ( interpolation = "vertex" )'
+    text = text.replace("    rel material:binding = </Glow>", f"    {uvs}\n    rel material:binding = </Glow>")
+    text = text.replace("diffuseColor = (0, 0, 0)", "diffuseColor.connect = </Glow/Image.outputs:rgb>")
+    first, later = (shot(text=text).read(frame)[0].meshes[-1].material for frame in (1, 2))
+    assert first.diffuse.pixels is later.diffuse.pixels
 
 
 # -- Two eyes ---------------------------------------------------------------------------------------------------------

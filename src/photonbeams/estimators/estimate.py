@@ -105,6 +105,8 @@ def check_motion(beams: Beams, close: Beams | None, time: Any) -> None:
     """Raise ValueError unless `close` can be `beams` at another time."""
     if close is None:
         return
+    if not isinstance(close, Beams):
+        raise ValueError(f"close is a {type(close).__name__}: expected the same Beams at shutter close")
     if time is None:
         raise ValueError("beams move and the rays have no time: expected (N,) times from 0 to 1")
     both = [{name for name in Beams.DRJIT_STRUCT if getattr(each, name) is not None} for each in (beams, close)]
@@ -126,6 +128,8 @@ def _rays(origin: Any, direction: Any, t_min: Any, t_max: Any, time: Any) -> tup
     low = _numbers(0.0 if t_min is None else t_min, "t_min")
     high = _numbers(ENDLESS if t_max is None else t_max, "t_max")
     moment = _numbers(0.0 if time is None else time, "time")
+    if bool(dr.any(~((moment >= 0) & (moment <= 1)))):
+        raise ValueError("time is out of range: expected numbers from 0, shutter open, to 1, shutter close")
     widths = [dr.width(value) for value in (origin, direction, low, high, moment)]
     count = max(widths)
     if any(width not in (1, count) for width in widths):

@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import drjit as dr
@@ -193,15 +194,22 @@ def check(description: scene.Scene) -> None:
         raise scene.SceneError(
             "the stage has no medium: expected a prim with PhotonBeamsMediumAPI, or a fog given by --scattering"
         )
-    lights, drawn = description.lights, description.drawn
-    shining = any(light.emits_beams and light.beam_scale * max(light.radiance) > 0 for light in lights)
-    if shining or any(len(each.start) for each in drawn):
+    if any(light.emits_beams for light in description.lights) or description.drawn:
         return
     text = "the stage has no light that makes beams: expected a UsdLux light, or drawn beams"
-    names = ", ".join([light.name for light in lights] + [each.name for each in drawn])
-    if names:  # all black or empty, or switched off, which a dome is from the start
-        text = f"the stage has no light that makes beams: {names} expected to shine and to have photonbeams:enabled on"
+    if description.lights:  # switched off, which a dome is from the start
+        names = ", ".join(light.name for light in description.lights)
+        text = f"the stage has no light that makes beams: expected photonbeams:enabled on {names}"
     raise scene.SceneError(text)
+
+
+def black(description: scene.Scene) -> list[str]:
+    """Return the names of all lights and drawn beams where none of them has any light; else nothing."""
+    emitting = [light for light in description.lights if light.emits_beams]
+    shining = any(light.beam_scale * max(light.radiance) > 0 for light in emitting)
+    if shining or any(len(each.start) and np.max(each.power) > 0 for each in description.drawn):
+        return []
+    return [light.name for light in emitting] + [each.name for each in description.drawn]
 
 
 def _check_memory(description: scene.Scene, window: Window, settings: Settings) -> None:
@@ -232,6 +240,8 @@ def _group_layers(description: scene.Scene) -> dict[str, str]:
     groups |= {drawn.group for drawn in description.drawn}
     return {group: f"beams_{group or 'default'}" for group in sorted(groups)} if groups - {""} else {}
 
+
+_MOST_SLICES = 1 << 16
 
 # Names of samples in seeds.
 _LENS, _TIME = 101, 102
@@ -270,10 +280,14 @@ class _Frame:
     def add_pass(self, number: int) -> None:
         """Add pass `number`, which depends on nothing but the scene, the settings and its number."""
         statistics, settings = self._statistics, self._settings
-        first, last = _slice(number, settings.passes) if self._shutter.moving else (0.0, 0.0)
+        first, last = (0.0, 0.0)
+        if self._shutter.moving:
+            first, last = _slice(number, None if settings.time_limit is not None else settings.passes)
         moments = [self._shutter.at(each) for each in ((first, last) if self._shutter.moving else (first,))]
+        between = self._shutter.at(0.5 * (first + last))
         with statistics.phase("simulate"):
             worlds = [self._world(moment) for moment in moments]
+            middle = self._world(between)
             sets = trace(
                 worlds[0],
                 beams_per_light=settings.beams,
@@ -282,24 +296,28 @@ class _Frame:
                 light_side=self._light_side,
                 overlap=settings.overlap * (number + 1) ** SHRINKAGE,
                 close=worlds[1] if len(worlds) > 1 and worlds[1] is not worlds[0] else None,
+                looks=between.scene.looks(),
             )
             dr.eval([(each.beams, each.close) for each in sets])
-            middle = self._world(self._shutter.at(0.5 * (first + last)))
         statistics.beams += sum(len(each.beams) for each in sets)
         for eye, sums in enumerate(self._sums):
             cameras = [moment.cameras[eye] for moment in moments]
-            view = View(cameras[0], self._window, cameras[-1] if cameras[-1] is not cameras[0] else None)
+            view = View(
+                _with_lens(cameras[0], between.cameras[eye]),
+                self._window,
+                cameras[-1] if cameras[-1] is not cameras[0] else None,
+            )
             film = view.film or any(each.close is not None for each in sets)
             with statistics.phase("surfaces"):
                 rays = view.rays(subpixel(number), self._samples(number) if film else None)
                 shaded = self._shade(middle, sums.order, rays, number)
                 if number == 0:
-                    sums.depth = self._depth(middle, view, sums) if film else rays.facing * shaded.depth
+                    sums.depth = self._depth(eye, sums) if film else rays.facing * shaded.depth
                 sums.add_surfaces(shaded)
             pixels = _pixel_rays(middle, rays, shaded.depth)
             with statistics.phase("beams"):
                 for each in sets:
-                    self._add_beams(each, view, pixels, sums)
+                    self._add_beams(each, view, pixels, sums, between.scene.medium)
                 dr.eval(sums.groups)
         statistics.passes += 1
 
@@ -321,18 +339,21 @@ class _Frame:
         dr.eval(shaded)  # apart from the sums, which begin as constants: the first pass would have kernels of its own
         return shaded
 
-    def _depth(self, world: World, view: View, sums: _Sums) -> Any:
+    def _depth(self, eye: int, sums: _Sums) -> Any:
         """Return planar depths as a pinhole at shutter open sees them: a blurred depth is the depth of nothing."""
-        sharp = View(replace(view.camera, lens_radius=0.0), self._window).rays(subpixel(0))
-        return sharp.facing * self._shade(world, sums.order, sharp, 0).depth
+        moment = self._shutter.at(0.0)
+        sharp = View(replace(moment.cameras[eye], lens_radius=0.0), self._window).rays(subpixel(0))
+        return sharp.facing * self._shade(self._world(moment), sums.order, sharp, 0).depth
 
-    def _add_beams(self, each: BeamSet, view: View, pixels: PixelRays, sums: _Sums) -> None:
+    def _add_beams(
+        self, each: BeamSet, view: View, pixels: PixelRays, sums: _Sums, medium: scene.Medium | None
+    ) -> None:
         part = estimate_image(
             each.beams,
             view.projection,
             pixels,
             look=each.look or self._default_look,
-            medium=self._description.medium,
+            medium=medium,
             estimator=self._settings.estimator,
             points=self._points,
             close=each.close,
@@ -399,14 +420,36 @@ def _pixel_rays(world: World, rays: CameraRays, depth: Any) -> PixelRays:
     return PixelRays(rays.origin, rays.direction, rays.facing, t_max, t_min, rays.lanes)
 
 
-def _slice(number: int, passes: int) -> tuple[float, float]:
-    """Return the slice of the shutter that a pass looks at.
+def _with_lens(camera: scene.Camera, middle: scene.Camera) -> scene.Camera:
+    """Return a camera with the lens and the film that it has at another time: within a pass they do not change."""
+    if middle is camera:
+        return camera
+    return replace(middle, to_world=camera.to_world)
 
-    The slices come in the order of a van der Corput sequence: what a time limit cuts short still covers the shutter.
+
+def _slice(number: int, passes: int | None) -> tuple[float, float]:
+    """Return the slice of the shutter that a pass looks at, as fractions.
+
+    Each of so many passes has one of as many slices, in the order of a van der Corput sequence. Where nobody knows how
+    many there will be (None: a time limit), the first has the whole shutter, the next two its halves, the next four
+    its quarters, and so on: wherever that ends, it has covered the shutter.
     """
+    if passes is not None and passes <= _MOST_SLICES:
+        rank = _order(passes)[number]
+        return rank / passes, (rank + 1) / passes
+    bits = (number + 1).bit_length() - 1
+    place = int(f"{number + 1:b}"[:0:-1] or "0", 2)
+    return place / (1 << bits), (place + 1) / (1 << bits)
+
+
+@lru_cache(maxsize=8)
+def _order(passes: int) -> list[int]:
+    """Return the ranks of the first numbers of the van der Corput sequence of base 2 (their bits reversed)."""
     inverse = [int(f"{k:032b}"[::-1], 2) for k in range(passes)]
-    rank = sorted(range(passes), key=inverse.__getitem__).index(number)
-    return rank / passes, (rank + 1) / passes
+    ranks = [0] * passes
+    for rank, number in enumerate(sorted(range(passes), key=inverse.__getitem__)):
+        ranks[number] = rank
+    return ranks
 
 
 def subpixel(number: int) -> tuple[float, float]:

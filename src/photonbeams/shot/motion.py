@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from ..scene import Camera, Scene
+from ..scene import Camera, Scene, SceneError
 
 T = TypeVar("T")
 
@@ -37,8 +37,13 @@ def _matched(first: Sequence[T], later: Sequence[T]) -> Sequence[T]:
 
 
 def same(first: T, later: T) -> T:
-    """Return the first of two values where they are equal, else the later."""
-    return first if equal(first, later) else later
+    """Return the first of two values where they are equal, else the later with what is equal in it from the first."""
+    if equal(first, later):
+        return first
+    if is_dataclass(first) and type(first) is type(later):
+        parts = {each.name: same(getattr(first, each.name), getattr(later, each.name)) for each in fields(first)}
+        return replace(later, **parts)  # type: ignore[type-var]
+    return later
 
 
 def equal(a: Any, b: Any) -> bool:
@@ -54,8 +59,10 @@ def equal(a: Any, b: Any) -> bool:
     return bool(type(a) is type(b) and a == b)
 
 
-# Fractions of the shutter at which a scene is looked at to learn whether it moves.
-_PROBES = (0.3, 0.7, 1.0)
+# Fractions of the shutter at which a scene is looked at, beside its time samples, to learn whether it moves: between
+# two of its keys something may be as it was at both, but not at these.
+_PROBES = (0.29, 0.71, 1.0)
+_MOST_PROBES = 16
 
 
 _KEPT = 8
@@ -68,8 +75,8 @@ class Exposure:
     ----------
     read_scene, read_cameras
         Return the scene, and the cameras, at a time code.
-    start, stop
-        Time codes of shutter open and shutter close.
+    start, stop, keys
+        Time codes of shutter open and shutter close, and of time samples in between.
 
     Attributes
     ----------
@@ -85,14 +92,17 @@ class Exposure:
         read_cameras: Callable[[float], tuple[Camera, ...]],
         start: float,
         stop: float,
+        keys: Sequence[float] = (),
     ) -> None:
         self._read_scene, self._read_cameras = read_scene, read_cameras
         self._start, self.duration = start, stop - start
         self._first = read_scene(start), read_cameras(start)
         self._known = {0.0: self._first}  # and what was asked for last: a pass asks for three, some of them twice
         # Reading a scene takes long: what stands still at these times is taken to stand still in between.
-        self._still = not self.duration or all(self._scene(each) is self._first[0] for each in _PROBES)
-        self.moving = bool(self.duration) and (not self._still or any(self._eyes_moved(each) for each in _PROBES))
+        step = max(1, len(keys) // _MOST_PROBES)
+        probes = (*_PROBES, *((key - start) / self.duration for key in keys[::step] if self.duration))
+        self._still = not self.duration or all(self._scene(each) is self._first[0] for each in probes)
+        self.moving = bool(self.duration) and (not self._still or any(self._eyes_moved(each) for each in probes))
 
     def __call__(self, fraction: float) -> tuple[Scene, tuple[Camera, ...]]:
         """Return scene and cameras at a fraction of the shutter, 0 to 1."""
@@ -104,7 +114,11 @@ class Exposure:
         return self._known[fraction]
 
     def _scene(self, fraction: float) -> Scene:
-        return followed(self._first[0], self._read_scene(self._start + fraction * self.duration))
+        code = self._start + fraction * self.duration
+        try:
+            return followed(self._first[0], self._read_scene(code))
+        except SceneError as error:
+            raise SceneError(f"{error} (at time {code:g}, while the shutter is open)") from None
 
     def _eyes(self, fraction: float) -> tuple[Camera, ...]:
         return tuple(map(same, self._first[1], self._read_cameras(self._start + fraction * self.duration)))

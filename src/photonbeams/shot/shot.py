@@ -17,8 +17,8 @@ from . import stage as stages
 from .camera import read_shutter
 from .images import write_frame
 from .looks import LookSpec, build_look
-from .motion import Exposure, followed
-from .reading import file_of
+from .motion import Exposure
+from .reading import LOG, file_of
 from .stereo import EYES, Stereo, read_eyes
 
 if TYPE_CHECKING:
@@ -27,11 +27,14 @@ if TYPE_CHECKING:
 
 DEFAULT_WIDTH = 1280
 
+# Time samples on a stage that are looked at, at most, to learn whether a shutter sees any.
+_MOST_KEYS = 10_000
+
 #: A fog that is made of the stage's own, or of None where it has none.
 Fog = Callable[[scene.Medium | None], scene.Medium | None]
 
-# Times of an animated stage at which its extent is looked at.
-_BOUNDS_TIMES = 9
+# Times of an animated stage at most at which its extent is looked at.
+_BOUNDS_TIMES = 33
 
 
 @dataclass(frozen=True)
@@ -155,19 +158,18 @@ class Shot:
             found = self.cameras(None if time.IsDefault() else code)
             return found if lens else tuple(replace(camera, lens_radius=0.0) for camera in found)
 
-        return Exposure(read, cameras, base + begin, base + (end if blur else begin))
+        # Without blur all is as the shutter opens.
+        start, stop = base + begin, base + (end if blur else begin)
+        keys = [code for code in stages.sample_times(self.stage, _MOST_KEYS) if start < code < stop] if blur else []
+        return Exposure(read, cameras, start, stop, keys)
 
     def _bounds(self) -> tuple[Array, float]:
         """Return a sphere around all that is ever on the stage: beams must not change with what moves elsewhere."""
         if self._sphere is None:
             from ..render.world import bounding_sphere
 
-            codes: list[float | None] = [None]
-            if self.stage.HasAuthoredTimeCodeRange():
-                codes = [*np.linspace(self.stage.GetStartTimeCode(), self.stage.GetEndTimeCode(), _BOUNDS_TIMES)]
-            states = [state for code in (codes[0], codes[-1]) if (state := self._sound(code))]
-            if len(states) < 2 or followed(*states) is not states[0]:
-                states += [state for code in codes[1:-1] if (state := self._sound(code))]
+            codes: list[float | None] = [*stages.sample_times(self.stage, _BOUNDS_TIMES)] or [None]
+            states = [state for code in codes if (state := self._sound(code))]
             eyes = [np.asarray(camera.to_world)[:3, 3] for code in codes for camera in self._sound_eyes(code)]
             self._sphere = bounding_sphere(states, eyes)
         return self._sphere
@@ -185,12 +187,16 @@ class Shot:
 
     def check(self, content: scene.Scene) -> list[str]:
         """Return the names of the layers that a frame of this content has; SceneError where nothing makes beams."""
-        from ..render.frame import check, layer_names
+        from ..render.frame import black, check, layer_names
 
         try:
             check(content)
         except scene.SceneError as error:
             raise scene.SceneError(f"{file_of(self.stage)}: {error}") from None
+        names = ", ".join(black(content))
+        if names and names not in self._warned:  # no error: a light that fades out must not end a film
+            self._warned.add(names)
+            LOG.warning("%s: no beams have any light: expected some of %s to shine", file_of(self.stage), names)
         return layer_names(content)
 
     def _look(self, spec: Any) -> Any:

@@ -14,9 +14,9 @@ from ..scene import SceneError
 from . import schemas as schemas
 from .camera import list_cameras, read_camera
 from .contents import read_scene
-from .reading import LOG, file_of
+from .reading import LOG, file_of, prims_under
 
-__all__ = ["default_time", "list_cameras", "open_stage", "read_camera", "read_scene"]
+__all__ = ["default_time", "list_cameras", "open_stage", "read_camera", "read_scene", "sample_times"]
 
 
 def open_stage(
@@ -66,6 +66,19 @@ def default_time(stage: Usd.Stage) -> Usd.TimeCode:
     if stage.HasAuthoredMetadata("startTimeCode") and isfinite(stage.GetStartTimeCode()):
         return Usd.TimeCode(stage.GetStartTimeCode())
     return Usd.TimeCode.Default()
+
+
+def sample_times(stage: Usd.Stage, most: int) -> list[float]:
+    """Return the time codes of all time samples on a stage, in order; of more than so many, evenly some."""
+    times: set[float] = set()
+    for prim in prims_under(stage.GetPseudoRoot()):
+        for attribute in prim.GetAuthoredAttributes():
+            if attribute.ValueMightBeTimeVarying():
+                times.update(attribute.GetTimeSamples())
+    found = sorted(time for time in times if isfinite(time))
+    if len(found) <= most:
+        return found
+    return [found[round(k * (len(found) - 1) / (most - 1))] for k in range(most)]
 
 
 def _layer(path: str) -> Sdf.Layer:

@@ -10,7 +10,7 @@ from pxr import Usd, UsdGeom
 
 from ..scene import Camera, SceneError
 from .camera import chosen_camera, list_cameras, read_camera
-from .reading import file_of
+from .reading import FARTHEST, LOG, file_of
 
 EYES = ("left", "right")
 _EYE_DISTANCE = 0.065  # metres: between the eyes of people
@@ -33,8 +33,9 @@ class Stereo:
     convergence: float | None = None
 
     def __post_init__(self) -> None:
-        if self.interaxial is not None and not 0 <= self.interaxial < np.inf:
-            raise SceneError(f"interaxial is {self.interaxial}: expected a distance in scene units, 0 or more")
+        if self.interaxial is not None and not 0 <= self.interaxial <= FARTHEST:
+            text = f"expected a distance in scene units, 0 or more and no more than {FARTHEST:g}"
+            raise SceneError(f"interaxial is {self.interaxial}: {text}")
         if self.convergence is not None and not self.convergence > 0:
             raise SceneError(f"convergence is {self.convergence}: expected a positive distance in scene units")
 
@@ -56,9 +57,15 @@ def read_eyes(stage: Usd.Stage, name: str | None, stereo: Stereo, time: Any = No
     if role not in EYES:
         return _split(read_camera(stage, str(prim.GetPath()), time), stereo, UsdGeom.GetStageMetersPerUnit(stage))
     other = _partner(stage, prim, EYES[1 - EYES.index(role)])
+    if stereo != Stereo():
+        LOG.warning(
+            "%s: %s is one of a pair of cameras, which stand where they stand: interaxial and convergence are ignored",
+            file_of(stage), prim.GetPath(),
+        )  # fmt: skip
     pair = {role: str(prim.GetPath()), EYES[1 - EYES.index(role)]: str(other.GetPath())}
     left, right = (read_camera(stage, pair[eye], time) for eye in EYES)
-    for field in ("focal_length", "horizontal_aperture", "vertical_aperture", "orthographic"):
+    lens = ("lens_radius", "focus_distance")
+    for field in ("focal_length", "horizontal_aperture", "vertical_aperture", "orthographic", *lens):
         a, b = getattr(left, field), getattr(right, field)
         if a != b:
             what = field.replace("_", " ")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tempfile
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -35,13 +36,32 @@ def read_image(reading: Reading, prim: Usd.Prim, name: str, color_space: str = "
         raise reading.fail(prim, name, f"names {asset.path}: expected an image file, there is none")
     key = ("image", path, color_space)
     if key not in reading.cache:
-        pixels, kind, error = _decoded(path)
+        pixels, _, error = _kept(path, _stamp(path))
         if pixels is None:
             raise reading.fail(prim, name, f"names {path}: expected an image that can be read ({error})")
         if not np.all(np.isfinite(pixels)):
             raise reading.fail(prim, name, f"names {path}: expected pixels that are finite numbers")
-        reading.cache[key] = _linear(pixels, kind, color_space)
+        reading.cache[key] = _linear_kept(path, _stamp(path), color_space)
     return reading.cache[key]
+
+
+def _stamp(path: str) -> tuple[int, int]:
+    """Return what changes when a file is written again."""
+    status = Path(Ar.SplitPackageRelativePathOuter(path)[0]).stat()
+    return status.st_mtime_ns, status.st_size
+
+
+# A shutter is read at many times: the images are then the same objects, decoded once.
+@lru_cache(maxsize=64)
+def _kept(path: str, _stamp: tuple[int, int]) -> tuple[Array | None, str, str]:
+    return _decoded(path)
+
+
+@lru_cache(maxsize=64)
+def _linear_kept(path: str, stamp: tuple[int, int], color_space: str) -> Array:
+    pixels, kind, _ = _kept(path, stamp)
+    assert pixels is not None  # `read_image` has seen to it
+    return _linear(pixels, kind, color_space)
 
 
 def _resolved(reading: Reading, path: str) -> str:

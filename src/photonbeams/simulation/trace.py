@@ -7,7 +7,7 @@ through the portal, and, where the camera sees the light's own side of it, all o
 from __future__ import annotations
 
 import zlib
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import drjit as dr
@@ -73,6 +73,7 @@ def trace(
     light_side: Collection[str] = (),
     overlap: float = 1.0,
     close: World | None = None,
+    looks: Mapping[str, Look | None] | None = None,
 ) -> list[BeamSet]:
     """Return the beams of one pass, a set for each light that has any, and for each set of drawn beams.
 
@@ -85,6 +86,8 @@ def trace(
         Light paths a pass, for lights that do not say themselves. A path through a portal is two beams.
     pass_index, seed
         Passes continue one Sobol sequence for each light; the seed names the sequence.
+    looks
+        Looks by the names of lights and drawn beams, instead of those that they have in `world`.
     light_side
         Names of lights whose paths that miss the portal are wanted too: see `sides.lights_seen`.
     overlap
@@ -116,8 +119,8 @@ def trace(
             pieces += _beams(moments, paths, Run(count, pass_index, overlap, halvings), split=False)
         if pieces:
             states = [_joined(list(state)) for state in zip(*pieces, strict=True)]
-            sets.append(BeamSet(light.group, light.look, *states))
-    return sets + _drawn(world, close)
+            sets.append(BeamSet(light.group, (looks or {}).get(light.name, light.look), *states))
+    return sets + _drawn(world, close, looks or {})
 
 
 def _moments(world: World, close: World | None) -> list[list[_Moment]]:
@@ -287,13 +290,13 @@ def _joined(pieces: list[Beams]) -> Beams:
     return result
 
 
-def _drawn(world: World, close: World | None) -> list[BeamSet]:
+def _drawn(world: World, close: World | None, looks: Mapping[str, Look | None]) -> list[BeamSet]:
     """Return the beams that someone drew."""
     sets = []
     for number, drawn in enumerate(world.description.drawn):
         later = close.description.drawn[number] if close is not None else drawn
         moved = _as_beams(later) if later is not drawn and len(later.start) == len(drawn.start) else None
-        sets.append(BeamSet(drawn.group, drawn.look, _as_beams(drawn), moved))
+        sets.append(BeamSet(drawn.group, looks.get(drawn.name, drawn.look), _as_beams(drawn), moved))
     return sets
 
 
