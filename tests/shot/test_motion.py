@@ -9,6 +9,7 @@ import pytest
 
 import photonbeams as pb
 from photonbeams.scene import SceneError
+from photonbeams.shot import textures
 from photonbeams.shot.motion import equal, followed
 from photonbeams.shot.stereo import Stereo
 
@@ -227,7 +228,7 @@ def test_an_error_inside_the_shutter_says_when(shot):
         shot("/Camera.shutter:close=0.5", text=text).exposure(2)
 
 
-def test_images_are_the_same_objects_at_all_times(tmp_path, shot):
+def test_images_are_decoded_once_for_all_times(tmp_path, shot, monkeypatch):
     image = OpenImageIO.ImageBuf(OpenImageIO.ImageSpec(4, 4, 3, "uint8"))
     image.write(str(tmp_path / "wood.png"))
     shader = f'''def Shader "Image"
@@ -242,8 +243,13 @@ def test_images_are_the_same_objects_at_all_times(tmp_path, shot):
     uvs = 'texCoord2f[] primvars:st = [(0, 0), (1, 0), (1, 1), (0, 1)] ( interpolation = "vertex" )'
     text = text.replace("    rel material:binding = </Glow>", f"    {uvs}\n    rel material:binding = </Glow>")
     text = text.replace("diffuseColor = (0, 0, 0)", "diffuseColor.connect = </Glow/Image.outputs:rgb>")
-    first, later = (shot(text=text).read(frame)[0].meshes[-1].material for frame in (1, 2))
-    assert first.diffuse.pixels is later.diffuse.pixels
+    decoded = []
+    whole = textures._decoded
+    monkeypatch.setattr(textures, "_decoded", lambda path: decoded.append(path) or whole(path))
+    stage = shot(text=text)
+    first, later = (stage.read(frame)[0] for frame in (1, 2))
+    assert len(decoded) == 1
+    assert followed(first, later).meshes is first.meshes
 
 
 # -- Two eyes ---------------------------------------------------------------------------------------------------------
