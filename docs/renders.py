@@ -25,6 +25,24 @@ RENDERS = {
 }
 
 
+# Of the flight every fifth frame, each as a small picture of one sheet.
+FLIGHT = (
+    "examples/keyhole/keyhole.usda", "-cam", "Flight", "-f", "1:96x5", "--res", "320", "0",
+    "-o", "flight.####.exr", "-q", "--set", "/World/Light/Key.photonbeams:count=2048",
+)  # fmt: skip
+THUMB = 160
+
+
+def flight(folder: Path) -> None:
+    """Write the flight's contact sheet, by the example's own script."""
+    sys.path.insert(0, str(ROOT / "examples" / "keyhole"))
+    import film
+
+    subprocess.run([sys.executable, "-m", "photonbeams", "render", *FLIGHT], cwd=folder, check=True)
+    film.THUMB = THUMB
+    film.contact_sheet(list(film.pictures(film.frames_of(str(folder / "flight.####.exr")))), PICTURES / "flight.png")
+
+
 def main() -> None:
     """Write all renders."""
     with tempfile.TemporaryDirectory() as folder:
@@ -35,6 +53,7 @@ def main() -> None:
             flags = [f"--picture={layer}={PICTURES / name}.png" for layer, name in pictures.items()]
             command = [sys.executable, "-m", "photonbeams", "render", *arguments, "--res", "640", "0", "-q", *flags]
             subprocess.run(command, cwd=folder, check=True)
+        flight(Path(folder))
 
 
 if __name__ == "__main__":
