@@ -148,6 +148,20 @@ def test_a_turning_camera_sees_beams_and_surfaces_at_the_same_place():
     assert middles[0] == pytest.approx(middles[1], abs=0.1)
 
 
+def test_a_camera_that_turns_far_within_a_pass_is_warned_of(caplog):
+    state = shot()
+
+    def at(fraction):
+        c, s = np.cos(2 * fraction), np.sin(2 * fraction)
+        return Moment(state, (moved(CAMERA, np.array([[c, 0, s, 0], [0, 1, 0, 0], [-s, 0, c, 0], [0, 0, 0, 1]])),))
+
+    render(Shutter(at, moving=True), WINDOW, Settings(passes=2))
+    assert [record.getMessage()[:24] for record in caplog.records] == ["/camera turns by 57 degr"]
+    caplog.clear()
+    render(Shutter(at, moving=True), WINDOW, Settings(passes=4))
+    assert not caplog.records
+
+
 def test_a_moving_surface_covers_a_pixel_for_its_share_of_the_time():
     glow = scene.Material(diffuse=scene.BLACK, emissive=(1.0, 1.0, 1.0))
 

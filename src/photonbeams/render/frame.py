@@ -6,6 +6,7 @@ traced at its two ends with the same samples, the camera stands at both, and ray
 
 from __future__ import annotations
 
+import logging
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -242,6 +243,7 @@ def _group_layers(description: scene.Scene) -> dict[str, str]:
 
 
 _MOST_SLICES = 1 << 16
+_WIDEST_TURN = 30.0  # degrees: half of it in the middle of the way, the camera's axes are shorter by 3.4 %
 
 # Names of samples in seeds.
 _LENS, _TIME = 101, 102
@@ -267,6 +269,7 @@ class _Frame:
         self._description = ends[0].scene
         self._sums = [_Sums(View(camera, window), self._description) for camera in ends[0].cameras]
         self._default_look = Look()
+        self._turned = False
 
     def _world(self, moment: Moment) -> World:
         """Return the world of a moment; of those before it, what is still the same is kept."""
@@ -302,6 +305,7 @@ class _Frame:
         statistics.beams += sum(len(each.beams) for each in sets)
         for eye, sums in enumerate(self._sums):
             cameras = [moment.cameras[eye] for moment in moments]
+            self._warn_of_turn(cameras)
             view = View(
                 _with_lens(cameras[0], between.cameras[eye]),
                 self._window,
@@ -320,6 +324,16 @@ class _Frame:
                     self._add_beams(each, view, pixels, sums, between.scene.medium)
                 dr.eval(sums.groups)
         statistics.passes += 1
+
+    def _warn_of_turn(self, cameras: list[scene.Camera]) -> None:
+        """Warn once of a camera that turns so far within a pass that a straight line is no picture of its way."""
+        turn = _turn(cameras[0], cameras[-1])
+        if turn > _WIDEST_TURN and not self._turned:
+            self._turned = True
+            logging.getLogger("photonbeams").warning(
+                "%s turns by %.0f degrees within one pass, and is blurred as if straight: expected more passes",
+                cameras[0].name, turn,
+            )  # fmt: skip
 
     def _samples(self, number: int) -> Callable[[Any], tuple[Any, Any]]:
         """Return what gives groups of pixels their place on the lens and their time in this pass."""
@@ -418,6 +432,14 @@ def _pixel_rays(world: World, rays: CameraRays, depth: Any) -> PixelRays:
     t_min = dr.minimum(enter, t_max) + 0 * t_max
     dr.eval(t_max, t_min)
     return PixelRays(rays.origin, rays.direction, rays.facing, t_max, t_min, rays.lanes)
+
+
+def _turn(a: scene.Camera, b: scene.Camera) -> float:
+    """Return the angle between two cameras, in degrees."""
+    if a is b:
+        return 0.0
+    turned = np.asarray(a.to_world)[:3, :3].T @ np.asarray(b.to_world)[:3, :3]
+    return float(np.degrees(np.arccos(np.clip((np.trace(turned) - 1) / 2, -1, 1))))
 
 
 def _with_lens(camera: scene.Camera, middle: scene.Camera) -> scene.Camera:
