@@ -22,7 +22,8 @@ import renders
 import photonbeams as pb
 from photonbeams.cli.quadrature import quadrature
 from photonbeams.device import Array3f, Float
-from photonbeams.shot.images import atomic_path, srgb_encoded, tone_mapped
+from photonbeams.shot.display import srgb_encoded, tone_mapped
+from photonbeams.shot.images import atomic_path
 
 PICTURES = Path(__file__).parent / "pictures"
 FOG = pb.Medium(scattering=(0.2, 0.2, 0.2), absorption=(0.03, 0.13, 0.28))  # grey, but it swallows blue first

@@ -10,7 +10,8 @@ import photonbeams as pb
 from comparison import quad
 from photonbeams import scene
 from photonbeams.render.camera import Window
-from photonbeams.render.frame import Moment, Settings, Shutter, render
+from photonbeams.render.frame import Settings, render
+from photonbeams.render.shutter import Moment, Shutter, slice_of
 
 WIDTH, HEIGHT = 48, 32
 WINDOW = Window.full(WIDTH, HEIGHT)
@@ -220,12 +221,10 @@ def test_a_time_limit_shows_the_whole_shutter():
 
 
 def test_slices_cover_the_shutter_in_an_order_that_may_be_cut_short():
-    from photonbeams.render.frame import _slice
-
     for passes in (1, 2, 7, 16):
-        slices = [_slice(number, passes) for number in range(passes)]
+        slices = [slice_of(number, passes) for number in range(passes)]
         assert np.allclose(sorted(slices), [(k / passes, (k + 1) / passes) for k in range(passes)])
-    assert sorted(_slice(number, 16)[0] for number in range(4)) == [0, 0.25, 0.5, 0.75]
+    assert sorted(slice_of(number, 16)[0] for number in range(4)) == [0, 0.25, 0.5, 0.75]
     # Where nobody knows how many there will be: the whole, halves, quarters.
-    assert [_slice(number, None) for number in range(5)] == [(0, 1), (0, 0.5), (0.5, 1), (0, 0.25), (0.5, 0.75)]
-    assert _slice(2**30, 2**31 - 1) == (0, 2**-30) or _slice(2**30, 2**31 - 1)[1] <= 1
+    assert [slice_of(number, None) for number in range(5)] == [(0, 1), (0, 0.5), (0.5, 1), (0, 0.25), (0.5, 0.75)]
+    assert slice_of(2**30, 2**31 - 1) == (0, 2**-30) or slice_of(2**30, 2**31 - 1)[1] <= 1

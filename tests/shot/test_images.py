@@ -13,7 +13,7 @@ import OpenImageIO
 import pytest
 
 from photonbeams.scene import SceneError
-from photonbeams.shot import images
+from photonbeams.shot import display, images
 
 SIZE = (30, 44)
 
@@ -421,7 +421,7 @@ def test_a_picture_is_the_view_of_its_layer_to_one_step_of_8_bits(tmp_path, laye
     file = OpenImageIO.ImageInput.open(str(tmp_path / "a.png"))
     found = file.read_image("uint8").astype(float)
     file.close()
-    expected = 255 * images.srgb_encoded(images.tone_mapped(layers["rgba"][..., :3], -1.0))
+    expected = 255 * display.srgb_encoded(display.tone_mapped(layers["rgba"][..., :3], -1.0))
     assert np.abs(found - expected).max() < 1.0
 
 
@@ -433,38 +433,38 @@ def test_a_written_picture_reads_back_linear(tmp_path):
 
 
 def test_the_view_changes_nothing_below_its_shoulder_and_never_leaves_0_to_1():
-    dark = np.random.default_rng(2).uniform(0, images.SHOULDER, (50, 3))
-    np.testing.assert_array_equal(images.tone_mapped(dark), dark)
+    dark = np.random.default_rng(2).uniform(0, display.SHOULDER, (50, 3))
+    np.testing.assert_array_equal(display.tone_mapped(dark), dark)
     bright = np.array([[3e4, 2e4, 1e4], [np.inf, 1, 0], [np.nan, -1, 0.25], [0.9, 0.1, 0.0]])
-    view = images.tone_mapped(bright)
+    view = display.tone_mapped(bright)
     assert view.min() >= 0.0 and view.max() <= 1.0
     assert view[2].tolist() == [0.0, 0.0, 0.25]
 
 
 def test_the_view_is_smooth_and_rises_with_the_light():
     light = np.geomspace(0.01, 1e4, 4001)[:, None] * np.array([1.0, 0.6, 0.2])
-    view = images.tone_mapped(light)
+    view = display.tone_mapped(light)
     assert np.all(np.diff(view, axis=0) >= 0.0)
     slope = np.diff(view[:, 0]) / np.diff(light[:, 0])
-    at = int(np.searchsorted(light[:, 0], images.SHOULDER))
+    at = int(np.searchsorted(light[:, 0], display.SHOULDER))
     assert slope[at + 1] == pytest.approx(slope[at - 2], rel=0.02)  # 2 |f''| Δ: 2 · 4 · 0.5 · 0.0035 at the joint
 
 
 def test_the_view_keeps_hue_while_bright_colours_whiten():
     colour = np.array([1.0, 0.55, 0.2])
     for gain in (0.4, 1.0, 3.0, 30.0):
-        view = images.tone_mapped(gain * colour)
+        view = display.tone_mapped(gain * colour)
         # Hue is where the middle channel lies between the others.
         assert (view[1] - view[2]) / (view[0] - view[2]) == pytest.approx((0.55 - 0.2) / (1.0 - 0.2), rel=1e-9)
-    assert images.tone_mapped(1e4 * colour).min() > 0.98
+    assert display.tone_mapped(1e4 * colour).min() > 0.98
 
 
 def test_dither_keeps_the_mean_of_a_gradient_and_both_ends_exact():
     for level in (0.1, 0.37, 0.5, 0.9):
         flat = np.full((64, 64, 3), (20 + level) / 255)
         # 4096 evenly spread thresholds count a share to 1/64 at worst.
-        np.testing.assert_allclose(images.dithered(flat).mean(axis=(0, 1)), 20 + level, atol=1 / 64)
-    ends = images.dithered(np.stack([np.zeros((8, 8)), np.ones((8, 8)), np.ones((8, 8))], axis=2))
+        np.testing.assert_allclose(display.dithered(flat).mean(axis=(0, 1)), 20 + level, atol=1 / 64)
+    ends = display.dithered(np.stack([np.zeros((8, 8)), np.ones((8, 8)), np.ones((8, 8))], axis=2))
     assert np.unique(ends[..., 0]).tolist() == [0]
     assert np.unique(ends[..., 1:]).tolist() == [255]
 

@@ -11,8 +11,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import Any
 
 import drjit as dr
 import numpy as np
@@ -28,6 +27,7 @@ from ..simulation.sampling import hash32, pixel_sample, z_order
 from ..simulation.sides import lights_seen
 from ..simulation.trace import BeamSet, trace
 from .camera import CameraRays, View, Window
+from .shutter import Moment, Shutter, slice_of, turn, with_lens
 from .surfaces import shade
 from .world import World
 
@@ -102,36 +102,6 @@ class Statistics:
             if entry["type"].name == "JIT" and not entry["cache_hit"]:
                 self.kernels_compiled += 1
                 self.compile_seconds += entry["backend_time"] / 1e3
-
-
-class Moment(NamedTuple):
-    """A shot at one time: all of it, and its cameras, one for each view."""
-
-    scene: scene.Scene
-    cameras: tuple[scene.Camera, ...]
-
-
-@dataclass(frozen=True)
-class Shutter:
-    """A shot while the shutter is open.
-
-    Attributes
-    ----------
-    at
-        Returns the shot at a fraction of the shutter, from 0 (open) to 1 (close). What is the same object at two times
-        is at rest between them.
-    moving
-        Whether anything moves; `at` is asked for 0 alone where nothing does.
-    """
-
-    at: Callable[[float], Moment]
-    moving: bool = False
-
-    @classmethod
-    def still(cls, description: scene.Scene, *cameras: scene.Camera) -> Shutter:
-        """Return a shot in which nothing moves."""
-        moment = Moment(description, cameras)
-        return cls(lambda _: moment)
 
 
 @dataclass(frozen=True)
@@ -242,7 +212,6 @@ def _group_layers(description: scene.Scene) -> dict[str, str]:
     return {group: f"beams_{group or 'default'}" for group in sorted(groups)} if groups - {""} else {}
 
 
-_MOST_SLICES = 1 << 16
 _WIDEST_TURN = 30.0  # degrees: half of it in the middle of the way, the camera's axes are shorter by 3.4 %
 
 # Names of samples in seeds.
@@ -285,7 +254,7 @@ class _Frame:
         statistics, settings = self._statistics, self._settings
         first, last = (0.0, 0.0)
         if self._shutter.moving:
-            first, last = _slice(number, None if settings.time_limit is not None else settings.passes)
+            first, last = slice_of(number, None if settings.time_limit is not None else settings.passes)
         moments = [self._shutter.at(each) for each in ((first, last) if self._shutter.moving else (first,))]
         between = self._shutter.at(0.5 * (first + last))
         with statistics.phase("simulate"):
@@ -307,7 +276,7 @@ class _Frame:
             cameras = [moment.cameras[eye] for moment in moments]
             self._warn_of_turn(cameras)
             view = View(
-                _with_lens(cameras[0], between.cameras[eye]),
+                with_lens(cameras[0], between.cameras[eye]),
                 self._window,
                 cameras[-1] if cameras[-1] is not cameras[0] else None,
             )
@@ -327,12 +296,12 @@ class _Frame:
 
     def _warn_of_turn(self, cameras: list[scene.Camera]) -> None:
         """Warn once of a camera that turns so far within a pass that a straight line is no picture of its way."""
-        turn = _turn(cameras[0], cameras[-1])
-        if turn > _WIDEST_TURN and not self._turned:
+        angle = turn(cameras[0], cameras[-1])
+        if angle > _WIDEST_TURN and not self._turned:
             self._turned = True
             logging.getLogger("photonbeams").warning(
                 "%s turns by %.0f degrees within one pass, and is blurred as if straight: expected more passes",
-                cameras[0].name, turn,
+                cameras[0].name, angle,
             )  # fmt: skip
 
     def _samples(self, number: int) -> Callable[[Any], tuple[Any, Any]]:
@@ -432,46 +401,6 @@ def _pixel_rays(world: World, rays: CameraRays, depth: Any) -> PixelRays:
     t_min = dr.minimum(enter, t_max) + 0 * t_max
     dr.eval(t_max, t_min)
     return PixelRays(rays.origin, rays.direction, rays.facing, t_max, t_min, rays.lanes)
-
-
-def _turn(a: scene.Camera, b: scene.Camera) -> float:
-    """Return the angle between two cameras, in degrees."""
-    if a is b:
-        return 0.0
-    turned = np.asarray(a.to_world)[:3, :3].T @ np.asarray(b.to_world)[:3, :3]
-    return float(np.degrees(np.arccos(np.clip((np.trace(turned) - 1) / 2, -1, 1))))
-
-
-def _with_lens(camera: scene.Camera, middle: scene.Camera) -> scene.Camera:
-    """Return a camera with the lens and the film that it has at another time: within a pass they do not change."""
-    if middle is camera:
-        return camera
-    return replace(middle, to_world=camera.to_world)
-
-
-def _slice(number: int, passes: int | None) -> tuple[float, float]:
-    """Return the slice of the shutter that a pass looks at, as fractions.
-
-    Each of so many passes has one of as many slices, in the order of a van der Corput sequence. Where nobody knows how
-    many there will be (None: a time limit), the first has the whole shutter, the next two its halves, the next four
-    its quarters, and so on: wherever that ends, it has covered the shutter.
-    """
-    if passes is not None and passes <= _MOST_SLICES:
-        rank = _order(passes)[number]
-        return rank / passes, (rank + 1) / passes
-    bits = (number + 1).bit_length() - 1
-    place = int(f"{number + 1:b}"[:0:-1] or "0", 2)
-    return place / (1 << bits), (place + 1) / (1 << bits)
-
-
-@lru_cache(maxsize=8)
-def _order(passes: int) -> list[int]:
-    """Return the ranks of the first numbers of the van der Corput sequence of base 2 (their bits reversed)."""
-    inverse = [int(f"{k:032b}"[::-1], 2) for k in range(passes)]
-    ranks = [0] * passes
-    for rank, number in enumerate(sorted(range(passes), key=inverse.__getitem__)):
-        ranks[number] = rank
-    return ranks
 
 
 def subpixel(number: int) -> tuple[float, float]:

@@ -21,16 +21,15 @@ import OpenEXR
 import OpenImageIO
 
 from ..scene import Array, SceneError
+from .display import dithered, srgb_decoded, srgb_encoded, tone_mapped
 
 PathLike = str | os.PathLike[str]
 Views = Mapping[str, tuple[Mapping[str, Array], Mapping[str, Any]]]  # view to its layers and metadata
 
 HALF_MAX = 65504.0  # the largest finite half
 REC709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)  # red, green, blue, white: the `chromaticities` of EXR
-SHOULDER = 0.5  # scene-linear value up to which `tone_mapped` changes nothing
 SHARED = ("displayWindow", "chromaticities")  # of those that OpenEXR wants alike in all parts, what a frame gives
 PNG_END = b"IEND\xaeB`\x82"  # the last chunk of a whole PNG
-WHITENING = 0.15  # how fast the shoulder turns bright colours white; the value of Khronos' PBR Neutral
 
 
 # -- files -----------------------------------------------------------------------------------------------------------
@@ -308,48 +307,6 @@ def write_png(path: PathLike, *eyes: Array, exposure: float = 0.0) -> None:
         message = file.geterror()
         if message or not done or not beside.read_bytes().endswith(PNG_END):
             raise _failed(beside, message)
-
-
-def tone_mapped(pixels: Array, exposure: float = 0.0) -> Array:
-    """Return display-linear colours in [0, 1] of scene-linear ones: the view that PNGs are made with.
-
-    Colours whose largest channel m is below 0.5 stay as they are, so that fog and shadows are what was computed. Above
-    that, m goes through a hyperbola to 1, with no kink, and its colour is scaled by the same factor, so that no channel
-    clips alone and hue holds; as m grows, the colour is mixed with white, as film and the eye see what is very bright.
-    This is the shoulder of Khronos' PBR Neutral, begun lower, since a lamp's neighbourhood in fog spans many stops,
-    and without its toe, which would darken thin fog. Negative values and NaN become 0.
-    """
-    light = np.asarray(pixels, dtype=np.float64) * 2.0**exposure
-    light = np.nan_to_num(np.maximum(light, 0.0), nan=0.0, posinf=1e30)
-    peak = light.max(axis=-1, keepdims=True)
-    room = 1.0 - SHOULDER
-    above = np.maximum(peak, SHOULDER)
-    target = 1.0 - room**2 / (above + room - SHOULDER)
-    white = 1.0 - 1.0 / (WHITENING * (above - target) + 1.0)
-    colour = light * (target / above)
-    return np.where(peak > SHOULDER, colour + (target - colour) * white, light)
-
-
-def srgb_encoded(linear: Array) -> Array:
-    """Return linear values in [0, 1] as the sRGB transfer function encodes them (IEC 61966-2-1)."""
-    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * np.maximum(linear, 0.0031308) ** (1 / 2.4) - 0.055)
-
-
-def srgb_decoded(encoded: Array) -> Array:
-    """Return the linear values of sRGB-encoded ones."""
-    return np.where(encoded <= 0.04045, encoded / 12.92, ((np.maximum(encoded, 0.0) + 0.055) / 1.055) ** 2.4)
-
-
-def dithered(picture: Array) -> Array:
-    """Return values in [0, 1], (H, W, C), as 8 bit, rounded up or down by a fixed pattern so that fog does not band.
-
-    The pattern is interleaved gradient noise (Jimenez 2014), shifted for each channel: evenly spread over any few
-    neighbours, and the same for each frame. On the average a pixel keeps its value; 0 and 1 stay exact.
-    """
-    height, width, channels = picture.shape
-    y, x, c = np.ogrid[:height, :width, :channels]
-    pattern = np.modf(52.9829189 * np.modf(0.06711056 * (x + 47 * c) + 0.00583715 * (y + 17 * c))[0])[0]
-    return np.clip(np.floor(picture * 255.0 + pattern), 0, 255).astype(np.uint8)
 
 
 # -- in --------------------------------------------------------------------------------------------------------------

@@ -256,7 +256,8 @@ class Shot:
             "left" or "right" for one of two eyes; None renders both.
         """
         from ..render.camera import View, Window
-        from ..render.frame import Moment, Settings, Shutter, render
+        from ..render.frame import Settings, render
+        from ..render.shutter import Moment, Shutter
 
         if passes is not None:
             settings["passes"] = passes

@@ -1,0 +1,84 @@
+"""The shutter: a shot at the times for which it is open, and the slice of them that each pass looks at."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+
+from .. import scene
+
+_MOST_SLICES = 1 << 16
+
+
+class Moment(NamedTuple):
+    """A shot at one time: all of it, and its cameras, one for each view."""
+
+    scene: scene.Scene
+    cameras: tuple[scene.Camera, ...]
+
+
+@dataclass(frozen=True)
+class Shutter:
+    """A shot while the shutter is open.
+
+    Attributes
+    ----------
+    at
+        Returns the shot at a fraction of the shutter, from 0 (open) to 1 (close). What is the same object at two times
+        is at rest between them.
+    moving
+        Whether anything moves; `at` is asked for 0 alone where nothing does.
+    """
+
+    at: Callable[[float], Moment]
+    moving: bool = False
+
+    @classmethod
+    def still(cls, description: scene.Scene, *cameras: scene.Camera) -> Shutter:
+        """Return a shot in which nothing moves."""
+        moment = Moment(description, cameras)
+        return cls(lambda _: moment)
+
+
+def turn(a: scene.Camera, b: scene.Camera) -> float:
+    """Return the angle between two cameras, in degrees."""
+    if a is b:
+        return 0.0
+    turned = np.asarray(a.to_world)[:3, :3].T @ np.asarray(b.to_world)[:3, :3]
+    return float(np.degrees(np.arccos(np.clip((np.trace(turned) - 1) / 2, -1, 1))))
+
+
+def with_lens(camera: scene.Camera, middle: scene.Camera) -> scene.Camera:
+    """Return a camera with the lens and the film that it has at another time: within a pass they do not change."""
+    if middle is camera:
+        return camera
+    return replace(middle, to_world=camera.to_world)
+
+
+def slice_of(number: int, passes: int | None) -> tuple[float, float]:
+    """Return the slice of the shutter that a pass looks at, as fractions.
+
+    Each of so many passes has one of as many slices, in the order of a van der Corput sequence. Where nobody knows how
+    many there will be (None: a time limit), the first has the whole shutter, the next two its halves, the next four
+    its quarters, and so on: wherever that ends, it has covered the shutter.
+    """
+    if passes is not None and passes <= _MOST_SLICES:
+        rank = _order(passes)[number]
+        return rank / passes, (rank + 1) / passes
+    bits = (number + 1).bit_length() - 1
+    place = int(f"{number + 1:b}"[:0:-1] or "0", 2)
+    return place / (1 << bits), (place + 1) / (1 << bits)
+
+
+@lru_cache(maxsize=8)
+def _order(passes: int) -> list[int]:
+    """Return the ranks of the first numbers of the van der Corput sequence of base 2 (their bits reversed)."""
+    inverse = [int(f"{k:032b}"[::-1], 2) for k in range(passes)]
+    ranks = [0] * passes
+    for rank, number in enumerate(sorted(range(passes), key=inverse.__getitem__)):
+        ranks[number] = rank
+    return ranks
