@@ -126,16 +126,19 @@ _BLOCK_WIDTH, _BLOCK_HEIGHT = 4, 4
 _BLOCK = _BLOCK_WIDTH * _BLOCK_HEIGHT
 _BLOCKS_ACROSS = TILE // _BLOCK_WIDTH
 
+# Groups of pixels in a tile that share an origin and a time: those of the billboard's lanes.
+_GROUPS = TILE * TILE // PIXELS
+
 
 class _Lanes:
     """The pixels of lanes that carry `count` of them: tile after tile, block after block within a tile."""
 
     def __init__(self, view: Projection, count: int) -> None:
         per_tile = TILE * TILE // count
-        self.number = dr.arange(UInt32, view.tiles * per_tile)
-        self.tile, local = self.number // per_tile, self.number % per_tile
+        lane = dr.arange(UInt32, view.tiles * per_tile)
+        self.tile, local = lane // per_tile, lane % per_tile
         self._block, self._place = local // _BLOCK * count, local % _BLOCK
-        self.group = self._block // PIXELS * _BLOCK + self._place
+        self.group = _group(self.tile, self._block, self._place)
         self._width, self._height = dr.opaque(UInt32, view.width), dr.opaque(UInt32, view.height)
         self._columns = dr.opaque(UInt32, view.columns)
 
@@ -147,9 +150,14 @@ class _Lanes:
         return y * self._width + x, (x < self._width) & (y < self._height)
 
 
+def _group(tile: Any, block: Any, place: Any) -> Any:
+    """Return the group of the pixel at a place in a block of a tile."""
+    return tile * _GROUPS + block // PIXELS * _BLOCK + place
+
+
 def lanes(view: Projection) -> int:
-    """Return how many groups of pixels there are that share an origin and a time: those of the billboard's lanes."""
-    return view.tiles * (TILE * TILE // PIXELS)
+    """Return how many groups of pixels there are that share an origin and a time."""
+    return view.tiles * _GROUPS
 
 
 def lane_of(x: Any, y: Any, columns: Any) -> Any:
@@ -159,14 +167,14 @@ def lane_of(x: Any, y: Any, columns: Any) -> Any:
     """
     block = y % TILE // _BLOCK_HEIGHT * _BLOCKS_ACROSS + x % TILE // _BLOCK_WIDTH
     place = y % _BLOCK_HEIGHT * _BLOCK_WIDTH + x % _BLOCK_WIDTH
-    return (y // TILE * columns + x // TILE) * (TILE * TILE // PIXELS) + block // PIXELS * _BLOCK + place
+    return _group(y // TILE * columns + x // TILE, block, place)
 
 
-def _lane_rays(rays: PixelRays, view: Projection, pixel: Any, inside: Any, lane: Any) -> Rays:
-    """Return a lane's ray through a pixel; `lane` is its group."""
+def _lane_rays(rays: PixelRays, view: Projection, pixel: Any, inside: Any, group: Any) -> Rays:
+    """Return the ray through a pixel of a group."""
     origin, time = None, None
     if rays.lanes is not None:
-        origin, time = dr.gather(Array3f, rays.lanes[0], lane), dr.gather(Float, rays.lanes[1], lane)
+        origin, time = dr.gather(Array3f, rays.lanes[0], group), dr.gather(Float, rays.lanes[1], group)
     if view.orthographic:
         origin = dr.gather(Array3f, rays.origin, pixel, inside)
     # Outside of the picture t_max = 0: such a ray meets nothing.
@@ -184,7 +192,7 @@ def _billboards(lists: Lists, view: Projection, rays: PixelRays, packed: Packed,
     lane = _Lanes(view, PIXELS)
     pixels = [lane.pixel(number) for number in range(PIXELS)]
     radiance = billboard_sum(
-        [_lane_rays(rays, view, *pixel, lane.number) for pixel in pixels],
+        [_lane_rays(rays, view, *pixel, lane.group) for pixel in pixels],
         dr.gather(UInt32, lists.first, lane.tile),
         dr.gather(UInt32, lists.stop, lane.tile),
         lambda i: dr.gather(UInt32, lists.beams, i),
@@ -208,7 +216,7 @@ def _frustums(
     lane = _Lanes(view, 1)
     pixel, inside = lane.pixel(0)
     radiance = frustum_sum(
-        _lane_rays(rays, view, pixel, inside, lane.tile * (TILE * TILE // PIXELS) + lane.group),
+        _lane_rays(rays, view, pixel, inside, lane.group),
         dr.gather(UInt32, lists.first, lane.tile),
         dr.gather(UInt32, lists.stop, lane.tile),
         lambda i: dr.gather(UInt32, lists.beams, i),

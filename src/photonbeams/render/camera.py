@@ -103,8 +103,8 @@ class View:
         if sample is None:
             origin, direction = self._through(x, y)
             return CameraRays(origin, direction, self._facing(direction))
-        numbers = dr.arange(UInt32, lanes(view))
-        own, time = self._film(Float(view.center[0]), Float(view.center[1]), *sample(numbers))[0], sample(numbers)[1]
+        square, time = sample(dr.arange(UInt32, lanes(view)))
+        own, _, _ = self._film(Float(view.center[0]), Float(view.center[1]), square, time)
         own, time = own + dr.zeros(Array3f, lanes(view)), time + dr.zeros(Float, lanes(view))
         group = lane_of(column, row, dr.opaque(UInt32, view.columns))
         origin, direction, facing = self._film(x, y, *sample(group))

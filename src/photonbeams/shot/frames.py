@@ -13,7 +13,7 @@ from math import isfinite
 from pxr import Tf, Usd, UsdUtils
 
 from ..scene import SceneError
-from .reading import LOG, file_of, prims_under
+from .reading import LOG, file_of, varying_attributes
 
 MOST_FRAMES = 100_000
 LARGEST = 1e9
@@ -67,7 +67,7 @@ def check_frames(stage: Usd.Stage, frames: Sequence[float]) -> None:
 
     Warns where there are several frames of a stage on which nothing changes.
     """
-    if len(frames) > 1 and not _animated(stage):
+    if len(frames) > 1 and not any(True for _ in varying_attributes(stage)):
         LOG.warning("%s has no time samples: all %d frames are the same", file_of(stage), len(frames))
     first, last = stage.GetStartTimeCode(), stage.GetEndTimeCode()
     if not (stage.HasAuthoredTimeCodeRange() and isfinite(first) and isfinite(last)):
@@ -77,9 +77,3 @@ def check_frames(stage: Usd.Stage, frames: Sequence[float]) -> None:
         more = f" and {len(outside) - 1:,} more of those asked for" if len(outside) > 1 else ""
         text = f"{file_of(stage)} has no frame {outside[0]:.10g}{more}: expected frames from {first:g} to {last:g}"
         raise SceneError(text)
-
-
-def _animated(stage: Usd.Stage) -> bool:
-    """Return whether any attribute on the stage may change with time."""
-    prims = prims_under(stage.GetPseudoRoot())
-    return any(attribute.ValueMightBeTimeVarying() for prim in prims for attribute in prim.GetAuthoredAttributes())

@@ -154,6 +154,12 @@ def has_photonbeams(prim: Usd.Prim, schema: str, *attributes: str) -> bool:
     return any(prim.GetAttribute(f"photonbeams:{name}").HasAuthoredValue() for name in attributes)
 
 
+def varying_attributes(stage: Usd.Stage) -> Iterator[Usd.Attribute]:
+    """Return the attributes on a stage that may change with time."""
+    for prim in prims_under(stage.GetPseudoRoot()):
+        yield from (each for each in prim.GetAuthoredAttributes() if each.ValueMightBeTimeVarying())
+
+
 def prims_under(root: Usd.Prim, predicate: Any = None) -> Iterator[Usd.Prim]:
     """Return the prims at and below `root`, instances entered."""
     chosen = Usd.PrimDefaultPredicate if predicate is None else predicate

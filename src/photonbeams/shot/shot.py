@@ -140,7 +140,7 @@ class Shot:
         """Return the camera at a frame, or the left and the right eye's."""
         if self.stereo is None:
             return (stages.read_camera(self.stage, self.camera, self.time(frame)),)
-        return read_eyes(self.stage, self.camera, self.stereo, self.time(frame))
+        return read_eyes(self.stage, self.camera, self.stereo, self.time(frame), self._warned)
 
     def exposure(self, frame: float | None = None, blur: bool = True, lens: bool = True) -> Exposure:
         """Return what is seen while the shutter of a frame is open.
@@ -152,7 +152,8 @@ class Shot:
         base = 0.0 if time.IsDefault() else float(time.GetValue())
 
         def read(code: float) -> scene.Scene:
-            return replace(self.read(None if time.IsDefault() else code)[0], bounds=self._bounds())
+            content = self.read(None if time.IsDefault() else code)[0]
+            return replace(content, bounds=self._bounds(content))
 
         def cameras(code: float) -> tuple[scene.Camera, ...]:
             found = self.cameras(None if time.IsDefault() else code)
@@ -160,17 +161,23 @@ class Shot:
 
         # Without blur all is as the shutter opens.
         start, stop = base + begin, base + (end if blur else begin)
-        keys = [code for code in stages.sample_times(self.stage, _MOST_KEYS) if start < code < stop] if blur else []
+        keys = stages.sample_times(self.stage, _MOST_KEYS) if start < stop else []
+        keys = [code for code in keys if start < code < stop]
         return Exposure(read, cameras, start, stop, keys)
 
-    def _bounds(self) -> tuple[Array, float]:
-        """Return a sphere around all that is ever on the stage: beams must not change with what moves elsewhere."""
+    def _bounds(self, content: scene.Scene) -> tuple[Array, float]:
+        """Return a sphere around all that is ever on the stage: beams must not change with what moves elsewhere.
+
+        `content` is what the stage holds at any time: if nothing changes, that is all.
+        """
         if self._sphere is None:
             from ..render.world import bounding_sphere
 
-            codes: list[float | None] = [*stages.sample_times(self.stage, _BOUNDS_TIMES)] or [None]
-            states = [state for code in codes if (state := self._sound(code))]
-            eyes = [np.asarray(camera.to_world)[:3, 3] for code in codes for camera in self._sound_eyes(code)]
+            codes = stages.sample_times(self.stage, _BOUNDS_TIMES)
+            states = [state for code in codes if (state := self._sound(code))] if codes else [content]
+            times: list[float | None] = [*codes] or [None]
+            cameras = [camera for time in times for camera in self._sound_eyes(time)]
+            eyes = [np.asarray(camera.to_world)[:3, 3] for camera in cameras]
             self._sphere = bounding_sphere(states, eyes)
         return self._sphere
 

@@ -14,7 +14,7 @@ from ..scene import SceneError
 from . import schemas as schemas
 from .camera import list_cameras, read_camera
 from .contents import read_scene
-from .reading import LOG, file_of, prims_under
+from .reading import LOG, file_of, varying_attributes
 
 __all__ = ["default_time", "list_cameras", "open_stage", "read_camera", "read_scene", "sample_times"]
 
@@ -70,12 +70,8 @@ def default_time(stage: Usd.Stage) -> Usd.TimeCode:
 
 def sample_times(stage: Usd.Stage, most: int) -> list[float]:
     """Return the time codes of all time samples on a stage, in order; of more than so many, evenly some."""
-    times: set[float] = set()
-    for prim in prims_under(stage.GetPseudoRoot()):
-        for attribute in prim.GetAuthoredAttributes():
-            if attribute.ValueMightBeTimeVarying():
-                times.update(attribute.GetTimeSamples())
-    found = sorted(time for time in times if isfinite(time))
+    times = {time for attribute in varying_attributes(stage) for time in attribute.GetTimeSamples()}
+    found = sorted(filter(isfinite, times))
     if len(found) <= most:
         return found
     return [found[round(k * (len(found) - 1) / (most - 1))] for k in range(most)]

@@ -10,7 +10,7 @@ from pxr import Usd, UsdGeom
 
 from ..scene import Camera, SceneError
 from .camera import chosen_camera, list_cameras, read_camera
-from .reading import FARTHEST, LOG, file_of
+from .reading import FARTHEST, Reading, file_of
 
 EYES = ("left", "right")
 _EYE_DISTANCE = 0.065  # metres: between the eyes of people
@@ -40,8 +40,10 @@ class Stereo:
             raise SceneError(f"convergence is {self.convergence}: expected a positive distance in scene units")
 
 
-def read_eyes(stage: Usd.Stage, name: str | None, stereo: Stereo, time: Any = None) -> tuple[Camera, Camera]:
-    """Return the cameras of the left and of the right eye.
+def read_eyes(
+    stage: Usd.Stage, name: str | None, stereo: Stereo, time: Any = None, warned: set[str] | None = None
+) -> tuple[Camera, Camera]:
+    """Return the cameras of the left and of the right eye; `warned` as in `read_scene`.
 
     A camera with a stereoRole is one of a pair, whose other is the camera with the other role beside it, or the only
     one on the stage. Any other camera is split: both eyes look along its axis, and their apertures are shifted so that
@@ -58,10 +60,8 @@ def read_eyes(stage: Usd.Stage, name: str | None, stereo: Stereo, time: Any = No
         return _split(read_camera(stage, str(prim.GetPath()), time), stereo, UsdGeom.GetStageMetersPerUnit(stage))
     other = _partner(stage, prim, EYES[1 - EYES.index(role)])
     if stereo != Stereo():
-        LOG.warning(
-            "%s: %s is one of a pair of cameras, which stand where they stand: interaxial and convergence are ignored",
-            file_of(stage), prim.GetPath(),
-        )  # fmt: skip
+        reading = Reading(stage, Usd.TimeCode.Default(), set() if warned is None else warned)
+        reading.warn(prim, "is one of a pair, which stand where they stand: interaxial and convergence are ignored")
     pair = {role: str(prim.GetPath()), EYES[1 - EYES.index(role)]: str(other.GetPath())}
     left, right = (read_camera(stage, pair[eye], time) for eye in EYES)
     lens = ("lens_radius", "focus_distance")
@@ -94,13 +94,12 @@ def _split(camera: Camera, stereo: Stereo, meters_per_unit: float) -> tuple[Came
     half = 0.5 * (_EYE_DISTANCE / meters_per_unit if stereo.interaxial is None else stereo.interaxial)
     convergence = stereo.convergence or camera.focus_distance or np.inf
     # The plane of convergence is seen `half` beside the eye's own axis.
-    shift = half * (1.0 if camera.orthographic else camera.focal_length) / convergence
+    shift = 0.0 if camera.orthographic else half * camera.focal_length / convergence
     return tuple(  # type: ignore[return-value]
         replace(
             camera,
-            name=camera.name,
             to_world=camera.to_world @ _sideways(side * half),
-            horizontal_offset=camera.horizontal_offset - side * (0.0 if camera.orthographic else shift),
+            horizontal_offset=camera.horizontal_offset - side * shift,
         )
         for side in (-1.0, 1.0)
     )

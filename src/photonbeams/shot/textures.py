@@ -36,12 +36,12 @@ def read_image(reading: Reading, prim: Usd.Prim, name: str, color_space: str = "
         raise reading.fail(prim, name, f"names {asset.path}: expected an image file, there is none")
     key = ("image", path, color_space)
     if key not in reading.cache:
-        pixels, _, error = _kept(path, _stamp(path))
+        pixels, error = _pixels(path, _stamp(path), color_space)
         if pixels is None:
             raise reading.fail(prim, name, f"names {path}: expected an image that can be read ({error})")
         if not np.all(np.isfinite(pixels)):
             raise reading.fail(prim, name, f"names {path}: expected pixels that are finite numbers")
-        reading.cache[key] = _linear_kept(path, _stamp(path), color_space)
+        reading.cache[key] = pixels
     return reading.cache[key]
 
 
@@ -53,15 +53,10 @@ def _stamp(path: str) -> tuple[int, int]:
 
 # A shutter is read at many times: the images are then the same objects, decoded once.
 @lru_cache(maxsize=64)
-def _kept(path: str, _stamp: tuple[int, int]) -> tuple[Array | None, str, str]:
-    return _decoded(path)
-
-
-@lru_cache(maxsize=64)
-def _linear_kept(path: str, stamp: tuple[int, int], color_space: str) -> Array:
-    pixels, kind, _ = _kept(path, stamp)
-    assert pixels is not None  # `read_image` has seen to it
-    return _linear(pixels, kind, color_space)
+def _pixels(path: str, _stamp: tuple[int, int], color_space: str) -> tuple[Array | None, str]:
+    """Return an image's linear pixels, or None and the decoder's complaint."""
+    pixels, kind, error = _decoded(path)
+    return (None if pixels is None else _linear(pixels, kind, color_space)), error
 
 
 def _resolved(reading: Reading, path: str) -> str:
