@@ -15,12 +15,13 @@ import numpy as np
 import numpy.typing as npt
 
 from .arrays import to_float, to_vectors
-from .device import Array3f, Float
+from .device import Array3f, Float, UInt32
+from .hashing import hash32, unit_float
 from .scene import SceneError
 
 _COLOR = ("start", "end", "power")
 _REQUIRED = ("start", "end", "radius_start", "radius_end", "power")
-_OPTIONAL = ("offset", "total", "entry", "end_normal")
+_OPTIONAL = ("offset", "total", "entry", "end_normal", "random", "id", "generation")
 
 
 class Beams:
@@ -44,6 +45,9 @@ class Beams:
     end_normal
         (N, 3) normal of the surface that stopped the beam: the beam is cut by that plane, not straight across, and
         does not poke through walls that it meets at a slant. Default: cut straight across.
+    random, id, generation
+        (N,) what looks may ask of a beam: a random number from 0 to 1, a number that names it from frame to frame, and
+        how often its light was scattered before. Default: a hash of the number, its place here, 0.
 
     Arrays may be NumPy or Dr.Jit arrays. `start`, ... are then Dr.Jit arrays (`Array3f`, `Float`).
 
@@ -77,12 +81,16 @@ class Beams:
         total: Any = None,
         entry: Any = None,
         end_normal: Any = None,
+        random: Any = None,
+        id: Any = None,
+        generation: Any = None,
     ) -> None:
         if start is None:  # as Dr.Jit makes a struct before it fills it
             return
         given = {
             "start": start, "end": end, "radius_start": radius_start, "radius_end": radius_end, "power": power,
             "offset": offset, "total": total, "entry": entry, "end_normal": end_normal,
+            "random": random, "id": id, "generation": generation,
         }  # fmt: skip
         count = _count(start)
         for name in _REQUIRED:
@@ -96,10 +104,13 @@ class Beams:
     radius_start: Any
     radius_end: Any
     power: Any
-    offset: Any
-    total: Any
-    entry: Any
-    end_normal: Any
+    offset: Any = None
+    total: Any = None
+    entry: Any = None
+    end_normal: Any = None
+    random: Any = None
+    id: Any = None
+    generation: Any = None
 
     def __len__(self) -> int:
         """Return the number of beams."""
@@ -116,6 +127,13 @@ class Beams:
             for name, value in present.items()
             if value is not None
         }
+
+    def identity(self) -> Any:
+        """Return random number, number and generation of each beam, (N, 3)."""
+        nothing = dr.zeros(Float, len(self))
+        number = Float(dr.arange(UInt32, len(self))) if self.id is None else self.id
+        random = unit_float(hash32(UInt32(dr.abs(number)))) if self.random is None else self.random
+        return Array3f(random, number, nothing if self.generation is None else self.generation)
 
     def take(self, index: Any) -> Beams:
         """Return the beams of these numbers (a Dr.Jit UInt32 array)."""

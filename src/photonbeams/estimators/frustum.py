@@ -13,34 +13,20 @@ from collections.abc import Callable
 from typing import Any
 
 import drjit as dr
-import numpy as np
 
-from ..arrays import to_float
-from ..device import Array2f, Array3f, Float, UInt32
+from ..device import Array3f, Float, UInt32
 from ..looks import BoundLook
-from ..quadrature import Rule
-from .blend import frustum_weight, need
+from .blend import change_rate, frustum_weight, need
 from .geometry import Chord, Packed, Rays, Record, chord, closest_approach, load
+from .points import Points
 
 # A ramp with more corners than this is taken for a smooth curve: each costs every chord a comparison.
 _MOST_CORNERS = 8
 
 # Change of the factors, in units of their largest value, and of the radius, as a ratio, that one piece of a chord may
-# hold: six points then err by 1e-5 on an exponential, by 1e-6 on 1/R². A chord is cut in four at most for it, since a
-# look with jumps changes endlessly fast, and a pointed cone endlessly often.
-_CHANGE, _RATIO, _MOST_CUTS = 8.0, 3.0, 4
-
-
-class Points:
-    """A rule's points and weights in device memory: neither their values nor their number is part of a kernel."""
-
-    def __init__(self, rule: Rule) -> None:
-        self._data = to_float(np.stack([rule.points, rule.weights], axis=1))
-        self.count = dr.opaque(UInt32, len(rule.points))
-
-    def __call__(self, number: Any) -> Any:
-        """Return point and weight of this number."""
-        return dr.gather(Array2f, self._data, number)
+# hold: six points then err by 1e-5 on an exponential, by 1e-6 on 1/R². The look limits how often a chord is cut for it
+# (`BoundLook.cuts`): one with jumps changes endlessly fast, and a pointed cone endlessly often.
+_CHANGE, _RATIO = 8.0, 3.0
 
 
 def corners(beam: Record, ray: Chord, look: BoundLook) -> list[Any]:
@@ -48,7 +34,8 @@ def corners(beam: Record, ray: Chord, look: BoundLook) -> list[Any]:
     radius = dr.fma(beam.slope, ray.s, beam.radius)
     slope_c = beam.slope * ray.cosine
     result = []
-    for rho in look.profile.corners:
+    at_radii = [place for name, place in look.corners if name == "radius" and place < 1]
+    for rho in (*look.profile.corners, *at_radii[:_MOST_CORNERS]):
         if rho == 0:
             result.append(-ray.drift / dr.maximum(ray.sin2, 1e-12))
             continue
@@ -59,31 +46,40 @@ def corners(beam: Record, ray: Chord, look: BoundLook) -> list[Any]:
         inv = dr.rcp(dr.select(dr.abs(A) < 1e-12, 1e-12, A))
         result += [(-B - root) * inv, (-B + root) * inv]
     inv_c = dr.rcp(dr.select(dr.abs(ray.cosine) < 1e-6, 1e-6, ray.cosine))
-    distances = [dr.opaque(Float, place) - beam.offset for place in look.corners_distance]
-    distances += [dr.opaque(Float, place) * beam.total - beam.offset for place in look.corners_fraction]
-    result += [(distance - ray.s) * inv_c for distance in distances[:_MOST_CORNERS]]
-    return result
+    elsewhere = []
+    for name, place in look.corners:
+        at = dr.opaque(Float, place)
+        if name == "eye":
+            elsewhere.append(at - ray.t)
+        elif name != "radius":
+            distance = (at * beam.total if name == "fraction" else at) - beam.offset
+            elsewhere.append((distance - ray.s) * inv_c)
+    return result + elsewhere[:_MOST_CORNERS]
 
 
-def integrand(beam: Record, ray: Chord, tau: Any, look: BoundLook, t_min: Any) -> Any:
-    """Return k2 · along · eye at τ."""
+def integrand(beam: Record, ray: Chord, tau: Any, look: BoundLook, camera: Rays) -> Any:
+    """Return k2 times all factors that change along the ray, at τ."""
     radius = dr.maximum(dr.fma(beam.slope, dr.fma(ray.cosine, tau, ray.s), beam.radius), 1e-12)
     inv = dr.rcp(radius * radius)
     distance = dr.fma(ray.cosine, tau, ray.s) + beam.offset
     t = ray.t + tau
-    light = look.path(distance, beam.depth(distance), beam.fraction(distance), t, t - t_min)
-    return light * (look.profile.density(dr.minimum(ray.radius2(tau) * inv, 1)) * inv)
+    rho2 = dr.minimum(ray.radius2(tau) * inv, 1)
+    where = look.at(
+        distance=distance, depth=beam.depth(distance), from_light=distance, fraction=beam.fraction(distance),
+        to_camera=t, cosine=-ray.cosine, rho2=rho2, place=lambda: camera.point(t), beam=beam,
+    )  # fmt: skip
+    return look.light(where, t - camera.t_min) * (look.profile.density(rho2) * inv)
 
 
 @dr.syntax
-def chord_integral(beam: Record, ray: Chord, look: BoundLook, points: Points, t_min: Any, active: Any) -> Any:
+def chord_integral(beam: Record, ray: Chord, look: BoundLook, points: Points, camera: Rays, active: Any) -> Any:
     """Return ∫ k2 · along · eye over the chord, piece by piece between corners (Talk, eq. 2)."""
     breaks = corners(beam, ray, look)
     total = Array3f(0)
     low, end = Float(ray.a), dr.select(active, ray.b, ray.a)
-    rate = dr.fma(dr.abs(ray.cosine), look.rate_along + look.rate_fraction * beam.inv_total, look.rate_eye)
+    rate = change_rate(beam, dr.abs(ray.cosine), look)
     steady = _CHANGE * dr.rcp(dr.maximum(rate, 1e-20))
-    shortest = (ray.b - ray.a) * (1 / _MOST_CUTS)
+    shortest = (ray.b - ray.a) * dr.rcp(look.cuts)
     growth = beam.slope * ray.cosine
     spread = dr.select(growth > 0, _RATIO - 1, 1 - 1 / _RATIO) * dr.rcp(dr.maximum(dr.abs(growth), 1e-20))
     while low < end:
@@ -99,7 +95,7 @@ def chord_integral(beam: Record, ray: Chord, look: BoundLook, points: Points, t_
         j = UInt32(0)
         while j < points.count:
             node = points(j)
-            total += integrand(beam, ray, dr.fma(half, node.x, middle), look, t_min) * (node.y * half)
+            total += integrand(beam, ray, dr.fma(half, node.x, middle), look, camera) * (node.y * half)
             j += 1
         low = high
     return total
@@ -132,7 +128,7 @@ def frustum_sum(
             boundary, change = need(beam, at, radius, look, ray.t_min, ray.t_max, ray.origin, ray.direction)
             weight *= frustum_weight(boundary, change)
         if weight > 0:
-            light = chord_integral(beam, part, look, points, ray.t_min, weight > 0)
-            radiance += beam.power * look.angle(-part.cosine) * light * weight
+            light = chord_integral(beam, part, look, points, ray, weight > 0)
+            radiance += beam.power * look.turned(-part.cosine, beam) * light * weight
         i += 1
     return radiance

@@ -19,9 +19,9 @@ import numpy as np
 from .. import device, scene
 from ..device import Array3f, Bool, Float, UInt32
 from ..estimators.estimate import DEFAULT_RULE, ENDLESS, check_estimator
-from ..estimators.frustum import Points
 from ..estimators.image import PixelRays, estimate_image
-from ..looks import Look
+from ..estimators.points import Points
+from ..looks import Context, Look
 from ..quadrature import Rule
 from ..simulation.sampling import hash32, pixel_sample, z_order
 from ..simulation.sides import lights_seen
@@ -239,6 +239,7 @@ class _Frame:
         self._sums = [_Sums(View(camera, window), self._description) for camera in ends[0].cameras]
         self._default_look = Look()
         self._turned = False
+        self._slices = None if settings.time_limit is not None else settings.passes
 
     def _world(self, moment: Moment) -> World:
         """Return the world of a moment; of those before it, what is still the same is kept."""
@@ -254,7 +255,7 @@ class _Frame:
         statistics, settings = self._statistics, self._settings
         first, last = (0.0, 0.0)
         if self._shutter.moving:
-            first, last = slice_of(number, None if settings.time_limit is not None else settings.passes)
+            first, last = slice_of(number, self._slices)
         moments = [self._shutter.at(each) for each in ((first, last) if self._shutter.moving else (first,))]
         between = self._shutter.at(0.5 * (first + last))
         with statistics.phase("simulate"):
@@ -270,6 +271,7 @@ class _Frame:
                 close=worlds[1] if len(worlds) > 1 and worlds[1] is not worlds[0] else None,
                 looks=between.scene.looks(),
             )
+            clock = self._shutter.clock(0.5 * sum(slice_of(number, self._slices)))
             dr.eval([(each.beams, each.close) for each in sets])
         statistics.beams += sum(len(each.beams) for each in sets)
         for eye, sums in enumerate(self._sums):
@@ -290,7 +292,8 @@ class _Frame:
             pixels = _pixel_rays(middle, rays, shaded.depth)
             with statistics.phase("beams"):
                 for each in sets:
-                    self._add_beams(each, view, pixels, sums, between.scene.medium)
+                    context = Context(*clock, each.light, each.to_world)
+                    self._add_beams(each, view, pixels, sums, between.scene.medium, context)
                 dr.eval(sums.groups)
         statistics.passes += 1
 
@@ -329,7 +332,7 @@ class _Frame:
         return sharp.facing * self._shade(self._world(moment), sums.order, sharp, 0).depth
 
     def _add_beams(
-        self, each: BeamSet, view: View, pixels: PixelRays, sums: _Sums, medium: scene.Medium | None
+        self, each: BeamSet, view: View, pixels: PixelRays, sums: _Sums, medium: scene.Medium | None, context: Context
     ) -> None:
         part = estimate_image(
             each.beams,
@@ -340,6 +343,7 @@ class _Frame:
             estimator=self._settings.estimator,
             points=self._points,
             close=each.close,
+            context=context,
         )
         sums.groups[each.group] = sums.groups.get(each.group, 0) + part.radiance
         self._statistics.tests += part.billboard_tests + part.frustum_tests

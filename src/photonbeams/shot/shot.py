@@ -276,7 +276,8 @@ class Shot:
         content, cameras = exposure(0.0)
         self.check(content)
         picture = render(
-            Shutter(lambda at: Moment(exposure(at)[0], tuple(exposure(at)[1][eye] for eye in eyes)), exposure.moving),
+            Shutter(lambda at: Moment(exposure(at)[0], tuple(exposure(at)[1][eye] for eye in eyes)),
+                    exposure.moving, self._clock(frame, exposure.duration)),
             window, Settings(**settings), progress,
         )  # fmt: skip
         about = {
@@ -292,6 +293,18 @@ class Shot:
         }
         layers, metadata = views[names[0]]
         return Frame(layers, metadata, picture.statistics, views if len(views) > 1 else {})
+
+    def _clock(self, frame: float | None, duration: float) -> Callable[[float], tuple[float, float]]:
+        """Return what tells the frame and the seconds at a fraction of a frame's shutter."""
+        time = self.time(frame)
+        start = 0.0 if time.IsDefault() else float(time.GetValue()) + read_shutter(self.stage, self.camera, time)[0]
+        rate = self.stage.GetTimeCodesPerSecond() or 1.0
+
+        def clock(fraction: float) -> tuple[float, float]:
+            code = start + fraction * duration
+            return code, code / rate
+
+        return clock
 
     def _views(self, view: str | None) -> list[str]:
         if view is not None and (self.stereo is None or view not in EYES):

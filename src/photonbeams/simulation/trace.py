@@ -20,7 +20,7 @@ from .emission import Emission, emit, emit_through
 from .footprints import FLOOR, radius_along, unblocked
 from .lights import DistantSource, DomeSource, opaque
 from .portals import count_candidates
-from .sampling import hash32, sobol_block
+from .sampling import hash32, sobol_block, unit_float
 
 if TYPE_CHECKING:
     from ..looks import Look
@@ -39,12 +39,17 @@ _PORTAL, _ALL = 0, 1  # names of strata in seeds
 
 
 class BeamSet(NamedTuple):
-    """Beams that share a light group and a look (None: the physical one), and where they move, at shutter close."""
+    """Beams that share a light group and a look (None: the physical one), and where they move, at shutter close.
+
+    `light` is the light's number, `to_world` the transform from its space, (4, 4), for looks.
+    """
 
     group: str
     look: Look | None
     beams: Beams
     close: Beams | None = None
+    light: int = 0
+    to_world: Any = None
 
 
 class _Moment(NamedTuple):
@@ -56,12 +61,16 @@ class _Moment(NamedTuple):
 
 
 class Run(NamedTuple):
-    """How a stratum is sampled: samples, number of the pass, width of a beam in spacings, and how often to halve it."""
+    """How a stratum is sampled: samples, number of the pass, width of a beam in spacings, and how often to halve it.
+
+    `key` names the stratum, for the beams' random numbers.
+    """
 
     samples: int
     pass_index: int
     overlap: float
     halvings: int
+    key: int
 
 
 def trace(
@@ -98,28 +107,31 @@ def trace(
     The power of each pass is that of the whole light: frames average over passes.
     """
     sets = []
-    for moments in _moments(world, close):
+    for index, moments in enumerate(_moments(world, close)):
         light = moments[0].light
         count = beams_per_light if light.beam_count is None else light.beam_count
         if not light.emits_beams or count <= 0:
             continue
         pieces: list[_Piece] = []
+        key = zlib.crc32(repr((_name_key(light.name), seed, light.seed)).encode())
         portal = world.portals.get(light.name)
         if portal is not None:
             aside = max(1, round(LIGHT_SIDE * count)) if light.name in light_side else 0
             candidates = count_candidates(portal, count - aside)
             samples = _points(light, candidates, pass_index, seed, _PORTAL)
             paths = [_through(moment, samples, candidates) for moment in moments]
-            pieces += _beams(moments, paths, Run(candidates, pass_index, overlap, HALVINGS), split=True)
+            pieces += _beams(moments, paths, Run(candidates, pass_index, overlap, HALVINGS, key ^ _PORTAL), split=True)
             count = aside
         if count:
             samples = _points(light, count, pass_index, seed, _ALL)
             halvings = HALVINGS if portal is None else HALVINGS_ASIDE
             paths = [_aside(moment, samples, count) for moment in moments]
-            pieces += _beams(moments, paths, Run(count, pass_index, overlap, halvings), split=False)
+            pieces += _beams(moments, paths, Run(count, pass_index, overlap, halvings, key ^ _ALL), split=False)
         if pieces:
             states = [_joined(list(state)) for state in zip(*pieces, strict=True)]
-            sets.append(BeamSet(light.group, (looks or {}).get(light.name, light.look), *states))
+            look = (looks or {}).get(light.name, light.look)
+            later = states[1] if len(states) > 1 else None
+            sets.append(BeamSet(light.group, look, states[0], later, index, light.frame))
     return sets + _drawn(world, close, looks or {})
 
 
@@ -200,7 +212,8 @@ def _stretches(
     escape = world.bounds.exit(emission.origin, emission.direction, scale)
     total = dr.select(hit.is_valid(), hit.t, escape)
     against = dr.select(hit.is_valid(), _facing(hit.n, emission.direction), -emission.direction)
-    dr.eval(total, against)
+    names = unit_float(hash32(seed, dr.opaque(UInt32, run.key))), Float(2 * numbers + (1 if split else 0))
+    dr.eval(total, against, names)
     reference = float(np.median(np.minimum(total.numpy()[alive.numpy()], 2 * world.radius))) if dr.any(alive) else 1.0
     radius = radius_along(emission, run.samples, reference, run.overlap, opaque(FLOOR * reference))
     light = 0 * total
@@ -209,13 +222,15 @@ def _stretches(
     begin = dr.select(passes, portal, light)
     narrowed = unblocked(world, emission, radius, begin, total, against, run.halvings)
     if not split:
-        return [_stretch(world, emission, lambda s: radius(s) * narrowed, (light, total), total, against, alive)]
+        return [_stretch(world, emission, lambda s: radius(s) * narrowed, (light, total), total, against, alive, names)]
     middle = dr.minimum(portal, total)
     first_normal = dr.select(passes, -emission.direction, against)
     before = dr.select(passes, 1, narrowed)
     return [
-        _stretch(world, emission, lambda s: radius(s) * before, (light, middle), total, first_normal, alive),
-        _stretch(world, emission, lambda s: radius(s) * narrowed, (middle, total), total, against, alive & passes),
+        _stretch(world, emission, lambda s: radius(s) * before, (light, middle), total, first_normal, alive, names),
+        _stretch(
+            world, emission, lambda s: radius(s) * narrowed, (middle, total), total, against, alive & passes, names
+        ),
     ]
 
 
@@ -243,8 +258,9 @@ def _stretch(
     total: Float,
     normal: Array3f,
     alive: Bool,
+    names: tuple[Float, Float],
 ) -> _Stretch:
-    """Return a stretch of light paths as beams, as far as it lies in the fog."""
+    """Return a stretch of light paths as beams, as far as it lies in the fog; `names` are random number and number."""
     near, far = ends
     entry = 0 * total
     if world.fog is not None and world.fog.boundary is not None:
@@ -255,6 +271,7 @@ def _stretch(
     beams = Beams()
     beams.start, beams.end, beams.radius_start, beams.radius_end = start, end, radius(near), radius(far)
     beams.power, beams.offset, beams.total, beams.entry, beams.end_normal = emission.flux, near, total, entry, normal
+    beams.random, beams.id, beams.generation = *names, 0 * total
     return _Stretch(alive & (far > near), beams)
 
 
@@ -296,7 +313,8 @@ def _drawn(world: World, close: World | None, looks: Mapping[str, Look | None]) 
     for number, drawn in enumerate(world.description.drawn):
         later = close.description.drawn[number] if close is not None else drawn
         moved = _as_beams(later) if later is not drawn and len(later.start) == len(drawn.start) else None
-        sets.append(BeamSet(drawn.group, looks.get(drawn.name, drawn.look), _as_beams(drawn), moved))
+        index = len(world.description.lights) + number
+        sets.append(BeamSet(drawn.group, looks.get(drawn.name, drawn.look), _as_beams(drawn), moved, index))
     return sets
 
 
