@@ -1,5 +1,6 @@
 """The estimators toward any rays, against float64 twins, closed forms, and each other."""
 
+import drjit as dr
 import numpy as np
 import pytest
 
@@ -47,7 +48,26 @@ LOOKS = {
         pb.Look(along=pb.ColorRamp(*RAMP) * pb.Attenuation(), across=pb.Smoothstep()),
         TwinLook(smoothstep, ramp, attenuation, phase, corners=(0.4,)),
     ),
+    "place, radius and view": (
+        pb.Look(
+            along=lambda s, P: 0.6 + 0.4 * s * dr.sin(2 * P.x - P.y),
+            across=pb.Biweight()
+            * pb.Function(lambda r, distance: Array3f(1, 1 - 0.5 * r * r, 1 / (1 + distance * r * r))),
+            eye=lambda t, P: dr.exp(-0.3 * t) * (1.5 + dr.cos(P.z)),
+            angle=lambda cosine, s: 1 + 0.5 * cosine * s,
+        ),
+        TwinLook(lambda rho: 3 / np.pi * (1 - rho * rho) ** 2, more=lambda **at: artful(**at)),
+    ),
 }
+
+
+def artful(s, distance, r, t, P, cosine):
+    """Return the last of these looks' factors, (…, 3)."""
+    along = 0.6 + 0.4 * s * np.sin(2 * P[..., 0] - P[..., 1])
+    eye = np.exp(-0.3 * t) * (1.5 + np.cos(P[..., 2]))
+    angle = 1 + 0.5 * cosine * s
+    colours = np.stack(np.broadcast_arrays(1 + 0 * r, 1 - 0.5 * r * r, 1 / (1 + distance * r * r)), axis=-1)
+    return (along * eye * angle)[..., None] * colours
 
 
 def beams_of(*beams):
@@ -271,7 +291,7 @@ def test_looking_along_the_axis_is_finite(estimator, taper, rng):
 # -- One family -------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", ["physical", "uniform"])
+@pytest.mark.parametrize("name", ["physical", "uniform", "place, radius and view"])
 def test_billboard_equals_frustum_in_the_thin_limit(name, rng):
     """The chord is symmetric about the closest approach, so the billboard's error is of second order in the radius."""
     look = LOOKS[name][0]
@@ -369,6 +389,13 @@ BLENDED = {
     "ramp": pb.Look(along=pb.ColorRamp(*RAMP) * pb.Attenuation(), across=pb.Smoothstep()),
     "many colours": pb.Look(along=pb.ColorRamp([0, 0.3, 0.6, 1], COLOURS), across=pb.Gaussian()),
     "hollow, hundredfold falloff": pb.Look(across=[0, 1, 0.2, 0], along=pb.Power(2, 0.3)),
+    "waves in space": pb.Look(along=lambda s, P: 1 + 0.8 * dr.sin(8 * P.x + 5 * P.y) * s, across=pb.Biweight()),
+    "colours by radius": pb.Look(across=pb.ColorRamp([0, 0.5, 1], COLOURS[:3], space="radius")),
+    "eye and angle": pb.Look(
+        along=1.0,
+        eye=pb.ColorRamp([0, 0.3, 1], COLOURS[:3], "smooth", 0, 6, "distance"),
+        angle=pb.ColorRamp([0, 0.4, 1], COLOURS[:3], "linear", 0, 180, "angle"),
+    ),
     "exponential and glow": pb.Look(along=pb.Exponential(0.3), eye=pb.Exponential([0.5, 1, 2]), angle=pb.Glow()),
 }
 

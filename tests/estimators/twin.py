@@ -49,7 +49,7 @@ class Beam:
         return given
 
 
-def ones(*_):
+def ones(*_, **__):
     return np.ones(3)
 
 
@@ -62,12 +62,15 @@ class TwinLook:
     eye: Callable[[Any, Any], Any] = ones  # of distance and depth
     angle: Callable[[Any], Any] = ones  # of the cosine toward the camera
     corners: tuple[float, ...] = field(default=())  # fractions at which `along` jumps
+    more: Callable[..., Any] = ones  # of s (fraction), distance, r, t, P and cosine
 
-    def factors(self, beam, s, t, t_min):
+    def factors(self, beam, s, t, t_min, rho, point, cosine):
         distance = s + beam.offset
         depth = np.maximum(distance - beam.entry, 0)
         total = beam.offset + beam.length if beam.total is None else beam.total
-        return self.along(distance, depth, np.clip(distance / total, 0, 1)) * self.eye(t, t - t_min)
+        fraction = np.clip(distance / total, 0, 1)
+        more = self.more(s=fraction, distance=distance, r=rho, t=t, P=point, cosine=cosine)
+        return self.along(distance, depth, fraction) * self.eye(t, t - t_min) * more
 
 
 def place(beam, origin, direction, t):
@@ -137,8 +140,11 @@ def frustum(beam, look, origin, direction, t_min=0.0, t_max=ENDLESS, pieces=64):
     weight = (half * _W).reshape(len(a), -1)
     s, r = place(beam, origin, direction, t)
     radius = np.where(weight > 0, beam.radius(s), 1.0)  # a miss may pass the cone's tip
-    kernel = look.across(np.minimum(r / radius, 1)) / radius**2
-    light = np.sum((weight * kernel)[..., None] * look.factors(beam, s, t, t_min[:, None]), axis=1)
+    rho = np.minimum(r / radius, 1)
+    kernel = look.across(rho) / radius**2
+    point = origin[:, None] + t[..., None] * direction[:, None]
+    factors = look.factors(beam, s, t, t_min[:, None], rho, point, -c[:, None])
+    light = np.sum((weight * kernel)[..., None] * factors, axis=1)
     return np.asarray(beam.power) * look.angle(-c) * light
 
 
@@ -157,9 +163,15 @@ def billboard(beam, look, origin, direction, t_min=0.0, t_max=ENDLESS):
     c = direction @ beam.axis
     value = np.zeros((len(c), 3))
     s, t, u, c, radius, t_min = (x[hit] for x in (s, t, u, c, radius, t_min))
-    kernel = k1(look.across, u / radius) / radius
     sine = np.linalg.norm(np.cross(direction[hit], beam.axis), axis=1)
-    value[hit] = np.asarray(beam.power) * look.angle(-c) * look.factors(beam, s, t, t_min) * (kernel / sine)[:, None]
+    point = origin[hit] + t[:, None] * direction[hit]
+
+    def light(rho):
+        columns = (x[:, None] for x in (s, t, t_min))
+        return look.across(rho)[..., None] * look.factors(beam, *columns, rho, point[:, None], -c[:, None])
+
+    projected = k1(light, u / radius) / (radius * sine)[:, None]
+    value[hit] = np.asarray(beam.power) * look.angle(-c) * projected
     return value
 
 
@@ -174,8 +186,8 @@ def closest(beam, origin, direction):
     return s, t
 
 
-def k1(across, x, pieces=64):
-    """Return the line integral of the disc kernel at the distance x from the axis, both in radii.
+def k1(kernel, x, pieces=64):
+    """Return the line integral (N, 3) of a kernel of ρ, (N, K, 3), at the distances x (N,) from the axis, in radii.
 
     The line's half length times sin φ is the place on it, so that the integrand has no singular slope at its ends.
     """
@@ -185,7 +197,7 @@ def k1(across, x, pieces=64):
     phi, weight = (middle + half * _X).ravel(), (half * _W).ravel()
     line = np.sqrt(np.maximum(1 - x * x, 0))[..., None]
     rho = np.sqrt(np.minimum(x[..., None] ** 2 + (line * np.sin(phi)) ** 2, 1))
-    return 2 * np.sum(across(rho) * line * np.cos(phi) * weight, axis=-1)
+    return 2 * np.sum(kernel(rho) * (line * np.cos(phi) * weight)[..., None], axis=-2)
 
 
 def rays(origin, direction, t_min, t_max):

@@ -140,7 +140,11 @@ def test_corners_of_ramps_and_polynomials_are_told_to_the_quadrature():
 
     assert list(pb.ColorRamp(KNOTS, COLOURS).corners) == named("fraction", KNOTS)
     assert pb.ColorRamp(KNOTS, COLOURS, "smooth").corners == ()
-    ramp = pb.ColorRamp(KNOTS, COLOURS, "none", 1, 3, "distance")
+    steps = [place for _, place in pb.ColorRamp(KNOTS, COLOURS, "none").corners]
+    # On both sides of each step, an entry of the table apart.
+    assert [a < k <= b for k, a, b in zip(KNOTS[1:], steps[::2], steps[1::2], strict=True)] == [True] * 3
+    assert np.diff(steps)[::2] == pytest.approx((KNOTS[-1] - KNOTS[0]) / (RESOLUTION - 1))
+    ramp = pb.ColorRamp(KNOTS, COLOURS, "linear", 1, 3, "distance")
     assert list(ramp.corners) == named("distance", 1 + 2 * KNOTS)
     assert list(pb.Polynomial([1, 2], 0.25, 0.5).corners) == named("fraction", (0.25, 0.5))
     assert pb.ColorRamp(KNOTS, COLOURS, space="angle").corners == ()

@@ -44,15 +44,28 @@ def _light(beam: Record, at: Approach, rho2: Any, look: BoundLook, ray: Rays) ->
 
 @dr.syntax
 def _projected(beam: Record, at: Approach, x: Any, look: BoundLook, ray: Rays, points: Points) -> Any:
-    """Return 2 ∫_0^1 density · light dv with ρ² = x + (1 − x) v²: the line projection of all that changes with ρ."""
+    """Return 2 ∫_0^1 density · light dv with ρ² = x + (1 − x) v²: the line projection of all that changes with ρ.
+
+    In pieces, between the rings where it has corners.
+    """
+    wide = dr.maximum(1 - x, 1e-6)
+    squares = [dr.square(dr.opaque(Float, ring)) for ring in look.rings if ring > 0]
+    breaks = [dr.sqrt(dr.clip((square - x) / wide, 0, 1)) for square in squares]
     total = Array3f(0)
-    j = UInt32(0)
-    while j < points.count:
-        node = points(j)
-        rho2 = dr.lerp(x, Float(1), dr.square(0.5 * (node.x + 1)))
-        total += _light(beam, at, rho2, look, ray) * (look.profile.density(rho2) * node.y)
-        j += 1
-    return total
+    low = Float(0)
+    while low < 1:
+        high = Float(1)
+        for place in breaks:
+            high = dr.select((place > low) & (place < high), place, high)
+        half, middle = 0.5 * (high - low), 0.5 * (high + low)
+        j = UInt32(0)
+        while j < points.count:
+            node = points(j)
+            rho2 = dr.lerp(x, Float(1), dr.square(dr.fma(half, node.x, middle)))
+            total += _light(beam, at, rho2, look, ray) * (look.profile.density(rho2) * (node.y * half))
+            j += 1
+        low = high
+    return 2 * total
 
 
 def in_range(beam: Record, at: Approach, t_min: Any, t_max: Any, origin: Any, direction: Any) -> Any:

@@ -15,18 +15,15 @@ from typing import Any
 import drjit as dr
 
 from ..device import Array3f, Float, UInt32
-from ..looks import BoundLook
+from ..looks.look import MOST_CORNERS, BoundLook
 from .blend import change_rate, frustum_weight, need
 from .geometry import Chord, Packed, Rays, Record, chord, closest_approach, load
 from .points import Points
 
-# A ramp with more corners than this is taken for a smooth curve: each costs every chord a comparison.
-_MOST_CORNERS = 8
-
-# Change of the factors, in units of their largest value, and of the radius, as a ratio, that one piece of a chord may
-# hold: six points then err by 1e-5 on an exponential, by 1e-6 on 1/R². The look limits how often a chord is cut for it
-# (`BoundLook.cuts`): one with jumps changes endlessly fast, and a pointed cone endlessly often.
-_CHANGE, _RATIO = 8.0, 3.0
+# Change of the radius, as a ratio, that one piece of a chord may hold: six points then err by 1e-6 on 1/R². For the
+# change of the factors see `BoundLook.change`; the look limits how often a chord is cut too (`BoundLook.cuts`), for one
+# with jumps changes endlessly fast, and a pointed cone endlessly often.
+_RATIO = 3.0
 
 
 def corners(beam: Record, ray: Chord, look: BoundLook) -> list[Any]:
@@ -34,11 +31,11 @@ def corners(beam: Record, ray: Chord, look: BoundLook) -> list[Any]:
     radius = dr.fma(beam.slope, ray.s, beam.radius)
     slope_c = beam.slope * ray.cosine
     result = []
-    at_radii = [place for name, place in look.corners if name == "radius" and place < 1]
-    for rho in (*look.profile.corners, *at_radii[:_MOST_CORNERS]):
-        if rho == 0:
+    for ring in look.rings:
+        if ring == 0:
             result.append(-ray.drift / dr.maximum(ray.sin2, 1e-12))
             continue
+        rho = dr.opaque(Float, ring)
         A = dr.fma(-(rho * rho) * slope_c, slope_c, ray.sin2)
         B = dr.fma(-(rho * rho) * slope_c, radius, ray.drift)
         C = dr.fma(-(rho * rho) * radius, radius, ray.offset2)
@@ -54,7 +51,7 @@ def corners(beam: Record, ray: Chord, look: BoundLook) -> list[Any]:
         elif name != "radius":
             distance = (at * beam.total if name == "fraction" else at) - beam.offset
             elsewhere.append((distance - ray.s) * inv_c)
-    return result + elsewhere[:_MOST_CORNERS]
+    return result + elsewhere[:MOST_CORNERS]
 
 
 def integrand(beam: Record, ray: Chord, tau: Any, look: BoundLook, camera: Rays) -> Any:
@@ -78,7 +75,7 @@ def chord_integral(beam: Record, ray: Chord, look: BoundLook, points: Points, ca
     total = Array3f(0)
     low, end = Float(ray.a), dr.select(active, ray.b, ray.a)
     rate = change_rate(beam, dr.abs(ray.cosine), look)
-    steady = _CHANGE * dr.rcp(dr.maximum(rate, 1e-20))
+    steady = look.change * dr.rcp(dr.maximum(rate, 1e-20))
     shortest = (ray.b - ray.a) * dr.rcp(look.cuts)
     growth = beam.slope * ray.cosine
     spread = dr.select(growth > 0, _RATIO - 1, 1 - 1 / _RATIO) * dr.rcp(dr.maximum(dr.abs(growth), 1e-20))

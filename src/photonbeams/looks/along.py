@@ -15,7 +15,7 @@ import numpy.typing as npt
 from ..device import Array3f, Float
 from .at import At
 from .factors import Corner, Decay, Factor
-from .ramp import Interpolation, ramp_table
+from .ramp import RESOLUTION, Interpolation, ramp_table
 from .table import Table
 
 #: What a ramp, a texture or a polynomial runs over: fractions of the beam, scene units along the factor's own way,
@@ -122,8 +122,11 @@ class ColorRamp(Factor):
         width = end - begin
         self._interval = _Interval(begin + low * width, begin + high * width, space)
         self._table = Table(values)
+        inside = (positions - low) / (high - low)
+        if interpolation == "none":  # in the table a step is a line between two entries: a corner at each
+            entries = np.ceil(inside[1:] * (RESOLUTION - 1))
+            inside = np.sort(np.concatenate([entries - 1, entries])) / (RESOLUTION - 1)
         if interpolation in ("none", "linear"):
-            inside = (positions - low) / (high - low)
             self.corners = self._interval.corners(tuple(inside))
 
     def evaluate(self, at: At) -> Any:
