@@ -23,6 +23,7 @@ if TYPE_CHECKING:
         Context,
         Epanechnikov,
         Exponential,
+        Expression,
         Factor,
         Fade,
         Fog,
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
         Look,
         Mix,
         Modulated,
+        Noise,
         Polynomial,
         Power,
         Product,
@@ -43,6 +45,7 @@ if TYPE_CHECKING:
         Tabulated,
         Texture,
         Uniform,
+        Variation,
     )
     from .quadrature import Rule, gauss_legendre, riemann
     from .scene import Medium, SceneError
@@ -63,6 +66,7 @@ __all__ = [
     "Context",
     "Epanechnikov",
     "Exponential",
+    "Expression",
     "Factor",
     "Fade",
     "Fog",
@@ -75,6 +79,7 @@ __all__ = [
     "Medium",
     "Mix",
     "Modulated",
+    "Noise",
     "Polynomial",
     "Power",
     "Product",
@@ -88,6 +93,7 @@ __all__ = [
     "Tabulated",
     "Texture",
     "Uniform",
+    "Variation",
     "__version__",
     "estimate",
     "gauss_legendre",

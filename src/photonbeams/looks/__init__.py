@@ -6,6 +6,7 @@ from .angle import Glow, Isotropic, Scattering
 from .at import At, Context, Fog
 from .factors import Clamp, Constant, Factor, Function, Mix, Product, Sum
 from .look import BoundLook, Look
+from .patterns import Expression, Noise, Variation
 
 __all__ = [
     "Across",
@@ -19,6 +20,7 @@ __all__ = [
     "Context",
     "Epanechnikov",
     "Exponential",
+    "Expression",
     "Factor",
     "Fade",
     "Fog",
@@ -30,6 +32,7 @@ __all__ = [
     "Look",
     "Mix",
     "Modulated",
+    "Noise",
     "Polynomial",
     "Power",
     "Product",
@@ -39,4 +42,5 @@ __all__ = [
     "Tabulated",
     "Texture",
     "Uniform",
+    "Variation",
 ]

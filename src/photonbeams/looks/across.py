@@ -235,15 +235,29 @@ class Modulated:
 
 
 def across(value: Any) -> Across | Modulated:
-    """Return `value` as a profile: an Across, a list of values, a Python function of ρ, or a factor.
+    """Return `value` as a profile: an Across, a list of values, a Python function of ρ, an expression, or a factor.
 
-    A factor, or a function of more than ρ (see `Function`), modulates the constant disc.
+    A function or an expression of ρ alone is a profile, normalised like the others. A factor, or what asks for more,
+    modulates the constant disc.
     """
     if isinstance(value, Across | Modulated):
         return value
     if isinstance(value, Factor):
         return Modulated(Uniform(), value)
+    if isinstance(value, str):
+        return _written(factor(value))
     if not callable(value):
         return Tabulated(value)
     function = Function(value, "radius")
     return AcrossFunction(value) if function.arguments == ["radius"] else Modulated(Uniform(), function)
+
+
+def _written(expression: Factor) -> Across | Modulated:
+    """Return an expression as a profile."""
+    from .at import At, inputs_of
+
+    alone = inputs_of(expression.evaluate, At(rho2=Float(0.5))) <= {"radius"}
+    value = expression.evaluate(At(rho2=Float(0.5)))
+    if not alone or dr.size_v(value) == 3:
+        return Modulated(Uniform(), expression)
+    return AcrossFunction(lambda rho: expression.evaluate(At(rho2=rho * rho)))

@@ -211,9 +211,13 @@ def _arguments(function: Callable[..., Any], own: str) -> list[str]:
 
 
 def factor(value: Any, argument: str = "distance") -> Factor:
-    """Return `value` as a factor: a Factor, a number, a colour, or a Python function (see `Function`)."""
+    """Return `value` as a factor: a Factor, a number, a colour, an expression's text, or a Python function."""
     if isinstance(value, Factor):
         return value
+    if isinstance(value, str):
+        from .patterns import Expression  # which is a factor itself
+
+        return Expression(value)
     if callable(value):
         return Function(value, argument)
     return Constant(value)
