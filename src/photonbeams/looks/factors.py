@@ -171,13 +171,18 @@ class Function(Factor):
     def evaluate(self, at: At) -> Any:
         """Call the function."""
         name = getattr(self._function, "__name__", "function")
+        given = [at if each == "at" else getattr(at, each) for each in self.arguments]
         try:
-            value = self._function(*(at if name == "at" else getattr(at, name) for name in self.arguments))
+            value = self._function(*given)
         except Exception as error:
             raise SceneError(f"the look's function {name} failed: {error}") from error
         if not _is_colour(value):
             kind = type(value).__name__
             raise SceneError(f"the look's function {name} returns a {kind}: expected a Float, an Array3f or a number")
+        count = max((dr.width(each) for each in given if dr.is_array_v(each)), default=0)
+        if count and dr.width(value) not in (1, count):
+            text = f"returns {dr.width(value)} values for {count}: expected one for each, or one"
+            raise SceneError(f"the look's function {name} {text}")
         return value
 
 

@@ -217,6 +217,9 @@ class BoundLook:
         self.rate_fraction = dr.opaque(Float, self._rate(lines["fraction"], Float(0)))
         self.rate_eye = dr.opaque(Float, self._rate(lines["eye"], way) / reach)
         self.rate_place = dr.opaque(Float, 0.0)
+        turned = replace(probe, cosine=2 * unit - 1)
+        if not bool(dr.all(dr.isfinite(dr.sum(self._look.angle.evaluate(turned) * Array3f(1))))):
+            self._complain(turned, Float(0))
         if self.of_places:
             low, high = np.asarray(box, dtype=np.float64)
             size = max(float(np.linalg.norm(high - low)), 1e-6)
