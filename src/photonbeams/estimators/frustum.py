@@ -75,12 +75,14 @@ def chord_integral(beam: Record, ray: Chord, look: BoundLook, points: Points, ca
     total = Array3f(0)
     low, end = Float(ray.a), dr.select(active, ray.b, ray.a)
     rate = change_rate(beam, dr.abs(ray.cosine), look)
-    steady = look.change * dr.rcp(dr.maximum(rate, 1e-20))
+    rate_across = look.rate_radius * dr.sqrt(ray.sin2)
     shortest = (ray.b - ray.a) * dr.rcp(look.cuts)
     growth = beam.slope * ray.cosine
     spread = dr.select(growth > 0, _RATIO - 1, 1 - 1 / _RATIO) * dr.rcp(dr.maximum(dr.abs(growth), 1e-20))
     while low < end:
         radius = dr.fma(beam.slope, dr.fma(ray.cosine, low, ray.s), beam.radius)
+        inv_radius = dr.rcp(dr.maximum(radius, 1e-12))
+        steady = look.change * dr.rcp(dr.maximum(dr.fma(rate_across, inv_radius, rate), 1e-20))
         longest = dr.maximum(dr.minimum(steady, spread * radius), shortest)
         # A piece of almost the whole rest takes all of it: rounding would leave a sliver. One too short to be told from
         # `low` would never end.

@@ -20,11 +20,15 @@ from .factors import Constant, Corner, Factor, factor
 # Lines over which the factors' rates of change are measured, and samples on each.
 _LINES, _SAMPLES = 8, 512
 
+# Share of a line's samples whose curvature counts, and curvature below which it is rounding: float32 holds values to
+# 6e-8, and second differences over 1/511 multiply that by a million.
+_BENT, _ROUNDING = 0.97, 1.0
+
 # How much the factors may change, in units of their largest value, over a piece of a chord, and in how many pieces it
 # is cut for that. On an exponential six points err by 1e-5 over a change of 8. What changes in space goes up and down:
-# a wave of amplitude a changes by 2 within 2/a radians, on which six points err by less than 1e-3.
+# a wave of amplitude a changes by 4 within 4/√a radians, on which six points err by less than 1e-3.
 _CHANGE, _CUTS = 8.0, 4
-_CHANGE_OF_PLACES, _CUTS_OF_PLACES = 2.0, 16
+_CHANGE_OF_PLACES, _CUTS_OF_PLACES = 2.0, 64
 
 #: A look with more corners than this is taken for a smooth curve: each costs every chord a comparison.
 MOST_CORNERS = 12
@@ -101,10 +105,10 @@ class BoundLook:
         Whether factors change with ρ: the billboard has to project them with the profile.
     of_beams
         Whether they ask for a beam's number, random number or generation.
-    rate_along, rate_fraction, rate_eye, rate_place
+    rate_along, rate_fraction, rate_eye, rate_place, rate_radius
         How fast the factors change: largest slope over largest value, per scene unit of beam, per fraction of the
-        beam, per scene unit of ray, and per scene unit of space. The billboard replaces a factor by its value at one
-        point; these tell over which chords it may.
+        beam, per scene unit of ray, per scene unit of space, and per radius. The billboard replaces a factor by its
+        value at one point, but for the radius; these tell over which chords it may.
     change, cuts
         How much they may change over a piece of a chord, and in how many pieces it may be cut for that.
     corners
@@ -125,8 +129,9 @@ class BoundLook:
         self.uses = frozenset().union(*asked.values())
         self.by_radius, self.of_beams = bool(self.uses & OF_RADII), bool(self.uses & OF_BEAMS)
         self.of_places = bool(self.uses & OF_PLACES)
-        self.cuts = dr.opaque(Float, _CUTS_OF_PLACES if self.of_places else _CUTS)
-        self.change = dr.opaque(Float, _CHANGE_OF_PLACES if self.of_places else _CHANGE)
+        winding = self.of_places or self.by_radius
+        self.cuts = dr.opaque(Float, _CUTS_OF_PLACES if winding else _CUTS)
+        self.change = dr.opaque(Float, _CHANGE_OF_PLACES if winding else _CHANGE)
         self._measure(reach, box)
 
     @property
@@ -212,10 +217,12 @@ class BoundLook:
             "along": replace(probe, distance=way, depth=way, from_light=way),
             "fraction": replace(probe, fraction=unit),
             "eye": replace(probe, to_camera=way),
+            "radius": replace(probe, rho2=dr.square(unit)),
         }
         self.rate_along = dr.opaque(Float, self._rate(lines["along"], Float(0)) / reach)
         self.rate_fraction = dr.opaque(Float, self._rate(lines["fraction"], Float(0)))
         self.rate_eye = dr.opaque(Float, self._rate(lines["eye"], way) / reach)
+        self.rate_radius = dr.opaque(Float, self._rate(lines["radius"], Float(0)) if self.by_radius else 0.0)
         self.rate_place = dr.opaque(Float, 0.0)
         turned = replace(probe, cosine=2 * unit - 1)
         if not bool(dr.all(dr.isfinite(dr.sum(self._look.angle.evaluate(turned) * Array3f(1))))):
@@ -232,7 +239,11 @@ class BoundLook:
             self.rate_place = dr.opaque(Float, self._rate(moved, Float(0)) / size)
 
     def _rate(self, at: At, reach_depth: Any) -> float:
-        """Return the largest slope over the unit interval, relative to the largest value."""
+        """Return how fast the look changes over the unit interval: by its slope, or by the root of its curvature.
+
+        Both relative to the largest value, and equal for an exponential. A faint wave has little slope; what the
+        billboard errs by is its curvature. Corners, of which there are few, are left to the slope.
+        """
         width = _LINES * _SAMPLES
         values = np.asarray(dr.zeros(Float, width) + self.light(at, reach_depth) * Array3f(1), dtype=np.float64)
         if values.shape != (3, width):
@@ -240,9 +251,12 @@ class BoundLook:
         if not np.all(np.isfinite(values)):
             self._complain(at, reach_depth)
         lines = values.reshape(3, _LINES, _SAMPLES)
-        slope = np.abs(np.diff(lines, axis=-1)).max(initial=0.0) * (_SAMPLES - 1)
-        peak = np.abs(lines).max(initial=0.0)
-        return float(slope / peak) if np.isfinite(slope) and peak > 0 else 0.0
+        peak = np.abs(lines).max()
+        if not peak > 0:
+            return 0.0
+        slope = np.abs(np.diff(lines, axis=-1)).max() * (_SAMPLES - 1) / peak
+        bends = np.quantile(np.abs(np.diff(lines, 2, axis=-1)), _BENT, axis=-1).max() * (_SAMPLES - 1) ** 2 / peak
+        return float(max(slope, np.sqrt(bends) if bends > _ROUNDING else 0.0))
 
     def _complain(self, at: At, reach_depth: Any) -> None:
         """Raise SceneError for the factor that is not finite."""
