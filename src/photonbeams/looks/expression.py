@@ -342,15 +342,15 @@ class _Parser:
         return _applied(function, [self.part(node.left, depth + 1), self.part(node.right, depth + 1)])
 
     def _comparison(self, node: ast.Compare, depth: int) -> _Part:
+        if any(type(each) not in _COMPARISONS for each in node.ops):
+            self._refuse(node, "this comparison has no meaning here: expected < <= > >= == or !=")
+        functions = [_COMPARISONS[type(each)] for each in node.ops]
         nodes = [node.left, *node.comparators]
         parts = [self._scalar(each, depth + 1, "one side of a comparison") for each in nodes]
-        functions = [_COMPARISONS.get(type(each)) for each in node.ops]
-        if None in functions:
-            self._refuse(node, "this comparison has no meaning here: expected < <= > >= == or !=")
 
         def compute(values: _Values) -> Any:
             computed = [part.compute(values) for part in parts]
-            masks = [function(*computed[k : k + 2]) for k, function in enumerate(functions) if function]
+            masks = [function(*computed[k : k + 2]) for k, function in enumerate(functions)]
             return truth(reduce(operator.and_, masks), computed[0])
 
         return _Part("scalar", compute, any(part.varies for part in parts))
