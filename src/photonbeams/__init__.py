@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     )
     from .quadrature import Rule, gauss_legendre, riemann
     from .scene import Medium, SceneError
-    from .shot import Shot, Stereo
+    from .shot import Holdout, Plate, Shot, Stereo
 
     __version__: str
 
@@ -57,9 +57,11 @@ __all__ = [
     "Fog",
     "Gaussian",
     "Glow",
+    "Holdout",
     "Isotropic",
     "Look",
     "Medium",
+    "Plate",
     "Polynomial",
     "Power",
     "Product",
@@ -86,7 +88,7 @@ _HOMES = {
     "estimators": ("estimate",),
     "quadrature": ("Rule", "gauss_legendre", "riemann"),
     "scene": ("Medium", "SceneError"),
-    "shot": ("Shot", "Stereo"),
+    "shot": ("Holdout", "Plate", "Shot", "Stereo"),
 }
 _HOME = dict.fromkeys(__all__, "looks") | {name: module for module, names in _HOMES.items() for name in names}
 

@@ -160,6 +160,13 @@ class View:
         dr.eval(facing)
         return facing
 
+    def cosines(self, offset: tuple[float, float]) -> np.ndarray:
+        """Return (H, W) planar depth per unit of distance from the camera's place, at `offset` in [0, 1)² of each pixel."""
+        x, y = self.pixels()
+        _, direction = self._through(Float(x) + dr.opaque(Float, offset[0]), Float(y) + dr.opaque(Float, offset[1]))
+        result: np.ndarray = self._facing(direction).numpy().reshape(self.window.shape)
+        return result
+
     def matrices(self) -> dict[str, np.ndarray]:
         """Return worldToCamera and worldToNDC for row vectors, as EXR headers have them."""
         world = np.linalg.inv(np.asarray(self.camera.to_world, dtype=np.float64))
