@@ -1,4 +1,4 @@
-"""Render the attic in Blender's Cycles, as the plate that beams go over: picture and depth in one layered EXR.
+r"""Render the attic in Blender's Cycles, as the plate that beams go over: picture and depth in one layered EXR.
 
 Run it with Blender 5.0.1, or with the Python that has Blender as a module (`pip install bpy==5.0.1`, Python 3.11):
 
@@ -7,8 +7,8 @@ Run it with Blender 5.0.1, or with the Python that has Blender as a module (`pip
 
 `plate.exr` is committed. The camera, its sensor and its place come to photonbeams by the exported stage alone:
 
-    photonbeams render examples/blender/attic.usda --scattering 0.05 \\
-        --holdout examples/blender/plate.exr --over examples/blender/plate.exr -o out.png
+    photonbeams render examples/blender/attic.usda --scattering 0.05 --holdout examples/blender/plate.exr \
+        --over examples/blender/plate.exr -o out.png
 """
 
 import sys
@@ -39,6 +39,5 @@ if __name__ == "__main__":
 
     model()
     set_up(bpy.context.scene)
-    bpy.context.scene.render.use_stamp = False
     bpy.context.scene.render.filepath = str(PLATE)
     bpy.ops.render.render(write_still=True)

@@ -221,8 +221,8 @@ def render(
         end = Holdout(holdout, holdout_channel, holdout_depth or "auto", holdout_scale or 1.0) if holdout else None
         plate = Plate(over, over_fog) if over else None
         plates = [each for each in (end, plate) if each is not None]
-        width, height = _size(shot, first.number, res, res_scale, settings, plates)
         shown = None if view in (None, Eye.both) else view.value
+        width, height = _size(shot, first.number, res, res_scale, settings, plates, shown)
         for task in todo:
             shot.check_plates(plates, task.number, width, height, shown)
         for task in todo:
@@ -395,10 +395,11 @@ def _size(
     scale: float,
     settings: RenderSettings,
     plates: Sequence[Holdout | Plate],
+    view: str | None,
 ) -> tuple[int, int]:
     """Return width and height in pixels."""
     wanted = res if any(res) else settings.resolution or res
-    width, height = shot.resolution(wanted[0] or None, wanted[1] or None, number, plates)
+    width, height = shot.resolution(wanted[0] or None, wanted[1] or None, number, plates, view)
     return shot.resolution(max(1, round(scale * width)), max(1, round(scale * height)), number)
 
 

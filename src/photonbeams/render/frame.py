@@ -294,10 +294,12 @@ class _Frame:
             )
             film = view.film or any(each.close is not None for each in sets)
             with statistics.phase("surfaces"):
-                rays = view.rays(subpixel(number), self._samples(number) if film else None)
+                sample = self._samples(number) if film else None
+                rays = view.rays(subpixel(number), sample)
                 held = self._holdouts[eye]
                 if held is not None:
-                    shaded, sums.depth = held.shade(middle, rays, subpixel(number)), held.depth
+                    shaded = held.shade(middle, view, rays, subpixel(number), view.on_lens(sample))
+                    sums.depth = held.depth
                 else:
                     shaded = self._shade(middle, sums.order, rays, number)
                     if number == 0:

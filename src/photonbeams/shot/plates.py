@@ -397,7 +397,8 @@ class _File:
 
     @cached_property
     def _channels(self) -> list[_Channel]:
-        return [each for part, spec in enumerate(self._specs) for each in _channels_of(part, spec)]
+        several = len(self._specs) > 1
+        return [each for part, spec in enumerate(self._specs) for each in _channels_of(part, spec, several)]
 
     def channels_of(self, view: str, views: Sequence[str]) -> list[_Channel]:
         """Return the channels of one view of the frame's; where that is "", those of the file's first view."""
@@ -435,8 +436,8 @@ class _File:
             warn(f"{self} has the chromaticities {numbers}: expected Rec. 709, which is what the beams are")
 
 
-def _channels_of(part: int, spec: Any) -> Iterator[_Channel]:
-    """Yield a part's channels, with views taken out of their names."""
+def _channels_of(part: int, spec: Any, several: bool) -> Iterator[_Channel]:
+    """Yield a part's channels, views taken out of their names; of `several` parts, each is a layer of its name."""
     view = spec.get_string_attribute("view")
     layer = spec.get_string_attribute("oiio:subimagename")
     layer = layer.removesuffix(f".{view}") if view else layer
@@ -446,7 +447,7 @@ def _channels_of(part: int, spec: Any) -> Iterator[_Channel]:
         words = name.split(".")
         own = next((word for word in words[:-1] if word in views), "")
         name = ".".join(word for word in words if not own or word != own)
-        if layer and not name.lower().startswith(f"{layer.lower()}."):
+        if several and layer and not name.lower().startswith(f"{layer.lower()}."):
             name = f"{layer}.{name}"
         yield _Channel(part, index, name, str(spec.channelformat(index)), view or own or (views[0] if views else ""))
 

@@ -222,13 +222,14 @@ class Shot:
         height: int | None = None,
         frame: float | None = None,
         plates: Sequence[Holdout | Plate] = (),
+        view: str | None = None,
     ) -> tuple[int, int]:
         """Return (width, height): what is given, and the rest from the camera's aperture.
 
-        Where neither is given, they are those of the first of `plates`, if there are any.
+        Where neither is given, they are those of the first of `plates`, if there are any, for the view `view`.
         """
         if width is None and height is None and plates:
-            width, height = plates[0].size(self._number(frame), self._views(None))
+            width, height = plates[0].size(self._number(frame), self._views(view))
         camera = self.cameras(frame)[0]
         aspect = camera.horizontal_aperture / camera.vertical_aperture
         if width is None:
@@ -287,11 +288,11 @@ class Shot:
         if passes is not None:
             settings["passes"] = passes
         end, plate = Holdout.of(holdout), Plate.of(over)
-        size = self.resolution(width, height, frame, [each for each in (end, plate) if each is not None])
+        size = self.resolution(width, height, frame, [each for each in (end, plate) if each is not None], view)
         window = Window(size[0], size[1], _cropped(size[0], size[1], crop))
         names = self._views(view)
         depths = end.read(self._number(frame), names, size, self._warn) if end is not None else []
-        pixels = plate.read(self._number(frame), names, size, self._warn) if plate is not None else []
+        pixels = self._pixels(plate, self._number(frame), names, size)
         exposure = self.exposure(frame, blur, lens)
         eyes = [EYES.index(name) if name else 0 for name in names]
         content, cameras = exposure(0.0)
@@ -301,7 +302,7 @@ class Shot:
             window, Settings(**settings), progress,
             [each.seen_by(View(cameras[eye], window)) for each, eye in zip(depths, eyes, strict=False)],
         )  # fmt: skip
-        if plate is not None:
+        if plate is not None and pixels:
             for layers, each in zip(picture.views, pixels, strict=True):
                 layers["rgba"] = plate.under(layers, part_of(each, window))
         about = {
@@ -324,6 +325,17 @@ class Shot:
         """Raise what `render` would raise about the plates of a frame, as far as their headers tell."""
         for each in plates:
             each.check(self._number(frame), self._views(view), (width, height))
+
+    def _pixels(self, plate: Plate | None, number: float, names: Sequence[str], size: tuple[int, int]) -> list[Array]:
+        """Return the plate of each view; of a file that breaks off none, with a warning: beams are beams without it."""
+        if plate is None:
+            return []
+        plate.check(number, names, size)
+        try:
+            return plate.read(number, names, size, self._warn)
+        except scene.SceneError as error:
+            self._warn(f"{error}; rgba is what it is without a plate")
+            return []
 
     def _number(self, frame: float | None) -> float:
         """Return the number of a frame, as file names have it."""
