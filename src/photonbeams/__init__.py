@@ -49,7 +49,7 @@ if TYPE_CHECKING:
     )
     from .quadrature import Rule, gauss_legendre, riemann
     from .scene import Medium, SceneError
-    from .shot import Shot, Stereo
+    from .shot import Holdout, Plate, Shot, Stereo
 
     __version__: str
 
@@ -73,6 +73,7 @@ __all__ = [
     "Function",
     "Gaussian",
     "Glow",
+    "Holdout",
     "Hollow",
     "Isotropic",
     "Look",
@@ -80,6 +81,7 @@ __all__ = [
     "Mix",
     "Modulated",
     "Noise",
+    "Plate",
     "Polynomial",
     "Power",
     "Product",
@@ -108,7 +110,7 @@ _HOMES = {
     "estimators": ("estimate",),
     "quadrature": ("Rule", "gauss_legendre", "riemann"),
     "scene": ("Medium", "SceneError"),
-    "shot": ("Shot", "Stereo"),
+    "shot": ("Holdout", "Plate", "Shot", "Stereo"),
 }
 _HOME = dict.fromkeys(__all__, "looks") | {name: module for module, names in _HOMES.items() for name in names}
 

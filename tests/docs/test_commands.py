@@ -138,6 +138,11 @@ PROVOKED = {
     "expected a name that ends in .exr": ((), ["render", "dusty.usda", "-o", "a.jpg", "--dry-run"]),
     "expected at least one output": ((), ["render", "dusty.usda"]),
     "expected one run of # in its name": ((), ["render", "dusty.usda", "-f", "1:2", "-o", "a.exr"]),
+    "expected one size, or a whole multiple": (
+        (),
+        [*GOOD, "--holdout", "examples/blender/plate.exr", "--res", "300", "0"],
+    ),
+    "no channel that is called a depth": ((), [*GOOD, "--holdout", "examples/blender/textures/color_4C72FF.exr"]),
     "has no render settings": ((), [*GOOD, "--render-settings", "/Render/Settings"]),
 }
 

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
+import typer
 
 if TYPE_CHECKING:
     from pxr import Usd
@@ -19,7 +20,13 @@ STAGES = (".usd", ".usda", ".usdc", ".usdz")
 _NO_NEWS = ("channels", "chunkCount", "lineOrder", "name", "type", "view", "screenWindowCenter", "screenWindowWidth")
 
 
-def info(path: Path) -> None:
+def info(
+    path: Annotated[Path, typer.Argument(help="A stage, or an image.")],
+    session_layer: Annotated[
+        list[Path] | None,
+        typer.Option(metavar="FILE", help="A layer over the stage; may be repeated, the first is the strongest."),
+    ] = None,
+) -> None:
     """Show what a USD stage or an image file holds.
 
     Of a stage: cameras, lights, meshes, fog, looks, frames and units. Of an image: its parts with their views,
@@ -31,7 +38,9 @@ def info(path: Path) -> None:
     if not console.is_terminal:
         console.width = 240  # what is piped or filed keeps its lines whole
     if path.suffix.lower() in STAGES:
-        _show_stage(console, path)
+        _show_stage(console, path, session_layer or ())
+    elif session_layer:
+        raise typer.BadParameter(f"--session-layer is of a stage, and {path} is none: expected {', '.join(STAGES)}")
     else:
         _show_image(console, path)
 
@@ -106,10 +115,10 @@ def _text(value: Any) -> str:
 # -- stages ----------------------------------------------------------------------------------------------------------
 
 
-def _show_stage(console: Console, path: Path) -> None:
+def _show_stage(console: Console, path: Path, layers: Sequence[Path]) -> None:
     from ..shot import stage as stages
 
-    stage = stages.open_stage(path)
+    stage = stages.open_stage(path, layers)
     scene = stages.read_scene(stage, stages.default_time(stage))
     console.print(_table(None, _stage_rows(stage, scene)))
     sections = [

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -27,6 +27,7 @@ from ..simulation.sampling import hash32, pixel_sample, z_order
 from ..simulation.sides import lights_seen
 from ..simulation.trace import BeamSet, trace
 from .camera import CameraRays, View, Window
+from .holdouts import Held
 from .shutter import Moment, Shutter, slice_of, turn, with_lens
 from .surfaces import shade
 from .world import World
@@ -122,6 +123,7 @@ def render(
     window: Window,
     settings: Settings = Settings(),
     progress: Callable[[int, Statistics], None] | None = None,
+    holdouts: Sequence[Held] = (),
 ) -> Picture:
     """Render one frame.
 
@@ -133,6 +135,8 @@ def render(
         Passes, estimator, seed.
     progress
         Called with the number of finished passes, before the first and after each.
+    holdouts
+        For each view, where beams end, instead of at the scene's own surfaces: these are not seen then, but stop light.
 
     Raises
     ------
@@ -146,7 +150,7 @@ def render(
     begin = time.perf_counter()
     with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
         dr.kernel_history_clear()
-        frame = _Frame(shutter, window, settings, statistics)
+        frame = _Frame(shutter, window, settings, statistics, holdouts)
         for number in range(settings.passes):
             if progress is not None:
                 progress(number, statistics)
@@ -221,7 +225,14 @@ _LENS, _TIME = 101, 102
 class _Frame:
     """The sums over passes of all views."""
 
-    def __init__(self, shutter: Shutter, window: Window, settings: Settings, statistics: Statistics) -> None:
+    def __init__(
+        self,
+        shutter: Shutter,
+        window: Window,
+        settings: Settings,
+        statistics: Statistics,
+        holdouts: Sequence[Held] = (),
+    ) -> None:
         self._shutter, self._window, self._settings, self._statistics = shutter, window, settings, statistics
         ends = [shutter.at(0.0), shutter.at(1.0)] if shutter.moving else [shutter.at(0.0)]
         self._eyes = [np.asarray(camera.to_world)[:3, 3] for moment in ends for camera in moment.cameras]
@@ -237,6 +248,7 @@ class _Frame:
         self._seed = dr.opaque(UInt32, settings.seed & 0xFFFFFFFF)
         self._description = ends[0].scene
         self._sums = [_Sums(View(camera, window), self._description) for camera in ends[0].cameras]
+        self._holdouts: Sequence[Held | None] = holdouts or [None] * len(self._sums)
         self._default_look = Look()
         self._turned = False
         self._slices = None if settings.time_limit is not None else settings.passes
@@ -284,10 +296,16 @@ class _Frame:
             )
             film = view.film or any(each.close is not None for each in sets)
             with statistics.phase("surfaces"):
-                rays = view.rays(subpixel(number), self._samples(number) if film else None)
-                shaded = self._shade(middle, sums.order, rays, number)
-                if number == 0:
-                    sums.depth = self._depth(eye, sums) if film else rays.facing * shaded.depth
+                sample = self._samples(number) if film else None
+                rays = view.rays(subpixel(number), sample)
+                held = self._holdouts[eye]
+                if held is not None:
+                    shaded = held.shade(middle, view, rays, subpixel(number), view.on_lens(sample))
+                    sums.depth = held.depth
+                else:
+                    shaded = self._shade(middle, sums.order, rays, number)
+                    if number == 0:
+                        sums.depth = self._depth(eye, sums) if film else rays.facing * shaded.depth
                 sums.add_surfaces(shaded)
             pixels = _pixel_rays(middle, rays, shaded.depth)
             with statistics.phase("beams"):
