@@ -20,7 +20,8 @@ from .scene import SceneError
 
 _COLOR = ("start", "end", "power")
 _REQUIRED = ("start", "end", "radius_start", "radius_end", "power")
-_OPTIONAL = ("offset", "total", "entry", "end_normal")
+_OPTIONAL = ("offset", "total", "entry", "end_normal", "start_tangent", "end_tangent", "power_end")
+_VECTORS = (*_COLOR, "end_normal", "start_tangent", "end_tangent", "power_end")
 
 
 class Beams:
@@ -44,6 +45,14 @@ class Beams:
     end_normal
         (N, 3) normal of the surface that stopped the beam: the beam is cut by that plane, not straight across, and
         does not poke through walls that it meets at a slant. Default: cut straight across.
+    start_tangent, end_tangent
+        (N, 3) directions of the light at the two ends of a piece of a curve, in which `chains.tangents` joins pieces.
+        The piece is cut by the planes across them, through `start` and `end` (an `end_normal` takes the place of the
+        latter), and radius, falloff, power and direction change smoothly from the one plane to the other: two pieces
+        that share an end, its radius and its tangent are one beam there, without a seam. Given both, or neither: then
+        the beam is straight.
+    power_end
+        (N, 3) power at the end, where it changes along the beam, linearly. Default: that of the start.
 
     Arrays may be NumPy or Dr.Jit arrays. `start`, ... are then Dr.Jit arrays (`Array3f`, `Float`).
 
@@ -61,8 +70,7 @@ class Beams:
     """
 
     DRJIT_STRUCT: ClassVar[dict[str, Any]] = {
-        **{name: (Array3f if name in (*_COLOR, "end_normal") else Float) for name in _REQUIRED},
-        **{name: (Array3f if name == "end_normal" else Float) for name in _OPTIONAL},
+        **{name: (Array3f if name in _VECTORS else Float) for name in (*_REQUIRED, *_OPTIONAL)},
     }
 
     def __init__(
@@ -77,18 +85,24 @@ class Beams:
         total: Any = None,
         entry: Any = None,
         end_normal: Any = None,
+        start_tangent: Any = None,
+        end_tangent: Any = None,
+        power_end: Any = None,
     ) -> None:
         if start is None:  # as Dr.Jit makes a struct before it fills it
             return
         given = {
             "start": start, "end": end, "radius_start": radius_start, "radius_end": radius_end, "power": power,
             "offset": offset, "total": total, "entry": entry, "end_normal": end_normal,
+            "start_tangent": start_tangent, "end_tangent": end_tangent, "power_end": power_end,
         }  # fmt: skip
         count = _count(start)
         for name in _REQUIRED:
             setattr(self, name, _array(given[name], name, count))
         for name in _OPTIONAL:
             setattr(self, name, None if given[name] is None else _array(given[name], name, count))
+        if (start_tangent is None) != (end_tangent is None):
+            raise SceneError("Beams: one of start_tangent and end_tangent is given: expected both, or neither")
         _check_radii(self)
 
     start: Any
@@ -100,6 +114,9 @@ class Beams:
     total: Any
     entry: Any
     end_normal: Any
+    start_tangent: Any
+    end_tangent: Any
+    power_end: Any
 
     def __len__(self) -> int:
         """Return the number of beams."""
@@ -154,7 +171,7 @@ def _count(start: Any) -> int:
 
 def _array(value: Any, name: str, count: int) -> Any:
     """Return `value` as Float or Array3f of width `count`, checked where it comes from outside."""
-    vector = name in (*_COLOR, "end_normal")
+    vector = name in _VECTORS
     kind = Array3f if vector else Float
     if value is None:
         raise SceneError(f"Beams: {name} is not given: expected {'(N, 3)' if vector else '(N,)'} numbers")

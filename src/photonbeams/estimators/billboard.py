@@ -13,7 +13,7 @@ from typing import Any
 
 import drjit as dr
 
-from ..device import Array3f, Bool, UInt32
+from ..device import Array3f, Bool, Float, UInt32
 from ..looks import BoundLook
 from .blend import frustum_weight, need, touched
 from .geometry import Approach, Packed, Rays, Record, load, passing
@@ -24,14 +24,17 @@ def value(beam: Record, at: Approach, u2: Any, radius: Any, look: BoundLook, t_m
     inv_radius = dr.rcp(radius)
     x = u2 * dr.square(inv_radius)
     kernel = dr.sqrt(dr.maximum(1 - x, 0)) * look.profile.line(x) * (inv_radius * at.inv_sine)
-    distance = at.s + beam.offset
+    distance = at.along + beam.offset
     light = look.path(distance, beam.depth(distance), beam.fraction(distance), at.t, at.t - t_min)
-    return beam.power * (light * look.angle(-at.cosine) * kernel)
+    cosine = at.cosine if at.course is None else at.course.cosine(Float(0))
+    return beam.light(at.along) * (light * look.angle(-cosine) * kernel)
 
 
 def in_range(beam: Record, at: Approach, t_min: Any, t_max: Any, origin: Any, direction: Any) -> Any:
     """Return whether the closest approach lies between the beam's ends and on the visible part of the ray."""
-    inside = (at.s > 0) & (at.s < beam.stop) & (at.t > t_min) & (at.t < t_max)
+    inside = (at.s > beam.begin) & (at.s < beam.stop) & (at.t > t_min) & (at.t < t_max)
+    if at.course is not None:
+        inside &= (at.course.a > 0) if beam.cap is not None else (at.course.a > 0) & (at.course.b > 0)
     if beam.cap is not None:
         height = beam.cap_offset - (0.0 if origin is None else dr.dot(origin, beam.cap))
         inside &= dr.dot(direction, beam.cap) * at.t > height
@@ -71,8 +74,8 @@ def billboard_sum(
             ray = rays[p]
             way = passing(beam, ray.origin, ray.direction)
             if way.meets(beam):
-                at = way.closest()
-                radius = dr.fma(beam.slope, at.s, beam.radius)
+                at = way.closest(beam, ray.origin, ray.direction)
+                radius = dr.fma(beam.slope, at.along, beam.radius)
                 inside = in_range(beam, at, ray.t_min, ray.t_max, ray.origin, ray.direction)
                 if dr.hint(blended, mode="scalar"):
                     boundary, change = need(beam, at, radius, look, ray.t_min, ray.t_max, ray.origin, ray.direction)
@@ -80,7 +83,7 @@ def billboard_sum(
                     if inside & (radius > 0) & (share > 0):
                         # The distance that is R where the ray leaves the cone. At u = R itself a tapered beam's chord
                         # is not yet empty, and a hard rim would hand over with a step.
-                        u2 = at.u2 * (1 - dr.square(beam.slope * at.cosine * at.inv_sine))
+                        u2 = at.u2 * (1 - dr.square(at.taper(beam) * at.inv_sine))
                         radiance[p] += value(beam, at, u2, radius, look, ray.t_min) * share
                     # An empty ray, as beyond the picture's border, lies at its own boundary.
                     marked |= touched(boundary, change, inside) & (ray.t_min < ray.t_max)

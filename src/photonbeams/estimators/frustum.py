@@ -45,8 +45,7 @@ class Points:
 
 def corners(beam: Record, ray: Chord, look: BoundLook) -> list[Any]:
     """Return the τ at which the integrand has a corner: rings of the profile, knots of the colour ramp."""
-    radius = dr.fma(beam.slope, ray.s, beam.radius)
-    slope_c = beam.slope * ray.cosine
+    radius, slope_c = ray.radius, ray.growth
     result = []
     for rho in look.profile.corners:
         if rho == 0:
@@ -58,21 +57,33 @@ def corners(beam: Record, ray: Chord, look: BoundLook) -> list[Any]:
         root = dr.sqrt(dr.maximum(dr.fma(B, B, -A * C), 0))
         inv = dr.rcp(dr.select(dr.abs(A) < 1e-12, 1e-12, A))
         result += [(-B - root) * inv, (-B + root) * inv]
-    inv_c = dr.rcp(dr.select(dr.abs(ray.cosine) < 1e-6, 1e-6, ray.cosine))
     distances = [dr.opaque(Float, place) - beam.offset for place in look.corners_distance]
     distances += [dr.opaque(Float, place) * beam.total - beam.offset for place in look.corners_fraction]
-    result += [(distance - ray.s) * inv_c for distance in distances[:_MOST_CORNERS]]
-    return result
+    if ray.course is not None:
+        return result + [ray.course.where(distance) for distance in distances[:_MOST_CORNERS]]
+    inv_c = dr.rcp(dr.select(dr.abs(ray.cosine) < 1e-6, 1e-6, ray.cosine))
+    return result + [(distance - ray.s) * inv_c for distance in distances[:_MOST_CORNERS]]
 
 
 def integrand(beam: Record, ray: Chord, tau: Any, look: BoundLook, t_min: Any) -> Any:
-    """Return k2 · along · eye at τ."""
-    radius = dr.maximum(dr.fma(beam.slope, dr.fma(ray.cosine, tau, ray.s), beam.radius), 1e-12)
+    """Return k2 · along · eye at τ, and of power and angle what changes along the beam."""
+    s = ray.along(tau)
+    radius = dr.maximum(dr.fma(beam.slope, s, beam.radius), 1e-12)
     inv = dr.rcp(radius * radius)
-    distance = dr.fma(ray.cosine, tau, ray.s) + beam.offset
+    distance = s + beam.offset
     t = ray.t + tau
     light = look.path(distance, beam.depth(distance), beam.fraction(distance), t, t - t_min)
+    if beam.gain is not None:
+        light *= beam.light(s)
+    if ray.course is not None:
+        light *= look.angle(-ray.course.cosine(tau))
     return light * (look.profile.density(dr.minimum(ray.radius2(tau) * inv, 1)) * inv)
+
+
+def steady(beam: Record, ray: Chord, look: BoundLook) -> Any:
+    """Return Φ · angle, or what of it does not change along the beam."""
+    power = beam.power if beam.gain is None else Array3f(1)
+    return power if ray.course is not None else power * look.angle(-ray.cosine)
 
 
 @dr.syntax
@@ -84,10 +95,10 @@ def chord_integral(beam: Record, ray: Chord, look: BoundLook, points: Points, t_
     rate = dr.fma(dr.abs(ray.cosine), look.rate_along + look.rate_fraction * beam.inv_total, look.rate_eye)
     steady = _CHANGE * dr.rcp(dr.maximum(rate, 1e-20))
     shortest = (ray.b - ray.a) * (1 / _MOST_CUTS)
-    growth = beam.slope * ray.cosine
+    growth = ray.growth
     spread = dr.select(growth > 0, _RATIO - 1, 1 - 1 / _RATIO) * dr.rcp(dr.maximum(dr.abs(growth), 1e-20))
     while low < end:
-        radius = dr.fma(beam.slope, dr.fma(ray.cosine, low, ray.s), beam.radius)
+        radius = dr.fma(beam.slope, ray.along(low), beam.radius)
         longest = dr.maximum(dr.minimum(steady, spread * radius), shortest)
         # A piece of almost the whole rest takes all of it: rounding would leave a sliver. One too short to be told from
         # `low` would never end.
@@ -128,11 +139,11 @@ def frustum_sum(
         weight = dr.select(part.valid, Float(1), Float(0))
         if dr.hint(blended, mode="scalar"):
             at = closest_approach(beam, ray.origin, ray.direction)
-            radius = dr.fma(beam.slope, at.s, beam.radius)
+            radius = dr.fma(beam.slope, at.along, beam.radius)
             boundary, change = need(beam, at, radius, look, ray.t_min, ray.t_max, ray.origin, ray.direction)
             weight *= frustum_weight(boundary, change)
         if weight > 0:
             light = chord_integral(beam, part, look, points, ray.t_min, weight > 0)
-            radiance += beam.power * look.angle(-part.cosine) * light * weight
+            radiance += steady(beam, part, look) * light * weight
         i += 1
     return radiance
