@@ -90,6 +90,8 @@ class Beams:
         power_end: Any = None,
     ) -> None:
         if start is None:  # as Dr.Jit makes a struct before it fills it
+            for name in _OPTIONAL:
+                setattr(self, name, None)
             return
         given = {
             "start": start, "end": end, "radius_start": radius_start, "radius_end": radius_end, "power": power,

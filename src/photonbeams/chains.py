@@ -29,7 +29,7 @@ def directions(start: npt.ArrayLike, end: npt.ArrayLike) -> Array:
     return step / np.where(length > 0, length, 1)
 
 
-def tangents(axis: npt.ArrayLike, following: npt.ArrayLike, ends: Any = None) -> tuple[Array, Array]:
+def tangents(axis: npt.ArrayLike, following: npt.ArrayLike) -> tuple[Array, Array]:
     """Return the light's directions at both ends of pieces, (N, 3) each, as `Beams` takes them.
 
     Parameters
@@ -38,18 +38,19 @@ def tangents(axis: npt.ArrayLike, following: npt.ArrayLike, ends: Any = None) ->
         (N, 3) unit directions of the pieces.
     following
         (N,) number of the piece that goes on where each ends, or −1 for none.
-    ends
-        (N, 3) directions at the starts and at the ends of pieces, used where no other piece adjoins. Default: the
-        pieces' own; at a curve's two ends alone the picture then errs by the order n⁻¹.
+
+    Notes
+    -----
+    Where no other piece adjoins, it is the piece's own direction. A curve is thus cut across its first and its last piece,
+    not quite across itself: its two faces, and they alone, err by the order n⁻¹.
     """
     axis, following = np.asarray(axis, dtype=np.float64), np.asarray(following, dtype=np.int64)
-    first, last = (np.array(axis if ends is None else each, dtype=np.float64) for each in (ends or (axis, axis)))
+    first, last = axis.copy(), axis.copy()
     before = np.flatnonzero(following >= 0)
     behind = following[before]
     halfway = axis[before] + axis[behind]
     length = np.linalg.norm(halfway, axis=1)
     joined = length > 2 * np.cos(np.radians(SHARPEST / 2))
-    last[before], first[behind] = axis[before], axis[behind]
     halfway = halfway[joined] / length[joined, None]
     last[before[joined]], first[behind[joined]] = halfway, halfway
     return first, last
