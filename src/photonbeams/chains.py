@@ -41,8 +41,8 @@ def tangents(axis: npt.ArrayLike, following: npt.ArrayLike) -> tuple[Array, Arra
 
     Notes
     -----
-    Where no other piece adjoins, it is the piece's own direction. A curve is thus cut across its first and its last piece,
-    not quite across itself: its two faces, and they alone, err by the order n⁻¹.
+    Where no other piece adjoins, it is the piece's own direction. A curve is thus cut across its first and its last
+    piece, not quite across itself: its two faces, and they alone, err by the order n⁻¹.
     """
     axis, following = np.asarray(axis, dtype=np.float64), np.asarray(following, dtype=np.int64)
     first, last = axis.copy(), axis.copy()

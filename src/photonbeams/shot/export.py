@@ -105,7 +105,7 @@ def chains(fields: Mapping[str, Array]) -> tuple[Array, Array, Array]:
     by the same plane.
     """
     count = len(fields["start"])
-    joined = np.zeros(max(count - 1, 0), dtype=bool)
+    joined: Array = np.zeros(max(count - 1, 0), dtype=bool)
     if "start_tangent" in fields and count > 1:
         pairs = (("start", "end"), ("radius_start", "radius_end"), ("start_tangent", "end_tangent"))
         same = [fields[a][1:].reshape(count - 1, -1) == fields[b][:-1].reshape(count - 1, -1) for a, b in pairs]
