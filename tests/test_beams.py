@@ -9,15 +9,17 @@ from photonbeams.device import Array3f, Float, UInt32
 from photonbeams.scene import SceneError
 
 COUNT = 5
-NAMES = ("start", "end", "radius_start", "radius_end", "power", "offset", "total", "entry", "end_normal")
+VECTORS = ("start", "end", "end_normal", "start_tangent", "end_tangent")
+NAMES = (*VECTORS, "radius_start", "radius_end", "power", "power_end", "offset", "total", "entry")
 
 
 @pytest.fixture
 def beams(rng):
     """Beams with every field set."""
-    vectors = {name: rng.normal(size=(COUNT, 3)) for name in ("start", "end", "end_normal")}
+    vectors = {name: rng.normal(size=(COUNT, 3)) for name in VECTORS}
     numbers = {name: rng.uniform(0.1, 1, COUNT) for name in ("radius_start", "radius_end", "offset", "total", "entry")}
-    return pb.Beams(**vectors, **numbers, power=rng.uniform(0, 1, (COUNT, 3)))
+    power, power_end = rng.uniform(0, 1, (2, COUNT, 3))
+    return pb.Beams(**vectors, **numbers, power=power, power_end=power_end)
 
 
 def same(a, b):
@@ -107,6 +109,7 @@ GIVEN = {"start": [[0, 0, 0]] * 2, "end": [[0, 0, 1]] * 2, "radius_start": 0.1, 
         (r"end of beam 1 is not finite", {"end": [[0, 0, 1], [0, np.nan, 1]]}),
         (r"power of beam 0 is not finite", {"power": [[np.inf, 1, 1], [1, 1, 1]]}),
         (r"offset of beam 1 is not finite", {"offset": [0, np.nan]}),
+        (r"one of start_tangent and end_tangent is given: expected both", {"start_tangent": (0, 0, 1)}),
         (r"radii that are not negative", {"radius_start": -0.1}),
         (r"not both of a beam zero", {"radius_start": [0.1, 0], "radius_end": [0.1, 0]}),
     ],

@@ -10,6 +10,7 @@ from . import device
 
 if TYPE_CHECKING:
     from .beams import Beams
+    from .chains import curved
     from .estimators.estimate import estimate
     from .looks import (
         Across,
@@ -97,6 +98,7 @@ __all__ = [
     "Uniform",
     "Variation",
     "__version__",
+    "curved",
     "estimate",
     "gauss_legendre",
     "riemann",
@@ -107,6 +109,7 @@ device.prepare()
 
 _HOMES = {
     "beams": ("Beams",),
+    "chains": ("curved",),
     "estimators": ("estimate",),
     "quadrature": ("Rule", "gauss_legendre", "riemann"),
     "scene": ("Medium", "SceneError"),

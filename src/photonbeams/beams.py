@@ -21,7 +21,10 @@ from .scene import SceneError
 
 _COLOR = ("start", "end", "power")
 _REQUIRED = ("start", "end", "radius_start", "radius_end", "power")
-_OPTIONAL = ("offset", "total", "entry", "end_normal", "random", "id", "generation")
+_OPTIONAL = (
+    "offset", "total", "entry", "end_normal", "start_tangent", "end_tangent", "power_end", "random", "id", "generation"
+)  # fmt: skip
+_VECTORS = (*_COLOR, "end_normal", "start_tangent", "end_tangent", "power_end")
 
 
 class Beams:
@@ -48,6 +51,14 @@ class Beams:
     random, id, generation
         (N,) what looks may ask of a beam: a random number from 0 to 1, a number that names it from frame to frame, and
         how often its light was scattered before. Default: a hash of the number, its place here, 0.
+    start_tangent, end_tangent
+        (N, 3) directions of the light at the two ends of a piece of a curve, in which `chains.tangents` joins pieces.
+        The piece is cut by the planes across them, through `start` and `end` (an `end_normal` takes the place of the
+        latter), and radius, falloff, power and direction change smoothly from the one plane to the other: two pieces
+        that share an end, its radius and its tangent are one beam there, without a seam. Given both, or neither: then
+        the beam is straight.
+    power_end
+        (N, 3) power at the end, where it changes along the beam, linearly. Default: that of the start.
 
     Arrays may be NumPy or Dr.Jit arrays. `start`, ... are then Dr.Jit arrays (`Array3f`, `Float`).
 
@@ -65,8 +76,7 @@ class Beams:
     """
 
     DRJIT_STRUCT: ClassVar[dict[str, Any]] = {
-        **{name: (Array3f if name in (*_COLOR, "end_normal") else Float) for name in _REQUIRED},
-        **{name: (Array3f if name == "end_normal" else Float) for name in _OPTIONAL},
+        **{name: (Array3f if name in _VECTORS else Float) for name in (*_REQUIRED, *_OPTIONAL)},
     }
 
     def __init__(
@@ -84,19 +94,27 @@ class Beams:
         random: Any = None,
         id: Any = None,
         generation: Any = None,
+        start_tangent: Any = None,
+        end_tangent: Any = None,
+        power_end: Any = None,
     ) -> None:
         if start is None:  # as Dr.Jit makes a struct before it fills it
+            for name in _OPTIONAL:
+                setattr(self, name, None)
             return
         given = {
             "start": start, "end": end, "radius_start": radius_start, "radius_end": radius_end, "power": power,
             "offset": offset, "total": total, "entry": entry, "end_normal": end_normal,
             "random": random, "id": id, "generation": generation,
+            "start_tangent": start_tangent, "end_tangent": end_tangent, "power_end": power_end,
         }  # fmt: skip
         count = _count(start)
         for name in _REQUIRED:
             setattr(self, name, _array(given[name], name, count))
         for name in _OPTIONAL:
             setattr(self, name, None if given[name] is None else _array(given[name], name, count))
+        if (start_tangent is None) != (end_tangent is None):
+            raise SceneError("Beams: one of start_tangent and end_tangent is given: expected both, or neither")
         _check_radii(self)
 
     start: Any
@@ -104,13 +122,16 @@ class Beams:
     radius_start: Any
     radius_end: Any
     power: Any
-    offset: Any = None
-    total: Any = None
-    entry: Any = None
-    end_normal: Any = None
-    random: Any = None
-    id: Any = None
-    generation: Any = None
+    offset: Any
+    total: Any
+    entry: Any
+    end_normal: Any
+    start_tangent: Any
+    end_tangent: Any
+    power_end: Any
+    random: Any
+    id: Any
+    generation: Any
 
     def __len__(self) -> int:
         """Return the number of beams."""
@@ -172,7 +193,7 @@ def _count(start: Any) -> int:
 
 def _array(value: Any, name: str, count: int) -> Any:
     """Return `value` as Float or Array3f of width `count`, checked where it comes from outside."""
-    vector = name in (*_COLOR, "end_normal")
+    vector = name in _VECTORS
     kind = Array3f if vector else Float
     if value is None:
         raise SceneError(f"Beams: {name} is not given: expected {'(N, 3)' if vector else '(N,)'} numbers")

@@ -8,7 +8,7 @@ reaches a kernel is finite and in range; the messages name the field, and `shot/
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -254,7 +254,11 @@ class Camera:
 
 @dataclass(frozen=True)
 class DrawnBeams:
-    """Beams that someone drew: `start` and `end` (N, 3), `radius_start` and `radius_end` (N,), `power` (N, 3)."""
+    """Beams that someone drew: `start` and `end` (N, 3), `radius_start` and `radius_end` (N,), `power` (N, 3).
+
+    The other arrays are as `Beams` has them, or None: pieces of curves have `offset` and `total` (N,), by which
+    falloffs run over the whole curve, and `start_tangent` and `end_tangent` (N, 3), by which they are joined.
+    """
 
     name: str
     start: Array
@@ -264,6 +268,19 @@ class DrawnBeams:
     power: Array
     group: str = ""
     look: Look | None = None
+    offset: Array | None = None
+    total: Array | None = None
+    entry: Array | None = None
+    end_normal: Array | None = None
+    start_tangent: Array | None = None
+    end_tangent: Array | None = None
+    power_end: Array | None = None
+
+    def arrays(self) -> dict[str, Array]:
+        """Return all arrays that are set, by the names that `Beams` takes."""
+        named = {each.name: getattr(self, each.name) for each in fields(self)}
+        others = ("name", "group", "look")
+        return {key: value for key, value in named.items() if key not in others and value is not None}
 
 
 @dataclass(frozen=True)

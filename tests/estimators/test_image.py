@@ -158,6 +158,39 @@ def inside_points(rng, start, end, radius, normal, count):
     return points
 
 
+def slanted_ends(rng, start, end):
+    """Return directions at both ends of pieces of curves, up to 60 degrees from the axis."""
+    axis = (end - start) / np.linalg.norm(end - start, axis=1, keepdims=True)
+    across = np.cross(axis, rng.normal(size=(2, *axis.shape)))
+    across /= np.linalg.norm(across, axis=2, keepdims=True)
+    found = axis + across * np.tan(np.radians(rng.uniform(0, 60, (2, len(axis), 1))))
+    return found / np.linalg.norm(found, axis=2, keepdims=True)
+
+
+def inside_bends(rng, start, end, radius, tangents, count):
+    """Return (N, count, 3) points inside of pieces of curves, NaN what the planes at their ends cut off."""
+    axis = end - start
+    length = np.linalg.norm(axis, axis=1)[:, None]
+    axis = axis / length
+    up = np.cross(axis, [0.123, 0.456, 0.789])
+    up /= np.linalg.norm(up, axis=1, keepdims=True)
+    along = rng.uniform(-1, 1, (len(start), count)) * radius[:, :1] + length * rng.integers(0, 2, (len(start), count))
+    angle, across = rng.uniform(0, 2 * np.pi, along.shape), rng.random(along.shape) ** 0.3
+    reach = across * radius.max(axis=1)[:, None]
+    side = np.cos(angle)[..., None] * up[:, None] + np.sin(angle)[..., None] * np.cross(axis, up)[:, None]
+    points = start[:, None] + along[..., None] * axis[:, None] + reach[..., None] * side
+    first, last = (
+        np.einsum("npk,nk->np", points - place[:, None], each) / np.einsum("nk,nk->n", axis, each)[:, None]
+        for place, each in zip((start, end), tangents, strict=True)
+    )
+    with np.errstate(all="ignore"):
+        wide = lerp(radius[:, :1], radius[:, 1:], first / (first - last))
+        inside = (first > 0) & (last < 0) & (reach < wide)
+    inside &= (along > -radius[:, :1]) & (along < length + radius[:, 1:])
+    points[~inside] = np.nan
+    return points
+
+
 def lerp(a, b, weight):
     return a + (b - a) * weight
 
@@ -177,23 +210,32 @@ def on_screen(points, time, rng, camera, close, projection):
 
 
 @pytest.mark.parametrize("view", VIEWS)
-@pytest.mark.parametrize("slanted", [False, True])
+@pytest.mark.parametrize("slanted", [False, True, "bent"])
 def test_no_tile_misses_a_beam(view, slanted, rng):
     """Every point of a beam that lies in the picture lies in a tile that lists the beam."""
     camera, window = VIEWS[view]
     projection = View(camera, window).projection
     start, end, radius = random_beams(rng, 3000)
     normal = None
-    if slanted:
+    tangents = (None, None)
+    if slanted == "bent":
+        tangents = slanted_ends(rng, start, end)
+    elif slanted:
         normal = rng.normal(size=start.shape) * 0.5 - (end - start) / np.linalg.norm(end - start, axis=1, keepdims=True)
         normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    beams = pb.Beams(start, end, radius[:, 0], radius[:, 1], [[1, 1, 1]], end_normal=normal)
+    beams = pb.Beams(
+        start, end, radius[:, 0], radius[:, 1], [[1, 1, 1]],
+        end_normal=normal, start_tangent=tangents[0], end_tangent=tangents[1],
+    )  # fmt: skip
     endless = dr.full(Float, np.inf, projection.tiles)
     lists = Bins(footprints(beams, projection), projection, endless, 0, len(beams)).lists()
     sizes = lists.stop.numpy().astype(int) - lists.first.numpy()
     listed = np.repeat(np.arange(projection.tiles), sizes) * len(beams) + lists.beams.numpy()
 
-    points = inside_points(rng, start, end, radius, normal, 400)
+    if slanted == "bent":
+        points = inside_bends(rng, start, end, radius, tangents, 400)
+    else:
+        points = inside_points(rng, start, end, radius, normal, 400)
     with np.errstate(all="ignore"):
         x, y, depth = on_screen(points, np.zeros(points.shape[:2]), rng, camera, None, projection)
         # Rounding moves a place on the screen by this many pixels, which may be across the border of a tile.
@@ -202,7 +244,7 @@ def test_no_tile_misses_a_beam(view, slanted, rng):
         seen = (depth > 1e-4) & (x >= 0) & (x < WIDTH) & (y >= 0) & (y < HEIGHT)
     tile = y[seen] // TILE * projection.columns + x[seen] // TILE
     number = np.broadcast_to(np.arange(len(beams))[:, None], seen.shape)[seen]
-    assert np.count_nonzero(seen) > 10_000
+    assert np.count_nonzero(seen) > 5_000
     assert np.all(np.isin(tile.astype(int) * len(beams) + number, listed))
 
 

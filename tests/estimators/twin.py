@@ -25,6 +25,8 @@ class Beam:
     total: float | None = None
     entry: float = 0.0
     end_normal: Any = None
+    tangents: Any = None  # the light's directions at both ends
+    power_end: Any = None
 
     @property
     def length(self):
@@ -37,6 +39,51 @@ class Beam:
     def radius(self, s):
         return self.radius_start + (self.radius_end - self.radius_start) * s / self.length
 
+    def planes(self):
+        """Return (point, normal) of the planes that cut the beam, the beam on the side that normals point to."""
+        if self.tangents is None:
+            first, last = (self.start, self.axis), (self.end, -self.axis)
+        else:
+            first, last = (self.start, self.tangents[0]), (self.end, -np.asarray(self.tangents[1]))
+        return [first, last if self.end_normal is None else (self.end, self.end_normal)]
+
+    def reach(self):
+        """Return the distances along the axis beyond which there is nothing, whatever the planes."""
+        low = 0.0 if self.tangents is None else -self.radius_start
+        cut = self.end_normal is not None or self.tangents is not None
+        return low, self.length + (self.radius_end if cut else 0.0)
+
+    def along(self, point):
+        """Return the distance from the start, on which falloff, radius and direction depend, at points (…, 3).
+
+        Between the planes at the ends it grows linearly on every line along the axis.
+        """
+        if self.tangents is None:
+            return (point - self.start) @ self.axis
+        first, last = (
+            np.asarray(each) @ self.axis / np.linalg.norm(each) for each in self.tangents
+        )  # cosines of the planes' slants
+        a, b = (
+            ((point - end) @ (np.asarray(each) / np.linalg.norm(each))) / cosine
+            for end, each, cosine in zip((self.start, self.end), self.tangents, (first, last), strict=True)
+        )
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return self.length * np.clip(np.where(a - b > 0, a / (a - b), 0.5), 0, 2)
+
+    def cosine(self, s, direction):
+        """Return the cosine between directions (N, 3) and the light's own at distances s (N, …) from the start."""
+        if self.tangents is None:
+            return np.broadcast_to((direction @ self.axis).reshape(-1, *[1] * (s.ndim - 1)), s.shape)
+        first, last = (np.asarray(each) / np.linalg.norm(each) for each in self.tangents)
+        turned = first + (s / self.length)[..., None] * (last - first)
+        turned /= np.linalg.norm(turned, axis=-1, keepdims=True)
+        return np.einsum("n...k,nk->n...", turned, direction)
+
+    def light(self, s):
+        """Return the power at distances from the start."""
+        last = self.power if self.power_end is None else self.power_end
+        return np.maximum(np.asarray(self.power) + (s / self.length)[..., None] * np.subtract(last, self.power), 0)
+
     def fields(self):
         """Return what `Beams` takes."""
         given = {name: getattr(self, name) for name in ("start", "end", "power")}
@@ -46,6 +93,10 @@ class Beam:
             given["total"] = self.total
         if self.end_normal is not None:
             given["end_normal"] = self.end_normal
+        if self.tangents is not None:
+            given["start_tangent"], given["end_tangent"] = self.tangents
+        if self.power_end is not None:
+            given["power_end"] = self.power_end
         return given
 
 
@@ -73,23 +124,22 @@ class TwinLook:
         return self.along(distance, depth, fraction) * self.eye(t, t - t_min) * more
 
 
-def place(beam, origin, direction, t):
-    """Return the distance along the beam and from its axis, of points (N, …) at t on rays (N, 3)."""
+def places(beam, origin, direction, t):
+    """Return the points (N, …, 3) at t (N, …) on rays (N, 3), and their distance from the beam's axis."""
     t = np.asarray(t)
     inner = (slice(None),) + (None,) * (t.ndim - 1)
-    point = origin[inner] + t[..., None] * direction[inner] - beam.start
-    s = point @ beam.axis
-    return s, np.linalg.norm(point - s[..., None] * beam.axis, axis=-1)
+    point = origin[inner] + t[..., None] * direction[inner]
+    offset = point - beam.start
+    return point, np.linalg.norm(offset - (offset @ beam.axis)[..., None] * beam.axis, axis=-1)
 
 
 def outside(beam, origin, direction, t, t_min, t_max):
-    """Return a convex function of t that is negative where the point lies in the beam and on the visible ray."""
-    s, r = place(beam, origin, direction, t)
-    stop = beam.length if beam.end_normal is None else beam.length + beam.radius_end
-    walls = [r - beam.radius(s), -s, s - stop, t_min - t, t - t_max]
-    if beam.end_normal is not None:
-        point = origin + t[:, None] * direction - beam.end
-        walls.append(-(point @ np.asarray(beam.end_normal, dtype=float)))
+    """Return a function of t, convex but for a curve's taper, negative within the beam and on the visible ray."""
+    point, r = places(beam, origin, direction, t)
+    s = (point - beam.start) @ beam.axis
+    low, high = beam.reach()
+    walls = [r - beam.radius(beam.along(point)), low - s, s - high, t_min - t, t - t_max]
+    walls += [-((point - place) @ (np.asarray(normal) / np.linalg.norm(normal))) for place, normal in beam.planes()]
     return np.max(walls, axis=0)
 
 
@@ -128,7 +178,7 @@ def frustum(beam, look, origin, direction, t_min=0.0, t_max=ENDLESS, pieces=64):
     edges = a[:, None] + (b - a)[:, None] * np.linspace(0, 1, pieces + 1)
     # Where the colour along the beam jumps, and at the closest approach, a piece begins.
     c = direction @ beam.axis
-    s0, _ = place(beam, origin, direction, np.zeros(len(c)))
+    s0 = (origin - beam.start) @ beam.axis
     total = beam.offset + beam.length if beam.total is None else beam.total
     with np.errstate(divide="ignore", invalid="ignore"):
         jumps = [(corner * total - beam.offset - s0) / c for corner in look.corners]
@@ -138,40 +188,40 @@ def frustum(beam, look, origin, direction, t_min=0.0, t_max=ENDLESS, pieces=64):
     half, middle = np.diff(edges)[..., None] / 2, (edges[:, 1:] + edges[:, :-1])[..., None] / 2
     t = (middle + half * _X).reshape(len(a), -1)
     weight = (half * _W).reshape(len(a), -1)
-    s, r = place(beam, origin, direction, t)
+    point, r = places(beam, origin, direction, t)
+    s = beam.along(point)
     radius = np.where(weight > 0, beam.radius(s), 1.0)  # a miss may pass the cone's tip
     rho = np.minimum(r / radius, 1)
     kernel = look.across(rho) / radius**2
-    point = origin[:, None] + t[..., None] * direction[:, None]
-    factors = look.factors(beam, s, t, t_min[:, None], rho, point, -c[:, None])
-    light = np.sum((weight * kernel)[..., None] * factors, axis=1)
-    return np.asarray(beam.power) * look.angle(-c) * light
+    cosine = -beam.cosine(s, direction)
+    light = look.factors(beam, s, t, t_min[:, None], rho, point, cosine) * look.angle(cosine) * beam.light(s)
+    return np.sum((weight * kernel)[..., None] * light, axis=1)
 
 
 def billboard(beam, look, origin, direction, t_min=0.0, t_max=ENDLESS):
     """Beam × Beam 1D: Φ · angle / sin θ · k1(u, R(s)) · along · eye at the closest approach."""
     origin, direction, t_min, t_max = rays(origin, direction, t_min, t_max)
-    s, t = closest(beam, origin, direction)
-    _, u = place(beam, origin, direction, t)
+    straight, t = closest(beam, origin, direction)
+    point, u = places(beam, origin, direction, t)
+    s = beam.along(point) if beam.tangents is not None else straight
     radius = beam.radius(s)
-    hit = (s > 0) & (t > t_min) & (t < t_max) & (u < radius)
-    if beam.end_normal is None:
-        hit &= s < beam.length
-    else:
-        point = origin + t[:, None] * direction - beam.end
-        hit &= (s < beam.length + beam.radius_end) & (point @ np.asarray(beam.end_normal, dtype=float) > 0)
-    c = direction @ beam.axis
-    value = np.zeros((len(c), 3))
-    s, t, u, c, radius, t_min = (x[hit] for x in (s, t, u, c, radius, t_min))
-    sine = np.linalg.norm(np.cross(direction[hit], beam.axis), axis=1)
-    point = origin[hit] + t[:, None] * direction[hit]
+    low, high = beam.reach()
+    hit = (straight > low) & (straight < high) & (t > t_min) & (t < t_max) & (u < radius)
+    for place, normal in beam.planes():
+        # A plane straight across is one of `reach`.
+        if beam.tangents is not None or beam.end_normal is normal:
+            hit &= (point - place) @ np.asarray(normal, dtype=float) > 0
+    value = np.zeros((len(s), 3))
+    s, t, u, radius, t_min, direction, point = (x[hit] for x in (s, t, u, radius, t_min, direction, point))
+    cosine = -beam.cosine(s, direction)
+    sine = np.linalg.norm(np.cross(direction, beam.axis), axis=1)
 
     def light(rho):
         columns = (x[:, None] for x in (s, t, t_min))
-        return look.across(rho)[..., None] * look.factors(beam, *columns, rho, point[:, None], -c[:, None])
+        return look.across(rho)[..., None] * look.factors(beam, *columns, rho, point[:, None], cosine[:, None])
 
     projected = k1(light, u / radius) / (radius * sine)[:, None]
-    value[hit] = np.asarray(beam.power) * look.angle(-c) * projected
+    value[hit] = look.angle(cosine) * projected * beam.light(s)
     return value
 
 

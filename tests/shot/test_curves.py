@@ -1,13 +1,23 @@
 """Drawn beams, read and written."""
 
+import re
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from scipy.interpolate import BSpline, CubicHermiteSpline
 
 from photonbeams.scene import DrawnBeams, SceneError
-from photonbeams.shot.curves import write_beams
+from photonbeams.shot.export import write_beams
+from photonbeams.shot.splines import BASES, CHORD_ERROR, MOST_TURN, Spans, varying_counts
 from photonbeams.shot.stage import open_stage, read_scene
 
 API = '(prepend apiSchemas = ["PhotonBeamsCurvesAPI"])'
+
+
+@pytest.fixture
+def knots(rng):
+    return rng.normal(size=(7, 3))
 
 
 def curves(body, counts="[2, 2]", kind="linear", points="[(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 3, 0)]"):
@@ -75,10 +85,186 @@ def test_transforms_reach_points_and_widths(scene):
     assert result.group == "drawn"
 
 
-def test_of_cubic_curves_the_control_polygon_is_used_with_a_warning(scene, caplog):
-    result = only(scene(curves("float[] widths = [0.1]", "[4]", "cubic")))
-    assert len(result.start) == 3
-    assert "/B.type is not 'linear': the polygon of control points is used" in caplog.text
+# -- Cubic curves ------------------------------------------------------------------------------------------------------
+
+
+def de_casteljau(points, t):
+    """Return the points at t of the Bézier curve of four control points."""
+    for _ in range(3):
+        points = (
+            points[:-1] + t[:, None, None] * (points[1:] - points[:-1])
+            if points.ndim == 2
+            else (points[:, :-1] + t[:, None, None] * (points[:, 1:] - points[:, :-1]))
+        )
+    return points[:, 0]
+
+
+@pytest.mark.parametrize("wrap", ["nonperiodic", "periodic", "pinned"])
+@pytest.mark.parametrize("basis", BASES)
+def test_spans_are_the_curves_that_others_compute(basis, wrap, knots):
+    points = knots[:6] if basis == "bezier" and wrap == "periodic" else knots
+    counts = np.array([len(points)])
+    spans = Spans.of(counts, np.array([True]), basis, wrap)
+    t = np.linspace(0, 1, 5)
+    whole = {"nonperiodic": points, "periodic": np.concatenate([points, points[:3]])}.get(wrap)
+    if wrap == "pinned":  # phantom points that a line through the end and its neighbour would go on to
+        whole = np.concatenate([[2 * points[0] - points[1]], points, [2 * points[-1] - points[-2]]])
+    if basis == "bezier":
+        whole = np.concatenate([points, points[:1]]) if wrap == "periodic" else points
+    for span in range(len(spans.curve)):
+        if basis == "bezier":
+            expected = de_casteljau(whole[3 * span : 3 * span + 4], t)
+        elif basis == "bspline":
+            expected = BSpline(np.arange(-3.0, len(whole) + 1), whole, 3)(span + t)
+        else:
+            a, b, c, d = whole[span : span + 4]
+            expected = CubicHermiteSpline([0, 1], [b, c], [(c - a) / 2, (d - b) / 2])(t)
+        assert np.allclose(spans.at(points, np.full(5, span), t), expected)
+    assert len(spans.curve) == {"bezier": 2, "bspline": 4, "catmullRom": 4}[basis] + (
+        0 if basis == "bezier" else {"nonperiodic": 0, "periodic": 3, "pinned": 2}[wrap]
+    )
+
+
+CIRCLE = 0.5522847498  # of a quarter of a circle as a Bézier curve, within 3e-4
+
+
+def quarter(width=0.2, more=""):
+    return f"""def BasisCurves "B" {API} {{
+        uniform token type = "cubic"
+        uniform token basis = "bezier"
+        int[] curveVertexCounts = [4]
+        point3f[] points = [(1, 0, 0), (1, {CIRCLE}, 0), ({CIRCLE}, 1, 0), (0, 1, 0)]
+        float[] widths = [{width}] (interpolation = "constant")
+        {more}
+    }}"""
+
+
+@pytest.mark.parametrize("width", [0.002, 0.02, 0.2])
+def test_a_cubic_curve_has_as_many_pieces_as_it_bends(scene, width):
+    result = only(scene(quarter(width)))
+    middle = 0.5 * (result.start + result.end)
+    # On the whole circle's arc, whose Bézier curve is 3e-4 off; the estimate takes the greatest curvature of all.
+    sag = 1 - np.linalg.norm(middle, axis=1)
+    assert sag.max() <= CHORD_ERROR * width / 2 + 3e-4
+    turn = np.degrees(np.arccos(np.sum(result.start_tangent * result.end_tangent, axis=1)))
+    assert turn.max() <= 1.3 * MOST_TURN
+    assert len(result.start) >= np.pi / 2 / np.sqrt(8 * CHORD_ERROR * width / 2) * 0.9
+    assert len(result.start) <= 1.5 * max(np.pi / 2 / np.sqrt(8 * CHORD_ERROR * width / 2), 90 / MOST_TURN) + 1
+
+
+def test_the_pieces_of_a_curve_are_joined_and_falloffs_run_over_all_of_it(scene):
+    result = only(scene(quarter()))
+    assert np.array_equal(result.end[:-1], result.start[1:])
+    assert np.array_equal(result.end_tangent[:-1], result.start_tangent[1:])
+    length = np.linalg.norm(result.end - result.start, axis=1)
+    assert np.allclose(result.offset, np.cumsum(length) - length)
+    assert np.allclose(result.total, length.sum()) and np.isclose(length.sum(), np.pi / 2, rtol=1e-3)
+    assert result.entry is None and result.end_normal is None and result.power_end is None
+
+
+def test_a_straight_curve_of_two_points_is_a_plain_beam(scene):
+    result = only(scene(curves("float[] widths = [0.1]")))
+    assert result.arrays().keys() == {"start", "end", "radius_start", "radius_end", "power"}
+
+
+@pytest.mark.parametrize(("kind", "values"), [("varying", "[0.1, 0.4]"), ("vertex", "[0.1, 0.1, 0.1, 0.4]")])
+def test_widths_along_cubic_curves_follow_their_interpolation(scene, kind, values):
+    text = quarter().replace(
+        'widths = [0.2] (interpolation = "constant")', f'widths = {values} (interpolation = "{kind}")'
+    )
+    result = only(scene(text))
+    pieces = len(result.start)
+    t = np.arange(1, pieces + 1) / pieces
+    expected = 0.1 + 0.3 * (t if kind == "varying" else t**3)
+    assert np.allclose(2 * result.radius_end, expected) and np.array_equal(
+        result.radius_end[:-1], result.radius_start[1:]
+    )
+
+
+def test_colours_along_a_curve_multiply_its_power_and_others_are_for_viewports(scene):
+    power = "color3f[] photonbeams:power = [(2, 2, 2)]\n"
+    along = 'color3f[] primvars:displayColor = [(1, 0, 0), (0, 0, 1)] (interpolation = "varying")'
+    result = only(scene(quarter(more=power + along)))
+    assert np.allclose(result.power[0], [2, 0, 0]) and np.allclose(result.power_end[-1], [0, 0, 2])
+    assert np.allclose(result.power[1:], result.power_end[:-1])
+    assert np.allclose(result.power.sum(axis=1), 2)
+    whole = along.replace("(1, 0, 0), (0, 0, 1)", "(1, 0, 0)").replace("varying", "constant")
+    result = only(scene(quarter(more=power + whole)))
+    assert np.allclose(result.power, 2) and result.power_end is None
+    result = only(scene(quarter(more="color3f[] photonbeams:power = [(1, 0, 0), (0, 1, 0)]")))
+    assert np.allclose(result.power_end[-1], [0, 1, 0])
+
+
+def test_a_pinned_curve_reaches_its_ends_and_a_periodic_one_closes(scene):
+    points = "[(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)]"
+    for basis in ("bspline", "catmullRom"):
+        more = f'uniform token basis = "{basis}"\nfloat[] widths = [0.1]\nuniform token wrap = '
+        pinned = only(scene(curves(more + '"pinned"', "[4]", "cubic", points)))
+        assert np.allclose(pinned.start[0], 0) and np.allclose(pinned.end[-1], [0, 1, 0])
+        closed = only(scene(curves(more + '"periodic"', "[4]", "cubic", points)))
+        assert np.array_equal(closed.end[-1], closed.start[0])
+        assert np.array_equal(closed.end_tangent[-1], closed.start_tangent[0])
+
+
+def test_a_curve_has_as_many_pieces_at_all_times(usd):
+    moving = quarter().replace(
+        "point3f[] points = ",
+        "point3f[] points.timeSamples = { 1: [(0, 0, 0), (1, 0, 0), (2, 0, 0), (3, 0, 0)],\n 5: ",
+    ).replace("(0, 1, 0)]\n", "(0, 1, 0)]\n}\n")  # fmt: skip
+    stage = usd(moving)
+    found = [only(read_scene(stage, time)) for time in (1.0, 2.5, 5.0)]
+    assert len({len(each.start) for each in found}) == 1 and len(found[0].start) > 20
+    assert np.allclose(found[0].start[:, 1], 0) and np.allclose(np.linalg.norm(found[2].start, axis=1), 1, atol=1e-3)
+
+
+def test_transforms_reach_curves(scene):
+    more = 'double3 xformOp:scale = (2, 2, 2)\nuniform token[] xformOpOrder = ["xformOp:scale"]'
+    plain, scaled = only(scene(quarter())), only(scene(quarter(more=more)))
+    for name in ("start", "radius_end", "offset", "total"):
+        assert np.allclose(getattr(scaled, name), 2 * getattr(plain, name))
+    assert np.allclose(scaled.start_tangent, plain.start_tangent)
+
+
+@pytest.mark.parametrize(
+    ("counts", "body", "message"),
+    [
+        (
+            "[1, 3]",
+            "float[] widths = [0.1]",
+            r"curveVertexCounts has curve 0 of other numbers of points than 2 or more",
+        ),
+        ("[2, 2]", "float[] widths = [0, 0, 0.1, 0.1]", r"/B\.widths has curve 0 without width: skipped"),
+        ("[2, 2]", 'float[] widths = [0, 0.1] (interpolation = "uniform")', r"/B\.widths has curve 0 without width"),
+    ],
+)
+def test_a_curve_that_cannot_be_rendered_is_skipped_and_the_others_are_not(scene, caplog, counts, body, message):
+    result = only(scene(curves(body, counts)))
+    assert np.allclose(result.end[-1], [0, 3, 0]) and not np.any(np.all(result.start == 0, axis=1))
+    assert [each for each in caplog.messages if re.search(message, each)]
+
+
+def test_many_bad_curves_are_named_in_one_sentence(scene, caplog):
+    points = str([(k, 0, 0) for k in range(8)])
+    assert scene(curves("float[] widths = [0.1]", str([1] * 8), points=points)).drawn == ()
+    assert "has curves 0, 1, 2 and 5 more of other numbers of points than 2 or more: skipped" in caplog.text
+
+
+def test_a_piece_without_width_within_a_curve_is_skipped(scene, caplog):
+    points = "[(0, 0, 0), (1, 0, 0), (2, 0, 0), (3, 0, 0)]"
+    result = only(scene(curves("float[] widths = [0.1, 0, 0, 0.1]", "[4]", points=points)))
+    assert result.start[:, 0].tolist() == [0, 2]
+    assert "/B.widths holds 0 at both ends of 1 segments: they are skipped" in caplog.text
+
+
+def test_counts_of_varying_values_agree_with_usd_where_it_answers():
+    counts = np.array([7, 4])
+    assert varying_counts(counts, "bezier", "nonperiodic").tolist() == [3, 2]
+    assert varying_counts(counts, "bspline", "nonperiodic").tolist() == [5, 2]
+    assert varying_counts(counts, "bspline", "periodic").tolist() == [7, 4]
+    assert varying_counts(counts, "linear", "nonperiodic").tolist() == [7, 4]
+
+
+# -- Bad input ---------------------------------------------------------------------------------------------------------
 
 
 def test_segments_without_length_and_empty_curves_are_skipped_with_a_warning(scene, caplog):
@@ -93,14 +279,14 @@ def test_segments_without_length_and_empty_curves_are_skipped_with_a_warning(sce
     ("text", "message"),
     [
         (curves("float[] widths = [0.1]", "[2, 3]"), r"/B\.curveVertexCounts sums to 5: expected .* 4"),
-        (curves("float[] widths = [0.1]", "[1, 3]"), r"/B\.curveVertexCounts sums to 4: .* at least 2 for each curve"),
+        (curves("float[] widths = [0.1]", "[-1, 5]"), r"/B\.curveVertexCounts sums to 4: .* and none below 0"),
         (curves(""), r"/B\.widths is empty: beams expect the diameters of the curves"),
         (curves("float[] widths = [0.1, 0.2, 0.3]"), r"/B\.widths has 3 values .*: expected 1, 2 or 4"),
         (curves("float[] widths = [0.1, -0.2]"), r"/B\.widths holds -0\.2: expected diameters of at least 0"),
         (curves("float[] widths = [nan]"), r"/B\.widths\[0\] is nan: expected finite numbers"),
         (
             curves("float[] widths = [0.1]\ncolor3f[] photonbeams:power = [(1, 1, 1), (1, 1, 1), (1, 1, 1)]"),
-            r"/B\.photonbeams:power has 3 values: expected 1 or 2",
+            r"/B\.photonbeams:power has 3 values: expected 1, 2 or 4",
         ),
         (
             curves("float[] widths = [0.1]\ncolor3f[] photonbeams:power = [(1, 1, 1), (1, -1, 1)]"),
@@ -113,21 +299,72 @@ def test_contradictions_are_errors_that_name_prim_and_attribute(scene, text, mes
         scene(text)
 
 
+# -- Written -----------------------------------------------------------------------------------------------------------
+
+
 @pytest.fixture
 def beams(rng):
     start, end, power = rng.random((3, 50, 3))
     return DrawnBeams("/Beams", start, end, rng.random(50), rng.random(50), power, "key")
 
 
+def assert_same(result, beams):
+    """Compare beams whose numbers were stored in single precision."""
+    assert result.arrays().keys() == beams.arrays().keys()
+    for name, value in beams.arrays().items():
+        assert np.allclose(getattr(result, name), value, atol=1e-6), name
+
+
 @pytest.mark.parametrize("name", ["beams.usda", "beams.usdc", "beams.usd"])
 def test_beams_come_back_as_they_were_written(beams, tmp_path, name):
     write_beams(beams, tmp_path / name)
     result = only(read_scene(open_stage(tmp_path / name)))
-    for key in ("start", "end", "radius_start", "radius_end", "power"):
-        # Points and widths are single precision in USD.
-        assert np.allclose(getattr(result, key), getattr(beams, key), atol=1e-6)
+    assert_same(result, beams)
     assert result.group == "key"
     assert [each.name for each in tmp_path.iterdir()] == [name]
+
+
+def test_what_light_tracing_knows_of_beams_comes_back(beams, tmp_path, rng):
+    normal = rng.normal(size=(50, 3))
+    traced = replace(
+        beams, offset=rng.random(50), total=3 + rng.random(50), entry=rng.random(50),
+        end_normal=normal / np.linalg.norm(normal, axis=1, keepdims=True),
+    )  # fmt: skip
+    write_beams(traced, tmp_path / "beams.usda")
+    assert_same(only(read_scene(open_stage(tmp_path / "beams.usda"))), traced)
+
+
+@pytest.mark.parametrize(
+    "colour", ["", 'color3f[] primvars:displayColor = [(1, 0, 0), (0, 0, 1)] (interpolation = "varying")']
+)
+@pytest.mark.parametrize("wrap", ["nonperiodic", "periodic"])
+def test_joined_beams_stay_one_curve(scene, tmp_path, colour, wrap):
+    body = f'float[] widths = [0.1]\nuniform token wrap = "{wrap}"\n' + 'uniform token basis = "bspline"\n'
+    colour = (
+        colour.replace("(0, 0, 1)", "(0, 0, 1), " * (3 if wrap == "periodic" else 1) + "(0, 1, 0)") if colour else ""
+    )
+    points = "[(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 1), (0, 0, 1)]"
+    drawn = only(scene(curves(body + colour, "[5]", "cubic", points)))
+    write_beams([drawn], tmp_path / "beams.usda")
+    stage = open_stage(tmp_path / "beams.usda")
+    assert list(stage.GetPrimAtPath("/Beams/B").GetAttribute("curveVertexCounts").Get()) == [len(drawn.start) + 1]
+    result = only(read_scene(stage))
+    if wrap == "periodic":  # the file's curve is open: it ends where it begins, cut straight across
+        ends = {"start_tangent": drawn.start_tangent.copy(), "end_tangent": drawn.end_tangent.copy()}
+        ends["start_tangent"][0], ends["end_tangent"][-1] = result.start_tangent[0], result.end_tangent[-1]
+        drawn = replace(drawn, **ends)
+    # Directions of pieces some hundredths long, between points of single precision.
+    for name, value in drawn.arrays().items():
+        assert np.allclose(getattr(result, name), value, atol=2e-5), name
+
+
+def test_several_sets_have_prims_of_their_own(beams, tmp_path):
+    sets = [replace(beams, name=name) for name in ("/World/Lamp", "/World/Lamp", "/World/2nd lamp")]
+    write_beams(sets, tmp_path / "beams.usda")
+    stage = open_stage(tmp_path / "beams.usda")
+    names = [prim.GetName() for prim in stage.GetPrimAtPath("/Beams").GetChildren()]
+    assert names == ["World_Lamp", "World_Lamp_2", "World_2nd_lamp"]
+    assert stage.GetDefaultPrim().GetPath() == "/Beams"
 
 
 def test_beams_that_cannot_be_written_leave_nothing_behind(beams, tmp_path):

@@ -29,15 +29,20 @@ def value(beam: Record, at: Approach, u2: Any, radius: Any, look: BoundLook, ray
         light = _projected(beam, at, x, look, ray, points)
     else:
         light = _light(beam, at, x, look, ray) * look.profile.line(x)
-    return beam.power * (light * look.turned(-at.cosine, beam) * kernel)
+    return beam.light(at.along) * (light * look.turned(-_cosine(at), beam) * kernel)
+
+
+def _cosine(at: Approach) -> Any:
+    """Return the cosine between the ray and the light where they come closest."""
+    return at.cosine if at.course is None else at.course.cosine(Float(0))
 
 
 def _light(beam: Record, at: Approach, rho2: Any, look: BoundLook, ray: Rays) -> Any:
     """Return the factors at the closest approach, as they are at the distance ρ from the axis."""
-    distance = at.s + beam.offset
+    distance = at.along + beam.offset
     where = look.at(
         distance=distance, depth=beam.depth(distance), from_light=distance, fraction=beam.fraction(distance),
-        to_camera=at.t, cosine=-at.cosine, rho2=rho2, place=lambda: ray.point(at.t), beam=beam,
+        to_camera=at.t, cosine=-_cosine(at), rho2=rho2, place=lambda: ray.point(at.t), beam=beam,
     )  # fmt: skip
     return look.light(where, at.t - ray.t_min)
 
@@ -70,7 +75,9 @@ def _projected(beam: Record, at: Approach, x: Any, look: BoundLook, ray: Rays, p
 
 def in_range(beam: Record, at: Approach, t_min: Any, t_max: Any, origin: Any, direction: Any) -> Any:
     """Return whether the closest approach lies between the beam's ends and on the visible part of the ray."""
-    inside = (at.s > 0) & (at.s < beam.stop) & (at.t > t_min) & (at.t < t_max)
+    inside = (at.s > beam.begin) & (at.s < beam.stop) & (at.t > t_min) & (at.t < t_max)
+    if at.course is not None:
+        inside &= (at.course.a > 0) if beam.cap is not None else (at.course.a > 0) & (at.course.b > 0)
     if beam.cap is not None:
         height = beam.cap_offset - (0.0 if origin is None else dr.dot(origin, beam.cap))
         inside &= dr.dot(direction, beam.cap) * at.t > height
@@ -113,8 +120,8 @@ def billboard_sum(
             ray = rays[p]
             way = passing(beam, ray.origin, ray.direction)
             if way.meets(beam):
-                at = way.closest()
-                radius = dr.fma(beam.slope, at.s, beam.radius)
+                at = way.closest(beam, ray.origin, ray.direction)
+                radius = dr.fma(beam.slope, at.along, beam.radius)
                 inside = in_range(beam, at, ray.t_min, ray.t_max, ray.origin, ray.direction)
                 if dr.hint(blended, mode="scalar"):
                     boundary, change = need(beam, at, radius, look, ray.t_min, ray.t_max, ray.origin, ray.direction)
@@ -122,7 +129,7 @@ def billboard_sum(
                     if inside & (radius > 0) & (share > 0):
                         # The distance that is R where the ray leaves the cone. At u = R itself a tapered beam's chord
                         # is not yet empty, and a hard rim would hand over with a step.
-                        u2 = at.u2 * (1 - dr.square(beam.slope * at.cosine * at.inv_sine))
+                        u2 = at.u2 * (1 - dr.square(at.taper(beam) * at.inv_sine))
                         radiance[p] += value(beam, at, u2, radius, look, ray, points) * share
                     # An empty ray, as beyond the picture's border, lies at its own boundary.
                     marked |= touched(boundary, change, inside) & (ray.t_min < ray.t_max)

@@ -13,7 +13,7 @@ from typing import Any
 import drjit as dr
 
 from ..looks import BoundLook
-from .geometry import Approach, Record
+from .geometry import Approach, Course, Record
 
 # The chord may come this near to a boundary, in half chords, before the frustum has to take over.
 _CLEARANCE = 1.2
@@ -27,15 +27,18 @@ def need(beam: Record, at: Approach, radius: Any, look: BoundLook, t_min: Any, t
          ) -> tuple[Any, Any]:  # fmt: skip
     """Return how much a ray needs the frustum at this beam, 1 being entirely, by the boundaries and by the factors."""
     sine = at.sin2 * at.inv_sine
-    taper = dr.abs(beam.slope * at.cosine)
+    taper = dr.abs(at.taper(beam))
     opening = dr.fma(-taper, taper, at.sin2)
     # Farthest that the chord through the axis reaches from the closest approach; endless along the cone's wall.
     # Steeper than the cone opens, a ray's closest approach may lie beyond the apex, where the radius is negative.
-    half = dr.abs(radius) * (taper + sine) * dr.rcp(dr.maximum(opening, 1e-6))
+    reach = dr.abs(radius) if beam.bend is None else beam.widest
+    half = reach * (taper + sine) * dr.rcp(dr.maximum(opening, 1e-6))
     c = dr.abs(at.cosine)
     margin = dr.minimum(dr.abs(at.t - t_min), dr.abs(t_max - at.t))
-    to_end = dr.minimum(dr.abs(at.s), dr.abs(beam.stop - at.s)) * dr.rcp(dr.maximum(c, 1e-6))
+    to_end = dr.minimum(dr.abs(at.s - beam.begin), dr.abs(beam.stop - at.s)) * dr.rcp(dr.maximum(c, 1e-6))
     margin = dr.minimum(margin, to_end)
+    if at.course is not None:
+        margin = dr.minimum(margin, _to_joints(at.course, beam.cap is None))
     if beam.cap is not None:
         height = beam.cap_offset - (0.0 if origin is None else dr.dot(origin, beam.cap))
         facing = dr.dot(direction, beam.cap)
@@ -50,6 +53,14 @@ def need(beam: Record, at: Approach, radius: Any, look: BoundLook, t_min: Any, t
 def change_rate(beam: Record, cosine: Any, look: BoundLook) -> Any:
     """Return how fast the factors change along a ray: largest slope over largest value; `cosine` is not negative."""
     return dr.fma(cosine, look.rate_along + look.rate_fraction * beam.inv_total, look.rate_eye + look.rate_place)
+
+
+def _to_joints(course: Course, both: bool) -> Any:
+    """Return the distance along the ray to the nearer of the planes at which a piece of a curve meets others."""
+    first = dr.abs(course.a) * dr.rcp(dr.maximum(dr.abs(course.a_rate), 1e-6))
+    if not both:  # a surface cuts the end
+        return first
+    return dr.minimum(first, dr.abs(course.b) * dr.rcp(dr.maximum(dr.abs(course.b_rate), 1e-6)))
 
 
 def frustum_weight(boundary: Any, change: Any) -> Any:

@@ -28,8 +28,7 @@ _RATIO = 3.0
 
 def corners(beam: Record, ray: Chord, look: BoundLook) -> list[Any]:
     """Return the τ at which the integrand has a corner: rings of the profile, knots of the colour ramp."""
-    radius = dr.fma(beam.slope, ray.s, beam.radius)
-    slope_c = beam.slope * ray.cosine
+    radius, slope_c = ray.radius, ray.growth
     result = []
     for ring in look.rings:
         if ring == 0:
@@ -50,22 +49,36 @@ def corners(beam: Record, ray: Chord, look: BoundLook) -> list[Any]:
             elsewhere.append(at - ray.t)
         elif name != "radius":
             distance = (at * beam.total if name == "fraction" else at) - beam.offset
-            elsewhere.append((distance - ray.s) * inv_c)
+            straight = (distance - ray.s) * inv_c
+            elsewhere.append(straight if ray.course is None else ray.course.where(distance))
     return result + elsewhere[:MOST_CORNERS]
 
 
 def integrand(beam: Record, ray: Chord, tau: Any, look: BoundLook, camera: Rays) -> Any:
-    """Return k2 times all factors that change along the ray, at τ."""
-    radius = dr.maximum(dr.fma(beam.slope, dr.fma(ray.cosine, tau, ray.s), beam.radius), 1e-12)
+    """Return k2 times all factors that change along the ray, at τ, and of power and angle what changes there."""
+    s = ray.along(tau)
+    radius = dr.maximum(dr.fma(beam.slope, s, beam.radius), 1e-12)
     inv = dr.rcp(radius * radius)
-    distance = dr.fma(ray.cosine, tau, ray.s) + beam.offset
+    distance = s + beam.offset
     t = ray.t + tau
     rho2 = dr.minimum(ray.radius2(tau) * inv, 1)
+    cosine = ray.cosine if ray.course is None else ray.course.cosine(tau)
     where = look.at(
         distance=distance, depth=beam.depth(distance), from_light=distance, fraction=beam.fraction(distance),
-        to_camera=t, cosine=-ray.cosine, rho2=rho2, place=lambda: camera.point(t), beam=beam,
+        to_camera=t, cosine=-cosine, rho2=rho2, place=lambda: camera.point(t), beam=beam,
     )  # fmt: skip
-    return look.light(where, t - camera.t_min) * (look.profile.density(rho2) * inv)
+    light = look.light(where, t - camera.t_min)
+    if beam.gain is not None:
+        light *= beam.light(s)
+    if ray.course is not None:
+        light *= look.turned(-cosine, beam)
+    return light * (look.profile.density(rho2) * inv)
+
+
+def _unchanging(beam: Record, ray: Chord, look: BoundLook) -> Any:
+    """Return Φ · angle, or what of it does not change along the beam."""
+    power = beam.power if beam.gain is None else Array3f(1)
+    return power if ray.course is not None else power * look.turned(-ray.cosine, beam)
 
 
 @dr.syntax
@@ -77,10 +90,10 @@ def chord_integral(beam: Record, ray: Chord, look: BoundLook, points: Points, ca
     rate = change_rate(beam, dr.abs(ray.cosine), look)
     rate_across = look.rate_radius * dr.sqrt(ray.sin2)
     shortest = (ray.b - ray.a) * dr.rcp(look.cuts)
-    growth = beam.slope * ray.cosine
+    growth = ray.growth
     spread = dr.select(growth > 0, _RATIO - 1, 1 - 1 / _RATIO) * dr.rcp(dr.maximum(dr.abs(growth), 1e-20))
     while low < end:
-        radius = dr.fma(beam.slope, dr.fma(ray.cosine, low, ray.s), beam.radius)
+        radius = dr.fma(beam.slope, ray.along(low), beam.radius)
         inv_radius = dr.rcp(dr.maximum(radius, 1e-12))
         steady = look.change * dr.rcp(dr.maximum(dr.fma(rate_across, inv_radius, rate), 1e-20))
         longest = dr.maximum(dr.minimum(steady, spread * radius), shortest)
@@ -123,11 +136,11 @@ def frustum_sum(
         weight = dr.select(part.valid, Float(1), Float(0))
         if dr.hint(blended, mode="scalar"):
             at = closest_approach(beam, ray.origin, ray.direction)
-            radius = dr.fma(beam.slope, at.s, beam.radius)
+            radius = dr.fma(beam.slope, at.along, beam.radius)
             boundary, change = need(beam, at, radius, look, ray.t_min, ray.t_max, ray.origin, ray.direction)
             weight *= frustum_weight(boundary, change)
         if weight > 0:
             light = chord_integral(beam, part, look, points, ray, weight > 0)
-            radiance += beam.power * look.turned(-part.cosine, beam) * light * weight
+            radiance += _unchanging(beam, part, look) * light * weight
         i += 1
     return radiance

@@ -8,6 +8,14 @@ s and t are the parameters of closest approach along the beam and along the ray,
 Inside the cone R(s) = r0 + k s, measured from the ray parameter t0, with e⊥ the offset from the axis there:
 
     A τ² + 2B τ + C ≤ 0,  A = sin² − k²c²,  B = e⊥·d − k c R(s0),  C = |e⊥|² − R(s0)²
+
+A piece of a curve lies between two planes, across the light's directions T0 and T1 at its ends, which it shares with
+the pieces before and behind it. A point x at p = x − start has these distances from them, along the axis:
+
+    a = p·T0 / (w·T0),  b = length − p·T1 / (w·T1)
+
+and u = a / (a + b), 0 on the one plane and 1 on the other, takes the place of s / length in radius, falloff, power and
+direction: on the plane between two pieces both have the same of everything, so that no joint shows.
 """
 
 from __future__ import annotations
@@ -55,9 +63,10 @@ class Packed:
 
     Beams at rest: 0: axis, radius at the start · 1: start, slope k of the radius · 2: power, length · then, where
     present, (w × e, w·e) for a shared ray origin · (end normal, its distance from the origin) · (offset, total, entry,
-    0). Beams that move, at shutter open, and again at shutter close: start, radius · end, radius · power, 0 · then,
-    where present, (end normal, 0) · (offset, total, entry, 0). At last, where asked for, (random number, number,
-    generation, 0).
+    0) · (T0, its plane's distance from the origin) and (T1, likewise) · (power at the end, 0). Beams that move, at
+    shutter open, and again at shutter close: start, radius · end, radius · power, 0 · then, where present, (end normal,
+    0) · (offset, total, entry, 0) · (T0, 0) and (T1, 0) · (power at the end, 0). At last, where asked for, (random
+    number, number, generation, 0).
     """
 
     data: Any
@@ -68,6 +77,8 @@ class Packed:
     path: bool
     count: int
     moving: bool = False
+    bent: bool = False
+    graded: bool = False
     identity: bool = False
 
 
@@ -88,7 +99,10 @@ def pack(beams: Beams, origin: Any, shared: bool, close: Beams | None = None, id
     for number, (vector, scalar) in enumerate(packets):
         dr.scatter(data, Array4f(vector.x, vector.y, vector.z, scalar), place + number)
     dr.eval(data)
-    return Packed(data, groups, origin, shared and close is None, caps, path, count, close is not None, identity)
+    bent, graded = beams.start_tangent is not None, beams.power_end is not None
+    return Packed(
+        data, groups, origin, shared and close is None, caps, path, count, close is not None, bent, graded, identity
+    )
 
 
 def _at_rest(beams: Beams, origin: Any, shared: bool) -> list[tuple[Any, Any]]:
@@ -102,7 +116,12 @@ def _at_rest(beams: Beams, origin: Any, shared: bool) -> list[tuple[Any, Any]]:
         packets.append((dr.cross(axis, start), dr.dot(axis, start)))
     if beams.end_normal is not None:
         packets.append((beams.end_normal, dr.dot(beams.end_normal, end)))
-    return packets + _path(beams, length)
+    packets += _path(beams, length)
+    if beams.start_tangent is not None:
+        for tangent, place in ((beams.start_tangent, start), (beams.end_tangent, end)):
+            unit = _unit(tangent, axis)
+            packets.append((unit, dr.dot(unit, place)))
+    return packets + _power_end(beams)
 
 
 def _ends(beams: Beams, origin: Any) -> list[tuple[Any, Any]]:
@@ -114,7 +133,21 @@ def _ends(beams: Beams, origin: Any) -> list[tuple[Any, Any]]:
     ]
     if beams.end_normal is not None:
         packets.append((beams.end_normal, nothing))
-    return packets + _path(beams, dr.norm(beams.end - beams.start))
+    packets += _path(beams, dr.norm(beams.end - beams.start))
+    if beams.start_tangent is not None:
+        axis = dr.normalize(beams.end - beams.start)
+        packets += [(_unit(each, axis), nothing) for each in (beams.start_tangent, beams.end_tangent)]
+    return packets + _power_end(beams)
+
+
+def _power_end(beams: Beams) -> list[tuple[Any, Any]]:
+    return [] if beams.power_end is None else [(beams.power_end, dr.zeros(Float, len(beams)))]
+
+
+def _unit(tangent: Any, axis: Any) -> Any:
+    """Return tangents of unit length; one of none is the axis."""
+    squared = dr.squared_norm(tangent)
+    return dr.select(squared > _SHORTEST, tangent * dr.rsqrt(dr.maximum(squared, _SHORTEST)), axis)
 
 
 def _path(beams: Beams, length: Any) -> list[tuple[Any, Any]]:
@@ -125,6 +158,19 @@ def _path(beams: Beams, length: Any) -> list[tuple[Any, Any]]:
     total = beams.total if beams.total is not None else offset + length
     entry = beams.entry if beams.entry is not None else nothing
     return [(Array3f(offset, total, entry), nothing)]
+
+
+@dataclass
+class Bend:
+    """The planes that a piece of a curve lies between, and the light's directions there."""
+
+    first: Any  # T0
+    last: Any  # T1
+    first_height: Any  # distances of the planes from the origin
+    last_height: Any
+    first_inv: Any  # 1 / (w·T0)
+    last_inv: Any  # 1 / (w·T1)
+    twist: Any  # 1 − T0·T1
 
 
 @dataclass
@@ -144,6 +190,8 @@ class Record:
     cap_offset: Any = None  # its plane's distance from the origin
     path: Any = None  # offset, total, entry
     identity: Any = None  # random number, number, generation
+    bend: Any = None  # of a piece of a curve
+    gain: Any = None  # change of the power from start to end, where it has one
 
     @property
     def offset(self) -> Any:
@@ -175,7 +223,25 @@ class Record:
         A beam that ends on a surface is cut by its plane. Where it meets that at a slant the cone's rim reaches past
         the axis' end, but by a radius at most: farther out the plane is a poor picture of the surface.
         """
-        return self.length if self.cap is None else self.length + dr.fma(self.slope, self.length, self.radius)
+        if self.cap is None and self.bend is None:
+            return self.length
+        return self.length + dr.fma(self.slope, self.length, self.radius)
+
+    @property
+    def begin(self) -> Any:
+        """Distance from the start that no part of the beam lies before: a joint's rim may reach back by a radius."""
+        return 0 if self.bend is None else -self.radius
+
+    @property
+    def widest(self) -> Any:
+        """The greater of the radii."""
+        return dr.maximum(self.radius, dr.fma(self.slope, self.length, self.radius))
+
+    def light(self, s: Any) -> Any:
+        """Return the power at a distance from the start."""
+        if self.gain is None:
+            return self.power
+        return dr.maximum(dr.fma(self.gain, s * dr.rcp(self.length), self.power), 0)
 
 
 def load(packed: Packed, number: Any, time: Any = None) -> Record:
@@ -208,7 +274,20 @@ def _moved(packets: list[Any], packed: Packed, time: Any) -> Record:
         rest = rest[1:]
     if packed.path:
         record.path = rest[0].xyz
+        rest = rest[1:]
+    if packed.bent:
+        first, last = dr.normalize(rest[0].xyz), dr.normalize(rest[1].xyz)
+        record.bend = _bend(axis, first, last, dr.dot(first, start), dr.dot(last, end))
+        rest = rest[2:]
+    if packed.graded:
+        record.gain = rest[0].xyz - record.power
     return record
+
+
+def _bend(axis: Any, first: Any, last: Any, first_height: Any, last_height: Any) -> Bend:
+    # A plane along the axis would cut nothing: curves have no such joints, see chains.tangents.
+    first_inv, last_inv = (dr.rcp(dr.maximum(dr.dot(axis, each), 0.05)) for each in (first, last))
+    return Bend(first, last, first_height, last_height, first_inv, last_inv, 1 - dr.dot(first, last))
 
 
 def _loaded(packets: list[Any], packed: Packed) -> Record:
@@ -225,6 +304,12 @@ def _loaded(packets: list[Any], packed: Packed) -> Record:
         rest = rest[1:]
     if packed.path:
         record.path = rest[0].xyz
+        rest = rest[1:]
+    if packed.bent:
+        record.bend = _bend(record.axis, rest[0].xyz, rest[1].xyz, rest[0].w, rest[1].w)
+        rest = rest[2:]
+    if packed.graded:
+        record.gain = rest[0].xyz - record.power
     return record
 
 
@@ -242,18 +327,24 @@ class Passing:
     def meets(self, beam: Record) -> Any:
         """Return whether the ray, endless both ways, meets the endless cone that the beam is cut from.
 
-        Exactly: u² (sin² − k²c²) < sin² R(s)², here times sin².
+        Exactly: u² (sin² − k²c²) < sin² R(s)², here times sin². Of a piece of a curve: the cylinder around it.
         """
+        if beam.bend is not None:
+            return self.u2_sin2 < self.sin2 * dr.square(beam.widest)
         taper = beam.slope * self.cosine
         radius_sin2 = dr.fma(beam.slope, self.s_sin2, beam.radius * self.sin2)
         return self.u2_sin2 * dr.fma(-taper, taper, self.sin2) < dr.square(radius_sin2)
 
-    def closest(self) -> Approach:
+    def closest(self, beam: Record, origin: Any, direction: Any) -> Approach:
         """Return where the two lines come closest."""
         inv_sine = dr.rsqrt(self.sin2)
         inv = dr.square(inv_sine)
         t = dr.fma(-self.cosine, self.reach, self.along) * inv
-        return Approach(self.cosine, self.sin2, inv_sine, self.s_sin2 * inv, t, self.u2_sin2 * inv)
+        at = Approach(self.cosine, self.sin2, inv_sine, self.s_sin2 * inv, t, self.u2_sin2 * inv)
+        if beam.bend is not None:
+            relative = beam.start if origin is None else beam.start - origin
+            at.course = course(beam, dr.fma(direction, t, -relative), direction)
+        return at
 
 
 @dataclass
@@ -266,6 +357,73 @@ class Approach:
     s: Any  # along the beam, from its start
     t: Any  # along the ray
     u2: Any  # squared distance between the lines
+    course: Any = None  # of a piece of a curve, from there
+
+    @property
+    def along(self) -> Any:
+        """Distance from the beam's start on which radius and falloff depend."""
+        return self.s if self.course is None else self.course.along(Float(0))
+
+    def taper(self, beam: Record) -> Any:
+        """Return how fast the radius changes along the ray."""
+        return beam.slope * (self.cosine if self.course is None else self.course.rate())
+
+
+@dataclass
+class Course:
+    """How a ray runs between the two planes of a piece of a curve, τ from a point of the ray; a and b as above."""
+
+    a: Any
+    a_rate: Any
+    b: Any
+    b_rate: Any
+    length: Any
+    first: Any  # d·T0
+    last: Any  # d·T1
+    twist: Any  # 1 − T0·T1
+
+    def fraction(self, tau: Any) -> Any:
+        """Return u at τ, meant from the first plane on to the last one or, where that is farther, to a surface."""
+        a, b = self.at(tau)
+        return dr.clip(a * dr.rcp(self._span(a + b)), 0, 2)
+
+    def at(self, tau: Any) -> tuple[Any, Any]:
+        """Return a and b at τ."""
+        return dr.fma(self.a_rate, tau, self.a), dr.fma(self.b_rate, tau, self.b)
+
+    def _span(self, span: Any) -> Any:
+        # Beyond the line where the planes meet, in a bend that is tighter than the beam is wide, there is no beam.
+        return dr.maximum(span, 1e-6 * self.length)
+
+    def along(self, tau: Any) -> Any:
+        """Return the distance from the start at τ, u · length."""
+        return self.fraction(tau) * self.length
+
+    def rate(self) -> Any:
+        """Return how fast that changes at τ = 0."""
+        span = self._span(self.a + self.b)
+        return self.length * dr.fma(self.a_rate, self.b, -(self.a * self.b_rate)) * dr.rcp(dr.square(span))
+
+    def where(self, distance: Any) -> Any:
+        """Return the τ at which the distance from the start is this one."""
+        rate = dr.fma(self.length, self.a_rate, -distance * (self.a_rate + self.b_rate))
+        rest = dr.fma(distance, self.a + self.b, -self.length * self.a)
+        return rest * dr.rcp(dr.select(dr.abs(rate) < 1e-6 * self.length, 1e-6 * self.length, rate))
+
+    def cosine(self, tau: Any) -> Any:
+        """Return the cosine between the ray and the light's direction at τ, which turns from T0 to T1."""
+        u = self.fraction(tau)
+        squared = dr.fma(-2 * u * (1 - u), self.twist, 1)
+        return dr.fma(u, self.last - self.first, self.first) * dr.rsqrt(dr.maximum(squared, 1e-6))
+
+
+def course(beam: Record, point: Any, direction: Any) -> Course:
+    """Return how a ray runs along a piece of a curve, from a point relative to the piece's start."""
+    bend = beam.bend
+    first, last = dr.dot(direction, bend.first), dr.dot(direction, bend.last)
+    a = dr.dot(point, bend.first) * bend.first_inv
+    b = dr.fma(-dr.dot(point, bend.last), bend.last_inv, beam.length)
+    return Course(a, first * bend.first_inv, b, -last * bend.last_inv, beam.length, first, last, bend.twist)
 
 
 # Lines count as inclined by this sin² at least: along the axis the rounded cosine passes 1.
@@ -286,7 +444,7 @@ def passing(beam: Record, origin: Any, direction: Any) -> Passing:
 
 def closest_approach(beam: Record, origin: Any, direction: Any) -> Approach:
     """Return where a ray and a beam's axis come closest; `origin` as for `passing`."""
-    return passing(beam, origin, direction).closest()
+    return passing(beam, origin, direction).closest(beam, origin, direction)
 
 
 @dataclass
@@ -302,6 +460,13 @@ class Chord:
     sin2: Any
     offset2: Any  # |e⊥|² at τ = 0
     drift: Any  # e⊥·d at τ = 0
+    radius: Any  # R at τ = 0, and its change with τ: of a piece of a curve, of the cone that fits the chord
+    growth: Any
+    course: Any = None  # of a piece of a curve
+
+    def along(self, tau: Any) -> Any:
+        """Return the distance along the beam at τ."""
+        return dr.fma(self.cosine, tau, self.s) if self.course is None else self.course.along(tau)
 
     def radius2(self, tau: Any) -> Any:
         """Return the squared distance from the axis at τ."""
@@ -329,19 +494,49 @@ def chord(beam: Record, origin: Any, direction: Any, t_min: Any, t_max: Any) -> 
     point = dr.fma(direction, t, -relative)
     s = dr.dot(point, beam.axis)
     across = dr.fma(beam.axis, -s, point)
-    radius = dr.fma(beam.slope, s, beam.radius)
-    slope_c = beam.slope * c
+    way = None if beam.bend is None else course(beam, point, direction)
+    radius = dr.fma(beam.slope, s if way is None else way.along(Float(0)), beam.radius)
+    slope_c = beam.slope * c if way is None else beam.slope * way.rate()
     drift, offset2 = dr.dot(across, direction), dr.squared_norm(across)
-    first, last = _inside_cone(
-        dr.fma(-slope_c, slope_c, sin2), dr.fma(-slope_c, radius, drift), dr.fma(-radius, radius, offset2), slope_c
-    )
-    a, b = dr.maximum(first, low - t), dr.minimum(last, high - t)
-    return Chord((a < b) & (low < high), a, b, t, s, c, sin2, offset2, drift)
+
+    def inside(radius: Any, slope_c: Any) -> tuple[Any, Any]:
+        first, last = _inside_cone(
+            dr.fma(-slope_c, slope_c, sin2), dr.fma(-slope_c, radius, drift), dr.fma(-radius, radius, offset2), slope_c
+        )
+        return dr.maximum(first, low - t), dr.minimum(last, high - t)
+
+    a, b = inside(radius, slope_c)
+    if way is not None:
+        for _ in range(_REFINEMENTS):
+            radius, slope_c = _secant(beam, way, a, b, radius, slope_c)
+            a, b = inside(radius, slope_c)
+    return Chord((a < b) & (low < high), a, b, t, s, c, sin2, offset2, drift, radius, slope_c, way)
+
+
+# Along a ray, the radius of a tapered piece of a curve is not linear, and its wall no cone. The chord is that of the
+# cone which has its radii at both of its ends: from one guess to the next the error is squared, as a secant's is.
+_REFINEMENTS = 3
+
+
+def _secant(beam: Record, way: Course, a: Any, b: Any, radius: Any, growth: Any) -> tuple[Any, Any]:
+    """Return radius at τ = 0 and growth of the cone through a chord's ends; of what is no chord, as they were."""
+    at_a, at_b = (dr.fma(beam.slope, way.along(each), beam.radius) for each in (a, b))
+    wide = b - a > 1e-6 * beam.length
+    found = (at_b - at_a) * dr.rcp(dr.select(wide, b - a, 1))
+    growth = dr.select(wide, found, growth)
+    return dr.select(wide, dr.fma(-growth, a, at_a), radius), growth
 
 
 def _slab(beam: Record, origin: Any, direction: Any, c: Any, reach: Any) -> tuple[Any, Any]:
     """Return the ray interval between a beam's two ends: planes across the axis, or the plane of its last surface."""
-    low, high = _between(c, reach, reach + beam.stop)
+    low, high = _between(c, reach + beam.begin, reach + beam.stop)
+    if beam.bend is not None:
+        bend = beam.bend
+        ends = [(bend.first, bend.first_height)] + ([(-bend.last, -bend.last_height)] if beam.cap is None else [])
+        for normal, distance in ends:
+            height = distance - (0.0 if origin is None else dr.dot(origin, normal))
+            cut_low, cut_high = _between(dr.dot(direction, normal), height, _HUGE)
+            low, high = dr.maximum(low, cut_low), dr.minimum(high, cut_high)
     if beam.cap is not None:
         facing = dr.dot(direction, beam.cap)
         height = beam.cap_offset - (0.0 if origin is None else dr.dot(origin, beam.cap))

@@ -143,11 +143,27 @@ def footprints(beams: Beams, view: Projection, close: Beams | None = None) -> Fo
 def _cone(beams: Beams, pose: Pose) -> _Cone:
     start, end = pose.to_camera(beams.start), pose.to_camera(beams.end)
     r0, r1 = beams.radius_start, beams.radius_end
+    if beams.start_tangent is not None:
+        return _around_joints(beams, start, end)
     if beams.end_normal is not None:  # the rim may reach past the end by a radius
         axis, length = end - start, dr.norm(end - start)
         axis, slope = axis / length, (r1 - r0) / length
         end, r1 = end + axis * r1, r1 + dr.maximum(slope, 0) * r1
     return _Cone(start, end, r0, r1)
+
+
+def _around_joints(beams: Beams, start: Any, end: Any) -> _Cone:
+    """Return what holds pieces of curves in camera space: their rims may reach past both ends, by a radius at most."""
+    axis = dr.normalize(beams.end - beams.start)
+    in_camera = dr.normalize(end - start)
+    radius = dr.maximum(beams.radius_start, beams.radius_end)
+    reaches = []
+    for tangent, own in ((beams.start_tangent, beams.radius_start), (beams.end_tangent, beams.radius_end)):
+        cosine2 = dr.square(dr.dot(axis, tangent)) * dr.rcp(dr.maximum(dr.squared_norm(tangent), 1e-20))
+        slant = dr.sqrt(dr.maximum(1 - cosine2, 0) * dr.rcp(dr.maximum(cosine2, 1e-6)))
+        # Somewhat more than now: between shutter open and shutter close planes turn against their beams.
+        reaches.append(own if beams.end_normal is not None else dr.minimum(own, radius * dr.fma(1.5, slant, 0.05)))
+    return _Cone(start - in_camera * reaches[0], end + in_camera * reaches[1], radius, radius)
 
 
 def _nearness(cones: list[_Cone], view: Projection) -> tuple[Any, Any, Any]:

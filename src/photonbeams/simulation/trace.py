@@ -241,7 +241,9 @@ def _compressed(keep: Bool, *values: Any) -> list[Any]:
     """
     dr.make_opaque(keep, values)
     index: Any = dr.compress(keep)
-    return [dr.gather(type(value), value, index) for value in values] if len(index) else []
+    if not len(index):
+        return []
+    return [value.take(index) if isinstance(value, Beams) else dr.gather(type(value), value, index) for value in values]
 
 
 def _facing(normal: Any, direction: Array3f) -> Array3f:
@@ -300,10 +302,15 @@ def _joined(pieces: list[Beams]) -> Beams:
     """
     if len(pieces) == 1:
         return pieces[0]
-    result, first = dr.zeros(Beams, sum(map(len, pieces))), 0
-    for piece in pieces:
-        dr.scatter(result, piece, dr.arange(UInt32, len(piece)) + dr.opaque(UInt32, first))
-        first += len(piece)
+    result, count = Beams(), sum(map(len, pieces))
+    for name, kind in Beams.DRJIT_STRUCT.items():
+        values = [getattr(piece, name) for piece in pieces]
+        joined = None if values[0] is None else dr.zeros(kind, count)
+        setattr(result, name, joined)
+        first = 0
+        for value in values if joined is not None else ():
+            dr.scatter(joined, value, dr.arange(UInt32, dr.width(value)) + dr.opaque(UInt32, first))
+            first += dr.width(value)
     return result
 
 
@@ -312,11 +319,12 @@ def _drawn(world: World, close: World | None, looks: Mapping[str, Look | None]) 
     sets = []
     for number, drawn in enumerate(world.description.drawn):
         later = close.description.drawn[number] if close is not None else drawn
-        moved = _as_beams(later) if later is not drawn and len(later.start) == len(drawn.start) else None
-        index = len(world.description.lights) + number
-        sets.append(BeamSet(drawn.group, looks.get(drawn.name, drawn.look), _as_beams(drawn), moved, index))
+        moved = Beams(**later.arrays()) if later is not drawn and _are_same(drawn, later) else None
+        look, index = looks.get(drawn.name, drawn.look), len(world.description.lights) + number
+        sets.append(BeamSet(drawn.group, look, Beams(**drawn.arrays()), moved, index))
     return sets
 
 
-def _as_beams(drawn: scene.DrawnBeams) -> Beams:
-    return Beams(drawn.start, drawn.end, drawn.radius_start, drawn.radius_end, drawn.power)
+def _are_same(drawn: scene.DrawnBeams, later: scene.DrawnBeams) -> bool:
+    """Return whether drawn beams can be followed from one time to the other."""
+    return len(later.start) == len(drawn.start) and later.arrays().keys() == drawn.arrays().keys()
