@@ -154,6 +154,10 @@ class Light:
         The mesh through which the light reaches the shot, or None. It is no surface.
     look
         The look of the light's beams, or None for the physical one.
+    frame
+        (4, 4) transform from the light's own space to the world, for column vectors: the light shines along its −Z, +Y
+        is up, its origin is the light's place. Axes of unit length, square to each other, without the light's size;
+        mirrored where the light is.
     """
 
     name: str
@@ -167,6 +171,7 @@ class Light:
     look: Look | None = None
     shaping: Shaping | None = None
     lights_surfaces: bool = True
+    frame: Array = field(default_factory=lambda: np.eye(4))
 
 
 @dataclass(frozen=True)

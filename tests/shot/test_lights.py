@@ -337,3 +337,29 @@ def test_a_dome_light_1_turns_its_pole_to_the_axis(scene, up, axis, pole, middle
 
 def test_a_dome_light_has_its_pole_on_y_whatever_is_up(scene):
     assert np.allclose(only(scene(light("DomeLight"), 'upAxis = "Z"')).to_world, np.eye(3))
+
+
+TURNED = """
+    double3 xformOp:translate = (1, 2, 3)
+    float xformOp:rotateX = 90
+    float3 xformOp:scale = (2, 3, -4)
+    uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:rotateX", "xformOp:scale"]
+"""
+
+
+@pytest.mark.parametrize("kind", ["SphereLight", "DiskLight", "RectLight", "DistantLight", "DomeLight"])
+def test_a_lights_frame_holds_its_axes_and_place_but_not_its_size(scene, kind):
+    frame = only(scene(light(kind, TURNED))).frame
+    # Turned by 90 degrees about X, local Y is the world's Z; the negative scale turns local Z round to the world's +Y.
+    assert np.allclose(frame, [[1, 0, 0, 1], [0, 0, 1, 2], [0, 1, 0, 3], [0, 0, 0, 1]], atol=1e-6)
+
+
+@pytest.mark.parametrize("kind", ["SphereLight", "DiskLight", "RectLight", "DistantLight"])
+def test_a_sheared_lights_frame_looks_where_the_light_shines(scene, kind):
+    sheared = """
+        matrix4d xformOp:transform = ((1, 0, 0, 0), (0, 1, 0.5, 0), (0, 0, 1, 0), (0, 0, 0, 1))
+        uniform token[] xformOpOrder = ["xformOp:transform"]"""
+    found = only(scene(light(kind, sheared)))
+    assert np.allclose(found.frame[:3, :3].T @ found.frame[:3, :3], np.eye(3), atol=1e-12)
+    assert np.allclose(-found.frame[:3, 2], found.axis)
+    assert found.frame[1, 1] > 0.8  # as upright as the light

@@ -9,6 +9,7 @@ W/(π A) and flux W; of a sphere the radiant intensity is W/(4π), and it stays 
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -65,7 +66,8 @@ def read_light(reading: Reading, prim: Usd.Prim, to_world: Array, name: str) -> 
     _warn_of_links(reading, prim)
     shared = {"name": name, **_beam_settings(reading, prim), "shaping": _shaping(reading, prim)}
     shared["lights_surfaces"] = any(reading.number(prim, f"inputs:{key}", 1.0) > 0 for key in ("diffuse", "specular"))
-    return readers[kind](reading, prim, to_world, shared)
+    light = readers[kind](reading, prim, to_world, shared)
+    return replace(light, frame=_frame(to_world, getattr(light, "axis", None)))
 
 
 def portal_paths(reading: Reading, prim: Usd.Prim) -> list[Sdf.Path]:
@@ -170,6 +172,19 @@ def _pole(reading: Reading, prim: Usd.Prim) -> Array:
         axis = str(UsdGeom.GetStageUpAxis(reading.stage)) if axis == "scene" else axis
         return y_to_z if axis == "Z" else np.eye(3)
     return blender.world() if blender.lost_world_rotation(prim, reading.time) else np.eye(3)
+
+
+def _frame(to_world: Array, axis: Array | None) -> Array:
+    """Return a light's frame: along `axis`, where it shines (None: local −Z), and as upright as the light."""
+    linear = to_world[:3, :3]
+    if abs(np.linalg.det(linear)) < 1e-30:  # of a dome alone: other lights are skipped
+        return np.eye(4)
+    back = -unit(linear @ [0.0, 0.0, -1.0] if axis is None else axis)
+    up = unit(linear[:, 1] - (linear[:, 1] @ back) * back)
+    side = np.cross(up, back) * np.sign(np.linalg.det(linear))
+    result = np.eye(4)
+    result[:3] = np.column_stack([side, up, back, to_world[:3, 3]])
+    return result
 
 
 def _rotation(to_world: Array) -> Array:
