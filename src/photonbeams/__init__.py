@@ -10,6 +10,7 @@ from . import device
 
 if TYPE_CHECKING:
     from .beams import Beams
+    from .colors import colors_of_medium, medium_of_colors
     from .estimators.estimate import estimate
     from .looks import (
         Across,
@@ -73,8 +74,10 @@ __all__ = [
     "Texture",
     "Uniform",
     "__version__",
+    "colors_of_medium",
     "estimate",
     "gauss_legendre",
+    "medium_of_colors",
     "riemann",
 ]
 
@@ -83,6 +86,7 @@ device.prepare()
 
 _HOMES = {
     "beams": ("Beams",),
+    "colors": ("colors_of_medium", "medium_of_colors"),
     "estimators": ("estimate",),
     "quadrature": ("Rule", "gauss_legendre", "riemann"),
     "scene": ("Medium", "SceneError"),
