@@ -61,12 +61,15 @@ class Medium:
         Mean cosine g of the Henyey–Greenstein phase function, in (−1, 1).
     mesh
         The closed surface that the fog fills, or None where it fills the whole space.
+    surfaces
+        Whether it dims surfaces that are seen through it, and light on its way to them; if not, beams alone feel it.
     """
 
     scattering: Color
     absorption: Color = BLACK
     anisotropy: float = 0.0
     mesh: Mesh | None = None
+    surfaces: bool = True
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "scattering", color(self.scattering, "scattering"))

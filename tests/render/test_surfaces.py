@@ -91,6 +91,17 @@ def test_fog_dims_light_on_both_legs(reflectance):
     assert np.allclose(lambert(sun, medium)[0], reflectance * np.exp(-extinction * 5), rtol=1e-4)
 
 
+def test_a_fog_that_beams_alone_feel_leaves_surfaces_as_they_are(reflectance):
+    medium = scene.Medium((0.5, 0.2, 0.3), surfaces=False)
+    point = scene.SphereLight("/p", (1.0,) * 3, center=np.array([0, 2.0, 0]))
+    value, last = lambert(point, medium)
+    assert np.array_equal(value, lambert(point)[0])
+    assert np.array_equal(last.transmittance.numpy(), np.ones_like(last.transmittance.numpy()))
+    sphere = dataclasses.replace(point, center=np.array([0.0, 2, 0]), radius=0.5)
+    origin, direction = rays([0, 2, 4], [0, 2, 0])
+    assert np.allclose(render(built([], sphere, medium=medium), origin, direction, passes=1)[0], 1)
+
+
 def test_bounded_fog_dims_only_where_it_is(reflectance):
     medium = scene.Medium((0.5,) * 3, mesh=box("/fog", [-9, 1, -9], [9, 2, 9]))
     sun = scene.DistantLight("/sun", (1.0,) * 3, axis=DOWN, angle=0.0)

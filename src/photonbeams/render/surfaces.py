@@ -71,8 +71,8 @@ def shade(world: World, origin: Array3f, direction: Array3f, active: Bool, index
     radiance += dr.select(active & ~covered, _background(world, origin, direction), 0)
     depth = dr.select(covered, dr.minimum(lamp.distance, hit.t), dr.inf)
     transmittance = Array3f(1) + 0 * depth
-    if world.fog is not None:
-        transmittance = world.fog.transmittance(origin, direction, depth)
+    if _dims(world):
+        transmittance = _dimming(world, origin, direction, depth)
     return Shaded(radiance * transmittance, dr.select(covered, Float(1), 0), depth, transmittance)
 
 
@@ -202,4 +202,10 @@ def _power_heuristic(own: Float, other: Float) -> Float:
 
 
 def _dimming(world: World, origin: Array3f, direction: Array3f, distance: Float) -> Array3f:
-    return Array3f(1) if world.fog is None else world.fog.transmittance(origin, direction, distance)
+    fog = world.fog
+    return fog.transmittance(origin, direction, distance) if fog is not None and _dims(world) else Array3f(1)
+
+
+def _dims(world: World) -> bool:
+    """Return whether there is a fog that surfaces feel."""
+    return world.fog is not None and world.fog.medium.surfaces
