@@ -170,13 +170,11 @@ def test_a_light_of_another_kind_is_skipped_with_a_warning(scene, caplog):
 
 def test_what_is_not_rendered_of_a_light_is_named(scene, caplog):
     body = """
-        asset inputs:texture:file = @a.png@
         asset inputs:shaping:ies:file = @a.ies@
         rel collection:lightLink:excludes = </L>
         rel light:filters = </L>"""
     assert len(scene(light("RectLight", body)).lights) == 1
     for name in (
-        "inputs:texture:file is",
         "inputs:shaping:ies:file is",
         "collection:lightLink is",
         "light:filters are",

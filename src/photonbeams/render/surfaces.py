@@ -80,8 +80,7 @@ def _each(lamps: Lamps, state: tuple[Any, ...], body: Any) -> tuple[Any, ...]:
     """Return `state` after body(light, number, state) for each light of a kind, as a loop in the kernel."""
 
     def step(number: UInt32, *state: Any) -> tuple[Any, ...]:
-        light = dr.gather(lamps.kind, lamps.packed, number)
-        return (number + 1, *body(light, number, state))
+        return (number + 1, *body(lamps.light(number), number, state))
 
     # The counter is as wide as the rest, for loops want one width.
     start = dr.zeros(UInt32, dr.width(state))

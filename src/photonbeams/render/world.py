@@ -18,6 +18,7 @@ from .. import scene
 from ..arrays import to_float, to_uint
 from ..device import Array3f, Bool, Float, UInt32, mitsuba
 from ..simulation.emission import Bounds
+from ..simulation.gobos import Images, Masked, masked, pack_masked
 from ..simulation.lights import (
     DistantSource,
     DomeSource,
@@ -81,11 +82,26 @@ class Fog:
 
 
 class Lamps(NamedTuple):
-    """All lights of one kind: a struct of arrays of it, and their number (opaque)."""
+    """All lights of one kind: a struct of arrays of it, their number (opaque), and the images of those behind some."""
 
     kind: Any
     packed: Any
     count: Any
+    pixels: dict[str, Any]
+
+    @classmethod
+    def of(cls, sources: Sequence[Any]) -> Lamps:
+        """Return lights of one kind, packed."""
+        kind, count = type(sources[0]), dr.opaque(UInt32, len(sources))
+        if not isinstance(sources[0], Masked):
+            return cls(kind, pack(sources), count, {})
+        packed, pixels = pack_masked(sources)
+        return cls(kind, packed, count, pixels)
+
+    def light(self, number: UInt32) -> Any:
+        """Return one of the lights, in a loop over them."""
+        light = dr.gather(self.kind, self.packed, number)
+        return light.with_pixels(self.pixels) if self.pixels else light
 
 
 @dataclass(frozen=True)
@@ -100,6 +116,8 @@ class World:
         What is a surface, and the Mitsuba scene of it (Embree on the CPU, OptiX on a GPU).
     sources, portals
         The lights as Dr.Jit sees them, in the order of `description.lights`, and by the name of the light its portal.
+    images
+        The images before lights and on portals that are on the device.
     fog
         The medium, or None.
     bounds, radius
@@ -113,6 +131,7 @@ class World:
     surfaces: Any
     sources: tuple[Source, ...]
     portals: dict[str, Portal]
+    images: Images
     fog: Fog | None
     bounds: Bounds
     radius: float
@@ -143,16 +162,21 @@ class World:
         hidden |= {medium.mesh.name} if medium is not None and medium.mesh is not None else set()
         meshes = tuple(mesh for mesh in description.meshes if mesh.name not in hidden and len(mesh.faces))
         still = like is not None and _same(meshes, like.meshes)
+        portals = {
+            light.name: _known_portal(light, like) or Portal(light.portal, _shape(light.portal, None, None))
+            for light in description.lights
+            if light.portal is not None
+        }
+        images = _known_images(description, like)
         return cls(
             description=description,
             meshes=meshes,
             surfaces=like.surfaces if like is not None and still else _surfaces(meshes),
-            sources=tuple(source(light) for light in description.lights),
-            portals={
-                light.name: _known_portal(light, like) or Portal(light.portal, _shape(light.portal, None, None))
-                for light in description.lights
-                if light.portal is not None
-            },
+            sources=tuple(
+                masked(source(light), light, portals.get(light.name), images) for light in description.lights
+            ),
+            portals=portals,
+            images=images,
             fog=_fog(medium, like),
             bounds=Bounds(center, radius),
             radius=radius,
@@ -165,15 +189,11 @@ class World:
         """The lights of surfaces, packed by kind, for loops over them; domes are in `domes`."""
         lights = zip(self.description.lights, self.sources, strict=True)
         shining = [item for light, item in lights if light.lights_surfaces and max(light.radiance) > 0]
-        kinds: dict[type, list[Any]] = {}
+        kinds: dict[type, list[Any]] = {SphereSource: [], FlatSource: [], DistantSource: []}
         for item in shining:
             if not isinstance(item, DomeSource):
                 kinds.setdefault(type(item), []).append(item)
-        return tuple(
-            Lamps(kind, pack(kinds[kind]), dr.opaque(UInt32, len(kinds[kind])))
-            for kind in (SphereSource, FlatSource, DistantSource)
-            if kind in kinds
-        )
+        return tuple(Lamps.of(group) for group in kinds.values() if group)
 
     @cached_property
     def domes(self) -> tuple[DomeSource, ...]:
@@ -224,6 +244,13 @@ def _known_portal(light: scene.Light, like: World | None) -> Portal | None:
     if like is None:
         return None
     return next((like.portals[each.name] for each in like.description.lights if each.portal is light.portal), None)
+
+
+def _known_images(description: scene.Scene, like: World | None) -> Images:
+    """Return those of the images of another world that this scene uses, too."""
+    gobos = [gobo for light in description.lights for gobo in (light.gobo, light.portal_gobo) if gobo is not None]
+    known = {} if like is None else like.images
+    return {id(gobo.image): known[id(gobo.image)] for gobo in gobos if id(gobo.image) in known}
 
 
 def _fog(medium: scene.Medium | None, like: World | None) -> Fog | None:
