@@ -12,6 +12,7 @@ from photonbeams.arrays import to_vectors
 from photonbeams.device import Array3f, Bool, UInt32, mitsuba
 from photonbeams.render.surfaces import shade
 from photonbeams.render.world import World
+from photonbeams.simulation import trace
 
 DIFFUSE = scene.Material(diffuse=(0.6, 0.5, 0.4), roughness=1.0, ior=1.001)
 GLOSSY = scene.Material(diffuse=(0.2, 0.3, 0.4), roughness=0.25, metallic=0.3, clearcoat=0.5)
@@ -266,5 +267,49 @@ def test_passes_and_lights_values_compile_nothing():
     with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
         dr.kernel_history()
         frame(1)
+        compiled = [kernel for kernel in dr.kernel_history() if kernel.get("hash") and not kernel["cache_hit"]]
+    assert not compiled
+
+
+def leaded(seed, size=(6, 8)):
+    """Return a light behind an image and one through a window with an image, as beams and surfaces have them."""
+    rng = np.random.default_rng(seed)
+    images = [rng.random((*size, 3)).astype(np.float32) for _ in range(3)]
+    slide = scene.SphereLight(
+        "/slide", (9.0,) * 3, center=np.array([0, 3.0, 0.1 * seed]), axis=DOWN, gobo=scene.Gobo(images[0], 40.0 + seed)
+    )
+    other = dataclasses.replace(slide, name="/other", gobo=scene.Gobo(images[1], 60.0))
+    window = quad("/window", [[-1, 1.5, -1], [1, 1.5, -1], [1, 1.5, 1], [-1, 1.5, 1]])
+    pane = dataclasses.replace(
+        LIGHT, name="/pane", portal=window, portal_gobo=scene.Gobo(images[2], up=np.array([0, 0, -1.0]))
+    )
+    return slide, other, pane
+
+
+def test_lights_behind_images_add_up_on_surfaces():
+    lights = leaded(1)
+    origin, direction = rays([0, 2, 4], np.random.default_rng(0).uniform([-1, 0, -1], [1, 0, 1], (64, 3)))
+    parts = [render(built([FLOOR], light), origin, direction, passes=128) for light in lights]
+    mean, variance, _ = render(built([FLOOR], *lights), origin, direction, passes=128)
+    expected = sum(part[0] for part in parts)
+    error = np.sqrt((variance + sum(part[1] for part in parts)) / 128)
+    assert all(part[0].mean() > 0.05 * expected.mean() for part in parts)
+    # 192 values, and slides that leave no noise but float32's.
+    assert np.all(np.abs(mean - expected) < 4.5 * error + 1e-5 * expected)
+
+
+def test_a_pixel_of_another_image_compiles_nothing():
+    def frame(seed, size):
+        lights = leaded(seed, size)
+        world = built([FLOOR], *lights, medium=scene.Medium((0.1,) * 3))
+        origin, direction = rays(np.broadcast_to([0.0, 2, 4], (64, 3)), [0.1 * seed, 0, 0])
+        render(world, origin, direction, passes=2)
+        for number in range(2):
+            dr.eval([each.beams for each in trace(world, beams_per_light=64, pass_index=number)])
+
+    frame(0, (6, 8))
+    with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
+        dr.kernel_history()
+        frame(1, (9, 5))
         compiled = [kernel for kernel in dr.kernel_history() if kernel.get("hash") and not kernel["cache_hit"]]
     assert not compiled

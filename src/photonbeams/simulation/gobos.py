@@ -110,6 +110,8 @@ class Masked:
         Where the images lie; one that the light does not have (`has_slide`, `has_pane`) is not there.
     pixels
         The images of both; not a part of the struct, for it is the same for all lights of a kind.
+    images
+        What they were made of.
     lit
         By whether they go through the portal: which part of the light's paths passes the images, once it is known.
     """
@@ -122,6 +124,7 @@ class Masked:
     slide: Any
     pane: Any
     pixels: dict[str, Any]
+    images: dict[str, scene.Gobo]
     lit: dict[bool, float]
 
     def with_pixels(self, pixels: dict[str, Any]) -> Masked:
@@ -203,11 +206,13 @@ def masked(bare: Any, light: scene.Light, portal: Portal | None, images: Images)
         return bare
     kind: Any = type(bare)
     result = _kind(kind, slide is not None, pane is not None)()
-    result.bare, result.pixels, result.lit = bare, {}, {}
+    result.bare, result.lit = bare, {}
+    result.images = {name: gobo for name, gobo in (("slide", slide), ("pane", pane)) if gobo is not None}
+    result.pixels = {name: _on_device(gobo, images) for name, gobo in result.images.items()}
     if slide is not None:
-        result.slide, result.pixels["slide"] = _slide(light, slide), _on_device(slide, images)
+        result.slide = _slide(light, slide)
     if pane is not None and portal is not None:
-        result.pane, result.pixels["pane"] = _pane(light, pane, portal), _on_device(pane, images)
+        result.pane = _pane(light, pane, portal)
     return result
 
 
@@ -218,7 +223,7 @@ def pack_masked(sources: Sequence[Any]) -> tuple[Any, dict[str, Any]]:
         return packed, sources[0].pixels
     pixels = {}
     for name in sources[0].pixels:
-        images = [source.pixels[name].numpy().T for source in sources]
+        images = [_padded(source.images[name]) for source in sources]
         first = np.cumsum([0] + [len(image) for image in images])
         getattr(packed, name).first = to_uint([*first[:-1], first[-2]])  # the last light is there twice
         pixels[name] = to_vectors(np.concatenate(images))
@@ -233,9 +238,14 @@ def bare(source: Any) -> Any:
 def _on_device(gobo: scene.Gobo, images: Images) -> Any:
     key = id(gobo.image)
     if key not in images:
-        flat = gobo.colors.reshape(-1, 3)
-        images[key] = gobo.image, to_vectors(np.concatenate([flat, flat[-1:]]))  # one more: see `lights.pack`
+        images[key] = gobo.image, to_vectors(_padded(gobo))
     return images[key][1]
+
+
+def _padded(gobo: scene.Gobo) -> Any:
+    """Return an image's pixels, (N, 3), and one more: a gather from an array of one is another kernel."""
+    flat = gobo.colors.reshape(-1, 3)
+    return np.concatenate([flat, flat[-1:]])
 
 
 def slide_angle(light: scene.Light) -> float:

@@ -125,6 +125,7 @@ def trace(
             pieces += _beams(moments, paths, Run(candidates, pass_index, overlap, halvings), split=False)
         if pieces:
             states = [_joined(list(state)) for state in zip(*pieces, strict=True)]
+            dr.eval(states)  # each light alone: what has the same width by chance would share a kernel
             sets.append(BeamSet(light.group, (looks or {}).get(light.name, light.look), *states))
     return sets + _drawn(world, close, looks or {})
 
