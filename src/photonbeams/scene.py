@@ -208,6 +208,8 @@ class Light:
         (4, 4) transform from the light's own space to the world, for column vectors: the light shines along its −Z, +Y
         is up, its origin is the light's place. Axes of unit length, square to each other, without the light's size;
         mirrored where the light is.
+    unlit, unshadowed
+        Names of meshes that the light does not shine on, and of those that do not stop it, nor its beams.
     """
 
     name: str
@@ -224,6 +226,8 @@ class Light:
     gobo: Gobo | None = None
     portal_gobo: Gobo | None = None
     frame: Array = field(default_factory=lambda: np.eye(4))
+    unlit: frozenset[str] = frozenset()
+    unshadowed: frozenset[str] = frozenset()
 
 
 @dataclass(frozen=True)

@@ -22,6 +22,11 @@ LIGHT = scene.FlatLight(
     half_y=np.array([0, 0, 0.4]), axis=np.array([0, -1.0, 0]),
 )  # fmt: skip
 DOWN = np.array([0.0, -1.0, 0.0])
+SKY_ABOVE = scene.DomeLight("/sky", (1.0, 2.0, 3.0))
+LAMP_ABOVE = scene.FlatLight(
+    "/lamp", (5.0, 4.0, 3.0), center=np.array([0, 3.0, 0]), half_x=np.array([0.4, 0, 0]),
+    half_y=np.array([0, 0, 0.4]), axis=DOWN,
+)  # fmt: skip
 
 
 def rays(origin, target):
@@ -118,6 +123,45 @@ def test_shadows_fall_behind_surfaces():
     origin, direction = rays([[0, 1, 4], [0, 1, 4]], [[0.0, 0, 0], [2, 0, 0]])
     mean, _, _ = render(built([FLOOR, roof], sun), origin, direction, passes=1)
     assert np.all(mean[:, 0] == 0) and np.all(mean[:, 1] > 0)
+
+
+ROOF = quad("/roof", [[-1, 2, -1], [1, 2, -1], [1, 2, 1], [-1, 2, 1]], DIFFUSE)
+SUN = scene.DistantLight("/sun", (1.0,) * 3, axis=DOWN, angle=0.0)
+
+
+def test_a_light_shines_on_what_it_is_linked_to():
+    stage = quad("/stage", [[0, 0.1, -3], [0, 0.1, 3], [3, 0.1, 3], [3, 0.1, -3]], DIFFUSE)
+    origin, direction = rays([[-1, 1, 4], [1, 1, 4]], [[-1.0, 0, 0], [1, 0.1, 0]])  # at the floor, at the stage
+    whole = render(built([FLOOR, stage], SUN), origin, direction, passes=1)[0]
+    assert np.all(whole > 0)
+    for name, kept in (("/floor", 1), ("/stage", 0), ("/elsewhere", None)):
+        light = dataclasses.replace(SUN, unlit=frozenset({name}))
+        mean = render(built([FLOOR, stage], light), origin, direction, passes=1)[0]
+        expected = whole if kept is None else whole * np.eye(2)[kept]
+        assert np.allclose(mean, expected, rtol=1e-6)
+        # A light without links beside it is as it was.
+        both = render(built([FLOOR, stage], SUN, dataclasses.replace(light, name="/b")), origin, direction, passes=1)[0]
+        assert np.allclose(both, whole + expected, rtol=1e-6)
+
+
+@pytest.mark.parametrize("light", [SUN, SKY_ABOVE, LAMP_ABOVE], ids=["sun", "sky", "lamp"])
+def test_only_what_a_light_is_linked_to_stops_it(light):
+    origin, direction = rays(np.broadcast_to([0, 1, 4], (64, 3)), [0.0, 0, 0])
+    open_floor = render(built([FLOOR], light), origin, direction, passes=32)
+    through = render(
+        built([FLOOR, ROOF], dataclasses.replace(light, unshadowed=frozenset({"/roof"}))), origin, direction, passes=32
+    )
+    shadow = render(built([FLOOR, ROOF], light), origin, direction, passes=32)[0]
+    error = np.sqrt((open_floor[1] + through[1]).mean(axis=1) / 32 / 64)
+    assert np.all(np.abs((through[0] - open_floor[0]).mean(axis=1)) <= 4 * error + 1e-6)
+    assert np.all(shadow.mean(axis=1) < 0.85 * open_floor[0].mean(axis=1))  # the roof hides a quarter of the sky
+
+
+def test_a_glowing_surface_glows_also_where_some_lights_pass_it():
+    lamp = quad("/glow", ROOF.points, scene.Material(diffuse=scene.BLACK, emissive=(2.0, 1.0, 3.0)))
+    origin, direction = rays([0, 1, 4], [0.0, 2, 0])
+    light = dataclasses.replace(SUN, unshadowed=frozenset({"/glow"}))
+    assert np.allclose(render(built([FLOOR, lamp], light), origin, direction, passes=1)[0][:, 0], [2, 1, 3])
 
 
 def test_lamps_are_seen_directly_and_hide_what_is_behind():
@@ -298,10 +342,15 @@ def test_lights_behind_images_add_up_on_surfaces():
     assert np.all(np.abs(mean - expected) < 4.5 * error + 1e-5 * expected)
 
 
-def test_a_pixel_of_another_image_compiles_nothing():
+@pytest.mark.parametrize("links", [False, True], ids=["free", "linked"])
+def test_another_image_and_another_link_compile_nothing(links):
     def frame(seed, size):
         lights = leaded(seed, size)
-        world = built([FLOOR], *lights, medium=scene.Medium((0.1,) * 3))
+        if links:
+            names = frozenset({("/a", "/b")[seed]})
+            lights = tuple(dataclasses.replace(light, unlit=names, unshadowed=names) for light in lights)
+        blocks = [box(f"/{name}", [x, 0, seed], [x + 0.5, 0.5, 2], DIFFUSE) for x, name in enumerate("ab")]
+        world = built([FLOOR, *blocks], *lights, medium=scene.Medium((0.1,) * 3))
         origin, direction = rays(np.broadcast_to([0.0, 2, 4], (64, 3)), [0.1 * seed, 0, 0])
         render(world, origin, direction, passes=2)
         for number in range(2):

@@ -172,14 +172,9 @@ def test_a_light_of_another_kind_is_skipped_with_a_warning(scene, caplog):
 def test_what_is_not_rendered_of_a_light_is_named(scene, caplog):
     body = """
         asset inputs:shaping:ies:file = @a.ies@
-        rel collection:lightLink:excludes = </L>
         rel light:filters = </L>"""
     assert len(scene(light("RectLight", body)).lights) == 1
-    for name in (
-        "inputs:shaping:ies:file is",
-        "collection:lightLink is",
-        "light:filters are",
-    ):
+    for name in ("inputs:shaping:ies:file is", "light:filters are"):
         assert f"/L.{name} not rendered" in caplog.text
 
 

@@ -64,7 +64,7 @@ def read_light(reading: Reading, prim: Usd.Prim, to_world: Array, name: str) -> 
     if kind not in ("DomeLight", "DomeLight_1") and abs(np.linalg.det(to_world[:3, :3])) < 1e-30:
         reading.warn(prim, "is scaled to nothing: it is skipped")
         return None
-    _warn_of_links(reading, prim)
+    _warn_of_filters(reading, prim)
     shared = {"name": name, **_beam_settings(reading, prim), "shaping": _shaping(reading, prim)}
     shared["lights_surfaces"] = any(reading.number(prim, f"inputs:{key}", 1.0) > 0 for key in ("diffuse", "specular"))
     shared |= {"gobo": read_gobo(reading, prim), "portal_gobo": read_pane(reading, prim, shared["portal"])}
@@ -256,11 +256,6 @@ def _portal(reading: Reading, prim: Usd.Prim) -> Mesh | None:
     )
 
 
-def _warn_of_links(reading: Reading, prim: Usd.Prim) -> None:
-    for kind in ("lightLink", "shadowLink"):
-        prefix = f"collection:{kind}"
-        named = any(prim.GetRelationship(f"{prefix}:{end}").GetTargets() for end in ("includes", "excludes"))
-        if named or not reading.value(prim, f"{prefix}:includeRoot", True):
-            reading.warn(prim, "is not rendered: the light reaches everything", prefix)
+def _warn_of_filters(reading: Reading, prim: Usd.Prim) -> None:
     if prim.GetRelationship("light:filters").GetTargets():
         reading.warn(prim, "are not rendered: the light shines without them", "light:filters")

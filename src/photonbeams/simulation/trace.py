@@ -52,7 +52,7 @@ class BeamSet(NamedTuple):
 
 
 class _Moment(NamedTuple):
-    """A light at one time of the shutter, and the world around it."""
+    """A light at one time of the shutter, and the world around it, with the surfaces that stop it."""
 
     world: World
     light: scene.Light
@@ -132,13 +132,14 @@ def trace(
 
 def _moments(world: World, close: World | None) -> list[list[_Moment]]:
     """Return each light at the times that differ."""
-    result = [[_Moment(world, *pair)] for pair in zip(world.description.lights, world.sources, strict=True)]
+    lights = zip(world.description.lights, world.sources, strict=True)
+    result = [[_Moment(world.stopping(light), light, source)] for light, source in lights]
     if close is not None:
         still = close.surfaces is world.surfaces and close.fog is world.fog
         later = zip(close.description.lights, close.sources, strict=True)
         for moments, (light, source) in zip(result, later, strict=True):
             if not still or light is not moments[0].light:
-                moments.append(_Moment(close, light, source))
+                moments.append(_Moment(close.stopping(light), light, source))
     return result
 
 
