@@ -11,6 +11,7 @@ from . import device
 if TYPE_CHECKING:
     from .beams import Beams
     from .chains import curved
+    from .colors import colors_of_medium, medium_of_colors
     from .estimators.estimate import estimate
     from .looks import (
         Across,
@@ -98,9 +99,11 @@ __all__ = [
     "Uniform",
     "Variation",
     "__version__",
+    "colors_of_medium",
     "curved",
     "estimate",
     "gauss_legendre",
+    "medium_of_colors",
     "riemann",
 ]
 
@@ -110,6 +113,7 @@ device.prepare()
 _HOMES = {
     "beams": ("Beams",),
     "chains": ("curved",),
+    "colors": ("colors_of_medium", "medium_of_colors"),
     "estimators": ("estimate",),
     "quadrature": ("Rule", "gauss_legendre", "riemann"),
     "scene": ("Medium", "SceneError"),

@@ -144,6 +144,8 @@ def _show_stage(console: Console, path: Path, layers: Sequence[Path]) -> None:
 def _stage_rows(stage: Usd.Stage, scene: Scene) -> Iterable[tuple[str, str]]:
     from pxr import UsdGeom
 
+    from ..colors import colors_of_medium
+
     yield "up axis", str(UsdGeom.GetStageUpAxis(stage))
     yield "unit", f"{UsdGeom.GetStageMetersPerUnit(stage):g} m"
     if stage.HasAuthoredTimeCodeRange():
@@ -158,7 +160,10 @@ def _stage_rows(stage: Usd.Stage, scene: Scene) -> Iterable[tuple[str, str]]:
         return
     place = "the whole space" if medium.mesh is None else medium.mesh.name
     yield "fog", f"scattering {_triple(medium.scattering)}, absorption {_triple(medium.absorption)} per unit"
-    yield "", f"anisotropy {medium.anisotropy:g}, fills {place}"
+    dims = "" if medium.surfaces else ", leaves surfaces as they are"
+    yield "", f"anisotropy {medium.anisotropy:g}, fills {place}{dims}"
+    near, far = colors_of_medium(medium, 1.0)
+    yield "", f"a beam of power 1 and radius 1 shows {_triple(near)}, one unit along {_triple(far)}"
 
 
 def _camera_rows(stage: Usd.Stage, time: Usd.TimeCode) -> list[tuple[str, ...]]:

@@ -128,6 +128,9 @@ def render(
     ] = None,
     absorption: Annotated[str | None, typer.Option(metavar="S|R,G,B", help="Its absorption.")] = None,
     anisotropy: Annotated[float | None, typer.Option(help="Its mean cosine, -0.99 to 0.99.")] = None,
+    beams_only_fog: Annotated[
+        bool, typer.Option("--beams-only-fog", help="A fog that beams alone feel: surfaces are as if without it.")
+    ] = False,
     stereo: Annotated[
         bool, typer.Option("--stereo", help="Two eyes: a pair of cameras with stereoRole, or the camera split in two.")
     ] = False,
@@ -187,7 +190,12 @@ def render(
     _check_flags(res, res_scale, crop, passes, time_limit, beams, order, anisotropy, exposure, threads)
     _check_plates(holdout, holdout_channel, holdout_depth, holdout_scale, over, over_fog)
     eyes = _stereo(stereo, interaxial, convergence, view)
-    fog = _Fog(_color("--scattering", scattering), _color("--absorption", absorption), anisotropy)
+    fog = _Fog(
+        _color("--scattering", scattering),
+        _color("--absorption", absorption),
+        anisotropy,
+        surfaces=False if beams_only_fog else None,
+    )
     outputs = parse_outputs(output or (), picture or ())
     with messages(quiet, verbose), held_interrupt() as check:
         _start(device, threads)
@@ -328,6 +336,7 @@ class _Fog:
     scattering: Color | None
     absorption: Color | None
     anisotropy: float | None
+    surfaces: bool | None
 
     def over(self, own: Medium | None) -> Medium | None:
         """Return this fog instead of a stage's own: what the flags leave out comes from that."""
@@ -338,7 +347,8 @@ class _Fog:
             return own
         if own is None and self.scattering is None:
             raise typer.BadParameter(
-                "--absorption and --anisotropy change a fog, and the stage has none: expected --scattering, too"
+                "--absorption, --anisotropy and --beams-only-fog change a fog, and the stage has none: "
+                "expected --scattering, too"
             )
         return replace(own or Medium(scattering=BLACK), **given)
 

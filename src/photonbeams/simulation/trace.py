@@ -18,6 +18,7 @@ from ..beams import Beams
 from ..device import Array2f, Array3f, Bool, Float, UInt32
 from .emission import Emission, emit, emit_through
 from .footprints import FLOOR, radius_along, unblocked
+from .gobos import Masked, bare
 from .lights import DistantSource, DomeSource, opaque
 from .portals import count_candidates
 from .sampling import hash32, sobol_block, unit_float
@@ -34,6 +35,9 @@ LIGHT_SIDE = 0.25  # the part of a light's beams that do not go through its port
 # How often a beam is halved that a surface stands in the way of: seldom where it would be seen as a streak, often
 # behind a portal, where it would be seen through the wall.
 HALVINGS, HALVINGS_ASIDE = 1, 5
+
+# Paths that tell how much of a light its images leave, and how many paths at most are tried for one that is left.
+_PROBE, _MOST_DARK, _MOST_PATHS = 4096, 64, 1 << 22
 
 _PORTAL, _ALL = 0, 1  # names of strata in seeds
 
@@ -53,7 +57,7 @@ class BeamSet(NamedTuple):
 
 
 class _Moment(NamedTuple):
-    """A light at one time of the shutter, and the world around it."""
+    """A light at one time of the shutter, and the world around it, with the surfaces that stop it."""
 
     world: World
     light: scene.Light
@@ -117,16 +121,19 @@ def trace(
         portal = world.portals.get(light.name)
         if portal is not None:
             aside = max(1, round(LIGHT_SIDE * count)) if light.name in light_side else 0
-            candidates = count_candidates(portal, count - aside)
+            lit = _lit_part(moments[0], through=True)
+            candidates = count_candidates(portal.fill, _more(count - aside, lit))
             samples = _points(light, candidates, pass_index, seed, _PORTAL)
             paths = [_through(moment, samples, candidates) for moment in moments]
             pieces += _beams(moments, paths, Run(candidates, pass_index, overlap, HALVINGS, key ^ _PORTAL), split=True)
             count = aside
         if count:
-            samples = _points(light, count, pass_index, seed, _ALL)
+            candidates = _more(count, _lit_part(moments[0], through=False))
+            samples = _points(light, candidates, pass_index, seed, _ALL)
             halvings = HALVINGS if portal is None else HALVINGS_ASIDE
-            paths = [_aside(moment, samples, count) for moment in moments]
-            pieces += _beams(moments, paths, Run(count, pass_index, overlap, halvings, key ^ _ALL), split=False)
+            paths = [_aside(moment, samples, candidates) for moment in moments]
+            run = Run(candidates, pass_index, overlap, halvings, key ^ _ALL)
+            pieces += _beams(moments, paths, run, split=False)
         if pieces:
             states = [_joined(list(state)) for state in zip(*pieces, strict=True)]
             look = (looks or {}).get(light.name, light.look)
@@ -137,13 +144,14 @@ def trace(
 
 def _moments(world: World, close: World | None) -> list[list[_Moment]]:
     """Return each light at the times that differ."""
-    result = [[_Moment(world, *pair)] for pair in zip(world.description.lights, world.sources, strict=True)]
+    lights = zip(world.description.lights, world.sources, strict=True)
+    result = [[_Moment(world.stopping(light), light, source)] for light, source in lights]
     if close is not None:
         still = close.surfaces is world.surfaces and close.fog is world.fog
         later = zip(close.description.lights, close.sources, strict=True)
         for moments, (light, source) in zip(result, later, strict=True):
             if not still or light is not moments[0].light:
-                moments.append(_Moment(close, light, source))
+                moments.append(_Moment(close.stopping(light), light, source))
     return result
 
 
@@ -158,6 +166,26 @@ def _aside(moment: _Moment, samples: tuple[Array2f, Array2f], count: int) -> Emi
     if light.name in world.portals:
         emission.valid &= ~world.portals[light.name].crosses(emission.origin, emission.direction)
     return emission
+
+
+def _lit_part(moment: _Moment, through: bool) -> float:
+    """Return which part of a light's paths passes its images: of a few of them, and 1 of a light without."""
+    source = moment.source
+    if not isinstance(source, Masked):
+        return 1.0
+    if through not in source.lit:
+        probe = sobol_block(_PROBE, 0, (_PROBE,))
+        paths = _through(moment, probe, _PROBE) if through else _aside(moment, probe, _PROBE)
+        there = np.broadcast_to(paths.valid.numpy(), _PROBE)
+        lit = there & (paths.flux.numpy().max(axis=0) > 0)
+        source.lit[through] = float(lit.sum() / max(there.sum(), 1))
+    return source.lit[through]
+
+
+def _more(count: int, lit: float) -> int:
+    """Return how many paths leave about `count` that are lit, within reason."""
+    most = max(count, min(_MOST_DARK * count, _MOST_PATHS))
+    return min(count_candidates(max(lit, 1 / _MOST_DARK), count), most)
 
 
 def _points(light: scene.Light, count: int, block: int, seed: int, stratum: int) -> tuple[Array2f, Array2f]:
@@ -208,7 +236,7 @@ def _stretches(
     world = moment.world
     seed = hash32(numbers, dr.opaque(UInt32, run.pass_index))
     hit = world.intersect(emission.origin, emission.direction, alive, seed)
-    scale = 1.0 if isinstance(moment.source, DistantSource | DomeSource) else ESCAPE
+    scale = 1.0 if isinstance(bare(moment.source), DistantSource | DomeSource) else ESCAPE
     escape = world.bounds.exit(emission.origin, emission.direction, scale)
     total = dr.select(hit.is_valid(), hit.t, escape)
     against = dr.select(hit.is_valid(), _facing(hit.n, emission.direction), -emission.direction)
