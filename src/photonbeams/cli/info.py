@@ -212,15 +212,21 @@ def _look_rows(scene: Scene) -> Iterable[tuple[str, ...]]:
         if look is not None:
             looks[_name(look)] = look
     for name, look in looks.items():
-        along: Any = getattr(look, "along", None)
-        words = [str(getattr(along, "falloff", along))]
-        if getattr(along, "knots", ()):
-            words.append(f"ramp of {len(along.knots)}")
-        if getattr(along, "texture", None) is not None:
-            words.append("texture")
-        factors = (("across", "profile"), ("eye", "falloff"), ("angle", "shading"))
-        rest = [str(getattr(getattr(look, factor, None), kind, "")) for factor, kind in factors]
-        yield (name, " x ".join(words), *rest)
+        factors = (("along", "falloff"), ("across", "profile"), ("eye", "falloff"), ("angle", "shading"))
+        yield (name, *(_factor_words(getattr(look, factor, None), kind) for factor, kind in factors))
+
+
+def _factor_words(factor: Any, kind: str) -> str:
+    """Return what a factor is made of, in words."""
+    curve: Any = getattr(factor, "curve", None)
+    words = [str(getattr(factor, kind, ""))]
+    if getattr(curve, "knots", ()):
+        words.append(f"ramp of {len(curve.knots)}")
+    if getattr(curve, "texture", None) is not None:
+        words.append("texture")
+    if getattr(curve, "expression", ""):
+        words.append(curve.expression)
+    return " x ".join(words)
 
 
 # -- text ------------------------------------------------------------------------------------------------------------

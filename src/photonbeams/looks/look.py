@@ -171,6 +171,10 @@ class BoundLook:
         """
         return Float(1) if self._turning else self._look.angle.evaluate(self.at(cosine=cosine, beam=beam))
 
+    def factor(self, slot: str, at: At, **where: Any) -> Any:
+        """Return one factor ("along", "across", "eye", "angle") at a place; of "across" what modulates the profile."""
+        return self._factors()[slot].evaluate(replace(at, **where))
+
     def along(self, distance: Any, depth: Any, fraction: Any) -> Any:
         """Return the colour at a distance from the light, `depth` of it in the medium."""
         return self._look.along.evaluate(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
@@ -9,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from pxr import Usd
 
-from ..scene import Array, Color, SceneError, color
-from .reading import Reading
+from ..scene import Array, Color, Medium, SceneError, color
+from .reading import Reading, file_of
 from .textures import read_image
 
 if TYPE_CHECKING:
@@ -178,6 +180,40 @@ def read_look(reading: Reading, user: Usd.Prim, prim: Usd.Prim) -> LookSpec:
             source.number("variation", 0.0, 0.0, 1.0),
         )  # fmt: skip
     return reading.cache[key]
+
+
+def find_looks(
+    stage: Usd.Stage, names: Collection[str], frame: float | None = None
+) -> tuple[list[LookSpec], Medium | None, float]:
+    """Return the looks on a stage, its fog or None, and the seconds at a frame.
+
+    Parameters
+    ----------
+    names
+        Paths or names of the looks that are wanted; none: all.
+
+    Raises
+    ------
+    SceneError
+        A look that is not there, or that cannot be read.
+    """
+    from .stage import default_time, read_scene
+
+    time = default_time(stage) if frame is None else Usd.TimeCode(frame)
+    reading = Reading(stage, time)
+    prims = [prim for prim in stage.Traverse() if prim.GetTypeName() == "PhotonBeamsLook"]
+    known = ", ".join(str(prim.GetPath()) for prim in prims) or "none"
+    for name in names:
+        if not any(name in (str(prim.GetPath()), prim.GetName()) for prim in prims):
+            raise SceneError(f"{file_of(stage)} has no look {name}: expected one of its PhotonBeamsLook prims, {known}")
+    if not prims:
+        raise SceneError(f"{file_of(stage)} has no look: expected a PhotonBeamsLook prim")
+    chosen = [prim for prim in prims if not names or {str(prim.GetPath()), prim.GetName()} & set(names)]
+    medium = None
+    with suppress(SceneError):  # what else is wrong with a stage does not matter to its looks
+        medium = read_scene(stage, time).medium
+    seconds = 0.0 if time.IsDefault() else time.GetValue() / (stage.GetTimeCodesPerSecond() or 1.0)
+    return [read_look(reading, prim, prim) for prim in chosen], medium, seconds
 
 
 @dataclass(frozen=True)
