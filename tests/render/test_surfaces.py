@@ -342,6 +342,19 @@ def test_lights_behind_images_add_up_on_surfaces():
     assert np.all(np.abs(mean - expected) < 4.5 * error + 1e-5 * expected)
 
 
+def test_a_sky_behind_a_window_with_an_image_is_coloured_through_it_alone():
+    window = quad("/window", [[-1, 2, -1], [1, 2, -1], [1, 2, 1], [-1, 2, 1]])
+    red = scene.Gobo(np.array([[[1.0, 0, 0]]], dtype=np.float32), up=np.array([0, 0, -1.0]))
+    walls = box("/walls", [-1, -0.1, -1], [1, 2.1, 1], DIFFUSE)
+    walls = dataclasses.replace(walls, faces=walls.faces[[0, 1, 2, 3, 8, 9, 10, 11]])  # neither floor nor ceiling
+    light = dataclasses.replace(SKY_ABOVE, portal=window, portal_gobo=red)
+    origin, direction = rays(np.broadcast_to([0, 1.9, 0.1], (64, 3)), [0.0, 0, 0])
+    mean, _, _ = render(built([FLOOR, walls], light), origin, direction, passes=16)
+    assert mean[0].mean() > 0.05 and np.all(mean[1:] == 0)
+    sky, _, _ = render(built([FLOOR], light), *rays([0, 3, 4], [0, 4.0, 0]), passes=1)
+    assert np.allclose(sky[:, 0], SKY_ABOVE.radiance)
+
+
 @pytest.mark.parametrize("links", [False, True], ids=["free", "linked"])
 def test_another_image_and_another_link_compile_nothing(links):
     def frame(seed, size):

@@ -189,6 +189,8 @@ def _light_row(light: Light) -> tuple[str, ...]:
         kind = "disk" if getattr(light, "disk", False) else "rect"
     if getattr(light, "image", None) is not None:
         kind += ", image"
+    kind += "" if light.gobo is None else ", gobo"
+    portal += "" if light.portal_gobo is None else ", gobo"
     return (light.name, kind, _triple(light.radiance), light.group, beams, portal, _name(light.look))
 
 

@@ -18,7 +18,7 @@ from .. import scene
 from ..arrays import to_float, to_uint
 from ..device import Array3f, Bool, Float, UInt32, mitsuba
 from ..simulation.emission import Bounds
-from ..simulation.gobos import Images, Masked, masked, pack_masked
+from ..simulation.gobos import Images, Masked, bare, masked, pack_masked
 from ..simulation.lights import (
     DistantSource,
     DomeSource,
@@ -215,18 +215,18 @@ class World:
         nothing: tuple[frozenset[str], ...] = (frozenset(), frozenset())
         groups: dict[Any, list[Any]] = {(kind, *nothing): [] for kind in (SphereSource, FlatSource, DistantSource)}
         for light, item in lights:
-            if light.lights_surfaces and max(light.radiance) > 0 and not isinstance(item, DomeSource):
+            if light.lights_surfaces and max(light.radiance) > 0 and not isinstance(bare(item), DomeSource):
                 groups.setdefault((type(item), *self._linked(light)), []).append(item)
         return tuple(Lamps.of(items, self._links(*key[1:])) for key, items in groups.items() if items)
 
     @cached_property
-    def domes(self) -> tuple[tuple[DomeSource, Links | None], ...]:
+    def domes(self) -> tuple[tuple[Any, Links | None], ...]:
         """The environments, and what they light."""
         lights = zip(self.description.lights, self.sources, strict=True)
         return tuple(
             (item, self._links(*self._linked(light)))
             for light, item in lights
-            if isinstance(item, DomeSource) and light.lights_surfaces
+            if isinstance(bare(item), DomeSource) and light.lights_surfaces
         )
 
     def stopping(self, light: scene.Light) -> World:
