@@ -39,12 +39,16 @@ _PORTAL, _ALL = 0, 1  # names of strata in seeds
 
 
 class BeamSet(NamedTuple):
-    """Beams that share a light group and a look (None: the physical one), and where they move, at shutter close."""
+    """Beams that share a light group and a look (None: the physical one), and where they move, at shutter close.
+
+    `name` is the path of the light, or of the curves, that they are of.
+    """
 
     group: str
     look: Look | None
     beams: Beams
     close: Beams | None = None
+    name: str = ""
 
 
 class _Moment(NamedTuple):
@@ -119,7 +123,9 @@ def trace(
             pieces += _beams(moments, paths, Run(count, pass_index, overlap, halvings), split=False)
         if pieces:
             states = [_joined(list(state)) for state in zip(*pieces, strict=True)]
-            sets.append(BeamSet(light.group, (looks or {}).get(light.name, light.look), *states))
+            close_beams = states[1] if len(states) > 1 else None
+            look = (looks or {}).get(light.name, light.look)
+            sets.append(BeamSet(light.group, look, states[0], close_beams, light.name))
     return sets + _drawn(world, close, looks or {})
 
 
@@ -303,7 +309,7 @@ def _drawn(world: World, close: World | None, looks: Mapping[str, Look | None]) 
     for number, drawn in enumerate(world.description.drawn):
         later = close.description.drawn[number] if close is not None else drawn
         moved = Beams(**later.arrays()) if later is not drawn and _are_same(drawn, later) else None
-        sets.append(BeamSet(drawn.group, looks.get(drawn.name, drawn.look), Beams(**drawn.arrays()), moved))
+        sets.append(BeamSet(drawn.group, looks.get(drawn.name, drawn.look), Beams(**drawn.arrays()), moved, drawn.name))
     return sets
 
 
