@@ -50,12 +50,12 @@ class Output:
 
 def parse_outputs(files: Iterable[Path], pictures: Iterable[str]) -> list[Output]:
     """Return the outputs that flags name, not yet numbered."""
-    outputs = [Output(_checked("--output", path, (".exr", ".png"))) for path in files]
+    outputs = [Output(checked_path("--output", path, (".exr", ".png"))) for path in files]
     for text in pictures:
         layer, _, name = text.partition("=")
         if not layer or not name:
             raise typer.BadParameter(f"--picture is {text}: expected LAYER=FILE.png, such as beams=beams.png")
-        outputs.append(Output(_checked("--picture", Path(name), (".png",)), layer))
+        outputs.append(Output(checked_path("--picture", Path(name), (".png",)), layer))
     seen: set[Path] = set()
     for output in outputs:
         place = output.path.absolute()
@@ -65,7 +65,8 @@ def parse_outputs(files: Iterable[Path], pictures: Iterable[str]) -> list[Output
     return outputs
 
 
-def _checked(flag: str, path: Path, suffixes: Sequence[str]) -> Path:
+def checked_path(flag: str, path: Path, suffixes: Sequence[str]) -> Path:
+    """Return a path that a flag gives; refuse names that end otherwise, or that no file of the kind may have."""
     if path.suffix.lower() not in suffixes:
         raise typer.BadParameter(f"{flag} is {path}: expected a name that ends in {' or '.join(suffixes)}")
     if os.fsencode(path).decode("utf-8", "ignore") != str(path):  # OpenEXR takes no other names

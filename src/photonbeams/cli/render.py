@@ -14,6 +14,7 @@ import typer
 
 from .animation import Animation, Task, frame_numbers, tasks_of
 from .outputs import Output, check_placeholders, chosen_layers, parse_outputs, prepare_outputs, write_outputs
+from .programs import load_function
 from .progress import Progress, counted, held_interrupt, messages
 
 if TYPE_CHECKING:
@@ -131,6 +132,12 @@ def render(
     beams_only_fog: Annotated[
         bool, typer.Option("--beams-only-fog", help="A fog that beams alone feel: surfaces are as if without it.")
     ] = False,
+    simulate: Annotated[
+        str | None, typer.Option(metavar="FILE.py:NAME", help="A Python function that changes the beams of each pass.")
+    ] = None,
+    emit: Annotated[
+        str | None, typer.Option(metavar="FILE.py:NAME", help="A Python function that makes beams from nothing.")
+    ] = None,
     stereo: Annotated[
         bool, typer.Option("--stereo", help="Two eyes: a pair of cameras with stereoRole, or the camera split in two.")
     ] = False,
@@ -187,18 +194,18 @@ def render(
 
     photonbeams render room.usdc -o room.png --scattering 0.05 --res 1920 0 --passes 64
     """
-    _check_flags(res, res_scale, crop, passes, time_limit, beams, order, anisotropy, exposure, threads)
+    check_flags(res, res_scale, crop, passes, time_limit, beams, order, anisotropy, exposure, threads)
     _check_plates(holdout, holdout_channel, holdout_depth, holdout_scale, over, over_fog)
     eyes = _stereo(stereo, interaxial, convergence, view)
-    fog = _Fog(
-        _color("--scattering", scattering),
-        _color("--absorption", absorption),
+    fog = Fog(
+        parse_color("--scattering", scattering),
+        parse_color("--absorption", absorption),
         anisotropy,
         surfaces=False if beams_only_fog else None,
     )
     outputs = parse_outputs(output or (), picture or ())
     with messages(quiet, verbose), held_interrupt() as check:
-        _start(device, threads)
+        start_device(device, threads)
         from ..shot import Holdout, Plate, Shot
         from ..shot.frames import check_frames
         from ..shot.stage import list_cameras as cameras_of
@@ -217,7 +224,10 @@ def render(
             raise typer.BadParameter(
                 "expected at least one output: -o FILE.exr, -o FILE.png or --picture LAYER=FILE.png"
             )
-        shot = Shot(stage, camera or settings.camera, medium=fog.over, stereo=eyes)
+        shot = Shot(
+            stage, camera or settings.camera, medium=fog.over, stereo=eyes,
+            simulate=load_function("--simulate", simulate), emit=load_function("--emit", emit),
+        )  # fmt: skip
         animation = Animation(
             tasks_of(shot, numbers, outputs, settings.products), passes, skip_existing, progress, quiet
         )
@@ -256,17 +266,17 @@ def render(
         animation.render(finish, check)
 
 
-def _check_flags(
-    res: tuple[int, int],
-    res_scale: float,
-    crop: tuple[float, float, float, float] | None,
-    passes: int,
-    time_limit: float | None,
-    beams: int,
-    order: int,
-    anisotropy: float | None,
-    exposure: float,
-    threads: int | None,
+def check_flags(
+    res: tuple[int, int] = (0, 0),
+    res_scale: float = 1.0,
+    crop: tuple[float, float, float, float] | None = None,
+    passes: int = 1,
+    time_limit: float | None = None,
+    beams: int = 1,
+    order: int = 1,
+    anisotropy: float | None = None,
+    exposure: float = 0.0,
+    threads: int | None = None,
 ) -> None:
     """Refuse numbers out of range before anything heavy is imported; a NaN is never in range."""
     from ..quadrature import MOST_POINTS
@@ -316,7 +326,7 @@ def _settings(
     return read_settings(stage, path, [name for name, value in flags.items() if value])
 
 
-def _color(flag: str, text: str | None) -> Color | None:
+def parse_color(flag: str, text: str | None) -> Color | None:
     """Return the colour that a flag gives as a number, or as three with commas between."""
     from ..scene import color
 
@@ -330,13 +340,13 @@ def _color(flag: str, text: str | None) -> Color | None:
 
 
 @dataclass(frozen=True)
-class _Fog:
+class Fog:
     """The fog that flags give."""
 
     scattering: Color | None
     absorption: Color | None
     anisotropy: float | None
-    surfaces: bool | None
+    surfaces: bool | None = None
 
     def over(self, own: Medium | None) -> Medium | None:
         """Return this fog instead of a stage's own: what the flags leave out comes from that."""
@@ -389,7 +399,7 @@ def _check_plates(
         raise typer.BadParameter("--over-fog is of a plate: expected --over, too")
 
 
-def _start(device: Device, threads: int | None) -> None:
+def start_device(device: Device, threads: int | None) -> None:
     """Start the device on so many threads."""
     from .. import device as devices
 

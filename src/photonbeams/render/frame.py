@@ -23,6 +23,7 @@ from ..estimators.image import PixelRays, estimate_image
 from ..estimators.points import Points
 from ..looks import Context, Look
 from ..quadrature import Rule
+from ..simulation.programmed import Program, center_of
 from ..simulation.sampling import hash32, pixel_sample, z_order
 from ..simulation.sides import lights_seen
 from ..simulation.trace import BeamSet, trace
@@ -58,6 +59,8 @@ class Settings:
         "auto", "billboard" or "frustum", and the frustum's quadrature.
     seed, overlap
         Seed of all samples; width of beams in spacings of their neighbours.
+    program
+        What is done to the beams of each pass, or None.
     """
 
     passes: int = DEFAULT_PASSES
@@ -67,6 +70,7 @@ class Settings:
     rule: Rule = DEFAULT_RULE
     seed: int = 0
     overlap: float = OVERLAP
+    program: Program | None = None
 
     def __post_init__(self) -> None:
         check_estimator(self.estimator)
@@ -161,6 +165,17 @@ def render(
         if progress is not None:
             progress(statistics.passes, statistics)
         return Picture(frame.views(), statistics)
+
+
+def simulate(shutter: Shutter, window: Window, settings: Settings = Settings(), number: int = 0) -> list[BeamSet]:
+    """Return the beams of pass `number` of a frame, as `render` has them; a fog is not needed for that."""
+    description = shutter.at(0.0).scene
+    if description.medium is None:
+        check(replace(description, medium=scene.Medium(scene.BLACK)))
+    else:
+        check(description)
+    _check_memory(description, window, settings)
+    return _Frame(shutter, window, settings, Statistics()).simulated(number)
 
 
 def check(description: scene.Scene) -> None:
@@ -264,27 +279,13 @@ class _Frame:
 
     def add_pass(self, number: int) -> None:
         """Add pass `number`, which depends on nothing but the scene, the settings and its number."""
-        statistics, settings = self._statistics, self._settings
-        first, last = (0.0, 0.0)
-        if self._shutter.moving:
-            first, last = slice_of(number, self._slices)
-        moments = [self._shutter.at(each) for each in ((first, last) if self._shutter.moving else (first,))]
-        between = self._shutter.at(0.5 * (first + last))
+        statistics = self._statistics
+        times = self._times(number)
+        moments, between = [self._shutter.at(each) for each in times], self._shutter.at(0.5 * (times[0] + times[-1]))
         with statistics.phase("simulate"):
-            worlds = [self._world(moment) for moment in moments]
+            sets = self.simulated(number)
             middle = self._world(between)
-            sets = trace(
-                worlds[0],
-                beams_per_light=settings.beams,
-                pass_index=number,
-                seed=settings.seed,
-                light_side=self._light_side,
-                overlap=settings.overlap * (number + 1) ** SHRINKAGE,
-                close=worlds[1] if len(worlds) > 1 and worlds[1] is not worlds[0] else None,
-                looks=between.scene.looks(),
-            )
             clock = self._shutter.clock(0.5 * sum(slice_of(number, self._slices)))
-            dr.eval([(each.beams, each.close) for each in sets])
         statistics.beams += sum(len(each.beams) for each in sets)
         for eye, sums in enumerate(self._sums):
             cameras = [moment.cameras[eye] for moment in moments]
@@ -314,6 +315,33 @@ class _Frame:
                     self._add_beams(each, view, pixels, sums, between.scene.medium, context)
                 dr.eval(sums.groups)
         statistics.passes += 1
+
+    def _times(self, number: int) -> list[float]:
+        """Return the fractions of the shutter at which a pass opens and, where anything moves, closes."""
+        if not self._shutter.moving:
+            return [0.0]
+        return [*slice_of(number, None if self._settings.time_limit is not None else self._settings.passes)]
+
+    def simulated(self, number: int) -> list[BeamSet]:
+        """Return the beams of pass `number`."""
+        settings, times = self._settings, self._times(number)
+        between = self._shutter.at(0.5 * (times[0] + times[-1]))
+        worlds = [self._world(self._shutter.at(each)) for each in times]
+        sets = trace(
+            worlds[0],
+            beams_per_light=settings.beams,
+            pass_index=number,
+            seed=settings.seed,
+            light_side=self._light_side,
+            overlap=settings.overlap * (number + 1) ** SHRINKAGE,
+            close=worlds[1] if len(worlds) > 1 and worlds[1] is not worlds[0] else None,
+            looks=between.scene.looks(),
+        )
+        if settings.program is not None:
+            bounds = center_of(worlds[0].bounds.center), worlds[0].radius
+            sets = settings.program(sets, number, settings.seed, times, between.scene.medium, bounds)
+        dr.eval([(each.beams, each.close) for each in sets])
+        return sets
 
     def _warn_of_turn(self, cameras: list[scene.Camera]) -> None:
         """Warn once of a camera that turns so far within a pass that a straight line is no picture of its way."""

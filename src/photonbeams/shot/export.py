@@ -109,7 +109,7 @@ def chains(fields: Mapping[str, Array]) -> tuple[Array, Array, Array]:
     if "start_tangent" in fields and count > 1:
         pairs = (("start", "end"), ("radius_start", "radius_end"), ("start_tangent", "end_tangent"))
         same = [fields[a][1:].reshape(count - 1, -1) == fields[b][:-1].reshape(count - 1, -1) for a, b in pairs]
-        joined = np.concatenate(same, axis=1).all(axis=1)
+        joined = np.all(np.concatenate(same, axis=1), axis=1)
         if "offset" in fields:  # a closed curve's end is no joint of its beginning
             joined &= fields["offset"][1:] > fields["offset"][:-1]
     begins = np.concatenate([[True], ~joined])[:count]

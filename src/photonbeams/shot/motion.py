@@ -113,8 +113,12 @@ class Exposure:
             self._known[fraction] = content, self._eyes(fraction)
         return self._known[fraction]
 
+    def code(self, fraction: float) -> float:
+        """Return the time code of a fraction of the shutter."""
+        return self._start + fraction * self.duration
+
     def _scene(self, fraction: float) -> Scene:
-        code = self._start + fraction * self.duration
+        code = self.code(fraction)
         try:
             return followed(self._first[0], self._read_scene(code))
         except SceneError as error:

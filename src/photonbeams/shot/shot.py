@@ -15,6 +15,7 @@ from pxr import Usd
 from .. import scene
 from . import stage as stages
 from .camera import read_shutter
+from .export import write_beams
 from .images import PathLike, write_frame
 from .looks import LookSpec, build_look
 from .motion import Exposure
@@ -24,7 +25,10 @@ from .stereo import EYES, Stereo, read_eyes
 
 if TYPE_CHECKING:
     from ..render.frame import Statistics
+    from ..render.shutter import Shutter
     from ..scene import Array
+    from ..simulation.programmed import Emitter, Modifier, Program
+    from ..simulation.trace import BeamSet
 
 DEFAULT_WIDTH = 1280
 
@@ -74,8 +78,11 @@ class Shot:
         camera: str | None = None,
         medium: scene.Medium | Fog | None = None,
         stereo: Stereo | None = None,
+        simulate: Modifier | None = None,
+        emit: Emitter | None = None,
     ) -> None:
         self.stage, self.camera, self.medium, self.stereo = stage, camera, medium, stereo
+        self.simulate, self.emit = simulate, emit
         self._sphere: tuple[Array, float] | None = None
         self._warned: set[Any] = set()
         self._looks: dict[str, Any] = {}
@@ -88,6 +95,8 @@ class Shot:
         *,
         medium: scene.Medium | Fog | None = None,
         stereo: Stereo | None = None,
+        simulate: Modifier | None = None,
+        emit: Emitter | None = None,
         session_layers: Iterable[str | os.PathLike[str]] = (),
         overrides: Iterable[str] = (),
     ) -> Shot:
@@ -103,6 +112,10 @@ class Shot:
             A fog instead of the stage's own, or for a stage that has none; or a function of the stage's own.
         stereo
             For two eyes, how the camera becomes two of them; None: one picture.
+        simulate
+            A function of beams and a `Context` that changes the beams of each pass, such as `thin`, or a `chain`.
+        emit
+            A function of a `Context` that makes beams from nothing: it returns `Beams`, `DrawnBeams`, or several.
         session_layers, overrides
             Layers over the stage, and values "/prim.attribute=value" over those.
 
@@ -111,7 +124,7 @@ class Shot:
         SceneError
             What cannot be read, in one sentence.
         """
-        shot = cls(stages.open_stage(path, session_layers, overrides), camera, medium, stereo)
+        shot = cls(stages.open_stage(path, session_layers, overrides), camera, medium, stereo, simulate, emit)
         shot.cameras()  # a wrong name is an error now, not after a long read
         return shot
 
@@ -130,7 +143,16 @@ class Shot:
             lights=tuple(replace(light, look=self._look(light.look)) for light in content.lights),
             drawn=tuple(replace(beams, look=self._look(beams.look)) for beams in content.drawn),
         )
+        if self.emit is not None:
+            content = replace(content, drawn=(*content.drawn, *self._emitted(self.emit, frame, content.medium)))
         return content, camera
+
+    def _emitted(self, emit: Emitter, frame: float | None, medium: scene.Medium | None) -> list[scene.DrawnBeams]:
+        """Return the beams that the shot's function makes from nothing, at a time."""
+        from ..simulation.programmed import Context, emitted
+
+        code = self.time(frame)
+        return emitted(emit, Context(frame=frame, time=0.0 if code.IsDefault() else code.GetValue(), medium=medium))
 
     def _fog(self, own: scene.Medium | None) -> scene.Medium | None:
         if callable(self.medium):
@@ -283,7 +305,6 @@ class Shot:
         """
         from ..render.camera import View, Window
         from ..render.frame import Settings, render
-        from ..render.shutter import Moment, Shutter
 
         if passes is not None:
             settings["passes"] = passes
@@ -297,12 +318,10 @@ class Shot:
         eyes = [EYES.index(name) if name else 0 for name in names]
         content, cameras = exposure(0.0)
         self.check(content)
-        picture = render(
-            Shutter(lambda at: Moment(exposure(at)[0], tuple(exposure(at)[1][eye] for eye in eyes)),
-                    exposure.moving, self._clock(frame, exposure.duration)),
-            window, Settings(**settings), progress,
-            [each.seen_by(View(cameras[eye], window)) for each, eye in zip(depths, eyes, strict=False)],
-        )  # fmt: skip
+        settings.setdefault("program", self._program(frame, exposure))
+        shutter = _shutter(exposure, eyes, self.stage.GetTimeCodesPerSecond() or 1.0)
+        ends = [each.seen_by(View(cameras[eye], window)) for each, eye in zip(depths, eyes, strict=False)]
+        picture = render(shutter, window, Settings(**settings), progress, ends)
         if plate is not None and pixels:
             for layers, each in zip(picture.views, pixels, strict=True):
                 layers["rgba"] = plate.under(layers, part_of(each, window))
@@ -320,17 +339,48 @@ class Shot:
         layers, metadata = views[names[0]]
         return Frame(layers, metadata, picture.statistics, views if len(views) > 1 else {})
 
-    def _clock(self, frame: float | None, duration: float) -> Callable[[float], tuple[float, float]]:
-        """Return what tells the frame and the seconds at a fraction of a frame's shutter."""
-        time = self.time(frame)
-        start = 0.0 if time.IsDefault() else float(time.GetValue()) + read_shutter(self.stage, self.camera, time)[0]
-        rate = self.stage.GetTimeCodesPerSecond() or 1.0
+    def beams(self, frame: float | None = None, *, view: str | None = None, **settings: Any) -> list[BeamSet]:
+        """Return the beams that the first pass of a frame has: of each light, and of each set of drawn beams.
 
-        def clock(fraction: float) -> tuple[float, float]:
-            code = start + fraction * duration
-            return code, code / rate
+        Parameters
+        ----------
+        frame
+            Frame number; None is the stage's start or default time. What moves is where it is as the shutter opens.
+        view
+            "left" or "right" for one of two eyes.
+        **settings
+            As for `render`: beams, seed, overlap.
+        """
+        from ..render.camera import Window
+        from ..render.frame import Settings, simulate
 
-        return clock
+        exposure = self.exposure(frame, blur=False, lens=False)
+        size = self.resolution(128, None, frame)
+        eyes = [EYES.index(name) if name else 0 for name in self._views(view)]
+        settings.setdefault("program", self._program(frame, exposure))
+        return simulate(_shutter(exposure, eyes), Window.full(*size), Settings(**settings))
+
+    def drawn_beams(self, frame: float | None = None, **settings: Any) -> list[scene.DrawnBeams]:
+        """Return those beams as plain numbers, as `write_beams` takes them."""
+        return [
+            scene.DrawnBeams(each.name, **each.beams.arrays(), group=each.group, look=each.look)
+            for each in self.beams(frame, **settings)
+        ]
+
+    def write_beams(self, path: str | os.PathLike[str], frame: float | None = None, **settings: Any) -> int:
+        """Write those beams as BasisCurves to a .usd, .usda or .usdc file, whole or not at all; return how many."""
+        found = self.drawn_beams(frame, **settings)
+        known = {id(look): name for name, (_, look) in self._looks.items()}
+        looks = {each.name: known[id(each.look)] for each in found if id(each.look) in known}
+        write_beams(found, path, like=self.stage, looks=looks, time=self.time(frame))
+        return sum(len(each.start) for each in found)
+
+    def _program(self, frame: float | None, exposure: Exposure) -> Program | None:
+        if self.simulate is None:
+            return None
+        from ..simulation.programmed import Program
+
+        return Program(self.simulate, frame, exposure.code)
 
     def check_plates(
         self, plates: Sequence[Holdout | Plate], frame: float | None, width: int, height: int, view: str | None = None
@@ -383,6 +433,21 @@ class Shot:
         if not time.IsDefault():
             about["frame"] = float(time.GetValue())
         return about
+
+
+def _shutter(exposure: Exposure, eyes: Sequence[int], rate: float = 1.0) -> Shutter:
+    """Return what the renderer asks of an exposure, for these eyes; `rate` is in time codes a second."""
+    from ..render.shutter import Moment, Shutter
+
+    def at(fraction: float) -> Moment:
+        content, cameras = exposure(fraction)
+        return Moment(content, tuple(cameras[eye] for eye in eyes))
+
+    def clock(fraction: float) -> tuple[float, float]:
+        code = exposure.code(fraction)
+        return code, code / rate
+
+    return Shutter(at, exposure.moving, clock)
 
 
 def _cropped(width: int, height: int, crop: Sequence[float] | None) -> tuple[int, int, int, int]:

@@ -45,13 +45,15 @@ _PORTAL, _ALL = 0, 1  # names of strata in seeds
 class BeamSet(NamedTuple):
     """Beams that share a light group and a look (None: the physical one), and where they move, at shutter close.
 
-    `light` is the light's number, `to_world` the transform from its space, (4, 4), for looks.
+    `light` is the light's number, `to_world` the transform from its space, (4, 4), for looks; `name` is the path of the
+    light, or of the curves, that they are of.
     """
 
     group: str
     look: Look | None
     beams: Beams
     close: Beams | None = None
+    name: str = ""
     light: int = 0
     to_world: Any = None
 
@@ -136,9 +138,9 @@ def trace(
             pieces += _beams(moments, paths, run, split=False)
         if pieces:
             states = [_joined(list(state)) for state in zip(*pieces, strict=True)]
-            look = (looks or {}).get(light.name, light.look)
             later = states[1] if len(states) > 1 else None
-            sets.append(BeamSet(light.group, look, states[0], later, index, light.frame))
+            look = (looks or {}).get(light.name, light.look)
+            sets.append(BeamSet(light.group, look, states[0], later, light.name, index, light.frame))
     return sets + _drawn(world, close, looks or {})
 
 
@@ -349,7 +351,7 @@ def _drawn(world: World, close: World | None, looks: Mapping[str, Look | None]) 
         later = close.description.drawn[number] if close is not None else drawn
         moved = Beams(**later.arrays()) if later is not drawn and _are_same(drawn, later) else None
         look, index = looks.get(drawn.name, drawn.look), len(world.description.lights) + number
-        sets.append(BeamSet(drawn.group, look, Beams(**drawn.arrays()), moved, index))
+        sets.append(BeamSet(drawn.group, look, Beams(**drawn.arrays()), moved, drawn.name, index))
     return sets
 
 

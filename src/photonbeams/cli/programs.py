@@ -1,0 +1,77 @@
+"""Python functions that a user names on the command line, FILE.py:NAME."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+import traceback
+from collections.abc import Callable
+from functools import wraps
+from pathlib import Path
+from typing import Any
+
+import typer
+
+
+def load_function(flag: str, text: str | None) -> Callable[..., Any] | None:
+    """Return the function that a flag names, or None where it is not given.
+
+    What the file or the function raises becomes a SceneError of one sentence, with file and line.
+
+    Raises
+    ------
+    typer.BadParameter
+        No such file, or no such function in it.
+    """
+    if text is None:
+        return None
+    name, _, function = text.rpartition(":")
+    path = Path(name)
+    if path.suffix != ".py" or not function.isidentifier():
+        raise typer.BadParameter(f"{flag} is {text}: expected FILE.py:NAME, such as beams.py:{function or 'bend'}")
+    if not path.is_file():
+        raise typer.BadParameter(f"{flag} is {text}: expected a file that is there")
+    module = _told(_module, path)(path)
+    found = getattr(module, function, None)
+    if not callable(found):
+        raise typer.BadParameter(f"{flag} is {text}: expected a function '{function}' in {path}")
+    return _told(found, path)
+
+
+def _module(path: Path) -> Any:
+    """Run a file as a module of its own; it may import its neighbours."""
+    spec = importlib.util.spec_from_file_location(f"photonbeams_program_{path.stem}", path)
+    assert spec is not None and spec.loader is not None  # of a name that ends in .py
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module
+    sys.path.insert(0, str(path.parent.absolute()))
+    try:
+        spec.loader.exec_module(module)
+    finally:
+        sys.path.remove(str(path.parent.absolute()))
+    return module
+
+
+def _told(function: Callable[..., Any], path: Path) -> Callable[..., Any]:
+    """Return the function, whose exceptions are told in one sentence; Ctrl-C and the like pass."""
+    from ..scene import SceneError
+
+    @wraps(function)
+    def called(*given: Any) -> Any:
+        try:
+            return function(*given)
+        except Exception as error:
+            raise SceneError(_sentence(error, path)) from error
+
+    return called
+
+
+def _sentence(error: Exception, path: Path) -> str:
+    """Return file, line and what an exception says; the last line of the user's file that led to it."""
+    if isinstance(error, SyntaxError):
+        return f"{path}, line {error.lineno}: {error.msg}"
+    own = [entry for entry in traceback.extract_tb(error.__traceback__) if Path(entry.filename) == path]
+    own = own or [each for each in traceback.extract_tb(error.__traceback__) if Path(each.filename).name == path.name]
+    place = f"{path}, line {own[-1].lineno}" if own else str(path)
+    text = " ".join(str(error).split())
+    return f"{place}: {type(error).__name__}{': ' if text else ''}{text}"
