@@ -13,8 +13,8 @@ import photonbeams as pb
 from photonbeams import scene
 from photonbeams.device import Float
 from photonbeams.estimators.estimate import ENDLESS
-from photonbeams.estimators.points import Points
 from photonbeams.estimators.image import Estimate, PixelRays, estimate_image
+from photonbeams.estimators.points import Points
 from photonbeams.render.camera import View, Window
 
 WIDTH, HEIGHT = 1280, 720

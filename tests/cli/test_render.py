@@ -619,3 +619,40 @@ def test_a_texture_that_is_cut_off_is_named(render, stage, out, tmp_path):
     whole.write_bytes(whole.read_bytes()[:-20])
     assert "wood.png" in render(stage(FOG, CAMERA, LAMP, TEXTURED), "-o", out / "old.exr")[2].splitlines()[-1]
     assert untouched(out)
+
+
+# -- looks of one's own -----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("flags", "code", "message"),
+    [
+        (["mine.py:green"], 0, ""),
+        (["Lamp=mine.py:green"], 0, ""),
+        (["Lmp=mine.py:green"], 1, "no beams are of Lmp: expected one of "),
+        (["mine.py:number"], 2, "--look is mine.py:number: expected a photonbeams.Look 'number' in mine.py"),
+        (["gone.py:green"], 2, "--look is gone.py:green: expected a file that is there"),
+        (["green"], 2, "--look is green: expected FILE.py:NAME"),
+        (["mine.py:green", "Lamp=mine.py:green"], 2, "expected one look for all beams, or one for each prim"),
+        (["mine.py:words"], 1, "the look's function words returns a str: expected a Float, an Array3f or a number"),
+        (["mine.py:nothing"], 1, "the look's factor along is not finite everywhere"),
+        (["broken.py:green"], 1, "broken.py, line 1: "),
+    ],
+)
+def test_a_look_in_python_is_taken_or_told_in_a_sentence(render, stage, out, monkeypatch, flags, code, message):
+    monkeypatch.chdir(out)
+    (out / "mine.py").write_text(
+        "import photonbeams as pb\n"
+        "number = 3\n"
+        "def told(s):\n    return 'red'\n"
+        "told.__name__ = 'words'\n"
+        "green, words = pb.Look(along='[0, 1, 0]'), pb.Look(along=told)\n"
+        "nothing = pb.Look(along=lambda s: s / 0)\n"
+    )
+    (out / "broken.py").write_text("green = = 1\n")
+    given = [word for flag in flags for word in ("--look", flag)]
+    result = render(stage(), "-o", "a.exr", "--progress", "none", "-q", *given)
+    if code:
+        fails(result, code, message)
+    assert result[0] == code
+    assert (out / "a.exr").exists() == (code == 0)

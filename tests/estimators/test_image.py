@@ -12,8 +12,8 @@ from photonbeams.arrays import to_float
 from photonbeams.device import Array2f, Float, UInt32
 from photonbeams.estimators import image
 from photonbeams.estimators.estimate import ENDLESS
-from photonbeams.estimators.points import Points
 from photonbeams.estimators.image import PixelRays, estimate_image, lane_of
+from photonbeams.estimators.points import Points
 from photonbeams.estimators.tiles import TILE, Bins, footprints
 from photonbeams.render.camera import View, Window
 from photonbeams.simulation.sampling import hash32, unit_float

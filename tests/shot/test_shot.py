@@ -112,3 +112,68 @@ def test_worldtondc_projects_a_point_to_its_pixel(shot):
     x, y = point[:2] / point[3]
     # 90 degrees wide: x/z = 0.4 / 2.25, of a half width of 1; y of a half height of 9/16.
     assert np.allclose([x, y], [0.5 + 0.5 * 0.4 / 2.25, 0.5 + 0.5 * (0.4 / 2.25) / (9 / 16)])
+
+
+# -- looks of one's own ------------------------------------------------------------------------------------------------
+
+LOOKED_AT = """#usda 1.0
+(
+    defaultPrim = "World"
+)
+def Xform "World" {
+    def Camera "Camera" {
+        double3 xformOp:translate = (0, 0, 6)
+        uniform token[] xformOpOrder = ["xformOp:translate"]
+    }
+    def SphereLight "Red" (prepend apiSchemas = ["ShapingAPI", "PhotonBeamsLightAPI"]) {
+        float inputs:radius = 0.1
+        float inputs:intensity = 50
+        int photonbeams:count = 64
+        token photonbeams:lightGroup = "red"
+        rel photonbeams:look = </World/Look>
+    }
+    def SphereLight "Blue" (prepend apiSchemas = ["PhotonBeamsLightAPI"]) {
+        float inputs:radius = 0.1
+        float inputs:intensity = 50
+        int photonbeams:count = 64
+        token photonbeams:lightGroup = "blue"
+    }
+    def PhotonBeamsLook "Look" {
+        color3f photonbeams:along:tint = (1, 0, 0)
+    }
+    def Scope "Fog" (prepend apiSchemas = ["PhotonBeamsMediumAPI"]) {
+        color3f photonbeams:scattering = (0.1, 0.1, 0.1)
+    }
+}
+"""
+GREEN = pb.Look(along=pb.Constant([0, 1, 0]) * pb.Attenuation())
+
+
+@pytest.mark.parametrize(
+    ("looks", "green"),
+    [
+        (GREEN, {"red", "blue"}),
+        ({"Red": GREEN}, {"red"}),
+        ({"/World/Blue": GREEN}, {"blue"}),
+        ({"Look": GREEN}, {"red"}),
+        ({"/World/Look": GREEN, "Blue": GREEN}, {"red", "blue"}),
+        (None, set()),
+    ],
+)
+def test_looks_of_ones_own_replace_the_stages(tmp_path, looks, green):
+    (tmp_path / "a.usda").write_text(LOOKED_AT)
+    shot = pb.Shot.open(tmp_path / "a.usda", looks=looks)
+    layers = shot.render(passes=1, width=16, height=9).layers
+    for group in ("red", "blue"):
+        colour = layers[f"beams_{group}"].sum(axis=(0, 1))
+        expected = [0, 1, 0] if group in green else [1, 0, 0] if group == "red" else [1, 1, 1]
+        assert (colour > 0).tolist() == [bool(each) for each in expected]
+
+
+def test_a_look_for_beams_that_are_not_there_is_an_error(tmp_path):
+    (tmp_path / "a.usda").write_text(LOOKED_AT)
+    shot = pb.Shot.open(tmp_path / "a.usda", looks={"Green": GREEN})
+    with pytest.raises(
+        pb.SceneError, match=r"no beams are of Green: expected one of /World/Blue, /World/Look, /World/Red"
+    ):
+        shot.render(passes=1, width=16, height=9)

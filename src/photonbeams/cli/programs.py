@@ -5,12 +5,15 @@ from __future__ import annotations
 import importlib.util
 import sys
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import wraps
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import typer
+
+if TYPE_CHECKING:
+    from ..looks import Look
 
 
 def load_function(flag: str, text: str | None) -> Callable[..., Any] | None:
@@ -23,8 +26,30 @@ def load_function(flag: str, text: str | None) -> Callable[..., Any] | None:
     typer.BadParameter
         No such file, or no such function in it.
     """
-    if text is None:
-        return None
+    return None if text is None else _told(*_loaded(flag, text, callable, "a function"))
+
+
+def load_looks(flag: str, texts: Sequence[str]) -> Look | dict[str, Look] | None:
+    """Return the looks that a flag names, FILE.py:NAME for all beams or PRIM=FILE.py:NAME for some; None for none.
+
+    Raises
+    ------
+    typer.BadParameter
+        No such file, no look of that name in it, or two of them for the same beams.
+    """
+    from ..looks import Look
+
+    found: dict[str, Look] = {}
+    for text in texts:
+        prim, _, place = text.rpartition("=")
+        if prim in found or (found and "" in (prim, *found)):
+            raise typer.BadParameter(f"{flag} is {text}: expected one look for all beams, or one for each prim")
+        found[prim] = _loaded(flag, place, lambda value: isinstance(value, Look), "a photonbeams.Look")[0]
+    return found.get("") or found or None
+
+
+def _loaded(flag: str, text: str, fits: Callable[[Any], bool], kind: str) -> tuple[Any, Path]:
+    """Return what FILE.py:NAME names, and the file."""
     name, _, function = text.rpartition(":")
     path = Path(name)
     if path.suffix != ".py" or not function.isidentifier():
@@ -33,9 +58,9 @@ def load_function(flag: str, text: str | None) -> Callable[..., Any] | None:
         raise typer.BadParameter(f"{flag} is {text}: expected a file that is there")
     module = _told(_module, path)(path)
     found = getattr(module, function, None)
-    if not callable(found):
-        raise typer.BadParameter(f"{flag} is {text}: expected a function '{function}' in {path}")
-    return _told(found, path)
+    if not fits(found):
+        raise typer.BadParameter(f"{flag} is {text}: expected {kind} '{function}' in {path}")
+    return found, path
 
 
 def _module(path: Path) -> Any:

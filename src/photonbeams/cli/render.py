@@ -14,7 +14,7 @@ import typer
 
 from .animation import Animation, Task, frame_numbers, tasks_of
 from .outputs import Output, check_placeholders, chosen_layers, parse_outputs, prepare_outputs, write_outputs
-from .programs import load_function
+from .programs import load_function, load_looks
 from .progress import Progress, counted, held_interrupt, messages
 
 if TYPE_CHECKING:
@@ -132,6 +132,13 @@ def render(
     beams_only_fog: Annotated[
         bool, typer.Option("--beams-only-fog", help="A fog that beams alone feel: surfaces are as if without it.")
     ] = False,
+    look: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="[PRIM=]FILE.py:NAME",
+            help="A look of your own in Python, for all beams or those of PRIM; repeatable.",
+        ),
+    ] = None,
     simulate: Annotated[
         str | None, typer.Option(metavar="FILE.py:NAME", help="A Python function that changes the beams of each pass.")
     ] = None,
@@ -227,6 +234,7 @@ def render(
         shot = Shot(
             stage, camera or settings.camera, medium=fog.over, stereo=eyes,
             simulate=load_function("--simulate", simulate), emit=load_function("--emit", emit),
+            looks=load_looks("--look", look or ()),
         )  # fmt: skip
         animation = Animation(
             tasks_of(shot, numbers, outputs, settings.products), passes, skip_existing, progress, quiet

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -24,6 +24,7 @@ from .reading import LOG, file_of
 from .stereo import EYES, Stereo, read_eyes
 
 if TYPE_CHECKING:
+    from ..looks import Look
     from ..render.frame import Statistics
     from ..render.shutter import Shutter
     from ..scene import Array
@@ -80,9 +81,10 @@ class Shot:
         stereo: Stereo | None = None,
         simulate: Modifier | None = None,
         emit: Emitter | None = None,
+        looks: Look | Mapping[str, Look] | None = None,
     ) -> None:
         self.stage, self.camera, self.medium, self.stereo = stage, camera, medium, stereo
-        self.simulate, self.emit = simulate, emit
+        self.simulate, self.emit, self.looks = simulate, emit, looks or {}
         self._sphere: tuple[Array, float] | None = None
         self._warned: set[Any] = set()
         self._looks: dict[str, Any] = {}
@@ -97,6 +99,7 @@ class Shot:
         stereo: Stereo | None = None,
         simulate: Modifier | None = None,
         emit: Emitter | None = None,
+        looks: Look | Mapping[str, Look] | None = None,
         session_layers: Iterable[str | os.PathLike[str]] = (),
         overrides: Iterable[str] = (),
     ) -> Shot:
@@ -116,6 +119,9 @@ class Shot:
             A function of beams and a `Context` that changes the beams of each pass, such as `thin`, or a `chain`.
         emit
             A function of a `Context` that makes beams from nothing: it returns `Beams`, `DrawnBeams`, or several.
+        looks
+            Looks of your own instead of the stage's: one for all beams, or by the path or the name of a light, of
+            drawn curves, or of the PhotonBeamsLook that they name.
         session_layers, overrides
             Layers over the stage, and values "/prim.attribute=value" over those.
 
@@ -124,7 +130,7 @@ class Shot:
         SceneError
             What cannot be read, in one sentence.
         """
-        shot = cls(stages.open_stage(path, session_layers, overrides), camera, medium, stereo, simulate, emit)
+        shot = cls(stages.open_stage(path, session_layers, overrides), camera, medium, stereo, simulate, emit, looks)
         shot.cameras()  # a wrong name is an error now, not after a long read
         return shot
 
@@ -140,12 +146,26 @@ class Shot:
         content = replace(
             content,
             medium=self._fog(content.medium),
-            lights=tuple(replace(light, look=self._look(light.look)) for light in content.lights),
-            drawn=tuple(replace(beams, look=self._look(beams.look)) for beams in content.drawn),
+            lights=tuple(replace(light, look=self._look(light.name, light.look)) for light in content.lights),
+            drawn=tuple(replace(beams, look=self._look(beams.name, beams.look)) for beams in content.drawn),
         )
         if self.emit is not None:
-            content = replace(content, drawn=(*content.drawn, *self._emitted(self.emit, frame, content.medium)))
+            made = self._emitted(self.emit, frame, content.medium)
+            made = [replace(beams, look=self._look(beams.name, beams.look)) for beams in made]
+            content = replace(content, drawn=(*content.drawn, *made))
+        self._check_looks(content)
         return content, camera
+
+    def _check_looks(self, content: scene.Scene) -> None:
+        """Raise SceneError for a look of the user's that nothing on the stage has."""
+        if not isinstance(self.looks, Mapping):
+            return
+        named = {light.name for light in content.lights} | {drawn.name for drawn in content.drawn} | set(self._looks)
+        known = named | {name.rpartition("/")[2] for name in named}
+        for name in self.looks:
+            if name not in known:
+                beams = ", ".join(sorted(named)) or "none"
+                raise scene.SceneError(f"{file_of(self.stage)}: no beams are of {name}: expected one of {beams}")
 
     def _emitted(self, emit: Emitter, frame: float | None, medium: scene.Medium | None) -> list[scene.DrawnBeams]:
         """Return the beams that the shot's function makes from nothing, at a time."""
@@ -229,8 +249,18 @@ class Shot:
             LOG.warning("%s: no beams have any light: expected some of %s to shine", file_of(self.stage), names)
         return layer_names(content)
 
-    def _look(self, spec: Any) -> Any:
-        """Return the look of a spec; lights that share a prim share it, and so its kernels."""
+    def _look(self, owner: str, spec: Any) -> Any:
+        """Return the look of a light or of curves: the user's, or that of a spec.
+
+        Those that share a prim share it, and so its kernels.
+        """
+        if not isinstance(self.looks, Mapping):
+            return self.looks
+        for name in (owner, getattr(spec, "name", "")):
+            mine = self.looks.get(name) or self.looks.get(name.rpartition("/")[2])
+            if mine is not None:
+                self._looks.setdefault(name, (None, mine))
+                return mine
         if not isinstance(spec, LookSpec):
             return spec
         known = self._looks.get(spec.name)
