@@ -177,3 +177,29 @@ def test_a_look_for_beams_that_are_not_there_is_an_error(tmp_path):
         pb.SceneError, match=r"no beams are of Green: expected one of /World/Blue, /World/Look, /World/Red"
     ):
         shot.render(passes=1, width=16, height=9)
+
+
+def test_another_look_in_a_running_session_compiles_at_most_once(tmp_path):
+    (tmp_path / "a.usda").write_text(LOOKED_AT)
+    shot = pb.Shot.open(tmp_path / "a.usda")
+    look = shot.stage.GetPrimAtPath("/World/Look")
+    changes = {
+        "along:length": 2.0,  # of what is not used
+        "along:tint": (0.5, 1, 0.25),  # a number
+        "across:profile": "gaussian",  # another formula
+        "along:expression": "0.5 + s * noise(2 * P)",
+        "noise:amount": 0.5,
+    }
+
+    def compiled():
+        return shot.render(passes=1, width=16, height=9).statistics.kernels_compiled
+
+    compiled()
+    for name, value in changes.items():
+        look.GetAttribute(f"photonbeams:{name}").Set(value)
+        first, second = compiled(), compiled()
+        assert second == 0, name
+        assert first == 0 or name not in ("along:length", "along:tint"), name
+    for name, value in {"along:expression": "0.25 + s * noise(3 * P)", "noise:amount": 0.25, "noise:scale": 2}.items():
+        look.GetAttribute(f"photonbeams:{name}").Set(value)
+        assert compiled() == 0, name
