@@ -40,6 +40,8 @@ if TYPE_CHECKING:
     from .quadrature import Rule, gauss_legendre, riemann
     from .scene import Medium, SceneError
     from .shot import Shot, Stereo
+    from .simulation.modify import aim, bend, clamp, recolour, thin
+    from .simulation.programmed import Context, chain
 
     __version__: str
 
@@ -52,6 +54,7 @@ __all__ = [
     "BoundLook",
     "ColorRamp",
     "Constant",
+    "Context",
     "Epanechnikov",
     "Exponential",
     "Factor",
@@ -74,10 +77,16 @@ __all__ = [
     "Texture",
     "Uniform",
     "__version__",
+    "aim",
+    "bend",
+    "chain",
+    "clamp",
     "curved",
     "estimate",
     "gauss_legendre",
+    "recolour",
     "riemann",
+    "thin",
 ]
 
 # Dr.Jit loads libLLVM while it is imported, so the library is chosen now: the user's next line may import Mitsuba.
@@ -90,6 +99,8 @@ _HOMES = {
     "quadrature": ("Rule", "gauss_legendre", "riemann"),
     "scene": ("Medium", "SceneError"),
     "shot": ("Shot", "Stereo"),
+    "simulation.modify": ("aim", "bend", "clamp", "recolour", "thin"),
+    "simulation.programmed": ("Context", "chain"),
 }
 _HOME = dict.fromkeys(__all__, "looks") | {name: module for module, names in _HOMES.items() for name in names}
 

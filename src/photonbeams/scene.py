@@ -154,6 +154,8 @@ class Light:
         The mesh through which the light reaches the shot, or None. It is no surface.
     look
         The look of the light's beams, or None for the physical one.
+    guides
+        Points (M, 3) along each of the curves that lead the light's beams: see `simulation.guides`.
     """
 
     name: str
@@ -167,6 +169,7 @@ class Light:
     look: Look | None = None
     shaping: Shaping | None = None
     lights_surfaces: bool = True
+    guides: tuple[Array, ...] = ()
 
 
 @dataclass(frozen=True)

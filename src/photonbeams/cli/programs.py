@@ -28,7 +28,7 @@ def load_function(flag: str, text: str | None) -> Callable[..., Any] | None:
     name, _, function = text.rpartition(":")
     path = Path(name)
     if path.suffix != ".py" or not function.isidentifier():
-        raise typer.BadParameter(f"{flag} is {text}: expected FILE.py:NAME, such as beams.py:{function or 'bend'}")
+        raise typer.BadParameter(f"{flag} is {text}: expected FILE.py:NAME, such as beams.py:bend")
     if not path.is_file():
         raise typer.BadParameter(f"{flag} is {text}: expected a file that is there")
     module = _told(_module, path)(path)

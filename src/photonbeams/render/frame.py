@@ -23,7 +23,7 @@ from ..estimators.frustum import Points
 from ..estimators.image import PixelRays, estimate_image
 from ..looks import Look
 from ..quadrature import Rule
-from ..simulation.programmed import Program, center_of
+from ..simulation.programmed import Program
 from ..simulation.sampling import hash32, pixel_sample, z_order
 from ..simulation.sides import lights_seen
 from ..simulation.trace import BeamSet, trace
@@ -317,7 +317,8 @@ class _Frame:
             looks=between.scene.looks(),
         )
         if settings.program is not None:
-            bounds = center_of(worlds[0].bounds.center), worlds[0].radius
+            x, y, z = (float(each[0]) for each in worlds[0].bounds.center)
+            bounds = (x, y, z), worlds[0].radius
             sets = settings.program(sets, number, settings.seed, times, between.scene.medium, bounds)
         dr.eval([(each.beams, each.close) for each in sets])
         return sets
