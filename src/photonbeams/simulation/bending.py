@@ -89,6 +89,10 @@ def pieces(
     last_power = beams.power if beams.power_end is None else beams.power_end
     result.power = dr.select(there, along(beams.power, last_power, low), 0)
     result.power_end = None if beams.power_end is None else dr.select(there, along(beams.power, last_power, high), 0)
+    if beams.end_normal is not None:
+        # What stops a path turns with it; within the path it is the plane that two pieces share.
+        wall = dr.gather(Array3f, _turned(beams.end_normal, paths.direction, ends[1]), path)
+        result.end_normal = dr.select(number + 1 < count, -result.end_tangent, wall)
     along_path = lengths(points, each, steps, before)
     result.offset = dr.gather(Float, along_path, first)
     whole = dr.gather(Float, along_path, path * (count + 1) + count)
@@ -126,6 +130,13 @@ def lengths(points: Any, count: int, steps: int, before: Any) -> Any:
     dr.while_loop(state, lambda i, *_: i < nodes, body, label="lengths")
     dr.eval(result)
     return result
+
+
+def _turned(vector: Any, old: Any, new: Any) -> Any:
+    """Return a vector turned as the shortest way from one direction to another turns it (Rodrigues)."""
+    cosine, axis = dr.dot(old, new), dr.cross(old, new)
+    turned = cosine * vector + dr.cross(axis, vector) + axis * (dr.dot(axis, vector) / dr.maximum(1 + cosine, 1e-6))
+    return dr.select(cosine > -0.99, turned, -new)
 
 
 def _unit(vector: Any) -> Any:
