@@ -26,7 +26,7 @@ from ..quadrature import Rule
 from ..simulation.programmed import Program
 from ..simulation.sampling import hash32, pixel_sample, z_order
 from ..simulation.sides import lights_seen
-from ..simulation.trace import BeamSet, trace
+from ..simulation.trace import BeamSet, pieces_of, trace
 from .camera import CameraRays, View, Window
 from .shutter import Moment, Shutter, slice_of, turn, with_lens
 from .surfaces import shade
@@ -205,7 +205,10 @@ def _check_memory(description: scene.Scene, window: Window, settings: Settings) 
     """
     height, width = window.shape
     counts = [settings.beams if light.beam_count is None else light.beam_count for light in description.lights]
-    beams = sum(count for light, count in zip(description.lights, counts, strict=True) if light.emits_beams)
+    pieces = [pieces_of(light) for light in description.lights]
+    beams = sum(
+        count * each for light, count, each in zip(description.lights, counts, pieces, strict=True) if light.emits_beams
+    )
     needed, present = PIXEL_BYTES * width * height + BEAM_BYTES * beams, device.memory()
     if device.backend() == "llvm" and present is not None and needed > present:
         raise scene.SceneError(

@@ -131,6 +131,11 @@ def trace(
     return sets + _drawn(world, close, looks or {})
 
 
+def pieces_of(light: scene.Light) -> int:
+    """Return how many beams a light's guides make of one."""
+    return pieces_along(known_guides(light.guides)) + 2 if light.guides else 1
+
+
 def _led(states: list[Beams], moments: list[_Moment]) -> list[Beams]:
     """Return beams at the times that differ, along their light's guides if it has any."""
     guides = [known_guides(moment.light.guides) for moment in moments]
