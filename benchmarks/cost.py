@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.table import Table
 
 import photonbeams as pb
-from photonbeams.estimators.frustum import Points
+from photonbeams.estimators.points import Points
 
 from .scenes import RAMP, Fan, Picture
 

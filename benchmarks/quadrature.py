@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 import photonbeams as pb
-from photonbeams.estimators.frustum import Points
+from photonbeams.estimators.points import Points
 from photonbeams.quadrature import Rule
 
 from .scenes import RAMP, Fan, Picture, rgb

@@ -13,7 +13,7 @@ import photonbeams as pb
 from photonbeams import scene
 from photonbeams.device import Float
 from photonbeams.estimators.estimate import ENDLESS
-from photonbeams.estimators.frustum import Points
+from photonbeams.estimators.points import Points
 from photonbeams.estimators.image import Estimate, PixelRays, estimate_image
 from photonbeams.render.camera import View, Window
 

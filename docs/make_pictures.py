@@ -7,6 +7,7 @@ factor's curve.
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -18,15 +19,16 @@ import drjit as dr
 import matplotlib.pyplot as plt
 import numpy as np
 import renders
+from pages import ROOT
 
 import photonbeams as pb
+from photonbeams.cli import main as photonbeams
 from photonbeams.cli.quadrature import quadrature
 from photonbeams.device import Array3f, Float
-from photonbeams.shot.display import srgb_encoded, tone_mapped
 from photonbeams.shot.images import atomic_path
+from photonbeams.swatches import FOG, picture
 
 PICTURES = Path(__file__).parent / "pictures"
-FOG = pb.Medium(scattering=(0.2, 0.2, 0.2), absorption=(0.03, 0.13, 0.28))  # grey, but it swallows blue first
 WIDTH, HEIGHT, DPI = 6.0, 1.25, 150  # inches, dots an inch
 
 _RAMP = "[0, 0.35, 0.65, 1], [[1, 0.95, 0.8], [1, 0.6, 0.2], [0.8, 0.15, 0.1], [0.2, 0.05, 0.3]]"
@@ -40,6 +42,8 @@ ALONG = {
     "polynomial": "pb.Polynomial([1, 0, -1])",
     "texture": "pb.Texture(PAINTED)",
     "product": f"pb.ColorRamp({_RAMP}) * pb.Attenuation()",
+    "fade": "pb.Fade(inner=1.0, outer=3.5)",
+    "expression": "pb.Expression('[1, 0.8, 0.5] * (0.2 + pulse(6 * s, 0.6)) * (1 - s)')",
     **{f"ramp-{kind}": f"pb.ColorRamp({_RAMP}, '{kind}')"
        for kind in ("none", "linear", "smooth", "catmull-rom", "monotone")},
 }  # fmt: skip
@@ -51,12 +55,22 @@ ACROSS = {
     "smoothstep-0": "pb.Smoothstep(hardness=0.0)",
     "smoothstep-0.7": "pb.Smoothstep(hardness=0.7)",
     "tabulated": "pb.Tabulated([0.1, 0.2, 1.0, 0.6, 0.0])",
+    "hollow": "pb.Hollow(inner=0.6, softness=0.8)",
+    "ramp": f"pb.Biweight() * pb.ColorRamp({_RAMP}, space='radius')",
+    "noise": "pb.Biweight() * pb.Noise(scale=0.5)",
+    "expression": "pb.Uniform() * pb.Expression('smoothstep(0, 0.3, 0.75 + 0.5 * snoise(2.5 * P) - r)')",
 }
-EYE = {"attenuation": "pb.Attenuation()", "none": "1.0", "exponential": "pb.Exponential(1.5)"}
+EYE = {
+    "attenuation": "pb.Attenuation()",
+    "none": "1.0",
+    "exponential": "pb.Exponential(1.5)",
+    "ramp": f"pb.ColorRamp({_RAMP}, 'smooth', begin=0, end=6, space='distance')",
+}
 ANGLE = {
     "scattering": "pb.Scattering()",
     "isotropic": "pb.Isotropic()",
     "glow": "pb.Glow(anisotropy=0.8, mix=0.5, gain=1.0)",
+    "ramp": f"pb.Isotropic() * pb.ColorRamp({_RAMP}, 'smooth', begin=0, end=180, space='angle')",
 }
 
 
@@ -68,27 +82,20 @@ def value(expression: str) -> Any:
 # -- what is seen ----------------------------------------------------------------------------------------------------
 
 
-def image(look: pb.Look, beams: pb.Beams, x: Any, y: Any, medium: pb.Medium = FOG, scale: float = 1.0) -> Any:
-    """Return the sRGB picture, (H, W, 3), of beams from parallel rays along −z, at x (W,) and y (H,) from the top."""
-    across, down = np.meshgrid(x, y)
-    origin = np.stack([across.ravel(), down.ravel(), np.zeros(across.size)], axis=1)
-    radiance = pb.estimate(beams, origin, [[0, 0, -1]], look=look, medium=medium).numpy().T
-    return srgb_encoded(tone_mapped(scale * radiance.reshape(*across.shape, 3)))
-
-
 def side_view(look: pb.Look, width: float) -> Any:
     """Return a beam from the side, four scene units long, that opens from left to right; `width` is in inches."""
     beams = pb.Beams([[0, 0, -0.8]], [[4, 0, -0.8]], 0.15, 0.4, [[1, 1, 1]])
     step = 4.3 / (width * DPI)
     y = (np.arange(int(HEIGHT * DPI)) - HEIGHT * DPI / 2 + 0.5) * -step
-    return image(look, beams, -0.15 + step * (np.arange(int(width * DPI)) + 0.5), y, scale=14.0)
+    x = -0.15 + step * (np.arange(int(width * DPI)) + 0.5)
+    return picture(look, beams, x, y, scale=14.0)
 
 
 def cross_section(look: pb.Look) -> Any:
     """Return a short piece of a beam from its end."""
     beams = pb.Beams([[0, 0, -0.1]], [[0, 0, -0.2]], 1.0, 1.0, [[1, 1, 1]])
     x = np.linspace(-1.15, 1.15, int(HEIGHT * DPI))
-    return image(look, beams, x, -x, scale=130.0)
+    return picture(look, beams, x, -x, scale=130.0)
 
 
 def row(look: pb.Look, width: float, depths: Any, angles: Any, medium: pb.Medium, scale: float) -> Any:
@@ -107,7 +114,7 @@ def row(look: pb.Look, width: float, depths: Any, angles: Any, medium: pb.Medium
     step = count / (width * DPI)
     x = (np.arange(int(width * DPI)) + 0.5) * step - count / 2
     y = (np.arange(int(HEIGHT * DPI)) - HEIGHT * DPI / 2 + 0.5) * -step
-    return image(look, beams, x, y, medium, scale)
+    return picture(look, beams, x, y, medium, scale)
 
 
 # -- swatches --------------------------------------------------------------------------------------------------------
@@ -216,6 +223,10 @@ def main() -> None:
                 with atomic_path(PICTURES / f"{group}-{name}.png") as path:
                     figure.savefig(path)
                 plt.close(figure)
+    for name in ("Ember", "Dust", "Laser", "Tube", "Pulses", "Torn"):
+        library, target = str(ROOT / "examples" / "looks" / "looks.usda"), str(PICTURES / f"swatch-{name.lower()}.png")
+        with suppress(SystemExit):
+            photonbeams(["swatch", library, "--look", name, "-o", target])
     quadrature(plot=PICTURES / "quadrature.png")
     renders.main()
 

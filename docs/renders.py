@@ -13,6 +13,7 @@ from pathlib import Path
 from pages import DOCS, ROOT, saved_files
 
 PICTURES = DOCS / "pictures"
+PLATE = "examples/blender/plate.exr"
 ATTIC = ("examples/blender/attic.usda", "--scattering", "0.05", "--exposure", "1", "--passes", "128")
 DUSTY = ("dusty.usda", "--exposure", "1", "--passes", "128")
 RIBBON = ("ribbon.usda", "--exposure", "3", "--passes", "64")
@@ -26,6 +27,7 @@ RENDERS = {
     KEYHOLE: {"rgba": "keyhole", "beams": "keyhole-beams"},
 }
 
+OVER = (*ATTIC, "--holdout", PLATE, "--over", PLATE)
 
 # Of the flight every fifth frame, each as a small picture of one sheet.
 FLIGHT = (
@@ -45,6 +47,15 @@ def flight(folder: Path) -> None:
     film.contact_sheet(list(film.pictures(film.frames_of(str(folder / "flight.####.exr")))), PICTURES / "flight.png")
 
 
+def plate(folder: Path) -> None:
+    """Write Cycles' plate as it is, and with beams over it, both of the plate's own size."""
+    from photonbeams.shot.images import read_layers, write_png
+
+    write_png(PICTURES / "attic-plate.png", read_layers(ROOT / PLATE)["ViewLayer.Combined"], exposure=1.0)
+    flags = [f"--picture=rgba={PICTURES / 'attic-over'}.png", "-q"]
+    subprocess.run([sys.executable, "-m", "photonbeams", "render", *OVER, *flags], cwd=folder, check=True)
+
+
 def main() -> None:
     """Write all renders."""
     with tempfile.TemporaryDirectory() as folder:
@@ -56,6 +67,7 @@ def main() -> None:
             flags = [f"--picture={layer}={PICTURES / name}.png" for layer, name in pictures.items()]
             command = [sys.executable, "-m", "photonbeams", "render", *arguments, "--res", "640", "0", "-q", *flags]
             subprocess.run(command, cwd=folder, check=True)
+        plate(Path(folder))
         flight(Path(folder))
 
 

@@ -11,6 +11,7 @@ from . import device
 if TYPE_CHECKING:
     from .beams import Beams
     from .chains import curved
+    from .colors import colors_of_medium, medium_of_colors
     from .estimators.estimate import estimate
     from .looks import (
         Across,
@@ -18,30 +19,41 @@ if TYPE_CHECKING:
         Attenuation,
         Biweight,
         BoundLook,
+        Clamp,
         ColorRamp,
         Constant,
+        Context,
         Epanechnikov,
         Exponential,
+        Expression,
         Factor,
+        Fade,
         Fog,
+        Function,
         Gaussian,
         Glow,
+        Hollow,
         Isotropic,
         Look,
+        Mix,
+        Modulated,
+        Noise,
         Polynomial,
         Power,
         Product,
         Scattering,
         Smoothstep,
+        Sum,
         Tabulated,
         Texture,
         Uniform,
+        Variation,
     )
     from .quadrature import Rule, gauss_legendre, riemann
     from .scene import Medium, SceneError
-    from .shot import Shot, Stereo
+    from .shot import Holdout, Plate, Shot, Stereo
     from .simulation.modify import aim, bend, clamp, recolour, thin
-    from .simulation.programmed import Context, chain
+    from .simulation.programmed import chain
 
     __version__: str
 
@@ -52,18 +64,28 @@ __all__ = [
     "Beams",
     "Biweight",
     "BoundLook",
+    "Clamp",
     "ColorRamp",
     "Constant",
     "Context",
     "Epanechnikov",
     "Exponential",
+    "Expression",
     "Factor",
+    "Fade",
     "Fog",
+    "Function",
     "Gaussian",
     "Glow",
+    "Holdout",
+    "Hollow",
     "Isotropic",
     "Look",
     "Medium",
+    "Mix",
+    "Modulated",
+    "Noise",
+    "Plate",
     "Polynomial",
     "Power",
     "Product",
@@ -73,17 +95,21 @@ __all__ = [
     "Shot",
     "Smoothstep",
     "Stereo",
+    "Sum",
     "Tabulated",
     "Texture",
     "Uniform",
+    "Variation",
     "__version__",
     "aim",
     "bend",
     "chain",
     "clamp",
+    "colors_of_medium",
     "curved",
     "estimate",
     "gauss_legendre",
+    "medium_of_colors",
     "recolour",
     "riemann",
     "thin",
@@ -95,12 +121,13 @@ device.prepare()
 _HOMES = {
     "beams": ("Beams",),
     "chains": ("curved",),
+    "colors": ("colors_of_medium", "medium_of_colors"),
     "estimators": ("estimate",),
     "quadrature": ("Rule", "gauss_legendre", "riemann"),
     "scene": ("Medium", "SceneError"),
-    "shot": ("Shot", "Stereo"),
+    "shot": ("Holdout", "Plate", "Shot", "Stereo"),
     "simulation.modify": ("aim", "bend", "clamp", "recolour", "thin"),
-    "simulation.programmed": ("Context", "chain"),
+    "simulation.programmed": ("chain",),
 }
 _HOME = dict.fromkeys(__all__, "looks") | {name: module for module, names in _HOMES.items() for name in names}
 

@@ -15,12 +15,15 @@ import numpy as np
 import numpy.typing as npt
 
 from .arrays import to_float, to_vectors
-from .device import Array3f, Float
+from .device import Array3f, Float, UInt32
+from .hashing import hash32, unit_float
 from .scene import SceneError
 
 _COLOR = ("start", "end", "power")
 _REQUIRED = ("start", "end", "radius_start", "radius_end", "power")
-_OPTIONAL = ("offset", "total", "entry", "end_normal", "start_tangent", "end_tangent", "power_end")
+_OPTIONAL = (
+    "offset", "total", "entry", "end_normal", "start_tangent", "end_tangent", "power_end", "random", "id", "generation"
+)  # fmt: skip
 _VECTORS = (*_COLOR, "end_normal", "start_tangent", "end_tangent", "power_end")
 
 
@@ -45,6 +48,9 @@ class Beams:
     end_normal
         (N, 3) normal of the surface that stopped the beam: the beam is cut by that plane, not straight across, and
         does not poke through walls that it meets at a slant. Default: cut straight across.
+    random, id, generation
+        (N,) what looks may ask of a beam: a random number from 0 to 1, a number that names it from frame to frame, and
+        how often its light was scattered before. Default: a hash of the number, its place here, 0.
     start_tangent, end_tangent
         (N, 3) directions of the light at the two ends of a piece of a curve, in which `chains.tangents` joins pieces.
         The piece is cut by the planes across them, through `start` and `end` (an `end_normal` takes the place of the
@@ -85,6 +91,9 @@ class Beams:
         total: Any = None,
         entry: Any = None,
         end_normal: Any = None,
+        random: Any = None,
+        id: Any = None,
+        generation: Any = None,
         start_tangent: Any = None,
         end_tangent: Any = None,
         power_end: Any = None,
@@ -96,6 +105,7 @@ class Beams:
         given = {
             "start": start, "end": end, "radius_start": radius_start, "radius_end": radius_end, "power": power,
             "offset": offset, "total": total, "entry": entry, "end_normal": end_normal,
+            "random": random, "id": id, "generation": generation,
             "start_tangent": start_tangent, "end_tangent": end_tangent, "power_end": power_end,
         }  # fmt: skip
         count = _count(start)
@@ -119,6 +129,9 @@ class Beams:
     start_tangent: Any
     end_tangent: Any
     power_end: Any
+    random: Any
+    id: Any
+    generation: Any
 
     def __len__(self) -> int:
         """Return the number of beams."""
@@ -135,6 +148,13 @@ class Beams:
             for name, value in present.items()
             if value is not None
         }
+
+    def identity(self) -> Any:
+        """Return random number, number and generation of each beam, (N, 3)."""
+        nothing = dr.zeros(Float, len(self))
+        number = Float(dr.arange(UInt32, len(self))) if self.id is None else self.id
+        random = unit_float(hash32(UInt32(dr.abs(number)))) if self.random is None else self.random
+        return Array3f(random, number, nothing if self.generation is None else self.generation)
 
     def take(self, index: Any) -> Beams:
         """Return the beams of these numbers (a Dr.Jit UInt32 array)."""

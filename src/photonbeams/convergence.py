@@ -117,8 +117,8 @@ class Chords:
     def edges(self, across: Across, along: Factor) -> Array:
         """Return the bounds of the smooth pieces, (pieces + 1, N) ascending; pieces may be empty."""
         breaks = [t for rho in across.corners for t in (self.rings(rho)[:1] if rho == 0 else self.rings(rho))]
-        breaks += [self.planes(s) for s in along.corners_distance]
-        breaks += [self.planes(fraction * _LENGTH) for fraction in along.corners_fraction]
+        breaks += [self.planes(s) for space, s in along.corners if space == "distance"]
+        breaks += [self.planes(fraction * _LENGTH) for space, fraction in along.corners if space == "fraction"]
         end = self.exit()
         inside = [np.clip(np.nan_to_num(t), 0, end) for t in breaks]
         return np.sort(np.stack([np.zeros_like(end), *inside, end]), axis=0)

@@ -61,12 +61,15 @@ class Medium:
         Mean cosine g of the Henyey–Greenstein phase function, in (−1, 1).
     mesh
         The closed surface that the fog fills, or None where it fills the whole space.
+    surfaces
+        Whether it dims surfaces that are seen through it, and light on its way to them; if not, beams alone feel it.
     """
 
     scattering: Color
     absorption: Color = BLACK
     anisotropy: float = 0.0
     mesh: Mesh | None = None
+    surfaces: bool = True
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "scattering", color(self.scattering, "scattering"))
@@ -135,6 +138,51 @@ class Shaping:
 
 
 @dataclass(frozen=True)
+class Gobo:
+    """An image that a light shines through.
+
+    Attributes
+    ----------
+    image
+        (H, W, C) scene-linear, first row on top. One channel or two are grey, three or four a colour; a second and a
+        fourth channel are not used.
+    angle
+        Degrees that its width covers before a point, a spot or a sphere, below 180; None: the light's cone.
+    width
+        Its width in scene units, of distant lights.
+    repeat
+        Whether it goes on for ever, of these and of distant lights; if not, there is no light beside it.
+    up
+        Of an image on a portal: the direction in world space that its upper edge is nearest to.
+    """
+
+    image: Array
+    angle: float | None = None
+    width: float = 1.0
+    repeat: bool = False
+    up: Array = field(default_factory=lambda: np.array([0.0, 1.0, 0.0]))
+
+    def __post_init__(self) -> None:
+        if np.ndim(self.image) != 3 or not np.size(self.image):
+            raise SceneError(f"an image has the shape {np.shape(self.image)}: expected rows, columns and channels")
+        if self.angle is not None and not 0 < number(self.angle, "angle") < 180:
+            raise SceneError(f"angle is {self.angle}: expected more than 0 and less than 180 degrees")
+        if not number(self.width, "width") > 0:
+            raise SceneError(f"width is {self.width}: expected a number above 0")
+
+    @property
+    def aspect(self) -> float:
+        """Height over width, of square pixels."""
+        return self.image.shape[0] / self.image.shape[1]
+
+    @property
+    def colors(self) -> Array:
+        """The image's colours, (H, W, 3)."""
+        channels = self.image.shape[2]
+        return self.image[..., :3] if channels >= 3 else np.repeat(self.image[..., :1], 3, axis=2)
+
+
+@dataclass(frozen=True)
 class Light:
     """What all lights share.
 
@@ -154,6 +202,14 @@ class Light:
         The mesh through which the light reaches the shot, or None. It is no surface.
     look
         The look of the light's beams, or None for the physical one.
+    gobo, portal_gobo
+        Images that the light shines through: of its own, and over the bounding rectangle of its portal.
+    frame
+        (4, 4) transform from the light's own space to the world, for column vectors: the light shines along its −Z, +Y
+        is up, its origin is the light's place. Axes of unit length, square to each other, without the light's size;
+        mirrored where the light is.
+    unlit, unshadowed
+        Names of meshes that the light does not shine on, and of those that do not stop it, nor its beams.
     guides
         Points (M, 3) along each of the curves that lead the light's beams: see `simulation.guides`.
     """
@@ -169,6 +225,11 @@ class Light:
     look: Look | None = None
     shaping: Shaping | None = None
     lights_surfaces: bool = True
+    gobo: Gobo | None = None
+    portal_gobo: Gobo | None = None
+    frame: Array = field(default_factory=lambda: np.eye(4))
+    unlit: frozenset[str] = frozenset()
+    unshadowed: frozenset[str] = frozenset()
     guides: tuple[Array, ...] = ()
 
 
@@ -273,6 +334,9 @@ class DrawnBeams:
     start_tangent: Array | None = None
     end_tangent: Array | None = None
     power_end: Array | None = None
+    random: Array | None = None
+    id: Array | None = None
+    generation: Array | None = None
 
     def arrays(self) -> dict[str, Array]:
         """Return all arrays that are set, by the names that `Beams` takes."""

@@ -73,6 +73,7 @@ def test_the_keyhole_stage_shows_all_that_a_render_needs(capsys):
         r"^unit 1 m$",
         r"^frames 1 to 101, 24 a second$",
         r"^fog scattering [\d.]",
+        r"^a beam of power 1 and radius 1 shows [\d. e-]+, one unit along [\d. e-]+$",
         r"^/World/Camera 0\.032 0\.036 x 0\.02025 ",
         r"^/World/Flight ",
         r"^/World/Light/Key rect .* key 4,096.* /World/Portal /World/Looks/Keyhole$",

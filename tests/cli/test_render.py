@@ -211,6 +211,19 @@ def test_fog_comes_from_flags_where_the_stage_has_none(render, stage, out):
     assert np.array_equal(a, b)
     assert c.mean() > a.mean() > 0
     fails(render(path, "-o", out / "d.exr", "--absorption", "0.1"), 2, "--absorption", "--scattering")
+    fails(render(path, "-o", out / "d.exr", "--beams-only-fog"), 2, "--beams-only-fog", "--scattering")
+
+
+def test_a_fog_that_beams_alone_feel_by_flag_or_on_the_stage(render, stage, out):
+    path = stage(CAMERA, LAMP, FLOOR, FOG)
+    thick = ("--scattering", 0.3)
+    assert render(path, "-o", out / "a.exr", *thick)[0] == 0
+    assert render(path, "-o", out / "b.exr", *thick, "--beams-only-fog")[0] == 0
+    assert render(path, "-o", out / "c.exr", *thick, "--set", "/Fog.photonbeams:surfaces=0")[0] == 0
+    a, b, c = (read_layers(out / f"{name}.exr") for name in "abc")
+    assert np.array_equal(a["beams"], b["beams"]) and np.array_equal(b["rgba"], c["rgba"])
+    assert a["transmittance"].min() < 0.5 and np.all(b["transmittance"] == 1)
+    assert b["surface"].sum() > 1.5 * a["surface"].sum() > 0
 
 
 def test_values_are_set_over_the_stage_and_over_session_layers(render, stage, out, tmp_path):

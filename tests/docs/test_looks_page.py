@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from photonbeams.looks.expression import FUNCTIONS, NAMES
 from photonbeams.shot import stage as stages
 from photonbeams.shot.looks import LookSpec
 
@@ -31,14 +32,23 @@ def test_the_stage_on_the_page_is_read(tmp_path):
     stage = stages.open_stage(tmp_path / "a.usda")
     (light,) = stages.read_scene(stage, stages.default_time(stage)).lights
     assert isinstance(light.look, LookSpec)
-    assert light.look.along.knots == pytest.approx((0, 0.4, 1))
+    assert light.look.along.curve.knots == pytest.approx((0, 0.4, 1))
     assert light.look.across.hardness == pytest.approx(0.3)
 
 
 def test_the_page_names_all_attributes_and_no_others():
-    defined = set(re.findall(r"photonbeams:((?:along|across|eye|angle):[\w:]+)", SCHEMA))
-    named = set(re.findall(r"\b((?:along|across|eye|angle):[\w:]+)", PAGE))
+    defined = set(re.findall(r"photonbeams:((?:along|across|eye|angle|noise):[\w:]+)", SCHEMA))
+    named = set(re.findall(r"\b((?:along|across|eye|angle|noise):[\w:]+)", PAGE))
     assert named == defined
+
+
+def test_the_page_tells_all_inputs_and_functions_of_expressions():
+    for name, each in NAMES.items():
+        vector = " (a vector)" if each.kind == "vector" else ""
+        assert f"| `{name}` | {each.doc}{vector} |" in PAGE
+    for each in FUNCTIONS.values():
+        assert f"| `{each.signature}` | {each.doc} |" in PAGE
+    assert len(re.findall(r"^\| `[\w]+(?:\(.*\))?` \|", PAGE, re.MULTILINE)) == len(NAMES) + len(FUNCTIONS)
 
 
 def test_the_page_names_all_tokens():

@@ -12,7 +12,7 @@ from photonbeams.arrays import to_float
 from photonbeams.device import Array2f, Float, UInt32
 from photonbeams.estimators import image
 from photonbeams.estimators.estimate import ENDLESS
-from photonbeams.estimators.frustum import Points
+from photonbeams.estimators.points import Points
 from photonbeams.estimators.image import PixelRays, estimate_image, lane_of
 from photonbeams.estimators.tiles import TILE, Bins, footprints
 from photonbeams.render.camera import View, Window

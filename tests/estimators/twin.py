@@ -100,7 +100,7 @@ class Beam:
         return given
 
 
-def ones(*_):
+def ones(*_, **__):
     return np.ones(3)
 
 
@@ -113,12 +113,15 @@ class TwinLook:
     eye: Callable[[Any, Any], Any] = ones  # of distance and depth
     angle: Callable[[Any], Any] = ones  # of the cosine toward the camera
     corners: tuple[float, ...] = field(default=())  # fractions at which `along` jumps
+    more: Callable[..., Any] = ones  # of s (fraction), distance, r, t, P and cosine
 
-    def factors(self, beam, s, t, t_min):
+    def factors(self, beam, s, t, t_min, rho, point, cosine):
         distance = s + beam.offset
         depth = np.maximum(distance - beam.entry, 0)
         total = beam.offset + beam.length if beam.total is None else beam.total
-        return self.along(distance, depth, np.clip(distance / total, 0, 1)) * self.eye(t, t - t_min)
+        fraction = np.clip(distance / total, 0, 1)
+        more = self.more(s=fraction, distance=distance, r=rho, t=t, P=point, cosine=cosine)
+        return self.along(distance, depth, fraction) * self.eye(t, t - t_min) * more
 
 
 def places(beam, origin, direction, t):
@@ -188,8 +191,10 @@ def frustum(beam, look, origin, direction, t_min=0.0, t_max=ENDLESS, pieces=64):
     point, r = places(beam, origin, direction, t)
     s = beam.along(point)
     radius = np.where(weight > 0, beam.radius(s), 1.0)  # a miss may pass the cone's tip
-    kernel = look.across(np.minimum(r / radius, 1)) / radius**2
-    light = look.factors(beam, s, t, t_min[:, None]) * look.angle(-beam.cosine(s, direction)) * beam.light(s)
+    rho = np.minimum(r / radius, 1)
+    kernel = look.across(rho) / radius**2
+    cosine = -beam.cosine(s, direction)
+    light = look.factors(beam, s, t, t_min[:, None], rho, point, cosine) * look.angle(cosine) * beam.light(s)
     return np.sum((weight * kernel)[..., None] * light, axis=1)
 
 
@@ -207,11 +212,16 @@ def billboard(beam, look, origin, direction, t_min=0.0, t_max=ENDLESS):
         if beam.tangents is not None or beam.end_normal is normal:
             hit &= (point - place) @ np.asarray(normal, dtype=float) > 0
     value = np.zeros((len(s), 3))
-    s, t, u, radius, t_min, direction = (x[hit] for x in (s, t, u, radius, t_min, direction))
-    kernel = k1(look.across, u / radius) / radius
+    s, t, u, radius, t_min, direction, point = (x[hit] for x in (s, t, u, radius, t_min, direction, point))
+    cosine = -beam.cosine(s, direction)
     sine = np.linalg.norm(np.cross(direction, beam.axis), axis=1)
-    light = look.factors(beam, s, t, t_min) * look.angle(-beam.cosine(s, direction)) * beam.light(s)
-    value[hit] = light * (kernel / sine)[:, None]
+
+    def light(rho):
+        columns = (x[:, None] for x in (s, t, t_min))
+        return look.across(rho)[..., None] * look.factors(beam, *columns, rho, point[:, None], cosine[:, None])
+
+    projected = k1(light, u / radius) / (radius * sine)[:, None]
+    value[hit] = look.angle(cosine) * projected * beam.light(s)
     return value
 
 
@@ -226,8 +236,8 @@ def closest(beam, origin, direction):
     return s, t
 
 
-def k1(across, x, pieces=64):
-    """Return the line integral of the disc kernel at the distance x from the axis, both in radii.
+def k1(kernel, x, pieces=64):
+    """Return the line integral (N, 3) of a kernel of ρ, (N, K, 3), at the distances x (N,) from the axis, in radii.
 
     The line's half length times sin φ is the place on it, so that the integrand has no singular slope at its ends.
     """
@@ -237,7 +247,7 @@ def k1(across, x, pieces=64):
     phi, weight = (middle + half * _X).ravel(), (half * _W).ravel()
     line = np.sqrt(np.maximum(1 - x * x, 0))[..., None]
     rho = np.sqrt(np.minimum(x[..., None] ** 2 + (line * np.sin(phi)) ** 2, 1))
-    return 2 * np.sum(across(rho) * line * np.cos(phi) * weight, axis=-1)
+    return 2 * np.sum(kernel(rho) * (line * np.cos(phi) * weight)[..., None], axis=-2)
 
 
 def rays(origin, direction, t_min, t_max):

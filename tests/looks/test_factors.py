@@ -135,12 +135,25 @@ def test_catmull_rom_gives_no_negative_light_and_monotone_does_not_overshoot():
 
 
 def test_corners_of_ramps_and_polynomials_are_told_to_the_quadrature():
-    assert pb.ColorRamp(KNOTS, COLOURS).corners_fraction == pytest.approx(KNOTS)
-    assert pb.ColorRamp(KNOTS, COLOURS, "smooth").corners_fraction == ()
-    assert pb.ColorRamp(KNOTS, COLOURS, "none", 1, 3, "distance").corners_distance == pytest.approx(1 + 2 * KNOTS)
-    assert pb.Polynomial([1, 2], 0.25, 0.5).corners_fraction == pytest.approx((0.25, 0.5))
-    product = pb.Attenuation() * pb.ColorRamp(KNOTS, COLOURS) * pb.Polynomial([1, 2], 1, 2, "distance")
-    assert product.corners_fraction == pytest.approx(KNOTS) and product.corners_distance == pytest.approx((1, 2))
+    def named(space, places):
+        return [(space, pytest.approx(place)) for place in places]
+
+    assert list(pb.ColorRamp(KNOTS, COLOURS).corners) == named("fraction", KNOTS)
+    assert pb.ColorRamp(KNOTS, COLOURS, "smooth").corners == ()
+    steps = [place for _, place in pb.ColorRamp(KNOTS, COLOURS, "none").corners]
+    # On both sides of each step, an entry of the table apart.
+    assert [a < k <= b for k, a, b in zip(KNOTS[1:], steps[::2], steps[1::2], strict=True)] == [True] * 3
+    assert np.diff(steps)[::2] == pytest.approx((KNOTS[-1] - KNOTS[0]) / (RESOLUTION - 1))
+    ramp = pb.ColorRamp(KNOTS, COLOURS, "linear", 1, 3, "distance")
+    assert list(ramp.corners) == named("distance", 1 + 2 * KNOTS)
+    assert list(pb.Polynomial([1, 2], 0.25, 0.5).corners) == named("fraction", (0.25, 0.5))
+    assert pb.ColorRamp(KNOTS, COLOURS, space="angle").corners == ()
+    for made in (pb.Product, pb.Sum, lambda pair: pair[0].mix(*pair), lambda pair: pb.Sum(pair).clamp()):
+        both = made((pb.ColorRamp(KNOTS, COLOURS), pb.Polynomial([1, 2], 1, 2, "distance")))
+        for corner in [*named("fraction", KNOTS), *named("distance", (1, 2))]:
+            assert corner in both.corners
+    look = pb.Look(along=1.0, eye=ramp, across=pb.ColorRamp(KNOTS, COLOURS, space="radius"), angle=1.0)
+    assert list(look.bind(None, 4.0).corners) == [*named("eye", 1 + 2 * KNOTS), *named("radius", KNOTS)]
 
 
 def test_a_texture_is_linear_between_its_columns():
@@ -197,7 +210,8 @@ def test_the_phase_function_is_normalised(g):
 def test_a_look_is_physical_unless_told():
     look = pb.Look().bind(MEDIUM, 5.0)
     s, t = Float(DISTANCE), Float(DISTANCE[::-1].copy())
-    path = np.asarray(look.path(s, Float(DEPTH), Float(FRACTION), t, t), dtype=float).T
+    at = look.at(distance=s, from_light=s, depth=Float(DEPTH), fraction=Float(FRACTION), to_camera=t)
+    path = np.asarray(look.light(at, t), dtype=float).T
     expected = np.exp(-EXTINCTION * (DEPTH + DISTANCE[::-1])[:, None])
     np.testing.assert_allclose(path, expected, rtol=1e-5)
     angle = np.asarray(look.angle(Float(COSINE)), dtype=float).T
@@ -215,16 +229,17 @@ def test_the_path_is_along_times_eye():
             look = pb.Look(along=along, eye=eye).bind(MEDIUM, 5.0)
             s, d, f, t = Float(DISTANCE), Float(DEPTH), Float(FRACTION), Float(DISTANCE / 2)
             product = look.along(s, d, f) * look.eye(t, t)
-            np.testing.assert_allclose(np.asarray(look.path(s, d, f, t, t)), np.asarray(product), rtol=1e-5, atol=1e-7)
+            at = look.at(distance=s, from_light=s, depth=d, fraction=f, to_camera=t)
+            np.testing.assert_allclose(np.asarray(look.light(at, t)), np.asarray(product), rtol=1e-5, atol=1e-7)
 
 
 def test_rates_tell_how_fast_the_factors_change():
-    look = pb.Look(along=pb.Exponential(0.5), eye=pb.Power(2, 0.25)).bind(None, 4.0)
+    look = pb.Look(along=pb.Exponential(0.5), eye=pb.Power(2, 0.25), angle=1.0).bind(None, 4.0)
     # Differences over 1/511 of the reach see the slope at its begin within the same share of the length.
     assert look.rate_along[0] == pytest.approx(2, rel=0.02)
     assert look.rate_fraction[0] == 0
     assert look.rate_eye[0] == pytest.approx(8, rel=0.1)
-    ramp = pb.Look(along=pb.ColorRamp([0, 0.25, 1], [[1] * 3, [0] * 3, [0] * 3]), eye=1.0).bind(None, 4.0)
+    ramp = pb.Look(along=pb.ColorRamp([0, 0.25, 1], [[1] * 3, [0] * 3, [0] * 3]), eye=1.0, angle=1.0).bind(None, 4.0)
     assert ramp.rate_fraction[0] == pytest.approx(4, rel=0.02)
     assert ramp.rate_along[0] == 0 and ramp.rate_eye[0] == 0
 
@@ -249,7 +264,10 @@ NAN = float("nan")
         ("finite coefficients", lambda: pb.Polynomial([])),
         ("finite coefficients", lambda: pb.Polynomial([1, NAN])),
         ("from 1 to 0: expected its end behind its begin", lambda: pb.Polynomial([1], 1, 0)),
-        ("space is 'time': expected 'fraction' or 'distance'", lambda: pb.Polynomial([1], space="time")),
+        (
+            "space is 'time': expected one of fraction, distance, radius, angle",
+            lambda: pb.Polynomial([1], space="time"),
+        ),
         ("interpolation is 'cubic': expected one of none, linear", lambda: pb.ColorRamp(KNOTS, COLOURS, "cubic")),
         ("expected \\(M,\\) and \\(M, 3\\)", lambda: pb.ColorRamp(KNOTS, COLOURS[:3])),
         ("expected \\(M,\\) and \\(M, 3\\)", lambda: pb.ColorRamp([], np.zeros((0, 3)))),

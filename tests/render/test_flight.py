@@ -8,7 +8,7 @@ import numpy as np
 import photonbeams as pb
 from photonbeams.device import Bool, Float, UInt32
 from photonbeams.estimators.estimate import ENDLESS
-from photonbeams.estimators.frustum import Points
+from photonbeams.estimators.points import Points
 from photonbeams.estimators.image import PixelRays, estimate_image
 from photonbeams.render.camera import View, Window
 from photonbeams.render.world import World

@@ -12,6 +12,7 @@ from photonbeams.arrays import to_vectors
 from photonbeams.device import Array3f, Bool, UInt32, mitsuba
 from photonbeams.render.surfaces import shade
 from photonbeams.render.world import World
+from photonbeams.simulation import trace
 
 DIFFUSE = scene.Material(diffuse=(0.6, 0.5, 0.4), roughness=1.0, ior=1.001)
 GLOSSY = scene.Material(diffuse=(0.2, 0.3, 0.4), roughness=0.25, metallic=0.3, clearcoat=0.5)
@@ -21,6 +22,11 @@ LIGHT = scene.FlatLight(
     half_y=np.array([0, 0, 0.4]), axis=np.array([0, -1.0, 0]),
 )  # fmt: skip
 DOWN = np.array([0.0, -1.0, 0.0])
+SKY_ABOVE = scene.DomeLight("/sky", (1.0, 2.0, 3.0))
+LAMP_ABOVE = scene.FlatLight(
+    "/lamp", (5.0, 4.0, 3.0), center=np.array([0, 3.0, 0]), half_x=np.array([0.4, 0, 0]),
+    half_y=np.array([0, 0, 0.4]), axis=DOWN,
+)  # fmt: skip
 
 
 def rays(origin, target):
@@ -91,6 +97,17 @@ def test_fog_dims_light_on_both_legs(reflectance):
     assert np.allclose(lambert(sun, medium)[0], reflectance * np.exp(-extinction * 5), rtol=1e-4)
 
 
+def test_a_fog_that_beams_alone_feel_leaves_surfaces_as_they_are(reflectance):
+    medium = scene.Medium((0.5, 0.2, 0.3), surfaces=False)
+    point = scene.SphereLight("/p", (1.0,) * 3, center=np.array([0, 2.0, 0]))
+    value, last = lambert(point, medium)
+    assert np.array_equal(value, lambert(point)[0])
+    assert np.array_equal(last.transmittance.numpy(), np.ones_like(last.transmittance.numpy()))
+    sphere = dataclasses.replace(point, center=np.array([0.0, 2, 0]), radius=0.5)
+    origin, direction = rays([0, 2, 4], [0, 2, 0])
+    assert np.allclose(render(built([], sphere, medium=medium), origin, direction, passes=1)[0], 1)
+
+
 def test_bounded_fog_dims_only_where_it_is(reflectance):
     medium = scene.Medium((0.5,) * 3, mesh=box("/fog", [-9, 1, -9], [9, 2, 9]))
     sun = scene.DistantLight("/sun", (1.0,) * 3, axis=DOWN, angle=0.0)
@@ -106,6 +123,45 @@ def test_shadows_fall_behind_surfaces():
     origin, direction = rays([[0, 1, 4], [0, 1, 4]], [[0.0, 0, 0], [2, 0, 0]])
     mean, _, _ = render(built([FLOOR, roof], sun), origin, direction, passes=1)
     assert np.all(mean[:, 0] == 0) and np.all(mean[:, 1] > 0)
+
+
+ROOF = quad("/roof", [[-1, 2, -1], [1, 2, -1], [1, 2, 1], [-1, 2, 1]], DIFFUSE)
+SUN = scene.DistantLight("/sun", (1.0,) * 3, axis=DOWN, angle=0.0)
+
+
+def test_a_light_shines_on_what_it_is_linked_to():
+    stage = quad("/stage", [[0, 0.1, -3], [0, 0.1, 3], [3, 0.1, 3], [3, 0.1, -3]], DIFFUSE)
+    origin, direction = rays([[-1, 1, 4], [1, 1, 4]], [[-1.0, 0, 0], [1, 0.1, 0]])  # at the floor, at the stage
+    whole = render(built([FLOOR, stage], SUN), origin, direction, passes=1)[0]
+    assert np.all(whole > 0)
+    for name, kept in (("/floor", 1), ("/stage", 0), ("/elsewhere", None)):
+        light = dataclasses.replace(SUN, unlit=frozenset({name}))
+        mean = render(built([FLOOR, stage], light), origin, direction, passes=1)[0]
+        expected = whole if kept is None else whole * np.eye(2)[kept]
+        assert np.allclose(mean, expected, rtol=1e-6)
+        # A light without links beside it is as it was.
+        both = render(built([FLOOR, stage], SUN, dataclasses.replace(light, name="/b")), origin, direction, passes=1)[0]
+        assert np.allclose(both, whole + expected, rtol=1e-6)
+
+
+@pytest.mark.parametrize("light", [SUN, SKY_ABOVE, LAMP_ABOVE], ids=["sun", "sky", "lamp"])
+def test_only_what_a_light_is_linked_to_stops_it(light):
+    origin, direction = rays(np.broadcast_to([0, 1, 4], (64, 3)), [0.0, 0, 0])
+    open_floor = render(built([FLOOR], light), origin, direction, passes=32)
+    through = render(
+        built([FLOOR, ROOF], dataclasses.replace(light, unshadowed=frozenset({"/roof"}))), origin, direction, passes=32
+    )
+    shadow = render(built([FLOOR, ROOF], light), origin, direction, passes=32)[0]
+    error = np.sqrt((open_floor[1] + through[1]).mean(axis=1) / 32 / 64)
+    assert np.all(np.abs((through[0] - open_floor[0]).mean(axis=1)) <= 4 * error + 1e-6)
+    assert np.all(shadow.mean(axis=1) < 0.85 * open_floor[0].mean(axis=1))  # the roof hides a quarter of the sky
+
+
+def test_a_glowing_surface_glows_also_where_some_lights_pass_it():
+    lamp = quad("/glow", ROOF.points, scene.Material(diffuse=scene.BLACK, emissive=(2.0, 1.0, 3.0)))
+    origin, direction = rays([0, 1, 4], [0.0, 2, 0])
+    light = dataclasses.replace(SUN, unshadowed=frozenset({"/glow"}))
+    assert np.allclose(render(built([FLOOR, lamp], light), origin, direction, passes=1)[0][:, 0], [2, 1, 3])
 
 
 def test_lamps_are_seen_directly_and_hide_what_is_behind():
@@ -255,5 +311,67 @@ def test_passes_and_lights_values_compile_nothing():
     with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
         dr.kernel_history()
         frame(1)
+        compiled = [kernel for kernel in dr.kernel_history() if kernel.get("hash") and not kernel["cache_hit"]]
+    assert not compiled
+
+
+def leaded(seed, size=(6, 8)):
+    """Return a light behind an image and one through a window with an image, as beams and surfaces have them."""
+    rng = np.random.default_rng(seed)
+    images = [rng.random((*size, 3)).astype(np.float32) for _ in range(3)]
+    slide = scene.SphereLight(
+        "/slide", (9.0,) * 3, center=np.array([0, 3.0, 0.1 * seed]), axis=DOWN, gobo=scene.Gobo(images[0], 40.0 + seed)
+    )
+    other = dataclasses.replace(slide, name="/other", gobo=scene.Gobo(images[1], 60.0))
+    window = quad("/window", [[-1, 1.5, -1], [1, 1.5, -1], [1, 1.5, 1], [-1, 1.5, 1]])
+    pane = dataclasses.replace(
+        LIGHT, name="/pane", portal=window, portal_gobo=scene.Gobo(images[2], up=np.array([0, 0, -1.0]))
+    )
+    return slide, other, pane
+
+
+def test_lights_behind_images_add_up_on_surfaces():
+    lights = leaded(1)
+    origin, direction = rays([0, 2, 4], np.random.default_rng(0).uniform([-1, 0, -1], [1, 0, 1], (64, 3)))
+    parts = [render(built([FLOOR], light), origin, direction, passes=128) for light in lights]
+    mean, variance, _ = render(built([FLOOR], *lights), origin, direction, passes=128)
+    expected = sum(part[0] for part in parts)
+    error = np.sqrt((variance + sum(part[1] for part in parts)) / 128)
+    assert all(part[0].mean() > 0.05 * expected.mean() for part in parts)
+    # 192 values, and slides that leave no noise but float32's.
+    assert np.all(np.abs(mean - expected) < 4.5 * error + 1e-5 * expected)
+
+
+def test_a_sky_behind_a_window_with_an_image_is_coloured_through_it_alone():
+    window = quad("/window", [[-1, 2, -1], [1, 2, -1], [1, 2, 1], [-1, 2, 1]])
+    red = scene.Gobo(np.array([[[1.0, 0, 0]]], dtype=np.float32), up=np.array([0, 0, -1.0]))
+    walls = box("/walls", [-1, -0.1, -1], [1, 2.1, 1], DIFFUSE)
+    walls = dataclasses.replace(walls, faces=walls.faces[[0, 1, 2, 3, 8, 9, 10, 11]])  # neither floor nor ceiling
+    light = dataclasses.replace(SKY_ABOVE, portal=window, portal_gobo=red)
+    origin, direction = rays(np.broadcast_to([0, 1.9, 0.1], (64, 3)), [0.0, 0, 0])
+    mean, _, _ = render(built([FLOOR, walls], light), origin, direction, passes=16)
+    assert mean[0].mean() > 0.05 and np.all(mean[1:] == 0)
+    sky, _, _ = render(built([FLOOR], light), *rays([0, 3, 4], [0, 4.0, 0]), passes=1)
+    assert np.allclose(sky[:, 0], SKY_ABOVE.radiance)
+
+
+@pytest.mark.parametrize("links", [False, True], ids=["free", "linked"])
+def test_another_image_and_another_link_compile_nothing(links):
+    def frame(seed, size):
+        lights = leaded(seed, size)
+        if links:
+            names = frozenset({("/a", "/b")[seed]})
+            lights = tuple(dataclasses.replace(light, unlit=names, unshadowed=names) for light in lights)
+        blocks = [box(f"/{name}", [x, 0, seed], [x + 0.5, 0.5, 2], DIFFUSE) for x, name in enumerate("ab")]
+        world = built([FLOOR, *blocks], *lights, medium=scene.Medium((0.1,) * 3))
+        origin, direction = rays(np.broadcast_to([0.0, 2, 4], (64, 3)), [0.1 * seed, 0, 0])
+        render(world, origin, direction, passes=2)
+        for number in range(2):
+            dr.eval([each.beams for each in trace(world, beams_per_light=64, pass_index=number)])
+
+    frame(0, (6, 8))
+    with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
+        dr.kernel_history()
+        frame(1, (9, 5))
         compiled = [kernel for kernel in dr.kernel_history() if kernel.get("hash") and not kernel["cache_hit"]]
     assert not compiled

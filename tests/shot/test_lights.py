@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from photonbeams.scene import BLACK, DistantLight, DomeLight, FlatLight, SceneError, SphereLight
+from photonbeams.shot.stage import read_scene
 
 SCALED = """
     double3 xformOp:translate = (1, 2, 3)
@@ -170,17 +171,10 @@ def test_a_light_of_another_kind_is_skipped_with_a_warning(scene, caplog):
 
 def test_what_is_not_rendered_of_a_light_is_named(scene, caplog):
     body = """
-        asset inputs:texture:file = @a.png@
         asset inputs:shaping:ies:file = @a.ies@
-        rel collection:lightLink:excludes = </L>
         rel light:filters = </L>"""
     assert len(scene(light("RectLight", body)).lights) == 1
-    for name in (
-        "inputs:texture:file is",
-        "inputs:shaping:ies:file is",
-        "collection:lightLink is",
-        "light:filters are",
-    ):
+    for name in ("inputs:shaping:ies:file is", "light:filters are"):
         assert f"/L.{name} not rendered" in caplog.text
 
 
@@ -337,3 +331,122 @@ def test_a_dome_light_1_turns_its_pole_to_the_axis(scene, up, axis, pole, middle
 
 def test_a_dome_light_has_its_pole_on_y_whatever_is_up(scene):
     assert np.allclose(only(scene(light("DomeLight"), 'upAxis = "Z"')).to_world, np.eye(3))
+
+
+TURNED = """
+    double3 xformOp:translate = (1, 2, 3)
+    float xformOp:rotateX = 90
+    float3 xformOp:scale = (2, 3, -4)
+    uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:rotateX", "xformOp:scale"]
+"""
+
+
+@pytest.mark.parametrize("kind", ["SphereLight", "DiskLight", "RectLight", "DistantLight", "DomeLight"])
+def test_a_lights_frame_holds_its_axes_and_place_but_not_its_size(scene, kind):
+    frame = only(scene(light(kind, TURNED))).frame
+    # Turned by 90 degrees about X, local Y is the world's Z; the negative scale turns local Z round to the world's +Y.
+    assert np.allclose(frame, [[1, 0, 0, 1], [0, 0, 1, 2], [0, 1, 0, 3], [0, 0, 0, 1]], atol=1e-6)
+
+
+@pytest.mark.parametrize("kind", ["SphereLight", "DiskLight", "RectLight", "DistantLight"])
+def test_a_sheared_lights_frame_looks_where_the_light_shines(scene, kind):
+    sheared = """
+        matrix4d xformOp:transform = ((1, 0, 0, 0), (0, 1, 0.5, 0), (0, 0, 1, 0), (0, 0, 0, 1))
+        uniform token[] xformOpOrder = ["xformOp:transform"]"""
+    found = only(scene(light(kind, sheared)))
+    assert np.allclose(found.frame[:3, :3].T @ found.frame[:3, :3], np.eye(3), atol=1e-12)
+    assert np.allclose(-found.frame[:3, 2], found.axis)
+    assert found.frame[1, 1] > 0.8  # as upright as the light
+
+
+GREY = [[[0.25], [0.5]], [[0.75], [1.0]]]
+
+
+@pytest.mark.parametrize("kind", ["SphereLight", "DiskLight", "RectLight", "DistantLight"])
+def test_a_gobo_is_read_with_its_settings(scene, image, kind):
+    body = f"""
+        asset photonbeams:gobo = @{image("a.exr", GREY, "float")}@
+        float photonbeams:gobo:angle = 40
+        float photonbeams:gobo:width = 3
+        token photonbeams:gobo:wrap = "repeat" """
+    gobo = only(scene(light(kind, body))).gobo
+    assert gobo.colors[..., 0].tolist() == [[0.25, 0.5], [0.75, 1.0]]
+    assert (gobo.angle, gobo.width, gobo.repeat, gobo.aspect) == (40, 3, True, 1)
+
+
+def test_a_gobo_has_defaults_and_8_bit_colours_are_decoded(scene, image):
+    path = image("a.png", [[[0.5, 0.5, 0.5, 1.0]]])
+    gobo = only(scene(light("SphereLight", f"asset photonbeams:gobo = @{path}@"))).gobo
+    assert (gobo.angle, gobo.repeat) == (None, False)
+    assert gobo.colors.tolist() == [[pytest.approx([0.2159] * 3, abs=2e-3)]]
+    assert only(scene(light("SphereLight", "asset photonbeams:gobo = @@"))).gobo is None
+
+
+def test_a_rectangle_lights_texture_lies_on_it_unless_it_has_a_gobo(scene, image):
+    texture = f"asset inputs:texture:file = @{image('t.exr', GREY, 'float')}@"
+    assert only(scene(light("RectLight", texture))).gobo.image.shape == (2, 2, 1)
+    other = f"asset photonbeams:gobo = @{image('g.exr', [[[1.0]]], 'float')}@"
+    assert only(scene(light("RectLight", f"{texture}\n{other}"))).gobo.image.shape == (1, 1, 1)
+    assert only(scene(light("DiskLight", texture))).gobo is None
+
+
+@pytest.mark.parametrize(
+    ("axis", "turn", "up"),
+    [("Y", 0, (0, 1, 0)), ("Z", 90, (0, 0, 1)), ("Y", 90, (0, 0, -1)), ("Z", 0, (0, 1, 0))],
+    ids=["window", "window of Z", "skylight", "skylight of Z"],
+)
+def test_an_image_on_a_portal_is_upright_on_the_stage(scene, image, axis, turn, up):
+    turned = f'float xformOp:rotateX = {turn}\nuniform token[] xformOpOrder = ["xformOp:rotateX"]\n}}'
+    body = f"rel photonbeams:portal = </Window>\nasset photonbeams:portal:gobo = @{image('a.exr', GREY, 'float')}@"
+    found = scene(light("SphereLight", body) + PORTAL.replace("}", turned), f'upAxis = "{axis}"')
+    assert only(found).portal_gobo.image.shape == (2, 2, 1)
+    assert tuple(only(found).portal_gobo.up) == up
+
+
+@pytest.mark.parametrize(
+    ("kind", "body", "message"),
+    [
+        ("SphereLight", "asset photonbeams:gobo = @gone.png@", r"gobo names gone\.png: expected an image file"),
+        (
+            "SphereLight",
+            "asset photonbeams:gobo = @IMAGE@\nfloat photonbeams:gobo:angle = 180",
+            "angle is 180: expected",
+        ),
+        ("DistantLight", "asset photonbeams:gobo = @IMAGE@", "gobo:width is not given: expected the image's width"),
+        ("DistantLight", "asset photonbeams:gobo = @IMAGE@\nfloat photonbeams:gobo:width = 0", "width is 0: expected"),
+        ("SphereLight", 'asset photonbeams:gobo = @IMAGE@\ntoken photonbeams:gobo:wrap = "clamp"', "wrap is 'clamp'"),
+        ("SphereLight", "asset photonbeams:gobo = @NEGATIVE@", r"gobo has a pixel of -0.5: expected"),
+        ("SphereLight", "asset photonbeams:gobo = @TEXT@", r"gobo names .*text\.png: expected an image that can be"),
+        (
+            "SphereLight",
+            "asset photonbeams:portal:gobo = @IMAGE@\nrel photonbeams:portal = </Ball>",
+            "portal:gobo lies on /Ball, which is not flat",
+        ),
+    ],
+)
+def test_images_that_no_light_can_shine_through_are_errors(scene, image, kind, body, message):
+    body = body.replace("IMAGE", str(image("a.exr", GREY, "float")))
+    body = body.replace("NEGATIVE", str(path := image("n.exr", [[[0.5], [-0.5]]], "float")))
+    path.with_name("text.png").write_text("no image")
+    body = body.replace("TEXT", str(path.with_name("text.png")))
+    with pytest.raises(SceneError, match=rf"/L\.photonbeams:.*{message}"):
+        scene(light(kind, body) + 'def Sphere "Ball" {\n}')
+
+
+def test_images_that_do_nothing_are_warned_of(scene, image, caplog):
+    black = image("b.exr", [[[0.0]]], "float")
+    found = scene(
+        light("SphereLight", f"asset photonbeams:gobo = @{black}@\nasset photonbeams:portal:gobo = @{black}@")
+        + light("DomeLight", f"asset photonbeams:gobo = @{black}@").replace('"L"', '"Dome"')
+    )
+    assert found.lights[0].gobo is not None
+    assert "/L.photonbeams:gobo is black: no light passes it" in caplog.text
+    assert "/L.photonbeams:portal:gobo is not rendered: expected a photonbeams:portal" in caplog.text
+    assert "/Dome.photonbeams:gobo is not rendered on a dome light" in caplog.text
+
+
+def test_a_gobo_may_change_with_time(usd, image):
+    first, later = image("a.exr", [[[0.5]]], "float"), image("b.exr", [[[1.0]]], "float")
+    body = f"asset photonbeams:gobo.timeSamples = {{ 1: @{first}@, 2: @{later}@ }}"
+    stage = usd(light("SphereLight", body))
+    assert [read_scene(stage, time).lights[0].gobo.image.item() for time in (1, 2)] == [0.5, 1.0]

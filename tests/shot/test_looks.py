@@ -1,13 +1,17 @@
 """PhotonBeamsLook prims, and the schemas."""
 
+from dataclasses import fields, is_dataclass
+
 import numpy as np
 import pytest
 from pxr import Sdf, Usd
 
-from photonbeams.scene import SceneError
-from photonbeams.shot.looks import AcrossSpec, AlongSpec, AngleSpec, EyeSpec, LookSpec, Span
+from photonbeams.scene import Medium, SceneError
+from photonbeams.shot.looks import AcrossSpec, AngleSpec, CurveSpec, EyeSpec, LookSpec, NoiseSpec, Span, build_look
+from photonbeams.shot.reading import Reading
 from photonbeams.shot.schemas import FOLDER
 
+MEDIUM = Medium((0.1, 0.1, 0.1))
 LIGHT = 'def SphereLight "L" {\nrel photonbeams:look = </Look>\n}\n'
 
 
@@ -20,43 +24,39 @@ def read(scene):
     return lambda body: scene(look(body)).lights[0].look
 
 
+def flat(value, name=""):
+    """Return a spec's fields as pairs of names and values."""
+    if not is_dataclass(value):
+        return [(name, pytest.approx(value, rel=1e-7) if isinstance(value, float) else value)]
+    return [pair for each in fields(value) for pair in flat(getattr(value, each.name), f"{name}:{each.name}")]
+
+
 def test_a_look_without_attributes_is_physical(read):
-    single = {key: float(np.float32(value)) for key, value in {"width": 0.35, "anisotropy": 0.8}.items()}
-    across, angle = AcrossSpec(width=single["width"]), AngleSpec(anisotropy=single["anisotropy"])
-    assert read("") == LookSpec("/Look", across=across, angle=angle)
-    assert (AlongSpec().falloff, AcrossSpec().profile, EyeSpec().falloff, AngleSpec().shading) == (
-        "physical",
-        "epanechnikov",
-        "physical",
-        "physical",
-    )
-
-
-def test_the_schemas_fallbacks_are_those_of_the_spec():
     """The fallbacks are written twice, in schema.usda and in the dataclasses: they agree."""
+    expected = LookSpec(
+        "/Look",
+        across=AcrossSpec(curve=CurveSpec(span=Span("radius"))),
+        eye=EyeSpec(curve=CurveSpec(span=Span("distance"))),
+        angle=AngleSpec(curve=CurveSpec(span=Span("angle", 0, 180))),
+    )
+    assert flat(read("")) == flat(expected)
+    physical = (expected.along.falloff, expected.eye.falloff, expected.angle.shading)
+    assert physical == ("physical",) * 3 and expected.across.profile == "epanechnikov"
+
+
+def test_what_is_read_is_all_that_the_schema_has(scene, monkeypatch):
+    asked = set()
+    value = Reading.value
+
+    def remember(self, prim, name, default=None):
+        if prim.GetTypeName() == "PhotonBeamsLook":
+            asked.add(name)
+        return value(self, prim, name, default)
+
+    monkeypatch.setattr(Reading, "value", remember)
+    scene(look(""))
     definition = Usd.SchemaRegistry().FindConcretePrimDefinition("PhotonBeamsLook")
-    fallbacks = {
-        "along:falloff": AlongSpec().falloff,
-        "along:length": AlongSpec().length,
-        "along:exponent": AlongSpec().exponent,
-        "along:physical": AlongSpec().physical,
-        "along:ramp:interpolation": AlongSpec().interpolation,
-        "along:space": Span().space,
-        "along:begin": Span().begin,
-        "along:end": Span().end,
-        "across:profile": AcrossSpec().profile,
-        "across:width": AcrossSpec().width,
-        "across:hardness": AcrossSpec().hardness,
-        "eye:falloff": EyeSpec().falloff,
-        "eye:length": EyeSpec().length,
-        "angle:shading": AngleSpec().shading,
-        "angle:anisotropy": AngleSpec().anisotropy,
-        "angle:mix": AngleSpec().mix,
-        "angle:gain": AngleSpec().gain,
-    }
-    for name, value in fallbacks.items():
-        found = definition.GetAttributeFallbackValue(f"photonbeams:{name}")
-        assert found == (pytest.approx(value) if isinstance(value, float) else value)
+    assert asked == {name for name in definition.GetPropertyNames() if name.startswith("photonbeams:")}
 
 
 def test_a_ramp_is_read(read):
@@ -69,10 +69,10 @@ def test_a_ramp_is_read(read):
         float photonbeams:along:end = 3
         bool photonbeams:along:physical = 0
         color3f photonbeams:along:tint = (0.5, 1, 1)""").along
-    assert spec.knots == (0, 0.5, 2)
-    assert spec.colors == ((1, 1, 1), (1, 0.5, 0), (0.25, 0, 0))
-    assert spec.interpolation == "catmull-rom"
-    assert spec.span == Span("distance", 1, 3)
+    assert spec.curve.knots == (0, 0.5, 2)
+    assert spec.curve.colors == ((1, 1, 1), (1, 0.5, 0), (0.25, 0, 0))
+    assert spec.curve.interpolation == "catmull-rom"
+    assert spec.curve.span == Span("distance", 1, 3)
     assert not spec.physical
     assert spec.tint == (0.5, 1, 1)
 
@@ -87,7 +87,7 @@ def test_falloffs_are_read(read):
         float photonbeams:eye:length = 7""")
     assert (spec.along.falloff, spec.along.coefficients) == ("polynomial", (1, -2, 1))
     assert (spec.along.length, spec.along.exponent) == (3, 1.5)
-    assert spec.eye == EyeSpec("exponential", 7)
+    assert (spec.eye.falloff, spec.eye.length) == ("exponential", 7)
 
 
 def test_profiles_and_angles_are_read(read):
@@ -100,13 +100,63 @@ def test_profiles_and_angles_are_read(read):
         float photonbeams:angle:anisotropy = 0.5
         float photonbeams:angle:mix = 0.25
         float photonbeams:angle:gain = 2""")
-    assert spec.across == AcrossSpec("tabulated", 0.5, 0.25, (1, 0.5, 0))
-    assert spec.angle == AngleSpec("glow", 0.5, 0.25, 2)
+    across, angle = spec.across, spec.angle
+    assert (across.profile, across.width, across.hardness, across.values) == ("tabulated", 0.5, 0.25, (1, 0.5, 0))
+    assert (angle.shading, angle.anisotropy, angle.mix, angle.gain) == ("glow", 0.5, 0.25, 2)
+
+
+def test_every_factor_takes_a_ramp_a_texture_and_an_expression(read, image):
+    path = image("ramp.exr", [[[1, 0, 0], [0, 1, 0]]], "float")
+    for slot, span in (
+        ("along", Span()),
+        ("across", Span("radius")),
+        ("eye", Span("distance", 2, 5)),
+        ("angle", Span("angle", 0, 180)),
+    ):
+        found = read(f"""
+            float[] photonbeams:{slot}:ramp:knots = [0, 1]
+            color3f[] photonbeams:{slot}:ramp:colors = [(1, 1, 1), (1, 0.5, 0)]
+            uniform token photonbeams:{slot}:ramp:interpolation = "smooth"
+            asset photonbeams:{slot}:texture = @{path}@
+            string photonbeams:{slot}:expression = "1 - r"
+            float photonbeams:eye:begin = 2
+            float photonbeams:eye:end = 5""")
+        curve = getattr(found, slot).curve
+        assert (curve.knots, curve.colors) == ((0, 1), ((1, 1, 1), (1, 0.5, 0)))
+        assert (curve.interpolation, curve.expression, curve.span) == ("smooth", "1 - r", span)
+        assert np.allclose(curve.texture, [[1, 0, 0], [0, 1, 0]])
+        built = build_look(found).bind(MEDIUM, 5.0)
+        assert "radius" in built.uses and built.by_radius
+
+
+def test_noise_fade_and_variation_are_read_and_built(read):
+    found = read("""
+        float photonbeams:along:inner = 1
+        float photonbeams:along:outer = 3
+        uniform token photonbeams:along:fade = "linear"
+        float photonbeams:noise:amount = 0.5
+        float photonbeams:noise:scale = 2
+        int photonbeams:noise:octaves = 3
+        float photonbeams:noise:contrast = 1.5
+        float3 photonbeams:noise:drift = (0, 0.5, 0)
+        float photonbeams:noise:evolution = 0.25
+        uniform token photonbeams:noise:space = "light"
+        float photonbeams:variation = 0.125
+        uniform token photonbeams:across:profile = "hollow"
+        float photonbeams:across:inner = 0.25
+        float photonbeams:across:softness = 0.5""")
+    assert (found.along.inner, found.along.outer, found.along.fade) == (1, 3, "linear")
+    assert found.noise == NoiseSpec(0.5, 2, 3, 1.5, (0, 0.5, 0), 0.25, "light")
+    assert found.variation == 0.125
+    assert (found.across.profile, found.across.inner, found.across.softness) == ("hollow", 0.25, 0.5)
+    built = build_look(found).bind(MEDIUM, 5.0)
+    assert {"local", "random", "time"} <= built.uses
+    assert ("distance", pytest.approx(1)) in built.corners and ("distance", pytest.approx(3)) in built.corners
 
 
 def test_a_texture_along_the_beam_is_decoded_and_its_rows_averaged(read, image):
     path = image("ramp.exr", [[[1, 0, 0], [0, 1, 0]], [[3, 0, 0], [0, 1, 2]]], "float")
-    found = read(f"asset photonbeams:along:texture = @{path}@").along.texture
+    found = read(f"asset photonbeams:along:texture = @{path}@").along.curve.texture
     assert np.allclose(found, [[2, 0, 0], [0, 1, 1]])
 
 
@@ -175,6 +225,19 @@ def test_a_misspelt_attribute_is_named(read, caplog):
             'uniform token photonbeams:eye:falloff = "power"',
             r"eye:falloff is 'power': expected one of physical, none, exp",
         ),
+        (
+            "float photonbeams:along:inner = 2\nfloat photonbeams:along:outer = 1",
+            r"along:outer is 1: expected more than",
+        ),
+        ("float photonbeams:eye:begin = 2", r"eye:end is 1: expected more than eye:begin, 2"),
+        (
+            'string photonbeams:across:expression = "1 - rr"',
+            r'across:expression is wrong: expression "1 - rr", column 5: ',
+        ),
+        ("""string photonbeams:eye:expression = "__import__('os')" """, r"eye:expression is wrong: expression .*"),
+        ("int photonbeams:noise:octaves = 9", r"noise:octaves is 9: expected a whole number from 1 to 8"),
+        ("float photonbeams:noise:scale = 0", r"noise:scale is 0: expected a positive number"),
+        ("float photonbeams:variation = 2", r"variation is 2.*: expected a finite number at least 0 at most 1"),
         ("float photonbeams:angle:anisotropy = 1", r"angle:anisotropy is 1.*: expected"),
         ("color3f photonbeams:along:tint = (nan, 1, 1)", r"along:tint is .*: expected one or three finite numbers"),
         ("asset photonbeams:along:texture = @gone.png@", r"along:texture names gone\.png: expected an image file"),

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from photonbeams import Shot, medium_of_colors
 from photonbeams.scene import SceneError
 
 FOG = """
@@ -76,3 +77,73 @@ def test_hidden_fog_is_not_there(scene):
 def test_coefficients_out_of_range_are_errors_that_name_them(scene, body, message):
     with pytest.raises(SceneError, match=rf"stage\.usda: {message}"):
         scene(f'def Scope "F" {API} {{\n{body}\n}}')
+
+
+COLORS = """
+    color3f photonbeams:nearColor = (1, 0.8, 0.5)
+    color3f photonbeams:farColor = (0.5, 0.2, 0.1)
+"""
+
+
+def test_two_colors_make_the_fog(scene):
+    more = "color3f photonbeams:albedo = (0.5, 0.5, 1)\nfloat photonbeams:farDistance = 2"
+    medium = scene(f'def Scope "F" {{\n{COLORS}\n{more}\n}}').medium
+    extinction = np.log([2, 4, 5]) / 2
+    assert medium.extinction == pytest.approx(tuple(extinction), rel=1e-6)
+    assert medium.scattering == pytest.approx(tuple(extinction * [0.5, 0.5, 1]), rel=1e-6)
+
+
+def test_colors_win_over_coefficients_with_a_warning(scene, caplog):
+    medium = scene(f'def Scope "F" {{\n{COLORS}\n{FOG}\n}}').medium
+    assert medium.scattering == pytest.approx(tuple(np.log([2, 4, 5])), rel=1e-6)
+    assert medium.anisotropy == pytest.approx(0.4)
+    assert "/F.photonbeams:nearColor and farColor make the fog: scattering and absorption are not used" in caplog.text
+
+
+@pytest.mark.parametrize(
+    ("body", "message"),
+    [
+        ("color3f photonbeams:nearColor = (1, 1, 1)", r"/F\.photonbeams:farColor is not given: expected a colour"),
+        ("color3f photonbeams:farColor = (1, 1, 1)", r"/F\.photonbeams:nearColor is not given: expected a colour"),
+        (COLORS + "color3f photonbeams:albedo = (0, 1, 1)", r"/F: albedo is \(0.0, 1.0, 1.0\): expected"),
+        (COLORS + "float photonbeams:farDistance = 0", r"/F: far distance is 0.0: expected"),
+    ],
+)
+def test_colors_that_make_no_fog_are_errors(scene, body, message):
+    with pytest.raises(SceneError, match=rf"stage\.usda: {message}"):
+        scene(f'def Scope "F" {{\n{body}\n}}')
+
+
+def test_a_fog_may_leave_surfaces_alone(scene):
+    assert scene(f'def Scope "F" {{\n{FOG}\n}}').medium.surfaces
+    assert not scene(f'def Scope "F" {{\n{FOG}\nbool photonbeams:surfaces = 0\n}}').medium.surfaces
+
+
+def test_a_drawn_beam_of_the_medium_of_colors_is_rendered_in_those_colors(usd):
+    distance, radius = 4.0, 0.2
+    near, far = (1.0, 0.8, 0.5), (0.5, 0.2, 0.1)
+    _, power = medium_of_colors(near, far, distance=distance, radius=radius)
+    stage = usd(f"""
+        def Scope "F" {{\n{COLORS}\n}}
+        def BasisCurves "B" (prepend apiSchemas = ["PhotonBeamsCurvesAPI"]) {{
+            uniform token type = "linear"
+            int[] curveVertexCounts = [2]
+            point3f[] points = [(-0.5, 0, 0), (3, 0, 0)]
+            float[] widths = [{2 * radius}, {2 * radius}]
+            color3f[] photonbeams:power = [{power}]
+        }}
+        def Camera "C" {{
+            token projection = "orthographic"
+            float horizontalAperture = 20
+            float verticalAperture = 1
+            double3 xformOp:translate = (0.5, 0, {distance})
+            uniform token[] xformOpOrder = ["xformOp:translate"]
+        }}""")
+    beams = Shot(stage).render(passes=1, width=40, height=2).layers["beams"]
+    # Pixels of 0.05 units are seen at their centres, x = -0.475 ... : 0.025 and 1.025 units along the beam; with two
+    # rows the axis passes between them, u = 0.025 off it, where the profile is (1 - u²/R²)^1.5 of its middle.
+    profile = (1 - (0.025 / radius) ** 2) ** 1.5
+    along = 0.025
+    expected = np.array([near, far]) * np.power(np.divide(far, near), along) * profile
+    # The fog within the beam is not seen from its middle alone: cosh(σt R) - 1 < 0.06 at the rim, a tenth in the mean.
+    assert np.allclose(beams[0, [0, 20]], expected, rtol=0.02)

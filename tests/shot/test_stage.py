@@ -2,6 +2,7 @@
 
 import re
 
+import OpenImageIO
 import pytest
 from pxr import Usd
 
@@ -102,6 +103,30 @@ def test_values_can_be_set_over_the_stage(tmp_path):
     assert path.read_text() == LAMP
 
 
+def test_what_an_artist_sets_per_light_can_be_set_over_the_stage(tmp_path):
+    look = 'def PhotonBeamsLook "Soft" {\n    uniform token photonbeams:across:profile = "biweight"\n}\n'
+    path = written(tmp_path, LAMP + look)
+    OpenImageIO.ImageBuf(OpenImageIO.ImageSpec(2, 1, 3, "float")).write(str(tmp_path / "black.exr"))
+    values = {
+        "photonbeams:intensity": 3, "photonbeams:lightGroup": "key", "photonbeams:look": "/Soft",
+        "photonbeams:gobo": "black.exr", "photonbeams:gobo:angle": 30, "photonbeams:gobo:wrap": "repeat",
+        "photonbeams:count": 7, "collection:shadowLink:excludes": "</Dust>, </Soft>",
+    }  # fmt: skip
+    stage = open_stage(path, overrides=[f"/Lamp.{name}={value}" for name, value in values.items()])
+    (light,) = read_scene(stage).lights
+    assert (light.beam_scale, light.group, light.beam_count, light.emits_beams) == (3, "key", 7, True)
+    assert light.look.name == "/Soft"
+    assert (light.gobo.image.shape, light.gobo.angle, light.gobo.repeat) == ((1, 2, 3), 30, True)
+    targets = stage.GetPrimAtPath("/Lamp").GetRelationship("collection:shadowLink:excludes").GetTargets()
+    assert [str(target) for target in targets] == ["/Dust", "/Soft"]
+    off = open_stage(path, overrides=["/Lamp.photonbeams:look=/Soft", "/Lamp.photonbeams:look=",
+                                      "/Lamp.photonbeams:enabled=0"])  # fmt: skip
+    assert (read_scene(off).lights[0].look, read_scene(off).lights[0].emits_beams) == (None, False)
+    fog = "/Dust.photonbeams:scattering=0.1"
+    dark = open_stage(path, overrides=[fog, "/Lamp.collection:lightLink:excludes=/Dust"])
+    assert not read_scene(dark).lights[0].emits_beams
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
@@ -111,6 +136,8 @@ def test_values_can_be_set_over_the_stage(tmp_path):
         ("/Lamp.inputs:brightness=3", "/Lamp has no attribute inputs:brightness"),
         ("/Dust.photonbeams:intensity=2", "/Dust has no attribute photonbeams:intensity"),
         ("/Torch.inputs:intensity=3", "has no prim /Torch"),
+        ("/Lamp.photonbeams:look=Soft", "expected the paths of prims"),
+        ("/Lamp.photonbeams:portal=/Dust,no path", "expected the paths of prims"),
     ],
 )
 def test_a_value_that_cannot_be_set_is_an_error(tmp_path, capfd, text, message):

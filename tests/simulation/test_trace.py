@@ -50,6 +50,32 @@ def test_beams_stop_at_the_first_surface_and_know_its_normal():
     assert np.allclose(beams["total"], np.linalg.norm(direction, axis=1), rtol=1e-5)
 
 
+def test_beams_pass_what_their_light_is_not_stopped_by():
+    inner, outer = box("/inner", [-1, -1, -1], [1, 1, 1]), box("/outer", [-3, -3, -3], [3, 3, 3])
+    through = dataclasses.replace(LAMP, unshadowed=frozenset({"/inner", "/nothing"}))
+    for lamp, reach in ((LAMP, 1), (through, 3), (dataclasses.replace(LAMP, unlit=frozenset({"/inner"})), 1)):
+        beams = only(trace(world_of(lamp, meshes=(inner, outer)), beams_per_light=256))
+        assert np.allclose(np.abs(beams["end"]).max(axis=1), reach, rtol=1e-5)
+    # As if it were not there: the radii, too, which surfaces in a beam's way make narrower.
+    passing = only(trace(world_of(through, meshes=(inner, outer)), beams_per_light=256))
+    alone = only(trace(world_of(LAMP, meshes=(outer,)), beams_per_light=256))
+    assert np.allclose(passing["end"], alone["end"], rtol=1e-4)
+    first, second = trace(
+        world_of(LAMP, dataclasses.replace(through, name="/twin"), meshes=(inner, outer)), beams_per_light=64
+    )
+    assert np.abs(first.beams.arrays()["end"]).max() < 1.01 < np.abs(second.beams.arrays()["end"]).max()
+
+
+def test_a_world_at_another_time_keeps_what_stops_its_lights():
+    inner = box("/inner", [-1, -1, -1], [1, 1, 1])
+    lamp = dataclasses.replace(LAMP, unshadowed=frozenset({"/inner"}))
+    first = world_of(lamp, meshes=(inner,))
+    moved = scene.Scene(lights=(dataclasses.replace(lamp, center=np.array([0.1, 0, 0])),), meshes=(inner,))
+    later = World.build(moved, like=first)
+    assert later.stopping(lamp).surfaces is first.stopping(lamp).surfaces is not first.surfaces
+    assert first.stopping(LAMP) is first
+
+
 def test_beams_that_meet_nothing_end_far_beyond_the_bounds():
     world = world_of(LAMP)
     beams = only(trace(world, beams_per_light=64))

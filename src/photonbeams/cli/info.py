@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
+import typer
 
 if TYPE_CHECKING:
     from pxr import Usd
@@ -19,7 +20,13 @@ STAGES = (".usd", ".usda", ".usdc", ".usdz")
 _NO_NEWS = ("channels", "chunkCount", "lineOrder", "name", "type", "view", "screenWindowCenter", "screenWindowWidth")
 
 
-def info(path: Path) -> None:
+def info(
+    path: Annotated[Path, typer.Argument(help="A stage, or an image.")],
+    session_layer: Annotated[
+        list[Path] | None,
+        typer.Option(metavar="FILE", help="A layer over the stage; may be repeated, the first is the strongest."),
+    ] = None,
+) -> None:
     """Show what a USD stage or an image file holds.
 
     Of a stage: cameras, lights, meshes, fog, looks, frames and units. Of an image: its parts with their views,
@@ -31,7 +38,9 @@ def info(path: Path) -> None:
     if not console.is_terminal:
         console.width = 240  # what is piped or filed keeps its lines whole
     if path.suffix.lower() in STAGES:
-        _show_stage(console, path)
+        _show_stage(console, path, session_layer or ())
+    elif session_layer:
+        raise typer.BadParameter(f"--session-layer is of a stage, and {path} is none: expected {', '.join(STAGES)}")
     else:
         _show_image(console, path)
 
@@ -106,10 +115,10 @@ def _text(value: Any) -> str:
 # -- stages ----------------------------------------------------------------------------------------------------------
 
 
-def _show_stage(console: Console, path: Path) -> None:
+def _show_stage(console: Console, path: Path, layers: Sequence[Path]) -> None:
     from ..shot import stage as stages
 
-    stage = stages.open_stage(path)
+    stage = stages.open_stage(path, layers)
     scene = stages.read_scene(stage, stages.default_time(stage))
     console.print(_table(None, _stage_rows(stage, scene)))
     sections = [
@@ -135,6 +144,8 @@ def _show_stage(console: Console, path: Path) -> None:
 def _stage_rows(stage: Usd.Stage, scene: Scene) -> Iterable[tuple[str, str]]:
     from pxr import UsdGeom
 
+    from ..colors import colors_of_medium
+
     yield "up axis", str(UsdGeom.GetStageUpAxis(stage))
     yield "unit", f"{UsdGeom.GetStageMetersPerUnit(stage):g} m"
     if stage.HasAuthoredTimeCodeRange():
@@ -149,7 +160,10 @@ def _stage_rows(stage: Usd.Stage, scene: Scene) -> Iterable[tuple[str, str]]:
         return
     place = "the whole space" if medium.mesh is None else medium.mesh.name
     yield "fog", f"scattering {_triple(medium.scattering)}, absorption {_triple(medium.absorption)} per unit"
-    yield "", f"anisotropy {medium.anisotropy:g}, fills {place}"
+    dims = "" if medium.surfaces else ", leaves surfaces as they are"
+    yield "", f"anisotropy {medium.anisotropy:g}, fills {place}{dims}"
+    near, far = colors_of_medium(medium, 1.0)
+    yield "", f"a beam of power 1 and radius 1 shows {_triple(near)}, one unit along {_triple(far)}"
 
 
 def _camera_rows(stage: Usd.Stage, time: Usd.TimeCode) -> list[tuple[str, ...]]:
@@ -175,6 +189,8 @@ def _light_row(light: Light) -> tuple[str, ...]:
         kind = "disk" if getattr(light, "disk", False) else "rect"
     if getattr(light, "image", None) is not None:
         kind += ", image"
+    kind += "" if light.gobo is None else ", gobo"
+    portal += "" if light.portal_gobo is None else ", gobo"
     return (light.name, kind, _triple(light.radiance), light.group, beams, portal, _name(light.look))
 
 
@@ -198,15 +214,21 @@ def _look_rows(scene: Scene) -> Iterable[tuple[str, ...]]:
         if look is not None:
             looks[_name(look)] = look
     for name, look in looks.items():
-        along: Any = getattr(look, "along", None)
-        words = [str(getattr(along, "falloff", along))]
-        if getattr(along, "knots", ()):
-            words.append(f"ramp of {len(along.knots)}")
-        if getattr(along, "texture", None) is not None:
-            words.append("texture")
-        factors = (("across", "profile"), ("eye", "falloff"), ("angle", "shading"))
-        rest = [str(getattr(getattr(look, factor, None), kind, "")) for factor, kind in factors]
-        yield (name, " x ".join(words), *rest)
+        factors = (("along", "falloff"), ("across", "profile"), ("eye", "falloff"), ("angle", "shading"))
+        yield (name, *(_factor_words(getattr(look, factor, None), kind) for factor, kind in factors))
+
+
+def _factor_words(factor: Any, kind: str) -> str:
+    """Return what a factor is made of, in words."""
+    curve: Any = getattr(factor, "curve", None)
+    words = [str(getattr(factor, kind, ""))]
+    if getattr(curve, "knots", ()):
+        words.append(f"ramp of {len(curve.knots)}")
+    if getattr(curve, "texture", None) is not None:
+        words.append("texture")
+    if getattr(curve, "expression", ""):
+        words.append(curve.expression)
+    return " x ".join(words)
 
 
 # -- text ------------------------------------------------------------------------------------------------------------

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 import os
-import re
 from collections.abc import Collection, Iterable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
@@ -13,12 +12,11 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from ..numbering import PLACEHOLDER, numbered
+
 if TYPE_CHECKING:
     from ..scene import Array
     from ..shot.shot import Frame
-
-# usdrecord's: #### is a whole number, ####.## one with two digits after the point.
-_PLACEHOLDER = re.compile(r"#+(?:\.#+)?")
 
 
 @dataclass(frozen=True)
@@ -39,14 +37,7 @@ class Output:
 
     def numbered(self, frame: float) -> Output:
         """Return the output of a frame: the run of # in its name is the number, padded."""
-
-        def number(run: re.Match[str]) -> str:
-            digits = len(run[0].partition(".")[2])
-            if not digits and frame != int(frame):
-                return f"{frame:.10g}"
-            return f"{frame:0{len(run[0])}.{digits}f}"
-
-        return replace(self, path=self.path.with_name(_PLACEHOLDER.sub(number, self.path.name)))
+        return replace(self, path=numbered(self.path, frame))
 
     def exists(self) -> bool:
         """Return whether there is a file that is not empty."""
@@ -80,7 +71,7 @@ def checked_path(flag: str, path: Path, suffixes: Sequence[str]) -> Path:
         raise typer.BadParameter(f"{flag} is {path}: expected a name that ends in {' or '.join(suffixes)}")
     if os.fsencode(path).decode("utf-8", "ignore") != str(path):  # OpenEXR takes no other names
         raise typer.BadParameter(f"{flag} is {str(path)!r}: expected a name in UTF-8")
-    if len(_PLACEHOLDER.findall(path.name)) > 1:
+    if len(PLACEHOLDER.findall(path.name)) > 1:
         raise typer.BadParameter(f"{flag} is {path}: expected one run of # for the frame number")
     return path
 
@@ -91,7 +82,7 @@ def check_placeholders(outputs: Iterable[Output], frames: int, digits: int) -> N
         return
     wanted = "####" + "." * (digits > 0) + "#" * digits
     for output in outputs:
-        found = _PLACEHOLDER.search(output.path.name)
+        found = PLACEHOLDER.search(output.path.name)
         if not found:
             raise typer.BadParameter(
                 f"the output {output.path} is one file for {frames:,} frames: expected one run of # in its name, such "

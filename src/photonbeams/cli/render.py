@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from ..quadrature import Rule
     from ..render.frame import Statistics
     from ..scene import Color, Medium
-    from ..shot import Shot
+    from ..shot import Holdout, Plate, Shot
     from ..shot.settings import RenderSettings
     from ..shot.stereo import Stereo
 
@@ -49,6 +49,14 @@ class RuleName(StrEnum):
 
     gauss = "gauss"
     riemann = "riemann"
+
+
+class DepthKind(StrEnum):
+    """What a depth is."""
+
+    auto = "auto"
+    planar = "planar"
+    distance = "distance"
 
 
 class Device(StrEnum):
@@ -121,6 +129,9 @@ def render(
     ] = None,
     absorption: Annotated[str | None, typer.Option(metavar="S|R,G,B", help="Its absorption.")] = None,
     anisotropy: Annotated[float | None, typer.Option(help="Its mean cosine, -0.99 to 0.99.")] = None,
+    beams_only_fog: Annotated[
+        bool, typer.Option("--beams-only-fog", help="A fog that beams alone feel: surfaces are as if without it.")
+    ] = False,
     simulate: Annotated[
         str | None, typer.Option(metavar="FILE.py:NAME", help="A Python function that changes the beams of each pass.")
     ] = None,
@@ -138,10 +149,32 @@ def render(
         typer.Option(help="Distance without disparity, scene units; default: the focus, or infinitely far."),
     ] = None,
     view: Annotated[Eye | None, typer.Option(help="One of the two eyes; default: both, in one file.")] = None,
+    holdout: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FILE",
+            help="Another renderer's depth, at which beams end instead of at the stage's surfaces. "
+            "A run of # is the frame number, %V the view.",
+        ),
+    ] = None,
+    holdout_channel: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Its channel; default: what is called a depth.")
+    ] = None,
+    holdout_depth: Annotated[
+        DepthKind | None, typer.Option(help="Along the camera's axis, or from the camera; default: by the name.")
+    ] = None,
+    holdout_scale: Annotated[float | None, typer.Option(help="Scene units in one unit of it; default: 1.")] = None,
+    over: Annotated[
+        str | None, typer.Option(metavar="FILE", help="A plate: rgba is that plus beams. Named as --holdout.")
+    ] = None,
+    over_fog: Annotated[bool, typer.Option("--over-fog", help="The fog dims the plate, too.")] = False,
     overrides: Annotated[
         list[str] | None, typer.Option("--set", metavar="/prim.attr=value", help="A value over the stage's.")
     ] = None,
-    session_layer: Annotated[list[Path] | None, typer.Option(help="A layer over the stage.")] = None,
+    session_layer: Annotated[
+        list[Path] | None,
+        typer.Option(metavar="FILE", help="A layer over the stage; may be repeated, the first is the strongest."),
+    ] = None,
     exposure: Annotated[float, typer.Option(help="Stops, for pictures alone.")] = 0.0,
     seed: Annotated[
         int, typer.Option(help="Seed of all samples, the same for all frames: beams stay where they are.")
@@ -162,12 +195,18 @@ def render(
     photonbeams render room.usdc -o room.png --scattering 0.05 --res 1920 0 --passes 64
     """
     check_flags(res, res_scale, crop, passes, time_limit, beams, order, anisotropy, exposure, threads)
+    _check_plates(holdout, holdout_channel, holdout_depth, holdout_scale, over, over_fog)
     eyes = _stereo(stereo, interaxial, convergence, view)
-    fog = Fog(parse_color("--scattering", scattering), parse_color("--absorption", absorption), anisotropy)
+    fog = Fog(
+        parse_color("--scattering", scattering),
+        parse_color("--absorption", absorption),
+        anisotropy,
+        surfaces=False if beams_only_fog else None,
+    )
     outputs = parse_outputs(output or (), picture or ())
     with messages(quiet, verbose), held_interrupt() as check:
         start_device(device, threads)
-        from ..shot import Shot
+        from ..shot import Holdout, Plate, Shot
         from ..shot.frames import check_frames
         from ..shot.stage import list_cameras as cameras_of
         from ..shot.stage import open_stage
@@ -197,7 +236,13 @@ def render(
         content, _ = shot.read(first.number)
         check()
         kept = chosen_layers(layers, first.outputs, shot.check(content))
-        width, height = _size(shot, first.number, res, res_scale, settings)
+        end = Holdout(holdout, holdout_channel, holdout_depth or "auto", holdout_scale or 1.0) if holdout else None
+        plate = Plate(over, over_fog) if over else None
+        plates = [each for each in (end, plate) if each is not None]
+        shown = None if view in (None, Eye.both) else view.value
+        width, height = _size(shot, first.number, res, res_scale, settings, plates, shown)
+        for task in todo:
+            shot.check_plates(plates, task.number, width, height, shown)
         for task in todo:
             prepare_outputs(task.outputs)
         if dry_run:
@@ -209,7 +254,7 @@ def render(
         def finish(task: Task, advance: Callable[[int], None]) -> Statistics:
             result = shot.render(
                 task.number, passes, width=width, height=height, crop=crop or settings.crop(width, height),
-                progress=lambda done, _: advance(done), view=None if view in (None, Eye.both) else view.value,
+                progress=lambda done, _: advance(done), view=shown, holdout=end, over=plate,
                 blur=not settings.disable_motion_blur, lens=not settings.disable_depth_of_field,
                 time_limit=time_limit, beams=beams, estimator=estimator.value, rule=_rule(rule, order), seed=seed,
             )  # fmt: skip
@@ -301,6 +346,7 @@ class Fog:
     scattering: Color | None
     absorption: Color | None
     anisotropy: float | None
+    surfaces: bool | None = None
 
     def over(self, own: Medium | None) -> Medium | None:
         """Return this fog instead of a stage's own: what the flags leave out comes from that."""
@@ -311,7 +357,8 @@ class Fog:
             return own
         if own is None and self.scattering is None:
             raise typer.BadParameter(
-                "--absorption and --anisotropy change a fog, and the stage has none: expected --scattering, too"
+                "--absorption, --anisotropy and --beams-only-fog change a fog, and the stage has none: "
+                "expected --scattering, too"
             )
         return replace(own or Medium(scattering=BLACK), **given)
 
@@ -333,6 +380,25 @@ def _stereo(stereo: bool, interaxial: float | None, convergence: float | None, v
         raise typer.BadParameter(f"--{error}") from None
 
 
+def _check_plates(
+    holdout: str | None,
+    channel: str | None,
+    depth: DepthKind | None,
+    scale: float | None,
+    over: str | None,
+    fog: bool,
+) -> None:
+    """Refuse flags that change what is not given, and a scale out of range."""
+    of_holdout = {"--holdout-channel": channel, "--holdout-depth": depth, "--holdout-scale": scale}
+    for flag, value in of_holdout.items():
+        if value is not None and not holdout:
+            raise typer.BadParameter(f"{flag} is of a holdout: expected --holdout, too")
+    if scale is not None and not 0 < scale <= 1e12:
+        raise typer.BadParameter(f"--holdout-scale is {scale}: expected more than 0 and no more than 1e12")
+    if fog and not over:
+        raise typer.BadParameter("--over-fog is of a plate: expected --over, too")
+
+
 def start_device(device: Device, threads: int | None) -> None:
     """Start the device on so many threads."""
     from .. import device as devices
@@ -343,11 +409,17 @@ def start_device(device: Device, threads: int | None) -> None:
 
 
 def _size(
-    shot: Shot, number: float | None, res: tuple[int, int], scale: float, settings: RenderSettings
+    shot: Shot,
+    number: float | None,
+    res: tuple[int, int],
+    scale: float,
+    settings: RenderSettings,
+    plates: Sequence[Holdout | Plate],
+    view: str | None,
 ) -> tuple[int, int]:
     """Return width and height in pixels."""
     wanted = res if any(res) else settings.resolution or res
-    width, height = shot.resolution(wanted[0] or None, wanted[1] or None, number)
+    width, height = shot.resolution(wanted[0] or None, wanted[1] or None, number, plates, view)
     return shot.resolution(max(1, round(scale * width)), max(1, round(scale * height)), number)
 
 

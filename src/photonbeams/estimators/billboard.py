@@ -17,17 +17,60 @@ from ..device import Array3f, Bool, Float, UInt32
 from ..looks import BoundLook
 from .blend import frustum_weight, need, touched
 from .geometry import Approach, Packed, Rays, Record, load, passing
+from .points import Points
 
 
-def value(beam: Record, at: Approach, u2: Any, radius: Any, look: BoundLook, t_min: Any) -> Any:
+def value(beam: Record, at: Approach, u2: Any, radius: Any, look: BoundLook, ray: Rays, points: Points) -> Any:
     """Return a beam's radiance toward a ray that passes its axis at the squared distance `u2`."""
     inv_radius = dr.rcp(radius)
     x = u2 * dr.square(inv_radius)
-    kernel = dr.sqrt(dr.maximum(1 - x, 0)) * look.profile.line(x) * (inv_radius * at.inv_sine)
+    kernel = dr.sqrt(dr.maximum(1 - x, 0)) * (inv_radius * at.inv_sine)
+    if look.by_radius:
+        light = _projected(beam, at, x, look, ray, points)
+    else:
+        light = _light(beam, at, x, look, ray) * look.profile.line(x)
+    return beam.light(at.along) * (light * look.turned(-_cosine(at), beam) * kernel)
+
+
+def _cosine(at: Approach) -> Any:
+    """Return the cosine between the ray and the light where they come closest."""
+    return at.cosine if at.course is None else at.course.cosine(Float(0))
+
+
+def _light(beam: Record, at: Approach, rho2: Any, look: BoundLook, ray: Rays) -> Any:
+    """Return the factors at the closest approach, as they are at the distance ρ from the axis."""
     distance = at.along + beam.offset
-    light = look.path(distance, beam.depth(distance), beam.fraction(distance), at.t, at.t - t_min)
-    cosine = at.cosine if at.course is None else at.course.cosine(Float(0))
-    return beam.light(at.along) * (light * look.angle(-cosine) * kernel)
+    where = look.at(
+        distance=distance, depth=beam.depth(distance), from_light=distance, fraction=beam.fraction(distance),
+        to_camera=at.t, cosine=-_cosine(at), rho2=rho2, place=lambda: ray.point(at.t), beam=beam,
+    )  # fmt: skip
+    return look.light(where, at.t - ray.t_min)
+
+
+@dr.syntax
+def _projected(beam: Record, at: Approach, x: Any, look: BoundLook, ray: Rays, points: Points) -> Any:
+    """Return 2 ∫_0^1 density · light dv with ρ² = x + (1 − x) v²: the line projection of all that changes with ρ.
+
+    In pieces, between the rings where it has corners.
+    """
+    wide = dr.maximum(1 - x, 1e-6)
+    squares = [dr.square(dr.opaque(Float, ring)) for ring in look.rings if ring > 0]
+    breaks = [dr.sqrt(dr.clip((square - x) / wide, 0, 1)) for square in squares]
+    total = Array3f(0)
+    low = Float(0)
+    while low < 1:
+        high = Float(1)
+        for place in breaks:
+            high = dr.select((place > low) & (place < high), place, high)
+        half, middle = 0.5 * (high - low), 0.5 * (high + low)
+        j = UInt32(0)
+        while j < points.count:
+            node = points(j)
+            rho2 = dr.lerp(x, Float(1), dr.square(dr.fma(half, node.x, middle)))
+            total += _light(beam, at, rho2, look, ray) * (look.profile.density(rho2) * (node.y * half))
+            j += 1
+        low = high
+    return 2 * total
 
 
 def in_range(beam: Record, at: Approach, t_min: Any, t_max: Any, origin: Any, direction: Any) -> Any:
@@ -49,6 +92,7 @@ def billboard_sum(
     number: Callable[[Any], Any],
     packed: Packed,
     look: BoundLook,
+    points: Points,
     blended: bool,
     flags: Any = None,
 ) -> list[Any]:
@@ -60,6 +104,8 @@ def billboard_sum(
     ----------
     rays
         The K rays of each lane, origins relative to the packed origin; of one time.
+    points
+        Quadrature over the cross-section, for looks that change with the distance from the axis.
     blended
         Whether to leave out what the frustum does better (`auto`), or to take everything (`billboard`).
     flags
@@ -84,12 +130,12 @@ def billboard_sum(
                         # The distance that is R where the ray leaves the cone. At u = R itself a tapered beam's chord
                         # is not yet empty, and a hard rim would hand over with a step.
                         u2 = at.u2 * (1 - dr.square(at.taper(beam) * at.inv_sine))
-                        radiance[p] += value(beam, at, u2, radius, look, ray.t_min) * share
+                        radiance[p] += value(beam, at, u2, radius, look, ray, points) * share
                     # An empty ray, as beyond the picture's border, lies at its own boundary.
                     marked |= touched(boundary, change, inside) & (ray.t_min < ray.t_max)
                 else:
                     hit = inside & (at.u2 < dr.square(radius))
-                    radiance[p] += dr.select(hit, value(beam, at, at.u2, radius, look, ray.t_min), 0)
+                    radiance[p] += dr.select(hit, value(beam, at, at.u2, radius, look, ray, points), 0)
         if dr.hint(flags is not None, mode="scalar"):  # noqa: SIM102 - one is Python, the other is traced
             if marked:
                 # Lanes of one tile write the same number to the same place: no race, whatever the order.

@@ -44,11 +44,15 @@ def need(beam: Record, at: Approach, radius: Any, look: BoundLook, t_min: Any, t
         facing = dr.dot(direction, beam.cap)
         margin = dr.minimum(margin, dr.abs(dr.fma(facing, at.t, -height)) * dr.rcp(dr.maximum(dr.abs(facing), 1e-6)))
     boundary = _CLEARANCE * half * dr.rcp(dr.maximum(margin, 1e-20))
-    rate = dr.fma(c, look.rate_along + look.rate_fraction * beam.inv_total, look.rate_eye)
-    change = (half * rate + taper * at.inv_sine) * (1 / _CHANGE)
+    change = (half * change_rate(beam, c, look) + taper * at.inv_sine) * (1 / _CHANGE)
     # Below sin² = 0.0025 float32 has lost the angle.
     narrow = 0.0025 * dr.square(at.inv_sine)
     return boundary, dr.maximum(change, narrow)
+
+
+def change_rate(beam: Record, cosine: Any, look: BoundLook) -> Any:
+    """Return how fast the factors change along a ray: largest slope over largest value; `cosine` is not negative."""
+    return dr.fma(cosine, look.rate_along + look.rate_fraction * beam.inv_total, look.rate_eye + look.rate_place)
 
 
 def _to_joints(course: Course, both: bool) -> Any:

@@ -10,12 +10,13 @@ import numpy as np
 from ..arrays import to_float, to_vectors
 from ..beams import Beams
 from ..device import Array3f, Bool, Float, UInt32
-from ..looks import BoundLook, Look
+from ..looks import BoundLook, Context, Look
 from ..quadrature import Rule, gauss_legendre
 from ..scene import Medium
 from .billboard import billboard_sum
-from .frustum import Points, frustum_sum
+from .frustum import frustum_sum
 from .geometry import Packed, Rays, pack
+from .points import Points
 
 ESTIMATORS = ("auto", "billboard", "frustum")
 
@@ -39,6 +40,7 @@ def estimate(
     t_min: Any = None,
     close: Beams | None = None,
     time: Any = None,
+    context: Context | None = None,
 ) -> Any:
     """Return the radiance of beams toward rays.
 
@@ -59,6 +61,8 @@ def estimate(
     close, time
         Where beams move: the same beams at shutter close (`beams` being those at shutter open), and (N,) times of the
         rays, 0 at shutter open and 1 at shutter close. In between all numbers of a beam are interpolated linearly.
+    context
+        For looks that ask for it: the time, and the number and the space of the beams' light.
 
     Returns
     -------
@@ -75,8 +79,22 @@ def estimate(
     check_motion(beams, close, time)
     if len(beams) == 0:
         return dr.zeros(Array3f, count)
-    bound = (look or Look()).bind(medium, reach(beams, close))
-    return sum_over_all(pack(beams, Array3f(0), shared=False, close=close), rays, bound, estimator, Points(rule))
+    bound = bind(look or Look(), beams, close, medium, context)
+    packed = pack(beams, Array3f(0), shared=False, close=close, identity=bound.of_beams)
+    return sum_over_all(packed, rays, bound, estimator, Points(rule))
+
+
+def bind(
+    look: Look, beams: Beams, close: Beams | None, medium: Medium | None, context: Context | None = None
+) -> BoundLook:
+    """Return a look in a medium, for these beams."""
+    ends = [each for state in (beams, close) if state is not None for each in (state.start, state.end)]
+    low, high = (dr.zeros(Array3f, 1) + sign * dr.inf for sign in (1, -1))
+    for each in ends:
+        low = dr.minimum(low, Array3f(*(dr.min(axis) for axis in each)))
+        high = dr.maximum(high, Array3f(*(dr.max(axis) for axis in each)))
+    box = np.asarray(low, dtype=float)[:, 0], np.asarray(high, dtype=float)[:, 0]
+    return look.bind(medium, reach(beams, close), context, box)
 
 
 def sum_over_all(packed: Packed, rays: Rays, look: BoundLook, estimator: str, points: Points) -> Any:
@@ -88,7 +106,7 @@ def sum_over_all(packed: Packed, rays: Rays, look: BoundLook, estimator: str, po
 
     radiance = Array3f(0)
     if estimator != "frustum":
-        radiance += billboard_sum([rays], first, stop, number, packed, look, blended=estimator == "auto")[0]
+        radiance += billboard_sum([rays], first, stop, number, packed, look, points, estimator == "auto")[0]
     if estimator != "billboard":
         radiance += frustum_sum(rays, first, stop, number, packed, look, points, blended=estimator == "auto")
     dr.eval(radiance)

@@ -47,6 +47,14 @@ class Rays:
     t_min: Any = None  # (N,), None: 0
     shared_origin: bool = False
     time: Any = None  # (N,)
+    base: Any = None  # the packed origin: that of all rays, or what `origin` is relative to; None: the world's
+
+    def point(self, t: Any) -> Any:
+        """Return the position in world space at t."""
+        point = self.direction * t
+        if self.origin is not None:
+            point = point + self.origin
+        return point if self.base is None else point + self.base
 
 
 @dataclass
@@ -57,7 +65,8 @@ class Packed:
     present, (w × e, w·e) for a shared ray origin · (end normal, its distance from the origin) · (offset, total, entry,
     0) · (T0, its plane's distance from the origin) and (T1, likewise) · (power at the end, 0). Beams that move, at
     shutter open, and again at shutter close: start, radius · end, radius · power, 0 · then, where present, (end normal,
-    0) · (offset, total, entry, 0) · (T0, 0) and (T1, 0) · (power at the end, 0).
+    0) · (offset, total, entry, 0) · (T0, 0) and (T1, 0) · (power at the end, 0). At last, where asked for, (random
+    number, number, generation, 0).
     """
 
     data: Any
@@ -70,16 +79,20 @@ class Packed:
     moving: bool = False
     bent: bool = False
     graded: bool = False
+    identity: bool = False
 
 
-def pack(beams: Beams, origin: Any, shared: bool, close: Beams | None = None) -> Packed:
+def pack(beams: Beams, origin: Any, shared: bool, close: Beams | None = None, identity: bool = False) -> Packed:
     """Pack beams relative to `origin`, which is the origin of all rays where `shared` is true.
 
-    `close` are the same beams at shutter close, where they move; of what they have, both have it.
+    `close` are the same beams at shutter close, where they move; of what they have, both have it. With `identity` their
+    random number, number and generation go along, for looks that ask for them.
     """
     caps = beams.end_normal is not None
     path = any(value is not None for value in (beams.offset, beams.total, beams.entry))
     packets = _at_rest(beams, origin, shared) if close is None else _ends(beams, origin) + _ends(close, origin)
+    if identity:  # the last: it is the same at all times
+        packets.append((beams.identity(), dr.zeros(Float, len(beams))))
     count, groups = len(beams), len(packets)
     data = dr.zeros(Float, count * groups * 4)
     place = dr.arange(UInt32, count) * groups
@@ -87,7 +100,9 @@ def pack(beams: Beams, origin: Any, shared: bool, close: Beams | None = None) ->
         dr.scatter(data, Array4f(vector.x, vector.y, vector.z, scalar), place + number)
     dr.eval(data)
     bent, graded = beams.start_tangent is not None, beams.power_end is not None
-    return Packed(data, groups, origin, shared and close is None, caps, path, count, close is not None, bent, graded)
+    return Packed(
+        data, groups, origin, shared and close is None, caps, path, count, close is not None, bent, graded, identity
+    )
 
 
 def _at_rest(beams: Beams, origin: Any, shared: bool) -> list[tuple[Any, Any]]:
@@ -174,6 +189,7 @@ class Record:
     cap: Any = None  # end normal
     cap_offset: Any = None  # its plane's distance from the origin
     path: Any = None  # offset, total, entry
+    identity: Any = None  # random number, number, generation
     bend: Any = None  # of a piece of a curve
     gain: Any = None  # change of the power from start to end, where it has one
 
@@ -232,7 +248,9 @@ def load(packed: Packed, number: Any, time: Any = None) -> Record:
     """Gather the beams of these numbers, as they are at a time of the shutter."""
     base = number * packed.groups
     packets = [dr.gather(Array4f, packed.data, base + group) for group in range(packed.groups)]
+    identity = packets.pop().xyz if packed.identity else None
     record = _moved(packets, packed, time) if packed.moving else _loaded(packets, packed)
+    record.identity = identity
     record.inv_total = dr.rcp(record.total)  # once a beam, not once a ray
     return record
 

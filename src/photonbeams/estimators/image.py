@@ -13,12 +13,13 @@ import drjit as dr
 
 from ..beams import Beams
 from ..device import Array3f, Bool, Float, UInt32
-from ..looks import Look
+from ..looks import Context, Look
 from ..scene import Medium
 from .billboard import billboard_sum
-from .estimate import ENDLESS, check_estimator, check_motion, reach
-from .frustum import Points, frustum_sum
+from .estimate import ENDLESS, bind, check_estimator, check_motion
+from .frustum import frustum_sum
 from .geometry import Packed, Rays, pack
+from .points import Points
 from .tiles import TILE, Bins, Lists, Projection, footprints
 
 #: Pixels a lane of the billboard's kernel. A beam is gathered once for all of them: of 1, 4 and 8 pixels, 8 are the
@@ -69,6 +70,7 @@ def estimate_image(
     estimator: str = "auto",
     points: Points,
     close: Beams | None = None,
+    context: Context | None = None,
 ) -> Estimate:
     """Return the radiance of beams toward every pixel; the same numbers as `estimate`, to float32 rounding."""
     check_estimator(estimator)
@@ -76,9 +78,9 @@ def estimate_image(
     result = Estimate(dr.zeros(Array3f, view.width * view.height))
     if len(beams) == 0:
         return result
-    bound = look.bind(medium, reach(beams, close))
+    bound = bind(look, beams, close, medium, context)
     shared = rays.shared_origin
-    packed = pack(beams, rays.origin if shared else view.origin, shared, close)
+    packed = pack(beams, rays.origin if shared else view.origin, shared, close, bound.of_beams)
     marks, depth = footprints(beams, view, close), tile_depth(view, rays)
     for bins in _batches(marks, view, depth):
         lists = bins.lists()
@@ -88,7 +90,7 @@ def estimate_image(
         if estimator != "frustum":
             flags = dr.zeros(UInt32, lists.entries) if estimator == "auto" else None
             result.billboard_tests += lists.entries * TILE * TILE
-            result.radiance += _billboards(lists, view, rays, packed, bound, flags)
+            result.radiance += _billboards(lists, view, rays, packed, bound, points, flags)
         if flags is not None:
             lists = lists.keep(flags)
         if estimator != "billboard" and lists.entries:
@@ -185,10 +187,13 @@ def _lane_rays(rays: PixelRays, view: Projection, pixel: Any, inside: Any, group
         dr.gather(Float, rays.t_min, pixel, inside),
         rays.shared_origin,
         time,
+        rays.origin if rays.shared_origin else view.origin,
     )
 
 
-def _billboards(lists: Lists, view: Projection, rays: PixelRays, packed: Packed, look: Any, flags: Any) -> Any:
+def _billboards(
+    lists: Lists, view: Projection, rays: PixelRays, packed: Packed, look: Any, points: Points, flags: Any
+) -> Any:
     lane = _Lanes(view, PIXELS)
     pixels = [lane.pixel(number) for number in range(PIXELS)]
     radiance = billboard_sum(
@@ -198,6 +203,7 @@ def _billboards(lists: Lists, view: Projection, rays: PixelRays, packed: Packed,
         lambda i: dr.gather(UInt32, lists.beams, i),
         packed,
         look,
+        points,
         blended=flags is not None,
         flags=flags,
     )

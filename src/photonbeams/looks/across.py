@@ -23,6 +23,7 @@ import numpy.typing as npt
 from ..arrays import to_float
 from ..device import Float
 from ..quadrature import gauss_legendre
+from .factors import Factor, Function, factor
 from .table import Table
 
 _SAMPLES = 1024  # entries of a tabulated profile and of its line projection
@@ -72,6 +73,11 @@ class Across:
             breaks = [np.nan_to_num(np.sqrt(np.clip((c * c - x) / (1 - x), 0, 1))) for c in self.corners]
         pieces = (*breaks, *np.linspace(0, 1, 9)[1:-1].tolist())
         return Table(2 * self.scale * _RULE.integrate(integrand, np.zeros_like(x), np.ones_like(x), pieces))
+
+    def __mul__(self, other: Any) -> Modulated:
+        return Modulated(self, factor(other))
+
+    __rmul__ = __mul__
 
     def density(self, rho2: Any) -> Any:
         """Return the normalised disc kernel times R² at ρ² in [0, 1]."""
@@ -157,6 +163,28 @@ class Smoothstep(Across):
         return 1 - t * t * (3 - 2 * t)
 
 
+class Hollow(Across):
+    """A hollow shaft: nothing up to ρ = inner, light between there and the rim.
+
+    It rises and falls by 3t² − 2t³, each over half of `softness`, a share of the wall's thickness.
+    """
+
+    def __init__(self, inner: float = 0.5, softness: float = 1.0) -> None:
+        if not 0 <= inner <= 0.99 or not 0.01 <= softness <= 1:
+            raise ValueError(
+                f"a hollow profile has inner {inner} and softness {softness}: expected 0 to 0.99 and 0.01 to 1"
+            )
+        self._inner, self._softness = inner, softness
+        edge = 0.5 * softness * (1 - inner)
+        self.corners = tuple(sorted({inner, inner + edge, 1 - edge} - {0.0}))
+
+    def shape(self, rho: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        """Return the wall's profile."""
+        t = np.clip((rho - self._inner) / (1 - self._inner), 0, 1)
+        edge = np.clip(np.minimum(t, 1 - t) / (0.5 * self._softness), 0, 1)
+        return edge * edge * (3 - 2 * edge)
+
+
 class Tabulated(Across):
     """A curve: `values` (M,) at equidistant ρ from the axis to the rim, linear between them."""
 
@@ -191,8 +219,45 @@ class AcrossFunction(Across):
         return np.interp(rho, self._grid, self._values)
 
 
-def across(value: Any) -> Across:
-    """Return `value` as a profile: an Across, a list of values, or a Python function of ρ."""
-    if isinstance(value, Across):
+class Modulated:
+    """A profile, and a factor that changes it from place to place: colours by radius, noise, an expression.
+
+    The profile is normalised, what the factor makes of it is not: where the factor is 1 the profile is as it was.
+    """
+
+    def __init__(self, profile: Across, factor: Factor) -> None:
+        self.profile, self.factor = profile, factor
+
+    def __mul__(self, other: Any) -> Modulated:
+        return Modulated(self.profile, self.factor * other)
+
+    __rmul__ = __mul__
+
+
+def across(value: Any) -> Across | Modulated:
+    """Return `value` as a profile: an Across, a list of values, a Python function of ρ, an expression, or a factor.
+
+    A function or an expression of ρ alone is a profile, normalised like the others. A factor, or what asks for more,
+    modulates the constant disc.
+    """
+    if isinstance(value, Across | Modulated):
         return value
-    return AcrossFunction(value) if callable(value) else Tabulated(value)
+    if isinstance(value, Factor):
+        return Modulated(Uniform(), value)
+    if isinstance(value, str):
+        return _written(factor(value))
+    if not callable(value):
+        return Tabulated(value)
+    function = Function(value, "radius")
+    return AcrossFunction(value) if function.arguments == ["radius"] else Modulated(Uniform(), function)
+
+
+def _written(expression: Factor) -> Across | Modulated:
+    """Return an expression as a profile."""
+    from .at import At, inputs_of
+
+    alone = inputs_of(expression.evaluate, At(rho2=Float(0.5))) <= {"radius"}
+    value = expression.evaluate(At(rho2=Float(0.5)))
+    if not alone or dr.size_v(value) == 3:
+        return Modulated(Uniform(), expression)
+    return AcrossFunction(lambda rho: expression.evaluate(At(rho2=rho * rho)))

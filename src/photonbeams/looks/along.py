@@ -6,18 +6,21 @@ The physical falloff is exp(−σt s) (Art, table 1; theory of Jarosz et al. 201
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import drjit as dr
 import numpy as np
 import numpy.typing as npt
 
 from ..device import Array3f, Float
-from .factors import At, Decay, Factor
-from .ramp import Interpolation, ramp_table
+from .at import At
+from .factors import Corner, Decay, Factor
+from .ramp import RESOLUTION, Interpolation, ramp_table
 from .table import Table
 
-Space = Literal["fraction", "distance"]
+#: What a ramp, a texture or a polynomial runs over: fractions of the beam, scene units along the factor's own way,
+#: radii from the axis, or degrees from the view into the light.
+Space = Literal["fraction", "distance", "radius", "angle"]
 
 
 class Attenuation(Decay):
@@ -62,7 +65,8 @@ class Polynomial(Factor):
     coefficients
         (M,) or (M, 3), from the constant term up.
     begin, end, space
-        Where x is 0 and 1: fractions of the beam, or distances in scene units.
+        Where x is 0 and 1, in the units of `space`: "fraction" of the beam, "distance" in scene units, "radius" in
+        radii from the axis, "angle" in degrees.
     """
 
     def __init__(
@@ -74,7 +78,7 @@ class Polynomial(Factor):
         rows = np.broadcast_to(numbers.reshape(len(numbers), -1), (len(numbers), 3))
         self._coefficients = [dr.opaque(Array3f, row.tolist()) for row in rows]
         self._interval = _Interval(begin, end, space)
-        self.corners_fraction, self.corners_distance = self._interval.corners((0.0, 1.0))
+        self.corners = self._interval.corners((0.0, 1.0))
 
     def evaluate(self, at: At) -> Any:
         """Return the polynomial by Horner's rule."""
@@ -95,7 +99,8 @@ class ColorRamp(Factor):
     interpolation
         "none" (steps), "linear", "smooth", "catmull-rom" or "monotone".
     begin, end, space
-        Where knot position 0 and 1 lie: fractions of the light's path ("fraction"), or scene units ("distance").
+        Where knot position 0 and 1 lie: fractions of the light's path ("fraction"), scene units from the light or, for
+        the eye, to the camera ("distance"), radii from the axis ("radius"), or degrees ("angle").
 
     Raises
     ------
@@ -117,13 +122,25 @@ class ColorRamp(Factor):
         width = end - begin
         self._interval = _Interval(begin + low * width, begin + high * width, space)
         self._table = Table(values)
+        inside = (positions - low) / (high - low)
+        if interpolation == "none":  # in the table a step is a line between two entries: a corner at each
+            entries = np.ceil(inside[1:] * (RESOLUTION - 1))
+            inside = np.sort(np.concatenate([entries - 1, entries])) / (RESOLUTION - 1)
         if interpolation in ("none", "linear"):
-            inside = (positions - low) / (high - low)
-            self.corners_fraction, self.corners_distance = self._interval.corners(tuple(inside))
+            self.corners = self._interval.corners(tuple(inside))
 
     def evaluate(self, at: At) -> Any:
         """Return the ramp's colour."""
         return self._table(self._interval.parameter(at))
+
+
+class Fade(ColorRamp):
+    """1 up to the inner distance, then to 0 at the outer one: scene units from the light, unless `space` says else."""
+
+    def __init__(
+        self, inner: float, outer: float, interpolation: Interpolation = "smooth", space: Space = "distance"
+    ) -> None:
+        super().__init__([0.0, 1.0], [(1.0,) * 3, (0.0,) * 3], interpolation, inner, outer, space)
 
 
 class Texture(Factor):
@@ -148,11 +165,11 @@ class Texture(Factor):
 
 
 class _Interval:
-    """The map from distance or fraction to [0, 1]."""
+    """The map from an input to [0, 1]."""
 
     def __init__(self, begin: float, end: float, space: Space) -> None:
-        if space not in ("fraction", "distance"):
-            raise ValueError(f"space is {space!r}: expected 'fraction' or 'distance'")
+        if space not in get_args(Space):
+            raise ValueError(f"space is {space!r}: expected one of {', '.join(get_args(Space))}")
         if not (np.isfinite(begin) and np.isfinite(end) and end > begin):
             raise ValueError(f"a falloff goes from {begin} to {end}: expected its end behind its begin")
         self._begin, self._width, self._space = float(begin), float(end - begin), space
@@ -162,10 +179,11 @@ class _Interval:
     def parameter(self, at: At) -> Any:
         return dr.clip((getattr(at, self._space) - self._offset) * self._scale, 0, 1)
 
-    def corners(self, inside: Sequence[float]) -> tuple[tuple[float, ...], tuple[float, ...]]:
-        """Return corners at these parameters, as (fractions, distances)."""
-        places = tuple(self._begin + float(x) * self._width for x in inside)
-        return (places, ()) if self._space == "fraction" else ((), places)
+    def corners(self, inside: Sequence[float]) -> tuple[Corner, ...]:
+        """Return corners at these parameters; the angle is one for all of a ray."""
+        if self._space == "angle":
+            return ()
+        return tuple((self._space, self._begin + float(x) * self._width) for x in inside)
 
 
 def _positive(value: float | Sequence[float], name: str) -> npt.NDArray[np.float64]:

@@ -7,7 +7,8 @@ from typing import Any
 import drjit as dr
 
 from ..device import Float
-from .factors import At, Factor
+from .at import At
+from .factors import Factor
 
 _INV_4PI = 0.07957747154594767
 

@@ -8,65 +8,29 @@ any precision; parameters are opaque, so that changing one does not compile a ke
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import drjit as dr
 import numpy as np
 
 from ..device import Array3f, Float
-from ..scene import Medium
+from ..scene import SceneError
+from .at import INPUTS, At
 
-
-class Fog:
-    """The coefficients of a `Medium` as opaque Dr.Jit values."""
-
-    def __init__(self, medium: Medium) -> None:
-        self.extinction = dr.opaque(Array3f, list(medium.extinction))
-        self.scattering = dr.opaque(Array3f, list(medium.scattering))
-        self.anisotropy = dr.opaque(Float, medium.anisotropy)
-
-
-@dataclass(frozen=True)
-class At:
-    """Where a factor is evaluated.
-
-    Attributes
-    ----------
-    distance
-        Scene units: from the light (along) or from the camera (eye).
-    depth
-        The part of `distance` that lies in the medium.
-    fraction
-        `distance` over the length of the light's whole path, 0 to 1 (along).
-    cosine
-        Cosine between the direction of the light and the direction toward the camera (angle): 1 is straight into
-        the lens.
-    fog
-        The medium, or None where there is none.
-    """
-
-    distance: Any = 0.0
-    depth: Any = 0.0
-    fraction: Any = 0.0
-    cosine: Any = 0.0
-    fog: Fog | None = None
-
-    @property
-    def medium(self) -> Fog:
-        """The fog; raises ValueError where a physical factor meets no medium."""
-        if self.fog is None:
-            raise ValueError("this look has a physical factor: give estimate() a medium, or set along, eye and angle")
-        return self.fog
+#: Where the integrand has a corner: the name of an input ("fraction", "distance", "eye", "radius") and its value there.
+Corner = tuple[str, float]
 
 
 class Factor:
-    """One of along, eye and angle. Subclasses answer `evaluate`; factors multiply with each other and with numbers."""
+    """One of along, eye and angle, or what modulates a profile. Subclasses answer `evaluate`.
 
-    #: Positions of corners, in units of fraction or distance: quadrature splits its interval there.
-    corners_fraction: tuple[float, ...] = ()
-    corners_distance: tuple[float, ...] = ()
+    Factors multiply and add, with each other, with numbers and with colours; see `mix` and `clamp`.
+    """
+
+    #: Where the factor has corners: quadrature splits its interval there.
+    corners: tuple[Corner, ...] = ()
 
     def evaluate(self, at: At) -> Any:
         """Return the factor's value: a Float, or an Array3f."""
@@ -84,6 +48,19 @@ class Factor:
 
     __rmul__ = __mul__
 
+    def __add__(self, other: Any) -> Factor:
+        return Sum((self, factor(other)))
+
+    __radd__ = __add__
+
+    def mix(self, other: Any, amount: Any = 0.5) -> Factor:
+        """Return self · (1 − amount) + other · amount; the amount is a number or a factor itself."""
+        return Mix(self, factor(other), factor(amount))
+
+    def clamp(self, low: float = 0.0, high: float = 1.0) -> Factor:
+        """Return the factor with its values clamped to [low, high]."""
+        return Clamp(self, low, high)
+
 
 class Product(Factor):
     """The product of factors, as the Talk multiplies a colour texture by physical attenuation."""
@@ -91,8 +68,7 @@ class Product(Factor):
     def __init__(self, factors: tuple[Factor, ...]) -> None:
         flat = [inner for each in factors for inner in (each.factors if isinstance(each, Product) else (each,))]
         self.factors: tuple[Factor, ...] = tuple(flat)
-        self.corners_fraction = tuple(c for each in self.factors for c in each.corners_fraction)
-        self.corners_distance = tuple(c for each in self.factors for c in each.corners_distance)
+        self.corners = _corners(self.factors)
 
     def evaluate(self, at: At) -> Any:
         """Return the product of the factors' values."""
@@ -106,6 +82,48 @@ class Product(Factor):
             more, further = each.split(at)
             value, exponent = value * more, exponent + further
         return value, exponent
+
+
+class Sum(Factor):
+    """The sum of factors."""
+
+    def __init__(self, factors: tuple[Factor, ...]) -> None:
+        self._factors = factors
+        self.corners = _corners(factors)
+
+    def evaluate(self, at: At) -> Any:
+        """Return the sum of the factors' values."""
+        value = self._factors[0].evaluate(at)
+        for each in self._factors[1:]:
+            value = value + each.evaluate(at)
+        return value
+
+
+class Mix(Factor):
+    """first · (1 − amount) + second · amount."""
+
+    def __init__(self, first: Factor, second: Factor, amount: Factor) -> None:
+        self._first, self._second, self._amount = first, second, amount
+        self.corners = _corners((first, second, amount))
+
+    def evaluate(self, at: At) -> Any:
+        """Return the mixture."""
+        first = self._first.evaluate(at)
+        return first + (self._second.evaluate(at) - first) * self._amount.evaluate(at)
+
+
+class Clamp(Factor):
+    """A factor's values, clamped to [low, high]."""
+
+    def __init__(self, inner: Factor, low: float = 0.0, high: float = 1.0) -> None:
+        if not low <= high:
+            raise ValueError(f"a factor is clamped to {low} to {high}: expected a range that ascends")
+        self._inner, self._low, self._high = inner, dr.opaque(Float, float(low)), dr.opaque(Float, float(high))
+        self.corners = inner.corners
+
+    def evaluate(self, at: At) -> Any:
+        """Return the clamped values."""
+        return dr.minimum(dr.maximum(self._inner.evaluate(at), self._low), self._high)
 
 
 class Decay(Factor):
@@ -139,24 +157,76 @@ class Constant(Factor):
 
 
 class Function(Factor):
-    """Any Python function of Dr.Jit arrays: of the distance (along, eye) or of the cosine (angle).
+    """Any Python function of Dr.Jit arrays, traced into the kernel.
 
-    It is traced into the kernel. Numbers that it closes over become part of the kernel: make them
-    `drjit.opaque(...)` values where they change from frame to frame.
+    A function of one parameter gets the factor's own input, `argument`; one of several gets the inputs that its
+    parameters name (`INPUTS`: s, distance, r, t, angle, cosine, P, Pl, time, frame, random, id, light, generation); a
+    parameter of the name `at` gets the `At` itself. Numbers that the function closes over become part of the kernel:
+    make them `drjit.opaque(...)` values where they change from frame to frame.
     """
 
-    def __init__(self, function: Callable[[Any], Any], argument: str = "distance") -> None:
-        self._function, self._argument = function, argument
+    def __init__(self, function: Callable[..., Any], argument: str = "distance") -> None:
+        self._function, self.arguments = function, _arguments(function, argument)
 
     def evaluate(self, at: At) -> Any:
         """Call the function."""
-        return self._function(getattr(at, self._argument))
+        name = getattr(self._function, "__name__", "function")
+        given = [at if each == "at" else getattr(at, each) for each in self.arguments]
+        try:
+            value = self._function(*given)
+        except Exception as error:
+            raise SceneError(f"the look's function {name} failed: {error}") from error
+        if not _is_colour(value):
+            kind = type(value).__name__
+            raise SceneError(f"the look's function {name} returns a {kind}: expected a Float, an Array3f or a number")
+        count = max((dr.width(each) for each in given if dr.is_array_v(each)), default=0)
+        if count and dr.width(value) not in (1, count):
+            text = f"returns {dr.width(value)} values for {count}: expected one for each, or one"
+            raise SceneError(f"the look's function {name} {text}")
+        return value
+
+
+def _is_colour(value: Any) -> bool:
+    if dr.is_array_v(value):
+        return bool(dr.depth_v(value) == 1 and dr.size_v(value) != 3) or bool(dr.size_v(value) == 3)
+    return isinstance(value, int | float | np.number)
+
+
+# Inputs that give their name to a function's only parameter; s, r and t are taken for any name of the factor's own.
+_SPEAKING = frozenset(INPUTS) - {"s", "r", "t"}
+
+
+def _arguments(function: Callable[..., Any], own: str) -> list[str]:
+    """Return the attributes of At that a function's parameters ask for."""
+    try:
+        parameters = inspect.signature(function).parameters.values()
+    except (TypeError, ValueError):  # as of some built-in functions
+        return [own]
+    names = [
+        p.name for p in parameters if p.default is p.empty and p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD)
+    ]
+    if names == ["at"]:
+        return names
+    if len(names) < 2:
+        return [INPUTS[name] if name in _SPEAKING else own for name in names] or [own]
+    unknown = [name for name in names if name not in INPUTS and name != "at"]
+    if unknown:
+        raise ValueError(f"a look's function has a parameter {unknown[0]!r}: expected one of {', '.join(INPUTS)}, at")
+    return [INPUTS.get(name, name) for name in names]
 
 
 def factor(value: Any, argument: str = "distance") -> Factor:
-    """Return `value` as a factor: a Factor, a number, a colour, or a Python function of `argument`."""
+    """Return `value` as a factor: a Factor, a number, a colour, an expression's text, or a Python function."""
     if isinstance(value, Factor):
         return value
+    if isinstance(value, str):
+        from .patterns import Expression  # which is a factor itself
+
+        return Expression(value)
     if callable(value):
         return Function(value, argument)
     return Constant(value)
+
+
+def _corners(factors: tuple[Factor, ...]) -> tuple[Corner, ...]:
+    return tuple(corner for each in factors for corner in each.corners)

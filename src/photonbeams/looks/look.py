@@ -2,20 +2,39 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import drjit as dr
 import numpy as np
 
-from ..arrays import to_float
-from ..device import Float
-from ..scene import Medium
-from .across import Across, Epanechnikov, across
+from ..arrays import to_float, to_vectors
+from ..device import Array3f, Float
+from ..scene import Medium, SceneError
+from .across import Across, Epanechnikov, Modulated, across
 from .along import Attenuation
 from .angle import Scattering
-from .factors import At, Factor, Fog, factor
+from .at import OF_BEAMS, OF_PLACES, OF_RADII, At, Context, Fog, inputs_of
+from .factors import Constant, Corner, Factor, factor
 
-_RATE_SAMPLES = 512
+# Lines over which the factors' rates of change are measured, and samples on each.
+_LINES, _SAMPLES = 8, 512
+
+# Share of a line's samples whose curvature counts, and curvature below which it is rounding: float32 holds values to
+# 6e-8, and second differences over 1/511 multiply that by a million.
+_BENT, _ROUNDING = 0.97, 1.0
+
+# How much the factors may change, in units of their largest value, over a piece of a chord, and in how many pieces it
+# is cut for that. On an exponential six points err by 1e-5 over a change of 8. What changes in space goes up and down:
+# a wave of amplitude a changes by 4 within 4/√a radians, on which six points err by less than 1e-3.
+_CHANGE, _CUTS = 8.0, 4
+_CHANGE_OF_PLACES, _CUTS_OF_PLACES = 2.0, 64
+
+#: A look with more corners than this is taken for a smooth curve: each costs every chord a comparison.
+MOST_CORNERS = 12
+
+# What is the same for all of a ray's way through a beam.
+_OF_RAYS = OF_BEAMS | {"cosine", "angle", "medium", "fog", "context", "time", "frame", "light", "beam"}
 
 
 class Look:
@@ -26,7 +45,7 @@ class Look:
     along
         Colour along the beam. Physical: `Attenuation()`. Factors multiply: `ColorRamp(...) * Attenuation()`.
     across
-        Profile over the cross-section. Default: `Epanechnikov()`.
+        Profile over the cross-section, default `Epanechnikov()`; what is multiplied to it may depend on everything.
     eye
         Change toward the camera. Physical: `Attenuation()`.
     angle
@@ -34,7 +53,7 @@ class Look:
 
     Each may be a factor of this package, a number or colour, or a Python function of Dr.Jit arrays: of the distance
     from the light (along), of ρ (across), of the distance to the camera (eye), of the scattering angle's cosine
-    (angle).
+    (angle), or of the inputs that its parameters name (`Function`).
 
     Examples
     --------
@@ -44,16 +63,32 @@ class Look:
 
     def __init__(self, along: Any = None, across: Any = None, eye: Any = None, angle: Any = None) -> None:
         self.along: Factor = Attenuation() if along is None else factor(along)
-        self.across: Across = _profile(across)
-        self.eye: Factor = Attenuation() if eye is None else factor(eye)
+        profile = _profile(across)
+        self.across: Across = profile.profile if isinstance(profile, Modulated) else profile
+        self.modulation: Factor | None = profile.factor if isinstance(profile, Modulated) else None
+        self.eye: Factor = Attenuation() if eye is None else factor(eye, "to_camera")
         self.angle: Factor = Scattering() if angle is None else factor(angle, "cosine")
 
-    def bind(self, medium: Medium | None, reach: float) -> BoundLook:
-        """Return the look in this medium, for beams and rays of at most `reach` scene units."""
-        return BoundLook(self, None if medium is None else Fog(medium), reach)
+    def bind(
+        self,
+        medium: Medium | None,
+        reach: float,
+        context: Context | None = None,
+        box: tuple[Any, Any] = ((-1.0,) * 3, (1.0,) * 3),
+    ) -> BoundLook:
+        """Return the look in this medium, for beams and rays of at most `reach` scene units.
+
+        `context` is what the beams of a light have in common, `box` two corners of the space that they are in.
+
+        Raises
+        ------
+        SceneError
+            A factor that is not a number or a colour, or is not finite somewhere.
+        """
+        return BoundLook(self, None if medium is None else Fog(medium), reach, context, box)
 
 
-def _profile(value: Any) -> Across:
+def _profile(value: Any) -> Across | Modulated:
     return Epanechnikov() if value is None else across(value)
 
 
@@ -62,53 +97,181 @@ class BoundLook:
 
     Attributes
     ----------
-    rate_along, rate_fraction, rate_eye
+    profile
+        The profile across the beam.
+    uses
+        What the factors ask of `At`, save for distances.
+    by_radius
+        Whether factors change with ρ: the billboard has to project them with the profile.
+    of_beams
+        Whether they ask for a beam's number, random number or generation.
+    rate_along, rate_fraction, rate_eye, rate_place, rate_radius
         How fast the factors change: largest slope over largest value, per scene unit of beam, per fraction of the
-        beam, and per scene unit of ray. The billboard replaces a factor by its value at one point; these tell over
-        which chords it may.
+        beam, per scene unit of ray, per scene unit of space, and per radius. The billboard replaces a factor by its
+        value at one point, but for the radius; these tell over which chords it may.
+    change, cuts
+        How much they may change over a piece of a chord, and in how many pieces it may be cut for that.
+    corners
+        Where the integrand has corners.
     """
 
-    def __init__(self, look: Look, fog: Fog | None, reach: float) -> None:
-        self._look, self._fog = look, fog
-        self.corners_fraction = look.along.corners_fraction
-        self.corners_distance = look.along.corners_distance
-        grid = np.linspace(0, 1, _RATE_SAMPLES)
-        distance = to_float(grid * reach)
-        moving = self.along(distance, distance, dr.opaque(Float, 0.5))
-        by_fraction = self.along(dr.opaque(Float, 0.0), dr.opaque(Float, 0.0), to_float(grid))
-        toward = self.eye(distance, distance)
-        self.rate_along = dr.opaque(Float, _rate(moving) / reach)
-        self.rate_fraction = dr.opaque(Float, _rate(by_fraction))
-        self.rate_eye = dr.opaque(Float, _rate(toward) / reach)
+    def __init__(
+        self, look: Look, fog: Fog | None, reach: float, context: Context | None = None, box: Any = None
+    ) -> None:
+        self._look, self._fog, self._context = look, fog, context or Context()
+        self.profile = look.across
+        self._modulation = look.modulation or Constant(1.0)
+        eye = tuple(("eye" if name == "distance" else name, place) for name, place in look.eye.corners)
+        self.corners: tuple[Corner, ...] = look.along.corners + eye + self._modulation.corners
+        probe = self._probe(1, box)
+        asked = {slot: inputs_of(each.evaluate, probe) for slot, each in self._factors().items()}
+        self._turning = not asked["angle"] <= _OF_RAYS  # the angle's factor changes along a ray
+        self.uses = frozenset().union(*asked.values())
+        self.by_radius, self.of_beams = bool(self.uses & OF_RADII), bool(self.uses & OF_BEAMS)
+        self.of_places = bool(self.uses & OF_PLACES)
+        winding = self.of_places or self.by_radius
+        self.cuts = dr.opaque(Float, _CUTS_OF_PLACES if winding else _CUTS)
+        self.change = dr.opaque(Float, _CHANGE_OF_PLACES if winding else _CHANGE)
+        self._measure(reach, box)
 
     @property
-    def profile(self) -> Across:
-        """The profile across the beam."""
-        return self._look.across
+    def rings(self) -> tuple[float, ...]:
+        """The ρ below 1 at which the profile or a factor has a corner."""
+        own = [place for name, place in self.corners if name == "radius" and 0 < place < 1]
+        return (*self.profile.corners, *own[:MOST_CORNERS])
+
+    def _factors(self) -> dict[str, Factor]:
+        look = self._look
+        return {"along": look.along, "across": self._modulation, "eye": look.eye, "angle": look.angle}
+
+    def at(self, **where: Any) -> At:
+        """Return a place in this medium and context (see `At`)."""
+        return At(fog=self._fog, context=self._context, **where)
+
+    def light(self, at: At, reach_depth: Any) -> Any:
+        """Return all factors that may change along a ray, but the profile; `reach_depth` is the eye's way in the fog.
+
+        `at` has the light's distance and depth as its own.
+        """
+        look = self._look
+        light, fading = look.along.split(at)
+        eye, dimming = look.eye.split(at.own(at.to_camera, reach_depth))
+        light = light * eye
+        if look.modulation is not None:
+            modulation, more = look.modulation.split(at)
+            light, fading = light * modulation, fading + more
+        if self._turning:
+            light = light * look.angle.evaluate(at)
+        return light * dr.exp(fading + dimming)
+
+    def turned(self, cosine: Any, beam: Any = None) -> Any:
+        """Return the view-angle shading for the cosine between the light's direction and that to the camera.
+
+        1 where it changes along a ray: `light` has it then.
+        """
+        return Float(1) if self._turning else self._look.angle.evaluate(self.at(cosine=cosine, beam=beam))
+
+    def factor(self, slot: str, at: At, **where: Any) -> Any:
+        """Return one factor ("along", "across", "eye", "angle") at a place; of "across" what modulates the profile."""
+        return self._factors()[slot].evaluate(replace(at, **where))
 
     def along(self, distance: Any, depth: Any, fraction: Any) -> Any:
         """Return the colour at a distance from the light, `depth` of it in the medium."""
-        return self._look.along.evaluate(At(distance=distance, depth=depth, fraction=fraction, fog=self._fog))
+        return self._look.along.evaluate(
+            self.at(distance=distance, depth=depth, from_light=distance, fraction=fraction)
+        )
 
     def eye(self, distance: Any, depth: Any) -> Any:
         """Return the change over a distance to the camera, `depth` of it in the medium."""
-        return self._look.eye.evaluate(At(distance=distance, depth=depth, fog=self._fog))
-
-    def path(self, distance: Any, depth: Any, fraction: Any, reach: Any, reach_depth: Any) -> Any:
-        """Return along · eye: at a distance from the light, seen over the distance `reach`."""
-        look, fog = self._look, self._fog
-        along, fading = look.along.split(At(distance=distance, depth=depth, fraction=fraction, fog=fog))
-        eye, dimming = look.eye.split(At(distance=reach, depth=reach_depth, fog=fog))
-        return along * eye * dr.exp(fading + dimming)
+        return self._look.eye.evaluate(self.at(distance=distance, depth=depth, to_camera=distance))
 
     def angle(self, cosine: Any) -> Any:
         """Return the view-angle shading for the cosine between the light's direction and that to the camera."""
-        return self._look.angle.evaluate(At(cosine=cosine, fog=self._fog))
+        return self._look.angle.evaluate(self.at(cosine=cosine))
+
+    # -- How fast it changes ------------------------------------------------------------------------------------------
+
+    def _probe(self, width: int, box: Any) -> At:
+        """Return a place for each of _LINES lines, `width` times, at the light and at the camera.
+
+        Fractions and all that does not change along a ray are spread over what they can be.
+        """
+        spread = (np.arange(_LINES) + 0.5) / _LINES
+        rng = np.random.default_rng(0)
+        low, high = np.asarray(box if box is not None else ((-1,) * 3, (1,) * 3), dtype=np.float64)
+        points = low + rng.random((_LINES, 3)) * (high - low)
+        place = to_vectors(np.repeat(points, width, axis=0))
+
+        def each(values: Any) -> Any:
+            return to_float(np.repeat(values, width))
+
+        numbers = each(rng.permutation(spread)), each(np.arange(_LINES)), each(np.zeros(_LINES))
+        return self.at(
+            fraction=each(spread), cosine=each(2 * rng.permutation(spread) - 1), rho2=each(rng.permutation(spread)),
+            place=lambda: place, beam=_Sample(Array3f(*numbers)),
+            **{name: each(np.zeros(_LINES)) for name in ("distance", "depth", "from_light", "to_camera")},
+        )  # fmt: skip
+
+    def _measure(self, reach: float, box: Any) -> None:
+        """Measure the rates, and check that all factors are colours everywhere."""
+        probe = self._probe(_SAMPLES, box)
+        steps = np.tile(np.linspace(0, 1, _SAMPLES), _LINES)
+        way, unit = to_float(steps * reach), to_float(steps)
+        lines = {
+            "along": replace(probe, distance=way, depth=way, from_light=way),
+            "fraction": replace(probe, fraction=unit),
+            "eye": replace(probe, to_camera=way),
+            "radius": replace(probe, rho2=dr.square(unit)),
+        }
+        self.rate_along = dr.opaque(Float, self._rate(lines["along"], Float(0)) / reach)
+        self.rate_fraction = dr.opaque(Float, self._rate(lines["fraction"], Float(0)))
+        self.rate_eye = dr.opaque(Float, self._rate(lines["eye"], way) / reach)
+        self.rate_radius = dr.opaque(Float, self._rate(lines["radius"], Float(0)) if self.by_radius else 0.0)
+        self.rate_place = dr.opaque(Float, 0.0)
+        turned = replace(probe, cosine=2 * unit - 1)
+        if not bool(dr.all(dr.isfinite(dr.sum(self._look.angle.evaluate(turned) * Array3f(1))))):
+            self._complain(turned, Float(0))
+        if self.of_places:
+            low, high = np.asarray(box, dtype=np.float64)
+            size = max(float(np.linalg.norm(high - low)), 1e-6)
+            axes = np.repeat(np.random.default_rng(1).normal(size=(_LINES, 3)), _SAMPLES, axis=0)
+            axes /= np.linalg.norm(axes, axis=1, keepdims=True)
+            # Steps as fine as noise needs, wherever in the box: one that is smaller than these changes endlessly fast.
+            offset = to_vectors(axes * (steps[:, None] - 0.5) * size)
+            start = probe.position
+            moved = replace(probe, place=lambda: start + offset)
+            self.rate_place = dr.opaque(Float, self._rate(moved, Float(0)) / size)
+
+    def _rate(self, at: At, reach_depth: Any) -> float:
+        """Return how fast the look changes over the unit interval: by its slope, or by the root of its curvature.
+
+        Both relative to the largest value, and equal for an exponential. A faint wave has little slope; what the
+        billboard errs by is its curvature. Corners, of which there are few, are left to the slope.
+        """
+        width = _LINES * _SAMPLES
+        values = np.asarray(dr.zeros(Float, width) + self.light(at, reach_depth) * Array3f(1), dtype=np.float64)
+        if values.shape != (3, width):
+            raise SceneError(f"a look has values of shape {values.shape[::-1]}: expected numbers or colours")
+        if not np.all(np.isfinite(values)):
+            self._complain(at, reach_depth)
+        lines = values.reshape(3, _LINES, _SAMPLES)
+        peak = np.abs(lines).max()
+        if not peak > 0:
+            return 0.0
+        slope = np.abs(np.diff(lines, axis=-1)).max() * (_SAMPLES - 1) / peak
+        bends = np.quantile(np.abs(np.diff(lines, 2, axis=-1)), _BENT, axis=-1).max() * (_SAMPLES - 1) ** 2 / peak
+        return float(max(slope, np.sqrt(bends) if bends > _ROUNDING else 0.0))
+
+    def _complain(self, at: At, reach_depth: Any) -> None:
+        """Raise SceneError for the factor that is not finite."""
+        for slot, each in self._factors().items():
+            here = at.own(at.to_camera, reach_depth) if slot == "eye" else at
+            if not bool(dr.all(dr.isfinite(dr.sum(each.evaluate(here) * Array3f(1))))):
+                raise SceneError(f"the look's factor {slot} is not finite everywhere: expected a number or a colour")
 
 
-def _rate(value: Any) -> float:
-    """Return the largest slope over the unit interval, relative to the largest value."""
-    samples = np.asarray(dr.zeros(Float, _RATE_SAMPLES) + value, dtype=np.float64)
-    slope = np.abs(np.diff(samples, axis=-1)).max(initial=0.0) * (_RATE_SAMPLES - 1)
-    peak = np.abs(samples).max(initial=0.0)
-    return float(slope / peak) if np.isfinite(slope) and peak > 0 else 0.0
+class _Sample:
+    """Stands for a beam where the rates are measured."""
+
+    def __init__(self, identity: Any) -> None:
+        self.identity = identity

@@ -129,6 +129,15 @@ class View:
         inv = dr.rsqrt(dr.squared_norm(direction))
         return origin, direction * inv, inv
 
+    def on_lens(self, sample: Callable[[Any], tuple[Any, Any]] | None) -> tuple[Any, Any] | None:
+        """Return where on the lens the rays of `rays` begin, to the right and up; None where there is none."""
+        lens = self.projection.lens
+        if lens is None or sample is None:
+            return None
+        group = lane_of(*self.pixels(), dr.opaque(UInt32, self.projection.columns))
+        place = disk(Array2f(sample(group)[0])) * lens[0]
+        return place.x, place.y
+
     def pixels(self) -> tuple[Any, Any]:
         """Return column and row of each pixel of the window, row by row."""
         height, width = self.window.shape
@@ -159,6 +168,13 @@ class View:
         facing = dr.dot(direction, self.projection.poses[0].forward)
         dr.eval(facing)
         return facing
+
+    def cosines(self, offset: tuple[float, float]) -> np.ndarray:
+        """Return (H, W) planar depth per unit of distance from the camera, at `offset` in [0, 1)² of each pixel."""
+        x, y = self.pixels()
+        _, direction = self._through(Float(x) + dr.opaque(Float, offset[0]), Float(y) + dr.opaque(Float, offset[1]))
+        result: np.ndarray = self._facing(direction).numpy().reshape(self.window.shape)
+        return result
 
     def matrices(self) -> dict[str, np.ndarray]:
         """Return worldToCamera and worldToNDC for row vectors, as EXR headers have them."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -19,15 +19,16 @@ import numpy as np
 from .. import device, scene
 from ..device import Array3f, Bool, Float, UInt32
 from ..estimators.estimate import DEFAULT_RULE, ENDLESS, check_estimator
-from ..estimators.frustum import Points
 from ..estimators.image import PixelRays, estimate_image
-from ..looks import Look
+from ..estimators.points import Points
+from ..looks import Context, Look
 from ..quadrature import Rule
 from ..simulation.programmed import Program
 from ..simulation.sampling import hash32, pixel_sample, z_order
 from ..simulation.sides import lights_seen
 from ..simulation.trace import BeamSet, pieces_of, trace
 from .camera import CameraRays, View, Window
+from .holdouts import Held
 from .shutter import Moment, Shutter, slice_of, turn, with_lens
 from .surfaces import shade
 from .world import World
@@ -126,6 +127,7 @@ def render(
     window: Window,
     settings: Settings = Settings(),
     progress: Callable[[int, Statistics], None] | None = None,
+    holdouts: Sequence[Held] = (),
 ) -> Picture:
     """Render one frame.
 
@@ -137,6 +139,8 @@ def render(
         Passes, estimator, seed.
     progress
         Called with the number of finished passes, before the first and after each.
+    holdouts
+        For each view, where beams end, instead of at the scene's own surfaces: these are not seen then, but stop light.
 
     Raises
     ------
@@ -150,7 +154,7 @@ def render(
     begin = time.perf_counter()
     with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
         dr.kernel_history_clear()
-        frame = _Frame(shutter, window, settings, statistics)
+        frame = _Frame(shutter, window, settings, statistics, holdouts)
         for number in range(settings.passes):
             if progress is not None:
                 progress(number, statistics)
@@ -239,7 +243,14 @@ _LENS, _TIME = 101, 102
 class _Frame:
     """The sums over passes of all views."""
 
-    def __init__(self, shutter: Shutter, window: Window, settings: Settings, statistics: Statistics) -> None:
+    def __init__(
+        self,
+        shutter: Shutter,
+        window: Window,
+        settings: Settings,
+        statistics: Statistics,
+        holdouts: Sequence[Held] = (),
+    ) -> None:
         self._shutter, self._window, self._settings, self._statistics = shutter, window, settings, statistics
         ends = [shutter.at(0.0), shutter.at(1.0)] if shutter.moving else [shutter.at(0.0)]
         self._eyes = [np.asarray(camera.to_world)[:3, 3] for moment in ends for camera in moment.cameras]
@@ -255,8 +266,10 @@ class _Frame:
         self._seed = dr.opaque(UInt32, settings.seed & 0xFFFFFFFF)
         self._description = ends[0].scene
         self._sums = [_Sums(View(camera, window), self._description) for camera in ends[0].cameras]
+        self._holdouts: Sequence[Held | None] = holdouts or [None] * len(self._sums)
         self._default_look = Look()
         self._turned = False
+        self._slices = None if settings.time_limit is not None else settings.passes
 
     def _world(self, moment: Moment) -> World:
         """Return the world of a moment; of those before it, what is still the same is kept."""
@@ -275,6 +288,7 @@ class _Frame:
         with statistics.phase("simulate"):
             sets = self.simulated(number)
             middle = self._world(between)
+            clock = self._shutter.clock(0.5 * sum(slice_of(number, self._slices)))
         statistics.beams += sum(len(each.beams) for each in sets)
         for eye, sums in enumerate(self._sums):
             cameras = [moment.cameras[eye] for moment in moments]
@@ -286,15 +300,22 @@ class _Frame:
             )
             film = view.film or any(each.close is not None for each in sets)
             with statistics.phase("surfaces"):
-                rays = view.rays(subpixel(number), self._samples(number) if film else None)
-                shaded = self._shade(middle, sums.order, rays, number)
-                if number == 0:
-                    sums.depth = self._depth(eye, sums) if film else rays.facing * shaded.depth
+                sample = self._samples(number) if film else None
+                rays = view.rays(subpixel(number), sample)
+                held = self._holdouts[eye]
+                if held is not None:
+                    shaded = held.shade(middle, view, rays, subpixel(number), view.on_lens(sample))
+                    sums.depth = held.depth
+                else:
+                    shaded = self._shade(middle, sums.order, rays, number)
+                    if number == 0:
+                        sums.depth = self._depth(eye, sums) if film else rays.facing * shaded.depth
                 sums.add_surfaces(shaded)
             pixels = _pixel_rays(middle, rays, shaded.depth)
             with statistics.phase("beams"):
                 for each in sets:
-                    self._add_beams(each, view, pixels, sums, between.scene.medium)
+                    context = Context(*clock, each.light, each.to_world)
+                    self._add_beams(each, view, pixels, sums, between.scene.medium, context)
                 dr.eval(sums.groups)
         statistics.passes += 1
 
@@ -361,7 +382,7 @@ class _Frame:
         return sharp.facing * self._shade(self._world(moment), sums.order, sharp, 0).depth
 
     def _add_beams(
-        self, each: BeamSet, view: View, pixels: PixelRays, sums: _Sums, medium: scene.Medium | None
+        self, each: BeamSet, view: View, pixels: PixelRays, sums: _Sums, medium: scene.Medium | None, context: Context
     ) -> None:
         part = estimate_image(
             each.beams,
@@ -372,6 +393,7 @@ class _Frame:
             estimator=self._settings.estimator,
             points=self._points,
             close=each.close,
+            context=context,
         )
         sums.groups[each.group] = sums.groups.get(each.group, 0) + part.radiance
         self._statistics.tests += part.billboard_tests + part.frustum_tests

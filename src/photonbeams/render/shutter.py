@@ -32,10 +32,13 @@ class Shutter:
         is at rest between them.
     moving
         Whether anything moves; `at` is asked for 0 alone where nothing does.
+    clock
+        Returns frame number and seconds at a fraction of the shutter, for looks that change with time.
     """
 
     at: Callable[[float], Moment]
     moving: bool = False
+    clock: Callable[[float], tuple[float, float]] = lambda _: (0.0, 0.0)
 
     @classmethod
     def still(cls, description: scene.Scene, *cameras: scene.Camera) -> Shutter:

@@ -8,6 +8,8 @@ camera, and cast no shadows.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from copy import copy
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import drjit as dr
@@ -17,7 +19,7 @@ from ..simulation.lights import Sight
 from ..simulation.sampling import hash32, pixel_sample, unit_float
 
 if TYPE_CHECKING:
-    from .world import Lamps, World
+    from .world import Lamps, Links, World
 
 mi = mitsuba()
 
@@ -71,8 +73,8 @@ def shade(world: World, origin: Array3f, direction: Array3f, active: Bool, index
     radiance += dr.select(active & ~covered, _background(world, origin, direction), 0)
     depth = dr.select(covered, dr.minimum(lamp.distance, hit.t), dr.inf)
     transmittance = Array3f(1) + 0 * depth
-    if world.fog is not None:
-        transmittance = world.fog.transmittance(origin, direction, depth)
+    if _dims(world):
+        transmittance = _dimming(world, origin, direction, depth)
     return Shaded(radiance * transmittance, dr.select(covered, Float(1), 0), depth, transmittance)
 
 
@@ -80,8 +82,7 @@ def _each(lamps: Lamps, state: tuple[Any, ...], body: Any) -> tuple[Any, ...]:
     """Return `state` after body(light, number, state) for each light of a kind, as a loop in the kernel."""
 
     def step(number: UInt32, *state: Any) -> tuple[Any, ...]:
-        light = dr.gather(lamps.kind, lamps.packed, number)
-        return (number + 1, *body(light, number, state))
+        return (number + 1, *body(lamps.light(number), number, state))
 
     # The counter is as wide as the rest, for loops want one width.
     start = dr.zeros(UInt32, dr.width(state))
@@ -107,7 +108,7 @@ def _nearest_lamp(world: World, origin: Array3f, direction: Array3f) -> Sight:
 def _background(world: World, origin: Array3f, direction: Array3f) -> Array3f:
     """Return the radiance of what is infinitely far away: environments and the discs of distant lights."""
     result = dr.zeros(Array3f, max(dr.width(origin), dr.width(direction)))
-    for dome in world.domes:
+    for dome, _ in world.domes:
         result += dome.see(origin, direction).radiance
 
     def add(light: Any, _: UInt32, state: tuple[Any, ...]) -> tuple[Any, ...]:
@@ -147,8 +148,20 @@ class _Reflection:
         self.direction = Array3f(hit.to_world(sample.wo))
         self.seed = hash32(index, seed, UInt32(_LIGHT))
         self.origin = Array3f(hit.spawn_ray(mi.Vector3f(self.direction)).o)
-        alive = active & (dr.max(self.weight) > 0)
-        self.distance = world.intersect(self.origin, self.direction, alive, self.seed).t
+        self.distance = self._reach(world)
+
+    def _reach(self, world: World) -> Float:
+        """Return where the sample meets the next surface."""
+        alive = self.active & (dr.max(self.weight) > 0)
+        return world.intersect(self.origin, self.direction, alive, self.seed).t
+
+    def of_lights(self, links: Links) -> _Reflection:
+        """Return the reflection of lights that light some surfaces, and that some surfaces stop."""
+        result = copy(self)
+        result.active = links.lights(self.hit, self.active)
+        result.weight = dr.select(result.active, self.weight, 0)
+        result.distance = result._reach(links.world)
+        return result
 
     def evaluate(self, direction: Array3f) -> tuple[Array3f, Float]:
         """Return BSDF times cosine, and the pdf of sampling that direction."""
@@ -164,15 +177,29 @@ def _direct(world: World, hit: Any, active: Bool, index: UInt32, seed: UInt32) -
         return radiance
     reflection = _Reflection(world, hit, active, index, seed)
     for kind, lamps in enumerate(world.lamps):
-
-        def add(light: Any, number: UInt32, state: tuple[Any, ...], kind: int = kind) -> tuple[Any, ...]:
-            stream = hash32(seed, UInt32(_LIGHT + 16 * kind), number)
-            return (state[0] + _reflected(world, reflection, light, index, stream),)
-
-        (radiance,) = _each(lamps, (radiance,), add)
-    for number, dome in enumerate(world.domes):
-        radiance += _reflected(world, reflection, dome, index, hash32(seed, UInt32(_DOME + 16 * number)))
+        (radiance,) = _each(lamps, (radiance,), _adding(world, reflection, lamps.links, index, seed, kind))
+    for number, (dome, links) in enumerate(world.domes):
+        stream = hash32(seed, UInt32(_DOME + 16 * number))
+        radiance += _reflected(*_linked(world, reflection, links), dome, index, stream)
     return radiance
+
+
+def _adding(
+    world: World, reflection: _Reflection, links: Links | None, index: UInt32, seed: UInt32, kind: int
+) -> Callable[..., tuple[Any, ...]]:
+    """Return what adds a light of a kind to the radiance, in a loop over them."""
+    stopping, reflection = _linked(world, reflection, links)
+
+    def add(light: Any, number: UInt32, state: tuple[Any, ...]) -> tuple[Any, ...]:
+        stream = hash32(seed, UInt32(_LIGHT + 16 * kind), number)
+        return (state[0] + _reflected(stopping, reflection, light, index, stream),)
+
+    return add
+
+
+def _linked(world: World, reflection: _Reflection, links: Links | None) -> tuple[World, _Reflection]:
+    """Return the surfaces that stop lights with these links, and the hits that they light."""
+    return (world, reflection) if links is None else (links.world, reflection.of_lights(links))
 
 
 def _reflected(world: World, reflection: _Reflection, light: Any, index: UInt32, stream: UInt32) -> Array3f:
@@ -202,4 +229,10 @@ def _power_heuristic(own: Float, other: Float) -> Float:
 
 
 def _dimming(world: World, origin: Array3f, direction: Array3f, distance: Float) -> Array3f:
-    return Array3f(1) if world.fog is None else world.fog.transmittance(origin, direction, distance)
+    fog = world.fog
+    return fog.transmittance(origin, direction, distance) if fog is not None and _dims(world) else Array3f(1)
+
+
+def _dims(world: World) -> bool:
+    """Return whether there is a fog that surfaces feel."""
+    return world.fog is not None and world.fog.medium.surfaces

@@ -7,7 +7,7 @@ same light. A surface that glows is an `area` emitter, read where a ray hits it.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -18,6 +18,7 @@ from .. import scene
 from ..arrays import to_float, to_uint
 from ..device import Array3f, Bool, Float, UInt32, mitsuba
 from ..simulation.emission import Bounds
+from ..simulation.gobos import Images, Masked, bare, masked, pack_masked
 from ..simulation.lights import (
     DistantSource,
     DomeSource,
@@ -80,12 +81,44 @@ class Fog:
         return dr.exp(-self.extinction * self.length(origin, direction, distance))
 
 
+class Links(NamedTuple):
+    """What lights are linked to: the world with the surfaces that stop them, and by shape whether they light it."""
+
+    world: World
+    lit: Any | None
+
+    def lights(self, hit: Any, active: Bool) -> Bool:
+        """Return which of the active hits are on surfaces that the lights shine on."""
+        if self.lit is None:
+            return active
+        return active & (dr.gather(UInt32, self.lit, _number(hit.shape), active) > 0)
+
+
 class Lamps(NamedTuple):
-    """All lights of one kind: a struct of arrays of it, and their number (opaque)."""
+    """All lights of one kind and the same links: a struct of arrays of it, their number (opaque), and more.
+
+    `pixels` are the images of lights that are behind some. `links` says what they light, None everything.
+    """
 
     kind: Any
     packed: Any
     count: Any
+    pixels: dict[str, Any]
+    links: Links | None
+
+    @classmethod
+    def of(cls, sources: Sequence[Any], links: Links | None) -> Lamps:
+        """Return lights of one kind, packed."""
+        kind, count = type(sources[0]), dr.opaque(UInt32, len(sources))
+        if not isinstance(sources[0], Masked):
+            return cls(kind, pack(sources), count, {}, links)
+        packed, pixels = pack_masked(sources)
+        return cls(kind, packed, count, pixels, links)
+
+    def light(self, number: UInt32) -> Any:
+        """Return one of the lights, in a loop over them."""
+        light = dr.gather(self.kind, self.packed, number)
+        return light.with_pixels(self.pixels) if self.pixels else light
 
 
 @dataclass(frozen=True)
@@ -96,10 +129,14 @@ class World:
     ----------
     description
         The plain numbers that it was built from.
-    meshes, surfaces
-        What is a surface, and the Mitsuba scene of it (Embree on the CPU, OptiX on a GPU).
+    meshes, shapes, surfaces
+        What is a surface, each as a Mitsuba shape, and the Mitsuba scene of them (Embree on the CPU, OptiX on a GPU).
+    blockers
+        Mitsuba scenes without some of the surfaces, by their names: what stops lights that those do not stop.
     sources, portals
         The lights as Dr.Jit sees them, in the order of `description.lights`, and by the name of the light its portal.
+    images
+        The images before lights and on portals that are on the device.
     fog
         The medium, or None.
     bounds, radius
@@ -110,9 +147,12 @@ class World:
 
     description: scene.Scene
     meshes: tuple[scene.Mesh, ...]
+    shapes: tuple[Any, ...]
     surfaces: Any
+    blockers: dict[frozenset[str], Any]
     sources: tuple[Source, ...]
     portals: dict[str, Portal]
+    images: Images
     fog: Fog | None
     bounds: Bounds
     radius: float
@@ -143,16 +183,24 @@ class World:
         hidden |= {medium.mesh.name} if medium is not None and medium.mesh is not None else set()
         meshes = tuple(mesh for mesh in description.meshes if mesh.name not in hidden and len(mesh.faces))
         still = like is not None and _same(meshes, like.meshes)
+        shapes = like.shapes if like is not None and still else _shapes(meshes)
+        portals = {
+            light.name: _known_portal(light, like) or Portal(light.portal, _shape(light.portal, None, None))
+            for light in description.lights
+            if light.portal is not None
+        }
+        images = _known_images(description, like)
         return cls(
             description=description,
             meshes=meshes,
-            surfaces=like.surfaces if like is not None and still else _surfaces(meshes),
-            sources=tuple(source(light) for light in description.lights),
-            portals={
-                light.name: _known_portal(light, like) or Portal(light.portal, _shape(light.portal, None, None))
-                for light in description.lights
-                if light.portal is not None
-            },
+            shapes=shapes,
+            surfaces=like.surfaces if like is not None and still else _scene_of(shapes),
+            blockers=_blockers(description, meshes, shapes, like.blockers if like is not None and still else {}),
+            sources=tuple(
+                masked(source(light), light, portals.get(light.name), images) for light in description.lights
+            ),
+            portals=portals,
+            images=images,
             fog=_fog(medium, like),
             bounds=Bounds(center, radius),
             radius=radius,
@@ -164,22 +212,44 @@ class World:
     def lamps(self) -> tuple[Lamps, ...]:
         """The lights of surfaces, packed by kind, for loops over them; domes are in `domes`."""
         lights = zip(self.description.lights, self.sources, strict=True)
-        shining = [item for light, item in lights if light.lights_surfaces and max(light.radiance) > 0]
-        kinds: dict[type, list[Any]] = {}
-        for item in shining:
-            if not isinstance(item, DomeSource):
-                kinds.setdefault(type(item), []).append(item)
-        return tuple(
-            Lamps(kind, pack(kinds[kind]), dr.opaque(UInt32, len(kinds[kind])))
-            for kind in (SphereSource, FlatSource, DistantSource)
-            if kind in kinds
-        )
+        nothing: tuple[frozenset[str], ...] = (frozenset(), frozenset())
+        groups: dict[Any, list[Any]] = {(kind, *nothing): [] for kind in (SphereSource, FlatSource, DistantSource)}
+        for light, item in lights:
+            if light.lights_surfaces and max(light.radiance) > 0 and not isinstance(bare(item), DomeSource):
+                groups.setdefault((type(item), *self._linked(light)), []).append(item)
+        return tuple(Lamps.of(items, self._links(*key[1:])) for key, items in groups.items() if items)
 
     @cached_property
-    def domes(self) -> tuple[DomeSource, ...]:
-        """The environments."""
+    def domes(self) -> tuple[tuple[Any, Links | None], ...]:
+        """The environments, and what they light."""
         lights = zip(self.description.lights, self.sources, strict=True)
-        return tuple(item for light, item in lights if isinstance(item, DomeSource) and light.lights_surfaces)
+        return tuple(
+            (item, self._links(*self._linked(light)))
+            for light, item in lights
+            if isinstance(bare(item), DomeSource) and light.lights_surfaces
+        )
+
+    def stopping(self, light: scene.Light) -> World:
+        """Return the world with those surfaces alone that stop a light: itself, where all do."""
+        _, unshadowed = self._linked(light)
+        return replace(self, surfaces=self.blockers[unshadowed]) if unshadowed else self
+
+    def _linked(self, light: scene.Light) -> tuple[frozenset[str], frozenset[str]]:
+        """Return which of the surfaces a light does not light, and which do not stop it."""
+        return _among(light.unlit, self.meshes), _among(light.unshadowed, self.meshes)
+
+    def _links(self, unlit: frozenset[str], unshadowed: frozenset[str]) -> Links | None:
+        if not unlit and not unshadowed:
+            return None
+        world = replace(self, surfaces=self.blockers[unshadowed]) if unshadowed else self
+        return Links(world, self._lit_shapes(unlit) if unlit else None)
+
+    def _lit_shapes(self, unlit: frozenset[str]) -> Any:
+        """Return by the number that Mitsuba gave each shape whether it is lit, 1 or 0."""
+        numbers = [int(_number(mi.ShapePtr(shape))[0]) for shape in self.shapes]
+        table = np.zeros(max(numbers, default=0) + 2, dtype=np.uint32)
+        table[numbers] = [mesh.name not in unlit for mesh in self.meshes]
+        return to_uint(table)
 
     def intersect(self, origin: Array3f, direction: Array3f, active: Bool, seed: UInt32) -> Any:
         """Return the first surface that rays hit, as a SurfaceInteraction3f.
@@ -226,6 +296,13 @@ def _known_portal(light: scene.Light, like: World | None) -> Portal | None:
     return next((like.portals[each.name] for each in like.description.lights if each.portal is light.portal), None)
 
 
+def _known_images(description: scene.Scene, like: World | None) -> Images:
+    """Return those of the images of another world that this scene uses, too."""
+    gobos = [gobo for light in description.lights for gobo in (light.gobo, light.portal_gobo) if gobo is not None]
+    known = {} if like is None else like.images
+    return {id(gobo.image): known[id(gobo.image)] for gobo in gobos if id(gobo.image) in known}
+
+
 def _fog(medium: scene.Medium | None, like: World | None) -> Fog | None:
     if medium is None:
         return None
@@ -261,16 +338,40 @@ def _clouds(description: scene.Scene) -> list[Any]:
     return clouds
 
 
-def _surfaces(meshes: Sequence[scene.Mesh]) -> Any:
-    """Return the Mitsuba scene of all surfaces; meshes of one material share its BSDF."""
-    parts: dict[str, Any] = {"type": "scene"}
+def _shapes(meshes: Sequence[scene.Mesh]) -> tuple[Any, ...]:
+    """Return all surfaces as Mitsuba's; meshes of one material share its BSDF."""
     bsdfs: dict[int, Any] = {}
-    for index, mesh in enumerate(meshes):
+    for mesh in meshes:
         key = id(mesh.material)
         if key not in bsdfs:
             bsdfs[key] = _bsdf(mesh.material)
-        parts[f"mesh_{index}"] = _shape(mesh, bsdfs[key], _emitter(mesh.material))
-    return mi.load_dict(parts)
+    return tuple(_shape(mesh, bsdfs[id(mesh.material)], _emitter(mesh.material)) for mesh in meshes)
+
+
+def _number(shape: Any) -> Any:
+    """Return the numbers by which Mitsuba knows shapes."""
+    return dr.reinterpret_array(UInt32, shape)
+
+
+def _scene_of(shapes: Sequence[Any]) -> Any:
+    return mi.load_dict({"type": "scene", **{f"mesh_{index}": shape for index, shape in enumerate(shapes)}})
+
+
+def _among(names: frozenset[str], meshes: Sequence[scene.Mesh]) -> frozenset[str]:
+    """Return those of the names that are names of meshes."""
+    return names & frozenset(mesh.name for mesh in meshes) if names else names
+
+
+def _blockers(
+    description: scene.Scene, meshes: Sequence[scene.Mesh], shapes: Sequence[Any], known: dict[frozenset[str], Any]
+) -> dict[frozenset[str], Any]:
+    """Return the surfaces that stop lights which not all of them stop."""
+    absent = {_among(light.unshadowed, meshes) for light in description.lights} - {frozenset()}
+
+    def rest(names: frozenset[str]) -> Any:
+        return _scene_of([shape for mesh, shape in zip(meshes, shapes, strict=True) if mesh.name not in names])
+
+    return {names: known.get(names) or rest(names) for names in absent}
 
 
 def _shape(mesh: scene.Mesh, bsdf: Any, emitter: Any) -> Any:

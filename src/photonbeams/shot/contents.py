@@ -13,6 +13,7 @@ from ..scene import Array, DrawnBeams, Light, Medium, Mesh, Scene, SceneError
 from . import schemas as schemas
 from .curves import guide_paths, is_drawn, read_curves, read_guides
 from .lights import is_light, portal_paths, read_light
+from .links import linked
 from .medium import is_medium, read_medium
 from .meshes import is_gprim, read_meshes
 from .reading import Reading, visible
@@ -23,7 +24,7 @@ _PROTOTYPE_PRIMS = Usd.PrimIsActive & Usd.PrimIsLoaded  # prototypes may be `ove
 @dataclass
 class _Contents:
     meshes: list[Mesh] = field(default_factory=list)
-    lights: list[Light] = field(default_factory=list)
+    lights: list[tuple[Usd.Prim, Light]] = field(default_factory=list)
     drawn: list[DrawnBeams] = field(default_factory=list)
     media: list[tuple[Usd.Prim, Medium]] = field(default_factory=list)
 
@@ -68,9 +69,10 @@ def read_scene(stage: Usd.Stage, time: Any = None, warned: set[str] | None = Non
                 _collect(reading, item, contents)
     for prim, _ in contents.media[1:]:
         reading.warn(prim, f"is a second medium: that of {contents.media[0][0].GetPath()} is used alone")
+    fog = contents.media[0][0] if contents.media else None
     return Scene(
         tuple(contents.meshes),
-        tuple(contents.lights),
+        tuple(linked(reading, light, prim, contents.meshes, fog) for prim, light in contents.lights),
         tuple(contents.drawn),
         contents.media[0][1] if contents.media else None,
     )
@@ -84,7 +86,7 @@ def _collect(reading: Reading, item: _Item, contents: _Contents) -> None:
             return
     if is_light(prim):
         light = read_light(reading, prim, item.to_world, item.name)
-        contents.lights.extend([replace(light, guides=read_guides(reading, prim))] if light else [])
+        contents.lights.extend([(prim, replace(light, guides=read_guides(reading, prim)))] if light else [])
     if is_gprim(prim):
         _warn_of_skinning(reading, prim)
         contents.meshes.extend(read_meshes(reading, prim, item.to_world, item.name))

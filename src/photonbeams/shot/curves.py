@@ -331,6 +331,11 @@ def _beams(source: _Source, nodes: _Nodes, closed: bool, graded: bool, to_world:
     if chained:
         fields["start_tangent"], fields["end_tangent"] = tangents(directions(start, end), following)
         _turn_ends(source, fields, curve, following, to_world)
+        fields["id"] = curve.astype(np.float64)  # a curve is one beam, whatever its pieces
+    for name in ("random", "id", "generation"):
+        known = source.each(f"photonbeams:{name}", 1)
+        if known is not None:
+            fields[name] = known[curve, 0]
     normals = source.each("photonbeams:endNormals", 3)
     if normals is not None:
         fields["end_normal"] = _end_normals(fields, normals[curve], following, to_world)

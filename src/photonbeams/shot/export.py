@@ -90,7 +90,7 @@ def _define(stage: Usd.Stage, beams: DrawnBeams, path: str) -> Usd.Prim:
     prim.AddAppliedSchema("PhotonBeamsCurvesAPI")
     kinds = Sdf.ValueTypeNames
     _set(prim, "power", kinds.Color3fArray, _vectors(power))
-    for name in ("offset", "total", "entry"):
+    for name in ("offset", "total", "entry", "random", "id", "generation"):
         if name in fields:
             _set(prim, name, kinds.FloatArray, _numbers(fields[name][first]))
     if "end_normal" in fields:

@@ -400,29 +400,43 @@ def read_image(path: PathLike) -> Array:
     return pixels
 
 
-def _subimages(path: PathLike) -> Iterator[tuple[Any, Array]]:
-    """Yield each subimage's description and its pixels, (H, W, C) float32."""
+@contextmanager
+def opened(path: PathLike) -> Iterator[Any]:
+    """Give an image file as OpenImageIO's input.
+
+    Raises
+    ------
+    OSError, SceneError
+        As `read_parts`.
+    """
     path = Path(path)
     with path.open("rb"):  # for the system's own words where there is no file, or no right to it
         pass
     file: Any = OpenImageIO.ImageInput.open(str(path))
     if not file:
-        raise _unreadable(path, OpenImageIO.geterror())
+        raise unreadable(path, OpenImageIO.geterror())
     try:
+        yield file
+        file.geterror()  # seeking past the last part is no error
+    finally:
+        file.close()
+
+
+def _subimages(path: PathLike) -> Iterator[tuple[Any, Array]]:
+    """Yield each subimage's description and its pixels, (H, W, C) float32."""
+    with opened(path) as file:
         index = 0
         while file.seek_subimage(index, 0):
             spec = file.spec()
             pixels = file.read_image(index, 0, 0, spec.nchannels, "float")
             message = file.geterror()
             if pixels is None or message:
-                raise _unreadable(path, message)
+                raise unreadable(path, message)
             yield spec, np.asarray(pixels, dtype=np.float32).reshape(spec.height, spec.width, spec.nchannels)
             index += 1
-        file.geterror()  # seeking past the last one is no error
-    finally:
-        file.close()
 
 
-def _unreadable(path: Path, message: str) -> SceneError:
+def unreadable(path: PathLike, message: str) -> SceneError:
+    """Return (for raising) the error of an image that cannot be decoded, with the first line of the decoder's words."""
     reason = message.strip().splitlines()[0] if message.strip() else "unknown format"
     return SceneError(f"{path} cannot be read: expected an image ({reason})")

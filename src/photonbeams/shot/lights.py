@@ -9,6 +9,7 @@ W/(π A) and flux W; of a sphere the radiant intensity is W/(4π), and it stays 
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -26,6 +27,7 @@ from ..scene import (
     SphereLight,
 )
 from . import blender
+from .gobos import read_gobo, read_pane, read_texture
 from .looks import read_look
 from .meshes import is_gprim, mesh_area, read_solid
 from .polygons import unit
@@ -62,10 +64,12 @@ def read_light(reading: Reading, prim: Usd.Prim, to_world: Array, name: str) -> 
     if kind not in ("DomeLight", "DomeLight_1") and abs(np.linalg.det(to_world[:3, :3])) < 1e-30:
         reading.warn(prim, "is scaled to nothing: it is skipped")
         return None
-    _warn_of_links(reading, prim)
+    _warn_of_filters(reading, prim)
     shared = {"name": name, **_beam_settings(reading, prim), "shaping": _shaping(reading, prim)}
     shared["lights_surfaces"] = any(reading.number(prim, f"inputs:{key}", 1.0) > 0 for key in ("diffuse", "specular"))
-    return readers[kind](reading, prim, to_world, shared)
+    shared |= {"gobo": read_gobo(reading, prim), "portal_gobo": read_pane(reading, prim, shared["portal"])}
+    light = readers[kind](reading, prim, to_world, shared)
+    return replace(light, frame=_frame(to_world, getattr(light, "axis", None)))
 
 
 def portal_paths(reading: Reading, prim: Usd.Prim) -> list[Sdf.Path]:
@@ -116,8 +120,8 @@ def _flat(reading: Reading, prim: Usd.Prim, to_world: Array, shared: dict[str, A
     for size, (key, _, _) in zip(half, sides, strict=True):
         if size == 0:
             raise reading.fail(prim, f"inputs:{key}", "is 0: expected a positive number")
-    if not disk and reading.value(prim, "inputs:texture:file") not in (None, Sdf.AssetPath()):
-        reading.warn(prim, "is not rendered: the light has one colour", "inputs:texture:file")
+    if not disk and shared["gobo"] is None:
+        shared["gobo"] = read_texture(reading, prim)
     linear = to_world[:3, :3]
     half_x, half_y = linear[:, 0] * half[0], linear[:, 1] * half[1]
     reading.within_reach(prim, [half_x, half_y])
@@ -170,6 +174,19 @@ def _pole(reading: Reading, prim: Usd.Prim) -> Array:
         axis = str(UsdGeom.GetStageUpAxis(reading.stage)) if axis == "scene" else axis
         return y_to_z if axis == "Z" else np.eye(3)
     return blender.world() if blender.lost_world_rotation(prim, reading.time) else np.eye(3)
+
+
+def _frame(to_world: Array, axis: Array | None) -> Array:
+    """Return a light's frame: along `axis`, where it shines (None: local −Z), and as upright as the light."""
+    linear = to_world[:3, :3]
+    if abs(np.linalg.det(linear)) < 1e-30:  # of a dome alone: other lights are skipped
+        return np.eye(4)
+    back = -unit(linear @ [0.0, 0.0, -1.0] if axis is None else axis)
+    up = unit(linear[:, 1] - (linear[:, 1] @ back) * back)
+    side = np.cross(up, back) * np.sign(np.linalg.det(linear))
+    result = np.eye(4)
+    result[:3] = np.column_stack([side, up, back, to_world[:3, 3]])
+    return result
 
 
 def _rotation(to_world: Array) -> Array:
@@ -239,11 +256,6 @@ def _portal(reading: Reading, prim: Usd.Prim) -> Mesh | None:
     )
 
 
-def _warn_of_links(reading: Reading, prim: Usd.Prim) -> None:
-    for kind in ("lightLink", "shadowLink"):
-        prefix = f"collection:{kind}"
-        named = any(prim.GetRelationship(f"{prefix}:{end}").GetTargets() for end in ("includes", "excludes"))
-        if named or not reading.value(prim, f"{prefix}:includeRoot", True):
-            reading.warn(prim, "is not rendered: the light reaches everything", prefix)
+def _warn_of_filters(reading: Reading, prim: Usd.Prim) -> None:
     if prim.GetRelationship("light:filters").GetTargets():
         reading.warn(prim, "are not rendered: the light shines without them", "light:filters")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
@@ -9,12 +11,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from pxr import Usd
 
-from ..scene import Array, Color, SceneError, color
-from .reading import Reading
+from ..scene import Array, Color, Medium, SceneError, color
+from .reading import Reading, file_of
 from .textures import read_image
 
 if TYPE_CHECKING:
-    from ..looks import Look
+    from ..looks import Factor, Look
 
 _FALLOFFS = ("physical", "none", "exponential", "power", "polynomial")
 _INTERPOLATIONS = {
@@ -24,7 +26,7 @@ _INTERPOLATIONS = {
     "catmullRom": "catmull-rom",
     "monotone": "monotone",
 }
-_PROFILES = ("constant", "epanechnikov", "biweight", "gaussian", "smoothstep", "tabulated")
+_PROFILES = ("constant", "epanechnikov", "biweight", "gaussian", "smoothstep", "hollow", "tabulated")
 
 
 @dataclass(frozen=True)
@@ -34,6 +36,30 @@ class Span:
     space: str = "fraction"  # fraction | distance
     begin: float = 0.0
     end: float = 1.0
+
+
+@dataclass(frozen=True)
+class CurveSpec:
+    """What every factor takes: the product of a ramp, a texture and an expression, of those that are set.
+
+    Attributes
+    ----------
+    knots, colors, interpolation
+        A ramp, (M,) and (M, 3), or no knots for none; names as `looks.ColorRamp` has them.
+    texture
+        Colours (M, 3) from begin to end, or None.
+    span
+        Where ramp and texture begin and end.
+    expression
+        An expression (`looks.expression`), or "".
+    """
+
+    knots: tuple[float, ...] = ()
+    colors: tuple[Color, ...] = ()
+    interpolation: str = "linear"
+    texture: Array | None = None
+    span: Span = Span()
+    expression: str = ""
 
 
 @dataclass(frozen=True)
@@ -48,12 +74,10 @@ class AlongSpec:
         Multiply by the medium's attenuation too; of no matter where the falloff is physical already.
     tint
         A constant colour.
-    knots, colors, interpolation
-        A ramp, (M,) and (M, 3), or no knots for none; names as `looks.ColorRamp` has them.
-    texture
-        Colours (M, 3) from begin to end, or None.
-    span
-        For ramp, texture and polynomial.
+    inner, outer, fade
+        Distances between which the beam fades to nothing, and the interpolation; outer 0: it does not.
+    curve
+        Ramp, texture and expression; its span is the polynomial's too.
     """
 
     falloff: str = "physical"
@@ -62,50 +86,76 @@ class AlongSpec:
     coefficients: tuple[float, ...] = ()
     physical: bool = True
     tint: Color = (1.0, 1.0, 1.0)
-    knots: tuple[float, ...] = ()
-    colors: tuple[Color, ...] = ()
-    interpolation: str = "linear"
-    texture: Array | None = None
-    span: Span = Span()
+    inner: float = 0.0
+    outer: float = 0.0
+    fade: str = "smooth"
+    curve: CurveSpec = CurveSpec()
 
 
 @dataclass(frozen=True)
 class AcrossSpec:
-    """The profile: its name, `width` of the Gaussian, `hardness` of the smoothstep, `values` of the table."""
+    """The profile, and what changes it: ramp and texture run from the axis to the rim.
+
+    `width` is of the Gaussian, `hardness` of the smoothstep, `inner` and `softness` of the hollow profile, `values` of
+    the table.
+    """
 
     profile: str = "epanechnikov"
     width: float = 0.35
     hardness: float = 0.0
+    inner: float = 0.5
+    softness: float = 1.0
     values: tuple[float, ...] = ()
+    curve: CurveSpec = CurveSpec()
 
 
 @dataclass(frozen=True)
 class EyeSpec:
-    """The change toward the camera: "physical", "none" or "exponential" with its `length`."""
+    """The change toward the camera: "physical", "none" or "exponential" with its `length`; the curve by distance."""
 
     falloff: str = "physical"
     length: float = 1.0
+    curve: CurveSpec = CurveSpec()
 
 
 @dataclass(frozen=True)
 class AngleSpec:
-    """The view-angle shading: "physical", "constant" (isotropic) or "glow" with `anisotropy`, `mix` and `gain`."""
+    """The view-angle shading: "physical", "constant" (isotropic) or "glow" with `anisotropy`, `mix` and `gain`.
+
+    The curve goes by degrees: 0 looks straight into the light.
+    """
 
     shading: str = "physical"
     anisotropy: float = 0.8
     mix: float = 0.5
     gain: float = 1.0
+    curve: CurveSpec = CurveSpec()
+
+
+@dataclass(frozen=True)
+class NoiseSpec:
+    """Dust and wisps: see `looks.Noise`."""
+
+    amount: float = 0.0
+    scale: float = 1.0
+    octaves: int = 4
+    contrast: float = 2.0
+    drift: Color = (0.0, 0.0, 0.0)
+    evolution: float = 0.0
+    space: str = "world"
 
 
 @dataclass(frozen=True)
 class LookSpec:
-    """A look in plain numbers, checked. `name` is the prim's path."""
+    """A look in plain numbers, checked. `name` is the prim's path, `variation` how much beams differ in brightness."""
 
     name: str
     along: AlongSpec = AlongSpec()
     across: AcrossSpec = AcrossSpec()
     eye: EyeSpec = EyeSpec()
     angle: AngleSpec = AngleSpec()
+    noise: NoiseSpec = NoiseSpec()
+    variation: float = 0.0
 
 
 def read_look(reading: Reading, user: Usd.Prim, prim: Usd.Prim) -> LookSpec:
@@ -126,9 +176,44 @@ def read_look(reading: Reading, user: Usd.Prim, prim: Usd.Prim) -> LookSpec:
         source = _Source(reading, prim)
         _warn_of_unknown(source)
         reading.cache[key] = LookSpec(
-            str(prim.GetPath()), _along(source), _across(source), _eye(source), _angle(source)
-        )
+            str(prim.GetPath()), _along(source), _across(source), _eye(source), _angle(source), _noise(source),
+            source.number("variation", 0.0, 0.0, 1.0),
+        )  # fmt: skip
     return reading.cache[key]
+
+
+def find_looks(
+    stage: Usd.Stage, names: Collection[str], frame: float | None = None
+) -> tuple[list[LookSpec], Medium | None, float]:
+    """Return the looks on a stage, its fog or None, and the seconds at a frame.
+
+    Parameters
+    ----------
+    names
+        Paths or names of the looks that are wanted; none: all.
+
+    Raises
+    ------
+    SceneError
+        A look that is not there, or that cannot be read.
+    """
+    from .stage import default_time, read_scene
+
+    time = default_time(stage) if frame is None else Usd.TimeCode(frame)
+    reading = Reading(stage, time)
+    prims = [prim for prim in stage.Traverse() if prim.GetTypeName() == "PhotonBeamsLook"]
+    known = ", ".join(str(prim.GetPath()) for prim in prims) or "none"
+    for name in names:
+        if not any(name in (str(prim.GetPath()), prim.GetName()) for prim in prims):
+            raise SceneError(f"{file_of(stage)} has no look {name}: expected one of its PhotonBeamsLook prims, {known}")
+    if not prims:
+        raise SceneError(f"{file_of(stage)} has no look: expected a PhotonBeamsLook prim")
+    chosen = [prim for prim in prims if not names or {str(prim.GetPath()), prim.GetName()} & set(names)]
+    medium = None
+    with suppress(SceneError):  # what else is wrong with a stage does not matter to its looks
+        medium = read_scene(stage, time).medium
+    seconds = 0.0 if time.IsDefault() else time.GetValue() / (stage.GetTimeCodesPerSecond() or 1.0)
+    return [read_look(reading, prim, prim) for prim in chosen], medium, seconds
 
 
 @dataclass(frozen=True)
@@ -183,13 +268,9 @@ def _along(source: _Source) -> AlongSpec:
     coefficients = source.numbers("along:coefficients")
     if falloff == "polynomial" and not coefficients:
         raise source.fail("along:coefficients", "is empty: a polynomial falloff expects its coefficients")
-    knots, colors = source.numbers("along:ramp:knots"), source.colors("along:ramp:colors")
-    if len(knots) != len(colors):
-        text = f"has {len(knots)} values and along:ramp:colors {len(colors)}: expected as many of each"
-        raise source.fail("along:ramp:knots", text)
-    if any(b <= a for a, b in pairwise(knots)):
-        raise source.fail("along:ramp:knots", f"is {list(knots)}: expected positions that ascend")
-    interpolation = source.choice("along:ramp:interpolation", "linear", _INTERPOLATIONS)
+    inner, outer = source.number("along:inner", 0.0, minimum=0.0), source.number("along:outer", 0.0, minimum=0.0)
+    if outer > 0 and outer <= inner:
+        raise source.fail("along:outer", f"is {outer:g}: expected more than along:inner, {inner:g}, or 0")
     return AlongSpec(
         falloff=falloff,
         length=source.positive("along:length", 1.0),
@@ -197,11 +278,47 @@ def _along(source: _Source) -> AlongSpec:
         coefficients=coefficients,
         physical=source.reading.flag(source.prim, "photonbeams:along:physical", True),
         tint=source.reading.color(source.prim, "photonbeams:along:tint", (1, 1, 1)),
-        knots=knots,
-        colors=colors,
-        interpolation=_INTERPOLATIONS[interpolation],
-        texture=_texture(source),
-        span=_span(source),
+        inner=inner,
+        outer=outer,
+        fade=_INTERPOLATIONS[source.choice("along:fade", "smooth", _INTERPOLATIONS)],
+        curve=_curve(source, "along", _span(source)),
+    )
+
+
+def _curve(source: _Source, slot: str, span: Span) -> CurveSpec:
+    """Return what is set of a factor's ramp, texture and expression."""
+    knots, colors = source.numbers(f"{slot}:ramp:knots"), source.colors(f"{slot}:ramp:colors")
+    if len(knots) != len(colors):
+        text = f"has {len(knots)} values and {slot}:ramp:colors {len(colors)}: expected as many of each"
+        raise source.fail(f"{slot}:ramp:knots", text)
+    if any(b <= a for a, b in pairwise(knots)):
+        raise source.fail(f"{slot}:ramp:knots", f"is {list(knots)}: expected positions that ascend")
+    interpolation = _INTERPOLATIONS[source.choice(f"{slot}:ramp:interpolation", "linear", _INTERPOLATIONS)]
+    expression = str(source.reading.value(source.prim, f"photonbeams:{slot}:expression", "")).strip()
+    if expression:
+        try:
+            from ..looks.expression import parse  # starts Dr.Jit
+
+            parse(expression)
+        except ValueError as error:
+            raise source.fail(f"{slot}:expression", f"is wrong: {error}") from None
+    return CurveSpec(knots, colors, interpolation, _texture(source, slot), span, expression)
+
+
+def _noise(source: _Source) -> NoiseSpec:
+    octaves = source.reading.value(source.prim, "photonbeams:noise:octaves", 4)
+    if not (isinstance(octaves, int) and 1 <= octaves <= 8):
+        raise source.fail("noise:octaves", f"is {octaves}: expected a whole number from 1 to 8")
+    drift = source.reading.array(source.prim, "photonbeams:noise:drift", 1)
+    numbers = (0.0, 0.0, 0.0) if drift is None else tuple(float(x) for x in drift[:, 0])
+    return NoiseSpec(
+        amount=source.number("noise:amount", 0.0, 0.0, 1.0),
+        scale=source.positive("noise:scale", 1.0),
+        octaves=octaves,
+        contrast=source.number("noise:contrast", 2.0, 0.0, 100.0),
+        drift=numbers,  # type: ignore[arg-type]
+        evolution=source.number("noise:evolution", 0.0),
+        space=source.choice("noise:space", "world", ("world", "light")),
     )
 
 
@@ -213,14 +330,15 @@ def _span(source: _Source) -> Span:
     return Span(space, begin, end)
 
 
-def _texture(source: _Source) -> Array | None:
-    pixels = read_image(source.reading, source.prim, "photonbeams:along:texture")
+def _texture(source: _Source, slot: str) -> Array | None:
+    name = f"{slot}:texture"
+    pixels = read_image(source.reading, source.prim, f"photonbeams:{name}")
     if pixels is None:
         return None
     row = pixels.mean(axis=0, dtype=np.float64)  # a 1D texture may be painted several pixels high
     row = row[:, :3] if row.shape[1] >= 3 else np.repeat(row[:, :1], 3, axis=1)
     if np.any(row < 0):
-        raise source.fail("along:texture", "has negative pixels: expected colours of at least 0")
+        raise source.fail(name, "has negative pixels: expected colours of at least 0")
     return row
 
 
@@ -234,13 +352,19 @@ def _across(source: _Source) -> AcrossSpec:
         profile=profile,
         width=source.number("across:width", 0.35, 0.02, 10.0),
         hardness=source.number("across:hardness", 0.0, 0.0, 1.0),
+        inner=source.number("across:inner", 0.5, 0.0, 0.99),
+        softness=source.number("across:softness", 1.0, 0.01, 1.0),
         values=values,
+        curve=_curve(source, "across", Span("radius", 0.0, 1.0)),
     )
 
 
 def _eye(source: _Source) -> EyeSpec:
     falloff = source.choice("eye:falloff", "physical", ("physical", "none", "exponential"))
-    return EyeSpec(falloff, source.positive("eye:length", 1.0))
+    span = Span("distance", source.number("eye:begin", 0.0), source.number("eye:end", 1.0))
+    if span.end <= span.begin:
+        raise source.fail("eye:end", f"is {span.end:g}: expected more than eye:begin, {span.begin:g}")
+    return EyeSpec(falloff, source.positive("eye:length", 1.0), _curve(source, "eye", span))
 
 
 def _angle(source: _Source) -> AngleSpec:
@@ -249,6 +373,7 @@ def _angle(source: _Source) -> AngleSpec:
         anisotropy=source.number("angle:anisotropy", 0.8, -0.99, 0.99),
         mix=source.number("angle:mix", 0.5, 0.0, 1.0),
         gain=source.number("angle:gain", 1.0, minimum=0.0),
+        curve=_curve(source, "angle", Span("angle", 0.0, 180.0)),
     )
 
 
@@ -256,39 +381,80 @@ def build_look(spec: LookSpec) -> Look:
     """Return the look that a LookSpec describes."""
     from .. import looks  # starts Dr.Jit, which readers do not need
 
-    along, eye, angle = spec.along, spec.eye, spec.angle
-    span = {"space": along.span.space, "begin": along.span.begin, "end": along.span.end}
-    parts: list[looks.Factor] = []
-    if along.falloff == "exponential":
-        parts.append(looks.Exponential(along.length))
-    elif along.falloff == "power":
-        parts.append(looks.Power(along.exponent, along.length))
-    elif along.falloff == "polynomial":
-        parts.append(looks.Polynomial(along.coefficients, **span))  # type: ignore[arg-type]
-    if along.knots:
-        parts.append(looks.ColorRamp(along.knots, along.colors, along.interpolation, **span))  # type: ignore[arg-type]
-    if along.texture is not None:
-        parts.append(looks.Texture(along.texture, **span))  # type: ignore[arg-type]
-    if along.physical:
-        parts.append(looks.Attenuation())
-    if along.tint != (1.0, 1.0, 1.0) or not parts:
-        parts.append(looks.Constant(along.tint))
+    across = spec.across
     profile = {
         "constant": looks.Uniform,
         "epanechnikov": looks.Epanechnikov,
         "biweight": looks.Biweight,
-        "gaussian": lambda: looks.Gaussian(spec.across.width),
-        "smoothstep": lambda: looks.Smoothstep(spec.across.hardness),
-        "tabulated": lambda: looks.Tabulated(spec.across.values),
-    }[spec.across.profile]
+        "gaussian": lambda: looks.Gaussian(across.width),
+        "smoothstep": lambda: looks.Smoothstep(across.hardness),
+        "hollow": lambda: looks.Hollow(across.inner, across.softness),
+        "tabulated": lambda: looks.Tabulated(across.values),
+    }[across.profile]()
     toward = {
         "physical": looks.Attenuation,
         "none": lambda: looks.Constant(1.0),
-        "exponential": lambda: looks.Exponential(eye.length),
-    }[eye.falloff]
+        "exponential": lambda: looks.Exponential(spec.eye.length),
+    }[spec.eye.falloff]
     shading = {
         "physical": looks.Scattering,
         "constant": looks.Isotropic,
-        "glow": lambda: looks.Glow(angle.anisotropy, angle.mix, angle.gain),
-    }[angle.shading]
-    return looks.Look(along=looks.Product(tuple(parts)), across=profile(), eye=toward(), angle=shading())
+        "glow": lambda: looks.Glow(spec.angle.anisotropy, spec.angle.mix, spec.angle.gain),
+    }[spec.angle.shading]
+    around = [*_curves(across.curve), *_noises(spec)]
+    return looks.Look(
+        along=looks.Product(tuple(_alongs(spec.along))),
+        across=profile * looks.Product(tuple(around)) if around else profile,
+        eye=looks.Product((toward(), *_curves(spec.eye.curve))),
+        angle=looks.Product((shading(), *_curves(spec.angle.curve))),
+    )
+
+
+def _alongs(along: AlongSpec) -> list[Factor]:
+    """Return the factors along the beam."""
+    from .. import looks
+
+    span = along.curve.span
+    place: dict[str, Any] = {"space": span.space, "begin": span.begin, "end": span.end}
+    falloff = {
+        "exponential": lambda: looks.Exponential(along.length),
+        "power": lambda: looks.Power(along.exponent, along.length),
+        "polynomial": lambda: looks.Polynomial(along.coefficients, **place),
+    }.get(along.falloff)
+    parts: list[Factor] = [falloff()] if falloff else []
+    parts += _curves(along.curve)
+    if along.outer > 0:
+        parts.append(looks.Fade(along.inner, along.outer, along.fade))  # type: ignore[arg-type]
+    if along.physical:
+        parts.append(looks.Attenuation())
+    if along.tint != (1.0, 1.0, 1.0) or not parts:
+        parts.append(looks.Constant(along.tint))
+    return parts
+
+
+def _curves(curve: CurveSpec) -> list[Factor]:
+    """Return ramp, texture and expression, of those that are set."""
+    from .. import looks
+
+    place: dict[str, Any] = {"space": curve.span.space, "begin": curve.span.begin, "end": curve.span.end}
+    parts: list[Factor] = []
+    if curve.knots:
+        parts.append(looks.ColorRamp(curve.knots, curve.colors, curve.interpolation, **place))  # type: ignore[arg-type]
+    if curve.texture is not None:
+        parts.append(looks.Texture(curve.texture, **place))
+    if curve.expression:
+        parts.append(looks.Expression(curve.expression))
+    return parts
+
+
+def _noises(spec: LookSpec) -> list[Factor]:
+    """Return noise and variation, of those that are set."""
+    from .. import looks
+
+    noise = spec.noise
+    parts: list[Factor] = []
+    if noise.amount > 0:
+        parts.append(looks.Noise(**vars(noise)))
+    if spec.variation > 0:
+        parts.append(looks.Variation(spec.variation))
+    return parts

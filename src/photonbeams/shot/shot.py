@@ -16,9 +16,10 @@ from .. import scene
 from . import stage as stages
 from .camera import read_shutter
 from .export import write_beams
-from .images import write_frame
+from .images import PathLike, write_frame
 from .looks import LookSpec, build_look
 from .motion import Exposure
+from .plates import Holdout, Plate, part_of
 from .reading import LOG, file_of
 from .stereo import EYES, Stereo, read_eyes
 
@@ -238,9 +239,19 @@ class Shot:
         return known[1]
 
     def resolution(
-        self, width: int | None = None, height: int | None = None, frame: float | None = None
+        self,
+        width: int | None = None,
+        height: int | None = None,
+        frame: float | None = None,
+        plates: Sequence[Holdout | Plate] = (),
+        view: str | None = None,
     ) -> tuple[int, int]:
-        """Return (width, height): what is given, and the rest from the camera's aperture."""
+        """Return (width, height): what is given, and the rest from the camera's aperture.
+
+        Where neither is given, they are those of the first of `plates`, if there are any, for the view `view`.
+        """
+        if width is None and height is None and plates:
+            width, height = plates[0].size(self._number(frame), self._views(view))
         camera = self.cameras(frame)[0]
         aspect = camera.horizontal_aperture / camera.vertical_aperture
         if width is None:
@@ -263,6 +274,8 @@ class Shot:
         blur: bool = True,
         lens: bool = True,
         view: str | None = None,
+        holdout: PathLike | Array | Holdout | None = None,
+        over: PathLike | Array | Plate | None = None,
         **settings: Any,
     ) -> Frame:
         """Render a frame.
@@ -283,21 +296,35 @@ class Shot:
             Whether what moves while the shutter is open blurs, and what is out of focus.
         view
             "left" or "right" for one of two eyes; None renders both.
+        holdout
+            Another renderer's depth, at which beams end instead of at the stage's own surfaces, which are not seen
+            then; they still stop the light. A file, (H, W) planar depths in scene units, or what `Holdout` describes.
+        over
+            A picture of the same size: `rgba` is then that plus beams. A file, (H, W, 3 or 4) scene-linear pixels, or
+            a `Plate`.
         """
         from ..render.camera import View, Window
         from ..render.frame import Settings, render
 
         if passes is not None:
             settings["passes"] = passes
-        size = self.resolution(width, height, frame)
+        end, plate = Holdout.of(holdout), Plate.of(over)
+        size = self.resolution(width, height, frame, [each for each in (end, plate) if each is not None], view)
         window = Window(size[0], size[1], _cropped(size[0], size[1], crop))
-        exposure = self.exposure(frame, blur, lens)
         names = self._views(view)
+        depths = end.read(self._number(frame), names, size, self._warn) if end is not None else []
+        pixels = self._pixels(plate, self._number(frame), names, size)
+        exposure = self.exposure(frame, blur, lens)
         eyes = [EYES.index(name) if name else 0 for name in names]
         content, cameras = exposure(0.0)
         self.check(content)
         settings.setdefault("program", self._program(frame, exposure))
-        picture = render(_shutter(exposure, eyes), window, Settings(**settings), progress)
+        shutter = _shutter(exposure, eyes, self.stage.GetTimeCodesPerSecond() or 1.0)
+        ends = [each.seen_by(View(cameras[eye], window)) for each, eye in zip(depths, eyes, strict=False)]
+        picture = render(shutter, window, Settings(**settings), progress, ends)
+        if plate is not None and pixels:
+            for layers, each in zip(picture.views, pixels, strict=True):
+                layers["rgba"] = plate.under(layers, part_of(each, window))
         about = {
             **self._about(frame, exposure),
             "seed": int(settings.get("seed", 0)),
@@ -355,6 +382,35 @@ class Shot:
 
         return Program(self.simulate, frame, exposure.code)
 
+    def check_plates(
+        self, plates: Sequence[Holdout | Plate], frame: float | None, width: int, height: int, view: str | None = None
+    ) -> None:
+        """Raise what `render` would raise about the plates of a frame, as far as their headers tell."""
+        for each in plates:
+            each.check(self._number(frame), self._views(view), (width, height))
+
+    def _pixels(self, plate: Plate | None, number: float, names: Sequence[str], size: tuple[int, int]) -> list[Array]:
+        """Return the plate of each view; of a file that breaks off none, with a warning: beams are beams without it."""
+        if plate is None:
+            return []
+        plate.check(number, names, size)
+        try:
+            return plate.read(number, names, size, self._warn)
+        except scene.SceneError as error:
+            self._warn(f"{error}; rgba is what it is without a plate")
+            return []
+
+    def _number(self, frame: float | None) -> float:
+        """Return the number of a frame, as file names have it."""
+        time = self.time(frame)
+        return 0.0 if time.IsDefault() else float(time.GetValue())
+
+    def _warn(self, text: str) -> None:
+        """Warn once of what is not the stage's."""
+        if text not in self._warned:
+            self._warned.add(text)
+            LOG.warning("%s", text)
+
     def _views(self, view: str | None) -> list[str]:
         if view is not None and (self.stereo is None or view not in EYES):
             expected = f"one of {', '.join(EYES)}" if self.stereo is not None else "none, for the shot has one camera"
@@ -379,15 +435,19 @@ class Shot:
         return about
 
 
-def _shutter(exposure: Exposure, eyes: Sequence[int]) -> Shutter:
-    """Return what the renderer asks of an exposure, for these eyes."""
+def _shutter(exposure: Exposure, eyes: Sequence[int], rate: float = 1.0) -> Shutter:
+    """Return what the renderer asks of an exposure, for these eyes; `rate` is in time codes a second."""
     from ..render.shutter import Moment, Shutter
 
     def at(fraction: float) -> Moment:
         content, cameras = exposure(fraction)
         return Moment(content, tuple(cameras[eye] for eye in eyes))
 
-    return Shutter(at, exposure.moving)
+    def clock(fraction: float) -> tuple[float, float]:
+        code = exposure.code(fraction)
+        return code, code / rate
+
+    return Shutter(at, exposure.moving, clock)
 
 
 def _cropped(width: int, height: int, crop: Sequence[float] | None) -> tuple[int, int, int, int]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from math import isfinite
 from typing import Any
 
@@ -117,7 +117,7 @@ def _check_composition(stage: Usd.Stage) -> None:
 
 
 def _override(stage: Usd.Stage, text: str) -> None:
-    """Set one attribute in the session layer."""
+    """Set one attribute, or what a relationship names, in the session layer."""
     target, equals, value = text.partition("=")
     path = Sdf.Path(target.strip()) if Sdf.Path.IsValidPathString(target.strip()) else Sdf.Path()
     if not equals or not path.IsPrimPropertyPath():
@@ -125,6 +125,10 @@ def _override(stage: Usd.Stage, text: str) -> None:
     prim = stage.GetPrimAtPath(path.GetPrimPath())
     if not prim:
         raise SceneError(f"cannot set '{text}': {file_of(stage)} has no prim {path.GetPrimPath()}")
+    if _is_relationship(prim, path.name):
+        with Usd.EditContext(stage, stage.GetSessionLayer()):
+            prim.CreateRelationship(path.name).SetTargets(_targets(value.strip(), text))
+        return
     kind = _type_of(prim, path.name)
     if kind is None:
         raise SceneError(f"cannot set '{text}': {path.GetPrimPath()} has no attribute {path.name}")
@@ -137,16 +141,32 @@ def _type_of(prim: Usd.Prim, name: str) -> Sdf.ValueTypeName | None:
     attribute = prim.GetAttribute(name)
     if attribute:
         return attribute.GetTypeName()
+    found = (definition.GetAttributeDefinition(name) for definition in _applicable(prim))
+    return next((each.GetTypeName() for each in found if each), None)
+
+
+def _is_relationship(prim: Usd.Prim, name: str) -> bool:
+    """Return whether a prim has a relationship, also one of photonbeams' own where their schema could be applied."""
+    return prim.HasRelationship(name) or any(each.GetRelationshipDefinition(name) for each in _applicable(prim))
+
+
+def _applicable(prim: Usd.Prim) -> Iterator[Usd.PrimDefinition]:
+    """Return photonbeams' own API schemas that could be applied to a prim."""
     registry = Usd.SchemaRegistry()
     for schema in ("PhotonBeamsLightAPI", "PhotonBeamsCurvesAPI", "PhotonBeamsMediumAPI"):
         kinds = registry.GetAPISchemaCanOnlyApplyToTypeNames(schema)
-        if kinds and prim.GetTypeName() not in kinds:
-            continue
         definition = registry.FindAppliedAPIPrimDefinition(schema)
-        found = definition.GetAttributeDefinition(name) if definition else None
-        if found:
-            return found.GetTypeName()
-    return None
+        if definition and (not kinds or prim.GetTypeName() in kinds):
+            yield definition
+
+
+def _targets(value: str, text: str) -> list[Sdf.Path]:
+    """Return the paths, with commas between, that a relationship shall name; none of an empty text."""
+    names = [part.strip().removeprefix("<").removesuffix(">") for part in value.split(",")] if value else []
+    for name in names:
+        if not Sdf.Path.IsValidPathString(name) or not Sdf.Path(name).IsAbsolutePath():
+            raise SceneError(f"cannot set '{text}': expected the paths of prims, such as /Looks/Soft")
+    return [Sdf.Path(name) for name in names]
 
 
 def _parsed(value: str, kind: Sdf.ValueTypeName, text: str) -> Any:

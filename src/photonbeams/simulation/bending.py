@@ -89,6 +89,11 @@ def pieces(
     last_power = beams.power if beams.power_end is None else beams.power_end
     result.power = dr.select(there, along(beams.power, last_power, low), 0)
     result.power_end = None if beams.power_end is None else dr.select(there, along(beams.power, last_power, high), 0)
+    for name in ("random", "id", "generation"):
+        value = getattr(beams, name)
+        setattr(result, name, None if value is None else dr.gather(Float, value, path))
+    if beams.id is None:  # a path is one beam, whatever its pieces
+        result.id = Float(path)
     if beams.end_normal is not None:
         # What stops a path turns with it; within the path it is the plane that two pieces share.
         wall = dr.gather(Array3f, _turned(beams.end_normal, paths.direction, ends[1]), path)

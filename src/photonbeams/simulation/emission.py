@@ -14,6 +14,7 @@ import numpy as np
 
 from .. import scene
 from ..device import Array2f, Array3f, Bool, Float
+from .gobos import Masked, bare, spread
 from .lights import DistantSource, DomeSource, FlatSource, SphereSource, opaque
 from .portals import Portal
 from .sampling import disk, perpendicular, power_cone, sphere
@@ -71,12 +72,15 @@ class Bounds:
 
 def emit(light: scene.Light, source: Any, bounds: Bounds, u: Array2f, v: Array2f, count: int) -> Emission:
     """Return `count` light paths in all directions of a light: u places them on the light, v directs them."""
-    if isinstance(source, SphereSource):
-        result = _emit_sphere(light, source, u, v)
-    elif isinstance(source, FlatSource):
-        result = _emit_flat(light, source, u, v)
+    lamp = bare(source)
+    if isinstance(lamp, SphereSource):
+        result = _emit_sphere(light, lamp, u, v)
+    elif isinstance(lamp, FlatSource):
+        result = _emit_flat(light, lamp, u, v)
     else:
-        result = _emit_from_infinity(source, bounds, u, v)
+        result = _emit_from_infinity(lamp, bounds, u, v)
+    if isinstance(source, Masked):
+        result.flux = result.flux * source.tint(result.origin, result.direction)
     result.flux *= opaque(light.beam_scale / count)
     result.portal = dr.full(Float, dr.inf, dr.width(u))
     result.valid = dr.full(Bool, True, dr.width(u))
@@ -93,14 +97,16 @@ def emit_through(
     """
     result = Emission()
     point, normal, result.valid = portal.sample(v)
-    light_sample = source.illuminate(point, u)
+    light_sample = source.before_pane(point, u) if isinstance(source, Masked) else source.illuminate(point, u)
     cosine = dr.abs(dr.dot(normal, light_sample.direction))
     area = opaque(portal.area)
-    infinite = isinstance(source, DistantSource | DomeSource)
+    infinite = isinstance(bare(source), DistantSource | DomeSource)
     result.direction = -light_sample.direction
     result.portal = bounds.behind(point, result.direction) if infinite else light_sample.distance
     result.origin = point - result.portal * result.direction
     result.flux = light_sample.weight * (cosine * area * opaque(light.beam_scale / count))
+    if isinstance(source, Masked):
+        result.flux = result.flux * source.pane_color(point)
     result.extent_x = dr.select(light_sample.pdf > 0, dr.rsqrt(dr.maximum(light_sample.pdf, 1e-30)), 0)
     result.extent_y = dr.sqrt(area * dr.maximum(cosine, _GRAZING))
     # From a light at distance d: x d |1 - s/d| + y s/d, with x an angle at the portal. From infinity: x |s - d| + y.
@@ -166,7 +172,7 @@ def _directions(light: scene.Light, axis: Array3f, v: Array2f, flat: bool) -> tu
     shaping = light.shaping or scene.Shaping(cone_angle=180.0)
     focused = shaping.focus > 0 and max(shaping.focus_tint) == 0
     widest = np.pi / 2 if flat or focused else np.pi
-    cutoff = min(np.radians(shaping.cone_angle), widest)
+    cutoff = min(np.radians(shaping.cone_angle), widest if flat else min(widest, spread(light)))
     power = (1.0 if flat else 0.0) + (shaping.focus if focused else 0.0)
     if cutoff > _WIDE:
         return sphere(v), dr.full(Float, 1 / (4 * np.pi), dr.width(v))

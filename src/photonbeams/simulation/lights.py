@@ -16,8 +16,8 @@ import drjit as dr
 import numpy as np
 
 from .. import scene
-from ..arrays import to_float, to_vectors
-from ..device import Array2f, Array3f, Bool, Float, mitsuba
+from ..arrays import to_float, to_uint, to_vectors
+from ..device import Array2f, Array3f, Bool, Float, UInt32, mitsuba
 from .sampling import cone, disk
 
 mi = mitsuba()
@@ -328,8 +328,10 @@ def pack(sources: Sequence[T]) -> T:
     result = type(sources[0])()
     for name, kind in result.DRJIT_STRUCT.items():  # type: ignore[attr-defined]
         values = [getattr(item, name) for item in [*sources, sources[-1]]]
-        if kind is Shaping:
+        if hasattr(kind, "DRJIT_STRUCT"):
             packed: Any = pack(values[:-1])
+        elif kind is UInt32:
+            packed = to_uint([value.numpy()[0] for value in values])
         else:
             rows = np.array([np.ravel(value.numpy()) for value in values]).T
             packed = to_float(rows[0]) if kind is Float else to_vectors(rows.T)

@@ -217,14 +217,8 @@ def _copy(beams: Beams) -> Beams:
 
 
 def _numbers_of(beams: Beams) -> UInt32:
-    """Return the number of each beam, of pieces of a curve that of the curve: a curve is not thinned in pieces."""
-    number = dr.arange(UInt32, len(beams))
-    if beams.start_tangent is None:
-        return number
-    before = dr.select(number > 0, number - 1, 0)
-    begins = dr.any(dr.gather(Array3f, beams.end, before) != beams.start)
-    first = UInt32(dr.select(begins & (number > 0), 1, 0))
-    return dr.prefix_sum(first) + first
+    """Return the number of each light path: all its pieces have the same, and stay or go together."""
+    return dr.arange(UInt32, len(beams)) if beams.id is None else UInt32(dr.abs(beams.id))
 
 
 def _numbers(values: Sequence[float], count: int, name: str) -> list[float]:

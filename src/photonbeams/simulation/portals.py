@@ -39,6 +39,8 @@ class Portal:
         What the sampled points are uniform over: the area of the bounding rectangle, or of the portal itself.
     fill
         The part of the candidates that meets the portal.
+    sides
+        A corner of the bounding rectangle and the two edges from it, float64; None of a portal that is not planar.
     """
 
     def __init__(self, mesh: scene.Mesh, shape: Any) -> None:
@@ -49,7 +51,7 @@ class Portal:
             raise scene.SceneError(f"{mesh.name}: the portal has no area, so no light passes it")
         self.shape = shape
         self.scene = mi.load_dict({"type": "scene", "portal": shape})
-        self.rectangle, rectangle_area = _bounding_rectangle(points[np.unique(faces)], corners)
+        self.rectangle, rectangle_area, self.sides = _bounding_rectangle(points[np.unique(faces)], corners)
         self.area = rectangle_area if self.rectangle else area
         self.fill = min(1.0, area / self.area)
 
@@ -78,12 +80,15 @@ def _area(corners: Any) -> float:
     return 0.5 * float(np.linalg.norm(normals, axis=1).sum())
 
 
-def _bounding_rectangle(points: Any, corners: Any) -> tuple[_Rectangle | None, float]:
-    """Return the smallest rectangle along an edge that holds a planar portal, and its area; None if not planar."""
+def _bounding_rectangle(points: Any, corners: Any) -> tuple[_Rectangle | None, float, Any]:
+    """Return the smallest rectangle along an edge that holds a planar portal, its area, and its corner and edges.
+
+    None if not planar.
+    """
     center = points.mean(axis=0)
     _, extent, axes = np.linalg.svd(points - center, full_matrices=False)
     if len(extent) == 3 and extent[2] > _FLAT * extent[0]:
-        return None, 0.0
+        return None, 0.0, None
     normal = np.cross(axes[0], axes[1])
     edges = (corners - np.roll(corners, 1, axis=1)).reshape(-1, 3)
     edges = edges[np.linalg.norm(edges, axis=1) > 1e-9 * extent[0]]
@@ -98,9 +103,10 @@ def _bounding_rectangle(points: Any, corners: Any) -> tuple[_Rectangle | None, f
     assert best is not None
     corner, edge_x, edge_y = best[1]
     lift = 2 * _FLAT * extent[0]
-    return _Rectangle(opaque(corner), opaque(edge_x), opaque(edge_y), opaque(normal), opaque(lift)), best[0]
+    rectangle = _Rectangle(opaque(corner), opaque(edge_x), opaque(edge_y), opaque(normal), opaque(lift))
+    return rectangle, best[0], (corner, edge_x, edge_y)
 
 
-def count_candidates(portal: Portal, count: int) -> int:
-    """Return how many candidates leave about `count` points on the portal."""
-    return max(1, round(count / portal.fill))
+def count_candidates(fill: float, count: int) -> int:
+    """Return how many candidates leave about `count` of them, where the part `fill` of them is left."""
+    return max(1, round(count / fill))

@@ -13,8 +13,11 @@ from scipy.stats import qmc
 
 from ..arrays import to_float
 from ..device import Array2f, Array3f, Float, UInt32, mitsuba
+from ..hashing import hash32, unit_float
 
 mi = mitsuba()
+
+__all__ = ["disk", "hash32", "perpendicular", "pixel_sample", "power_cone", "sobol_block", "sphere", "unit_float"]
 
 _BELOW_ONE = float(np.nextafter(np.float32(1), np.float32(0)))
 
@@ -33,24 +36,6 @@ def sobol_block(count: int, block: int, key: tuple[int, ...]) -> tuple[Array2f, 
     points = np.concatenate([*parts, sequence.random(count - sum(map(len, parts)))]).astype(np.float32)
     columns = [to_float(column) for column in np.minimum(points, np.float32(_BELOW_ONE)).T]
     return Array2f(columns[0], columns[1]), Array2f(columns[2], columns[3])
-
-
-def hash32(*values: UInt32) -> UInt32:
-    """Return a hash of integers (the finaliser of "lowbias32", Wellons 2018, applied value by value)."""
-    state = UInt32(0x9E3779B9)
-    for value in values:
-        state = (state ^ value) * 0x85EBCA6B + 0x68BC21EB
-        state ^= state >> 16
-        state *= 0x21F0AAAD
-        state ^= state >> 15
-        state *= 0xD35A2D97
-        state ^= state >> 15
-    return state
-
-
-def unit_float(bits: UInt32) -> Float:
-    """Return the upper 24 bits as a number in [0, 1)."""
-    return Float(bits >> 8) * 2.0**-24
 
 
 def pixel_sample(index: UInt32, seed: UInt32) -> Array2f:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import drjit as dr
 import numpy as np
 
+from .. import scene
 from ..device import Array2f, Array3f, Bool, Float, UInt32
 from .lights import opaque
 from .portals import Portal
@@ -43,12 +44,14 @@ def lights_seen(world: World, origin: Array3f, direction: Array3f) -> frozenset[
     return frozenset(
         light.name
         for light, source in zip(world.description.lights, world.sources, strict=True)
-        if light.name in world.portals and _sees(world, source, world.portals[light.name], origin, direction)
+        if light.name in world.portals and _sees(world, light, source, origin, direction)
     )
 
 
-def _sees(world: World, source: Any, portal: Portal, origin: Array3f, direction: Array3f) -> bool:
-    return any(_any_lit(world, source, portal, *rays) for rays in ((origin, direction), _aimed(portal, origin)))
+def _sees(world: World, light: scene.Light, source: Any, origin: Array3f, direction: Array3f) -> bool:
+    portal, stopping = world.portals[light.name], world.stopping(light)
+    rays = ((origin, direction), _aimed(portal, origin))
+    return any(_any_lit(world, stopping, source, portal, *each) for each in rays)
 
 
 def _aimed(portal: Portal, origin: Array3f) -> tuple[Array3f, Array3f]:
@@ -64,8 +67,8 @@ def _aimed(portal: Portal, origin: Array3f) -> tuple[Array3f, Array3f]:
     return eye, dr.normalize(point - eye)
 
 
-def _any_lit(world: World, source: Any, portal: Portal, origin: Array3f, direction: Array3f) -> bool:
-    """Return whether any point on the rays is lit past the portal."""
+def _any_lit(world: World, stopping: World, source: Any, portal: Portal, origin: Array3f, direction: Array3f) -> bool:
+    """Return whether any point on the rays is lit past the portal, with the surfaces that are `stopping` the light."""
     width = max(dr.width(origin), dr.width(direction))
     number = dr.arange(UInt32, width)
     always = dr.full(Bool, True, width)
@@ -79,7 +82,7 @@ def _any_lit(world: World, source: Any, portal: Portal, origin: Array3f, directi
     for step in np.linspace(0.5, _POINTS - 0.5, _POINTS) / _POINTS:
         seed = hash32(number, dr.opaque(UInt32, int(step * 1e6)))
         point = origin + (near + opaque(step) * (far - near)) * direction
-        lit |= (far > near) & _lit(world, source, portal, point, pixel_sample(number, seed), seed)
+        lit |= (far > near) & _lit(stopping, source, portal, point, pixel_sample(number, seed), seed)
         dr.eval(lit)
     return bool(dr.any(lit))
 

@@ -18,10 +18,11 @@ from ..beams import Beams
 from ..device import Array2f, Array3f, Bool, Float, UInt32
 from .emission import Emission, emit, emit_through
 from .footprints import FLOOR, radius_along, unblocked
+from .gobos import Masked, bare
 from .guides import known_guides, led, pieces_along
 from .lights import DistantSource, DomeSource, opaque
 from .portals import count_candidates
-from .sampling import hash32, sobol_block
+from .sampling import hash32, sobol_block, unit_float
 
 if TYPE_CHECKING:
     from ..looks import Look
@@ -36,13 +37,17 @@ LIGHT_SIDE = 0.25  # the part of a light's beams that do not go through its port
 # behind a portal, where it would be seen through the wall.
 HALVINGS, HALVINGS_ASIDE = 1, 5
 
+# Paths that tell how much of a light its images leave, and how many paths at most are tried for one that is left.
+_PROBE, _MOST_DARK, _MOST_PATHS = 4096, 64, 1 << 22
+
 _PORTAL, _ALL = 0, 1  # names of strata in seeds
 
 
 class BeamSet(NamedTuple):
     """Beams that share a light group and a look (None: the physical one), and where they move, at shutter close.
 
-    `name` is the path of the light, or of the curves, that they are of.
+    `light` is the light's number, `to_world` the transform from its space, (4, 4), for looks; `name` is the path of the
+    light, or of the curves, that they are of.
     """
 
     group: str
@@ -50,10 +55,12 @@ class BeamSet(NamedTuple):
     beams: Beams
     close: Beams | None = None
     name: str = ""
+    light: int = 0
+    to_world: Any = None
 
 
 class _Moment(NamedTuple):
-    """A light at one time of the shutter, and the world around it."""
+    """A light at one time of the shutter, and the world around it, with the surfaces that stop it."""
 
     world: World
     light: scene.Light
@@ -61,12 +68,16 @@ class _Moment(NamedTuple):
 
 
 class Run(NamedTuple):
-    """How a stratum is sampled: samples, number of the pass, width of a beam in spacings, and how often to halve it."""
+    """How a stratum is sampled: samples, number of the pass, width of a beam in spacings, and how often to halve it.
+
+    `key` names the stratum, for the beams' random numbers.
+    """
 
     samples: int
     pass_index: int
     overlap: float
     halvings: int
+    key: int
 
 
 def trace(
@@ -103,31 +114,35 @@ def trace(
     The power of each pass is that of the whole light: frames average over passes.
     """
     sets = []
-    for moments in _moments(world, close):
+    for index, moments in enumerate(_moments(world, close)):
         light = moments[0].light
         count = beams_per_light if light.beam_count is None else light.beam_count
         if not light.emits_beams or count <= 0:
             continue
         pieces: list[_Piece] = []
+        key = zlib.crc32(repr((_name_key(light.name), seed, light.seed)).encode())
         portal = world.portals.get(light.name)
         if portal is not None:
             aside = max(1, round(LIGHT_SIDE * count)) if light.name in light_side else 0
-            candidates = count_candidates(portal, count - aside)
+            lit = _lit_part(moments[0], through=True)
+            candidates = count_candidates(portal.fill, _more(count - aside, lit))
             samples = _points(light, candidates, pass_index, seed, _PORTAL)
             paths = [_through(moment, samples, candidates) for moment in moments]
-            pieces += _beams(moments, paths, Run(candidates, pass_index, overlap, HALVINGS), split=True)
+            pieces += _beams(moments, paths, Run(candidates, pass_index, overlap, HALVINGS, key ^ _PORTAL), split=True)
             count = aside
         if count:
-            samples = _points(light, count, pass_index, seed, _ALL)
+            candidates = _more(count, _lit_part(moments[0], through=False))
+            samples = _points(light, candidates, pass_index, seed, _ALL)
             halvings = HALVINGS if portal is None else HALVINGS_ASIDE
-            paths = [_aside(moment, samples, count) for moment in moments]
-            pieces += _beams(moments, paths, Run(count, pass_index, overlap, halvings), split=False)
+            paths = [_aside(moment, samples, candidates) for moment in moments]
+            run = Run(candidates, pass_index, overlap, halvings, key ^ _ALL)
+            pieces += _beams(moments, paths, run, split=False)
         if pieces:
             states = [_joined(list(state)) for state in zip(*pieces, strict=True)]
             states = _led(states, moments)
-            close_beams = states[1] if len(states) > 1 else None
+            later = states[1] if len(states) > 1 else None
             look = (looks or {}).get(light.name, light.look)
-            sets.append(BeamSet(light.group, look, states[0], close_beams, light.name))
+            sets.append(BeamSet(light.group, look, states[0], later, light.name, index, light.frame))
     return sets + _drawn(world, close, looks or {})
 
 
@@ -145,13 +160,14 @@ def _led(states: list[Beams], moments: list[_Moment]) -> list[Beams]:
 
 def _moments(world: World, close: World | None) -> list[list[_Moment]]:
     """Return each light at the times that differ."""
-    result = [[_Moment(world, *pair)] for pair in zip(world.description.lights, world.sources, strict=True)]
+    lights = zip(world.description.lights, world.sources, strict=True)
+    result = [[_Moment(world.stopping(light), light, source)] for light, source in lights]
     if close is not None:
         still = close.surfaces is world.surfaces and close.fog is world.fog
         later = zip(close.description.lights, close.sources, strict=True)
         for moments, (light, source) in zip(result, later, strict=True):
             if not still or light is not moments[0].light:
-                moments.append(_Moment(close, light, source))
+                moments.append(_Moment(close.stopping(light), light, source))
     return result
 
 
@@ -166,6 +182,26 @@ def _aside(moment: _Moment, samples: tuple[Array2f, Array2f], count: int) -> Emi
     if light.name in world.portals:
         emission.valid &= ~world.portals[light.name].crosses(emission.origin, emission.direction)
     return emission
+
+
+def _lit_part(moment: _Moment, through: bool) -> float:
+    """Return which part of a light's paths passes its images: of a few of them, and 1 of a light without."""
+    source = moment.source
+    if not isinstance(source, Masked):
+        return 1.0
+    if through not in source.lit:
+        probe = sobol_block(_PROBE, 0, (_PROBE,))
+        paths = _through(moment, probe, _PROBE) if through else _aside(moment, probe, _PROBE)
+        there = np.broadcast_to(paths.valid.numpy(), _PROBE)
+        lit = there & (paths.flux.numpy().max(axis=0) > 0)
+        source.lit[through] = float(lit.sum() / max(there.sum(), 1))
+    return source.lit[through]
+
+
+def _more(count: int, lit: float) -> int:
+    """Return how many paths leave about `count` that are lit, within reason."""
+    most = max(count, min(_MOST_DARK * count, _MOST_PATHS))
+    return min(count_candidates(max(lit, 1 / _MOST_DARK), count), most)
 
 
 def _points(light: scene.Light, count: int, block: int, seed: int, stratum: int) -> tuple[Array2f, Array2f]:
@@ -216,11 +252,12 @@ def _stretches(
     world = moment.world
     seed = hash32(numbers, dr.opaque(UInt32, run.pass_index))
     hit = world.intersect(emission.origin, emission.direction, alive, seed)
-    scale = 1.0 if isinstance(moment.source, DistantSource | DomeSource) else ESCAPE
+    scale = 1.0 if isinstance(bare(moment.source), DistantSource | DomeSource) else ESCAPE
     escape = world.bounds.exit(emission.origin, emission.direction, scale)
     total = dr.select(hit.is_valid(), hit.t, escape)
     against = dr.select(hit.is_valid(), _facing(hit.n, emission.direction), -emission.direction)
-    dr.eval(total, against)
+    names = unit_float(hash32(seed, dr.opaque(UInt32, run.key))), Float(2 * numbers + (1 if split else 0))
+    dr.eval(total, against, names)
     reference = float(np.median(np.minimum(total.numpy()[alive.numpy()], 2 * world.radius))) if dr.any(alive) else 1.0
     radius = radius_along(emission, run.samples, reference, run.overlap, opaque(FLOOR * reference))
     light = 0 * total
@@ -229,13 +266,15 @@ def _stretches(
     begin = dr.select(passes, portal, light)
     narrowed = unblocked(world, emission, radius, begin, total, against, run.halvings)
     if not split:
-        return [_stretch(world, emission, lambda s: radius(s) * narrowed, (light, total), total, against, alive)]
+        return [_stretch(world, emission, lambda s: radius(s) * narrowed, (light, total), total, against, alive, names)]
     middle = dr.minimum(portal, total)
     first_normal = dr.select(passes, -emission.direction, against)
     before = dr.select(passes, 1, narrowed)
     return [
-        _stretch(world, emission, lambda s: radius(s) * before, (light, middle), total, first_normal, alive),
-        _stretch(world, emission, lambda s: radius(s) * narrowed, (middle, total), total, against, alive & passes),
+        _stretch(world, emission, lambda s: radius(s) * before, (light, middle), total, first_normal, alive, names),
+        _stretch(
+            world, emission, lambda s: radius(s) * narrowed, (middle, total), total, against, alive & passes, names
+        ),
     ]
 
 
@@ -265,8 +304,9 @@ def _stretch(
     total: Float,
     normal: Array3f,
     alive: Bool,
+    names: tuple[Float, Float],
 ) -> _Stretch:
-    """Return a stretch of light paths as beams, as far as it lies in the fog."""
+    """Return a stretch of light paths as beams, as far as it lies in the fog; `names` are random number and number."""
     near, far = ends
     entry = 0 * total
     if world.fog is not None and world.fog.boundary is not None:
@@ -277,6 +317,7 @@ def _stretch(
     beams = Beams()
     beams.start, beams.end, beams.radius_start, beams.radius_end = start, end, radius(near), radius(far)
     beams.power, beams.offset, beams.total, beams.entry, beams.end_normal = emission.flux, near, total, entry, normal
+    beams.random, beams.id, beams.generation = *names, 0 * total
     return _Stretch(alive & (far > near), beams)
 
 
@@ -323,7 +364,8 @@ def _drawn(world: World, close: World | None, looks: Mapping[str, Look | None]) 
     for number, drawn in enumerate(world.description.drawn):
         later = close.description.drawn[number] if close is not None else drawn
         moved = Beams(**later.arrays()) if later is not drawn and _are_same(drawn, later) else None
-        sets.append(BeamSet(drawn.group, looks.get(drawn.name, drawn.look), Beams(**drawn.arrays()), moved, drawn.name))
+        look, index = looks.get(drawn.name, drawn.look), len(world.description.lights) + number
+        sets.append(BeamSet(drawn.group, look, Beams(**drawn.arrays()), moved, drawn.name, index))
     return sets
 
 

@@ -1,0 +1,43 @@
+r"""Render the attic in Blender's Cycles, as the plate that beams go over: picture and depth in one layered EXR.
+
+Run it with Blender 5.0.1, or with the Python that has Blender as a module (`pip install bpy==5.0.1`, Python 3.11):
+
+    blender --background --factory-startup --python examples/blender/plate.py
+    python examples/blender/plate.py
+
+`plate.exr` is committed. The camera, its sensor and its place come to photonbeams by the exported stage alone:
+
+    photonbeams render examples/blender/attic.usda --scattering 0.05 --holdout examples/blender/plate.exr \
+        --over examples/blender/plate.exr -o out.png
+"""
+
+import sys
+from pathlib import Path
+
+import bpy
+
+HERE = Path(__file__).resolve().parent
+PLATE = HERE / "plate.exr"
+WIDTH, HEIGHT, SAMPLES = 320, 180, 256
+
+
+def set_up(scene):
+    """Set Cycles on the processor, with the Z pass beside the picture."""
+    scene.render.engine = "CYCLES"
+    scene.cycles.device = "CPU"
+    scene.cycles.samples, scene.cycles.use_denoising = SAMPLES, False
+    scene.render.resolution_x, scene.render.resolution_y = WIDTH, HEIGHT
+    scene.view_layers[0].use_pass_z = True
+    settings = scene.render.image_settings
+    settings.media_type, settings.file_format = "MULTI_LAYER_IMAGE", "OPEN_EXR_MULTILAYER"
+    settings.color_depth, settings.exr_codec = "16", "DWAA"  # the depth is in single precision all the same
+
+
+if __name__ == "__main__":
+    sys.path.insert(0, str(HERE))
+    from make_stage import model
+
+    model()
+    set_up(bpy.context.scene)
+    bpy.context.scene.render.filepath = str(PLATE)
+    bpy.ops.render.render(write_still=True)

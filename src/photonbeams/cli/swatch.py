@@ -1,0 +1,63 @@
+"""`photonbeams swatch`: a picture of a look."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from .progress import messages
+
+
+def swatch(
+    scene: Annotated[Path, typer.Argument(metavar="STAGE", help="A stage, or a layer, that holds looks.")],
+    output: Annotated[Path, typer.Option("--output", "-o", metavar="FILE.png", help="The picture.")],
+    look: Annotated[
+        list[str] | None, typer.Option(metavar="PATH|NAME", help="A look; may be repeated. Default: all of them.")
+    ] = None,
+    frame: Annotated[
+        float | None, typer.Option("--frame", "-f", metavar="N", help="The frame, for what moves.")
+    ] = None,
+    length: Annotated[float, typer.Option(min=1e-6, metavar="UNITS", help="Length of the beam.")] = 4.0,
+    radius: Annotated[tuple[float, float], typer.Option(metavar="START END", help="Radii of the beam's ends.")] = (
+        0.15,
+        0.4,
+    ),
+    session_layer: Annotated[
+        list[Path] | None,
+        typer.Option(metavar="FILE", help="A layer over the stage; may be repeated, the first is the strongest."),
+    ] = None,
+    overrides: Annotated[
+        list[str] | None, typer.Option("--set", metavar="PRIM.ATTR=VALUE", help="A value over the stage's.")
+    ] = None,
+) -> None:
+    """Draw looks: a beam from the side, its cross-section, and the curves of its factors.
+
+    The beam lies in the stage's fog, or in a grey one. Red, green and blue curves are the channels; the dashed one
+    across the beam is what the billboard sees of the profile.
+
+    Examples: photonbeams swatch look.usda -o look.png, or photonbeams swatch shot.usda --look Ember -o ember.png
+    """
+    from ..shot.images import atomic_path, prepare_output
+
+    if output.suffix.lower() != ".png":
+        raise typer.BadParameter(f"{output} is no name of a picture: expected FILE.png")
+    if not (min(radius) >= 0 and max(radius) > 0):
+        raise typer.BadParameter(f"--radius is {radius[0]:g} {radius[1]:g}: expected radii of at least 0, not both 0")
+    prepare_output(output)
+    with messages(quiet=False, verbose=False):
+        from ..shot.looks import find_looks
+        from ..shot.stage import open_stage
+
+        stage = open_stage(scene, session_layer or (), overrides or ())
+        found, medium, seconds = find_looks(stage, look or (), frame)
+    from ..looks import Context
+    from ..shot.looks import build_look
+    from ..swatches import FOG, Specimen, sheet
+
+    specimen = Specimen(medium or FOG, length, *radius, context=Context(frame or 0.0, seconds))
+    figure = sheet([(spec.name, build_look(spec), specimen) for spec in found])
+    with atomic_path(output) as path:
+        figure.savefig(path)
+    print(f"Wrote {output}")

@@ -1,0 +1,498 @@
+"""One-line expressions of artists, such as `smoothstep(0, 0.2, s) * fbm(3 * P, time=time)`, as Dr.Jit values.
+
+Python's `ast` reads the text, and a walk over its tree passes what is known here; nothing of it is ever run. Allowed:
+
+- Numbers, and the inputs, constants and functions of `vocabulary`.
+- `+ - * / % **`, comparisons (chained too), `and`, `or`, `not`, `a if condition else b`. What is true counts as 1, what
+  is false as 0, and every number but 0 is true. `%` has the sign of its right side.
+- Vectors and colours `[x, y, z]`; components `.x .y .z`, `.r .g .b`, `[0] [1] [2]`. A scalar beside a vector stands for
+  three of it.
+
+Whether a value is a scalar or a vector is checked when the text is parsed. Every number of the text is an opaque Dr.Jit
+value, so that changing it compiles no kernel; how many octaves a noise has is part of the kernel.
+
+No expression answers anything but finite numbers: the rules are those of `guarded`. Inputs that are not finite count as
+the largest number, 10¹⁸, or as 0.
+"""
+
+from __future__ import annotations
+
+import ast
+import difflib
+import operator
+import warnings
+from collections.abc import Callable
+from functools import reduce
+from typing import Any, NamedTuple, NoReturn
+
+import drjit as dr
+
+from ..device import Float
+from . import guarded
+from .guarded import divided, power, times, truth, vector_type
+from .vocabulary import CONSTANTS, FUNCTIONS, NAMES, NOISE_PARTS, Function, Kind, Parameter, describe
+
+__all__ = [
+    "CONSTANTS", "DEEPEST", "FUNCTIONS", "LONGEST", "MOST_PARTS", "NAMES", "Expression", "ExpressionError", "describe",
+    "parse",
+]  # fmt: skip
+
+LONGEST = 4096  # characters
+DEEPEST = 64  # parts within parts
+MOST_PARTS = 1000  # numbers, names, operators and calls; an octave of noise is worth `NOISE_PARTS` of them
+
+
+class ExpressionError(ValueError):
+    """An expression that cannot be read. As text it is one sentence for the artist.
+
+    Attributes
+    ----------
+    text
+        The expression.
+    column
+        Where, counted from 1.
+    reason
+        What is wrong there, and what was expected.
+    """
+
+    def __init__(self, text: str, column: int, reason: str) -> None:
+        super().__init__(text, column, reason)
+        self.text, self.column, self.reason = text, column, reason
+
+    def __str__(self) -> str:
+        return f'expression "{_excerpt(self.text, self.column)}", column {self.column}: {self.reason}'
+
+
+def _excerpt(text: str, column: int, width: int = 60) -> str:
+    """Return the part of a text around a column, printable and on one line."""
+    first = max(0, min(column - 1 - width // 2, len(text) - width))
+    part = "".join(c if c.isprintable() else "�" for c in text[first : first + width])
+    return f"{'…' if first else ''}{part}{'…' if len(text) > first + width else ''}"
+
+
+class _Values(NamedTuple):
+    """What the parts of an expression are computed from, all of one precision."""
+
+    inputs: dict[str, Any]
+    numbers: tuple[Any, ...]  # of the text, in its order
+
+
+class _Part(NamedTuple):
+    """A part of an expression, checked."""
+
+    kind: Kind
+    compute: Callable[[_Values], Any]
+    varies: bool = False  # whether an input is in it
+
+
+class Expression:
+    """An expression that has been parsed; `parse` makes it. Expressions of equal text are equal.
+
+    Attributes
+    ----------
+    text
+        What was parsed, without the white space around it.
+    kind
+        "scalar" or "vector": what it evaluates to.
+    names
+        The inputs that it uses.
+    """
+
+    __slots__ = ("_compute", "_double", "_single", "kind", "names", "text")
+
+    def __init__(self, text: str, part: _Part, names: frozenset[str], numbers: list[float]) -> None:
+        self.text, self.kind, self.names = text, part.kind, names
+        self._compute = part.compute
+        double: Any = dr.float64_array_t(Float)
+        self._single = tuple(dr.opaque(Float, number) for number in numbers)
+        self._double = tuple(dr.opaque(double, number) for number in numbers)
+
+    def evaluate(self, lookup: Callable[[str], Any]) -> Any:
+        """Return the expression's value: a Float or an Array3f, or of double precision where an input is.
+
+        Parameters
+        ----------
+        lookup
+            Returns an input's value by its name, called once for each of `names`: a Dr.Jit float (a vector of three for
+            a vector), or an integer. A Python number becomes opaque.
+        """
+        found = {name: _opaque(lookup(name)) for name in sorted(self.names)}
+        double = any(dr.type_v(value) == dr.VarType.Float64 for value in found.values())
+        scalar = dr.float64_array_t(Float) if double else Float
+        types = {"scalar": scalar, "vector": vector_type(scalar)}
+        inputs = {name: guarded.finite(types[NAMES[name].kind](value)) for name, value in found.items()}
+        return self._compute(_Values(inputs, self._double if double else self._single))
+
+    def __repr__(self) -> str:
+        return f"Expression({self.text!r})"
+
+    def __eq__(self, other: object) -> bool:
+        return self.text == other.text if isinstance(other, Expression) else NotImplemented
+
+    def __hash__(self) -> int:
+        return hash(self.text)
+
+    def __reduce__(self) -> Any:
+        return parse, (self.text,)
+
+
+def _opaque(value: Any) -> Any:
+    if dr.is_array_v(value):
+        return value
+    return dr.opaque(Float, float(value))
+
+
+def parse(text: str) -> Expression:
+    """Return a text as an expression.
+
+    Raises
+    ------
+    ExpressionError
+        A text that is none, with the column and what was expected there.
+    """
+    stripped = text.strip()
+    _check_characters(stripped)
+    parser = _Parser(stripped)
+    part = parser.part(_tree(stripped), 1)
+    return Expression(stripped, part, frozenset(parser.names), parser.numbers)
+
+
+_PUNCTUATION = frozenset("_+-*/%.,()[]<>=! ")
+_EXPECTED = "expected numbers, names, operators and functions"
+#: What other languages write, and what is expected here.
+_FOREIGN = {
+    "^": "expected ** for powers",
+    "&": "expected and",
+    "|": "expected or",
+    "~": "expected not, or 1 - x",
+    "?": "expected a if condition else b",
+    ":": "expected a if condition else b",
+    "$": "expected names without it",
+    ";": "expected a single expression",
+    "\n": "expected a single line",
+    "\r": "expected a single line",
+    "\t": "expected spaces",
+    "#": "expected no comments",
+    "'": "expected numbers, for there are no strings",
+    '"': "expected numbers, for there are no strings",
+    "{": "expected round or square brackets",
+    "}": "expected round or square brackets",
+}
+_CLOSING = {")": "(", "]": "["}
+
+
+def _check_characters(text: str) -> None:
+    """Refuse what no expression holds before Python's parser sees it: its bounds are not an artist's."""
+    if not text:
+        raise ExpressionError(text, 1, "there is nothing: expected an expression, such as 1 - s")
+    if len(text) > LONGEST:
+        reason = f"the expression has {len(text)} characters: expected at most {LONGEST}"
+        raise ExpressionError(text, LONGEST + 1, reason)
+    opened: list[tuple[str, int]] = []
+    for column, character in enumerate(text, 1):
+        if character not in _PUNCTUATION and not (character.isascii() and character.isalnum()):
+            shown = repr(character) if character.isprintable() else f"a character of code {ord(character)}"
+            raise ExpressionError(text, column, f"{shown} has no meaning here: {_FOREIGN.get(character, _EXPECTED)}")
+        if character in "([":
+            opened.append((character, column))
+            if len(opened) > DEEPEST:
+                raise ExpressionError(text, column, f"brackets are nested too deep: expected at most {DEEPEST}")
+        elif character in _CLOSING and (not opened or opened.pop()[0] != _CLOSING[character]):
+            raise ExpressionError(text, column, f"{character} closes nothing: expected {_CLOSING[character]} before it")
+    if opened:
+        character, column = opened[-1]
+        closing = {"(": ")", "[": "]"}[character]
+        raise ExpressionError(text, column, f"{character} is never closed: expected {closing} after it")
+
+
+def _tree(text: str) -> ast.expr:
+    """Return Python's reading of the text."""
+    try:
+        with warnings.catch_warnings():
+            # "1if" is a warning in some versions of Python, and an error in others.
+            warnings.simplefilter("error")
+            return ast.parse(text, mode="eval").body
+    except SyntaxError as error:
+        if not error.offset:
+            raise ExpressionError(text, len(text) + 1, "the expression ends too early: expected a value here") from None
+        reason = "this cannot be read: expected one expression, such as 1 - s * s"
+        raise ExpressionError(text, min(error.offset, len(text) + 1), reason) from None
+    except (RecursionError, MemoryError):
+        raise ExpressionError(text, 1, _too_deep()) from None
+    except (ValueError, OverflowError, Warning):
+        raise ExpressionError(text, 1, f"this cannot be read: {_EXPECTED}") from None
+
+
+def _too_deep() -> str:
+    return f"parts are nested too deep: expected at most {DEEPEST} within each other"
+
+
+_OPERATORS: dict[type[ast.AST], Callable[[Any, Any], Any]] = {
+    ast.Add: operator.add,
+    ast.Sub: operator.sub,
+    ast.Mult: times,
+    ast.Div: divided,
+    ast.Mod: guarded.remainder,
+    ast.Pow: power,
+}
+_COMPARISONS: dict[type[ast.AST], Callable[[Any, Any], Any]] = {
+    ast.Lt: operator.lt,
+    ast.LtE: operator.le,
+    ast.Gt: operator.gt,
+    ast.GtE: operator.ge,
+    ast.Eq: operator.eq,
+    ast.NotEq: operator.ne,
+}
+_COMPONENTS = {name: index for names in ("xyz", "rgb") for index, name in enumerate(names)}
+_STEPS = ("linearstep", "smoothstep", "gaussstep")
+
+
+class _Parser:
+    """One walk over a tree, which checks every node and answers a part for it."""
+
+    def __init__(self, text: str) -> None:
+        self._text = text
+        self._parts = 0
+        self.names: set[str] = set()
+        self.numbers: list[float] = []
+
+    def part(self, node: ast.expr, depth: int) -> _Part:
+        """Return the checked part for a node, `depth` levels down."""
+        if depth > DEEPEST:
+            self._refuse(node, _too_deep())
+        self._count(node, 1)
+        readers: dict[type[ast.expr], Callable[[Any, int], _Part]] = {
+            ast.Constant: self._number,
+            ast.Name: self._name,
+            ast.UnaryOp: self._sign,
+            ast.BinOp: self._operation,
+            ast.Compare: self._comparison,
+            ast.BoolOp: self._logic,
+            ast.IfExp: self._choice,
+            ast.List: self._list,
+            ast.Attribute: self._component,
+            ast.Subscript: self._subscript,
+            ast.Call: self._call,
+        }
+        reader = readers.get(type(node))
+        if isinstance(node, ast.Tuple):
+            self._refuse(node, "a list in round brackets has no meaning here: expected [x, y, z] for a vector")
+        if reader is None:
+            self._refuse(node, f"this has no meaning here: {_EXPECTED}")
+        return reader(node, depth)
+
+    def _refuse(self, node: Any, reason: str) -> NoReturn:
+        raise ExpressionError(self._text, node.col_offset + 1, reason)
+
+    def _count(self, node: Any, parts: int) -> None:
+        self._parts += parts
+        if self._parts > MOST_PARTS:
+            self._refuse(
+                node,
+                f"the expression has too many parts: expected at most {MOST_PARTS} numbers, names, operators and "
+                f"calls, where an octave of noise counts as {NOISE_PARTS}",
+            )
+
+    def _scalar(self, node: ast.expr, depth: int, what: str) -> _Part:
+        part = self.part(node, depth)
+        if part.kind == "vector":
+            self._refuse(node, f"{what} is a vector: expected a scalar, such as one of its components .x, .y or .z")
+        return part
+
+    def _number(self, node: ast.Constant, depth: int) -> _Part:
+        if type(node.value) not in (int, float):
+            self._refuse(node, f"{node.value!r} is no number: {_EXPECTED}")
+        return self._literal(node, node.value)
+
+    def _literal(self, node: Any, value: Any) -> _Part:
+        # An integer of many digits is compared as such: it may be beyond every float.
+        if value > guarded.LARGEST:
+            self._refuse(node, f"this number is too large: expected at most {guarded.LARGEST:g}")
+        index = len(self.numbers)
+        self.numbers.append(float(value))
+        return _Part("scalar", lambda values: values.numbers[index])
+
+    def _name(self, node: ast.Name, depth: int) -> _Part:
+        name = node.id
+        if name in CONSTANTS:
+            return self._literal(node, CONSTANTS[name])
+        if name in FUNCTIONS:
+            self._refuse(node, f"{name} is a function: expected {FUNCTIONS[name].signature}")
+        if name not in NAMES:
+            self._refuse(node, _unknown(name, "a name", [*NAMES, *CONSTANTS], FUNCTIONS))
+        self.names.add(name)
+        return _Part(NAMES[name].kind, lambda values: values.inputs[name], varies=True)
+
+    def _sign(self, node: ast.UnaryOp, depth: int) -> _Part:
+        if isinstance(node.op, ast.Not):
+            operand = self._scalar(node.operand, depth + 1, "what stands after not")
+            return _Part("scalar", lambda values: _not(operand.compute(values)), operand.varies)
+        if not isinstance(node.op, (ast.USub, ast.UAdd)):
+            self._refuse(node, f"this operator has no meaning here: {_EXPECTED}")
+        operand = self.part(node.operand, depth + 1)
+        if isinstance(node.op, ast.UAdd):
+            return operand
+        return operand._replace(compute=lambda values: -operand.compute(values))
+
+    def _operation(self, node: ast.BinOp, depth: int) -> _Part:
+        function = _OPERATORS.get(type(node.op))
+        if function is None:
+            hint = "expected floor(a / b)" if isinstance(node.op, ast.FloorDiv) else "expected + - * / % or **"
+            self._refuse(node, f"this has an operator without a meaning here: {hint}")
+        return _applied(function, [self.part(node.left, depth + 1), self.part(node.right, depth + 1)])
+
+    def _comparison(self, node: ast.Compare, depth: int) -> _Part:
+        if any(type(each) not in _COMPARISONS for each in node.ops):
+            self._refuse(node, "this comparison has no meaning here: expected < <= > >= == or !=")
+        functions = [_COMPARISONS[type(each)] for each in node.ops]
+        nodes = [node.left, *node.comparators]
+        parts = [self._scalar(each, depth + 1, "one side of a comparison") for each in nodes]
+
+        def compute(values: _Values) -> Any:
+            computed = [part.compute(values) for part in parts]
+            masks = [function(*computed[k : k + 2]) for k, function in enumerate(functions)]
+            return truth(reduce(operator.and_, masks), computed[0])
+
+        return _Part("scalar", compute, any(part.varies for part in parts))
+
+    def _logic(self, node: ast.BoolOp, depth: int) -> _Part:
+        word, join = ("and", operator.and_) if isinstance(node.op, ast.And) else ("or", operator.or_)
+        parts = [self._scalar(each, depth + 1, f"one side of {word}") for each in node.values]
+
+        def compute(values: _Values) -> Any:
+            computed = [part.compute(values) for part in parts]
+            return truth(reduce(join, [each != 0 for each in computed]), computed[0])
+
+        return _Part("scalar", compute, any(part.varies for part in parts))
+
+    def _choice(self, node: ast.IfExp, depth: int) -> _Part:
+        condition = self._scalar(node.test, depth + 1, "the condition")
+        first, second = self.part(node.body, depth + 1), self.part(node.orelse, depth + 1)
+        return _call(FUNCTIONS["select"], [condition, first, second])
+
+    def _list(self, node: ast.List, depth: int) -> _Part:
+        if len(node.elts) != 3:
+            count = f"{len(node.elts)} component{'' if len(node.elts) == 1 else 's'}"
+            self._refuse(node, f"a vector has {count}: expected three, as in [1, 0.5, s]")
+        parts = [self._scalar(each, depth + 1, "a component of a vector") for each in node.elts]
+        return _call(FUNCTIONS["vec"], parts)
+
+    def _component(self, node: ast.Attribute, depth: int) -> _Part:
+        if node.attr not in _COMPONENTS:
+            self._refuse(node, f".{node.attr} is no component: expected .x, .y, .z, .r, .g or .b")
+        return self._indexed(node.value, depth, _COMPONENTS[node.attr])
+
+    def _subscript(self, node: ast.Subscript, depth: int) -> _Part:
+        index = node.slice
+        if not (isinstance(index, ast.Constant) and type(index.value) is int and 0 <= index.value <= 2):
+            self._refuse(index, "this is no component's number: expected [0], [1] or [2]")
+        return self._indexed(node.value, depth, index.value)
+
+    def _indexed(self, node: ast.expr, depth: int, index: int) -> _Part:
+        part = self.part(node, depth + 1)
+        if part.kind == "scalar":
+            self._refuse(node, "a scalar has no components: expected a vector before them")
+        return _Part("scalar", lambda values: part.compute(values)[index], part.varies)
+
+    def _call(self, node: ast.Call, depth: int) -> _Part:
+        if not isinstance(node.func, ast.Name):
+            self._refuse(node, "what is called is no function's name: expected a call such as clamp(s, 0, 1)")
+        name = node.func.id
+        if name in NAMES or name in CONSTANTS:
+            self._refuse(node, f"{name} is no function: expected {name} without brackets after it")
+        if name not in FUNCTIONS:
+            self._refuse(node, _unknown(name, "a function", list(FUNCTIONS), NAMES))
+        function = FUNCTIONS[name]
+        given = self._arguments(node, function)
+        arguments = [
+            self._argument(function, parameter, argument, depth + 1)
+            for parameter, argument in zip(function.parameters, given, strict=True)
+        ]
+        octaves = [value for value, each in zip(arguments, function.parameters, strict=True) if each.name == "octaves"]
+        self._count(node, function.parts * (octaves[0] if octaves else 1) - 1)
+        if name in _STEPS and [each.varies for each in arguments] == [True, False, False]:
+            self._refuse(node, f"{name} has what varies first: expected its edges first, {function.signature}")
+        return _call(function, arguments)
+
+    def _arguments(self, node: ast.Call, function: Function) -> list[ast.expr | None]:
+        """Return the arguments' nodes in the order of the parameters; None: left out."""
+        least, most = function.arity
+        names = [each.name for each in function.parameters]
+        given: dict[str, ast.expr] = dict(zip(names, node.args, strict=False))
+        for keyword in node.keywords:
+            optional = [each.name for each in function.parameters if each.optional]
+            if keyword.arg is None:
+                self._refuse(keyword, f"** has no meaning here: expected {function.signature}")
+            if keyword.arg not in optional:
+                expected = f"one of {', '.join(optional)}" if optional else function.signature
+                self._refuse(keyword, f"{function.name} has no optional argument {keyword.arg}: expected {expected}")
+            if keyword.arg in given:
+                self._refuse(keyword, f"{keyword.arg} is given twice: expected it once")
+            given[keyword.arg] = keyword.value
+        if len(node.args) > most or any(name not in given for name in names[:least]):
+            count = f"{len(node.args)} argument{'' if len(node.args) == 1 else 's'}"
+            self._refuse(node, f"{function.name} has {count}: expected {function.signature}")
+        return [given.get(name) for name in names]
+
+    def _argument(self, function: Function, parameter: Parameter, node: ast.expr | None, depth: int) -> Any:
+        """Return an argument as a part; a whole number as it is, and None where there is none."""
+        default = parameter.default
+        if parameter.kind == "whole":
+            return self._whole(parameter, node) if node is not None else int(default or 0)
+        if node is None:
+            return None if default is None else _Part("scalar", lambda values: default)
+        what = f"{function.name}'s {parameter.name}"
+        if parameter.kind == "scalar":
+            return self._scalar(node, depth, what)
+        part = self.part(node, depth)
+        if parameter.kind == "vector" and part.kind == "scalar":
+            self._refuse(node, f"{what} is a scalar: expected a vector, such as P or [x, y, z]")
+        return part
+
+    def _whole(self, parameter: Parameter, node: ast.expr) -> int:
+        value = node.value if isinstance(node, ast.Constant) else None
+        if type(value) is not int or not parameter.least <= value <= parameter.most:
+            given = _excerpt(self._text[node.col_offset : node.end_col_offset], 1)
+            expected = f"expected a whole number from {parameter.least} to {parameter.most}, written out"
+            self._refuse(node, f"{parameter.name} is {given}: {expected}")
+        return value
+
+
+def _call(function: Function, arguments: list[Any]) -> _Part:
+    """Return a call with arguments that are checked: parts, whole numbers, and None."""
+    mixed = function.result == "any"
+    broadcast = [k for k, each in enumerate(function.parameters) if each.kind == "any" and mixed]
+    vector = any(arguments[k].kind == "vector" for k in broadcast)
+
+    def compute(values: _Values) -> Any:
+        computed = [each.compute(values) if isinstance(each, _Part) else each for each in arguments]
+        if vector:
+            for k in broadcast:
+                computed[k] = _as_vector(computed[k])
+        return function.compute(*computed)
+
+    kind: Kind = "vector" if vector or function.result == "vector" else "scalar"
+    return _Part(kind, compute, any(each.varies for each in arguments if isinstance(each, _Part)))
+
+
+def _applied(function: Callable[..., Any], parts: list[_Part]) -> _Part:
+    """Return an operator between parts, in each component where one of them is a vector."""
+    parameters = tuple(Parameter(name) for name in "ab")
+    return _call(Function("", parameters, "any", "", function), parts)
+
+
+def _as_vector(value: Any) -> Any:
+    return value if dr.depth_v(value) > 1 else vector_type(value)(value, value, value)
+
+
+def _not(value: Any) -> Any:
+    return truth(value == 0, value)
+
+
+def _unknown(name: str, what: str, expected: list[str], others: Any) -> str:
+    """Return the sentence for a name that is none of those expected, with the nearest one."""
+    by_case = {each.lower(): each for each in (*others, *expected)}
+    near = difflib.get_close_matches(name.lower(), by_case, n=1)
+    hint = f"; did you mean {by_case[near[0]]}?" if near else ""
+    shown = name if len(name) <= 40 else f"{name[:40]}…"
+    return f"{shown} is not {what}: expected one of {', '.join(expected)}{hint}"

@@ -1,0 +1,157 @@
+"""Arithmetic that answers a number to every number: what expressions compute with, so that no frame gets a NaN of them.
+
+Values are Dr.Jit floats and vectors of three, of any precision. Where mathematics has no answer, these rules hold:
+
+- The result of every operation that can grow is kept within ±`LARGEST`, 10¹⁸, which leaves room below float32's limit
+  for sums, squares and what a beam multiplies on. Nothing is ever infinite.
+- x / 0, x % 0 and the normalised zero vector are 0. So is the square root of a negative number.
+- log(x) is that of `SMALLEST`, 10⁻¹⁸, for x below it. asin and acos take what is beyond ±1 as ±1.
+- x ** y for negative x is real for whole y, and 0 for others; 0 ** 0 is 1, and 0 to a negative power 0.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import drjit as dr
+
+from ..device import Array3f
+
+LARGEST = 1e18
+SMALLEST = 1e-18
+
+_TINY = 1e-30  # below it a length counts as none: float32's numbers end at 1e-38
+_TURN = 2 * math.pi
+_EXACT_TURNS = 8192.0  # up to which float32's sine reduces its argument exactly
+
+
+def vector_type(like: Any) -> Any:
+    """Return the type of vectors of three for floats of the type of `like`, or for such a type."""
+    return dr.float64_array_t(Array3f) if dr.type_v(like) == dr.VarType.Float64 else Array3f
+
+
+def saturated(x: Any) -> Any:
+    """Return x, kept within ±LARGEST."""
+    return dr.clip(x, -LARGEST, LARGEST)
+
+
+def finite(x: Any) -> Any:
+    """Return x, kept within ±LARGEST, and 0 for what is not a number."""
+    return dr.select(dr.isnan(x), 0, saturated(x))
+
+
+def truth(mask: Any, like: Any) -> Any:
+    """Return 1 where `mask` holds and 0 elsewhere, as floats of the type of `like`."""
+    return dr.select(mask, type(like)(1), type(like)(0))
+
+
+def times(a: Any, b: Any) -> Any:
+    """Return the product."""
+    return saturated(a * b)
+
+
+def divided(a: Any, b: Any) -> Any:
+    """Return the quotient; 0 where b is 0."""
+    return dr.select(b == 0, 0, saturated(a / dr.select(b == 0, 1, b)))
+
+
+def remainder(a: Any, b: Any) -> Any:
+    """Return what is left of a by whole multiples of b, with the sign of b; 0 where b is 0."""
+    return dr.select(b == 0, 0, saturated(a - b * dr.floor(divided(a, b))))
+
+
+def power(x: Any, y: Any) -> Any:
+    """Return x to the power y, with the module's rules for negative and zero x."""
+    size = saturated(dr.exp2(y * dr.log2(dr.maximum(dr.abs(x), _TINY))))
+    whole, odd = dr.round(y) == y, dr.floor(0.5 * y) != 0.5 * y
+    signed = dr.select(x < 0, dr.select(whole, dr.select(odd, -size, size), 0), size)
+    return dr.select(x == 0, dr.select(y == 0, type(size)(1), 0), signed)
+
+
+def exponential(x: Any) -> Any:
+    """Return e to the power x."""
+    return saturated(dr.exp(x))
+
+
+def logarithm(x: Any) -> Any:
+    """Return the natural logarithm."""
+    return dr.log(dr.maximum(x, SMALLEST))
+
+
+def root(x: Any) -> Any:
+    """Return the square root; 0 for negative x."""
+    return dr.sqrt(dr.maximum(x, 0))
+
+
+def sign(x: Any) -> Any:
+    """Return −1, 0 or 1."""
+    return truth(x > 0, x) - truth(x < 0, x)
+
+
+def fraction(x: Any) -> Any:
+    """Return x less the whole number below it."""
+    return x - dr.floor(x)
+
+
+def sine(x: Any) -> Any:
+    """Return the sine of an angle in radians."""
+    return dr.sin(_turned(x))
+
+
+def cosine(x: Any) -> Any:
+    """Return the cosine of an angle in radians."""
+    return dr.cos(_turned(x))
+
+
+def tangent(x: Any) -> Any:
+    """Return the tangent of an angle in radians."""
+    return divided(sine(x), cosine(x))
+
+
+def _turned(x: Any) -> Any:
+    """Return an angle without its whole turns where they are many: beyond, the device's sine is infinite."""
+    rest = dr.clip(x - _TURN * dr.round(x / _TURN), -_TURN, _TURN)
+    return dr.select(dr.abs(x) <= _EXACT_TURNS, x, rest)
+
+
+def arcsine(x: Any) -> Any:
+    """Return the angle in radians whose sine is x."""
+    return dr.asin(dr.clip(x, -1, 1))
+
+
+def arccosine(x: Any) -> Any:
+    """Return the angle in radians whose cosine is x."""
+    return dr.acos(dr.clip(x, -1, 1))
+
+
+def dot(a: Any, b: Any) -> Any:
+    """Return the scalar product of two vectors."""
+    return times(a.x, b.x) + times(a.y, b.y) + times(a.z, b.z)
+
+
+def cross(a: Any, b: Any) -> Any:
+    """Return the vector product of two vectors."""
+    return type(a)(
+        times(a.y, b.z) - times(a.z, b.y),
+        times(a.z, b.x) - times(a.x, b.z),
+        times(a.x, b.y) - times(a.y, b.x),
+    )
+
+
+def length(v: Any) -> Any:
+    """Return the length of a vector, whose squares may leave float32's range."""
+    largest = _largest(v)
+    return saturated(largest * dr.norm(v / largest))
+
+
+def normalized(v: Any) -> Any:
+    """Return the unit vector of v's direction; 0 for the zero vector."""
+    largest = _largest(v)
+    unit = v / largest
+    return dr.select(largest > _TINY, unit / dr.maximum(dr.norm(unit), 1), 0)
+
+
+def _largest(v: Any) -> Any:
+    """Return the largest component's size, not quite 0."""
+    return dr.maximum(dr.maximum(dr.abs(v.x), dr.maximum(dr.abs(v.y), dr.abs(v.z))), _TINY)

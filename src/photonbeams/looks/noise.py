@@ -1,0 +1,215 @@
+"""Procedural noise of a point: what gives beams dust, drift and grain.
+
+Gradient noise after Perlin ("Improving Noise", SIGGRAPH 2002): every point of the integer lattice has a random
+gradient, and between points their planes are blended by 6x⁵ − 15x⁴ + 10x³, whose first two derivatives vanish at both
+ends. Unlike the paper's, gradients come from a hash of 32-bit coordinates by arithmetic alone, without tables or
+gathers, so that there is no period; they fill the cube [−1, 1]^n, so that noise does not die along the lattice's lines;
+and noise has the same deviation in one to four dimensions, so that animating it does not change its contrast.
+
+The functions have the meanings of SeExpr, the expression language of the film: `noise` from 0 to 1, `snoise` from −1 to
+1, `vnoise` three of the latter, `fbm` and `turbulence` sums over octaves, `cellnoise` constant in each cell.
+
+A point `p` is a Dr.Jit float array (one dimension) or a vector of two or three of them, of any precision. `time`, where
+given, is one dimension more. All values are Dr.Jit arrays: a Python number becomes part of the kernel. Whole
+coordinates beyond ±2³¹ all count as the same. The hash is the same on all devices; floats agree as far as their
+rounding does.
+"""
+
+from __future__ import annotations
+
+from math import sqrt
+from typing import Any
+
+import drjit as dr
+import numpy as np
+
+from .guarded import times, vector_type
+
+__all__ = ["MOST_OCTAVES", "cellnoise", "fbm", "noise", "random", "snoise", "turbulence", "vnoise"]
+
+#: Octaves are unrolled into the kernel; the eighth is finer than a hundredth of the first.
+MOST_OCTAVES = 8
+
+#: Standard deviation of `snoise`: a quarter of its range, so that few values have to be kept inside of it.
+DEVIATION = 0.25
+
+_ROUNDED = 0.75  # magnitude from which `snoise` bends toward 1
+_BITS = {1: 24, 2: 16, 3: 10, 4: 8}  # of a hash, for each component of a gradient, by dimension
+_VECTOR_SEEDS, _OCTAVE_SEED, _CELL_SEED = (1, 2, 3), 4, 100
+_OCTAVE_SHIFT = (0.37, 0.61, 0.17, 0.83)  # or all octaves would vanish together at the origin
+
+
+def snoise(p: Any, time: Any = None) -> Any:
+    """Return signed noise in [−1, 1] with the mean 0; it is 0 at whole coordinates."""
+    return _gradient_noise(_axes(p, time), 0)
+
+
+def noise(p: Any, time: Any = None) -> Any:
+    """Return noise in [0, 1] with the mean ½."""
+    return dr.fma(snoise(p, time), 0.5, 0.5)
+
+
+def vnoise(p: Any, time: Any = None) -> Any:
+    """Return a vector of three independent signed noises, as for distorting positions."""
+    axes = _axes(p, time)
+    return vector_type(axes[0])(*(_gradient_noise(axes, seed) for seed in _VECTOR_SEEDS))
+
+
+def fbm(p: Any, octaves: int = 6, lacunarity: Any = 2.0, gain: Any = 0.5, time: Any = None) -> Any:
+    """Return fractional Brownian motion: ½ + ½ Σ gain^k · snoise(lacunarity^k · p), k below `octaves`.
+
+    With the default gain it stays in [0, 1] but for rare peaks; it is not clamped.
+
+    Parameters
+    ----------
+    p, time
+        Point and time; time is scaled from octave to octave like the point, so that what is fine moves fast.
+    octaves
+        A Python integer from 1 to `MOST_OCTAVES`: it is part of the kernel.
+    lacunarity, gain
+        Ratio of the frequencies, and of the amplitudes, of an octave and the one before it.
+
+    Raises
+    ------
+    ValueError
+        A number of octaves out of range.
+    """
+    return dr.fma(_octaves(_axes(p, time), octaves, lacunarity, gain, lambda value: value), 0.5, 0.5)
+
+
+def turbulence(p: Any, octaves: int = 6, lacunarity: Any = 2.0, gain: Any = 0.5, time: Any = None) -> Any:
+    """Return turbulence: ½ + ½ Σ gain^k · |snoise(lacunarity^k · p)|, of creases and billows; from ½ up.
+
+    Parameters and errors are those of `fbm`.
+    """
+    return dr.fma(_octaves(_axes(p, time), octaves, lacunarity, gain, dr.abs), 0.5, 0.5)
+
+
+def cellnoise(p: Any, time: Any = None) -> Any:
+    """Return a random number in [0, 1) that is constant in each cell of the integer lattice."""
+    axes = _axes(p, time)
+    state = _start(axes[0], _CELL_SEED)
+    for axis in axes:
+        state = _mixed(state + _cell(axis))
+    return _fraction(state, type(axes[0]))
+
+
+def random(x: Any, seed: Any = 0.0) -> Any:
+    """Return a random number in [0, 1) for each value of x, a float or a vector, and of `seed`.
+
+    Values are told apart as float32, whatever their precision, so that float64 gives the same numbers.
+    """
+    numbers = [*_axes(x, None), seed]
+    single: Any = dr.float32_array_t(type(numbers[0]))
+    state = _start(numbers[0], _CELL_SEED)
+    for number in numbers:
+        value = single(number)
+        # 0 and −0 have different bits.
+        bits = dr.reinterpret_array(type(state), dr.select(value == 0, single(0), value))
+        state = _mixed(state + bits)
+    return _fraction(state, type(numbers[0]))
+
+
+def _axes(p: Any, time: Any) -> list[Any]:
+    """Return a point's coordinates, time the last, all of one type."""
+    axes = [p[i] for i in range(len(p))] if dr.depth_v(p) > 1 else [p]
+    if time is None:
+        return axes
+    kind = type(axes[0] + time)
+    return [kind(axis) for axis in (*axes, time)]
+
+
+def _octaves(axes: list[Any], octaves: int, lacunarity: Any, gain: Any, of: Any) -> Any:
+    """Return Σ gain^k · of(snoise(lacunarity^k · p))."""
+    if not 1 <= octaves <= MOST_OCTAVES:
+        raise ValueError(f"octaves is {octaves}: expected 1 to {MOST_OCTAVES}")
+    total: Any = of(_gradient_noise(axes, 0))
+    amplitude = gain
+    for k in range(1, octaves):
+        axes = [times(axis, lacunarity) for axis in axes]
+        shifted = [axis + k * shift for axis, shift in zip(axes, _OCTAVE_SHIFT, strict=False)]
+        total = total + amplitude * of(_gradient_noise(shifted, _OCTAVE_SEED + k))
+        amplitude = times(amplitude, gain)
+    return total
+
+
+def _gradient_noise(axes: list[Any], seed: int) -> Any:
+    """Return signed noise of one to four coordinates."""
+    cells = [_cell(axis) for axis in axes]
+    offsets = [axis - dr.floor(axis) for axis in axes]
+    fades = [x * x * x * dr.fma(dr.fma(x, 6, -15), x, 10) for x in offsets]
+
+    def blended(state: Any, toward: list[Any]) -> Any:
+        """Return the noise in the lattice's slice that `state` has hashed, at `toward` from its first point."""
+        k = len(toward)
+        if k == len(axes):
+            return _plane(state, toward)
+        low = blended(_mixed(state + cells[k]), [*toward, offsets[k]])
+        high = blended(_mixed(state + cells[k] + 1), [*toward, offsets[k] - 1])
+        return dr.lerp(low, high, fades[k])
+
+    return _kept_inside(blended(_start(axes[0], seed), []) * _SCALE[len(axes)])
+
+
+def _plane(state: Any, offset: list[Any]) -> Any:
+    """Return gradient · offset, the gradient's components evenly spread over [−1, 1] by the bits of a hash."""
+    bits = _BITS[len(offset)]
+    most = (1 << bits) - 1
+    kind: Any = type(offset[0])
+    total: Any = 0
+    for k, distance in enumerate(offset):
+        number = (state >> (32 - bits * (k + 1))) & most
+        total = dr.fma(dr.fma(kind(number), 2 / most, -1), distance, total)
+    return total
+
+
+def _kept_inside(value: Any) -> Any:
+    """Return value, from ±`_ROUNDED` on bent into ±1 by a parabola without a kink."""
+    room = 1 - _ROUNDED
+    size = dr.minimum(dr.abs(value), 1 + room)
+    above = dr.maximum(size - _ROUNDED, 0)
+    return dr.copysign(dr.fma(above * above, -1 / (4 * room), size), value)
+
+
+def _start(like: Any, seed: int) -> Any:
+    """Return the hash of a seed, in 32 bits beside floats of the type of `like`."""
+    return dr.uint32_array_t(type(like))((seed * 0x9E3779B9 + 0x7F4A7C15) & 0xFFFFFFFF)
+
+
+def _cell(x: Any) -> Any:
+    """Return floor(x) as 32 bits; what lies beyond them is kept at the last that a float holds."""
+    whole = dr.clip(dr.floor(x), -(2.0**31), 2.0**31 - 128)
+    return dr.uint32_array_t(type(x))(dr.int32_array_t(type(x))(whole))
+
+
+def _mixed(state: Any) -> Any:
+    """Return 32 bits that depend on every bit of `state`: the finaliser of MurmurHash3 (Appleby 2011)."""
+    state = (state ^ (state >> 16)) * 0x85EBCA6B
+    state = (state ^ (state >> 13)) * 0xC2B2AE35
+    return state ^ (state >> 16)
+
+
+def _fraction(state: Any, kind: Any) -> Any:
+    """Return the upper 24 bits, which a float32 holds, as a number in [0, 1)."""
+    return kind(state >> 8) * 2.0**-24
+
+
+def _scales() -> dict[int, float]:
+    """Return by dimension what gives the noise its deviation.
+
+    A corner's weight is a product of (1 − fade) or fade, and its gradient's components have the variance ⅓. Corners are
+    independent, so the n-dimensional mean of the variance is n/3 · A · B^(n−1): A = 2 ∫ x² (1 − fade)² along the
+    component's own axis, B = 2 ∫ (1 − fade)² along the others.
+    """
+    fade = np.polynomial.Polynomial([0, 0, 0, 10, -15, 6])
+    x = np.polynomial.Polynomial([0, 1])
+
+    def both(shape: Any) -> float:
+        integral = (2 * shape).integ()
+        return float(integral(1) - integral(0))
+
+    own, other = both(x**2 * (1 - fade) ** 2), both((1 - fade) ** 2)
+    return {n: DEVIATION / sqrt(n / 3 * own * other ** (n - 1)) for n in (1, 2, 3, 4)}
+
+
+_SCALE = _scales()

@@ -1,0 +1,302 @@
+"""What artists' expressions may name: inputs, constants and functions, each with a line for the manual.
+
+The functions have the names and meanings of SeExpr, the expression language of the film, and of GLSL. Where these two
+disagree GLSL's order of arguments holds: the edges of `linearstep`, `smoothstep` and `gaussstep` come before what is
+stepped.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Literal, NamedTuple
+
+import drjit as dr
+
+from . import guarded, noise
+from .guarded import divided, fraction, power, saturated, times, truth, vector_type
+
+__all__ = ["CONSTANTS", "FUNCTIONS", "NAMES", "NOISE_PARTS", "Function", "Input", "Kind", "Parameter", "describe"]
+
+Kind = Literal["scalar", "vector"]
+
+#: How many parts of an expression an octave of noise is worth, by what it costs.
+NOISE_PARTS = 10
+
+
+class Input(NamedTuple):
+    """An input: whether it is a scalar or a vector, and what it means."""
+
+    kind: Kind
+    doc: str
+
+
+#: The inputs of expressions. Which of them are known depends on where the expression stands.
+NAMES: dict[str, Input] = {
+    "s": Input("scalar", "fraction along the beam: 0 at the light, 1 at the end of its path"),
+    "distance": Input("scalar", "distance from the light, in scene units"),
+    "r": Input("scalar", "fraction of the beam's radius: 0 on the axis, 1 at the rim"),
+    "t": Input("scalar", "distance to the camera, in scene units"),
+    "angle": Input("scalar", "degrees between the light's direction and that to the camera: 0 straight into the lens"),
+    "cosine": Input("scalar", "cosine of `angle`"),
+    "P": Input("vector", "position in the world"),
+    "Pl": Input("vector", "position in the light's own space"),
+    "time": Input("scalar", "seconds"),
+    "frame": Input("scalar", "the frame's number, with its part within the shutter"),
+    "random": Input("scalar", "a random number from 0 to 1, another for each beam"),
+    "id": Input("scalar", "the beam's number"),
+    "light": Input("scalar", "the number of the beam's light"),
+    "generation": Input("scalar", "how often the beam's light has met a surface: 0 straight from the light"),
+}
+
+CONSTANTS: dict[str, float] = {"pi": math.pi, "e": math.e}
+
+
+class Parameter(NamedTuple):
+    """A parameter of a function.
+
+    Attributes
+    ----------
+    name
+        What messages call it, and what an optional parameter is given by.
+    kind
+        "scalar", "vector", "any" of these two, or "whole": a whole number that is written out.
+    optional
+        Whether it may be left out.
+    default
+        What it then is; None: nothing.
+    most, least
+        The range of a whole number.
+    """
+
+    name: str
+    kind: Literal["scalar", "vector", "any", "whole"] = "any"
+    optional: bool = False
+    default: float | None = None
+    least: int = 0
+    most: int = 0
+
+    def __str__(self) -> str:
+        if not self.optional:
+            return self.name
+        return f"[{self.name}]" if self.default is None else f"{self.name}={self.default:g}"
+
+
+@dataclass(frozen=True)
+class Function:
+    """A function of expressions.
+
+    Attributes
+    ----------
+    name, parameters, doc
+        As artists call it, and one line on what it answers.
+    result
+        "scalar", "vector", or "any": a vector where an argument of the kind "any" is one.
+    compute
+        Takes Dr.Jit values in the parameters' order.
+    parts
+        How many parts a call is worth; those of an octave, where `octaves` is a parameter.
+    """
+
+    name: str
+    parameters: tuple[Parameter, ...]
+    result: Literal["scalar", "vector", "any"]
+    doc: str
+    compute: Callable[..., Any]
+    parts: int = 1
+
+    @property
+    def arity(self) -> tuple[int, int]:
+        """The least and the most arguments that it takes."""
+        return sum(not each.optional for each in self.parameters), len(self.parameters)
+
+    @property
+    def signature(self) -> str:
+        """How it is called: `fbm(p, octaves=6, lacunarity=2, gain=0.5, [time])`."""
+        return f"{self.name}({', '.join(map(str, self.parameters))})"
+
+
+def _mix(a: Any, b: Any, amount: Any) -> Any:
+    return a + times(b - a, amount)
+
+
+def _clamp(x: Any, low: Any, high: Any) -> Any:
+    return dr.minimum(dr.maximum(x, low), high)
+
+
+def _linearstep(low: Any, high: Any, x: Any) -> Any:
+    # Equal edges are one step there; edges that descend give a step downward.
+    return dr.select(low == high, truth(x >= low, x), dr.clip(divided(x - low, high - low), 0, 1))
+
+
+def _eased(t: Any) -> Any:
+    return t * t * (3 - 2 * t)
+
+
+def _bell(t: Any) -> Any:
+    """Return SeExpr's Gaussian step of t in [0, 1]: a bell's flank, cut off where it is 1/256."""
+    return dr.select(t > 0, dr.exp2(-8 * dr.square(1 - t)), 0)
+
+
+def _shaped_step(shape: Callable[[Any], Any]) -> Callable[..., Any]:
+    return lambda low, high, x: shape(_linearstep(low, high, x))
+
+
+def _remap(x: Any, source: Any, reach: Any, falloff: Any, interpolation: int) -> Any:
+    outside = dr.abs(x - source) - dr.abs(reach)
+    soft = dr.abs(falloff)
+    inside = dr.select(soft == 0, truth(outside < 0, x), 1 - dr.clip(divided(outside, soft), 0, 1))
+    return (lambda t: t, _eased, _bell)[interpolation](inside)
+
+
+def _fit(x: Any, a1: Any, b1: Any, a2: Any, b2: Any) -> Any:
+    return a2 + times(divided(x - a1, b1 - a1), b2 - a2)
+
+
+def _bias(x: Any, b: Any) -> Any:
+    exponent = guarded.logarithm(dr.clip(b, 0, 1)) * (1 / math.log(0.5))
+    return power(dr.maximum(x, 0), exponent)
+
+
+def _contrast(x: Any, amount: Any) -> Any:
+    inside = dr.clip(x, 0, 1)
+    low = inside < 0.5
+    half = 0.5 * _bias(2 * dr.select(low, inside, 1 - inside), 1 - amount)
+    return dr.select(low, half, 1 - half)
+
+
+def _gamma(x: Any, g: Any) -> Any:
+    return power(dr.maximum(x, 0), divided(type(g)(1), g))
+
+
+def _select(condition: Any, a: Any, b: Any) -> Any:
+    return dr.select(condition != 0, a, b)
+
+
+def _vector(x: Any, y: Any, z: Any) -> Any:
+    return vector_type(x)(x, y, z)
+
+
+def _hsv(hue: Any, saturation: Any, value: Any) -> Any:
+    """Return the colour of a hue (a turn is 1), by the distance of each channel's sextant."""
+
+    def channel(offset: int) -> Any:
+        sextant = 6 * fraction(fraction(hue) + offset / 6)
+        share = dr.clip(dr.minimum(sextant, 4 - sextant), 0, 1)
+        return times(value, 1 - times(saturation, share))
+
+    return _vector(channel(5), channel(3), channel(1))
+
+
+def _luminance(c: Any) -> Any:
+    return 0.2126 * c.x + 0.7152 * c.y + 0.0722 * c.z
+
+
+def _wave(t: Any) -> Any:
+    return 0.5 - 0.5 * dr.cos(2 * math.pi * fraction(t))
+
+
+def _triangle(t: Any) -> Any:
+    return 1 - dr.abs(2 * fraction(t) - 1)
+
+
+def _parameter(text: str) -> Parameter:
+    """Return the parameter that `name`, `name:kind` or `name:kind=default` stands for.
+
+    The kind of whole numbers is their range, `1-8`; an empty default is none.
+    """
+    declared, equals, default = text.partition("=")
+    name, _, kind = declared.partition(":")
+    least, dash, most = kind.partition("-")
+    optional, value = bool(equals), float(default) if default else None
+    if dash:
+        return Parameter(name, "whole", optional, value, int(least), int(most))
+    known: Any = kind or "any"
+    return Parameter(name, known, optional, value)
+
+
+def _functions() -> dict[str, Function]:
+    table: dict[str, Function] = {}
+
+    def add(names: str, parameters: str, result: Any, compute: Callable[..., Any], doc: str, parts: int = 1) -> None:
+        listed = tuple(map(_parameter, parameters.split()))
+        for name in names.split():
+            table[name] = Function(name, listed, result, doc, compute, parts)
+
+    add("abs", "x", "any", dr.abs, "x without its sign")
+    add("sign", "x", "any", guarded.sign, "-1, 0 or 1 by the sign of x")
+    add("floor", "x", "any", dr.floor, "the whole number below x")
+    add("ceil", "x", "any", dr.ceil, "the whole number above x")
+    add("round", "x", "any", dr.round, "the nearest whole number, of two the even one")
+    add("fract frac", "x", "any", fraction, "x - floor(x)")
+    add("mod", "a b", "any", guarded.remainder, "a % b, with the sign of b; 0 where b is 0")
+    add("min", "a b", "any", dr.minimum, "the smaller of two")
+    add("max", "a b", "any", dr.maximum, "the larger of two")
+    add("clamp", "x low high", "any", _clamp, "x kept from low to high")
+    add("mix lerp", "a b amount", "any", _mix, "a where amount is 0, b where it is 1, linear between and beyond")
+    add("select", "condition:scalar a b", "any", _select, "a where the condition is not 0, else b")
+
+    add("step", "edge x", "any", lambda edge, x: truth(x >= edge, x), "0 below the edge, 1 from it on")
+    add("boxstep", "x edge", "any", lambda x, edge: truth(x >= edge, x), "step with SeExpr's order of arguments")
+    add("linearstep", "low high x", "any", _linearstep, "0 below low, 1 above high, linear between")
+    add("smoothstep", "low high x", "any", _shaped_step(_eased), "0 below low, 1 above high, smooth between")
+    add("gaussstep", "low high x", "any", _shaped_step(_bell), "0 below low, 1 above high, a bell's flank between")
+    add("remap", "x source range falloff interpolation:0-2", "any", _remap, "1 where x is within range of source, to 0"
+        " over falloff: 0 linear, 1 smooth, 2 a bell's flank (SeExpr)")  # fmt: skip
+    add("fit", "x a1 b1 a2 b2", "any", _fit, "x from [a1, b1] to [a2, b2], linear, not clamped")
+    add("bias", "x b", "any", _bias, "x ** (log(b) / log(0.5)): b above 0.5 raises the middle, below lowers it")
+    add("contrast gain", "x amount", "any", _contrast, "an S over [0, 1]: amount above 0.5 steepens it, below flattens")
+    add("gamma", "x g", "any", _gamma, "x ** (1 / g); 0 for negative x")
+
+    add("pow", "x y", "any", power, "x ** y")
+    add("exp", "x", "any", guarded.exponential, "e ** x")
+    add("log", "x", "any", guarded.logarithm, "natural logarithm, of at least 1e-18")
+    add("sqrt", "x", "any", guarded.root, "square root; 0 for negative x")
+    add("sin", "x", "any", guarded.sine, "sine of radians")
+    add("cos", "x", "any", guarded.cosine, "cosine of radians")
+    add("tan", "x", "any", guarded.tangent, "tangent of radians")
+    add("asin", "x", "any", guarded.arcsine, "radians of a sine; beyond -1 to 1 as at its ends")
+    add("acos", "x", "any", guarded.arccosine, "radians of a cosine; beyond -1 to 1 as at its ends")
+    add("atan", "x", "any", dr.atan, "radians of a tangent")
+    add("atan2", "y x", "any", dr.atan2, "radians from the x axis to (x, y)")
+    add("radians", "x", "any", lambda x: x * (math.pi / 180), "degrees as radians")
+    add("degrees", "x", "any", lambda x: saturated(x * (180 / math.pi)), "radians as degrees")
+
+    add("pulse", "t duty:scalar=0.5", "any", lambda t, duty: truth(fraction(t) < duty, t), "1 over the first part"
+        " `duty` of each whole t, else 0")  # fmt: skip
+    add("triangle", "t", "any", _triangle, "0 at whole t, 1 halfway, linear between")
+    add("wave", "t", "any", _wave, "0 at whole t, 1 halfway, a cosine between")
+
+    add("vec", "x:scalar y:scalar z:scalar", "vector", _vector, "the vector [x, y, z]")
+    add("rgb", "r:scalar g:scalar b:scalar", "vector", _vector, "the colour [r, g, b]")
+    add("length", "v:vector", "scalar", guarded.length, "length of a vector")
+    add("dot", "a:vector b:vector", "scalar", guarded.dot, "scalar product")
+    add("cross", "a:vector b:vector", "vector", guarded.cross, "vector product")
+    add("normalize norm", "v:vector", "vector", guarded.normalized, "the vector at length 1; 0 stays 0")
+    add("luminance", "c:vector", "scalar", _luminance, "Rec.709 luminance of a colour")
+    add("hsv", "h:scalar s:scalar v:scalar", "vector", _hsv, "colour of hue (a turn is 1), saturation and value")
+    add("hsvtorgb", "c:vector", "vector", lambda c: _hsv(c.x, c.y, c.z), "colour of a vector of hue, saturation, value")
+
+    add("hash rand", "x seed:scalar=0", "scalar", noise.random, "a random number from 0 to 1 for each x and seed")
+    add("cellnoise", "p time:scalar=", "scalar", noise.cellnoise, "a random number from 0 to 1 in each unit cell")
+    add("noise", "p time:scalar=", "scalar", noise.noise, "smooth noise from 0 to 1", NOISE_PARTS)
+    add("snoise", "p time:scalar=", "scalar", noise.snoise, "smooth noise from -1 to 1", NOISE_PARTS)
+    add("vnoise", "p time:scalar=", "vector", noise.vnoise, "three smooth noises from -1 to 1", 3 * NOISE_PARTS)
+    sums = f"p octaves:1-{noise.MOST_OCTAVES}=6 lacunarity:scalar=2 gain:scalar=0.5 time:scalar="
+    add("fbm", sums, "scalar", noise.fbm, "octaves of noise about 0.5, rarely beyond 0 to 1", NOISE_PARTS)
+    add("turbulence", sums, "scalar", noise.turbulence, "octaves of creased noise, from 0.5 up", NOISE_PARTS)
+    return table
+
+
+FUNCTIONS: dict[str, Function] = _functions()
+
+
+def describe() -> str:
+    """Return the tables of inputs, constants and functions as text, one entry a line."""
+    inputs = [(name, f"{each.kind}: {each.doc}") for name, each in NAMES.items()]
+    constants = [(name, f"scalar: {value:.6g}") for name, value in CONSTANTS.items()]
+    functions = [(each.signature, each.doc) for each in FUNCTIONS.values()]
+    rows = [*inputs, *constants, *functions]
+    width = max(len(name) for name, _ in rows)
+    return "\n".join(f"{name:{width}}  {doc}" for name, doc in rows)

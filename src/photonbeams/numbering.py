@@ -1,0 +1,20 @@
+"""File names with a frame's number, as usdrecord has it: #### is a whole one, ####.## has two more digits."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+PLACEHOLDER = re.compile(r"#+(?:\.#+)?")
+
+
+def numbered(path: Path, frame: float) -> Path:
+    """Return the path of a frame: each run of # in its name is the number, padded."""
+
+    def number(run: re.Match[str]) -> str:
+        digits = len(run[0].partition(".")[2])
+        if not digits and frame != int(frame):
+            return f"{frame:.10g}"
+        return f"{frame:0{len(run[0])}.{digits}f}"
+
+    return path.with_name(PLACEHOLDER.sub(number, path.name)) if path.name else path

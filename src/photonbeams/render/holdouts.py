@@ -1,0 +1,83 @@
+"""Another picture's depth, at which camera rays end.
+
+Rays of a pixel pass it at many places, from many places of a lens, and its depth is that of one ray. So each pixel is a
+piece of a plane, on which 1/Z is linear in the picture, and its slope is that of 1/Z. Without that, rays would end
+behind what they see at a slant, and show the beams that lie there. The slope is the smaller of the two to the
+neighbours on either side, and none where these disagree in sign (the minmod limiter, Roe 1986): at the edge of a thing
+it is the thing's own, and depth never lies between a near thing and a far one.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import drjit as dr
+import numpy as np
+
+from .. import scene
+from ..arrays import to_float
+from ..device import Array3f, Float
+from .camera import CameraRays, View, Window
+from .surfaces import Shaded
+
+if TYPE_CHECKING:
+    from .world import World
+
+
+class Held:
+    """Planar depths of one view's window, (H, W), positive, infinite where there is nothing.
+
+    `place` is where in each pixel they are, from 0 to 1 each way.
+    """
+
+    def __init__(self, depth: np.ndarray, window: Window, place: tuple[float, float] = (0.5, 0.5)) -> None:
+        if np.shape(depth) != window.shape:
+            raise scene.SceneError(f"the holdout is of shape {np.shape(depth)}: expected {window.shape}")
+        inverse = 1.0 / np.asarray(depth, dtype=np.float64)
+        self.depth = to_float(depth)
+        self._inverse = to_float(inverse)
+        self._slopes = [to_float(slopes(inverse, axis)) for axis in (1, 0)]
+        self._place = place
+        dr.eval(self.depth, self._inverse, self._slopes)
+
+    def shade(
+        self,
+        world: World,
+        view: View,
+        rays: CameraRays,
+        offset: tuple[float, float],
+        on_lens: tuple[Any, Any] | None = None,
+    ) -> Shaded:
+        """Return what rays see: nothing, at these depths, and the fog before it.
+
+        The rays are those of `view` through each pixel at `offset`, from the places `on_lens`.
+        """
+        inverse, numerator = self._inverse, Float(1)
+        for slope, there, here in zip(self._slopes, offset, self._place, strict=True):
+            inverse = dr.fma(slope, dr.opaque(Float, there - here), inverse)
+        if on_lens is not None and view.projection.lens is not None:
+            # The plane is 1 = a Z + b X + c Y, and the ray X = x + Z (right − x / focus), Y alike, with a place (x, y)
+            # on the lens; a + b right + c up is the inverse depth of the ray through the lens's centre.
+            scale, (_, focus) = view.projection.scale, view.projection.lens
+            moved = self._slopes[0] * scale[0] * on_lens[0] - self._slopes[1] * scale[1] * on_lens[1]
+            inverse, numerator = inverse - moved / focus, dr.maximum(1 - moved, 0.25)
+        # What slopes add up to may be more than there is.
+        distance = numerator / dr.maximum(inverse, 0.25 * self._inverse) / rays.facing
+        fog = world.fog
+        assert fog is not None  # there are no beams without
+        transmittance = fog.transmittance(rays.origin, rays.direction, distance)
+        count = dr.width(distance)
+        shaded = Shaded(dr.zeros(Array3f, count), dr.zeros(Float, count), distance, transmittance)
+        dr.eval(shaded)
+        return shaded
+
+
+def slopes(values: Any, axis: int) -> np.ndarray:
+    """Return the change of values from pixel to pixel along an axis: the smaller of the two sides', or 0."""
+    values = np.moveaxis(np.asarray(values, dtype=np.float64), axis, 0)
+    if len(values) == 1:
+        return np.zeros_like(np.moveaxis(values, 0, axis))
+    steps = np.diff(values, axis=0)
+    before, after = np.concatenate([steps[:1], steps]), np.concatenate([steps, steps[-1:]])
+    smaller = np.sign(before) * np.minimum(np.abs(before), np.abs(after))
+    return np.moveaxis(np.where(before * after > 0, smaller, 0.0), 0, axis)

@@ -1,0 +1,104 @@
+"""Gobos: the images of `PhotonBeamsLightAPI` that a light shines through, and the texture of a rectangle light."""
+
+from __future__ import annotations
+
+import numpy as np
+from pxr import Usd, UsdGeom
+
+from ..scene import Array, Gobo, Mesh
+from .reading import Reading
+from .textures import read_image
+
+_FLAT = 1e-4  # a portal whose points leave their plane by less than this part of its size is planar
+_WRAPS = ("black", "repeat")
+
+
+def read_gobo(reading: Reading, prim: Usd.Prim) -> Gobo | None:
+    """Return the image before a light, or None.
+
+    Raises
+    ------
+    SceneError
+        An image that cannot be read or has negative pixels, an angle or a width out of range, a distant light's image
+        without a width.
+    """
+    name, kind = "photonbeams:gobo", str(prim.GetTypeName())
+    image = _image(reading, prim, name)
+    if image is None:
+        return None
+    if kind.startswith("DomeLight"):
+        reading.warn(prim, "is not rendered on a dome light: expected its texture", name)
+        return None
+    wrap = str(reading.value(prim, f"{name}:wrap", _WRAPS[0]))
+    if wrap not in _WRAPS:
+        raise reading.fail(prim, f"{name}:wrap", f"is '{wrap}': expected one of {', '.join(_WRAPS)}")
+    return Gobo(image, _positive(reading, prim, f"{name}:angle", 180.0), _width(reading, prim), wrap == "repeat")
+
+
+def read_texture(reading: Reading, prim: Usd.Prim) -> Gobo | None:
+    """Return the texture of a rectangle light, which lies on it as a gobo does, or None."""
+    image = _image(reading, prim, "inputs:texture:file")
+    return None if image is None else Gobo(image)
+
+
+def read_pane(reading: Reading, prim: Usd.Prim, portal: Mesh | None) -> Gobo | None:
+    """Return the image over a light's portal, or None.
+
+    Raises
+    ------
+    SceneError
+        An image that cannot be read or has negative pixels, a portal that is not flat.
+    """
+    name = "photonbeams:portal:gobo"
+    image = _image(reading, prim, name)
+    if image is None:
+        return None
+    if portal is None:
+        reading.warn(prim, "is not rendered: expected a photonbeams:portal that it lies on", name)
+        return None
+    points = np.asarray(portal.points)[np.unique(portal.faces)]
+    _, extent, axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)
+    if len(extent) == 3 and extent[2] > _FLAT * extent[0]:
+        raise reading.fail(prim, name, f"lies on {portal.name}, which is not flat: expected a portal in one plane")
+    return Gobo(image, up=_up(reading, np.cross(axes[0], axes[1])))
+
+
+def _up(reading: Reading, normal: Array) -> Array:
+    """Return where an image's upper edge is: at the stage's up axis, on a skylight away from who stands before it."""
+    up, back = np.array([0.0, 1.0, 0.0]), np.array([0.0, 0.0, -1.0])
+    if UsdGeom.GetStageUpAxis(reading.stage) == UsdGeom.Tokens.z:
+        up, back = np.array([0.0, 0.0, 1.0]), np.array([0.0, 1.0, 0.0])
+    return back if abs(normal @ up) > 0.999 else up
+
+
+def _width(reading: Reading, prim: Usd.Prim) -> float:
+    """Return the width of an image in scene units, which a distant light has to give."""
+    name = "photonbeams:gobo:width"
+    width = _positive(reading, prim, name, np.inf)
+    if width is None and prim.GetTypeName() == "DistantLight":
+        raise reading.fail(prim, name, "is not given: expected the image's width in scene units, of a distant light")
+    return width or 1.0
+
+
+def _positive(reading: Reading, prim: Usd.Prim, name: str, below: float) -> float | None:
+    """Return a number above 0, or None where it is not authored."""
+    if reading.value(prim, name) is None:
+        return None
+    value = reading.number(prim, name, 1.0)
+    if not 0 < value < below:
+        bound = "" if np.isinf(below) else f" and less than {below:g}"
+        raise reading.fail(prim, name, f"is {value:g}: expected more than 0{bound}")
+    return value
+
+
+def _image(reading: Reading, prim: Usd.Prim, name: str) -> Array | None:
+    """Return an image through which light can pass: no negative pixels, and not all black without a warning."""
+    image = read_image(reading, prim, name)
+    if image is None:
+        return None
+    colors = image[..., :3] if image.shape[2] >= 3 else image[..., :1]  # the rest is alpha
+    if np.min(colors) < 0:
+        raise reading.fail(prim, name, f"has a pixel of {np.min(colors):g}: expected numbers of at least 0")
+    if not np.any(colors):
+        reading.warn(prim, "is black: no light passes it", name)
+    return image

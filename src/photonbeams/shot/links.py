@@ -1,0 +1,44 @@
+"""Light linking: which surfaces a light shines on, and which stop it, by the collections of UsdLuxLightAPI."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from pxr import Sdf, Usd, UsdLux
+
+from ..scene import Light, Mesh
+from .reading import LOG, Reading
+
+
+def linked(reading: Reading, light: Light, prim: Usd.Prim, meshes: Sequence[Mesh], fog: Usd.Prim | None) -> Light:
+    """Return a light with what its links leave out.
+
+    A light that its light link keeps from the fog's prim makes no beams: beams are how the fog is lit.
+    """
+    unlit = _left_out(reading, prim, "lightLink", meshes)
+    unshadowed = _left_out(reading, prim, "shadowLink", meshes)
+    lights_fog = fog is None or _reaches(reading, prim, "lightLink", [str(fog.GetPath())])[0]
+    if fog is not None and light.emits_beams and not lights_fog:
+        LOG.info("%s makes no beams: its light link leaves out the fog %s", reading.place(prim), fog.GetPath())
+        light = replace(light, emits_beams=False)
+    return replace(light, unlit=unlit, unshadowed=unshadowed) if unlit or unshadowed else light
+
+
+def _left_out(reading: Reading, prim: Usd.Prim, kind: str, meshes: Sequence[Mesh]) -> frozenset[str]:
+    names = [mesh.name for mesh in meshes]
+    return frozenset(
+        name for name, reached in zip(names, _reaches(reading, prim, kind, names), strict=True) if not reached
+    )
+
+
+def _reaches(reading: Reading, prim: Usd.Prim, kind: str, names: Sequence[str]) -> list[bool]:
+    """Return which prims a link reaches; of what an instancer repeats, the instancer decides."""
+    prefix = f"collection:{kind}"
+    named = any(prim.GetRelationship(f"{prefix}:{end}").HasAuthoredTargets() for end in ("includes", "excludes"))
+    if not named and reading.value(prim, f"{prefix}:includeRoot", True):
+        return [True] * len(names)
+    api = UsdLux.LightAPI(prim)
+    collection = api.GetLightLinkCollectionAPI() if kind == "lightLink" else api.GetShadowLinkCollectionAPI()
+    query = collection.ComputeMembershipQuery()
+    return [bool(query.IsPathIncluded(Sdf.Path(name.partition("[")[0]))) for name in names]

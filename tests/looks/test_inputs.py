@@ -1,0 +1,253 @@
+"""What factors may ask for: places, times, beams; and functions and expressions that are wrong."""
+
+import drjit as dr
+import numpy as np
+import pytest
+
+import photonbeams as pb
+from photonbeams.device import Array3f, Float
+from photonbeams.hashing import hash32
+from photonbeams.looks.at import INPUTS
+from photonbeams.looks.expression import NAMES
+from photonbeams.scene import SceneError
+
+MEDIUM = pb.Medium((0.2, 0.1, 0.1))
+PLAIN = {"along": 1.0, "eye": 1.0, "angle": 1.0}
+#: Three thin beams along z, side by side.
+BEAMS = {
+    "start": [[-1, 0, 0], [0, 0, 0], [1, 0, 0]], "end": [[-1, 0, 2], [0, 0, 2], [1, 0, 2]],
+    "radius_start": 1e-3, "radius_end": 1e-3, "power": [[1, 1, 1]],
+}  # fmt: skip
+#: A ray through the middle of each, across it, from y = −4; at a quarter of the first, half of the second, …
+ORIGIN = np.array([[-1, -4, 0.5], [0, -4, 1.0], [1, -4, 1.5]])
+DIRECTION = (0, 1, 0)
+
+
+def seen(look, context=None, estimator="auto", **fields):
+    """Return what the rays see, in units of what they see of a plain look, (3 rays, 3 colours)."""
+    beams = pb.Beams(**{**BEAMS, **fields})
+    values = [
+        np.asarray(
+            pb.estimate(beams, ORIGIN, DIRECTION, look=each, medium=MEDIUM, context=context, estimator=estimator),
+            dtype=float,
+        ).T
+        for each in (look, pb.Look(**PLAIN))
+    ]
+    return values[0] / values[1]
+
+
+def test_the_inputs_are_those_of_the_expressions():
+    assert set(INPUTS) == set(NAMES)
+
+
+TO_WORLD = np.array([[0, 0, 1, 1], [1, 0, 0, 2], [0, 1, 0, 3], [0, 0, 0, 1]])  # turned, then moved
+#: Each input's value on the three rays.
+VALUES = {
+    "s": [0.25, 0.5, 0.75],
+    "distance": [0.5, 1.0, 1.5],
+    "r": None,
+    "t": [4, 4, 4],
+    "angle": [90, 90, 90],
+    "cosine": [0, 0, 0],
+    "P": [[-1, 0, 0.5], [0, 0, 1.0], [1, 0, 1.5]],
+    "Pl": (np.array([[-1, 0, 0.5], [0, 0, 1.0], [1, 0, 1.5]]) - [1, 2, 3]) @ TO_WORLD[:3, :3],
+    "time": [2.5] * 3,
+    "frame": [60] * 3,
+    "random": [0.125, 0.5, 0.875],
+    "id": [7, 8, 9],
+    "light": [3] * 3,
+    "generation": [0, 1, 2],
+}
+FIELDS = {"random": [0.125, 0.5, 0.875], "id": [7, 8, 9], "generation": [0, 1, 2]}
+
+
+@pytest.mark.parametrize("estimator", ["billboard", "frustum"])
+@pytest.mark.parametrize("name", [name for name in INPUTS if VALUES[name] is not None])
+def test_an_input_is_what_its_name_says(name, estimator):
+    context = pb.Context(frame=60, time=2.5, light=3, to_world=TO_WORLD)
+    expected = np.asarray(VALUES[name], dtype=float)
+    expected = np.repeat(expected[:, None], 3, axis=1) if expected.ndim == 1 else expected
+    # In each place, shifted so that no value is negative; across and angle are asked for it, too.
+    offset = 200.0 if name == "angle" else 10.0
+    functions = {
+        "by name": pb.Look(**{**PLAIN, "along": pb.Function(_named(name, offset))}),
+        "expression": pb.Look(**{**PLAIN, "eye": f"{name} + {offset}"}),
+        "angle": pb.Look(**{**PLAIN, "angle": f"{name} + {offset}"}),
+        "across": pb.Look(**PLAIN, across=pb.Epanechnikov() * pb.Expression(f"{name} + {offset}")),
+    }
+    for what, look in functions.items():
+        found = seen(look, context, estimator, **FIELDS) - offset
+        # Beams are a thousandth wide, over which inputs change by a thousandth; float32 holds 210 to 2e-5.
+        np.testing.assert_allclose(found, expected, atol=2e-3, err_msg=f"{what}, {name}")
+
+
+def _named(name, offset):
+    """Return a function of two parameters, one of them of this name."""
+    namespace = {}
+    exec(f"def look({name}, {'s' if name != 's' else 't'}): return {name} + {offset}", namespace)
+    return namespace["look"]
+
+
+@pytest.mark.parametrize("estimator", ["billboard", "frustum"])
+def test_the_radius_is_that_of_the_place_on_the_ray(estimator):
+    """The mean of ρ² over a chord through the axis of a uniform cylinder is 1/3."""
+    look = pb.Look(**PLAIN, across=pb.Uniform() * pb.Expression("r * r"))
+    plain = pb.Look(**PLAIN, across=pb.Uniform())
+    values = [
+        np.asarray(pb.estimate(pb.Beams(**BEAMS), ORIGIN, DIRECTION, look=each, estimator=estimator), dtype=float)
+        for each in (look, plain)
+    ]
+    np.testing.assert_allclose(values[0] / values[1], 1 / 3, rtol=1e-3)
+
+
+def test_beams_without_names_have_a_random_number_each_and_their_place_as_number():
+    count = 4000
+    beams = pb.Beams(np.zeros((count, 3)), np.ones((count, 3)), 0.1, 0.1, (1, 1, 1))
+    random, number, generation = np.asarray(beams.identity(), dtype=float)
+    assert np.array_equal(number, np.arange(count)) and not generation.any()
+    assert random.min() >= 0 and random.max() < 1
+    assert len(np.unique(random)) > 0.99 * count
+    # Uniform: mean and variance within four standard deviations.
+    assert random.mean() == pytest.approx(0.5, abs=4 * np.sqrt(1 / 12 / count))
+    assert np.corrcoef(random[:-1], random[1:])[0, 1] == pytest.approx(0, abs=4 / np.sqrt(count))
+
+
+def test_what_a_look_does_not_ask_for_is_not_packed():
+    plain = pb.Look().bind(MEDIUM, 2.0)
+    assert not (plain.of_beams or plain.by_radius or plain.of_places)
+    assert pb.Look(along="random").bind(MEDIUM, 2.0).of_beams
+    assert pb.Look(across=lambda r, s: r * s).bind(MEDIUM, 2.0).by_radius
+    assert pb.Look(eye=pb.Noise()).bind(MEDIUM, 2.0).of_places
+
+
+def test_noise_is_one_in_the_mean_and_goes_with_the_light():
+    rng = np.random.default_rng(3)
+    points = rng.uniform(-50, 50, (20_000, 3))
+
+    def values(noise, context=None):
+        at = pb.At(place=lambda: Array3f(points.T), context=context)
+        return np.asarray(noise.evaluate(at), dtype=float)
+
+    found = values(pb.Noise(1, scale=2, contrast=1))
+    # 20,000 points in 50³ wisps' worth of space are nearly independent; contrast 1 is clipped nowhere.
+    assert found.mean() == pytest.approx(1, abs=5 * found.std() / np.sqrt(len(found)))
+    assert found.std() > 0.15 and found.min() >= 0
+    np.testing.assert_allclose(values(pb.Noise(0.0)), 1)
+    moved = pb.Context(to_world=[[1, 0, 0, 3], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
+    with_light = values(pb.Noise(space="light"), moved)
+    points = points - [3, 0, 0]
+    np.testing.assert_allclose(with_light, values(pb.Noise(), moved), atol=1e-4)
+
+
+def test_noise_drifts_by_its_speed():
+    points = np.random.default_rng(4).uniform(-5, 5, (500, 3))
+
+    def values(points, time):
+        at = pb.At(place=lambda: Array3f(points.T), context=pb.Context(time=time))
+        return np.asarray(pb.Noise(drift=(1, 0, -2), scale=0.5).evaluate(at), dtype=float)
+
+    np.testing.assert_allclose(values(points + np.array([3, 0, -6]), 3.0), values(points, 0.0), atol=1e-3)
+    assert np.abs(values(points, 3.0) - values(points, 0.0)).mean() > 0.1
+
+
+def test_variation_scales_each_beam_by_its_random_number():
+    found = seen(pb.Look(**{**PLAIN, "along": pb.Variation(0.5)}), **FIELDS)
+    np.testing.assert_allclose(found[:, 0], [0.625, 1.0, 1.375], rtol=1e-4)
+
+
+def test_factors_compose():
+    ramp = pb.ColorRamp([0, 1], [[0, 0, 0], [1, 1, 1]])
+    cases = {
+        "sum": (ramp + 0.5, [0.75, 1, 1.25]),
+        "number plus factor": (0.5 + ramp, [0.75, 1, 1.25]),
+        "mixture": (ramp.mix(2.0, 0.5), [1.125, 1.25, 1.375]),
+        "mixture by a factor": (pb.Constant(4.0).mix(0.0, ramp), [3, 2, 1]),
+        "clamp": (ramp.clamp(0.3, 0.6), [0.3, 0.5, 0.6]),
+        "expression": ("smoothstep(0, 1, s)", [0.15625, 0.5, 0.84375]),
+        "product": (ramp * "2 * s", [0.125, 0.5, 1.125]),
+    }
+    for what, (factor, expected) in cases.items():
+        found = seen(pb.Look(**{**PLAIN, "along": factor}))
+        np.testing.assert_allclose(found[:, 0], expected, atol=2e-3, err_msg=what)
+
+
+def test_an_expression_of_the_radius_alone_is_a_normalised_profile():
+    look = pb.Look(across="7 * (1 - r * r)")
+    assert look.modulation is None
+    x = np.linspace(0, 1, 50)
+    np.testing.assert_allclose(look.across.density(Float(x)), pb.Epanechnikov().density(Float(x)), atol=1e-4)
+    assert pb.Look(across="1 - r * s").modulation is not None
+    assert pb.Look(across="[1, r, 0]").modulation is not None
+
+
+def compiled():
+    return [each for each in dr.kernel_history() if each["type"].name == "JIT" and not each["cache_hit"]]
+
+
+def test_other_numbers_in_a_look_compile_nothing():
+    def render(number):
+        factors = {
+            "along": pb.Expression(f"smoothstep(0, {number}, s) * noise({number} * P + time)") * pb.Variation(number),
+            "across": pb.Smoothstep(number) * pb.Noise(scale=number, drift=(number, 0, 0)),
+            "eye": pb.Fade(number, 10, "linear"),
+            "angle": pb.ColorRamp([0, number], [[1, 1, 1], [number] * 3], space="angle"),
+        }
+        return seen(pb.Look(**factors), pb.Context(number, number, 2, TO_WORLD + 0 * number))
+
+    with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
+        render(0.5)
+        dr.kernel_history_clear()
+        first = render(0.25)
+        assert not compiled()
+    assert np.any(first != render(0.5))
+
+
+def test_a_function_that_goes_wrong_is_told_in_a_sentence():
+    def fails(s):
+        raise KeyError("nothing")
+
+    for look, message in (
+        (pb.Look(along=fails), "the look's function fails failed: 'nothing'"),
+        (pb.Look(along=lambda s: "red"), "returns a str: expected a Float, an Array3f or a number"),
+        (pb.Look(along=lambda s: None), "returns a NoneType"),
+        (pb.Look(along=lambda s: dr.log(s)), "factor along is not finite everywhere"),
+        (pb.Look(eye=lambda t: 0 / t), "factor eye is not finite everywhere"),
+        (pb.Look(across=lambda r, s: Array3f(r, s, dr.nan)), "factor across is not finite everywhere"),
+        (pb.Look(angle=lambda cosine: dr.sqrt(cosine)), "factor angle is not finite everywhere"),
+        (pb.Look(along=lambda s: Float([1, 2])), "returns 2 values for"),
+    ):
+        with pytest.raises(SceneError, match=message):
+            seen(look)
+    with pytest.raises(ValueError, match="has a parameter 'speed': expected one of s, distance, r"):
+        pb.Look(along=lambda s, speed: s)
+    with pytest.raises(ValueError, match='expression "1 - x", column 5'):
+        pb.Look(along="1 - x")
+    with pytest.raises(ValueError, match=r"clamped to 1 to 0: expected a range that ascends"):
+        pb.Constant(1).clamp(1, 0)
+
+
+@pytest.mark.parametrize(
+    ("message", "make"),
+    [
+        ("amount 2 and contrast 2.0", lambda: pb.Noise(2)),
+        ("contrast -1", lambda: pb.Noise(contrast=-1)),
+        ("scale 0 and 4 octaves", lambda: pb.Noise(scale=0)),
+        ("9 octaves", lambda: pb.Noise(octaves=9)),
+        ("finite numbers, and a drift of three", lambda: pb.Noise(drift=(1, 2))),
+        ("finite numbers", lambda: pb.Noise(evolution=float("nan"))),
+        ("space 'object'", lambda: pb.Noise(space="object")),
+        ("variation is -1", lambda: pb.Variation(-1)),
+        ("inner 1 and softness 1.0", lambda: pb.Hollow(1)),
+        ("softness 0", lambda: pb.Hollow(0.5, 0)),
+        ("from 2.0 to 1.0", lambda: pb.Fade(2, 1)),
+    ],
+)
+def test_bad_parameters_are_told_in_a_sentence(message, make):
+    with pytest.raises(ValueError, match=message):
+        make()
+
+
+def test_a_hash_is_spread_over_all_bits():
+    bits = np.asarray(hash32(dr.arange(pb.device.UInt32, 4096)), dtype=np.uint32)
+    for bit in range(32):  # each is set for half of the numbers, within five standard deviations
+        assert ((bits >> bit) & 1).mean() == pytest.approx(0.5, abs=5 * 0.5 / 64)

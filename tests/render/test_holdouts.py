@@ -1,0 +1,149 @@
+"""Another picture's depth: beams end there as they do at surfaces, within a pixel as well, and edges have no halo."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from comparison import quad
+from photonbeams import scene
+from photonbeams.render.camera import View, Window
+from photonbeams.render.frame import Settings, render
+from photonbeams.render.holdouts import Held, slopes
+from photonbeams.render.shutter import Moment, Shutter
+
+WIDTH, HEIGHT = 40, 24
+WINDOW = Window.full(WIDTH, HEIGHT)
+FOG = scene.Medium(scattering=(0.2, 0.2, 0.2))
+CAMERA = scene.Camera("/camera", to_world=np.eye(4), focal_length=1.0, horizontal_aperture=1.0, vertical_aperture=0.6)
+LENS = dataclasses.replace(CAMERA, lens_radius=0.1, focus_distance=4.0)
+# A floor that is seen at 9 degrees and less, and beams close under it at all distances.
+FLOOR = quad("/floor", [[-40, -0.5, 0], [40, -0.5, 0], [40, -0.5, -40], [-40, -0.5, -40]])
+AWAY = -np.linspace(2.5, 8.0, 40)
+UNDER = scene.DrawnBeams(
+    "/under", *(np.stack([0 * AWAY + x, 0 * AWAY - 0.53, AWAY], axis=1) for x in (-3, 3)),
+    np.full(40, 0.02), np.full(40, 0.02), np.ones((40, 3)),
+)  # fmt: skip
+BEAM = scene.DrawnBeams(
+    "/beam", np.array([[-3.0, -0.53, -4.0]]), np.array([[3.0, -0.53, -4.0]]), np.full(1, 0.02), np.full(1, 0.02),
+    np.ones((1, 3)),
+)  # fmt: skip
+THROUGH = dataclasses.replace(BEAM, start=np.array([[-1.0, 0.6, -4.0]]), end=np.array([[1.0, -1.2, -3.0]]))
+
+
+def beams_layer(camera=CAMERA, meshes=(), beams=UNDER, depth=None, passes=4, window=WINDOW, place=(0.5, 0.5)):
+    still = Shutter.still(scene.Scene(tuple(meshes), (), (beams,), FOG), camera)
+    held = [Held(depth, window, place)] if depth is not None else []
+    return render(still, window, Settings(passes=passes), holdouts=held).layers
+
+
+def floor_depth(place=(0.5, 0.5)):
+    """Return the floor's planar depth; it is beyond the picture's upper half."""
+    down = (np.arange(HEIGHT) + place[1]) / HEIGHT * 0.6 - 0.3
+    depth = np.where(down > 0, 0.5 / np.maximum(down, 1e-9), np.inf)
+    return np.repeat(np.where(depth < 40, depth, np.inf)[:, None], WIDTH, axis=1)
+
+
+@pytest.mark.parametrize("camera", [CAMERA, LENS])
+def test_nothing_of_a_beam_behind_a_slanted_plane_is_seen_at_any_place_of_a_pixel(camera):
+    open_air = beams_layer(camera)["beams"]
+    held = beams_layer(camera, depth=floor_depth())["beams"]
+    own = beams_layer(camera, [FLOOR])["beams"]
+    assert open_air.max() > 0.02
+    assert own.max() == 0
+    # Five units away the floor runs over more than one within a pixel. With the depth of its centre for all of it, a
+    # tenth of the light is seen.
+    assert held.max() < 1e-6 * open_air.max()
+
+
+def test_through_a_lens_beams_end_at_a_holdout_as_they_do_at_surfaces():
+    own = beams_layer(LENS, [FLOOR], THROUGH)["beams"]
+    held = beams_layer(LENS, beams=THROUGH, depth=floor_depth())["beams"]
+    # Pixels of the horizon, where the floor ends, see it from a part of the lens alone.
+    below = slice(HEIGHT // 2 + 3, None)
+    assert not np.allclose(own[below], beams_layer(beams=THROUGH)["beams"][below], atol=0.1 * own.max())
+    assert np.allclose(held[below], own[below], atol=1e-3 * own.max())
+
+
+def test_beams_end_at_a_holdout_as_they_do_at_surfaces():
+    own = beams_layer(meshes=[FLOOR], beams=THROUGH)["beams"]
+    held = beams_layer(beams=THROUGH, depth=floor_depth())["beams"]
+    assert own.max() > 0.01
+    assert not np.allclose(own, beams_layer(beams=THROUGH)["beams"], atol=0.1 * own.max())
+    # float32 of 1/Z, over the least angle between beam and floor.
+    assert np.allclose(held, own, atol=1e-4 * own.max())
+
+
+def test_depths_may_be_those_of_any_place_in_the_pixel():
+    place = (0.75, 0.75)
+    centre = beams_layer(beams=THROUGH, depth=floor_depth())["beams"]
+    corner = beams_layer(beams=THROUGH, depth=floor_depth(place), place=place)["beams"]
+    assert np.allclose(centre, corner, atol=1e-4 * centre.max())
+
+
+def test_an_edge_is_between_two_pixels_and_makes_no_third_depth():
+    """A near card before a far wall: one beam between them is seen beside the card alone, and nowhere halved."""
+    depth = np.full((HEIGHT, WIDTH), 8.0)
+    depth[:, : WIDTH // 2] = 2.0
+    between = dataclasses.replace(BEAM, start=np.array([[-3.0, 0.0, -5.0]]), end=np.array([[3.0, 0.0, -5.0]]))
+    seen = beams_layer(beams=between, depth=depth)["beams"]
+    whole = beams_layer(beams=between)["beams"]
+    assert seen[:, : WIDTH // 2].max() == 0
+    assert np.array_equal(seen[:, WIDTH // 2 :], whole[:, WIDTH // 2 :])
+
+
+def test_slopes_are_those_of_planes_and_none_at_peaks():
+    ramp = np.array([[1.0, 3.0, 5.0, 9.0]])
+    assert slopes(ramp, 1).tolist() == [[2.0, 2.0, 2.0, 4.0]]
+    assert slopes(np.array([[1.0, 5.0, 1.0]]), 1).tolist() == [[4.0, 0.0, -4.0]]
+    assert slopes(ramp.T, 0).tolist() == slopes(ramp, 1).T.tolist()
+    assert slopes(ramp, 0).tolist() == [[0.0] * 4]
+
+
+def test_surfaces_are_not_seen_under_a_holdout_and_fog_is_that_before_it():
+    layers = beams_layer(meshes=[FLOOR], beams=THROUGH, depth=np.full((HEIGHT, WIDTH), 3.0))
+    assert not layers["surface"].any()
+    assert not layers["rgba"][..., 3].any()
+    assert np.array_equal(layers["rgba"][..., :3], layers["beams"])
+    assert np.all(layers["depth"] == np.float32(3.0))
+    x, y = (np.arange(WIDTH) + 0.5) / WIDTH - 0.5, (np.arange(HEIGHT) + 0.5) / HEIGHT * 0.6 - 0.3
+    length = 3.0 * np.sqrt(1 + x**2 + y[:, None] ** 2)
+    # Means over places in the pixel, whose lengths differ by half a pixel's slope, 1/80.
+    assert np.allclose(layers["transmittance"][..., 0], np.exp(-0.2 * length), rtol=0.2 * 3.0 / 80)
+    far = beams_layer(depth=np.full((HEIGHT, WIDTH), np.inf))
+    assert np.all(far["transmittance"] == 1)
+    assert np.array_equal(far["beams"], beams_layer()["beams"])
+
+
+def test_a_holdout_stands_still_before_a_moving_camera():
+    def at(fraction):
+        matrix = np.eye(4)
+        matrix[2, 3] = 0.5 * fraction
+        moved = dataclasses.replace(CAMERA, to_world=matrix)
+        return Moment(state, (moved,))
+
+    state = scene.Scene((), (), (BEAM,), FOG)
+    held = [Held(np.full((HEIGHT, WIDTH), 3.9), WINDOW)]
+    layers = render(Shutter(at, moving=True), WINDOW, Settings(passes=4), holdouts=held).layers
+    # The camera draws back from the beam, which is behind the holdout all the time.
+    assert layers["beams"].max() == 0
+    assert np.all(layers["depth"] == np.float32(3.9))
+
+
+def test_a_second_holdout_of_other_depths_compiles_nothing():
+    beams_layer(depth=floor_depth())
+    still = Shutter.still(scene.Scene((), (), (THROUGH,), FOG), CAMERA)
+    held = [Held(np.full((HEIGHT, WIDTH), 2.5), WINDOW, (0.7, 0.7))]
+    assert render(still, WINDOW, Settings(passes=2), holdouts=held).statistics.kernels_compiled == 0
+
+
+def test_cosines_are_those_of_the_angle_to_the_cameras_axis():
+    camera = dataclasses.replace(CAMERA, horizontal_offset=0.2)
+    found = View(camera, WINDOW).cosines((0.5, 0.5))
+    x, y = (np.arange(WIDTH) + 0.5) / WIDTH - 0.5 + 0.2, (np.arange(HEIGHT) + 0.5) / HEIGHT * 0.6 - 0.3
+    assert np.allclose(found, 1 / np.sqrt(1 + x**2 + y[:, None] ** 2), rtol=1e-6)
+
+
+def test_a_holdout_of_another_shape_is_refused():
+    with pytest.raises(scene.SceneError, match=r"shape \(24, 30\): expected \(24, 40\)"):
+        Held(np.ones((24, 30)), WINDOW)
