@@ -1,6 +1,6 @@
-"""Render the stages that README.md and docs/guide.md show, at the size of a page. `make docs` calls it.
+"""Render the stages that README.md, docs/guide.md and docs/beams.md show, at the size of a page. `make docs` calls it.
 
-The attic's layer is the one that the guide prints.
+The attic's layer and the ribbon are those that the pages print.
 """
 
 from __future__ import annotations
@@ -16,12 +16,14 @@ PICTURES = DOCS / "pictures"
 PLATE = "examples/blender/plate.exr"
 ATTIC = ("examples/blender/attic.usda", "--scattering", "0.05", "--exposure", "1", "--passes", "128")
 DUSTY = ("dusty.usda", "--exposure", "1", "--passes", "128")
+RIBBON = ("ribbon.usda", "--exposure", "3", "--passes", "64")
 KEYHOLE = ("examples/keyhole/keyhole.usda", "--passes", "256")
 
 #: Stage and flags, and what is shown of it: layer and picture.
 RENDERS = {
     ATTIC: {"rgba": "attic-fog"},
     DUSTY: {"rgba": "attic-dusty", "surface": "attic-surface", "beams": "attic-beams"},
+    RIBBON: {"rgba": "ribbon"},
     KEYHOLE: {"rgba": "keyhole", "beams": "keyhole-beams"},
 }
 
@@ -58,8 +60,9 @@ def main() -> None:
     """Write all renders."""
     with tempfile.TemporaryDirectory() as folder:
         (Path(folder) / "examples").symlink_to(ROOT / "examples")
-        for name, source in saved_files((DOCS / "guide.md").read_text()).items():
-            (Path(folder) / name).write_text(source)
+        for page in ("guide.md", "beams.md"):
+            for name, source in saved_files((DOCS / page).read_text()).items():
+                (Path(folder) / name).write_text(source)
         for arguments, pictures in RENDERS.items():
             flags = [f"--picture={layer}={PICTURES / name}.png" for layer, name in pictures.items()]
             command = [sys.executable, "-m", "photonbeams", "render", *arguments, "--res", "640", "0", "-q", *flags]

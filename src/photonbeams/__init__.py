@@ -52,6 +52,8 @@ if TYPE_CHECKING:
     from .quadrature import Rule, gauss_legendre, riemann
     from .scene import Medium, SceneError
     from .shot import Holdout, Plate, Shot, Stereo
+    from .simulation.modify import aim, bend, clamp, recolour, thin
+    from .simulation.programmed import chain
 
     __version__: str
 
@@ -99,12 +101,18 @@ __all__ = [
     "Uniform",
     "Variation",
     "__version__",
+    "aim",
+    "bend",
+    "chain",
+    "clamp",
     "colors_of_medium",
     "curved",
     "estimate",
     "gauss_legendre",
     "medium_of_colors",
+    "recolour",
     "riemann",
+    "thin",
 ]
 
 # Dr.Jit loads libLLVM while it is imported, so the library is chosen now: the user's next line may import Mitsuba.
@@ -118,6 +126,8 @@ _HOMES = {
     "quadrature": ("Rule", "gauss_legendre", "riemann"),
     "scene": ("Medium", "SceneError"),
     "shot": ("Holdout", "Plate", "Shot", "Stereo"),
+    "simulation.modify": ("aim", "bend", "clamp", "recolour", "thin"),
+    "simulation.programmed": ("chain",),
 }
 _HOME = dict.fromkeys(__all__, "looks") | {name: module for module, names in _HOMES.items() for name in names}
 

@@ -210,6 +210,8 @@ class Light:
         mirrored where the light is.
     unlit, unshadowed
         Names of meshes that the light does not shine on, and of those that do not stop it, nor its beams.
+    guides
+        Points (M, 3) along each of the curves that lead the light's beams: see `simulation.guides`.
     """
 
     name: str
@@ -228,6 +230,7 @@ class Light:
     frame: Array = field(default_factory=lambda: np.eye(4))
     unlit: frozenset[str] = frozenset()
     unshadowed: frozenset[str] = frozenset()
+    guides: tuple[Array, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -331,6 +334,9 @@ class DrawnBeams:
     start_tangent: Array | None = None
     end_tangent: Array | None = None
     power_end: Array | None = None
+    random: Array | None = None
+    id: Array | None = None
+    generation: Array | None = None
 
     def arrays(self) -> dict[str, Array]:
         """Return all arrays that are set, by the names that `Beams` takes."""

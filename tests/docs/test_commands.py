@@ -16,11 +16,19 @@ from docs.pages import ROOT, anchors, blocks, commands, links, saved_files
 from photonbeams import Shot
 from photonbeams.cli import main
 
-PAGES = {"README.md": 4, "docs/guide.md": 12, "docs/looks.md": 0, "docs/theory.md": 0, "docs/dependencies.md": 0}
+PAGES = {
+    "README.md": 4,
+    "docs/guide.md": 12,
+    "docs/beams.md": 6,
+    "docs/looks.md": 0,
+    "docs/theory.md": 0,
+    "docs/dependencies.md": 0,
+}
 #: First words of commands that set up a machine or need another program.
 SKIPPED = ("make", "apt", "apt-get", "pip", "blender", "git")
 CHEAP = {
     "render": ["--res", "64", "0", "--passes", "1", "--beams", "64", "--progress", "none"],
+    "beams": ["--beams", "64"],
     "quadrature": ["--rays", "8", "--max-order", "6"],
 }
 
@@ -66,10 +74,16 @@ def written(words):
     return [re.sub("#+", lambda run: "[0-9]" * len(run[0]), name) for name in named]
 
 
+def save_files(name, folder):
+    """Write the files that a page has its reader save; beams.md goes on from the guide."""
+    before = saved_files(page("docs/guide.md")) if name == "docs/beams.md" else {}
+    for file, source in {**before, **saved_files(page(name))}.items():
+        (folder / file).write_text(source)
+
+
 @pytest.mark.parametrize("name", PAGES)
 def test_every_command_runs_and_writes_what_it_names(name, clone):
-    for file, source in saved_files(page(name)).items():
-        (clone / file).write_text(source)
+    save_files(name, clone)
     count = 0
     for words in commands(page(name)):
         for path in (path for pattern in written(words) for path in clone.glob(pattern)):
@@ -108,8 +122,7 @@ def test_commands_are_words_without_comments_and_with_their_continued_lines():
 
 @pytest.mark.parametrize("name", [name for name in PAGES if blocks(page(name), "python")])
 def test_every_python_block_runs(name, clone, monkeypatch):
-    for file, source in saved_files(page(name)).items():
-        (clone / file).write_text(source)
+    save_files(name, clone)
     render = Shot.render
     small = {"passes": 1, "width": 64, "beams": 64}
     monkeypatch.setattr(Shot, "render", lambda shot, *args, **settings: render(shot, *args, **{**settings, **small}))

@@ -264,6 +264,55 @@ def test_counts_of_varying_values_agree_with_usd_where_it_answers():
     assert varying_counts(counts, "linear", "nonperiodic").tolist() == [7, 4]
 
 
+# -- Guides ------------------------------------------------------------------------------------------------------------
+
+
+def guided(targets, body=""):
+    return f"""
+    def BasisCurves "Bow" {{
+        uniform token type = "cubic"
+        uniform token basis = "bezier"
+        int[] curveVertexCounts = [4]
+        point3f[] points = [(1, 0, 0), (1, {CIRCLE}, 0), ({CIRCLE}, 1, 0), (0, 1, 0)]
+        double3 xformOp:scale = (2, 2, 2)
+        uniform token[] xformOpOrder = ["xformOp:scale"]
+        {body}
+    }}
+    def BasisCurves "Point" {{
+        uniform token type = "linear"
+        int[] curveVertexCounts = [2]
+        point3f[] points = [(1, 0, 0), (1, 0, 0)]
+    }}
+    def Scope "Else" {{
+    }}
+    def SphereLight "Lamp" (prepend apiSchemas = ["PhotonBeamsLightAPI"]) {{
+        rel photonbeams:guides = {targets}
+    }}"""
+
+
+def test_a_lights_guides_are_read_as_points_along_them_and_are_nothing_else(scene, caplog):
+    content = scene(guided("</Bow>"))
+    (points,) = content.lights[0].guides
+    assert np.allclose(np.linalg.norm(points, axis=1), 2, atol=2e-3) and len(points) > 30
+    assert np.allclose(points[[0, -1]], [[2, 0, 0], [0, 2, 0]])
+    assert content.drawn == () and "/Bow" not in caplog.text
+    drawn = scene(guided("</Bow>", "float[] widths = [0.1]\ncolor3f[] photonbeams:power = [(1, 1, 1)]"))
+    assert len(drawn.drawn) == 1 and len(drawn.lights[0].guides) == 1
+
+
+@pytest.mark.parametrize(
+    ("targets", "message"),
+    [
+        ("</Else>", r"/Lamp\.photonbeams:guides names /Else, a Scope: expected BasisCurves"),
+        ("</Point>", r"/Lamp\.photonbeams:guides names /Point, which has no curve: expected one with a length"),
+        ("</Gone>", r"/Lamp\.photonbeams:guides names /Gone: expected a prim that is on the stage"),
+    ],
+)
+def test_guides_that_lead_nothing_are_errors(scene, targets, message):
+    with pytest.raises(SceneError, match=message):
+        scene(guided(targets))
+
+
 # -- Bad input ---------------------------------------------------------------------------------------------------------
 
 

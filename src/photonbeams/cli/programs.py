@@ -53,7 +53,7 @@ def _loaded(flag: str, text: str, fits: Callable[[Any], bool], kind: str) -> tup
     name, _, function = text.rpartition(":")
     path = Path(name)
     if path.suffix != ".py" or not function.isidentifier():
-        raise typer.BadParameter(f"{flag} is {text}: expected FILE.py:NAME, such as beams.py:{function or 'bend'}")
+        raise typer.BadParameter(f"{flag} is {text}: expected FILE.py:NAME, such as beams.py:bend")
     if not path.is_file():
         raise typer.BadParameter(f"{flag} is {text}: expected a file that is there")
     module = _told(_module, path)(path)

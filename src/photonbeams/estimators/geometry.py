@@ -241,7 +241,7 @@ class Record:
         """Return the power at a distance from the start."""
         if self.gain is None:
             return self.power
-        return dr.maximum(dr.fma(self.gain, s * dr.rcp(self.length), self.power), 0)
+        return dr.maximum(dr.fma(self.gain, s * dr.rcp(dr.maximum(self.length, 1e-20)), self.power), 0)
 
 
 def load(packed: Packed, number: Any, time: Any = None) -> Record:

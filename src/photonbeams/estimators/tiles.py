@@ -158,11 +158,12 @@ def _around_joints(beams: Beams, start: Any, end: Any) -> _Cone:
     in_camera = dr.normalize(end - start)
     radius = dr.maximum(beams.radius_start, beams.radius_end)
     reaches = []
-    for tangent, own in ((beams.start_tangent, beams.radius_start), (beams.end_tangent, beams.radius_end)):
-        cosine2 = dr.square(dr.dot(axis, tangent)) * dr.rcp(dr.maximum(dr.squared_norm(tangent), 1e-20))
+    last = beams.end_tangent if beams.end_normal is None else beams.end_normal
+    for normal, own in ((beams.start_tangent, beams.radius_start), (last, beams.radius_end)):
+        cosine2 = dr.square(dr.dot(axis, normal)) * dr.rcp(dr.maximum(dr.squared_norm(normal), 1e-20))
         slant = dr.sqrt(dr.maximum(1 - cosine2, 0) * dr.rcp(dr.maximum(cosine2, 1e-6)))
         # Somewhat more than now: between shutter open and shutter close planes turn against their beams.
-        reaches.append(own if beams.end_normal is not None else dr.minimum(own, radius * dr.fma(1.5, slant, 0.05)))
+        reaches.append(dr.minimum(own, radius * dr.fma(1.5, slant, 0.05)))
     return _Cone(start - in_camera * reaches[0], end + in_camera * reaches[1], radius, radius)
 
 

@@ -23,10 +23,10 @@ from ..estimators.image import PixelRays, estimate_image
 from ..estimators.points import Points
 from ..looks import Context, Look
 from ..quadrature import Rule
-from ..simulation.programmed import Program, center_of
+from ..simulation.programmed import Program
 from ..simulation.sampling import hash32, pixel_sample, z_order
 from ..simulation.sides import lights_seen
-from ..simulation.trace import BeamSet, trace
+from ..simulation.trace import BeamSet, pieces_of, trace
 from .camera import CameraRays, View, Window
 from .holdouts import Held
 from .shutter import Moment, Shutter, slice_of, turn, with_lens
@@ -209,7 +209,10 @@ def _check_memory(description: scene.Scene, window: Window, settings: Settings) 
     """
     height, width = window.shape
     counts = [settings.beams if light.beam_count is None else light.beam_count for light in description.lights]
-    beams = sum(count for light, count in zip(description.lights, counts, strict=True) if light.emits_beams)
+    pieces = [pieces_of(light) for light in description.lights]
+    beams = sum(
+        count * each for light, count, each in zip(description.lights, counts, pieces, strict=True) if light.emits_beams
+    )
     needed, present = PIXEL_BYTES * width * height + BEAM_BYTES * beams, device.memory()
     if device.backend() == "llvm" and present is not None and needed > present:
         raise scene.SceneError(
@@ -338,7 +341,8 @@ class _Frame:
             looks=between.scene.looks(),
         )
         if settings.program is not None:
-            bounds = center_of(worlds[0].bounds.center), worlds[0].radius
+            x, y, z = (float(each[0]) for each in worlds[0].bounds.center)
+            bounds = (x, y, z), worlds[0].radius
             sets = settings.program(sets, number, settings.seed, times, between.scene.medium, bounds)
         dr.eval([(each.beams, each.close) for each in sets])
         return sets

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,7 @@ from pxr import Usd, UsdGeom
 
 from ..scene import Array, DrawnBeams, Light, Medium, Mesh, Scene, SceneError
 from . import schemas as schemas
-from .curves import is_drawn, read_curves
+from .curves import guide_paths, is_drawn, read_curves, read_guides
 from .lights import is_light, portal_paths, read_light
 from .links import linked
 from .medium import is_medium, read_medium
@@ -60,9 +60,12 @@ def read_scene(stage: Usd.Stage, time: Any = None, warned: set[str] | None = Non
     # Points near the largest float and sums of them are the file's fault; the values are checked where it matters.
     with np.errstate(over="ignore", invalid="ignore"):
         items = list(_items(reading, stage.GetPseudoRoot()))
-        portals = {path for item in items if is_light(item.prim) for path in portal_paths(reading, item.prim)}
+        lights = [item.prim for item in items if is_light(item.prim)]
+        portals = {path for prim in lights for path in portal_paths(reading, prim)}
+        guides = {path for prim in lights for path in guide_paths(reading, prim)}
         for item in items:
-            if item.prim.GetPath() not in portals:
+            path = item.prim.GetPath()
+            if path not in portals and (path not in guides or is_drawn(item.prim)):
                 _collect(reading, item, contents)
     for prim, _ in contents.media[1:]:
         reading.warn(prim, f"is a second medium: that of {contents.media[0][0].GetPath()} is used alone")
@@ -83,7 +86,7 @@ def _collect(reading: Reading, item: _Item, contents: _Contents) -> None:
             return
     if is_light(prim):
         light = read_light(reading, prim, item.to_world, item.name)
-        contents.lights.extend([(prim, light)] if light else [])
+        contents.lights.extend([(prim, replace(light, guides=read_guides(reading, prim)))] if light else [])
     if is_gprim(prim):
         _warn_of_skinning(reading, prim)
         contents.meshes.extend(read_meshes(reading, prim, item.to_world, item.name))

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from pxr import Usd, UsdGeom
+from pxr import Sdf, Usd, UsdGeom
 
 from ..chains import directions, lengths, segments, tangents
 from ..scene import Array, DrawnBeams
@@ -70,6 +70,49 @@ def read_curves(reading: Reading, prim: Usd.Prim, to_world: Array, name: str) ->
     if not len(beams["start"]):
         return None
     return DrawnBeams(name=name, group=group, look=look, **beams)  # type: ignore[arg-type]
+
+
+_GUIDE_POINTS = 33  # of each span of a cubic guide
+
+
+def guide_paths(reading: Reading, prim: Usd.Prim) -> set[Sdf.Path]:
+    """Return the paths of the curves that a light names as its guides."""
+    return {target.GetPath() for target in reading.targets(prim, "photonbeams:guides")}
+
+
+def read_guides(reading: Reading, light: Usd.Prim) -> tuple[Array, ...]:
+    """Return points along each of the curves that lead a light's beams, in world space.
+
+    Raises
+    ------
+    SceneError
+        A target that is no BasisCurves prim, or has no curve that could lead anything.
+    """
+    name, found = "photonbeams:guides", []
+    for prim in reading.targets(light, name):
+        kind = prim.GetTypeName() or "prim without a type"
+        if not prim.IsA(UsdGeom.BasisCurves):
+            raise reading.fail(light, name, f"names {prim.GetPath()}, a {kind}: expected BasisCurves")
+        curves = _guides(reading, prim)
+        if not curves:
+            raise reading.fail(light, name, f"names {prim.GetPath()}, which has no curve: expected one with a length")
+        found += curves
+    return tuple(found)
+
+
+def _guides(reading: Reading, prim: Usd.Prim) -> list[Array]:
+    points = reading.array(prim, "points", 3)
+    counts = np.asarray(reading.value(prim, "curveVertexCounts", ()), dtype=np.int64)
+    if points is None or np.any(counts < 0) or counts.sum() != len(points):
+        return []
+    source = _Source(reading, prim, counts, *_kind(reading, prim))
+    spans = Spans.of(counts, source.drawable(), source.kind, source.wrap)
+    span, t = spans.nodes(np.full(len(spans.curve), 1 if source.kind == "linear" else _GUIDE_POINTS))
+    to_world = reading.to_world(prim)
+    placed = spans.at(points, span, t) @ to_world[:3, :3].T + to_world[:3, 3]
+    reading.within_reach(prim, placed)
+    curves = [placed[spans.curve[span] == curve] for curve in np.unique(spans.curve)]
+    return [curve for curve in curves if np.any(curve != curve[0])]
 
 
 def _kind(reading: Reading, prim: Usd.Prim) -> tuple[str, str]:
@@ -287,6 +330,12 @@ def _beams(source: _Source, nodes: _Nodes, closed: bool, graded: bool, to_world:
         fields["entry"] = given["entry"]
     if chained:
         fields["start_tangent"], fields["end_tangent"] = tangents(directions(start, end), following)
+        _turn_ends(source, fields, curve, following, to_world)
+        fields["id"] = curve.astype(np.float64)  # a curve is one beam, whatever its pieces
+    for name in ("random", "id", "generation"):
+        known = source.each(f"photonbeams:{name}", 1)
+        if known is not None:
+            fields[name] = known[curve, 0]
     normals = source.each("photonbeams:endNormals", 3)
     if normals is not None:
         fields["end_normal"] = _end_normals(fields, normals[curve], following, to_world)
@@ -295,6 +344,20 @@ def _beams(source: _Source, nodes: _Nodes, closed: bool, graded: bool, to_world:
         text = f"holds 0 at both ends of {np.count_nonzero(~wide)} segments: they are skipped"
         source.reading.warn(source.prim, text, "widths")
     return {name: value if value is None else value[wide] for name, value in fields.items()}
+
+
+def _turn_ends(source: _Source, fields: dict[str, Any], curve: Array, following: Array, to_world: Array) -> None:
+    """Set the directions of the light at the two ends of each curve to those that are authored."""
+    begins = np.ones(len(curve), dtype=bool)
+    begins[following[following >= 0]] = False
+    for name, field, there in (("start", "start_tangent", begins), ("end", "end_tangent", following < 0)):
+        authored = source.each(f"photonbeams:{name}Tangents", 3)
+        if authored is None:
+            continue
+        turned = authored[curve] @ to_world[:3, :3].T
+        size = np.linalg.norm(turned, axis=1, keepdims=True)
+        use = there & (size[:, 0] > 0)
+        fields[field][use] = (turned / np.where(size > 0, size, 1))[use]
 
 
 def _end_normals(fields: dict[str, Any], normals: Array, following: Array, to_world: Array) -> Array:

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from pxr import Sdf, Usd, UsdGeom, Vt
 
+from ..chains import directions
 from ..scene import Array, DrawnBeams, SceneError
 
 ROOT = "/Beams"
@@ -63,7 +64,7 @@ def write_beams(
 def _define(stage: Usd.Stage, beams: DrawnBeams, path: str) -> Usd.Prim:
     """Define the curves of a set of beams."""
     curves = UsdGeom.BasisCurves.Define(stage, path)
-    fields = {name: np.asarray(value) for name, value in beams.arrays().items()}
+    fields = _lit({name: np.asarray(value) for name, value in beams.arrays().items()})
     number, first, last = chains(fields)
     counts = last - first + 2
     ends = np.cumsum(counts) - 1  # the last point of each curve
@@ -77,25 +78,37 @@ def _define(stage: Usd.Stage, beams: DrawnBeams, path: str) -> Usd.Prim:
     if len(points):
         extent = UsdGeom.Curves.ComputeExtent(curves.GetPointsAttr().Get(), curves.GetWidthsAttr().Get())
         curves.CreateExtentAttr(extent)
-    power = fields["power"][first]
-    colour = power / max(float(power.max(initial=0)), 1e-30)
-    # For viewports, and not read again: colours that a beam is rendered in change along it, or are its power.
-    curves.CreateDisplayColorPrimvar("uniform").Set(_vectors(colour))
-    graded = "power_end" in fields or np.any(fields["power"] != power[number])
-    if graded:
+    power, interpolation = fields["power"][first], "uniform"
+    if "power_end" in fields or np.any(fields["power"] != power[number]):
         power = _along(fields["power"], fields.get("power_end", fields["power"]), counts, ends, last)
+        interpolation = "vertex"
+    brightest = float(power.max(initial=0)) or 1.0
+    curves.CreateDisplayColorPrimvar(interpolation).Set(_vectors(power / brightest))
+    if interpolation == "vertex":  # read again, colours along a curve multiply its power
+        power = np.full((1, 3), brightest)
     prim = curves.GetPrim()
     prim.AddAppliedSchema("PhotonBeamsCurvesAPI")
     kinds = Sdf.ValueTypeNames
     _set(prim, "power", kinds.Color3fArray, _vectors(power))
-    for name in ("offset", "total", "entry"):
+    for name in ("offset", "total", "entry", "random", "id", "generation"):
         if name in fields:
             _set(prim, name, kinds.FloatArray, _numbers(fields[name][first]))
     if "end_normal" in fields:
         _set(prim, "endNormals", kinds.Normal3fArray, _vectors(fields["end_normal"][last]))
+    if "start_tangent" in fields:
+        axis = directions(fields["start"], fields["end"])
+        for name, tangent, at in (("startTangents", "start_tangent", first), ("endTangents", "end_tangent", last)):
+            if not np.allclose(fields[tangent][at], axis[at], atol=1e-5):
+                _set(prim, name, kinds.Vector3fArray, _vectors(fields[tangent][at]))
     if beams.group:
         _set(prim, "lightGroup", kinds.Token, beams.group)
     return prim
+
+
+def _lit(fields: dict[str, Array]) -> dict[str, Array]:
+    """Return the beams that have any light; pieces without length, beside a guide, have none."""
+    lit = np.any((fields["power"] > 0) | (fields.get("power_end", fields["power"]) > 0), axis=1)
+    return {name: value[lit] for name, value in fields.items()}
 
 
 def chains(fields: Mapping[str, Array]) -> tuple[Array, Array, Array]:

@@ -8,15 +8,13 @@ is called for shutter open and for shutter close, and must do the same at both: 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import drjit as dr
-import numpy as np
 
 from ..beams import Beams
-from ..device import Array3f
-from ..scene import Array, DrawnBeams, Medium, SceneError
+from ..scene import DrawnBeams, Medium, SceneError
 from .trace import BeamSet
 
 
@@ -41,7 +39,7 @@ class Context:
     medium
         The fog, or None.
     bounds
-        Centre (3,) and radius of a sphere around everything in the shot.
+        Centre and radius of a sphere around everything in the shot.
     """
 
     name: str = ""
@@ -51,7 +49,7 @@ class Context:
     frame: float | None = None
     time: float = 0.0
     medium: Medium | None = None
-    bounds: tuple[Array, float] = field(default_factory=lambda: (np.zeros(3), 1.0))
+    bounds: tuple[tuple[float, float, float], float] = ((0.0, 0.0, 0.0), 1.0)
 
 
 #: A function that changes beams.
@@ -103,7 +101,7 @@ class Program:
         seed: int,
         times: Sequence[float],
         medium: Medium | None,
-        bounds: tuple[Array, float],
+        bounds: tuple[tuple[float, float, float], float],
     ) -> list[BeamSet]:
         """Return the sets of a pass, changed; `times` are fractions of the shutter at which the pass opens and closes.
 
@@ -177,8 +175,3 @@ def _called(function: Any) -> str:
 
 def _kind(value: Any) -> str:
     return "nothing" if value is None else f"a {type(value).__name__}"
-
-
-def center_of(point: Array3f) -> Array:
-    """Return a point as NumPy's numbers."""
-    return np.asarray(point.numpy(), dtype=np.float64).ravel()

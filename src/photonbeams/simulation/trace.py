@@ -19,6 +19,7 @@ from ..device import Array2f, Array3f, Bool, Float, UInt32
 from .emission import Emission, emit, emit_through
 from .footprints import FLOOR, radius_along, unblocked
 from .gobos import Masked, bare
+from .guides import known_guides, led, pieces_along
 from .lights import DistantSource, DomeSource, opaque
 from .portals import count_candidates
 from .sampling import hash32, sobol_block, unit_float
@@ -138,10 +139,23 @@ def trace(
             pieces += _beams(moments, paths, run, split=False)
         if pieces:
             states = [_joined(list(state)) for state in zip(*pieces, strict=True)]
+            states = _led(states, moments)
             later = states[1] if len(states) > 1 else None
             look = (looks or {}).get(light.name, light.look)
             sets.append(BeamSet(light.group, look, states[0], later, light.name, index, light.frame))
     return sets + _drawn(world, close, looks or {})
+
+
+def pieces_of(light: scene.Light) -> int:
+    """Return how many beams a light's guides make of one."""
+    return pieces_along(known_guides(light.guides)) + 2 if light.guides else 1
+
+
+def _led(states: list[Beams], moments: list[_Moment]) -> list[Beams]:
+    """Return beams at the times that differ, along their light's guides if it has any."""
+    guides = [known_guides(moment.light.guides) for moment in moments]
+    count = max(pieces_along(each) for each in guides)
+    return [led(state, each, count) for state, each in zip(states, guides, strict=True)]
 
 
 def _moments(world: World, close: World | None) -> list[list[_Moment]]:
