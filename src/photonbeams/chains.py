@@ -104,12 +104,14 @@ def curved(
     radii = _each(radius, (len(points),), "radius")
     per_curve = np.shape(power) == (len(sizes), 3) and len(sizes) != len(points)
     colours = np.repeat(np.asarray(power), sizes, axis=0) if per_curve else _each(power, (len(points), 3), "power")
-    offset, total = lengths(start, end, np.repeat(np.arange(len(sizes)), sizes)[first])
+    curve = np.repeat(np.arange(len(sizes)), sizes)[first]
+    offset, total = lengths(start, end, curve)
     start_tangent, end_tangent = tangents(directions(start, end), following)
     graded = np.shape(power) == (len(points), 3)
     return Beams(
         start, end, radii[first], radii[last], colours[first], offset=offset, total=total,
         start_tangent=start_tangent, end_tangent=end_tangent, power_end=colours[last] if graded else None,
+        id=curve,
     )  # fmt: skip
 
 

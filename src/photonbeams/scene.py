@@ -313,7 +313,8 @@ class DrawnBeams:
     """Beams that someone drew: `start` and `end` (N, 3), `radius_start` and `radius_end` (N,), `power` (N, 3).
 
     The other arrays are as `Beams` has them, or None: pieces of curves have `offset` and `total` (N,), by which
-    falloffs run over the whole curve, and `start_tangent` and `end_tangent` (N, 3), by which they are joined.
+    falloffs run over the whole curve, `start_tangent` and `end_tangent` (N, 3), by which they are joined, and one `id`,
+    the number of their curve.
     """
 
     name: str
@@ -331,6 +332,9 @@ class DrawnBeams:
     start_tangent: Array | None = None
     end_tangent: Array | None = None
     power_end: Array | None = None
+    random: Array | None = None
+    id: Array | None = None
+    generation: Array | None = None
 
     def arrays(self) -> dict[str, Array]:
         """Return all arrays that are set, by the names that `Beams` takes."""
