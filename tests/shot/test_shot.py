@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 import photonbeams as pb
-from photonbeams.shot.stage import open_stage, read_scene
 from comparison import lit, single_scattering
 from photonbeams import device
+from photonbeams.shot.stage import open_stage, read_scene
 
 STAGE = Path(__file__).parent / "data" / "comparison.usda"
 CAMERA = "/World/Camera"
