@@ -316,7 +316,8 @@ class DrawnBeams:
     """Beams that someone drew: `start` and `end` (N, 3), `radius_start` and `radius_end` (N,), `power` (N, 3).
 
     The other arrays are as `Beams` has them, or None: pieces of curves have `offset` and `total` (N,), by which
-    falloffs run over the whole curve, and `start_tangent` and `end_tangent` (N, 3), by which they are joined.
+    falloffs run over the whole curve, `start_tangent` and `end_tangent` (N, 3), by which they are joined, and one `id`,
+    the number of their curve.
     """
 
     name: str

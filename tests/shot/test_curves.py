@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import BSpline, CubicHermiteSpline
 
+import photonbeams as pb
 from photonbeams.scene import DrawnBeams, SceneError
 from photonbeams.shot.export import write_beams
 from photonbeams.shot.splines import BASES, CHORD_ERROR, MOST_TURN, Spans, varying_counts
@@ -164,7 +165,7 @@ def test_the_pieces_of_a_curve_are_joined_and_falloffs_run_over_all_of_it(scene)
 
 def test_a_straight_curve_of_two_points_is_a_plain_beam(scene):
     result = only(scene(curves("float[] widths = [0.1]")))
-    assert result.arrays().keys() == {"start", "end", "radius_start", "radius_end", "power"}
+    assert result.arrays().keys() == {"start", "end", "radius_start", "radius_end", "power", "id"}
 
 
 @pytest.mark.parametrize(("kind", "values"), [("varying", "[0.1, 0.4]"), ("vertex", "[0.1, 0.1, 0.1, 0.4]")])
@@ -348,13 +349,52 @@ def test_contradictions_are_errors_that_name_prim_and_attribute(scene, text, mes
         scene(text)
 
 
+# -- Numbers -----------------------------------------------------------------------------------------------------------
+
+
+def two_bends(look=""):
+    points = f"[(1, 0, 0), (1, {CIRCLE}, 0), ({CIRCLE}, 1, 0), (0, 1, 0), (2, 0, 0), (2, 1, 0), (1, 2, 0), (0, 2, 0)]"
+    return f"""{look}
+    def BasisCurves "B" {API} {{
+        uniform token type = "cubic"
+        uniform token basis = "bezier"
+        int[] curveVertexCounts = [4, 4]
+        point3f[] points = {points}
+        float[] widths = [0.2] (interpolation = "constant")
+    }}"""
+
+
+def test_all_pieces_of_a_curve_have_the_curves_number(scene):
+    result = only(scene(two_bends()))
+    pieces = np.bincount(result.id.astype(int))
+    assert len(pieces) == 2 and min(pieces) > 10
+    assert np.array_equal(result.id, np.repeat([0, 1], pieces))
+    points = np.array([[0, 0, 0], [1, 0, 0], [2, 0, 1], [0, 1, 0], [0, 2, 0], [1, 2, 0]])
+    assert pb.curved(points, 0.1, (1, 1, 1), [3, 3]).arrays()["id"].tolist() == [0, 0, 1, 1]
+
+
+def test_a_look_that_asks_for_random_numbers_shows_no_joints(scene):
+    beams = pb.Beams(**only(scene(two_bends())).arrays())
+    turn = np.linspace(0.2, 1.3, 200)  # along the first curve, by far more rays than pieces
+    origin = np.stack([np.cos(turn), np.sin(turn), np.full(200, 2.0)], axis=1)
+    fog = pb.Medium((0.1, 0.1, 0.1))
+    plain, random = (
+        pb.estimate(beams, origin, (0, 0, -1), look=pb.Look(along=along), medium=fog).numpy()[0]
+        for along in (pb.Constant(1), pb.Expression("random"))
+    )
+    assert plain.min() > 0
+    # One number over the whole curve, to the rounding of single precision; it would be another one at each joint.
+    assert np.ptp(random / plain) < 1e-5
+    assert 0 < (random / plain)[0] < 1
+
+
 # -- Written -----------------------------------------------------------------------------------------------------------
 
 
 @pytest.fixture
 def beams(rng):
     start, end, power = rng.random((3, 50, 3))
-    return DrawnBeams("/Beams", start, end, rng.random(50), rng.random(50), power, "key")
+    return DrawnBeams("/Beams", start, end, rng.random(50), rng.random(50), power, "key", id=np.arange(50.0))
 
 
 def assert_same(result, beams):

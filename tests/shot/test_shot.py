@@ -9,6 +9,7 @@ import pytest
 import photonbeams as pb
 from comparison import lit, single_scattering
 from photonbeams import device
+from photonbeams.shot.stage import open_stage, read_scene
 
 STAGE = Path(__file__).parent / "data" / "comparison.usda"
 CAMERA = "/World/Camera"
@@ -112,6 +113,15 @@ def test_worldtondc_projects_a_point_to_its_pixel(shot):
     x, y = point[:2] / point[3]
     # 90 degrees wide: x/z = 0.4 / 2.25, of a half width of 1; y of a half height of 9/16.
     assert np.allclose([x, y], [0.5 + 0.5 * 0.4 / 2.25, 0.5 + 0.5 * (0.4 / 2.25) / (9 / 16)])
+
+
+def test_traced_beams_are_written_as_curves_that_are_read_again(shot, tmp_path):
+    traced = shot.drawn_beams(beams=64)
+    assert {"random", "id", "generation"} <= traced[0].arrays().keys()
+    count = shot.write_beams(tmp_path / "beams.usda", beams=64)
+    assert count == sum(len(each.start) for each in traced) > 0
+    (read,) = read_scene(open_stage(tmp_path / "beams.usda")).drawn
+    assert np.allclose(read.start, traced[0].start, atol=1e-6)
 
 
 # -- looks of one's own ------------------------------------------------------------------------------------------------

@@ -322,6 +322,8 @@ def _beams(source: _Source, nodes: _Nodes, closed: bool, graded: bool, to_world:
     fields: dict[str, Any] = {
         "start": start, "end": end, "radius_start": radius_start, "radius_end": radius_end,
         "power": nodes.power[first], "power_end": nodes.power[last] if graded else None,
+        # What looks ask of a beam, all pieces of a curve answer alike.
+        "id": curve,
     }  # fmt: skip
     if chained or any(value is not None for value in given.values()):
         begin = 0.0 if given["offset"] is None else given["offset"]
