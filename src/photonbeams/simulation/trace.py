@@ -140,6 +140,7 @@ def trace(
         if pieces:
             states = [_joined(list(state)) for state in zip(*pieces, strict=True)]
             states = _led(states, moments)
+            dr.eval(states)  # each light alone: what has the same width by chance would share a kernel
             later = states[1] if len(states) > 1 else None
             look = (looks or {}).get(light.name, light.look)
             sets.append(BeamSet(light.group, look, states[0], later, light.name, index, light.frame))
@@ -220,7 +221,10 @@ _Piece = list[Beams]
 def _beams(moments: list[_Moment], paths: list[Emission], run: Run, split: bool) -> list[_Piece]:
     """Return the beams of light paths: to the first surface, inside the fog, cut at the portal."""
     alive = [path.valid & (dr.max(path.flux) > 0) for path in paths]
-    kept = _compressed(_any(alive), *alive, *paths, dr.arange(UInt32, dr.width(paths[0].origin)))
+    # Not a bare counter: once that is evaluated, Dr.Jit takes it for every other counter of its length, in kernels of
+    # another form than those of other lengths.
+    numbers = dr.arange(UInt32, dr.width(paths[0].origin)) + dr.opaque(UInt32, 0)
+    kept = _compressed(_any(alive), *alive, *paths, numbers)
     if not kept:
         return []
     alive, paths, numbers = kept[: len(moments)], kept[len(moments) : -1], kept[-1]
