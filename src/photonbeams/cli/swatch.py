@@ -53,7 +53,7 @@ def swatch(
         stage = open_stage(scene, session_layer or (), overrides or ())
         found, medium, seconds = find_looks(stage, look or (), frame)
     from ..looks import Context
-    from ..shot.looks import build_look
+    from ..shot.shading import build_look
     from ..swatches import FOG, Specimen, sheet
 
     specimen = Specimen(medium or FOG, length, *radius, context=Context(frame or 0.0, seconds))

@@ -16,8 +16,9 @@ import drjit as dr
 from ..device import Array3f, Bool, Float, UInt32
 from ..looks import BoundLook
 from .blend import frustum_weight, need, touched
-from .geometry import Approach, Packed, Rays, Record, load, passing
+from .geometry import Approach, Rays, passing
 from .points import Points
+from .records import Packed, Record, load
 
 
 def value(beam: Record, at: Approach, u2: Any, radius: Any, look: BoundLook, ray: Rays, points: Points) -> Any:

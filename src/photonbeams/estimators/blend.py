@@ -13,7 +13,8 @@ from typing import Any
 import drjit as dr
 
 from ..looks import BoundLook
-from .geometry import Approach, Course, Record
+from .geometry import Approach, Course
+from .records import Record
 
 # The chord may come this near to a boundary, in half chords, before the frustum has to take over.
 _CLEARANCE = 1.2

@@ -15,8 +15,9 @@ from ..quadrature import Rule, gauss_legendre
 from ..scene import Medium
 from .billboard import billboard_sum
 from .frustum import frustum_sum
-from .geometry import Packed, Rays, pack
+from .geometry import Rays
 from .points import Points
+from .records import Packed, pack
 
 ESTIMATORS = ("auto", "billboard", "frustum")
 

@@ -17,8 +17,9 @@ import drjit as dr
 from ..device import Array3f, Float, UInt32
 from ..looks.look import MOST_CORNERS, BoundLook
 from .blend import change_rate, frustum_weight, need
-from .geometry import Chord, Packed, Rays, Record, chord, closest_approach, load
+from .geometry import Chord, Rays, chord, closest_approach
 from .points import Points
+from .records import Packed, Record, load
 
 # Change of the radius, as a ratio, that one piece of a chord may hold: six points then err by 1e-6 on 1/R². For the
 # change of the factors see `BoundLook.change`; the look limits how often a chord is cut too (`BoundLook.cuts`), for one

@@ -18,8 +18,9 @@ from ..scene import Medium
 from .billboard import billboard_sum
 from .estimate import ENDLESS, bind, check_estimator, check_motion
 from .frustum import frustum_sum
-from .geometry import Packed, Rays, pack
+from .geometry import Rays
 from .points import Points
+from .records import Packed, pack
 from .tiles import TILE, Bins, Lists, Projection, footprints
 
 #: Pixels a lane of the billboard's kernel. A beam is gathered once for all of them: of 1, 4 and 8 pixels, 8 are the

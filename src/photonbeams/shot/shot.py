@@ -17,7 +17,7 @@ from . import stage as stages
 from .camera import read_shutter
 from .export import write_beams
 from .images import PathLike, write_frame
-from .looks import LookSpec, build_look
+from .looks import LookSpec
 from .motion import Exposure
 from .plates import Holdout, Plate, part_of
 from .reading import LOG, file_of
@@ -265,6 +265,8 @@ class Shot:
             return spec
         known = self._looks.get(spec.name)
         if known is None or repr(known[0]) != repr(spec):
+            from .shading import build_look  # starts Dr.Jit, which readers do not need
+
             known = self._looks[spec.name] = (spec, build_look(spec))
         return known[1]
 
