@@ -17,7 +17,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from pxr import Gf, Sdf, Usd, UsdGeom, UsdLux, UsdRender
+from pxr import Gf, Sdf, Usd, UsdGeom, UsdLux, UsdRender, UsdShade
 
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent / "keyhole"))
@@ -116,24 +116,40 @@ def room(random: np.random.Generator) -> dict[str, Shape]:
     return {"Floor": merge(boards), "Shell": merge(shell), "Rafters": merge(rafters), "Back": back}
 
 
-def jars(random: np.random.Generator) -> dict[str, Shape]:
-    """Return the jars, in the light and beside it, and a bench with bowls along the back wall."""
-    profile = np.array(JAR.split(), dtype=float).reshape(-1, 2)
+#: Place on the floor, and size, of the jars, in the light and beside it.
+JARS = (
+    (0.12, 0.02, 1.15), (-0.42, -1.15, 1.0), (-1.75, -1.75, 1.5), (-1.2, -2.0, 1.15), (-2.35, -1.95, 1.25),
+    (1.45, -2.05, 1.3), (1.0, -2.1, 0.9), (1.6, 1.75, 1.25), (-0.28, 0.95, 0.5), (-2.75, -0.4, 1.4),
+)  # fmt: skip
+
+
+def jar() -> Shape:
+    """Return a jar of size 1, with two handles."""
     handle = placed(torus(0.075, 0.013, 28, 8), rotation(0, 90), (0.135, 0.67, 0.0))
-    tall = []
-    for x, z, size in (
-        (0.12, 0.02, 1.15), (-0.42, -1.15, 1.0), (-1.75, -1.75, 1.5), (-1.2, -2.0, 1.15),
-        (-2.35, -1.95, 1.25), (1.45, -2.05, 1.3), (1.0, -2.1, 0.9), (1.6, 1.75, 1.25), (-0.28, 0.95, 0.5),
-        (-2.75, -0.4, 1.4), (-2.9, 0.35, 1.1),
-    ):  # fmt: skip
-        jar = merge([lathe(profile, 48), handle, placed(handle, rotation(1, 180), (0, 0, 0))])
-        jar = Shape(size * jar.points, jar.faces, jar.uvs, jar.normals)
-        tall.append(placed(jar, rotation(1, random.uniform(0, 180)), (x, 0.0, z)))
+    body = lathe(np.array(JAR.split(), dtype=float).reshape(-1, 2), 48)
+    return merge([body, handle, placed(handle, rotation(1, 180), (0, 0, 0))])
+
+
+def write_jars(stage: Usd.Stage, random: np.random.Generator, clay: UsdShade.Material) -> None:
+    """Define the jars: one mesh, and references to it."""
+    first = "/World/Things/Jar01"
+    for number, (x, z, size) in enumerate(JARS):
+        path = f"/World/Things/Jar{number + 1:02}"
+        if number:
+            stage.DefinePrim(path).GetReferences().AddInternalReference(first)
+        one = UsdGeom.XformCommonAPI(mesh(stage, path, jar(), clay) if not number else stage.GetPrimAtPath(path))
+        one.SetTranslate(Gf.Vec3d(x, 0, z))
+        one.SetRotate(Gf.Vec3f(0, round(random.uniform(0, 180), 1), 0))
+        one.SetScale(Gf.Vec3f(size, size, size))
+
+
+def bench() -> dict[str, Shape]:
+    """Return a bench along the back wall, and bowls on it."""
     bowl = lathe(np.array(BOWL.split(), dtype=float).reshape(-1, 2), 40)
-    bench = [box((-0.75, 0.50, -2.4), (0.65, 0.55, -2.05), 0.01)]
-    bench += [box((x - 0.04, 0.0, -2.36), (x + 0.04, 0.51, -2.1), 0.008) for x in (-0.6, 0.5)]
+    wood = [box((-0.75, 0.50, -2.4), (0.65, 0.55, -2.05), 0.01)]
+    wood += [box((x - 0.04, 0.0, -2.36), (x + 0.04, 0.51, -2.1), 0.008) for x in (-0.6, 0.5)]
     bowls = [placed(bowl, np.eye(3), (x, 0.55, -2.22)) for x in (-0.45, 0.3)]
-    return {"Jars": merge(tall), "Bench": merge(bench), "Bowls": merge(bowls)}
+    return {"Bench": merge(wood), "Bowls": merge(bowls)}
 
 
 # -- light, dust, camera -------------------------------------------------------------------------------------------
@@ -234,10 +250,11 @@ def model(folder: Path) -> Path:
     clay = material(stage, "Clay", (0.46, 0.23, 0.13), 0.6)
     iron = material(stage, "Iron", (0.05, 0.05, 0.05), 0.5)
     of = {"Floor": flag, "Back": stone, "Sills": stone, "Rafters": timber, "Bench": timber, "Bars": iron}
-    of |= dict.fromkeys(("Jars", "Bowls"), clay)
-    for group, parts in (("Room", room(random) | windows()), ("Things", jars(random))):
+    of["Bowls"] = clay
+    for group, parts in (("Room", room(random) | windows()), ("Things", bench())):
         for name, shape in parts.items():
             mesh(stage, f"/World/{group}/{name}", shape, of.get(name, plaster))
+    write_jars(stage, random, clay)
     path = folder / "physical.usda"
     path.write_text(stage.GetRootLayer().ExportToString(), encoding="utf-8")
     return path

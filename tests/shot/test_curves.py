@@ -305,14 +305,14 @@ def test_contradictions_are_errors_that_name_prim_and_attribute(scene, text, mes
 
 def two_bends(look=""):
     points = f"[(1, 0, 0), (1, {CIRCLE}, 0), ({CIRCLE}, 1, 0), (0, 1, 0), (2, 0, 0), (2, 1, 0), (1, 2, 0), (0, 2, 0)]"
-    return f'''{look}
+    return f"""{look}
     def BasisCurves "B" {API} {{
         uniform token type = "cubic"
         uniform token basis = "bezier"
         int[] curveVertexCounts = [4, 4]
         point3f[] points = {points}
         float[] widths = [0.2] (interpolation = "constant")
-    }}'''
+    }}"""
 
 
 def test_all_pieces_of_a_curve_have_the_curves_number(scene):
