@@ -1,4 +1,4 @@
-"""Render the stages that README.md, docs/guide.md and docs/beams.md show, at the size of a page. `make docs` calls it.
+"""Render the stages that README.md and the pages of docs/ show, at the size of a page. `make docs` calls it.
 
 The attic's layer and the ribbon are those that the pages print.
 """
@@ -27,6 +27,15 @@ RENDERS = {
     KEYHOLE: {"rgba": "keyhole", "beams": "keyhole-beams"},
 }
 
+#: The same of the shots of docs/examples.md, wider.
+MAGIC, SHAFT = "examples/magic/magic.usda", "examples/shaft/physical.usda"
+DIRECTED = ("--session-layer", "examples/shaft/directed.usda")
+EXAMPLES = {
+    (MAGIC, "--passes", "64"): {"rgba": "magic"},
+    (SHAFT, "--passes", "48"): {"rgba": "shaft-physical"},
+    (SHAFT, *DIRECTED, "--passes", "48"): {"rgba": "shaft-directed"},
+}
+
 OVER = (*ATTIC, "--holdout", PLATE, "--over", PLATE)
 
 # Of the flight every fifth frame, each as a small picture of one sheet.
@@ -37,14 +46,27 @@ FLIGHT = (
 THUMB = 160
 
 
-def flight(folder: Path) -> None:
-    """Write the flight's contact sheet, by the example's own script."""
+# Of the strands that grow, four frames in a row.
+GROWTH = (
+    MAGIC, "--session-layer", "examples/magic/grow.usda", "-f", "6,18,30,42", "--res", "480", "0",
+    "-o", "grow.####.exr", "-q",
+)  # fmt: skip
+
+
+def photonbeams(folder: Path, *arguments: str) -> None:
+    """Run the command in a folder."""
+    subprocess.run([sys.executable, "-m", "photonbeams", *arguments], cwd=folder, check=True)
+
+
+def sheet(folder: Path, arguments: tuple[str, ...], name: str, columns: int, thumb: int) -> None:
+    """Write the contact sheet of a sequence, by the keyhole's own script."""
     sys.path.insert(0, str(ROOT / "examples" / "keyhole"))
     import film
 
-    subprocess.run([sys.executable, "-m", "photonbeams", "render", *FLIGHT], cwd=folder, check=True)
-    film.THUMB = THUMB
-    film.contact_sheet(list(film.pictures(film.frames_of(str(folder / "flight.####.exr")))), PICTURES / "flight.png")
+    photonbeams(folder, "render", *arguments)
+    film.COLUMNS, film.THUMB = columns, thumb
+    pattern = arguments[arguments.index("-o") + 1]
+    film.contact_sheet(list(film.pictures(film.frames_of(str(folder / pattern)))), PICTURES / name)
 
 
 def plate(folder: Path) -> None:
@@ -53,7 +75,21 @@ def plate(folder: Path) -> None:
 
     write_png(PICTURES / "attic-plate.png", read_layers(ROOT / PLATE)["ViewLayer.Combined"], exposure=1.0)
     flags = [f"--picture=rgba={PICTURES / 'attic-over'}.png", "-q"]
-    subprocess.run([sys.executable, "-m", "photonbeams", "render", *OVER, *flags], cwd=folder, check=True)
+    photonbeams(folder, "render", *OVER, *flags)
+
+
+def rendered(folder: Path, arguments: tuple[str, ...], pictures: dict[str, str], width: str) -> None:
+    """Write what is shown of a stage."""
+    flags = [f"--picture={layer}={PICTURES / name}.png" for layer, name in pictures.items()]
+    photonbeams(folder, "render", *arguments, "--res", width, "0", "-q", *flags)
+
+
+def examples(folder: Path) -> None:
+    """Write what docs/examples.md shows."""
+    for arguments, pictures in EXAMPLES.items():
+        rendered(folder, arguments, pictures, "960")
+    photonbeams(folder, "swatch", SHAFT, *DIRECTED, "--length", "7", "-o", str(PICTURES / "shaft-look.png"))
+    sheet(folder, GROWTH, "magic-grow.png", columns=4, thumb=240)
 
 
 def main() -> None:
@@ -64,11 +100,10 @@ def main() -> None:
             for name, source in saved_files((DOCS / page).read_text()).items():
                 (Path(folder) / name).write_text(source)
         for arguments, pictures in RENDERS.items():
-            flags = [f"--picture={layer}={PICTURES / name}.png" for layer, name in pictures.items()]
-            command = [sys.executable, "-m", "photonbeams", "render", *arguments, "--res", "640", "0", "-q", *flags]
-            subprocess.run(command, cwd=folder, check=True)
+            rendered(Path(folder), arguments, pictures, "640")
         plate(Path(folder))
-        flight(Path(folder))
+        sheet(Path(folder), FLIGHT, "flight.png", columns=5, thumb=THUMB)
+        examples(Path(folder))
 
 
 if __name__ == "__main__":
