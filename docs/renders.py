@@ -5,10 +5,12 @@ The attic's layer is the one that the guide prints.
 
 from __future__ import annotations
 
+import shutil
 import subprocess
 import sys
 import tempfile
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import OpenImageIO
@@ -27,9 +29,9 @@ RENDERS = {
     KEYHOLE: {"rgba": "keyhole", "beams": "keyhole-beams"},
 }
 
-#: The stages of docs/examples.md, each shown by a picture of its name; and how many steps a channel of it has.
+#: The stages of docs/examples.md, each shown by a picture of its name, and the most bytes that it may have.
 EXAMPLES = ("examples/forest/forest.usda", "examples/concert/concert.usda")
-STEPS = 127  # dithered to 256, a picture of this size would be too large for a page
+MOST = 490_000
 
 OVER = (*ATTIC, "--holdout", PLATE, "--over", PLATE)
 
@@ -54,18 +56,26 @@ def flight(folder: Path) -> None:
 def example(folder: Path, stage: str) -> None:
     """Write the picture of an example: what its command renders, but smaller and of more passes."""
     from photonbeams.shot.display import srgb_encoded, tone_mapped
-    from photonbeams.shot.images import atomic_path, read_layers
+    from photonbeams.shot.images import read_layers
 
     flags = ["--passes", "32", "--res", "960", "0", "-q", "-o", "example.exr", "--layers", "rgba"]
     subprocess.run([sys.executable, "-m", "photonbeams", "render", stage, *flags], cwd=folder, check=True)
-    levels = np.round(STEPS * srgb_encoded(tone_mapped(read_layers(folder / "example.exr")["rgba"][..., :3])))
-    pixels = np.round(levels * (255 / STEPS)).astype(np.uint8)
-    spec = OpenImageIO.ImageSpec(pixels.shape[1], pixels.shape[0], 3, "uint8")
+    pixels = 255 * srgb_encoded(tone_mapped(read_layers(folder / "example.exr")["rgba"][..., :3]))
+    for step in range(1, 9):  # what is noisy takes too many bytes with all 256 levels
+        write_levels(folder / "example.png", step * np.round(pixels / step))
+        if (folder / "example.png").stat().st_size <= MOST:
+            break
+    shutil.copy(folder / "example.png", PICTURES / f"{Path(stage).stem}.png")
+
+
+def write_levels(path: Path, levels: Any) -> None:
+    """Write whole numbers from 0 to 255 as a small PNG; a dithered one, as of `write_png`, is a third larger."""
+    spec = OpenImageIO.ImageSpec(levels.shape[1], levels.shape[0], 3, "uint8")
     spec.attribute("png:compressionLevel", 9)
-    with atomic_path(PICTURES / f"{Path(stage).stem}.png") as path:
-        image = OpenImageIO.ImageOutput.create("png")
-        if not (image.open(str(path), spec) and image.write_image(pixels) and image.close()):
-            raise OSError(f"{path}: cannot be written")
+    image = OpenImageIO.ImageOutput.create("png")
+    done = image.open(str(path), spec) and image.write_image(np.clip(levels, 0, 255).astype(np.uint8))
+    if not (image.close() and done):
+        raise OSError(f"{path}: cannot be written")
 
 
 def plate(folder: Path) -> None:

@@ -183,7 +183,7 @@ def set_pieces(stage: Usd.Stage, random: np.random.Generator) -> None:
     mesh(stage, "/Gear/Fork", gear.yoke(), None)
     mesh(stage, "/Gear/Can", gear.head(), None, smooth=True)
     UsdShade.MaterialBindingAPI.Apply(UsdGeom.Xform.Define(stage, "/World/Rig").GetPrim()).Bind(black)
-    mesh(stage, "/World/Set/Floor", block((-15, -0.3, -5.6), (15, 0, 3)), floor)
+    mesh(stage, "/World/Set/Floor", block((-15, -1.0, -5.6), (15, 0, 3)), floor)
     mesh(stage, "/World/Set/Pit", block((-15, -1.0, 3), (15, -0.9, 16)), black)
     curtain = moved(gear.curtain(30, 12.0, random), np.eye(3), (0, 0, -5.4))
     mesh(stage, "/World/Set/Curtain", curtain, cloth, smooth=True)
