@@ -5,11 +5,15 @@ The attic's layer and the ribbon are those that the pages print.
 
 from __future__ import annotations
 
+import shutil
 import subprocess
 import sys
 import tempfile
 from pathlib import Path
+from typing import Any
 
+import numpy as np
+import OpenImageIO
 from pages import DOCS, ROOT, saved_files
 
 PICTURES = DOCS / "pictures"
@@ -35,6 +39,10 @@ EXAMPLES = {
     (SHAFT, "--passes", "48"): {"rgba": "shaft-physical"},
     (SHAFT, *DIRECTED, "--passes", "48"): {"rgba": "shaft-directed"},
 }
+
+#: The stages of docs/examples.md, each shown by a picture of its name, and the most bytes that it may have.
+STAGES = ("examples/forest/forest.usda", "examples/concert/concert.usda")
+MOST = 490_000
 
 OVER = (*ATTIC, "--holdout", PLATE, "--over", PLATE)
 
@@ -69,6 +77,31 @@ def sheet(folder: Path, arguments: tuple[str, ...], name: str, columns: int, thu
     film.contact_sheet(list(film.pictures(film.frames_of(str(folder / pattern)))), PICTURES / name)
 
 
+def example(folder: Path, stage: str) -> None:
+    """Write the picture of an example: what its command renders, but smaller and of more passes."""
+    from photonbeams.shot.display import srgb_encoded, tone_mapped
+    from photonbeams.shot.images import read_layers
+
+    flags = ["--passes", "32", "--res", "960", "0", "-q", "-o", "example.exr", "--layers", "rgba"]
+    subprocess.run([sys.executable, "-m", "photonbeams", "render", stage, *flags], cwd=folder, check=True)
+    pixels = 255 * srgb_encoded(tone_mapped(read_layers(folder / "example.exr")["rgba"][..., :3]))
+    for step in range(1, 9):  # what is noisy takes too many bytes with all 256 levels
+        write_levels(folder / "example.png", step * np.round(pixels / step))
+        if (folder / "example.png").stat().st_size <= MOST:
+            break
+    shutil.copy(folder / "example.png", PICTURES / f"{Path(stage).stem}.png")
+
+
+def write_levels(path: Path, levels: Any) -> None:
+    """Write whole numbers from 0 to 255 as a small PNG; a dithered one, as of `write_png`, is a third larger."""
+    spec = OpenImageIO.ImageSpec(levels.shape[1], levels.shape[0], 3, "uint8")
+    spec.attribute("png:compressionLevel", 9)
+    image = OpenImageIO.ImageOutput.create("png")
+    done = image.open(str(path), spec) and image.write_image(np.clip(levels, 0, 255).astype(np.uint8))
+    if not (image.close() and done):
+        raise OSError(f"{path}: cannot be written")
+
+
 def plate(folder: Path) -> None:
     """Write Cycles' plate as it is, and with beams over it, both of the plate's own size."""
     from photonbeams.shot.images import read_layers, write_png
@@ -101,6 +134,8 @@ def main() -> None:
                 (Path(folder) / name).write_text(source)
         for arguments, pictures in RENDERS.items():
             rendered(Path(folder), arguments, pictures, "640")
+        for stage in STAGES:
+            example(Path(folder), stage)
         plate(Path(folder))
         sheet(Path(folder), FLIGHT, "flight.png", columns=5, thumb=THUMB)
         examples(Path(folder))
