@@ -7,7 +7,7 @@ import pytest
 from pxr import Usd
 
 from photonbeams.scene import SceneError
-from photonbeams.shot.stage import default_time, open_stage, read_scene
+from photonbeams.shot.stage import default_time, extent_varies, open_stage, read_scene
 
 LAMP = """#usda 1.0
 def SphereLight "Lamp" {
@@ -180,3 +180,26 @@ def test_a_transform_that_is_not_finite_is_an_error(scene):
     }"""
     with pytest.raises(SceneError, match=r"stage\.usda: /C has a transform that is not finite"):
         scene(text)
+
+
+@pytest.mark.parametrize(
+    ("varying", "expected"),
+    [
+        ("", False),
+        ('over "Camera" {\n    double3 xformOp:translate.timeSamples = { 1: (0, 0, 0), 2: (1, 0, 0) }\n}', False),
+        ('over "Lamp" {\n    float inputs:intensity.timeSamples = { 1: 1, 2: 2 }\n}', False),
+        ('over "Lamp" {\n    float photonbeams:intensity.timeSamples = { 1: 1, 2: 2 }\n}', False),
+        ('over "Lamp" {\n    float inputs:radius.timeSamples = { 1: 1, 2: 2 }\n}', True),
+        ('over "Group" {\n    double3 xformOp:translate.timeSamples = { 1: (0, 0, 0), 2: (1, 0, 0) }\n}', True),
+        ('over "Group" {\n    over "Ball" {\n    double radius.timeSamples = { 1: 1, 2: 2 }\n    }\n}', True),
+    ],
+)
+def test_an_extent_varies_with_what_has_one(tmp_path, varying, expected):
+    path = tmp_path / "a.usda"
+    path.write_text(
+        '#usda 1.0\ndef Camera "Camera" {\n}\ndef SphereLight "Lamp" {\n}\n'
+        'def Xform "Group" {\n    def Sphere "Ball" {\n    }\n}\n'
+    )
+    layer = tmp_path / "b.usda"
+    layer.write_text(f"#usda 1.0\n{varying}\n")
+    assert extent_varies(open_stage(path, [layer])) == expected

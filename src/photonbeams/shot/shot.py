@@ -217,7 +217,8 @@ class Shot:
             from ..render.world import bounding_sphere
 
             codes = stages.sample_times(self.stage, _BOUNDS_TIMES)
-            states = [state for code in codes if (state := self._sound(code))] if codes else [content]
+            moving = bool(codes) and (stages.extent_varies(self.stage) or self.emit is not None)
+            states = [state for code in codes if (state := self._sound(code))] if moving else [content]
             times: list[float | None] = [*codes] or [None]
             cameras = [camera for time in times for camera in self._sound_eyes(time)]
             eyes = [np.asarray(camera.to_world)[:3, 3] for camera in cameras]

@@ -8,13 +8,13 @@ from collections.abc import Iterable, Iterator
 from math import isfinite
 from typing import Any
 
-from pxr import Ar, Gf, Pcp, Sdf, Tf, Usd, UsdUtils
+from pxr import Ar, Gf, Pcp, Sdf, Tf, Usd, UsdGeom, UsdUtils
 
 from ..scene import SceneError
 from . import schemas as schemas
 from .camera import list_cameras, read_camera
 from .contents import read_scene
-from .reading import LOG, file_of, varying_attributes
+from .reading import LOG, file_of, prims_under, varying_attributes
 
 __all__ = ["default_time", "list_cameras", "open_stage", "read_camera", "read_scene", "sample_times"]
 
@@ -75,6 +75,18 @@ def sample_times(stage: Usd.Stage, most: int) -> list[float]:
     if len(found) <= most:
         return found
     return [found[round(k * (len(found) - 1) / (most - 1))] for k in range(most)]
+
+
+def extent_varies(stage: Usd.Stage) -> bool:
+    """Return whether anything but cameras may move or change its size with time."""
+    sizes = ("inputs:radius", "inputs:width", "inputs:height", "inputs:length")
+    for attribute in varying_attributes(stage):
+        name = attribute.GetName()
+        if name.startswith("photonbeams:") or (name.startswith("inputs:") and name not in sizes):
+            continue
+        if any(prim.IsA(UsdGeom.Boundable) for prim in prims_under(attribute.GetPrim())):
+            return True
+    return False
 
 
 def _layer(path: str) -> Sdf.Layer:
