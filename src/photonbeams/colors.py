@@ -147,12 +147,18 @@ def coefficients(near: Colors, far: Colors, albedo: Colors = 1.0, far_distance: 
 
 def _side(medium: Medium, radius: float, across: Across | None) -> float:
     """Return p k1: the radiance, seen square from the side, of a beam's middle that scatters a unit of flux a unit."""
-    from .looks import Epanechnikov
+    from .looks import Epanechnikov, Modulated
+    from .looks.across import across as profile_of
     from .quadrature import gauss_legendre
 
     if not number(radius, "radius") > 0:
         raise SceneError(f"radius is {radius}: expected a number above 0")
-    profile = across or Epanechnikov()
+    try:
+        profile = profile_of(Epanechnikov() if across is None else across)
+    except ValueError as error:
+        raise SceneError(f"across is {across!r}: {error}") from None
+    if isinstance(profile, Modulated):
+        raise SceneError("across depends on more than the radius: expected a profile")
     breaks = (*profile.corners, *np.linspace(0, 1, 17)[1:-1])
     line = 2 * profile.scale * float(gauss_legendre(16).integrate(profile.shape, 0.0, 1.0, breaks))
     phase = (1 - medium.anisotropy**2) / (4 * np.pi * (1 + medium.anisotropy**2) ** 1.5)

@@ -229,6 +229,13 @@ def test_what_is_wrong_with_a_function_is_told_in_a_sentence(functions, capsys, 
     assert not (functions / "out.usda").exists()
 
 
+def test_beams_do_not_replace_the_stage_that_they_are_of(functions, capsys):
+    before = (functions / "stage.usda").read_bytes()
+    assert call("beams", "stage.usda", "-o", "stage.usda", "--beams", "16", "-q") == 1
+    assert "stage.usda is what the stage is read from: expected another file" in capsys.readouterr().err
+    assert (functions / "stage.usda").read_bytes() == before
+
+
 def test_a_stage_from_blender_is_written_without_a_word_of_photonbeams_in_it(folder):
     assert call("beams", ATTIC, "-o", "attic.usdc", "--beams", "64", "-q") == 0
     stage = Usd.Stage.Open("attic.usdc")

@@ -178,3 +178,13 @@ def test_info_shows_the_stage_under_session_layers_and_no_image(call, files):
     code, _, stderr = call("info", files / "bare.usda", "--session-layer", files / "nothing.usda")
     assert code == 1
     assert "nothing.usda: expected a USD stage, there is no such file" in stderr
+
+
+@pytest.mark.parametrize("flag", ["--holdout", "--over"])
+def test_a_plate_is_not_replaced_by_what_lies_over_it(call, files, flag):
+    plate = files / "plate.exr"
+    plate.write_bytes(PLATE.read_bytes())
+    code, _, stderr = call("render", files / "bare.usda", flag, plate, "-o", plate, *SMALL)
+    assert code == 2
+    assert f"plate.exr is read by {flag}: expected another file to write to" in stderr
+    assert plate.read_bytes() == PLATE.read_bytes()

@@ -126,3 +126,13 @@ def test_pictures_and_curves_show_the_look():
     assert not across[:, :300].any() and across[:, 400].min() > 0.5
     assert np.all(eye == 1) and np.all(angle == 1)
     assert FOG.extinction[2] > FOG.extinction[0]
+
+
+def test_an_empty_value_clears_an_expression(capsys, stage, tmp_path):
+    pictures = []
+    for number, value in enumerate(("", "1")):
+        path = tmp_path / f"{number}.png"
+        flags = ("--look", "Two", "--set", f"/Two.photonbeams:along:expression={value}")
+        assert run(capsys, stage, "-o", path, *flags)[0] == 0
+        pictures.append(pixels(path))
+    assert np.array_equal(*pictures)

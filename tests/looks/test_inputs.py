@@ -1,5 +1,7 @@
 """What factors may ask for: places, times, beams; and functions and expressions that are wrong."""
 
+import sys
+
 import drjit as dr
 import numpy as np
 import pytest
@@ -200,6 +202,56 @@ def test_other_numbers_in_a_look_compile_nothing():
         first = render(0.25)
         assert not compiled()
     assert np.any(first != render(0.5))
+
+
+def test_light_is_neither_negative_nor_endless():
+    def spiked(distance, s):  # where no check looks
+        return dr.select(dr.abs(distance - 1.0) < 1e-3, Float(dr.inf), 0.5)
+
+    for factor, expected in (
+        (lambda distance: dr.sin(5 * distance), np.maximum(np.sin([2.5, 5.0, 7.5]), 0)),
+        (pb.Constant(1.0) + -2.0, [0, 0, 0]),
+        (pb.Constant([-1, -1, -1]), [0, 0, 0]),
+        (pb.Function(spiked), [0.5, 0, 0.5]),
+    ):
+        np.testing.assert_allclose(seen(pb.Look(**{**PLAIN, "along": factor}))[:, 0], expected, atol=5e-3)
+    assert not seen(pb.Look(**{**PLAIN, "angle": lambda cosine: -1 - cosine})).any()
+
+
+def test_factors_that_leave_single_precision_are_an_error():
+    with pytest.raises(SceneError, match=r"factors reach more than 1e\+18 together: expected smaller numbers"):
+        seen(pb.Look(along=1e15, eye=1e15, angle=1.0))
+
+
+def test_a_function_of_double_precision_is_rounded():
+    double = dr.float64_array_t(Float)
+    found = seen(pb.Look(**{**PLAIN, "along": lambda s: double(s) * 0.5}))
+    np.testing.assert_allclose(found[:, 0], [0.25, 0.5, 0.75], atol=2e-3)
+
+
+def test_an_exit_in_a_function_is_told_in_a_sentence():
+    with pytest.raises(SceneError, match="the look's function <lambda> failed: 3"):
+        seen(pb.Look(along=lambda s: sys.exit(3)))
+
+
+@pytest.mark.parametrize("text", ["r > 0.95", "pulse(10 * r, 0.2)", "exp(-((r - 0.9) / 0.01) ** 2)"])
+def test_steps_by_radius_are_projected_as_they_are_integrated(text):
+    """In pieces of a 64th of the radius, by six points each: a step is off by a 400th of it."""
+    look = pb.Look(**PLAIN, across=pb.Uniform() * pb.Expression(text))
+    beams = pb.Beams([[0, 0, 0]], [[0, 0, 2]], 0.1, 0.1, [[1, 1, 1]])
+    x = np.linspace(-0.095, 0.095, 200)
+    origin = np.stack([x, np.full(200, -4.0), np.ones(200)], axis=1)
+    found, exact = (
+        np.asarray(pb.estimate(beams, origin, (0, 1, 0), look=look, estimator=each, rule=rule), dtype=float)[0]
+        for each, rule in (("auto", pb.gauss_legendre(6)), ("frustum", pb.riemann(256)))
+    )
+    assert found.mean() == pytest.approx(exact.mean(), rel=0.01)
+
+
+def test_corners_by_radius_are_known_in_every_slot():
+    ramp = pb.ColorRamp([0, 0.3, 1], [[1, 0, 0], [0, 1, 0], [0, 0, 1]], space="radius")
+    for slot in ("along", "eye", "angle", "across"):
+        assert ("radius", pytest.approx(0.3)) in pb.Look(**{**PLAIN, slot: ramp}).bind(MEDIUM, 2.0).corners
 
 
 def test_a_function_that_goes_wrong_is_told_in_a_sentence():

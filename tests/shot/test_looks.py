@@ -161,6 +161,22 @@ def test_a_texture_along_the_beam_is_decoded_and_its_rows_averaged(read, image):
     assert np.allclose(found, [[2, 0, 0], [0, 1, 1]])
 
 
+def test_the_ends_of_a_range_are_in_it(read):
+    """USD's floats are of single precision: what is written as 0.99 is a little less or more."""
+    found = read("""
+        float photonbeams:across:width = 0.02
+        float photonbeams:across:inner = 0.99
+        float photonbeams:across:softness = 0.01
+        float photonbeams:angle:anisotropy = -0.99""")
+    assert (found.across.width, found.across.inner, found.across.softness) == (0.02, 0.99, 0.01)
+    assert found.angle.anisotropy == -0.99
+
+
+def test_a_look_that_is_no_relationship_is_an_error(scene):
+    with pytest.raises(SceneError, match=r"/L\.photonbeams:look is an attribute: expected a relationship, rel"):
+        scene('def SphereLight "L" {\nstring photonbeams:look = "Look"\n}\n')
+
+
 def test_lights_and_curves_share_a_look(scene):
     text = (
         look("")
@@ -236,6 +252,10 @@ def test_a_misspelt_attribute_is_named(read, caplog):
             r'across:expression is wrong: expression "1 - rr", column 5: ',
         ),
         ("""string photonbeams:eye:expression = "__import__('os')" """, r"eye:expression is wrong: expression .*"),
+        ("float photonbeams:along:ramp:knots = 1", r"along:ramp:knots is 1\.0: expected a list of values"),
+        ("color3f[] photonbeams:along:tint = [(1, 1, 1)]", r"along:tint is .*: expected a colour"),
+        ("float[] photonbeams:noise:drift = [1, 2]", r"noise:drift has 2 values: expected three"),
+        ('string photonbeams:along:texture = "a.png"', r"along:texture is a\.png: expected an asset"),
         ("int photonbeams:noise:octaves = 9", r"noise:octaves is 9: expected a whole number from 1 to 8"),
         ("float photonbeams:noise:scale = 0", r"noise:scale is 0: expected a positive number"),
         ("float photonbeams:variation = 2", r"variation is 2.*: expected a finite number at least 0 at most 1"),

@@ -1,5 +1,6 @@
 """Opening stages, and what is said of those that cannot be opened."""
 
+import os
 import re
 
 import OpenImageIO
@@ -203,3 +204,12 @@ def test_an_extent_varies_with_what_has_one(tmp_path, varying, expected):
     layer = tmp_path / "b.usda"
     layer.write_text(f"#usda 1.0\n{varying}\n")
     assert extent_varies(open_stage(path, [layer])) == expected
+
+
+def test_a_layer_that_was_written_again_is_read_again(tmp_path):
+    path = tmp_path / "a.usda"
+    for radius in (1, 2):
+        path.write_text(f'#usda 1.0\ndef SphereLight "Lamp" {{\n    float inputs:radius = {radius}\n}}\n')
+        stamp = 1_000_000_000 * radius
+        os.utime(path, (stamp, stamp))
+        assert open_stage(path).GetPrimAtPath("/Lamp").GetAttribute("inputs:radius").Get() == radius

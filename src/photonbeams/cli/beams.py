@@ -65,7 +65,7 @@ def beams(
         from ..shot import Shot
         from ..shot.export import check_path
         from ..shot.frames import check_frames, decimals
-        from ..shot.stage import open_stage
+        from ..shot.stage import check_not_read, open_stage
 
         numbers = frame_numbers(frames)
         check_placeholders([target], len(numbers), max(0 if each is None else decimals(each) for each in numbers))
@@ -79,6 +79,7 @@ def beams(
         for task in tasks:
             task.files[0].parent.mkdir(parents=True, exist_ok=True)
             check_path(task.files[0])
+            check_not_read(stage, task.files[0])
         for task in tasks:
             check()
             written = shot.write_beams(task.files[0], task.number, beams=beams, seed=seed)

@@ -78,20 +78,20 @@ def _module(path: Path) -> Any:
 
 
 def _told(function: Callable[..., Any], path: Path) -> Callable[..., Any]:
-    """Return the function, whose exceptions are told in one sentence; Ctrl-C and the like pass."""
+    """Return the function, whose exceptions, and an exit, are told in one sentence; Ctrl-C passes."""
     from ..scene import SceneError
 
     @wraps(function)
     def called(*given: Any) -> Any:
         try:
             return function(*given)
-        except Exception as error:
+        except (Exception, SystemExit) as error:
             raise SceneError(_sentence(error, path)) from error
 
     return called
 
 
-def _sentence(error: Exception, path: Path) -> str:
+def _sentence(error: BaseException, path: Path) -> str:
     """Return file, line and what an exception says; the last line of the user's file that led to it."""
     if isinstance(error, SyntaxError):
         return f"{path}, line {error.lineno}: {error.msg}"

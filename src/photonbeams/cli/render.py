@@ -211,6 +211,7 @@ def render(
         surfaces=False if beams_only_fog else None,
     )
     outputs = parse_outputs(output or (), picture or ())
+    _check_replaced(outputs, {"--holdout": holdout, "--over": over})
     with messages(quiet, verbose), held_interrupt() as check:
         start_device(device, threads)
         from ..shot import Holdout, Plate, Shot
@@ -386,6 +387,13 @@ def _stereo(stereo: bool, interaxial: float | None, convergence: float | None, v
         return Stereo(interaxial, convergence)
     except SceneError as error:
         raise typer.BadParameter(f"--{error}") from None
+
+
+def _check_replaced(outputs: Sequence[Output], given: dict[str, str | None]) -> None:
+    """Refuse outputs that would replace what is read."""
+    for flag, path in given.items():
+        if path and any(each.path.absolute() == Path(path).absolute() for each in outputs):
+            raise typer.BadParameter(f"{path} is read by {flag}: expected another file to write to")
 
 
 def _check_plates(

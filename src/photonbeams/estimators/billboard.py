@@ -52,15 +52,17 @@ def _light(beam: Record, at: Approach, rho2: Any, look: BoundLook, ray: Rays) ->
 def _projected(beam: Record, at: Approach, x: Any, look: BoundLook, ray: Rays, points: Points) -> Any:
     """Return 2 ∫_0^1 density · light dv with ρ² = x + (1 − x) v²: the line projection of all that changes with ρ.
 
-    In pieces, between the rings where it has corners.
+    In pieces, between the rings where it has corners, and no longer than the look stays the same: dρ/dv is 1 at most.
     """
+    longest = dr.clip(look.change * dr.rcp(dr.maximum(look.rate_radius, 1e-20)), dr.rcp(look.cuts), 1)
     wide = dr.maximum(1 - x, 1e-6)
     squares = [dr.square(dr.opaque(Float, ring)) for ring in look.rings if ring > 0]
     breaks = [dr.sqrt(dr.clip((square - x) / wide, 0, 1)) for square in squares]
     total = Array3f(0)
     low = Float(0)
     while low < 1:
-        high = Float(1)
+        high = low + longest
+        high = dr.select(high > 1 - 0.01 * longest, 1, high)
         for place in breaks:
             high = dr.select((place > low) & (place < high), place, high)
         half, middle = 0.5 * (high - low), 0.5 * (high + low)

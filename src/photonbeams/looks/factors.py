@@ -31,6 +31,10 @@ class Factor:
 
     #: Where the factor has corners: quadrature splits its interval there.
     corners: tuple[Corner, ...] = ()
+    #: Whether nobody knows its corners: quadrature takes finer steps.
+    rough: bool = False
+    #: Whether it may be negative or not finite.
+    wild: bool = False
 
     def evaluate(self, at: At) -> Any:
         """Return the factor's value: a Float, or an Array3f."""
@@ -68,7 +72,7 @@ class Product(Factor):
     def __init__(self, factors: tuple[Factor, ...]) -> None:
         flat = [inner for each in factors for inner in (each.factors if isinstance(each, Product) else (each,))]
         self.factors: tuple[Factor, ...] = tuple(flat)
-        self.corners = _corners(self.factors)
+        _inherit(self, self.factors)
 
     def evaluate(self, at: At) -> Any:
         """Return the product of the factors' values."""
@@ -89,7 +93,7 @@ class Sum(Factor):
 
     def __init__(self, factors: tuple[Factor, ...]) -> None:
         self._factors = factors
-        self.corners = _corners(factors)
+        _inherit(self, factors)
 
     def evaluate(self, at: At) -> Any:
         """Return the sum of the factors' values."""
@@ -104,7 +108,8 @@ class Mix(Factor):
 
     def __init__(self, first: Factor, second: Factor, amount: Factor) -> None:
         self._first, self._second, self._amount = first, second, amount
-        self.corners = _corners((first, second, amount))
+        _inherit(self, (first, second, amount))
+        self.wild = True  # an amount beyond 0 to 1 makes colours negative
 
     def evaluate(self, at: At) -> Any:
         """Return the mixture."""
@@ -119,7 +124,8 @@ class Clamp(Factor):
         if not low <= high:
             raise ValueError(f"a factor is clamped to {low} to {high}: expected a range that ascends")
         self._inner, self._low, self._high = inner, dr.opaque(Float, float(low)), dr.opaque(Float, float(high))
-        self.corners = inner.corners
+        _inherit(self, (inner,))
+        self.wild = inner.wild or low < 0
 
     def evaluate(self, at: At) -> Any:
         """Return the clamped values."""
@@ -150,6 +156,7 @@ class Constant(Factor):
         if numbers.shape not in ((), (3,)) or not np.all(np.isfinite(numbers)):
             raise ValueError(f"a constant factor is {value}: expected a finite number or three")
         self._value = dr.opaque(Array3f, numbers.tolist()) if numbers.shape else dr.opaque(Float, float(numbers))
+        self.wild = bool(np.any(numbers < 0))
 
     def evaluate(self, at: At) -> Any:
         """Return the constant."""
@@ -165,6 +172,8 @@ class Function(Factor):
     make them `drjit.opaque(...)` values where they change from frame to frame.
     """
 
+    rough = wild = True
+
     def __init__(self, function: Callable[..., Any], argument: str = "distance") -> None:
         self._function, self.arguments = function, _arguments(function, argument)
 
@@ -174,7 +183,7 @@ class Function(Factor):
         given = [at if each == "at" else getattr(at, each) for each in self.arguments]
         try:
             value = self._function(*given)
-        except Exception as error:
+        except (Exception, SystemExit) as error:
             raise SceneError(f"the look's function {name} failed: {error}") from error
         if not _is_colour(value):
             kind = type(value).__name__
@@ -183,6 +192,9 @@ class Function(Factor):
         if count and dr.width(value) not in (1, count):
             text = f"returns {dr.width(value)} values for {count}: expected one for each, or one"
             raise SceneError(f"the look's function {name} {text}")
+        double = [dr.type_v(each) == dr.VarType.Float64 for each in (value, *given) if dr.is_array_v(each)]
+        if any(double) and dr.is_array_v(value) and not all(double):  # loops keep one precision
+            return Array3f(value) if dr.size_v(value) == 3 else Float(value)
         return value
 
 
@@ -228,5 +240,7 @@ def factor(value: Any, argument: str = "distance") -> Factor:
     return Constant(value)
 
 
-def _corners(factors: tuple[Factor, ...]) -> tuple[Corner, ...]:
-    return tuple(corner for each in factors for corner in each.corners)
+def _inherit(whole: Factor, parts: tuple[Factor, ...]) -> None:
+    """Give a factor the corners of its parts, and what any of them is."""
+    whole.corners = tuple(corner for each in parts for corner in each.corners)
+    whole.rough, whole.wild = any(each.rough for each in parts), any(each.wild for each in parts)

@@ -33,6 +33,9 @@ _CHANGE_OF_PLACES, _CUTS_OF_PLACES = 2.0, 64
 #: A look with more corners than this is taken for a smooth curve: each costs every chord a comparison.
 MOST_CORNERS = 12
 
+# Products of more leave float32, once they are multiplied by a beam's power and its kernel.
+_MOST = 1e18
+
 # What is the same for all of a ray's way through a beam.
 _OF_RAYS = OF_BEAMS | {"cosine", "angle", "medium", "fog", "context", "time", "frame", "light", "beam"}
 
@@ -65,6 +68,7 @@ class Look:
         self.along: Factor = Attenuation() if along is None else factor(along)
         profile = _profile(across)
         self.across: Across = profile.profile if isinstance(profile, Modulated) else profile
+        _ = self.across.scale  # a profile without a sum is an error now, not in a kernel
         self.modulation: Factor | None = profile.factor if isinstance(profile, Modulated) else None
         self.eye: Factor = Attenuation() if eye is None else factor(eye, "to_camera")
         self.angle: Factor = Scattering() if angle is None else factor(angle, "cosine")
@@ -122,14 +126,15 @@ class BoundLook:
         self.profile = look.across
         self._modulation = look.modulation or Constant(1.0)
         eye = tuple(("eye" if name == "distance" else name, place) for name, place in look.eye.corners)
-        self.corners: tuple[Corner, ...] = look.along.corners + eye + self._modulation.corners
+        self.corners: tuple[Corner, ...] = look.along.corners + eye + self._modulation.corners + look.angle.corners
+        self._wild = any(each.wild for each in self._factors().values())
         probe = self._probe(1, box)
         asked = {slot: inputs_of(each.evaluate, probe) for slot, each in self._factors().items()}
         self._turning = not asked["angle"] <= _OF_RAYS  # the angle's factor changes along a ray
         self.uses = frozenset().union(*asked.values())
         self.by_radius, self.of_beams = bool(self.uses & OF_RADII), bool(self.uses & OF_BEAMS)
         self.of_places = bool(self.uses & OF_PLACES)
-        winding = self.of_places or self.by_radius
+        winding = self.of_places or self.by_radius or any(each.rough for each in self._factors().values())
         self.cuts = dr.opaque(Float, _CUTS_OF_PLACES if winding else _CUTS)
         self.change = dr.opaque(Float, _CHANGE_OF_PLACES if winding else _CHANGE)
         self._measure(reach, box)
@@ -151,8 +156,12 @@ class BoundLook:
     def light(self, at: At, reach_depth: Any) -> Any:
         """Return all factors that may change along a ray, but the profile; `reach_depth` is the eye's way in the fog.
 
-        `at` has the light's distance and depth as its own.
+        `at` has the light's distance and depth as its own. Light is neither negative nor endless.
         """
+        light = self._light(at, reach_depth)
+        return dr.select(dr.isfinite(light), dr.maximum(light, 0), 0) if self._wild else light
+
+    def _light(self, at: At, reach_depth: Any) -> Any:
         look = self._look
         light, fading = look.along.split(at)
         eye, dimming = look.eye.split(at.own(at.to_camera, reach_depth))
@@ -169,7 +178,10 @@ class BoundLook:
 
         1 where it changes along a ray: `light` has it then.
         """
-        return Float(1) if self._turning else self._look.angle.evaluate(self.at(cosine=cosine, beam=beam))
+        if self._turning:
+            return Float(1)
+        value = self._look.angle.evaluate(self.at(cosine=cosine, beam=beam))
+        return dr.select(dr.isfinite(value), dr.maximum(value, 0), 0) if self._look.angle.wild else value
 
     def factor(self, slot: str, at: At, **where: Any) -> Any:
         """Return one factor ("along", "across", "eye", "angle") at a place; of "across" what modulates the profile."""
@@ -249,10 +261,10 @@ class BoundLook:
         billboard errs by is its curvature. Corners, of which there are few, are left to the slope.
         """
         width = _LINES * _SAMPLES
-        values = np.asarray(dr.zeros(Float, width) + self.light(at, reach_depth) * Array3f(1), dtype=np.float64)
+        values = np.asarray(dr.zeros(Float, width) + self._light(at, reach_depth) * Array3f(1), dtype=np.float64)
         if values.shape != (3, width):
             raise SceneError(f"a look has values of shape {values.shape[::-1]}: expected numbers or colours")
-        if not np.all(np.isfinite(values)):
+        if not np.all(np.isfinite(values)) or np.abs(values).max() > _MOST:
             self._complain(at, reach_depth)
         lines = values.reshape(3, _LINES, _SAMPLES)
         peak = np.abs(lines).max()
@@ -268,6 +280,7 @@ class BoundLook:
             here = at.own(at.to_camera, reach_depth) if slot == "eye" else at
             if not bool(dr.all(dr.isfinite(dr.sum(each.evaluate(here) * Array3f(1))))):
                 raise SceneError(f"the look's factor {slot} is not finite everywhere: expected a number or a colour")
+        raise SceneError(f"the look's factors reach more than {_MOST:g} together: expected smaller numbers")
 
 
 class _Sample:

@@ -24,6 +24,8 @@ class Expression(Factor):
     ExpressionError, a ValueError that names the column, for what is no expression.
     """
 
+    rough = True
+
     def __init__(self, text: str) -> None:
         self.parsed = parse(text)
 
@@ -67,7 +69,7 @@ class Noise(Factor):
         space: NoiseSpace = "world",
     ) -> None:
         numbers = np.asarray([amount, scale, contrast, evolution, *drift], dtype=np.float64)
-        if numbers.shape != (7,) or not np.all(np.isfinite(numbers)):
+        if numbers.shape != (7,) or not np.all(np.isfinite(numbers)):  # four and a drift of three
             raise ValueError("noise expects finite numbers, and a drift of three")
         if not 0 <= amount <= 1 or not contrast >= 0:
             raise ValueError(f"noise has amount {amount} and contrast {contrast}: expected 0 to 1, and not negative")

@@ -384,17 +384,14 @@ class _Frame:
     def _add_beams(
         self, each: BeamSet, view: View, pixels: PixelRays, sums: _Sums, medium: scene.Medium | None, context: Context
     ) -> None:
-        part = estimate_image(
-            each.beams,
-            view.projection,
-            pixels,
-            look=each.look or self._default_look,
-            medium=medium,
-            estimator=self._settings.estimator,
-            points=self._points,
-            close=each.close,
-            context=context,
-        )
+        look = each.look or self._default_look
+        try:
+            part = estimate_image(
+                each.beams, view.projection, pixels, look=look, medium=medium, estimator=self._settings.estimator,
+                points=self._points, close=each.close, context=context,
+            )  # fmt: skip
+        except scene.SceneError as error:  # of a look: whose it is, only this one knows
+            raise scene.SceneError(f"{each.name}: {error}") from error
         sums.groups[each.group] = sums.groups.get(each.group, 0) + part.radiance
         self._statistics.tests += part.billboard_tests + part.frustum_tests
 

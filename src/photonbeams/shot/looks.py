@@ -311,6 +311,8 @@ def _noise(source: _Source) -> NoiseSpec:
         raise source.fail("noise:octaves", f"is {octaves}: expected a whole number from 1 to 8")
     drift = source.reading.array(source.prim, "photonbeams:noise:drift", 1)
     numbers = (0.0, 0.0, 0.0) if drift is None else tuple(float(x) for x in drift[:, 0])
+    if len(numbers) != 3:
+        raise source.fail("noise:drift", f"has {len(numbers)} values: expected three")
     return NoiseSpec(
         amount=source.number("noise:amount", 0.0, 0.0, 1.0),
         scale=source.positive("noise:scale", 1.0),

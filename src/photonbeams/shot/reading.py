@@ -78,6 +78,8 @@ class Reading:
         value = self.value(prim, name, default)
         if not isinstance(value, (int, float)):
             raise self.fail(prim, name, f"is {value}: expected a number")
+        for bound in (minimum, maximum):  # USD's floats are of single precision: 0.99 is not quite 0.99
+            value = bound if np.float32(value) == np.float32(bound) else value
         return number(value, self.place(prim, name), minimum, maximum)
 
     def color(self, prim: Usd.Prim, name: str, default: Any) -> Color:
@@ -86,7 +88,9 @@ class Reading:
         try:
             numbers = np.asarray(value, dtype=float)
         except (TypeError, ValueError):
-            raise self.fail(prim, name, f"is {value}: expected a colour") from None
+            numbers = np.empty(0)
+        if numbers.shape not in ((), (3,)):
+            raise self.fail(prim, name, f"is {value}: expected a colour")
         return color(numbers, self.place(prim, name))
 
     def flag(self, prim: Usd.Prim, name: str, default: bool) -> bool:
@@ -96,6 +100,8 @@ class Reading:
     def array(self, prim: Usd.Prim, name: str, columns: int, value: Any = None) -> Array | None:
         """Return an array attribute (or `value` of it) as (N, columns) finite float64, or None where it is empty."""
         raw = self.value(prim, name) if value is None else value
+        if raw is not None and (isinstance(raw, str) or not hasattr(raw, "__len__")):
+            raise self.fail(prim, name, f"is {raw}: expected a list of values")
         if raw is None or len(raw) == 0:
             return None
         try:
@@ -129,6 +135,8 @@ class Reading:
 
     def targets(self, prim: Usd.Prim, name: str) -> list[Usd.Prim]:
         """Return the prims that a relationship names; SceneError names one that is missing."""
+        if prim.GetAttribute(name):
+            raise self.fail(prim, name, "is an attribute: expected a relationship, rel")
         relationship = prim.GetRelationship(name)
         paths = relationship.GetForwardedTargets() if relationship else []
         found = [self.stage.GetPrimAtPath(path) for path in paths]

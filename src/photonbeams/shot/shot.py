@@ -402,6 +402,7 @@ class Shot:
 
     def write_beams(self, path: str | os.PathLike[str], frame: float | None = None, **settings: Any) -> int:
         """Write those beams as BasisCurves to a .usd, .usda or .usdc file, whole or not at all; return how many."""
+        stages.check_not_read(self.stage, path)
         found = self.drawn_beams(frame, **settings)
         known = {id(look): name for name, (_, look) in self._looks.items()}
         looks = {each.name: known[id(each.look)] for each in found if id(each.look) in known}

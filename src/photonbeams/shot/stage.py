@@ -104,7 +104,16 @@ def _layer(path: str) -> Sdf.Layer:
         raise SceneError(f"{path} cannot be read: {_reason(error)}") from None
     if not layer:
         raise SceneError(f"{path} cannot be read: expected a USD stage")
+    if not layer.dirty:
+        layer.Reload()  # OpenUSD keeps what it once read, also of a file that was written again
     return layer
+
+
+def check_not_read(stage: Usd.Stage, path: str | os.PathLike[str]) -> None:
+    """Raise SceneError for an output that would replace a file that the stage is made of."""
+    mine = os.path.realpath(path)
+    if any(layer.realPath and os.path.realpath(layer.realPath) == mine for layer in stage.GetUsedLayers()):
+        raise SceneError(f"{path} is what the stage is read from: expected another file to write to")
 
 
 def _reason(error: Any) -> str:
@@ -183,7 +192,7 @@ def _targets(value: str, text: str) -> list[Sdf.Path]:
 
 def _parsed(value: str, kind: Sdf.ValueTypeName, text: str) -> Any:
     """Return a value written in USD's own notation."""
-    if kind in (Sdf.ValueTypeNames.Token, Sdf.ValueTypeNames.String) and value[:1] not in "\"'":
+    if kind in (Sdf.ValueTypeNames.Token, Sdf.ValueTypeNames.String) and not value.startswith(('"', "'")):
         value = f'"{value}"'
     if kind == Sdf.ValueTypeNames.Asset and not value.startswith("@"):
         value = f"@{value}@"

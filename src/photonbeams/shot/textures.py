@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import OpenImageIO
-from pxr import Ar, Usd
+from pxr import Ar, Sdf, Usd
 
 from ..scene import Array
 from .reading import Reading
@@ -29,6 +29,8 @@ def read_image(reading: Reading, prim: Usd.Prim, name: str, color_space: str = "
         An image that is not there or cannot be decoded.
     """
     asset = reading.value(prim, name)
+    if asset is not None and not isinstance(asset, Sdf.AssetPath):
+        raise reading.fail(prim, name, f"is {asset}: expected an asset, @image@")
     if asset is None or not asset.path:
         return None
     path = asset.resolvedPath or _resolved(reading, asset.path)
