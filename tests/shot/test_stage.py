@@ -213,3 +213,11 @@ def test_a_layer_that_was_written_again_is_read_again(tmp_path):
         stamp = 1_000_000_000 * radius
         os.utime(path, (stamp, stamp))
         assert open_stage(path).GetPrimAtPath("/Lamp").GetAttribute("inputs:radius").Get() == radius
+
+
+@pytest.mark.parametrize("value", ["2.5", "many", ""])
+def test_a_whole_number_is_not_rounded(tmp_path, value):
+    path = tmp_path / "a.usda"
+    path.write_text('#usda 1.0\ndef SphereLight "Lamp" {\n}\n')
+    with pytest.raises(SceneError, match=f"cannot set '/Lamp.photonbeams:count={value}': expected a whole number"):
+        open_stage(path, overrides=[f"/Lamp.photonbeams:count={value}"])

@@ -194,6 +194,8 @@ def _parsed(value: str, kind: Sdf.ValueTypeName, text: str) -> Any:
     """Return a value written in USD's own notation."""
     if kind in (Sdf.ValueTypeNames.Token, Sdf.ValueTypeNames.String) and not value.startswith(('"', "'")):
         value = f'"{value}"'
+    if kind == Sdf.ValueTypeNames.Int and not re.fullmatch(r"[+-]?\d+", value):  # OpenUSD would cut off what is behind
+        raise SceneError(f"cannot set '{text}': expected a whole number")
     if kind == Sdf.ValueTypeNames.Asset and not value.startswith("@"):
         value = f"@{value}@"
     if isinstance(kind.defaultValue, (Gf.Vec3f, Gf.Vec3d)) and value[:1] != "(":
