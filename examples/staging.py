@@ -18,16 +18,17 @@ Array = npt.NDArray[np.float64]
 Shape = tuple[Array, list[list[int]]]
 
 
-def new_stage(comment: str, frames: tuple[int, int]) -> Usd.Stage:
-    """Return a stage in metres, Y up, 24 frames a second, with a `World`."""
+def new_stage(comment: str, frames: tuple[int, int] | None = None) -> Usd.Stage:
+    """Return a stage in metres, Y up, with a `World`; where it has frames, 24 of them a second."""
     stage = Usd.Stage.CreateInMemory()
     stage.SetMetadata("comment", comment)
     UsdGeom.SetStageMetersPerUnit(stage, 1.0)
     UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.y)
-    stage.SetStartTimeCode(frames[0])
-    stage.SetEndTimeCode(frames[1])
-    stage.SetTimeCodesPerSecond(24)
-    stage.SetFramesPerSecond(24)
+    if frames is not None:
+        stage.SetStartTimeCode(frames[0])
+        stage.SetEndTimeCode(frames[1])
+        stage.SetTimeCodesPerSecond(24)
+        stage.SetFramesPerSecond(24)
     stage.SetDefaultPrim(UsdGeom.Xform.Define(stage, "/World").GetPrim())
     return stage
 

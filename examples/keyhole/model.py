@@ -12,6 +12,7 @@ Room: metres, Y up. The door's front is the plane z = 0, the lit chamber lies at
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
@@ -26,13 +27,16 @@ from shapes import (
     merge,
     pierced,
     placed,
-    rotation,
     square_outline,
     torus,
 )
 from surfaces import material, mesh, write_wood
 
 HERE = Path(__file__).resolve().parent
+sys.path.insert(0, str(HERE.parent))
+
+from staging import aimed, new_stage, save, turned  # noqa: E402
+
 NECK = np.array([-0.20, 1.02])  # the keyhole's neck on the door
 HEIGHT = 0.17  # of the keyhole: larger than life, so that its shape reads in a wide shot
 THICKNESS = 0.045  # of the door
@@ -75,10 +79,10 @@ def door(random: np.random.Generator) -> dict[str, Shape]:
     studs = [NECK + offset for offset in ((-0.082, 0.095), (0.082, 0.095), (-0.082, -0.085), (0.082, -0.085))]
     studs += [np.array([x, y]) for y in (0.32, 1.66) for x in (-0.31, -0.14, 0.03, 0.20, 0.38)]
     cap = lathe([(0.013, 0.0), (0.012, 0.004), (0.009, 0.008), (0.005, 0.0105), (0.0, 0.0115)], 12)
-    turn = rotation(0, 90)
+    turn = turned(0, 90)
     rivets = [placed(cap, turn, (x, y, 0.006)) for x, y in studs]
     ring = placed(torus(0.055, 0.008), turn, (NECK[0], NECK[1] - 0.275, 0.03))
-    boss = placed(torus(0.016, 0.009, 20, 8), rotation(1, 0), (NECK[0], NECK[1] - 0.22, 0.02))
+    boss = placed(torus(0.016, 0.009, 20, 8), turned(1, 0), (NECK[0], NECK[1] - 0.22, 0.02))
     frame = [
         box((-0.60, 0.0, -0.06), (-0.468, 2.10, 0.05), 0.012, 1, random.random(2)),
         box((0.468, 0.0, -0.06), (0.60, 2.10, 0.05), 0.012, 1, random.random(2)),
@@ -109,7 +113,7 @@ def stones(random: np.random.Generator, width: tuple[float, float], height: floa
             for a, b in pieces:
                 if b - a > 0.05:
                     stone = box((a + 0.006, low + 0.006, -0.06), (b - 0.006, high - 0.006, depth), 0.014)
-                    tilt = rotation(0, random.normal(0, 0.5)) @ rotation(1, random.normal(0, 0.6))
+                    tilt = turned(0, random.normal(0, 0.5)) @ turned(1, random.normal(0, 0.6))
                     middle = np.array([(a + b) / 2, (low + high) / 2, 0.0])
                     blocks.append(placed(placed(stone, np.eye(3), -middle), tilt, middle))
             left = right
@@ -138,8 +142,8 @@ def room(random: np.random.Generator) -> dict[str, Shape]:
         box((-3.2, -0.05, 4.0), (2.4, 2.9, 4.2)),
         box((-3.2, -0.25, -0.1), (2.45, -0.03, 4.0)),
     ]
-    left_side = placed(stones(random, (-4.0, 0.1), 2.85, (9.0, 9.0, 0.0)), rotation(1, 90), (-3.02, 0.0, 0.0))
-    right_side = placed(stones(random, (-0.1, 4.0), 2.85, (9.0, 9.0, 0.0)), rotation(1, -90), (2.21, 0.0, 0.0))
+    left_side = placed(stones(random, (-4.0, 0.1), 2.85, (9.0, 9.0, 0.0)), turned(1, 90), (-3.02, 0.0, 0.0))
+    right_side = placed(stones(random, (-0.1, 4.0), 2.85, (9.0, 9.0, 0.0)), turned(1, -90), (2.21, 0.0, 0.0))
     return {
         "Floor": merge(boards),
         "Masonry": merge(core),
@@ -178,37 +182,23 @@ def props(random: np.random.Generator) -> dict[str, Shape]:
         bands.append(box((x - 0.03, 0.02, -0.275), (x + 0.03, 0.375, 0.275), 0.004))
         bands.append(box((x - 0.03, 0.37, -0.28), (x + 0.03, 0.41, 0.28), 0.004))
     bands.append(box((-0.06, 0.27, 0.255), (0.06, 0.41, 0.285), 0.006))
-    where = (rotation(1, -62), (1.62, 0.0, 0.95))
+    where = (turned(1, -62), (1.62, 0.0, 0.95))
     jug = lathe(np.array(JUG.split(), dtype=float).reshape(-1, 2), 40)
-    handle = placed(torus(0.06, 0.009, 28, 8), rotation(0, 90), (0.115, 0.2, 0.0))
+    handle = placed(torus(0.06, 0.009, 28, 8), turned(0, 90), (0.115, 0.2, 0.0))
     stool = [box((-0.19, 0.40, -0.15), (0.19, 0.44, 0.15), 0.012, 0, random.random(2))]
     for x, z in ((-0.13, -0.09), (0.13, -0.09), (-0.13, 0.09), (0.13, 0.09)):
-        lean = rotation(2, -40 * x) @ rotation(0, 60 * z)
+        lean = turned(2, -40 * x) @ turned(0, 60 * z)
         leg = box((-0.02, -0.41, -0.02), (0.02, 0.0, 0.02), 0.006, 1, random.random(2))
         stool.append(placed(leg, lean, (x, 0.405, z)))
     return {
         "Chest": placed(merge(chest), *where),
         "ChestIron": placed(merge(bands), *where),
-        "Jug": placed(merge([jug, handle]), rotation(1, 35), (0.29, 0.0, 1.43)),
-        "Stool": placed(merge(stool), rotation(1, 24), (1.05, 0.0, 0.42)),
+        "Jug": placed(merge([jug, handle]), turned(1, 35), (0.29, 0.0, 1.43)),
+        "Stool": placed(merge(stool), turned(1, 24), (1.05, 0.0, 0.42)),
     }
 
 
 # -- light, dust, cameras ------------------------------------------------------------------------------------------
-
-
-def aimed(eye: Sequence[float], target: Sequence[float]) -> Gf.Matrix4d:
-    """Return the transform of a camera or light at `eye` whose −Z looks at `target`, +Y being up."""
-    return (
-        Gf.Matrix4d()
-        .SetLookAt(Gf.Vec3d(*map(float, eye)), Gf.Vec3d(*map(float, target)), Gf.Vec3d(0, 1, 0))
-        .GetInverse()
-    )
-
-
-def matrix(value: Gf.Matrix4d) -> Gf.Matrix4d:
-    """Return the matrix rounded, for the text."""
-    return Gf.Matrix4d(*[round(x, 6) + 0.0 for row in value for x in row])
 
 
 def camera(stage: Usd.Stage, path: str, focal: float) -> UsdGeom.Camera:
@@ -273,7 +263,7 @@ def lights(stage: Usd.Stage) -> None:
     key.CreateHeightAttr(LIGHT_SIZE)
     key.CreateIntensityAttr(30000.0)
     key.CreateColorAttr(Gf.Vec3f(1.0, 0.72, 0.42))
-    UsdGeom.Xformable(key).AddTransformOp().Set(matrix(aimed(middle - LIGHT_DISTANCE * toward, middle)))
+    UsdGeom.Xformable(key).AddTransformOp().Set(aimed(middle - LIGHT_DISTANCE * toward, middle))
     for name, kind, value in (
         ("enabled", Sdf.ValueTypeNames.Bool, True),
         ("count", Sdf.ValueTypeNames.Int, 4096),
@@ -329,7 +319,7 @@ def dust_and_look(stage: Usd.Stage) -> None:
 def cameras(stage: Usd.Stage) -> None:
     """Define the shot's camera, and the one that flies through the beams."""
     still = camera(stage, "/World/Camera", 32)
-    UsdGeom.Xformable(still).AddTransformOp().Set(matrix(aimed((-2.0, 1.0, 2.35), (0.12, 0.56, 0.95))))
+    UsdGeom.Xformable(still).AddTransformOp().Set(aimed((-2.0, 1.0, 2.35), (0.12, 0.56, 0.95)))
     flying = camera(stage, "/World/Flight", 28)
     flying.GetPrim().SetDocumentation("Flies into the shaft, up along it toward the light, and out on the other side.")
     flying.CreateFStopAttr(4.0)
@@ -337,23 +327,14 @@ def cameras(stage: Usd.Stage) -> None:
     flying.CreateShutterCloseAttr(0.25)
     path = UsdGeom.Xformable(flying).AddTransformOp()
     for frame in range(FRAMES[0], FRAMES[1] + 1):
-        path.Set(matrix(aimed(*flight((frame - FRAMES[0]) / (FRAMES[1] - FRAMES[0])))), frame)
+        path.Set(aimed(*flight((frame - FRAMES[0]) / (FRAMES[1] - FRAMES[0]))), frame)
 
 
 def model(folder: Path) -> Path:
     """Write `wood.png` and `keyhole.usda` into `folder`; the same version of this file writes the same bytes."""
     random = np.random.default_rng(11)
     write_wood(folder / "wood.png", random)
-    stage = Usd.Stage.CreateInMemory()
-    stage.SetMetadata("comment", "The keyhole shot. Geometry by model.py; render it with `make keyhole`.")
-    UsdGeom.SetStageMetersPerUnit(stage, 1.0)
-    UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.y)
-    stage.SetStartTimeCode(FRAMES[0])
-    stage.SetEndTimeCode(FRAMES[1])
-    stage.SetTimeCodesPerSecond(24)
-    stage.SetFramesPerSecond(24)
-    world = UsdGeom.Xform.Define(stage, "/World")
-    stage.SetDefaultPrim(world.GetPrim())
+    stage = new_stage("The keyhole shot. Geometry by model.py; render it with `make keyhole`.", FRAMES)
     for group in ("Light", "Door", "Room", "Props"):
         UsdGeom.Xform.Define(stage, f"/World/{group}")
     for group in ("Looks", "Materials"):
@@ -376,9 +357,7 @@ def model(folder: Path) -> Path:
     mesh(stage, "/World/Chamber", chamber(), soot).GetPrim().SetDocumentation(
         "Closed behind the door: light reaches the room through the keyhole alone."
     )
-    path = folder / "keyhole.usda"
-    path.write_text(stage.GetRootLayer().ExportToString(), encoding="utf-8")
-    return path
+    return save(stage, folder / "keyhole.usda")
 
 
 if __name__ == "__main__":

@@ -45,16 +45,6 @@ def placed(shape: Shape, matrix: Array, offset: Sequence[float]) -> Shape:
     return Shape(shape.points @ matrix.T + np.asarray(offset), shape.faces, shape.uvs, normals)
 
 
-def rotation(axis: int, degrees: float) -> Array:
-    """Return the rotation about a coordinate axis."""
-    c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
-    i, j = (axis + 1) % 3, (axis + 2) % 3
-    matrix = np.eye(3)
-    matrix[i, i] = matrix[j, j] = c
-    matrix[i, j], matrix[j, i] = -s, s
-    return matrix
-
-
 def _box_uvs(points: Array, faces: list[list[int]], grain: int, shift: Array) -> Array:
     """Project each face along its dominant axis; V follows the `grain` axis, end grain is squeezed to one spot."""
     uvs = []

@@ -18,13 +18,14 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from pxr import Gf, Sdf, Usd, UsdGeom, UsdLux, UsdRender, UsdShade, Vt
+from pxr import Gf, Sdf, Usd, UsdGeom, UsdLux, UsdShade, Vt
 from scipy.interpolate import CubicSpline
 
 HERE = Path(__file__).resolve().parent
-sys.path.insert(0, str(HERE.parent / "keyhole"))
+sys.path[:0] = [str(HERE.parent), str(HERE.parent / "keyhole")]
 
-from shapes import Array, Shape, box, lathe, merge, placed, rotation, torus  # noqa: E402
+from shapes import Array, Shape, box, lathe, merge, placed, torus  # noqa: E402
+from staging import aimed, new_stage, render_settings, save, turned  # noqa: E402
 from surfaces import material, mesh  # noqa: E402
 
 FRAMES = (1, 48)
@@ -123,7 +124,7 @@ def petal(length: float, width: float, opening: float, turn: float, steps: tuple
     normals = np.cross(np.gradient(grid, axis=0), np.gradient(grid, axis=1)).reshape(-1, 3)
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-9)
     shape = Shape(points, faces, np.zeros((4 * len(faces), 2)), normals)
-    return placed(shape, rotation(1, turn), (0.0, 0.0, 0.0))
+    return placed(shape, turned(1, turn), (0.0, 0.0, 0.0))
 
 
 def flower() -> dict[str, Shape]:
@@ -369,12 +370,6 @@ def looks(stage: Usd.Stage) -> None:
     )  # fmt: skip
 
 
-def aimed(eye: Sequence[float], target: Sequence[float]) -> Gf.Matrix4d:
-    """Return the transform of a camera or light at `eye` whose −Z looks at `target`, +Y being up."""
-    result = Gf.Matrix4d().SetLookAt(Gf.Vec3d(*map(float, eye)), Gf.Vec3d(*map(float, target)), Gf.Vec3d(0, 1, 0))
-    return Gf.Matrix4d(*[round(x, 6) + 0.0 for row in result.GetInverse() for x in row])
-
-
 def lamp(stage: Usd.Stage, name: str, place: Sequence[float], color: Sequence[float], intensity: float) -> Usd.Prim:
     """Define a point of light for surfaces alone."""
     light = UsdLux.SphereLight.Define(stage, f"/World/Light/{name}")
@@ -425,10 +420,7 @@ def cameras(stage: Usd.Stage) -> None:
         camera.CreateFocalLengthAttr(focal / 100)
         camera.CreateClippingRangeAttr(Gf.Vec2f(0.01, 100))
         UsdGeom.Xformable(camera).AddTransformOp().Set(aimed(eye, target))
-    settings = UsdRender.Settings.Define(stage, "/Render/Settings")
-    settings.CreateResolutionAttr(Gf.Vec2i(1280, 720))
-    settings.CreateCameraRel().SetTargets(["/World/Camera"])
-    stage.SetMetadata("renderSettingsPrimPath", "/Render/Settings")
+    render_settings(stage, "/World/Camera")
 
 
 def growth(folder: Path, like: Usd.Stage) -> None:
@@ -453,21 +445,13 @@ def growth(folder: Path, like: Usd.Stage) -> None:
         lit = stage.OverridePrim(path).CreateAttribute("inputs:intensity", Sdf.ValueTypeNames.Float, False)
         lit.Set(0.0, round(frame - 1, 2))
         lit.Set(intensity, round(frame + 5, 2))
-    (folder / "grow.usda").write_text(stage.GetRootLayer().ExportToString(), encoding="utf-8")
+    save(stage, folder / "grow.usda")
 
 
 def model(folder: Path) -> Path:
     """Write `magic.usda` and `grow.usda` into `folder`; the same version of this file writes the same bytes."""
     random = np.random.default_rng(5)
-    stage = Usd.Stage.CreateInMemory()
-    stage.SetMetadata("comment", "Strands of light. Geometry by model.py.")
-    UsdGeom.SetStageMetersPerUnit(stage, 1.0)
-    UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.y)
-    stage.SetStartTimeCode(FRAMES[0])
-    stage.SetEndTimeCode(FRAMES[1])
-    stage.SetTimeCodesPerSecond(24)
-    stage.SetFramesPerSecond(24)
-    stage.SetDefaultPrim(UsdGeom.Xform.Define(stage, "/World").GetPrim())
+    stage = new_stage("Strands of light. Geometry by model.py.", FRAMES)
     for group in ("Magic", "Light", "Hall", "Flower"):
         UsdGeom.Xform.Define(stage, f"/World/{group}")
     for group in ("/World/Looks", "/World/Materials", "/Render"):
@@ -496,9 +480,7 @@ def model(folder: Path) -> Path:
     ]:  # fmt: skip
         mesh(stage, f"/World/{name}", shape, look_)
     growth(folder, stage)
-    path = folder / "magic.usda"
-    path.write_text(stage.GetRootLayer().ExportToString(), encoding="utf-8")
-    return path
+    return save(stage, folder / "magic.usda")
 
 
 if __name__ == "__main__":

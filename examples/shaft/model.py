@@ -13,16 +13,16 @@ Metres, Y up. The windows are in the wall on the right, x = 2; the camera looks 
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from pxr import Gf, Sdf, Usd, UsdGeom, UsdLux, UsdRender, UsdShade
+from pxr import Gf, Sdf, Usd, UsdGeom, UsdLux, UsdShade
 
 HERE = Path(__file__).resolve().parent
-sys.path.insert(0, str(HERE.parent / "keyhole"))
+sys.path[:0] = [str(HERE.parent), str(HERE.parent / "keyhole")]
 
-from shapes import Array, Shape, box, lathe, merge, pierced, placed, rotation, square_outline, torus  # noqa: E402
+from shapes import Array, Shape, box, lathe, merge, pierced, placed, square_outline, torus  # noqa: E402
+from staging import aimed, new_stage, render_settings, save, turned  # noqa: E402
 from surfaces import material, mesh  # noqa: E402
 
 WALL, THICKNESS, HEIGHT = 2.0, 0.36, 3.3  # the windows' wall: its place, its thickness, the room's height
@@ -53,7 +53,7 @@ def lancet(middle: float, half: float = HALF, steps: int = 14) -> Array:
 
 def in_wall(shape: Shape) -> Shape:
     """Return a shape that was made in the plane z = 0, its x along the wall, as it stands in the windows' wall."""
-    return placed(shape, rotation(1, -90), (WALL, 0.0, 0.0))
+    return placed(shape, turned(1, -90), (WALL, 0.0, 0.0))
 
 
 def windows() -> dict[str, Shape]:
@@ -125,9 +125,9 @@ JARS = (
 
 def jar() -> Shape:
     """Return a jar of size 1, with two handles."""
-    handle = placed(torus(0.075, 0.013, 28, 8), rotation(0, 90), (0.135, 0.67, 0.0))
+    handle = placed(torus(0.075, 0.013, 28, 8), turned(0, 90), (0.135, 0.67, 0.0))
     body = lathe(np.array(JAR.split(), dtype=float).reshape(-1, 2), 48)
-    return merge([body, handle, placed(handle, rotation(1, 180), (0, 0, 0))])
+    return merge([body, handle, placed(handle, turned(1, 180), (0, 0, 0))])
 
 
 def write_jars(stage: Usd.Stage, random: np.random.Generator, clay: UsdShade.Material) -> None:
@@ -153,12 +153,6 @@ def bench() -> dict[str, Shape]:
 
 
 # -- light, dust, camera -------------------------------------------------------------------------------------------
-
-
-def aimed(eye: Sequence[float], target: Sequence[float]) -> Gf.Matrix4d:
-    """Return the transform of a camera or light at `eye` whose −Z looks at `target`, +Y being up."""
-    result = Gf.Matrix4d().SetLookAt(Gf.Vec3d(*map(float, eye)), Gf.Vec3d(*map(float, target)), Gf.Vec3d(0, 1, 0))
-    return Gf.Matrix4d(*[round(x, 6) + 0.0 for row in result.GetInverse() for x in row])
 
 
 def without_beams(light: UsdLux.BoundableLightBase) -> None:
@@ -223,20 +217,13 @@ def dust_and_camera(stage: Usd.Stage) -> None:
     camera.CreateFocalLengthAttr(0.30)
     camera.CreateClippingRangeAttr(Gf.Vec2f(0.01, 100))
     UsdGeom.Xformable(camera).AddTransformOp().Set(aimed((-2.0, 1.25, 4.5), (0.12, 1.22, -0.5)))
-    settings = UsdRender.Settings.Define(stage, "/Render/Settings")
-    settings.CreateResolutionAttr(Gf.Vec2i(1280, 720))
-    settings.CreateCameraRel().SetTargets(["/World/Camera"])
-    stage.SetMetadata("renderSettingsPrimPath", "/Render/Settings")
+    render_settings(stage, "/World/Camera")
 
 
 def model(folder: Path) -> Path:
     """Write `physical.usda` into `folder`; the same version of this file writes the same bytes."""
     random = np.random.default_rng(3)
-    stage = Usd.Stage.CreateInMemory()
-    stage.SetMetadata("comment", "The sun through three windows. Geometry by model.py; directed.usda goes over it.")
-    UsdGeom.SetStageMetersPerUnit(stage, 1.0)
-    UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.y)
-    stage.SetDefaultPrim(UsdGeom.Xform.Define(stage, "/World").GetPrim())
+    stage = new_stage("The sun through three windows. Geometry by model.py; directed.usda goes over it.")
     for group in ("Light", "Portals", "Room", "Things"):
         UsdGeom.Xform.Define(stage, f"/World/{group}")
     for group in ("/World/Materials", "/Render"):
@@ -255,9 +242,7 @@ def model(folder: Path) -> Path:
         for name, shape in parts.items():
             mesh(stage, f"/World/{group}/{name}", shape, of.get(name, plaster))
     write_jars(stage, random, clay)
-    path = folder / "physical.usda"
-    path.write_text(stage.GetRootLayer().ExportToString(), encoding="utf-8")
-    return path
+    return save(stage, folder / "physical.usda")
 
 
 if __name__ == "__main__":
