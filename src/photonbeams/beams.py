@@ -149,11 +149,15 @@ class Beams:
             if value is not None
         }
 
+    def numbers(self) -> Any:
+        """Return the number of each light path, (N,), that all its pieces share; without any, a beam's place here."""
+        return dr.arange(UInt32, len(self)) if self.id is None else UInt32(dr.abs(self.id))
+
     def identity(self) -> Any:
         """Return random number, number and generation of each beam, (N, 3)."""
         nothing = dr.zeros(Float, len(self))
-        number = Float(dr.arange(UInt32, len(self))) if self.id is None else self.id
-        random = unit_float(hash32(UInt32(dr.abs(number)))) if self.random is None else self.random
+        number = Float(self.numbers()) if self.id is None else self.id
+        random = unit_float(hash32(self.numbers())) if self.random is None else self.random
         return Array3f(random, number, nothing if self.generation is None else self.generation)
 
     def take(self, index: Any) -> Beams:

@@ -36,6 +36,11 @@ def color(value: float | Sequence[float] | Array, name: str, minimum: float = 0.
     return (float(numbers[0]), float(numbers[1]), float(numbers[2]))
 
 
+def rgb(pixels: Array) -> Array:
+    """Return an image's colours, (…, 3): the first three of its channels, or the first one three times."""
+    return pixels[..., :3] if pixels.shape[-1] >= 3 else np.repeat(pixels[..., :1], 3, axis=-1)
+
+
 def number(value: float, name: str, minimum: float = -np.inf, maximum: float = np.inf) -> float:
     """Return `value` as a finite float between `minimum` and `maximum`."""
     result = float(value)
@@ -178,8 +183,7 @@ class Gobo:
     @property
     def colors(self) -> Array:
         """The image's colours, (H, W, 3)."""
-        channels = self.image.shape[2]
-        return self.image[..., :3] if channels >= 3 else np.repeat(self.image[..., :1], 3, axis=2)
+        return rgb(self.image)
 
 
 @dataclass(frozen=True)

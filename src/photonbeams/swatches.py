@@ -162,12 +162,17 @@ def _colors(values: Any) -> np.ndarray:
     return np.asarray(dr.zeros(Array3f, _SAMPLES) + values, dtype=float)
 
 
-def plot(axes: Any, title: str, x: np.ndarray, values: np.ndarray, second: np.ndarray | None = None) -> None:
-    """Plot colours (3, N) as red, green and blue, or as one line where they are one, and a second line dashed."""
+def plot_colors(axes: Any, x: np.ndarray, values: np.ndarray) -> None:
+    """Plot colours (3, N) as red, green and blue, or as one line where they are one."""
     same = np.allclose(values, values[0])
     channels = values[:1] if same else values
     for channel, color in zip(channels, ("0.15",) if same else ("#c33", "#393", "#33c"), strict=True):
         axes.plot(x, channel, color=color, linewidth=1.2)
+
+
+def plot(axes: Any, title: str, x: np.ndarray, values: np.ndarray, second: np.ndarray | None = None) -> None:
+    """Plot colours (3, N) under a title, and a second line dashed."""
+    plot_colors(axes, x, values)
     if second is not None:
         axes.plot(x, second, color="0.5", linewidth=1, linestyle="--")
     axes.set_xlim(x[0], x[-1])

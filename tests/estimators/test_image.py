@@ -15,8 +15,8 @@ from photonbeams.estimators.estimate import ENDLESS
 from photonbeams.estimators.image import PixelRays, estimate_image, lane_of
 from photonbeams.estimators.points import Points
 from photonbeams.estimators.tiles import TILE, Bins, footprints
+from photonbeams.hashing import hash32, unit_float
 from photonbeams.render.camera import View, Window
-from photonbeams.simulation.sampling import hash32, unit_float
 
 EPSILON32 = float(np.finfo(np.float32).eps)
 MEDIUM = pb.Medium((0.3, 0.2, 0.1), (0.05, 0.1, 0.2), 0.4)

@@ -30,7 +30,7 @@ INPUTS = {
     "generation": "generation",
 }
 
-#: Inputs that change along a camera ray through a beam, save for distances; those that differ between beams; the rest.
+#: Attributes of `At` that differ between beams, between places in space, and with the distance from the axis.
 OF_BEAMS = frozenset({"random", "id", "generation"})
 OF_PLACES = frozenset({"position", "local"})
 OF_RADII = frozenset({"radius", "rho2"})

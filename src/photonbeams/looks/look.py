@@ -17,6 +17,9 @@ from .angle import Scattering
 from .at import OF_BEAMS, OF_PLACES, OF_RADII, At, Context, Fog, inputs_of
 from .factors import Constant, Corner, Factor, factor
 
+#: Two corners of a space.
+Box = tuple[Any, Any]
+
 # Lines over which the factors' rates of change are measured, and samples on each.
 _LINES, _SAMPLES = 8, 512
 
@@ -78,7 +81,7 @@ class Look:
         medium: Medium | None,
         reach: float,
         context: Context | None = None,
-        box: tuple[Any, Any] = ((-1.0,) * 3, (1.0,) * 3),
+        box: Box = ((-1.0,) * 3, (1.0,) * 3),
     ) -> BoundLook:
         """Return the look in this medium, for beams and rays of at most `reach` scene units.
 
@@ -119,9 +122,7 @@ class BoundLook:
         Where the integrand has corners.
     """
 
-    def __init__(
-        self, look: Look, fog: Fog | None, reach: float, context: Context | None = None, box: Any = None
-    ) -> None:
+    def __init__(self, look: Look, fog: Fog | None, reach: float, context: Context | None, box: Box) -> None:
         self._look, self._fog, self._context = look, fog, context or Context()
         self.profile = look.across
         self._modulation = look.modulation or Constant(1.0)
@@ -159,7 +160,7 @@ class BoundLook:
         `at` has the light's distance and depth as its own. Light is neither negative nor endless.
         """
         light = self._light(at, reach_depth)
-        return dr.select(dr.isfinite(light), dr.maximum(light, 0), 0) if self._wild else light
+        return _tamed(light) if self._wild else light
 
     def _light(self, at: At, reach_depth: Any) -> Any:
         look = self._look
@@ -181,7 +182,7 @@ class BoundLook:
         if self._turning:
             return Float(1)
         value = self._look.angle.evaluate(self.at(cosine=cosine, beam=beam))
-        return dr.select(dr.isfinite(value), dr.maximum(value, 0), 0) if self._look.angle.wild else value
+        return _tamed(value) if self._look.angle.wild else value
 
     def factor(self, slot: str, at: At, **where: Any) -> Any:
         """Return one factor ("along", "across", "eye", "angle") at a place; of "across" what modulates the profile."""
@@ -203,14 +204,14 @@ class BoundLook:
 
     # -- How fast it changes ------------------------------------------------------------------------------------------
 
-    def _probe(self, width: int, box: Any) -> At:
+    def _probe(self, width: int, box: Box) -> At:
         """Return a place for each of _LINES lines, `width` times, at the light and at the camera.
 
         Fractions and all that does not change along a ray are spread over what they can be.
         """
         spread = (np.arange(_LINES) + 0.5) / _LINES
         rng = np.random.default_rng(0)
-        low, high = np.asarray(box if box is not None else ((-1,) * 3, (1,) * 3), dtype=np.float64)
+        low, high = np.asarray(box, dtype=np.float64)
         points = low + rng.random((_LINES, 3)) * (high - low)
         place = to_vectors(np.repeat(points, width, axis=0))
 
@@ -224,7 +225,7 @@ class BoundLook:
             **{name: each(np.zeros(_LINES)) for name in ("distance", "depth", "from_light", "to_camera")},
         )  # fmt: skip
 
-    def _measure(self, reach: float, box: Any) -> None:
+    def _measure(self, reach: float, box: Box) -> None:
         """Measure the rates, and check that all factors are colours everywhere."""
         probe = self._probe(_SAMPLES, box)
         steps = np.tile(np.linspace(0, 1, _SAMPLES), _LINES)
@@ -281,6 +282,11 @@ class BoundLook:
             if not bool(dr.all(dr.isfinite(dr.sum(each.evaluate(here) * Array3f(1))))):
                 raise SceneError(f"the look's factor {slot} is not finite everywhere: expected a number or a colour")
         raise SceneError(f"the look's factors reach more than {_MOST:g} together: expected smaller numbers")
+
+
+def _tamed(value: Any) -> Any:
+    """Return a value as light can be: neither negative nor endless."""
+    return dr.select(dr.isfinite(value), dr.maximum(value, 0), 0)
 
 
 class _Sample:

@@ -21,10 +21,11 @@ from ..device import Array3f, Bool, Float, UInt32
 from ..estimators.estimate import DEFAULT_RULE, ENDLESS, check_estimator
 from ..estimators.image import PixelRays, estimate_image
 from ..estimators.points import Points
+from ..hashing import hash32
 from ..looks import Context, Look
 from ..quadrature import Rule
 from ..simulation.programmed import Program
-from ..simulation.sampling import hash32, pixel_sample, z_order
+from ..simulation.sampling import pixel_sample, z_order
 from ..simulation.sides import lights_seen
 from ..simulation.trace import BeamSet, pieces_of, trace
 from .camera import CameraRays, View, Window

@@ -15,8 +15,9 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import drjit as dr
 
 from ..device import Array3f, Bool, Float, UInt32, mitsuba
+from ..hashing import hash32, unit_float
 from ..simulation.lights import Sight
-from ..simulation.sampling import hash32, pixel_sample, unit_float
+from ..simulation.sampling import pixel_sample
 
 if TYPE_CHECKING:
     from .world import Lamps, Links, World

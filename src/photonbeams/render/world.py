@@ -17,6 +17,7 @@ import numpy as np
 from .. import scene
 from ..arrays import to_float, to_uint
 from ..device import Array3f, Bool, Float, UInt32, mitsuba
+from ..hashing import hash32, unit_float
 from ..simulation.emission import Bounds
 from ..simulation.gobos import Images, Masked, bare, masked, pack_masked
 from ..simulation.lights import (
@@ -30,7 +31,6 @@ from ..simulation.lights import (
     source,
 )
 from ..simulation.portals import Portal
-from ..simulation.sampling import hash32, unit_float
 
 mi = mitsuba()
 

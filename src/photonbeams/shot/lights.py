@@ -25,6 +25,7 @@ from ..scene import (
     Mesh,
     Shaping,
     SphereLight,
+    rgb,
 )
 from . import blender
 from .gobos import read_gobo, read_pane, read_texture
@@ -158,7 +159,7 @@ def _dome(reading: Reading, prim: Usd.Prim, to_world: Array, shared: dict[str, A
     else:
         reading.warn(prim, f"is '{form}', which is not rendered: the light has one colour", "inputs:texture:format")
     if image is not None:
-        image = image[..., :3] if image.shape[2] >= 3 else np.repeat(image[..., :1], 3, axis=2)
+        image = rgb(image)
     rotation = _rotation(to_world) @ _pole(reading, prim)
     if not prim.GetAttribute("photonbeams:enabled").HasAuthoredValue():
         shared["emits_beams"] = False  # fog lit from everywhere is haze: it has no shafts, and costs the most beams

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from pxr import Usd
 
-from ..scene import Array, Color, Medium, SceneError, color
+from ..scene import Array, Color, Medium, SceneError, color, rgb
 from .reading import Reading, file_of
 from .textures import read_image
 
@@ -337,8 +337,7 @@ def _texture(source: _Source, slot: str) -> Array | None:
     pixels = read_image(source.reading, source.prim, f"photonbeams:{name}")
     if pixels is None:
         return None
-    row = pixels.mean(axis=0, dtype=np.float64)  # a 1D texture may be painted several pixels high
-    row = row[:, :3] if row.shape[1] >= 3 else np.repeat(row[:, :1], 3, axis=1)
+    row = rgb(pixels.mean(axis=0, dtype=np.float64))  # a 1D texture may be painted several pixels high
     if np.any(row < 0):
         raise source.fail(name, "has negative pixels: expected colours of at least 0")
     return row

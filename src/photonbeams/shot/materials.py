@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from pxr import Usd, UsdShade
 
-from ..scene import Array, Material, SceneError, Texture, color, number
+from ..scene import Array, Material, SceneError, Texture, color, number, rgb
 from .reading import Reading
 from .textures import read_image
 
@@ -229,8 +229,7 @@ def _four_channels(pixels: Array) -> Array:
     """Return pixels as RGBA: grey is repeated, and what has no alpha is opaque."""
     channels = pixels.shape[2]
     alpha = pixels[..., -1:] if channels in (2, 4) else np.ones_like(pixels[..., :1])
-    rgb = pixels[..., :3] if channels >= 3 else np.repeat(pixels[..., :1], 3, axis=2)
-    return np.concatenate([rgb, alpha], axis=2)
+    return np.concatenate([rgb(pixels), alpha], axis=2)
 
 
 def _transform_2d(reading: Reading, node: UsdShade.Shader) -> Array:

@@ -16,9 +16,10 @@ import drjit as dr
 import numpy as np
 
 from ..device import Array3f, Bool, Float, UInt32
+from ..hashing import hash32
 from .emission import Emission
 from .lights import opaque
-from .sampling import hash32, perpendicular
+from .sampling import perpendicular
 
 if TYPE_CHECKING:
     from ..render.world import World

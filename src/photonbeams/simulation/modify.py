@@ -16,11 +16,11 @@ import numpy.typing as npt
 from .. import scene
 from ..beams import Beams
 from ..device import Array3f, Float, UInt32
+from ..hashing import hash32, unit_float
 from ..scene import SceneError
 from .bending import Paths, bent_length, pieces
 from .guides import Guide, led
 from .programmed import Context, Modifier
-from .sampling import hash32, unit_float
 
 # k1 on the axis of the default profile (Epanechnikov), times the radius.
 _PEAK = 8 / (3 * np.pi)
@@ -137,7 +137,7 @@ def thin(fraction: float, keep_light: bool = True) -> Modifier:
 
     def thinned(beams: Beams, context: Context) -> Beams:
         seeds = (context.seed, context.pass_index, zlib.crc32(context.name.encode()))
-        bits = hash32(_numbers_of(beams), *(dr.opaque(UInt32, each & 0xFFFFFFFF) for each in seeds))
+        bits = hash32(beams.numbers(), *(dr.opaque(UInt32, each & 0xFFFFFFFF) for each in seeds))
         index: Any = dr.compress(unit_float(bits) < dr.opaque(Float, fraction))
         result = beams.take(index)
         return _scaled(result, dr.opaque(Float, 1 / fraction)) if keep_light else result
@@ -214,11 +214,6 @@ def _copy(beams: Beams) -> Beams:
     for name in Beams.DRJIT_STRUCT:
         setattr(result, name, getattr(beams, name))
     return result
-
-
-def _numbers_of(beams: Beams) -> UInt32:
-    """Return the number of each light path: all its pieces have the same, and stay or go together."""
-    return dr.arange(UInt32, len(beams)) if beams.id is None else UInt32(dr.abs(beams.id))
 
 
 def _numbers(values: Sequence[float], count: int, name: str) -> list[float]:

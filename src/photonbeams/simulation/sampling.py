@@ -17,8 +17,6 @@ from ..hashing import hash32, unit_float
 
 mi = mitsuba()
 
-__all__ = ["disk", "hash32", "perpendicular", "pixel_sample", "power_cone", "sobol_block", "sphere", "unit_float"]
-
 _BELOW_ONE = float(np.nextafter(np.float32(1), np.float32(0)))
 
 

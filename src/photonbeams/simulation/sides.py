@@ -13,9 +13,10 @@ import numpy as np
 
 from .. import scene
 from ..device import Array2f, Array3f, Bool, Float, UInt32
+from ..hashing import hash32
 from .lights import opaque
 from .portals import Portal
-from .sampling import hash32, pixel_sample, sobol_block
+from .sampling import pixel_sample, sobol_block
 
 if TYPE_CHECKING:
     from ..render.world import World

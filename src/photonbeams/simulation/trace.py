@@ -16,13 +16,14 @@ import numpy as np
 from .. import scene
 from ..beams import Beams
 from ..device import Array2f, Array3f, Bool, Float, UInt32
+from ..hashing import hash32, unit_float
 from .emission import Emission, emit, emit_through
 from .footprints import FLOOR, radius_along, unblocked
 from .gobos import Masked, bare
 from .guides import known_guides, led, pieces_along
 from .lights import DistantSource, DomeSource, opaque
 from .portals import count_candidates
-from .sampling import hash32, sobol_block, unit_float
+from .sampling import sobol_block
 
 if TYPE_CHECKING:
     from ..looks import Look
