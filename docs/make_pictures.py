@@ -26,7 +26,7 @@ from photonbeams.cli import main as photonbeams
 from photonbeams.cli.quadrature import quadrature
 from photonbeams.device import Array3f, Float
 from photonbeams.shot.images import atomic_path
-from photonbeams.swatches import FOG, picture
+from photonbeams.swatches import FOG, picture, plot_colors
 
 PICTURES = Path(__file__).parent / "pictures"
 WIDTH, HEIGHT, DPI = 6.0, 1.25, 150  # inches, dots an inch
@@ -194,12 +194,7 @@ def show(panel: Any, pixels: Any, names: Any = ()) -> None:
 
 def lines(curve: Any, x: Any, values: Any) -> None:
     """Plot a number, or red, green and blue where they differ."""
-    numbers = (dr.zeros(Array3f, len(x)) + values).numpy()
-    same = np.allclose(numbers, numbers[0])
-    for channel, colour in zip(
-        numbers[:1] if same else numbers, ("0.15" if same else "#c33", "#393", "#33c"), strict=False
-    ):
-        curve.plot(x, channel, color=colour)
+    plot_colors(curve, x, (dr.zeros(Array3f, len(x)) + values).numpy())
 
 
 def label(curve: Any, name: str, limits: tuple[float, float], top: float | None) -> None:

@@ -83,7 +83,7 @@ def example(folder: Path, stage: str) -> None:
     from photonbeams.shot.images import read_layers
 
     flags = ["--passes", "32", "--res", "960", "0", "-q", "-o", "example.exr", "--layers", "rgba"]
-    subprocess.run([sys.executable, "-m", "photonbeams", "render", stage, *flags], cwd=folder, check=True)
+    photonbeams(folder, "render", stage, *flags)
     pixels = 255 * srgb_encoded(tone_mapped(read_layers(folder / "example.exr")["rgba"][..., :3]))
     for step in range(1, 9):  # what is noisy takes too many bytes with all 256 levels
         write_levels(folder / "example.png", step * np.round(pixels / step))
@@ -119,6 +119,8 @@ def rendered(folder: Path, arguments: tuple[str, ...], pictures: dict[str, str],
 
 def examples(folder: Path) -> None:
     """Write what docs/examples.md shows."""
+    for stage in STAGES:
+        example(folder, stage)
     for arguments, pictures in EXAMPLES.items():
         rendered(folder, arguments, pictures, "960")
     photonbeams(folder, "swatch", SHAFT, *DIRECTED, "--length", "7", "-o", str(PICTURES / "shaft-look.png"))
@@ -134,8 +136,6 @@ def main() -> None:
                 (Path(folder) / name).write_text(source)
         for arguments, pictures in RENDERS.items():
             rendered(Path(folder), arguments, pictures, "640")
-        for stage in STAGES:
-            example(Path(folder), stage)
         plate(Path(folder))
         sheet(Path(folder), FLIGHT, "flight.png", columns=5, thumb=THUMB)
         examples(Path(folder))

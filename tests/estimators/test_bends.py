@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 import photonbeams as pb
-from estimators import twin
 from estimators.test_estimate import (
     CONVERGED,
     EPSILON32,
@@ -12,12 +11,12 @@ from estimators.test_estimate import (
     MEDIUM,
     Beam,
     as_float32,
+    beside_the_twin,
     phase,
     pixel_directions,
     radiance,
     random_beam,
     random_rays,
-    smooth_part,
 )
 from photonbeams.chains import SHARPEST, curved, segments, tangents
 from photonbeams.scene import SceneError
@@ -41,21 +40,13 @@ def bent_beam(rng, **given):
 @pytest.mark.parametrize("name", LOOKS)
 @pytest.mark.parametrize("estimator", ["billboard", "frustum"])
 def test_a_piece_of_a_curve_equals_its_twin(estimator, name, walled, rng):
-    look, double = LOOKS[name]
     seen = 0
     for _ in range(8):
         beam = bent_beam(rng)
         if walled:
             wall = -beam.axis + 0.4 * rng.normal(size=3)
             beam.end_normal = as_float32(wall / np.linalg.norm(wall))
-        origin, direction = random_rays(rng, beam)
-        keep = (np.linalg.norm(np.cross(direction, beam.axis), axis=1) > 0.1) | (estimator == "frustum")
-        origin, direction = origin[keep], direction[keep]
-        expected = getattr(twin, estimator)(beam, double, origin, direction)
-        found = radiance(beam, origin, direction, look, estimator)
-        places = 0.0
-        if estimator == "billboard":
-            places = 2 * smooth_part(beam, double, origin, direction, 0, twin.ENDLESS, expected, 4 * EPSILON32 / 0.01)
+        found, expected, places = beside_the_twin(beam, name, estimator, rng)
         # As without planes. What the chord through a wall that is no cone errs by, after three refinements, shows on a
         # hard rim alone, and most where a ray grazes it: it weighs next to nothing where the profile ends at zero.
         hard = name == "uniform" and estimator == "frustum"
