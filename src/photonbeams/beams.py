@@ -14,7 +14,7 @@ import drjit as dr
 import numpy as np
 import numpy.typing as npt
 
-from .arrays import to_float, to_vectors
+from .arrays import taken, to_float, to_vectors
 from .device import Array3f, Float, UInt32
 from .hashing import hash32, unit_float
 from .scene import SceneError
@@ -162,10 +162,7 @@ class Beams:
 
     def take(self, index: Any) -> Beams:
         """Return the beams of these numbers (a Dr.Jit UInt32 array)."""
-        result = Beams()
-        for name in (*_REQUIRED, *_OPTIONAL):
-            value = getattr(self, name)
-            setattr(result, name, None if value is None else dr.gather(type(value), value, index))
+        result: Beams = taken(self, index)
         return result
 
     def save(self, path: str | Path) -> None:

@@ -14,6 +14,7 @@ import drjit as dr
 import numpy as np
 
 from .. import scene
+from ..arrays import compressed, joined
 from ..beams import Beams
 from ..device import Array2f, Array3f, Bool, Float, UInt32
 from ..hashing import hash32, unit_float
@@ -139,7 +140,7 @@ def trace(
             run = Run(candidates, pass_index, overlap, halvings, key ^ _ALL)
             pieces += _beams(moments, paths, run, split=False)
         if pieces:
-            states = [_joined(list(state)) for state in zip(*pieces, strict=True)]
+            states = [joined(list(state)) for state in zip(*pieces, strict=True)]
             states = _led(states, moments)
             dr.eval(states)  # each light alone: what has the same width by chance would share a kernel
             later = states[1] if len(states) > 1 else None
@@ -225,7 +226,7 @@ def _beams(moments: list[_Moment], paths: list[Emission], run: Run, split: bool)
     # Not a bare counter: once that is evaluated, Dr.Jit takes it for every other counter of its length, in kernels of
     # another form than those of other lengths.
     numbers = dr.arange(UInt32, dr.width(paths[0].origin)) + dr.opaque(UInt32, 0)
-    kept = _compressed(_any(alive), *alive, *paths, numbers)
+    kept = compressed(_any(alive), *alive, *paths, numbers)
     if not kept:
         return []
     alive, paths, numbers = kept[: len(moments)], kept[len(moments) : -1], kept[-1]
@@ -283,18 +284,6 @@ def _stretches(
     ]
 
 
-def _compressed(keep: Bool, *values: Any) -> list[Any]:
-    """Return the entries of arrays and structs where `keep`, in order; an empty list if there is none.
-
-    Everything is made opaque, also what happens to be constant: kernels would differ between frames.
-    """
-    dr.make_opaque(keep, values)
-    index: Any = dr.compress(keep)
-    if not len(index):
-        return []
-    return [value.take(index) if isinstance(value, Beams) else dr.gather(type(value), value, index) for value in values]
-
-
 def _facing(normal: Any, direction: Array3f) -> Array3f:
     """Return the normal turned against the direction."""
     n = Array3f(normal)
@@ -328,7 +317,7 @@ def _stretch(
 
 def _piece(states: list[_Stretch]) -> _Piece:
     """Return the beams that are there at any of the times; at another they have no power, if they are not there."""
-    kept = _compressed(_any([state.alive for state in states]), *(part for state in states for part in state))
+    kept = compressed(_any([state.alive for state in states]), *(part for state in states for part in state))
     if not kept:
         return []
     if len(states) == 1:
@@ -341,25 +330,6 @@ def _present(beams: Beams, other: Beams, there: Bool) -> Beams:
     """Return beams where they are there, and elsewhere those of another time, without power."""
     result = dr.select(there, beams, other)
     result.power = dr.select(there, beams.power, 0)
-    return result
-
-
-def _joined(pieces: list[Beams]) -> Beams:
-    """Return all beams as one struct, in order.
-
-    Not by `dr.concat`, which makes the lengths a part of its kernels: every pass has others.
-    """
-    if len(pieces) == 1:
-        return pieces[0]
-    result, count = Beams(), sum(map(len, pieces))
-    for name, kind in Beams.DRJIT_STRUCT.items():
-        values = [getattr(piece, name) for piece in pieces]
-        joined = None if values[0] is None else dr.zeros(kind, count)
-        setattr(result, name, joined)
-        first = 0
-        for value in values if joined is not None else ():
-            dr.scatter(joined, value, dr.arange(UInt32, dr.width(value)) + dr.opaque(UInt32, first))
-            first += dr.width(value)
     return result
 
 
