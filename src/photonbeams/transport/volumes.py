@@ -1,0 +1,175 @@
+"""The media of a Mitsuba scene, and which of them is where.
+
+Mitsuba's own integrators follow media from the sensor on, over the surfaces that a path passes, and believe what sensor
+and emitters say. Light paths begin at emitters, which seldom say anything. So we ask the geometry: the first surface
+between two media that a ray from a point meets tells in which of them the point is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+import numpy as np
+
+from .. import scene
+from ..arrays import to_vectors
+from ..device import Array3f, Bool, Float, UInt32, mitsuba
+from ..looks import Look
+from ..looks.at import At
+from ..looks.factors import Factor
+
+mi = mitsuba()
+
+# Surfaces that a ray may pass on its way to the border of a medium.
+_LAYERS = 64
+
+
+class Scattering(Factor):
+    """σs · phase(cos θ) of a Mitsuba medium whose phase function is none of Henyey and Greenstein's."""
+
+    def __init__(self, plugin: Any) -> None:
+        self._phase = plugin.phase_function()
+
+    def evaluate(self, at: At) -> Any:
+        """Return scattering coefficient times phase function; it turns with the light, so any direction does for it."""
+        place = dr.zeros(mi.MediumInteraction3f)
+        place.p = mi.Point3f(at.position)
+        light = mi.Vector3f(0, 0, 1)
+        place.wi, place.sh_frame = -light, mi.Frame3f(light)
+        cosine = dr.clip(at.cosine, -1, 1)
+        value, _ = self._phase.eval_pdf(
+            mi.PhaseFunctionContext(), place, mi.Vector3f(dr.safe_sqrt(1 - cosine * cosine), 0, cosine), True
+        )
+        return at.medium.scattering * Array3f(value)
+
+
+@dataclass(frozen=True)
+class Volume:
+    """A medium of a scene: what names it in arrays of media, Mitsuba's plug-in, and what estimators need to know."""
+
+    number: int
+    plugin: Any
+    medium: scene.Medium
+    look: Look
+
+
+class Volumes:
+    """The media of a scene, and their coefficients for kernels.
+
+    Parameters
+    ----------
+    plugins
+        Mitsuba's media, each as often as it may be.
+
+    Raises
+    ------
+    SceneError
+        A medium that cannot be rendered.
+    """
+
+    def __init__(self, plugins: Iterable[Any]) -> None:
+        found = {number(plugin): plugin for plugin in plugins if plugin is not None}
+        self.all = tuple(_volume(each, found[each]) for each in sorted(found))
+        size = max(found, default=0) + 2  # a gather from an array of one is a broadcast, hence another kernel
+        table = np.zeros((2, size, 3))
+        for volume in self.all:
+            table[0, volume.number] = volume.medium.extinction
+            table[1, volume.number] = volume.medium.scattering
+        self._extinction, self._scattering = to_vectors(table[0]), to_vectors(table[1])
+
+    @classmethod
+    def of(cls, plugin: Any) -> Volumes:
+        """Return the media of a Mitsuba scene: in and around its shapes, and those that sensors and emitters name."""
+        media = [each for shape in plugin.shapes() for each in (shape.interior_medium(), shape.exterior_medium())]
+        return cls(media + [each.get_medium() for each in (*plugin.sensors(), *plugin.emitters())])
+
+    def extinction(self, medium: UInt32) -> Array3f:
+        """Return σt of media by their numbers; 0 in the open."""
+        return dr.gather(Array3f, self._extinction, medium)
+
+    def scattering(self, medium: UInt32) -> Array3f:
+        """Return σs of media by their numbers; 0 in the open."""
+        return dr.gather(Array3f, self._scattering, medium)
+
+    def transmittance(self, medium: UInt32, distance: Float) -> Array3f:
+        """Return exp(−σt x); in the open it is 1, however long the way."""
+        extinction = self.extinction(medium)
+        return dr.select(extinction > 0, dr.exp(-extinction * distance), 1)
+
+
+def number(plugin: Any) -> int:
+    """Return the number of a medium, 0 for None."""
+    return 0 if plugin is None else int(numbers(mi.MediumPtr(plugin))[0])
+
+
+def numbers(media: Any) -> UInt32:
+    """Return the numbers of an array of media."""
+    return UInt32(dr.reinterpret_array(mi.UInt32, media))
+
+
+def pointers(media: UInt32) -> Any:
+    """Return the media with these numbers."""
+    return dr.reinterpret_array(mi.MediumPtr, mi.UInt32(media))
+
+
+def medium_at(plugin: Any, origin: Array3f, direction: Array3f, otherwise: UInt32, active: Bool) -> UInt32:
+    """Return the number of the medium at points, found along a ray from each.
+
+    Parameters
+    ----------
+    plugin
+        The Mitsuba scene.
+    origin, direction
+        Rays.
+    otherwise
+        The medium of points from which no border of a medium is seen.
+    active
+        Which points are asked for.
+    """
+
+    def further(here: Array3f, medium: UInt32, layer: UInt32, going: Bool) -> tuple[Array3f, UInt32, UInt32, Bool]:
+        hit = plugin.ray_intersect(mi.Ray3f(mi.Point3f(here), mi.Vector3f(direction)), going)
+        going = going & hit.is_valid()
+        border = going & hit.is_medium_transition()
+        medium = dr.select(border, numbers(hit.target_medium(mi.Vector3f(-direction))), medium)
+        here = dr.select(going, Array3f(hit.spawn_ray(mi.Vector3f(direction)).o), here)
+        return here, medium, layer + 1, going & ~border
+
+    width = max(dr.width(origin), dr.width(direction))
+    state = (
+        origin + dr.zeros(Array3f, width), otherwise + dr.zeros(UInt32, width), dr.zeros(UInt32, width),
+        active & dr.full(Bool, True, width),
+    )  # fmt: skip
+    return dr.while_loop(state, lambda *each: each[3] & (each[2] < _LAYERS), further, label="medium_at")[1]
+
+
+def _volume(own: int, plugin: Any) -> Volume:
+    """Return a medium as estimators see it."""
+    name = plugin.id() or plugin.class_name()
+    if not plugin.is_homogeneous():
+        raise scene.SceneError(f"medium {name}: {plugin.class_name()} is not supported: expected a homogeneous medium")
+    scattering, _, extinction = plugin.get_scattering_coefficients(dr.zeros(mi.MediumInteraction3f))
+    sigma_s, sigma_t = (np.ravel(np.asarray(each, dtype=float))[:3] for each in (scattering, extinction))
+    if not (np.all(np.isfinite(sigma_t)) and np.all(sigma_t >= 0) and np.all(sigma_s >= 0)):
+        raise scene.SceneError(f"medium {name}: sigma_t is {sigma_t.tolist()}: expected finite numbers from 0 on")
+    g, look = _scattering(plugin)
+    return Volume(own, plugin, scene.Medium(tuple(sigma_s), tuple(np.maximum(sigma_t - sigma_s, 0)), g), look)
+
+
+def _scattering(plugin: Any) -> tuple[float, Look]:
+    """Return g and the look of a medium: those of Henyey and Greenstein where its phase function is theirs."""
+    phase = plugin.phase_function()
+    if phase.class_name() == "IsotropicPhaseFunction":
+        return 0.0, Look()
+    if phase.class_name() == "HGPhaseFunction":
+        g = float(np.ravel(mi.traverse(phase)["g"])[0])
+        if abs(g) <= 0.99:
+            return g, Look()
+    if mi.has_flag(phase.flags(), mi.PhaseFunctionFlags.Microflake):
+        name = plugin.id() or plugin.class_name()
+        raise scene.SceneError(f"medium {name}: its phase function {phase.class_name()} depends on where its flakes "
+                               "look: expected one that depends on the angle alone")  # fmt: skip
+    return 0.0, Look(angle=Scattering(plugin))
