@@ -6,7 +6,9 @@ The public names are imported on first use, so that `import photonbeams` is quic
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from . import device
+import wrapt
+
+from . import device, integrator
 
 if TYPE_CHECKING:
     from .beams import Beams
@@ -117,6 +119,9 @@ __all__ = [
 
 # Dr.Jit loads libLLVM while it is imported, so the library is chosen now: the user's next line may import Mitsuba.
 device.prepare()
+
+# Mitsuba is told of the plug-in `photon_beams` as soon as it is there.
+wrapt.when_imported("mitsuba")(integrator.announce)
 
 _HOMES = {
     "beams": ("Beams",),

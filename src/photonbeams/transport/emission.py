@@ -58,7 +58,8 @@ class Emitted:
 def differentiate(inputs: list[Any], outputs: list[Any], columns: list[list[Any]]) -> list[list[Any]]:
     """Return the derivatives of outputs along each column of derivatives of the inputs (forward mode).
 
-    `inputs` are attached to the AD graph; `outputs` are computed from them.
+    `inputs` are attached to the AD graph; `outputs` are computed from them. Of a graph with calls of Mitsuba's plug-ins
+    there can be but one column: Dr.Jit forgets what these need for another traversal.
     """
     result = []
     for column in columns:

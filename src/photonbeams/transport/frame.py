@@ -71,7 +71,7 @@ class Settings:
     passes: int = 16
     time_limit: float | None = None
     seed: int = 0
-    paths: int = 1 << 16
+    paths: int = 1 << 14
     max_depth: int | None = None
     rr_depth: int = 5
     hide_emitters: bool = False

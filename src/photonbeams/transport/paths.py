@@ -26,6 +26,8 @@ mi = mitsuba()
 # Names of samples in seeds.
 _FLIGHT, _LOBE, _TURN, _ROULETTE = 1, 2, 3, 4
 
+_SAME = 0xFFFFFFFF  # stands for the medium that a path is in already
+
 # After so many events photon differentials are carried no further: what is still sharp then is faint.
 _COHERENT = 8
 
@@ -152,7 +154,6 @@ def trace(tracing: Tracing, paths: Paths | None, seed: Any, first: Any) -> Itera
     step = 0
     while paths is not None:
         segments, in_medium, landed, on_surface, following, going = _step(tracing, paths, seed, first, step)
-        dr.eval(segments, in_medium, landed, on_surface, following, going)
         yield (
             (compressed(in_medium, segments) or [None])[0],
             (compressed(on_surface, landed) or [None])[0],
@@ -164,28 +165,27 @@ def trace(tracing: Tracing, paths: Paths | None, seed: Any, first: Any) -> Itera
 def _step(tracing: Tracing, paths: Paths, seed: Any, first: Any, step: int) -> tuple[Any, ...]:
     """Return what one step of all paths leaves: segments, photons, the paths after it, and masks of which are there."""
     index, stream = paths.number + first, hash32(seed, dr.opaque(UInt32, step))
-    # Coherence ends for good somewhere: two kinds of kernels, and no more.
-    coherent = step < _COHERENT and bool(dr.any(paths.coherent))
-    origin, direction = mi.Point3f(paths.origin), mi.Vector3f(paths.direction)
-    if coherent:
-        dr.enable_grad(origin, direction)
-    with dr.resume_grad():
-        ray = mi.Ray3f(origin, direction)
-        found = tracing.plugin.ray_intersect_preliminary(dr.detach(ray), coherent=False)
-        hit = found.compute_surface_interaction(ray, mi.RayFlags.All)
-    event = _Event(tracing, paths, dr.detach(hit), index, stream)
+    hit = tracing.plugin.ray_intersect(_ray(paths.origin, paths.direction))
+    event = _Event(tracing, paths, hit, index, stream)
     segments = _segments(tracing, paths, event)
-    with dr.resume_grad():
-        scatter = _reflect(hit, event.on_surface, index, stream)
+    scatter = _reflect(hit, event.on_surface, index, stream)
     following = _following(tracing, paths, event, scatter, index, stream)
-    if coherent:
-        _carry(paths, following, event, [origin, direction], scatter)
     landed = _landed(paths, event, segments.width)
     in_medium = (paths.medium > 0) & (event.length > 0)
     on_surface = event.on_surface & ~paths.straight & event.smooth
     if tracing.max_events is not None:
         in_medium &= paths.events <= tracing.max_events
+    bent = event.going & following.coherent & ~scatter.null
+    dr.eval(segments, in_medium, landed, on_surface, following, event.going, bent)
+    if step < _COHERENT:
+        _carry(tracing, paths, following, bent, index, stream)
+    else:
+        following.coherent = dr.zeros(Bool, dr.width(bent))
     return segments, in_medium, landed, on_surface, following, event.going
+
+
+def _ray(origin: Any, direction: Any) -> Any:
+    return mi.Ray3f(mi.Point3f(origin), mi.Vector3f(direction))
 
 
 class _Event:
@@ -224,29 +224,29 @@ class _Scatter:
         self.delta, self.null, self.medium = delta, null, medium
 
 
-def _reflect(hit: Any, active: Bool, index: UInt32, stream: UInt32) -> _Scatter:
+def _reflect(hit: Any, active: Any, index: UInt32, stream: UInt32) -> _Scatter:
     """Return a sample of the BSDF for light (Veach 1997, section 5.3: shading normals of adjoint BSDFs)."""
-    lobe = unit_float(hash32(index, stream, UInt32(_LOBE)))
-    u = pixel_sample(index, hash32(stream, UInt32(_TURN)))
-    context = mi.BSDFContext(mi.TransportMode.Importance)
-    sample, weight = hit.bsdf().sample(context, hit, lobe, mi.Point2f(u), active)
+    sample, weight = _sampled(hit, active, index, stream)
     direction = hit.to_world(sample.wo)
-    now = dr.detach(direction)
-    normal, shading = dr.detach(hit.n), dr.detach(hit.sh_frame.n)
-    incoming = dr.detach(hit.to_world(hit.wi))
-    geometric_in, geometric_out = dr.dot(normal, incoming), dr.dot(normal, now)
-    shading_in, shading_out = dr.dot(shading, incoming), dr.dot(shading, now)
+    incoming = hit.to_world(hit.wi)
+    geometric_in, geometric_out = dr.dot(hit.n, incoming), dr.dot(hit.n, direction)
+    shading_in, shading_out = dr.dot(hit.sh_frame.n, incoming), dr.dot(hit.sh_frame.n, direction)
     leak = (geometric_in * shading_in <= 0) | (geometric_out * shading_out <= 0)
-    correction = dr.abs(shading_in * geometric_out * dr.rcp(shading_out * geometric_in))
-    value = Array3f(dr.detach(weight)) * correction
-    good = active & (dr.detach(sample.pdf) > 0) & ~leak & dr.isfinite(dr.sum(value))
-    value = dr.select(good, value, 0)
+    value = Array3f(weight) * dr.abs(shading_in * geometric_out * dr.rcp(shading_out * geometric_in))
+    good = active & (sample.pdf > 0) & ~leak & dr.isfinite(dr.sum(value))
     border = hit.is_medium_transition()
-    medium = dr.select(border, numbers(hit.target_medium(now)), UInt32(0xFFFFFFFF))
+    medium = dr.select(border, numbers(hit.target_medium(direction)), UInt32(_SAME))
     kind = sample.sampled_type
     delta, null = mi.has_flag(kind, mi.BSDFFlags.Delta), mi.has_flag(kind, mi.BSDFFlags.Null)
-    ray = hit.spawn_ray(direction)
-    return _Scatter(ray.o, direction, value, delta | null, null, medium)
+    origin = Array3f(hit.spawn_ray(direction).o)
+    return _Scatter(origin, Array3f(direction), dr.select(good, value, 0), delta | null, null, medium)
+
+
+def _sampled(hit: Any, active: Any, index: UInt32, stream: UInt32) -> Any:
+    """Return Mitsuba's sample of the BSDF and its weight."""
+    lobe = unit_float(hash32(index, stream, UInt32(_LOBE)))
+    u = pixel_sample(index, hash32(stream, UInt32(_TURN)))
+    return hit.bsdf().sample(mi.BSDFContext(mi.TransportMode.Importance), hit, lobe, mi.Point2f(u), active)
 
 
 def _following(
@@ -262,17 +262,18 @@ def _following(
     lobe = unit_float(hash32(index, stream, UInt32(_LOBE)))
     u = pixel_sample(index, hash32(stream, UInt32(_TURN)))
     turned, weight, _ = phase.sample(mi.PhaseFunctionContext(), place, lobe, mi.Point2f(u), event.in_medium)
-    following.direction = dr.select(event.in_medium, Array3f(turned), Array3f(dr.detach(scatter.direction)))
-    following.origin = dr.select(event.in_medium, event.position, Array3f(dr.detach(scatter.origin)))
+    following.direction = dr.select(event.in_medium, Array3f(turned), scatter.direction)
+    following.origin = dr.select(event.in_medium, event.position, scatter.origin)
     following.flux = paths.flux * event.weight * dr.select(event.in_medium, Array3f(weight), scatter.weight)
     passes = event.on_surface & scatter.null
     following.events = paths.events + dr.select(passes, 0, 1)
-    kept = event.in_medium | (scatter.medium == 0xFFFFFFFF)
+    kept = event.in_medium | (scatter.medium == _SAME)
     following.medium = dr.select(kept, paths.medium, scatter.medium)
     following.straight = paths.straight & passes
     following.coherent = paths.coherent & event.on_surface & scatter.delta
     following.number, following.first, following.count = paths.number, paths.first, paths.count
-    following.tangents = paths.tangents
+    # Straight on, a shift grows with the way; mirrors and lenses see to theirs later.
+    following.tangents = Tangents.of([(p + event.way * d, d) for p, d in paths.tangents.columns()])
     following.radius = _scattered_radius(tracing, paths)
     going = event.going & (dr.max(following.flux) > 0)
     if tracing.max_events is not None:
@@ -302,13 +303,39 @@ def _roulette(
     paths.flux = paths.flux * factor
 
 
-def _carry(paths: Paths, following: Paths, event: _Event, inputs: list[Any], scatter: _Scatter) -> None:
-    """Carry the tangents of paths over mirrors, lenses and borders, by forward-mode differentiation."""
-    columns = [
-        [mi.Vector3f(each) for each in column] for column in paths.tangents.columns()
-    ]
-    derived = differentiate(inputs, [scatter.origin, scatter.direction], columns)
-    following.tangents = Tangents.of([(Array3f(p), Array3f(d)) for p, d in derived])
+def _carry(tracing: Tracing, paths: Paths, following: Paths, bent: Bool, index: UInt32, stream: UInt32) -> None:
+    """Carry the tangents of paths over mirrors and through lenses, by forward-mode differentiation.
+
+    Each path stands there four times, once for each tangent: a graph with calls of BSDFs is traversed but once.
+    """
+    lanes: Any = dr.compress(bent)
+    if not len(lanes):
+        return
+    count = len(lanes)
+    copy = dr.arange(UInt32, 4 * count) + dr.opaque(UInt32, 0)
+    lane, which = dr.gather(UInt32, lanes, copy // 4), copy % 4
+    shift, turn = Array3f(0), Array3f(0)
+    for k, (p, d) in enumerate(paths.tangents.columns()):
+        shift = dr.select(which == k, dr.gather(Array3f, p, lane), shift)
+        turn = dr.select(which == k, dr.gather(Array3f, d, lane), turn)
+    origin = mi.Point3f(dr.gather(Array3f, paths.origin, lane))
+    direction = mi.Vector3f(dr.gather(Array3f, paths.direction, lane))
+    dr.enable_grad(origin, direction)
+    with dr.resume_grad():
+        hit = tracing.plugin.ray_intersect(_ray(origin, direction))
+        sample, _ = _sampled(hit, True, dr.gather(UInt32, index, lane), stream)
+        p, d = differentiate([origin, direction], [hit.p, hit.to_world(sample.wo)], [[shift, turn]])[0]
+    shift, turn = Array3f(p), Array3f(d)
+    dr.eval(shift, turn)
+    columns = []
+    for k, (p, d) in enumerate(following.tangents.columns()):
+        mine = dr.arange(UInt32, count) * 4 + k
+        p, d = Array3f(p), Array3f(d)
+        dr.scatter(p, dr.gather(Array3f, shift, mine), lanes)
+        dr.scatter(d, dr.gather(Array3f, turn, mine), lanes)
+        columns.append((p, d))
+    following.tangents = Tangents.of(columns)
+    dr.eval(following.tangents)
 
 
 def _segments(tracing: Tracing, paths: Paths, event: _Event) -> Segments:

@@ -1,0 +1,204 @@
+"""The Mitsuba plug-in `photon_beams`: any Mitsuba 3 scene, rendered by photon beams.
+
+`import photonbeams` announces it to Mitsuba, before or after Mitsuba itself is imported, for each variant that is set.
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from typing import Any
+
+NAME = "photon_beams"
+VARIANTS = ("llvm_ad_rgb", "cuda_ad_rgb")
+
+_DOCUMENTATION = r"""
+.. _integrator-photon_beams:
+
+Photon beams (:monosp:`photon_beams`)
+-------------------------------------
+
+.. pluginparameters::
+
+ * - max_depth
+   - |int|
+   - Longest path in the image, in edges (-1: any). 1 is what emitters show of themselves, 2 is light that was scattered
+     once, and so on. (Default: -1)
+
+ * - rr_depth
+   - |int|
+   - After how many events paths may end by Russian roulette. (Default: 5)
+
+ * - hide_emitters
+   - |bool|
+   - Hide directly visible emitters. (Default: no, i.e. |false|)
+
+ * - paths
+   - |int|
+   - Light paths a pass. A pass looks through each pixel once, so there are as many passes as samples per pixel.
+     (Default: 16384)
+
+ * - radius
+   - |float|
+   - Radius of all beams in the first pass, in scene units; 0 takes the radii from photon differentials. (Default: 0)
+
+ * - min_radius, max_radius
+   - |float|
+   - Bounds of those radii; 0 is 0.0001 and 0.05 of the radius of the scene. (Default: 0)
+
+ * - overlap
+   - |float|
+   - Width of a beam in spacings of its neighbours. (Default: 2.2)
+
+ * - alpha
+   - |float|
+   - How fast radii shrink from pass to pass, above 0; 1 keeps them as they are. (Default: 0.7)
+
+ * - beams
+   - |string|
+   - "long" beams reach to the next surface, "short" ones end where their light is scattered. (Default: "long")
+
+ * - estimator
+   - |string|
+   - "auto", "billboard" (beam x beam 1D) or "frustum" (beam x beam 2D, by quadrature). (Default: "auto")
+
+ * - order
+   - |int|
+   - Points of the Gauss-Legendre quadrature. (Default: 6)
+
+ * - layers
+   - |bool|
+   - Add the layers `beams` and `surface`, whose sum the image is. (Default: no, i.e. |false|)
+
+Traces light into photon beams (Jarosz et al. 2011) and gathers them along camera rays, with the estimators of "Gaussian
+Quadrature for Photon Beams in Tangled" (Johnson et al. 2011). Radii shrink with the passes (Progressive Photon Beams),
+so that the image converges to that of :monosp:`volpath`, volumetric caustics included. Camera rays see beams through
+glass and in mirrors; surfaces are lit directly by emitters, and by photons that arrived over other ways.
+
+Media may be inside of shapes and around them, nested, or fill the space, if an emitter or the sensor names such a
+medium; in which medium sensor and emitters are is found from the shapes around them.
+
+.. tabs::
+
+    .. code-tab:: xml
+
+        <integrator type="photon_beams">
+            <integer name="paths" value="16384"/>
+        </integrator>
+
+    .. code-tab:: python
+
+        'type': 'photon_beams',
+        'paths': 16384
+"""
+
+
+def announce(_: Any) -> None:
+    """Register the plug-in with the variant that Mitsuba has, and with each that is set later."""
+    mitsuba = sys.modules["mitsuba"]  # which replaces itself there while it is imported
+    mitsuba.detail.add_variant_callback(lambda _, variant: _register(mitsuba, variant))
+    if mitsuba.variant() is not None:
+        _register(mitsuba, mitsuba.variant())
+
+
+def _register(mitsuba: Any, variant: str) -> None:
+    made: list[Any] = []
+
+    def make(properties: Any) -> Any:
+        if variant not in VARIANTS:
+            raise RuntimeError(f"{NAME}: the variant is {variant}: expected {' or '.join(VARIANTS)}")
+        if not made:
+            made.append(_integrator(mitsuba, variant))
+        return made[0](properties)
+
+    mitsuba.register_integrator(NAME, make)
+
+
+def _settings(properties: Any) -> Any:
+    """Return the plug-in's parameters as settings; those that are not asked for, Mitsuba complains of."""
+    from .quadrature import gauss_legendre
+    from .transport.frame import Settings
+
+    plain = Settings()
+    given: dict[str, Any] = {
+        name: properties.get(name, getattr(plain, name)) for name in ("rr_depth", "hide_emitters", "paths", "overlap",
+                                                                      "alpha", "estimator")
+    }  # fmt: skip
+    depth = properties.get("max_depth", -1)
+    kind = properties.get("beams", "long")
+    if kind not in ("long", "short"):
+        raise ValueError(f'{NAME}: beams is "{kind}": expected "long" or "short"')
+    radii = {name: properties.get(name, 0.0) or None for name in ("radius", "min_radius", "max_radius")}
+    return Settings(
+        **given, **radii, max_depth=None if depth == -1 else depth, short=kind == "short",
+        rule=gauss_legendre(properties.get("order", 6)),
+    )  # fmt: skip
+
+
+def _integrator(mi: Any, variant: str) -> type:
+    """Return the plug-in's class for a variant; Mitsuba has a base class for each."""
+    from . import device
+
+    device.select("cuda" if variant.startswith("cuda") else "cpu")
+
+    class PhotonBeams(mi.ad.integrators.common.ADIntegrator):  # type: ignore[misc]
+        __doc__ = _DOCUMENTATION
+
+        def __init__(self, properties: Any) -> None:
+            settings = _settings(properties)
+            self._layers = properties.get("layers", False)
+            super().__init__(properties)
+            self.settings = settings
+
+        def aov_names(self) -> list[str]:
+            """Return the names of the layers' channels."""
+            return [f"{layer}.{channel}" for layer in ("beams", "surface") for channel in "RGB"] if self._layers else []
+
+        def render(
+            self, scene: Any, sensor: Any = 0, seed: Any = 0, spp: int = 0, develop: bool = True, evaluate: bool = True
+        ) -> Any:
+            """Render the scene; `spp` is the number of passes."""
+            import drjit as dr
+
+            from .transport.frame import render
+
+            sensor = scene.sensors()[sensor] if isinstance(sensor, int) else sensor
+            settings = replace(
+                self.settings, passes=spp or int(sensor.sampler().sample_count()), seed=_number(seed)
+            )
+            with dr.suspend_grad():
+                frame = render(scene, sensor, settings)
+                film = sensor.film()
+                film.prepare(self.aov_names())
+                film.put_block(_block(mi, film, frame.layers(), self._layers))
+                if not develop:
+                    return mi.TensorXf()
+                image = film.develop()
+                if evaluate:
+                    dr.eval(image)
+                return image
+
+        def to_string(self) -> str:
+            return f"PhotonBeams[{self.settings}]"
+
+    return PhotonBeams
+
+
+def _number(seed: Any) -> int:
+    import numpy as np
+
+    return int(np.ravel(seed)[0])
+
+
+def _block(mi: Any, film: Any, layers: dict[str, Any], with_layers: bool) -> Any:
+    """Return the picture as an image block of the film: colours, alpha where it wants that, weight, further layers."""
+    import numpy as np
+
+    rgba = layers["rgba"]
+    weight = np.ones_like(rgba[..., :1])
+    alpha = mi.has_flag(film.flags(), mi.FilmFlags.Alpha)
+    parts = [rgba if alpha else rgba[..., :3], weight]
+    if with_layers:
+        parts += [layers["beams"], layers["surface"]]
+    tensor = mi.TensorXf(np.ascontiguousarray(np.concatenate(parts, axis=2), dtype=np.float32))
+    return mi.ImageBlock(tensor, offset=film.crop_offset())
