@@ -128,7 +128,7 @@ def _settings(properties: Any) -> Any:
     kind = properties.get("beams", "long")
     if kind not in ("long", "short"):
         raise ValueError(f'{NAME}: beams is "{kind}": expected "long" or "short"')
-    radii = {name: properties.get(name, 0.0) or None for name in ("radius", "min_radius", "max_radius")}
+    radii: dict[str, Any] = {name: properties.get(name, 0.0) or None for name in ("radius", "min_radius", "max_radius")}
     return Settings(
         **given, **radii, max_depth=None if depth == -1 else depth, short=kind == "short",
         rule=gauss_legendre(properties.get("order", 6)),
@@ -163,9 +163,7 @@ def _integrator(mi: Any, variant: str) -> type:
             from .transport.frame import render
 
             sensor = scene.sensors()[sensor] if isinstance(sensor, int) else sensor
-            settings = replace(
-                self.settings, passes=spp or int(sensor.sampler().sample_count()), seed=_number(seed)
-            )
+            settings = replace(self.settings, passes=spp or int(sensor.sampler().sample_count()), seed=_number(seed))
             with dr.suspend_grad():
                 frame = render(scene, sensor, settings)
                 film = sensor.film()

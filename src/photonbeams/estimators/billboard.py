@@ -44,6 +44,7 @@ def _light(beam: Record, at: Approach, rho2: Any, look: BoundLook, ray: Rays) ->
     where = look.at(
         distance=distance, depth=beam.depth(distance), from_light=distance, fraction=beam.fraction(distance),
         to_camera=at.t, cosine=-_cosine(at), rho2=rho2, place=lambda: ray.point(at.t), beam=beam,
+        ray=ray.index,
     )  # fmt: skip
     return look.light(where, at.t - ray.t_min)
 

@@ -67,6 +67,7 @@ def integrand(beam: Record, ray: Chord, tau: Any, look: BoundLook, camera: Rays)
     where = look.at(
         distance=distance, depth=beam.depth(distance), from_light=distance, fraction=beam.fraction(distance),
         to_camera=t, cosine=-cosine, rho2=rho2, place=lambda: camera.point(t), beam=beam,
+        ray=camera.index,
     )  # fmt: skip
     light = look.light(where, t - camera.t_min)
     if beam.gain is not None:

@@ -45,6 +45,7 @@ class Rays:
     shared_origin: bool = False
     time: Any = None  # (N,)
     base: Any = None  # the packed origin: that of all rays, or what `origin` is relative to; None: the world's
+    index: Any = None  # (N,) numbers of the rays, for looks that know something of each
 
     def point(self, t: Any) -> Any:
         """Return the position in world space at t."""

@@ -189,6 +189,7 @@ def _lane_rays(rays: PixelRays, view: Projection, pixel: Any, inside: Any, group
         rays.shared_origin,
         time,
         rays.origin if rays.shared_origin else view.origin,
+        pixel,
     )
 
 

@@ -93,6 +93,8 @@ class At:
         Returns the position in world space, (3,).
     beam
         The beam, with `identity`: its random number, its number, its generation.
+    ray
+        The number of the ray, where rays have numbers.
     fog, context
         The medium, or None where there is none; what the light's beams have in common.
     """
@@ -106,6 +108,7 @@ class At:
     rho2: Any = 0.0
     place: Callable[[], Any] | None = None
     beam: Any = None
+    ray: Any = None
     fog: Fog | None = None
     context: Context | None = None
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, ClassVar
 
 import drjit as dr
 
@@ -20,7 +20,7 @@ _WAIST = 0.8
 class Lit:
     """The beams of one medium, and the events on the path of each before it."""
 
-    DRJIT_STRUCT = {"beams": Beams, "events": UInt32}
+    DRJIT_STRUCT: ClassVar[dict[str, Any]] = {"beams": Beams, "events": UInt32}
 
     def __init__(self, beams: Any = None, events: Any = None) -> None:
         self.beams: Any = beams

@@ -21,7 +21,7 @@ from .volumes import Volumes, medium_at, numbers
 
 mi = mitsuba()
 
-_LOBE, _TURN, _ROULETTE = 301, 302, 303  # names of samples in seeds
+_LOBE, _TURN, _ROULETTE, _WAY = 301, 302, 303, 304  # names of samples in seeds
 
 # Steps after which a path ends that meets nothing that ends it, as between two mirrors.
 _STEPS = 128
@@ -53,13 +53,17 @@ class Sight:
 
 
 class Seen:
-    """What paths see in one step: radiance of surfaces (times the throughput), and the first distance to one."""
+    """What paths see in one step: radiance of surfaces (times the throughput), where they are, and whether they show.
 
-    DRJIT_STRUCT: ClassVar[dict[str, Any]] = {"radiance": Array3f, "solid": Bool, "end": Float}
+    `seed` is that of the transmittance up to there.
+    """
+
+    DRJIT_STRUCT: ClassVar[dict[str, Any]] = {"radiance": Array3f, "solid": Bool, "end": Float, "seed": UInt32}
 
     radiance: Any
     solid: Any
     end: Any
+    seed: Any
 
 
 @dataclass(frozen=True)
@@ -116,7 +120,9 @@ def _step(looking: Looking, sight: Sight, samples: Samples, step: UInt32, lit: A
     way = dr.select(met, hit.t, ray.maxt)
     seen = Seen()
     seen.end = sight.near + way
-    throughput = sight.throughput * volumes.transmittance(sight.medium, way)
+    seen.seed = samples.bits(sight.order, _WAY, step)
+    passed = volumes.transmittance(sight.medium, start, sight.direction, way, seen.seed, alive)
+    throughput = sight.throughput * passed
     seen.radiance = _emission(looking, hit, alive, sight, way)
     bsdf = hit.bsdf()
     flags = bsdf.flags()

@@ -30,6 +30,7 @@ from .emission import Emitters
 from .footprints import Limits
 from .samples import Samples
 from .sensors import Primary, Sensor
+from .tracking import Track
 from .volumes import Volume, Volumes, number
 
 mi = mitsuba()
@@ -161,8 +162,12 @@ class Frame:
         )  # fmt: skip
         emitted = self._emitters.emit(settings.paths, number)
         first = dr.opaque(UInt32, (number * settings.paths) & 0xFFFFFFFF)
+        seed = dr.opaque(UInt32, settings.seed & 0xFFFFFFFF)
         steps = paths.trace(
-            tracing, paths.begin(tracing, emitted, self._otherwise), dr.opaque(UInt32, settings.seed & 0xFFFFFFFF), first
+            tracing,
+            paths.begin(tracing, emitted, self._otherwise),
+            dr.opaque(UInt32, settings.seed & 0xFFFFFFFF),
+            first,
         )
         segments = [each for each, _ in steps if each is not None]
         found = {volume.number: lit(volume, segments, limits) for volume in self._volumes.all}
@@ -180,6 +185,9 @@ class Frame:
         dr.eval(tiled, others)
         settings = self.settings
         if bool(dr.any(tiled)):
+            if volume.tracked is not None:
+                way = volume.way(sight.origin, sight.direction, sight.near, seen.end, seen.seed)
+                volume.tracked.track = Track(way, volume.extinction, tiled)
             view = self.sensor.view
             assert view is not None
             rays = PixelRays(
@@ -205,7 +213,10 @@ class Frame:
         direction = dr.gather(Array3f, sight.direction, index)
         origin = dr.gather(Array3f, sight.origin, index) + start * direction
         far = dr.minimum(dr.gather(Float, seen.end, index), ENDLESS) - start
-        rays = Rays(origin, direction, far, dr.zeros(Float, len(index)))
+        rays = Rays(origin, direction, far, dr.zeros(Float, len(index)), index=dr.arange(UInt32, len(index)))
+        if volume.tracked is not None:
+            way = volume.way(origin, direction, rays.t_min, far, dr.gather(UInt32, seen.seed, index))
+            volume.tracked.track = Track(way, volume.extinction, dr.full(Bool, True, len(index)))
         dr.eval(rays.origin, rays.direction, rays.t_max, rays.t_min)
         beams = light.beams
         bound = bind(volume.look, beams, None, volume.medium)
@@ -264,7 +275,6 @@ class Sums:
 
         All pixels have the same offset, so the filter is a convolution; as gathers, whose order is always the same.
         """
-        height, width = self._shape
         reach = int(np.ceil(self._filter.radius() - 0.5 - 1e-6)) if not self._filter.is_box_filter() else 0
         for down in range(-reach, reach + 1):
             for right in range(-reach, reach + 1):
@@ -305,7 +315,9 @@ class Sums:
 
 
 def render(
-    plugin: Any, sensor: Any, settings: Settings = Settings(),
+    plugin: Any,
+    sensor: Any,
+    settings: Settings = Settings(),
     progress: Callable[[int, Frame], None] | None = None,
 ) -> Frame:
     """Render a Mitsuba scene from one of its sensors.

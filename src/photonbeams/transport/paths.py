@@ -19,6 +19,7 @@ from ..hashing import hash32, unit_float
 from ..simulation.sampling import pixel_sample
 from .emission import Emitted, Tangents, differentiate
 from .footprints import Width, width
+from .tracking import free_flight
 from .volumes import Volumes, medium_at, numbers, pointers
 
 mi = mitsuba()
@@ -111,7 +112,7 @@ class Tracing:
     escape
         Length of segments that meet no surface.
     short
-        Whether beams end at the path's next event.
+        Whether beams end at the path's next event; in media that vary they always do.
     """
 
     plugin: Any
@@ -175,7 +176,7 @@ def _step(tracing: Tracing, paths: Paths, seed: Any, first: Any, step: int) -> t
     on_surface = event.on_surface & ~paths.straight & event.smooth
     if tracing.max_events is not None:
         in_medium &= paths.events <= tracing.max_events
-    bent = event.going & following.coherent & ~scatter.null
+    bent = event.going & event.on_surface & following.coherent & ~scatter.null
     dr.eval(segments, in_medium, landed, on_surface, following, event.going, bent)
     if step < _COHERENT:
         _carry(tracing, paths, following, bent, index, stream)
@@ -189,31 +190,54 @@ def _ray(origin: Any, direction: Any) -> Any:
 
 
 class _Event:
-    """What happens next on paths: scattering in the medium, or a surface."""
+    """What happens next on paths.
+
+    `scatters`: light is scattered in the medium. `tinted`: it goes on, but for its colour. `on_surface`: it meets a
+    surface. `way` is how far that is, `weight` what the flight there weighs, `length` how far the next surface is.
+    """
 
     def __init__(self, tracing: Tracing, paths: Paths, hit: Any, index: UInt32, stream: UInt32) -> None:
+        volumes = tracing.volumes
         self.hit = hit
         self.valid = hit.is_valid()
-        self.length = dr.select(self.valid, hit.t, dr.select(paths.medium > 0, Float(tracing.escape), 0))
-        extinction = tracing.volumes.extinction(paths.medium)
-        u = pixel_sample(index, hash32(stream, UInt32(_FLIGHT)))
-        # A channel by the light that is left in it, so that no colour is carried by few paths.
-        total = dr.sum(paths.flux)
-        share = paths.flux * dr.rcp(dr.maximum(total, 1e-30))
-        own = dr.select(u.x < share.x, extinction.x, dr.select(u.x < share.x + share.y, extinction.y, extinction.z))
-        self.distance = -dr.log(1 - u.y) * dr.rcp(own)
-        self.in_medium = (paths.medium > 0) & (own > 0) & (self.distance < self.length)
-        self.on_surface = self.valid & ~self.in_medium
-        way = dr.select(self.in_medium, self.distance, self.length)
-        passed = tracing.volumes.transmittance(paths.medium, way)
-        pdf = dr.sum(share * passed * dr.select(self.in_medium, extinction, 1))
-        scattering = dr.select(self.in_medium, tracing.volumes.scattering(paths.medium), Array3f(1))
-        self.weight = dr.select(pdf > 0, passed * scattering * dr.rcp(pdf), 0)
-        self.way = way
-        self.share = share
-        self.position = paths.origin + way * paths.direction
+        self.length = dr.select(self.valid, hit.t, dr.select(paths.medium > 0, dr.opaque(Float, tracing.escape), 0))
+        self.share = paths.flux * dr.rcp(dr.maximum(dr.sum(paths.flux), 1e-30))
+        distance, weight = _flight(volumes, paths, self.share, self.length, index, stream)
+        self.scatters = distance < self.length
+        self.tinted = self.varying = dr.zeros(Bool, dr.width(distance))
+        if volumes.any_varying:
+            self.varying, colored = volumes.varying(paths.medium)
+            other, collided, scatters, color = free_flight(
+                pointers(dr.select(self.varying, paths.medium, 0)), paths.origin, paths.direction, self.length,
+                self.share, hash32(index, stream, UInt32(_FLIGHT)), self.varying, colored,
+            )  # fmt: skip
+            distance, weight = dr.select(self.varying, other, distance), dr.select(self.varying, color, weight)
+            self.scatters = dr.select(self.varying, scatters, self.scatters)
+            self.tinted = self.varying & collided & ~scatters
+        self.on_surface = self.valid & ~self.scatters & ~self.tinted
+        self.way = dr.minimum(distance, self.length)
+        self.weight = weight
+        self.position = paths.origin + self.way * paths.direction
         self.smooth = self.valid & mi.has_flag(hit.bsdf().flags(), mi.BSDFFlags.Smooth)
-        self.going = self.in_medium | self.on_surface
+        self.going = self.scatters | self.tinted | self.on_surface
+
+
+def _flight(
+    volumes: Volumes, paths: Paths, share: Array3f, length: Float, index: UInt32, stream: UInt32
+) -> tuple[Float, Array3f]:
+    """Return how far light flies in homogeneous media, and what that weighs.
+
+    A channel is chosen by the light that is left in it, so that no colour is carried by few paths.
+    """
+    extinction = volumes.extinction(paths.medium)
+    u = pixel_sample(index, hash32(stream, UInt32(_FLIGHT)))
+    own = dr.select(u.x < share.x, extinction.x, dr.select(u.x < share.x + share.y, extinction.y, extinction.z))
+    distance = dr.select(own > 0, -dr.log(1 - u.y) * dr.rcp(dr.maximum(own, 1e-30)), dr.inf)
+    scatters = distance < length
+    passed = volumes.absorbed(paths.medium, dr.minimum(distance, length))
+    density = dr.sum(share * passed * dr.select(scatters, extinction, 1))
+    scattering = dr.select(scatters, volumes.scattering(paths.medium), Array3f(1))
+    return distance, dr.select(density > 0, passed * scattering * dr.rcp(density), 0)
 
 
 class _Scatter:
@@ -257,20 +281,20 @@ def _following(
     place = dr.zeros(mi.MediumInteraction3f, dr.width(paths.origin))
     place.p, place.wi = mi.Point3f(event.position), mi.Vector3f(-paths.direction)
     place.sh_frame = mi.Frame3f(place.wi)
-    place.medium = pointers(dr.select(event.in_medium, paths.medium, 0))
+    place.medium = pointers(dr.select(event.scatters, paths.medium, 0))
     phase = place.medium.phase_function()
     lobe = unit_float(hash32(index, stream, UInt32(_LOBE)))
     u = pixel_sample(index, hash32(stream, UInt32(_TURN)))
-    turned, weight, _ = phase.sample(mi.PhaseFunctionContext(), place, lobe, mi.Point2f(u), event.in_medium)
-    following.direction = dr.select(event.in_medium, Array3f(turned), scatter.direction)
-    following.origin = dr.select(event.in_medium, event.position, scatter.origin)
-    following.flux = paths.flux * event.weight * dr.select(event.in_medium, Array3f(weight), scatter.weight)
-    passes = event.on_surface & scatter.null
+    turned, weight, _ = phase.sample(mi.PhaseFunctionContext(), place, lobe, mi.Point2f(u), event.scatters)
+    following.direction = _chosen(event, Array3f(turned), scatter.direction, paths.direction)
+    following.origin = dr.select(event.on_surface, scatter.origin, event.position)
+    following.flux = paths.flux * event.weight * _chosen(event, Array3f(weight), scatter.weight, Array3f(1))
+    passes = event.tinted | (event.on_surface & scatter.null)
     following.events = paths.events + dr.select(passes, 0, 1)
-    kept = event.in_medium | (scatter.medium == _SAME)
+    kept = ~event.on_surface | (scatter.medium == _SAME)
     following.medium = dr.select(kept, paths.medium, scatter.medium)
     following.straight = paths.straight & passes
-    following.coherent = paths.coherent & event.on_surface & scatter.delta
+    following.coherent = paths.coherent & (event.tinted | (event.on_surface & scatter.delta))
     following.number, following.first, following.count = paths.number, paths.first, paths.count
     # Straight on, a shift grows with the way; mirrors and lenses see to theirs later.
     following.tangents = Tangents.of([(p + event.way * d, d) for p, d in paths.tangents.columns()])
@@ -283,6 +307,11 @@ def _following(
     return following
 
 
+def _chosen(event: _Event, scattered: Any, reflected: Any, same: Any) -> Any:
+    """Return the value that belongs to what happens to each path."""
+    return dr.select(event.scatters, scattered, dr.select(event.on_surface, reflected, same))
+
+
 def _scattered_radius(tracing: Tracing, paths: Paths) -> Float:
     """Return the radius of beams that were scattered at random.
 
@@ -292,9 +321,7 @@ def _scattered_radius(tracing: Tracing, paths: Paths) -> Float:
     return dr.opaque(Float, tracing.overlap * tracing.reach) * dr.rsqrt(paths.count)
 
 
-def _roulette(
-    tracing: Tracing, paths: Paths, passes: Bool, index: UInt32, stream: UInt32, active: Bool
-) -> None:
+def _roulette(tracing: Tracing, paths: Paths, passes: Bool, index: UInt32, stream: UInt32, active: Bool) -> None:
     """End paths at random that have lost most of their light, and give theirs to the others."""
     chance = dr.minimum(dr.max(paths.flux) * dr.rcp(dr.maximum(paths.first, 1e-30)), 0.95)
     tried = active & ~passes & (paths.events >= dr.opaque(UInt32, tracing.rr_depth))
@@ -342,11 +369,11 @@ def _segments(tracing: Tracing, paths: Paths, event: _Event) -> Segments:
     """Return the stretches of paths up to the next surface, or event."""
     result = Segments()
     result.origin, result.direction, result.flux = paths.origin, paths.direction, paths.flux
-    result.length = event.way if tracing.short else event.length
+    short = Bool(tracing.short) | event.varying
+    result.length = dr.select(short, event.way, event.length)
     normal = Array3f(event.hit.n)
     against = dr.select(dr.dot(normal, paths.direction) > 0, -normal, normal)
-    ends = event.valid & ~event.in_medium if tracing.short else event.valid
-    result.normal = dr.select(ends, against, -paths.direction)
+    result.normal = dr.select(event.valid & (event.on_surface | ~short), against, -paths.direction)
     result.medium, result.events, result.number = paths.medium, paths.events, paths.number
     own = width(paths.tangents, paths.direction, event.length, paths.count, dr.opaque(Float, tracing.overlap))
     squared = dr.square(paths.radius)

@@ -28,6 +28,10 @@ class Samples:
         """Return a point of the unit square for each index."""
         return pixel_sample(self._place(index), hash32(self.seed, *(UInt32(name) for name in names)))
 
+    def bits(self, index: Any, *names: Any) -> UInt32:
+        """Return a random integer for each index."""
+        return hash32(self._place(index), self.seed, *(UInt32(name) for name in names))
+
     def single(self, index: Any, *names: Any) -> Float:
         """Return a number in [0, 1) for each index."""
-        return unit_float(hash32(self._place(index), self.seed, *(UInt32(name) for name in names)))
+        return unit_float(self.bits(index, *names))

@@ -95,7 +95,7 @@ def _camera(plugin: Any, width: int, height: int) -> scene.Camera | None:
     near, far = (float(parameters[name]) for name in ("near_clip", "far_clip"))
     world = np.asarray(plugin.world_transform().matrix, dtype=np.float64).reshape(4, 4, -1)[..., 0]
     forward, center = world[:3, 2] / np.linalg.norm(world[:3, 2]), world[:3, 3]
-    across, down = _slopes(plugin, (0, 0.5), (1, 0.5), forward), _slopes(plugin, (0.5, 0), (0.5, 1), forward)
+    across, down = (_slopes(plugin, forward, (0, 0.5), (1, 0.5)), _slopes(plugin, forward, (0.5, 0), (0.5, 1)))
     size_x, size_y = np.linalg.norm(across[1] - across[0]), np.linalg.norm(down[1] - down[0])
     right, up = (across[1] - across[0]) / size_x, (down[0] - down[1]) / size_y
     middle = across[0] + across[1]  # twice where the middle of the film is
@@ -115,9 +115,8 @@ def _camera(plugin: Any, width: int, height: int) -> scene.Camera | None:
     )  # fmt: skip
 
 
-def _slopes(plugin: Any, *places: Any) -> list[np.ndarray]:
+def _slopes(plugin: Any, forward: np.ndarray, *places: tuple[float, float]) -> list[np.ndarray]:
     """Return where rays through places of the film are, at distance 1 from a camera or on an orthographic one."""
-    *places, forward = places
     result = []
     for x, y in places:
         ray, _ = plugin.sample_ray(Float(0), Float(0.5), mi.Point2f(x, y), mi.Point2f(0.5), True)

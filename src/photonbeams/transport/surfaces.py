@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import drjit as dr
 
 from ..device import Array3f, Bool, Float, UInt32, mitsuba
+from ..hashing import hash32
 from .volumes import Volumes, numbers
 
 if TYPE_CHECKING:
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
 
 mi = mitsuba()
 
-_EMITTER, _LOBE, _TURN = 201, 202, 203  # names of samples in seeds
+_EMITTER, _LOBE, _TURN, _WAY = 201, 202, 203, 204  # names of samples in seeds
 
 # Surfaces without a BSDF that a ray may pass.
 _LAYERS = 64
@@ -41,7 +42,8 @@ def direct(plugin: Any, volumes: Volumes, hit: Any, medium: UInt32, order: UInt3
     value = Array3f(value) * Array3f(radiance) * share
     lit &= dr.max(value) > 0
     ray = hit.spawn_ray_to(light.p)
-    passed, _ = through(plugin, volumes, ray, _beyond(hit, light.d, medium), lit)
+    seed = samples.bits(order, _WAY, step)
+    passed, _ = through(plugin, volumes, ray, _beyond(hit, light.d, medium), seed, lit)
     result = dr.select(lit, value * passed, 0)
 
     lobe, turn = samples.single(order, _LOBE, step), samples.pair(order, _TURN, step)
@@ -49,16 +51,15 @@ def direct(plugin: Any, volumes: Volumes, hit: Any, medium: UInt32, order: UInt3
     reflected = active & (sample.pdf > 0) & (dr.max(Array3f(weight)) > 0)
     direction = hit.to_world(sample.wo)
     start = _beyond(hit, direction, medium)
-    passed, met = through(plugin, volumes, hit.spawn_ray(direction), start, reflected)
+    passed, met = through(plugin, volumes, hit.spawn_ray(direction), start, ~seed, reflected)
     emitter = met.emitter(plugin, reflected)
-    seen = dr.zeros(mi.DirectionSample3f, dr.width(hit.t))
     seen = mi.DirectionSample3f(plugin, met, hit)
     other = plugin.pdf_emitter_direction(hit, seen, reflected & (emitter != None))  # noqa: E711 - of arrays
     value = Array3f(weight) * Array3f(emitter.eval(met, reflected)) * passed * _power_heuristic(sample.pdf, other)
     return result + dr.select(reflected, value, 0)
 
 
-def through(plugin: Any, volumes: Volumes, ray: Any, medium: UInt32, active: Bool) -> tuple[Array3f, Any]:
+def through(plugin: Any, volumes: Volumes, ray: Any, medium: UInt32, seed: UInt32, active: Bool) -> tuple[Array3f, Any]:
     """Return what of light passes along rays up to their ends, and the surface that each meets there, if any.
 
     Rays pass surfaces as far as those let them straight through, and no other.
@@ -71,7 +72,8 @@ def through(plugin: Any, volumes: Volumes, ray: Any, medium: UInt32, active: Boo
         step.maxt = left
         found = plugin.ray_intersect(step, going)
         way = dr.select(found.is_valid(), found.t, left)
-        passed = dr.select(going, passed * volumes.transmittance(medium, way), passed)
+        dimmed = volumes.transmittance(medium, Array3f(place), Array3f(ray.d), way, hash32(seed, layer), going)
+        passed = dr.select(going, passed * dimmed, passed)
         hit = dr.select(going, found, hit)
         going = going & found.is_valid()
         clear = Array3f(found.bsdf().eval_null_transmission(found, going))

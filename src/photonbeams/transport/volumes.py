@@ -20,6 +20,7 @@ from ..device import Array3f, Bool, Float, UInt32, mitsuba
 from ..looks import Look
 from ..looks.at import At
 from ..looks.factors import Factor
+from .tracking import Tracked, Way, walk
 
 mi = mitsuba()
 
@@ -28,10 +29,11 @@ _LAYERS = 64
 
 
 class Scattering(Factor):
-    """σs · phase(cos θ) of a Mitsuba medium whose phase function is none of Henyey and Greenstein's."""
+    """σs · phase(cos θ) of a Mitsuba medium that varies, or whose phase function is none of Henyey and Greenstein's."""
 
     def __init__(self, plugin: Any) -> None:
-        self._phase = plugin.phase_function()
+        self._plugin, self._phase = plugin, plugin.phase_function()
+        self.rough = not plugin.is_homogeneous()
 
     def evaluate(self, at: At) -> Any:
         """Return scattering coefficient times phase function; it turns with the light, so any direction does for it."""
@@ -43,17 +45,47 @@ class Scattering(Factor):
         value, _ = self._phase.eval_pdf(
             mi.PhaseFunctionContext(), place, mi.Vector3f(dr.safe_sqrt(1 - cosine * cosine), 0, cosine), True
         )
-        return at.medium.scattering * Array3f(value)
+        if self._plugin.is_homogeneous():
+            return at.medium.scattering * Array3f(value)
+        return Array3f(self._plugin.get_scattering_coefficients(place, True)[0]) * Array3f(value)
 
 
 @dataclass(frozen=True)
 class Volume:
-    """A medium of a scene: what names it in arrays of media, Mitsuba's plug-in, and what estimators need to know."""
+    """A medium of a scene.
+
+    Attributes
+    ----------
+    number
+        What names it in arrays of media.
+    plugin
+        Mitsuba's medium.
+    medium, look
+        What estimators need to know of it; of a medium that varies, the greatest coefficients.
+    tracked
+        Of a medium that varies: the look's factor toward the camera, for which rays have to be tracked.
+    colored
+        Of a medium that varies: whether its extinction has a colour.
+    """
 
     number: int
     plugin: Any
     medium: scene.Medium
     look: Look
+    tracked: Tracked | None = None
+    colored: bool = False
+
+    def extinction(self, point: Any) -> Array3f:
+        """Return σt at points."""
+        place = dr.zeros(mi.MediumInteraction3f, dr.width(point))
+        place.p = mi.Point3f(point)
+        return Array3f(self.plugin.get_scattering_coefficients(place, True)[2])
+
+    def way(self, origin: Any, direction: Any, near: Any, far: Any, seed: Any) -> Way:
+        """Return the part of rays, from `near` to `far`, on which the medium is not nothing."""
+        _, enter, leave = self.plugin.intersect_aabb(mi.Ray3f(mi.Point3f(origin), mi.Vector3f(direction)))
+        majorant = dr.opaque(Float, max(self.medium.extinction))
+        return Way(origin, direction, dr.maximum(near, enter), dr.minimum(far, leave), majorant, seed)
 
 
 class Volumes:
@@ -74,11 +106,13 @@ class Volumes:
         found = {number(plugin): plugin for plugin in plugins if plugin is not None}
         self.all = tuple(_volume(each, found[each]) for each in sorted(found))
         size = max(found, default=0) + 2  # a gather from an array of one is a broadcast, hence another kernel
-        table = np.zeros((2, size, 3))
+        table = np.zeros((3, size, 3))
         for volume in self.all:
             table[0, volume.number] = volume.medium.extinction
             table[1, volume.number] = volume.medium.scattering
-        self._extinction, self._scattering = to_vectors(table[0]), to_vectors(table[1])
+            table[2, volume.number, :2] = volume.tracked is not None, volume.colored
+        self._extinction, self._scattering, self._kinds = (to_vectors(each) for each in table)
+        self.any_varying = any(volume.tracked is not None for volume in self.all)
 
     @classmethod
     def of(cls, plugin: Any) -> Volumes:
@@ -94,10 +128,37 @@ class Volumes:
         """Return σs of media by their numbers; 0 in the open."""
         return dr.gather(Array3f, self._scattering, medium)
 
-    def transmittance(self, medium: UInt32, distance: Float) -> Array3f:
-        """Return exp(−σt x); in the open it is 1, however long the way."""
+    def varying(self, medium: UInt32) -> tuple[Bool, Bool]:
+        """Return which media vary, and whose extinction then has a colour."""
+        kind = dr.gather(Array3f, self._kinds, medium)
+        return kind.x > 0, kind.y > 0
+
+    def absorbed(self, medium: UInt32, distance: Float) -> Array3f:
+        """Return exp(−σt x) of homogeneous media; in the open it is 1, however long the way."""
         extinction = self.extinction(medium)
         return dr.select(extinction > 0, dr.exp(-extinction * distance), 1)
+
+    def transmittance(
+        self, medium: UInt32, origin: Array3f, direction: Array3f, distance: Float, seed: UInt32, active: Bool
+    ) -> Array3f:
+        """Return the transmittance over a distance along rays; of media that vary an unbiased estimate."""
+        plain = self.absorbed(medium, distance)
+        if not self.any_varying:
+            return plain
+        varying, _ = self.varying(medium)
+        varying &= active
+        media = pointers(dr.select(varying, medium, 0))
+        ray = mi.Ray3f(mi.Point3f(origin), mi.Vector3f(direction))
+        inside, enter, leave = media.intersect_aabb(ray)
+        majorant = dr.max(self.extinction(medium))
+
+        def extinction(point: Any) -> Array3f:
+            place = dr.zeros(mi.MediumInteraction3f, dr.width(point))
+            place.p = mi.Point3f(point)
+            return Array3f(media.get_scattering_coefficients(place, varying)[2])
+
+        way = Way(origin, direction, dr.maximum(enter, 0), dr.minimum(leave, distance), majorant, seed)
+        return dr.select(varying, walk(way, extinction, varying & inside), plain)
 
 
 def number(plugin: Any) -> int:
@@ -149,14 +210,36 @@ def medium_at(plugin: Any, origin: Array3f, direction: Array3f, otherwise: UInt3
 def _volume(own: int, plugin: Any) -> Volume:
     """Return a medium as estimators see it."""
     name = plugin.id() or plugin.class_name()
+    _check_finite(plugin, name)
+    place = dr.zeros(mi.MediumInteraction3f)
+    scattering, _, extinction = plugin.get_scattering_coefficients(place)
     if not plugin.is_homogeneous():
-        raise scene.SceneError(f"medium {name}: {plugin.class_name()} is not supported: expected a homogeneous medium")
-    scattering, _, extinction = plugin.get_scattering_coefficients(dr.zeros(mi.MediumInteraction3f))
+        extinction = plugin.get_majorant(place)
+        scattering = extinction
     sigma_s, sigma_t = (np.ravel(np.asarray(each, dtype=float))[:3] for each in (scattering, extinction))
     if not (np.all(np.isfinite(sigma_t)) and np.all(sigma_t >= 0) and np.all(sigma_s >= 0)):
         raise scene.SceneError(f"medium {name}: sigma_t is {sigma_t.tolist()}: expected finite numbers from 0 on")
     g, look = _scattering(plugin)
-    return Volume(own, plugin, scene.Medium(tuple(sigma_s), tuple(np.maximum(sigma_t - sigma_s, 0)), g), look)
+    medium = scene.Medium(tuple(sigma_s), tuple(np.maximum(sigma_t - sigma_s, 0)), g)
+    if plugin.is_homogeneous():
+        return Volume(own, plugin, medium, look)
+    tracked = Tracked(float(sigma_t.max()))
+    look = Look(along=1.0, eye=tracked, angle=Scattering(plugin))
+    return Volume(own, plugin, medium, look, tracked, _has_color(plugin))
+
+
+def _check_finite(plugin: Any, name: str) -> None:
+    """Raise SceneError where a medium's grid, or any number of it, is not finite."""
+    for key, value in mi.traverse(plugin):
+        numbers = np.asarray(value.array if hasattr(value, "array") else value, dtype=float, copy=None)
+        if numbers.size and not np.all(np.isfinite(numbers)):
+            raise scene.SceneError(f"medium {name}: {key} has numbers that are not finite")
+
+
+def _has_color(plugin: Any) -> bool:
+    """Return whether a medium's extinction differs between channels; one that nobody knows may."""
+    data = next((value for key, value in mi.traverse(plugin) if key == "sigma_t.data"), None)
+    return data is None or data.shape[-1] != 1
 
 
 def _scattering(plugin: Any) -> tuple[float, Look]:
@@ -170,6 +253,8 @@ def _scattering(plugin: Any) -> tuple[float, Look]:
             return g, Look()
     if mi.has_flag(phase.flags(), mi.PhaseFunctionFlags.Microflake):
         name = plugin.id() or plugin.class_name()
-        raise scene.SceneError(f"medium {name}: its phase function {phase.class_name()} depends on where its flakes "
-                               "look: expected one that depends on the angle alone")  # fmt: skip
+        raise scene.SceneError(
+            f"medium {name}: its phase function {phase.class_name()} depends on where its flakes look: "
+            "expected one that depends on the angle alone"
+        )
     return 0.0, Look(angle=Scattering(plugin))
