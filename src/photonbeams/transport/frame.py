@@ -162,7 +162,6 @@ class Frame:
         )  # fmt: skip
         emitted = self._emitters.emit(settings.paths, number)
         first = dr.opaque(UInt32, (number * settings.paths) & 0xFFFFFFFF)
-        seed = dr.opaque(UInt32, settings.seed & 0xFFFFFFFF)
         steps = paths.trace(
             tracing,
             paths.begin(tracing, emitted, self._otherwise),
