@@ -16,6 +16,7 @@ from .animation import Animation, Task, frame_numbers, tasks_of
 from .outputs import Output, check_placeholders, chosen_layers, parse_outputs, prepare_outputs, write_outputs
 from .programs import load_function, load_looks
 from .progress import Progress, counted, held_interrupt, messages
+from .xml import Asked, check_given, render_xml
 
 if TYPE_CHECKING:
     from ..quadrature import Rule
@@ -68,7 +69,8 @@ class Device(StrEnum):
 
 
 def render(
-    scene: Annotated[Path, typer.Argument(help="A .usd, .usda, .usdc or .usdz stage.")],
+    context: typer.Context,
+    scene: Annotated[Path, typer.Argument(help="A .usd, .usda, .usdc or .usdz stage, or a Mitsuba .xml.")],
     output: Annotated[
         list[Path] | None,
         typer.Option(
@@ -105,7 +107,10 @@ def render(
             help="RenderSettings prim; flags win over it. Default: the one that the stage names.",
         ),
     ] = None,
-    camera: Annotated[str | None, typer.Option("--camera", "-cam", help="Path or name of the camera.")] = None,
+    camera: Annotated[
+        str | None,
+        typer.Option("--camera", "-cam", help="Path or name of the camera (of a Mitsuba scene: its sensor's id)."),
+    ] = None,
     list_cameras: Annotated[bool, typer.Option("--list-cameras", help="List the cameras and stop.")] = False,
     res: Annotated[
         tuple[int, int], typer.Option(metavar="W H", help="Size in pixels; what is 0 comes from the aperture.")
@@ -120,7 +125,14 @@ def render(
     ] = None,
     passes: Annotated[int, typer.Option(help="Passes that a frame is the mean of.")] = 16,
     time_limit: Annotated[float | None, typer.Option(help="Begin no pass after so many seconds of a frame.")] = None,
-    beams: Annotated[int, typer.Option(help="Beams a pass, for lights that do not say.")] = 4096,
+    checkpoint: Annotated[
+        float | None,
+        typer.Option(metavar="S", help="Mitsuba scenes: keep what is done every S seconds and on Ctrl-C."),
+    ] = None,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on from the checkpoint, if there is one.")] = False,
+    beams: Annotated[
+        int, typer.Option(help="Beams a pass, for lights that do not say; of a Mitsuba scene: light paths.")
+    ] = 4096,
     estimator: Annotated[Estimator, typer.Option(help="Beam x Beam 1D, 2D, or their blend.")] = Estimator.auto,
     rule: Annotated[RuleName, typer.Option(help="Quadrature of the frustum.")] = RuleName.gauss,
     order: Annotated[int, typer.Option(help="Points of the quadrature.")] = 6,
@@ -176,7 +188,10 @@ def render(
     ] = None,
     over_fog: Annotated[bool, typer.Option("--over-fog", help="The fog dims the plate, too.")] = False,
     overrides: Annotated[
-        list[str] | None, typer.Option("--set", metavar="/prim.attr=value", help="A value over the stage's.")
+        list[str] | None,
+        typer.Option(
+            "--set", metavar="/prim.attr=value", help="A value over the stage's; NAME=VALUE of a Mitsuba scene."
+        ),
     ] = None,
     session_layer: Annotated[
         list[Path] | None,
@@ -193,13 +208,15 @@ def render(
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print errors alone.")] = False,
     verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Print more.")] = False,
 ) -> None:
-    """Render frames of a stage.
+    """Render frames of a stage, or a Mitsuba scene.
 
     For example:
 
     photonbeams render shot.usda -o out/shot.####.exr -f 1001:1048
 
     photonbeams render room.usdc -o room.png --scattering 0.05 --res 1920 0 --passes 64
+
+    photonbeams render cornell.xml -o cornell.exr --passes 64 --checkpoint 60
     """
     check_flags(res, res_scale, crop, passes, time_limit, beams, order, anisotropy, exposure, threads)
     _check_plates(holdout, holdout_channel, holdout_depth, holdout_scale, over, over_fog)
@@ -211,6 +228,20 @@ def render(
         surfaces=False if beams_only_fog else None,
     )
     outputs = parse_outputs(output or (), picture or ())
+    if scene.suffix.lower() == ".xml":
+        given = _given(context)
+        check_given(given, _flags(context))
+        values = {"passes": passes, "time_limit": time_limit, "paths": beams, "estimator": estimator.value,
+                  "rule": _rule(rule, order), "seed": seed}  # fmt: skip
+        sources = {"paths": ("beams",), "rule": ("rule", "order")}
+        chosen = {key: value for key, value in values.items() if set(sources.get(key, (key,))) & set(given)}
+        asked = Asked(
+            scene, outputs, chosen, camera, overrides or (), res, res_scale, crop, layers, exposure, checkpoint,
+            resume, skip_existing, progress, dry_run, list_cameras, quiet, verbose, _command_line(),
+        )  # fmt: skip
+        render_xml(asked, lambda: start_device(device, threads))
+        return
+    _check_checkpoint(checkpoint, resume)
     _check_replaced(outputs, {"--holdout": holdout, "--over": over})
     with messages(quiet, verbose), held_interrupt() as check:
         start_device(device, threads)
@@ -273,6 +304,22 @@ def render(
             return result.statistics
 
         animation.render(finish, check)
+
+
+def _given(context: typer.Context) -> list[str]:
+    """Return the names of the parameters that the command line gives."""
+    return [name for name in context.params if getattr(context.get_parameter_source(name), "name", "") == "COMMANDLINE"]
+
+
+def _flags(context: typer.Context) -> dict[str, str]:
+    """Return the flags of parameters, by their names."""
+    return {str(each.name): each.opts[0] for each in context.command.params}
+
+
+def _check_checkpoint(checkpoint: float | None, resume: bool) -> None:
+    if checkpoint is not None or resume:
+        flag = "--resume" if resume else "--checkpoint"
+        raise typer.BadParameter(f"{flag} is for Mitsuba scenes (.xml): expected a scene of that kind")
 
 
 def check_flags(

@@ -7,7 +7,7 @@ Photon Beams, Jarosz et al. 2011). Memory is that of one pass, however many ther
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,6 +15,7 @@ import drjit as dr
 import numpy as np
 
 from .. import scene
+from ..arrays import to_float
 from ..device import Array3f, Bool, Float, UInt32, mitsuba
 from ..estimators.estimate import DEFAULT_RULE, ENDLESS, bind, check_estimator, sum_over_all
 from ..estimators.geometry import Rays
@@ -146,6 +147,24 @@ class Frame:
                         self._gather(volume, sets[volume.number], primary, sight, seen, picture)
         self._sums.add(picture, offset)
         statistics.passes += 1
+        statistics.count_kernels()
+
+    def error(self) -> float:
+        """Return the relative standard error of the mean so far, the median over the pixels that have light.
+
+        From the passes' own differences, as if they were independent; they continue low-discrepancy sequences, so it
+        tends to be less. NaN before there are two.
+        """
+        return self._sums.error(self.statistics.passes)
+
+    def state(self) -> dict[str, np.ndarray]:
+        """Return the sums so far, from which another frame of the same scene and settings can go on."""
+        return {**self._sums.state(), "passes": np.array(self.statistics.passes)}
+
+    def restore(self, state: Mapping[str, np.ndarray]) -> None:
+        """Go on from the sums of another frame; raises SceneError where they are not of such a picture."""
+        self._sums.restore(state)
+        self.statistics.passes = int(state["passes"])
 
     def simulated(self, number: int) -> dict[int, Lit]:
         """Return the beams of pass `number`, by the numbers of media."""
@@ -254,6 +273,9 @@ class Picture:
         dr.eval(self.surface, self.alpha, self.depth)
 
 
+_SUMS = ("surface", "beams", "alpha", "weight", "light", "squares", "depth")
+
+
 class Sums:
     """The weighted sums over passes of a picture, through the film's reconstruction filter."""
 
@@ -266,7 +288,9 @@ class Sums:
         self.order = z_order(self._x + dr.opaque(UInt32, left), self._y + dr.opaque(UInt32, top))
         self.surface, self.beams = dr.zeros(Array3f, count), dr.zeros(Array3f, count)
         self.alpha, self.weight = dr.zeros(Float, count), dr.zeros(Float, count)
-        self.depth: Any = None
+        self.light, self.squares = dr.zeros(Float, count), dr.zeros(Float, count)
+        self.depth = dr.full(Float, dr.inf, count)
+        self._empty = True
         dr.eval(self.order, self._x, self._y)
 
     def add(self, picture: Picture, offset: tuple[float, float]) -> None:
@@ -280,9 +304,34 @@ class Sums:
                 weight = self._weight(right + offset[0] - 0.5) * self._weight(down + offset[1] - 0.5)
                 if weight != 0:
                     self._add(picture, right, down, weight)
-        dr.eval(self.surface, self.beams, self.alpha, self.weight)
-        if self.depth is None:
-            self.depth = picture.depth
+        value = dr.dot(picture.surface + picture.beams, Array3f(1 / 3))
+        self.light, self.squares = self.light + value, self.squares + value * value
+        dr.eval(self.surface, self.beams, self.alpha, self.weight, self.light, self.squares)
+        if self._empty:
+            self.depth, self._empty = picture.depth, False
+
+    def error(self, passes: int) -> float:
+        """Return the median relative standard error of the mean."""
+        if passes < 2:
+            return float("nan")
+        mean, squares = self.light.numpy() / passes, self.squares.numpy() / passes
+        lit = mean > 0
+        variance = np.maximum(squares - mean * mean, 0)[lit] / (passes - 1)
+        return float(np.median(np.sqrt(variance) / mean[lit])) if lit.any() else 0.0
+
+    def state(self) -> dict[str, np.ndarray]:
+        """Return the sums."""
+        return {name: getattr(self, name).numpy() for name in _SUMS}
+
+    def restore(self, state: Mapping[str, np.ndarray]) -> None:
+        """Take sums from elsewhere."""
+        for name in _SUMS:
+            own = getattr(self, name)
+            if name not in state or state[name].shape != own.numpy().shape:
+                raise scene.SceneError("the checkpoint is of another picture")
+            kind: Any = type(own)
+            setattr(self, name, kind(*map(to_float, state[name])) if kind is Array3f else to_float(state[name]))
+        self._empty = False
 
     def _weight(self, distance: float) -> float:
         return 1.0 if self._filter.is_box_filter() else float(np.ravel(self._filter.eval(Float(distance)))[0])
@@ -318,6 +367,7 @@ def render(
     sensor: Any,
     settings: Settings = Settings(),
     progress: Callable[[int, Frame], None] | None = None,
+    state: Mapping[str, np.ndarray] | None = None,
 ) -> Frame:
     """Render a Mitsuba scene from one of its sensors.
 
@@ -329,6 +379,8 @@ def render(
         Passes, paths, radii.
     progress
         Called with the number of finished passes, before the first and after each.
+    state
+        Of a frame that was not finished, to go on from: see `Frame.state`.
 
     Raises
     ------
@@ -336,13 +388,17 @@ def render(
         Something in the scene that cannot be rendered.
     """
     begin = time.perf_counter()
-    frame = Frame(plugin, sensor, settings)
-    for index in range(settings.passes):
-        if progress is not None:
-            progress(index, frame)
-        frame.add_pass(index)
-        if settings.time_limit is not None and time.perf_counter() - begin > settings.time_limit:
-            break
+    with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
+        dr.kernel_history_clear()
+        frame = Frame(plugin, sensor, settings)
+        if state is not None:
+            frame.restore(state)
+        for index in range(frame.statistics.passes, settings.passes):
+            if progress is not None:
+                progress(index, frame)
+            frame.add_pass(index)
+            if settings.time_limit is not None and time.perf_counter() - begin > settings.time_limit:
+                break
     if progress is not None:
         progress(frame.statistics.passes, frame)
     return frame

@@ -1,0 +1,140 @@
+"""`photonbeams render scene.xml`: a Mitsuba scene by photon beams."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from .animation import Animation, Task
+from .outputs import Output, chosen_layers, prepare_outputs, write_outputs
+from .progress import Progress, held_interrupt, messages
+
+if TYPE_CHECKING:
+    from ..render.frame import Statistics
+    from ..shot.xml import MitsubaScene
+    from ..transport.frame import Frame, Settings
+
+LAYERS = ("rgba", "surface", "beams", "depth")
+
+#: Flags that a Mitsuba scene has a use for; the others are about stages.
+FLAGS = {
+    "scene", "output", "picture", "layers", "camera", "list_cameras", "res", "res_scale", "crop", "passes",
+    "time_limit", "beams", "estimator", "rule", "order", "overrides", "exposure", "seed", "threads", "device",
+    "progress", "dry_run", "quiet", "verbose", "skip_existing", "checkpoint", "resume",
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What the flags ask for: values of `transport.frame.Settings` that were given, and all the rest."""
+
+    path: Path
+    outputs: Sequence[Output]
+    settings: Mapping[str, Any]
+    camera: str | None
+    parameters: Sequence[str]
+    res: tuple[int, int]
+    res_scale: float
+    crop: tuple[float, float, float, float] | None
+    layers: str | None
+    exposure: float
+    checkpoint: float | None
+    resume: bool
+    skip_existing: bool
+    progress: Progress | None
+    dry_run: bool
+    list_cameras: bool
+    quiet: bool
+    verbose: bool
+    command: str
+
+
+def check_given(given: Sequence[str], flags: Mapping[str, str]) -> None:
+    """Refuse flags (by the names of their parameters) that are about stages."""
+    for name in given:
+        if name not in FLAGS:
+            raise typer.BadParameter(f"{flags[name]} is for stages: a Mitsuba scene (.xml) has no use for it")
+
+
+def render_xml(asked: Asked, start: Callable[[], None]) -> None:
+    """Render a Mitsuba scene; `start` starts the device."""
+    with messages(asked.quiet, asked.verbose), held_interrupt() as check:
+        start()
+        from ..shot.xml import MitsubaScene
+
+        scene = MitsubaScene(asked.path, asked.camera, _parameters(asked.parameters))
+        if asked.list_cameras:
+            typer.echo("\n".join(scene.cameras))
+            return
+        if not (asked.outputs or asked.dry_run):
+            raise typer.BadParameter(
+                "expected at least one output: -o FILE.exr, -o FILE.png or --picture LAYER=FILE.png"
+            )
+        width, height = scene.resize(asked.res[0] or None, asked.res[1] or None)
+        scale = asked.res_scale
+        scene.resize(max(1, round(scale * width)), max(1, round(scale * height)), asked.crop)
+        settings = replace(scene.settings, **asked.settings)
+        kept = chosen_layers(asked.layers, asked.outputs, LAYERS)
+        task = Task(None, asked.path.stem, tuple(asked.outputs))
+        animation = Animation([task], settings.passes, asked.skip_existing, asked.progress, asked.quiet)
+        if animation.todo():
+            prepare_outputs(asked.outputs)
+        check()
+        if asked.dry_run:
+            return
+
+        def finish(task: Task, advance: Callable[[int], None]) -> Statistics:
+            frame = _render(scene, settings, asked, advance)
+            frame.metadata["commandLine"] = asked.command
+            write_outputs(frame, task.outputs, kept, asked.exposure, chosen=asked.layers is not None)
+            checkpoint_of(task.outputs).unlink(missing_ok=True)
+            statistics: Statistics = frame.statistics
+            return statistics
+
+        animation.render(finish, check)
+
+
+def _render(scene: MitsubaScene, settings: Settings, asked: Asked, advance: Callable[[int], None]) -> Any:
+    """Return the frame, having written checkpoints on the way, the last one when Ctrl-C is pressed."""
+    from ..shot.xml import load_checkpoint, save_checkpoint
+
+    path = checkpoint_of(asked.outputs)
+    state = load_checkpoint(path, scene, settings) if asked.resume else None
+    written = time.perf_counter()
+
+    def done(passes: int, frame: Frame) -> None:
+        nonlocal written
+        try:
+            advance(passes)
+        except KeyboardInterrupt:
+            if asked.checkpoint is not None and passes:
+                save_checkpoint(path, scene, frame)
+            raise
+        due = asked.checkpoint is not None and time.perf_counter() - written >= asked.checkpoint
+        if due and 0 < passes < settings.passes:
+            save_checkpoint(path, scene, frame)
+            written = time.perf_counter()
+
+    return scene.render(settings, done, state)
+
+
+def checkpoint_of(outputs: Sequence[Output]) -> Path:
+    """Return where the checkpoint of a render is: beside its first output."""
+    first = outputs[0].path
+    return first.with_name(f"{first.stem}.checkpoint.npz")
+
+
+def _parameters(texts: Sequence[str]) -> dict[str, str]:
+    """Return the file's parameters that flags give."""
+    result = {}
+    for text in texts:
+        name, _, value = text.partition("=")
+        if not name or not _:
+            raise typer.BadParameter(f"--set is {text}: expected NAME=VALUE, a parameter of the .xml")
+        result[name] = value
+    return result
