@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 import drjit as dr
 import numpy as np
 
-from ..device import Array3f, Float, mitsuba
+from ..device import Array2f, Array3f, Float, UInt32, mitsuba
 from ..simulation.sampling import sobol_block
 
 mi = mitsuba()
@@ -55,21 +55,29 @@ class Emitted:
     count: Any
 
 
-def differentiate(inputs: list[Any], outputs: list[Any], columns: list[list[Any]]) -> list[list[Any]]:
-    """Return the derivatives of outputs along each column of derivatives of the inputs (forward mode).
+def differentiate(inputs: list[Any], outputs: list[Any], directions: list[Any]) -> list[Any]:
+    """Return the derivatives of outputs along a direction in the space of the inputs (forward mode).
 
-    `inputs` are attached to the AD graph; `outputs` are computed from them. Of a graph with calls of Mitsuba's plug-ins
-    there can be but one column: Dr.Jit forgets what these need for another traversal.
+    `inputs` are attached to the AD graph, and `outputs` are computed from them. There is no second traversal of a graph
+    with calls of Mitsuba's plug-ins: Dr.Jit forgets what they need. For several directions let lanes stand for each.
     """
-    result = []
-    for column in columns:
-        for value, tangent in zip(inputs, column, strict=True):
-            dr.set_grad(value, tangent)
-        dr.enqueue(dr.ADMode.Forward, *inputs)
-        dr.traverse(dr.ADMode.Forward, flags=dr.ADFlag.ClearInterior)
-        result.append([dr.grad(output) for output in outputs])
-        dr.clear_grad(outputs)
-    return result
+    for value, direction in zip(inputs, directions, strict=True):
+        dr.set_grad(value, direction)
+    dr.enqueue(dr.ADMode.Forward, *inputs)
+    dr.traverse(dr.ADMode.Forward, flags=dr.ADFlag.ClearEdges)
+    return [dr.grad(output) for output in outputs]
+
+
+def copies(count: int) -> tuple[UInt32, UInt32]:
+    """Return numbers of lanes that stand for each of `count` four times, and which of the four they are."""
+    lane = dr.arange(UInt32, 4 * count) + dr.opaque(UInt32, 0)
+    return lane // 4, lane % 4
+
+
+def of_copies(shift: Any, turn: Any, count: int) -> Tangents:
+    """Return the derivatives of such lanes as those of each by all four numbers."""
+    lane = dr.arange(UInt32, count) * 4
+    return Tangents.of([(dr.gather(Array3f, shift, lane + k), dr.gather(Array3f, turn, lane + k)) for k in range(4)])
 
 
 class Emitters:
@@ -79,7 +87,7 @@ class Emitters:
     """
 
     def __init__(self, plugin: Any, seed: int = 0) -> None:
-        self._plugins = plugin.emitters()
+        self._scene, self._plugins = plugin, plugin.emitters()  # an emitter alone does not keep its shape alive
         self._seed = seed
         fluxes = [self._flux(number) for number in range(len(self._plugins))]
         power = np.array([max(flux) for flux in fluxes])
@@ -89,10 +97,14 @@ class Emitters:
 
     def _flux(self, number: int) -> np.ndarray:
         u, v = sobol_block(_PILOT, 0, (_PILOT, number))
-        _, weight = self._plugins[number].sample_ray(Float(0), Float(0.5), mi.Point2f(u), mi.Point2f(v), True)
+        _, weight = self._sample(number, mi.Point2f(u), mi.Point2f(v))
         values = (Array3f(weight) + dr.zeros(Array3f, _PILOT)).numpy()
         flux: np.ndarray = np.nan_to_num(values, posinf=0, neginf=0).mean(axis=1)
         return flux
+
+    def _sample(self, number: int, u: Any, v: Any) -> Any:
+        """Return Mitsuba's ray from an emitter and its weight."""
+        return self._plugins[number].sample_ray(Float(0), Float(0.5), u, v, True)
 
     def emit(self, count: int, block: int) -> list[Emitted]:
         """Return about `count` light paths of pass `block`, by emitters."""
@@ -104,22 +116,23 @@ class Emitters:
         return result
 
     def _emit(self, number: int, count: int, block: int) -> Emitted:
-        u, v = (mi.Point2f(each) for each in sobol_block(count, block, (self._seed & 0xFFFFFFFF, number)))
-        dr.enable_grad(u, v)
+        u, v = sobol_block(count, block, (self._seed & 0xFFFFFFFF, number))
+        lane, which = copies(count)
+        inputs = [mi.Point2f(dr.gather(Array2f, each, lane)) for each in (u, v)]
+        dr.enable_grad(inputs)
+        units = [mi.Point2f(Float(which == 2 * k), Float(which == 2 * k + 1)) for k in (0, 1)]
         with dr.resume_grad():
-            ray, weight = self._plugins[number].sample_ray(Float(0), Float(0.5), u, v, True)
-            origin, direction = ray.o, ray.d
-        none = mi.Point2f(0)
-        columns = [
-            [mi.Point2f(*unit), none] if k < 2 else [none, mi.Point2f(*unit)]
-            for k, unit in enumerate(((1, 0), (0, 1)) * 2)
-        ]
-        tangents = Tangents.of([tuple(each) for each in differentiate([u, v], [origin, direction], columns)])
+            ray, _ = self._sample(number, *inputs)
+            shift, turn = differentiate(inputs, [ray.o, ray.d], units)
+        shift, turn = (Array3f(each) + dr.zeros(Array3f, 4 * count) for each in (shift, turn))
+        dr.eval(shift, turn)
+        tangents = of_copies(shift, turn, count)
+        ray, weight = self._sample(number, mi.Point2f(u), mi.Point2f(v))
         nothing = dr.zeros(Array3f, count)
-        flux = Array3f(dr.detach(weight)) * dr.rcp(dr.opaque(Float, count)) + nothing
+        flux = Array3f(weight) * dr.rcp(dr.opaque(Float, count)) + nothing
         valid = dr.isfinite(dr.sum(flux)) & (dr.min(flux) >= 0)
         result = Emitted(
-            Array3f(dr.detach(origin)) + nothing, Array3f(dr.detach(direction)) + nothing,
+            Array3f(ray.o) + nothing, Array3f(ray.d) + nothing,
             dr.select(valid, flux, 0), tangents, dr.full(Float, count, count),
         )  # fmt: skip
         dr.eval(result.origin, result.direction, result.flux, result.tangents, result.count)

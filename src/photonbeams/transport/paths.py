@@ -17,7 +17,7 @@ from ..arrays import compressed, joined
 from ..device import Array3f, Bool, Float, UInt32, mitsuba
 from ..hashing import hash32, unit_float
 from ..simulation.sampling import pixel_sample
-from .emission import Emitted, Tangents, differentiate
+from .emission import Emitted, Tangents, copies, differentiate, of_copies
 from .footprints import Width, width
 from .tracking import free_flight
 from .volumes import Volumes, medium_at, numbers, pointers
@@ -339,8 +339,8 @@ def _carry(tracing: Tracing, paths: Paths, following: Paths, bent: Bool, index: 
     if not len(lanes):
         return
     count = len(lanes)
-    copy = dr.arange(UInt32, 4 * count) + dr.opaque(UInt32, 0)
-    lane, which = dr.gather(UInt32, lanes, copy // 4), copy % 4
+    copy, which = copies(count)
+    lane = dr.gather(UInt32, lanes, copy)
     shift, turn = Array3f(0), Array3f(0)
     for k, (p, d) in enumerate(paths.tangents.columns()):
         shift = dr.select(which == k, dr.gather(Array3f, p, lane), shift)
@@ -351,16 +351,16 @@ def _carry(tracing: Tracing, paths: Paths, following: Paths, bent: Bool, index: 
     with dr.resume_grad():
         hit = tracing.plugin.ray_intersect(_ray(origin, direction))
         sample, _ = _sampled(hit, True, dr.gather(UInt32, index, lane), stream)
-        p, d = differentiate([origin, direction], [hit.p, hit.to_world(sample.wo)], [[shift, turn]])[0]
+        p, d = differentiate([origin, direction], [hit.p, hit.to_world(sample.wo)], [shift, turn])
     shift, turn = Array3f(p), Array3f(d)
     dr.eval(shift, turn)
     columns = []
-    for k, (p, d) in enumerate(following.tangents.columns()):
-        mine = dr.arange(UInt32, count) * 4 + k
-        p, d = Array3f(p), Array3f(d)
-        dr.scatter(p, dr.gather(Array3f, shift, mine), lanes)
-        dr.scatter(d, dr.gather(Array3f, turn, mine), lanes)
-        columns.append((p, d))
+    bent_columns = of_copies(shift, turn, count).columns()
+    for straight, changed in zip(following.tangents.columns(), bent_columns, strict=True):
+        column = [Array3f(each) for each in straight]
+        for each, value in zip(column, changed, strict=True):
+            dr.scatter(each, value, lanes)
+        columns.append((column[0], column[1]))
     following.tangents = Tangents.of(columns)
     dr.eval(following.tangents)
 

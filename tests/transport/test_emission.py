@@ -1,0 +1,78 @@
+"""Light paths at their emitters: power, and derivatives against finite differences."""
+
+import drjit as dr
+import numpy as np
+import pytest
+
+from photonbeams.device import Float, mitsuba
+from photonbeams.simulation.sampling import sobol_block
+from photonbeams.transport.emission import Emitters
+
+mi = mitsuba()
+AREA = {"emitter": {"type": "area", "radiance": {"type": "rgb", "value": [3.0, 2.0, 1.0]}}}
+EMITTERS = {
+    "point": {"type": "point", "intensity": {"type": "rgb", "value": [3.0, 2.0, 1.0]}},
+    "spot": {"type": "spot", "cutoff_angle": 30.0},
+    "directional": {"type": "directional", "direction": [0, 0, 1]},
+    "constant": {"type": "constant"},
+    "envmap": {"type": "envmap", "bitmap": mi.Bitmap(np.random.default_rng(1).random((16, 32, 3)).astype(np.float32))},
+    "projector": {"type": "projector", "irradiance": {"type": "rgb", "value": 1.0}},
+    "rectangle": {"type": "rectangle", **AREA},
+    "sphere": {"type": "sphere", **AREA},
+    "disk": {"type": "disk", **AREA},
+    "cylinder": {"type": "cylinder", **AREA},
+    "mesh": {"type": "cube", **AREA},
+}
+# Fluxes by integration: 4π I of a point, π A L of a surface.
+FLUX = {
+    "point": 4 * np.pi, "rectangle": np.pi * 4, "sphere": np.pi * 4 * np.pi, "disk": np.pi * np.pi,
+    "cylinder": np.pi * 2 * np.pi, "mesh": np.pi * 24,
+}  # fmt: skip
+
+
+def scene_of(emitter):
+    floor = {"type": "rectangle", "to_world": mi.ScalarTransform4f().translate([0, 0, 5]).scale(3)}
+    return mi.load_dict({"type": "scene", "emitter": emitter, "floor": floor})
+
+
+@pytest.mark.parametrize("name", FLUX)
+def test_paths_carry_the_power_of_their_emitter(name):
+    (emitted,) = Emitters(scene_of(EMITTERS[name])).emit(1024, 0)
+    # Weights of these emitters are the same for all directions: only rounding is left.
+    np.testing.assert_allclose(emitted.flux.numpy().sum(axis=1), FLUX[name] * np.array([3, 2, 1]), rtol=1e-4)
+
+
+@pytest.mark.parametrize("name", EMITTERS)
+def test_tangents_are_the_derivatives_of_rays(name):
+    count, step = 64, 1e-3
+    scene = scene_of(EMITTERS[name])
+    (emitted,) = Emitters(scene).emit(count, 0)
+    base = np.concatenate([np.array(each) for each in sobol_block(count, 0, (0, 0))])
+
+    def rays(numbers):
+        u, v = (mi.Point2f(Float(a.astype(np.float32)), Float(b.astype(np.float32))) for a, b in
+                (numbers[:2], numbers[2:]))  # fmt: skip
+        ray, _ = scene.emitters()[0].sample_ray(Float(0), Float(0.5), u, v, True)
+        return [np.broadcast_to(np.array(each), (3, count)) for each in (ray.o, ray.d)]
+
+    for k, tangents in enumerate(emitted.tangents.columns()):
+        shift = step * np.eye(4)[k][:, None]
+        for tangent, high, low in zip(tangents, rays(base + shift), rays(base - shift), strict=True):
+            expected = (high - low) / (2 * step)
+            found = np.broadcast_to(np.array(tangent), (3, count))
+            # The median: samples near a fold of a map, or the border of a pixel or a triangle, have differences of
+            # their own. Of the others, differences err by step² of the third derivative, and by rounding over the step.
+            error = np.abs(found - expected).max(axis=0)
+            assert np.median(error) < 1e-3 * max(1, np.abs(expected).max())
+
+
+def test_emitters_share_paths_by_their_power():
+    emitters = {
+        "weak": {"type": "point", "position": [0, 0, 1], "intensity": {"type": "rgb", "value": 1.0}},
+        "strong": {"type": "point", "position": [0, 0, 2], "intensity": {"type": "rgb", "value": 3.0}},
+        "dark": {"type": "point", "position": [0, 0, 3], "intensity": {"type": "rgb", "value": 0.0}},
+    }
+    scene = mi.load_dict({"type": "scene", **emitters})
+    emitted = Emitters(scene).emit(1000, 0)
+    heights = {round(float(each.origin.z.numpy()[0])): dr.width(each.origin) for each in emitted}
+    assert heights == {1: 250, 2: 750}
