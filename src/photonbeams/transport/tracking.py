@@ -23,12 +23,13 @@ from ..looks.factors import Factor
 
 mi = mitsuba()
 
-SEGMENTS = 16
+SEGMENTS = 32
 
 # Gauss's two points on [0, 1], and the least rate of a piece as a share of the medium's majorant: where both probes
-# meet nothing there may still be something between them.
+# meet nothing there may still be something between them. With 32 pieces and 0.4, light through noise on a grid of 8³
+# (32³) spreads by 5 % (10 %) a ray, at 1.7 points; with 16 and 0.02 it is 34 % (48 %) at 0.1 (0.3).
 _PROBES = (0.21132486540518713, 0.7886751345948129)
-_LEAST = 0.02
+_LEAST = 0.4
 
 #: Returns σt at points: Array3f.
 Extinction = Callable[[Any], Any]
@@ -58,7 +59,7 @@ def walk(way: Way, extinction: Extinction, active: Any, counter: Any = None, bas
         Where each ray's points begin in the list, and the list: (t, product after it) of each.
     """
     piece = UInt32(0)
-    drawn = UInt32(0)
+    drawn, points = UInt32(0), UInt32(0)
     depth, product = Array3f(0), Array3f(1)
     step = dr.maximum(way.far - way.near, 0) * (1 / SEGMENTS)
     going = active & (step > 0)
@@ -67,23 +68,25 @@ def walk(way: Way, extinction: Extinction, active: Any, counter: Any = None, bas
         control, rate = _control(way, extinction, begin, step)
         depth += control * step
         t = begin - dr.log(1 - unit_float(hash32(way.seed, drawn))) * dr.rcp(rate)
+        drawn += 1
         while t < begin + step:
             here = extinction(dr.fma(way.direction, t, way.origin))
             product *= 1 - (here - control) * dr.rcp(rate)
             if dr.hint(out is not None, mode="scalar"):
-                dr.scatter(out, Array4f(t, product.x, product.y, product.z), base + drawn)
+                dr.scatter(out, Array4f(t, product.x, product.y, product.z), base + points)
+            points += 1
+            t -= dr.log(1 - unit_float(hash32(way.seed, drawn))) * dr.rcp(rate)
             drawn += 1
-            t -= dr.log(1 - unit_float(hash32(way.seed, drawn, UInt32(1)))) * dr.rcp(rate)
         piece += 1
     if dr.hint(counter is not None, mode="scalar"):
-        dr.scatter(counter, drawn, dr.arange(UInt32, dr.width(counter)))
+        dr.scatter(counter, points, dr.arange(UInt32, dr.width(counter)))
     return product * dr.exp(-depth)
 
 
 def _control(way: Way, extinction: Extinction, begin: Any, step: Any) -> tuple[Any, Any]:
     """Return a piece's control, and the rate of its points."""
     first, last = (extinction(dr.fma(way.direction, begin + place * step, way.origin)) for place in _PROBES)
-    rate = dr.maximum(0.5 * dr.max(dr.abs(first - last)), _LEAST * way.majorant)
+    rate = dr.maximum(dr.max(dr.abs(first - last)), _LEAST * way.majorant)
     return 0.5 * (first + last), dr.maximum(rate, 1e-20)
 
 

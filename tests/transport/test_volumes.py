@@ -1,0 +1,72 @@
+"""Media of Mitsuba scenes: which is where, and which are refused."""
+
+import numpy as np
+import pytest
+
+from photonbeams.device import Array3f, Bool, UInt32, mitsuba
+from photonbeams.scene import SceneError
+from photonbeams.transport.volumes import Volumes, medium_at, number
+from transport.scenes import T, cloud, cube_of, fog, load
+
+mi = mitsuba()
+
+
+def nested():
+    """Return two cubes, one in the other, a wall in the outer one, and a ball of glass without a medium inside."""
+    outer, inner = mi.load_dict(fog(0.1)), mi.load_dict(fog(2.0))
+    scene = load(
+        outer=cube_of(outer, 4),
+        inner={**cube_of(inner), "exterior": outer},
+        wall={"type": "rectangle", "to_world": T().translate([0, 0, 2])},
+        ball={"type": "sphere", "center": [0, 3, 0], "radius": 0.5, "bsdf": {"type": "dielectric"}, "exterior": outer},
+    )
+    return scene, outer, inner
+
+
+def test_points_are_in_the_medium_whose_borders_they_see():
+    scene, outer, inner = nested()
+    points = {(0, 0, 0): inner, (0.9, 0.9, 0.9): inner, (0, 0, 1.5): outer, (0, 0, 3): outer, (3.9, 0, 0): outer,
+              (0, 3, 0): None, (0, 0, 9): None, (9, 9, 9): None}  # fmt: skip
+    rng = np.random.default_rng(0)
+    for direction in rng.normal(size=(16, 3)):
+        unit = Array3f((direction / np.linalg.norm(direction)).tolist())
+        origin = Array3f(np.array(list(points), dtype=np.float32).T)
+        found = medium_at(scene, origin, unit, UInt32(0), Bool(True)).numpy()
+        assert found.tolist() == [number(medium) for medium in points.values()]
+
+
+def test_where_no_border_is_seen_the_medium_is_the_one_that_fills_the_space():
+    scene = load(wall={"type": "rectangle"})
+    found = medium_at(scene, Array3f(0, 0, 1), Array3f(0, 0, -1), UInt32(7), Bool(True))
+    assert found.numpy().tolist() == [7]
+
+
+def test_homogeneous_media_are_read():
+    medium = mi.load_dict(fog([0.4, 0.8, 1.2], [0.5, 0.25, 1.0], phase={"type": "hg", "g": 0.3}))
+    (volume,) = Volumes([medium, medium, None]).all
+    np.testing.assert_allclose(volume.medium.extinction, [0.4, 0.8, 1.2], rtol=1e-6)
+    np.testing.assert_allclose(volume.medium.scattering, [0.2, 0.2, 1.2], rtol=1e-6)
+    assert volume.medium.anisotropy == pytest.approx(0.3)
+    assert volume.tracked is None
+
+
+def test_media_that_vary_are_tracked_and_know_whether_they_have_a_colour():
+    grey, red = mi.load_dict(cloud()), mi.load_dict(cloud((1.0, 0.5, 0.25)))
+    assert [(each.tracked is not None, each.colored) for each in Volumes([grey]).all] == [(True, False)]
+    assert [each.colored for each in Volumes([red]).all] == [True]
+
+
+def test_a_grid_with_numbers_that_are_none_is_refused():
+    medium = cloud()
+    grid = np.ones((4, 4, 4, 1), dtype=np.float32)
+    grid[1, 2, 3] = np.nan
+    medium["sigma_t"]["grid"] = mi.VolumeGrid(grid)
+    with pytest.raises(SceneError, match=r"medium dust: sigma_t.data has numbers that are not finite"):
+        Volumes([mi.load_dict({**medium, "id": "dust"})])
+
+
+def test_flakes_are_refused():
+    volume = {"type": "gridvolume", "grid": mi.VolumeGrid(np.ones((2, 2, 2, 6), dtype=np.float32)), "raw": True}
+    medium = fog(phase={"type": "sggx", "S": volume})
+    with pytest.raises(SceneError, match="depends on where its flakes look"):
+        Volumes([mi.load_dict(medium)])
