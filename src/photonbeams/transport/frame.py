@@ -7,7 +7,7 @@ Photon Beams, Jarosz et al. 2011). Memory is that of one pass, however many ther
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,6 +16,7 @@ import numpy as np
 
 from .. import scene
 from ..arrays import to_float
+from ..beams import Beams
 from ..device import Array3f, Bool, Float, UInt32, mitsuba
 from ..estimators.estimate import DEFAULT_RULE, ENDLESS, bind, check_estimator, sum_over_all
 from ..estimators.geometry import Rays
@@ -219,13 +220,26 @@ class Frame:
             )  # fmt: skip
             picture.beams += dr.select(tiled, part.radiance * sight.throughput, 0)
             self.statistics.tests += part.billboard_tests + part.frustum_tests
-        index: Any = dr.compress(others)
-        if len(index):
-            self._gather_others(volume, light, sight, seen, index, picture)
+        for lanes, beams in self._apart(others, sight, light):
+            self._gather_others(volume, beams, sight, seen, lanes, picture)
         dr.eval(picture.beams)
 
+    def _apart(self, others: Bool, sight: eye.Sight, light: Lit) -> Iterator[tuple[Any, Beams]]:
+        """Yield lanes and the beams that they see: all, unless together they would be longer than paths may be."""
+        lanes: Any = dr.compress(others)
+        if not len(lanes):
+            return
+        if self.settings.max_depth is None:
+            yield lanes, light.beams
+            return
+        for events in np.unique(dr.gather(UInt32, sight.events, lanes).numpy()):
+            beams = light.up_to(self.settings.max_depth - 2 - int(events))
+            lanes = dr.compress(others & (sight.events == dr.opaque(UInt32, int(events))))
+            if beams is not None:
+                yield lanes, beams
+
     def _gather_others(
-        self, volume: Volume, light: Lit, sight: eye.Sight, seen: eye.Seen, index: Any, picture: Picture
+        self, volume: Volume, beams: Beams, sight: eye.Sight, seen: eye.Seen, index: Any, picture: Picture
     ) -> None:
         start = dr.gather(Float, sight.near, index)
         direction = dr.gather(Array3f, sight.direction, index)
@@ -236,7 +250,6 @@ class Frame:
             way = volume.way(origin, direction, rays.t_min, far, dr.gather(UInt32, seen.seed, index))
             volume.tracked.track = Track(way, volume.extinction, dr.full(Bool, True, len(index)))
         dr.eval(rays.origin, rays.direction, rays.t_max, rays.t_min)
-        beams = light.beams
         bound = bind(volume.look, beams, None, volume.medium)
         packed = pack(beams, Array3f(0), shared=False, identity=bound.of_beams)
         radiance = sum_over_all(packed, rays, bound, self.settings.estimator, self._points)

@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 
 import drjit as dr
 
-from ..arrays import compressed, joined
+from ..arrays import compressed, joined, taken
 from ..device import Array3f, Bool, Float, UInt32, mitsuba
 from ..hashing import hash32, unit_float
 from ..simulation.sampling import pixel_sample
@@ -155,12 +155,25 @@ def trace(tracing: Tracing, paths: Paths | None, seed: Any, first: Any) -> Itera
     step = 0
     while paths is not None:
         segments, in_medium, landed, on_surface, following, going = _step(tracing, paths, seed, first, step)
-        yield (
-            (compressed(in_medium, segments) or [None])[0],
-            (compressed(on_surface, landed) or [None])[0],
-        )
-        paths = (compressed(going, following) or [None])[0]
+        yield _kept(in_medium, segments), _kept(on_surface, landed)
+        paths = _kept(going, following)
         step += 1
+
+
+def _kept(mask: Bool, value: Any) -> Any:
+    """Return the entries of a struct where `mask`, None where there are none.
+
+    One alone has a dark one beside it: to Dr.Jit arrays of one entry are numbers, and want kernels of their own.
+    """
+    kept = compressed(mask, value)
+    if not kept:
+        return None
+    if dr.width(kept[0].flux) == 1:
+        twice = taken(kept[0], dr.zeros(UInt32, 2))
+        twice.flux = twice.flux * Float(dr.arange(UInt32, 2) == dr.opaque(UInt32, 0))
+        dr.eval(twice)
+        return twice
+    return kept[0]
 
 
 def _step(tracing: Tracing, paths: Paths, seed: Any, first: Any, step: int) -> tuple[Any, ...]:

@@ -1,0 +1,231 @@
+"""Pictures of Mitsuba scenes against Mitsuba's own integrators, against closed forms, and against themselves."""
+
+import drjit as dr
+import numpy as np
+import pytest
+
+from photonbeams import device
+from photonbeams.device import mitsuba
+from photonbeams.scene import SceneError
+from photonbeams.transport.frame import Frame, Settings, render
+from transport.scenes import T, camera, cloud, cube_of, fog, load, rgb, volpath
+
+mi = mitsuba()
+SEEDS = 4
+SMALL = {"radius": 0.01, "alpha": 1.0}
+
+
+def pictures(scene, **given):
+    settings = {"passes": 4, "paths": 4096, **given}
+    found = [render(scene, scene.sensors()[0], Settings(seed=seed, **settings)).layers() for seed in range(SEEDS)]
+    return np.array([each["rgba"][..., :3] for each in found])
+
+
+def blocks(picture, size=4):
+    """Return the means of square blocks of pixels, (…, blocks, 3)."""
+    *more, height, width, channels = picture.shape
+    cut = picture.reshape(*more, height // size, size, width // size, size, channels)
+    return cut.mean(axis=(-4, -2)).reshape(*more, -1, channels)
+
+
+def agree(ours, reference, bias):
+    """Return whether two sets of pictures have the same mean, and the same means of blocks.
+
+    A Z-test of each against the spread between the pictures of both sets, beside a bias: beams that are `radius` wide
+    blur what has an edge. It is `bias` of the mean, and of a block at an edge three times as much of the brightest. Of
+    the 48 numbers the largest may lie 4.5 off by chance, with a spread that is known from few pictures; that of blocks
+    is at least the median of all.
+    """
+    means = [each.mean(axis=(1, 2)) for each in (ours, reference)]
+    own = [blocks(each) for each in (ours, reference)]
+    for values, allowed in ((means, bias), (own, 3 * bias)):
+        center = [each.mean(axis=0) for each in values]
+        scale = center[1].max(axis=0) if values is own else center[1]
+        spread = [each.std(axis=0, ddof=1) / np.sqrt(SEEDS) for each in values]
+        if values is own:
+            spread = [np.maximum(each, np.median(each / np.maximum(mid, 1e-9)) * mid)
+                      for each, mid in zip(spread, center, strict=True)]  # fmt: skip
+        error = np.sqrt(spread[0] ** 2 + spread[1] ** 2)
+        off = np.abs(center[0] - center[1]) - allowed * scale
+        assert (off < 4.5 * error).all(), (center[0] / center[1], error / center[1])
+    return True
+
+
+LAMP = {"type": "sphere", "center": [-2.0, 1.5, 0.5], "radius": 0.3, "emitter": {"type": "area", "radiance": rgb(30.0)}}
+INSIDE = {"type": "point", "position": [0.3, 0.4, 0.2], "intensity": rgb([3.0, 2.0, 1.0])}
+HG = {"type": "hg", "g": 0.6}
+SCENES = {
+    "isotropic, single": ({"fog": cube_of(fog(0.5)), "light": LAMP}, 2),
+    "isotropic": ({"fog": cube_of(fog(0.5)), "light": LAMP}, -1),
+    "coloured, forward": ({"fog": cube_of(fog([0.3, 0.6, 0.9], [0.9, 0.8, 0.5], phase=HG)), "light": LAMP}, -1),
+    "rayleigh": ({"fog": cube_of(fog(0.8, phase={"type": "rayleigh"})), "light": LAMP}, 3),
+    "blend": (
+        {"fog": cube_of(fog(0.8, phase={"type": "blendphase", "weight": 0.4, "a": {"type": "isotropic"}, "b": HG})),
+         "light": LAMP}, 2),
+    "table": ({"fog": cube_of(fog(0.8, phase={"type": "tabphase", "values": "0.1,0.2,0.5,2.0"})), "light": LAMP}, 2),
+    "cloud": ({"fog": cube_of(cloud()), "light": LAMP}, -1),
+    "cloud, forward, light inside": ({"fog": cube_of(cloud(phase=HG)), "light": INSIDE}, 3),
+    "sky": ({"fog": cube_of(fog(0.8, 0.7)), "light": {"type": "constant", "radiance": 0.5}}, -1),
+    "walls": (
+        {"fog": cube_of(fog(0.3, 0.8), 1.5), "light": LAMP,
+         "floor": {"type": "rectangle", "to_world": T().translate([0, -0.8, 0]).rotate([1, 0, 0], -90),
+                   "bsdf": {"type": "twosided", "side": {"type": "diffuse", "reflectance": rgb([0.6, 0.4, 0.2])}}}},
+        2),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_pictures_are_those_of_volpath(name):
+    parts, depth = SCENES[name]
+    scene = load(**parts, sensor=camera())
+    ours = pictures(scene, max_depth=None if depth < 0 else depth, hide_emitters=True, **SMALL)
+    reference = [volpath(scene, 512, seed, max_depth=depth, hide_emitters=True) for seed in range(SEEDS)]
+    # Beams of radius r lose what of them sticks out of the fog: by theory about r / 2 of a side of 2 at each border.
+    assert agree(ours, np.array(reference), bias=0.006)
+
+
+def test_a_coloured_cloud_is_that_of_volpathmis():
+    scene = load(fog=cube_of(cloud((1.0, 0.5, 0.2))), light=LAMP, sensor=camera())
+    ours = pictures(scene, hide_emitters=True, **SMALL)
+    reference = [volpath(scene, 512, seed, "volpathmis", hide_emitters=True) for seed in range(SEEDS)]
+    assert agree(ours, np.array(reference), bias=0.006)
+
+
+def test_fog_without_a_border_fills_the_space():
+    medium = mi.load_dict(fog(0.2, 0.5))
+    spot = {"type": "spot", "to_world": T().look_at([-2, 0, 0], [0, 0.2, 0], [0, 1, 0]), "intensity": rgb(5.0)}
+    scene = load(light=spot, sensor=camera(medium=medium))
+    ours = pictures(scene, **SMALL)
+    reference = [volpath(scene, 1024, seed) for seed in range(SEEDS)]
+    assert agree(ours, np.array(reference), bias=0.01)
+
+
+def test_white_fog_in_a_white_sky_is_not_seen():
+    """Energy is conserved: fog that absorbs nothing, lit evenly from all around, has the sky's radiance everywhere."""
+    fill = {"type": "sphere", "bsdf": {"type": "null"}, "interior": fog([0.5, 1.0, 0.8], 1.0)}
+    scene = load(fog=fill, light={"type": "constant", "radiance": 1.0}, sensor=camera(fov=30))
+    found = pictures(scene, **SMALL)
+    error = found.mean(axis=(1, 2)).std(axis=0, ddof=1) / np.sqrt(SEEDS)
+    np.testing.assert_array_less(np.abs(found.mean(axis=(0, 1, 2)) - 1), 4.5 * error + 0.006)
+
+
+def test_the_comparison_scene_has_its_known_mean():
+    scene = comparison()
+    for depth, expected in ((2, 0.1201), (None, 0.1433)):
+        settings = Settings(passes=4, paths=1 << 16, max_depth=depth, surfaces=False)
+        mean = render(scene, scene.sensors()[0], settings).layers()["beams"].mean()
+        assert mean == pytest.approx(expected, rel=0.005)
+
+
+def comparison(size=(160, 90)):
+    """Return the scene of tests/comparison.py in Mitsuba's terms."""
+    black = {"type": "twosided", "side": {"type": "diffuse", "reflectance": rgb(0.0)}}
+    medium = mi.load_dict(fog(0.11, 0.1 / 0.11))
+
+    def wall(y, z):
+        place = T().translate([-1.3, sum(y) / 2, sum(z) / 2]).rotate([0, 1, 0], 90)
+        return {"type": "rectangle", "to_world": place.scale([(z[1] - z[0]) / 2, (y[1] - y[0]) / 2, 1]), "bsdf": black}
+
+    lamp = {
+        "type": "rectangle", "to_world": T().translate([-1.9, 1.5, 0]).rotate([0, 1, 0], 90).scale(0.05),
+        "bsdf": black, "emitter": {"type": "area", "radiance": rgb(1000 / (np.pi * 0.01))},
+    }  # fmt: skip
+    box = {"type": "cube", "to_world": T().translate([0, 1.5, 0]).scale([2, 1.5, 2]), "bsdf": black, "interior": medium}
+    seen = camera((0, 1.5, 1.95), (0, 1.5, 0), fov=90, medium=medium)
+    seen["film"].update(width=size[0], height=size[1])
+    return load(
+        box=box, lamp=lamp, below=wall((0, 1.35), (-2, 2)), above=wall((1.65, 3), (-2, 2)),
+        left=wall((1.35, 1.65), (-2, -0.1)), right=wall((1.35, 1.65), (0.1, 2)), sensor=seen,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("sensor", ["declares it", "does not say"])
+def test_a_sensor_inside_of_fog_need_not_say_so(sensor):
+    medium = mi.load_dict(fog(0.5))
+    seen = camera((0, 0, 0.9), medium=medium if sensor == "declares it" else None)
+    scene = load(fog=cube_of(medium), light=INSIDE, sensor=seen)
+    declared = load(fog=cube_of(medium), light=INSIDE, sensor=camera((0, 0, 0.9), medium=medium))
+    ours = pictures(scene, max_depth=2, **SMALL)
+    reference = [volpath(declared, 1024, seed, max_depth=2) for seed in range(SEEDS)]
+    assert agree(ours, np.array(reference), bias=0.01)
+
+
+def test_a_mirror_shows_what_stands_before_it():
+    """A picture by way of a mirror is the picture of the camera's own mirror image, times the mirror's reflectance."""
+    mirror = {"type": "rectangle", "to_world": T().translate([0, 0, 3]).rotate([1, 0, 0], 180).scale(9),
+              "bsdf": {"type": "conductor", "material": "none"}}  # fmt: skip
+    parts = {"fog": cube_of(fog(0.4, 0.9)), "light": {**LAMP, "center": [-2.0, 0.5, 0.0]}}
+    # The mirror's plane is z = 3: a camera at z = 2 that looks along +z is as one at z = 4 that looks along −z.
+    seen = load(**parts, mirror=mirror, sensor=camera((0, 0, 2), (0, 0, 3)))
+    image = load(**parts, sensor=camera((0, 0, 4), (0, 0, 0)))
+    settings = {"passes": 1, "paths": 4096, "hide_emitters": True, "radius": 0.05}
+    # One edge more by way of the mirror, which leaves none for light that the mirror itself throws into the fog.
+    by_mirror = blocks(pictures(seen, max_depth=3, **settings)[:, :, ::-1])
+    direct = blocks(pictures(image, max_depth=2, **settings))
+    # The first pass looks at the middle of each pixel. Rays leave the mirror and the fog's border with an offset of
+    # 1e-4, of fog of the order of one.
+    np.testing.assert_allclose(by_mirror, direct, rtol=5e-3)
+
+
+def test_the_same_seed_gives_the_same_picture_on_any_number_of_threads():
+    scene = load(fog=cube_of(fog(0.5)), light=LAMP, sensor=camera())
+    settings = Settings(passes=2, paths=2048)
+    found = []
+    for threads in (1, 2, 2):
+        device.set_threads(threads)
+        found.append(render(scene, scene.sensors()[0], settings).layers()["rgba"])
+    assert np.array_equal(found[0], found[1]) and np.array_equal(found[1], found[2])
+
+
+def test_a_render_goes_on_where_it_was_stopped():
+    scene = load(fog=cube_of(fog(0.5)), light=LAMP, sensor=camera(rfilter={"type": "gaussian"}))
+    sensor, settings = scene.sensors()[0], Settings(passes=4, paths=1024)
+    whole = render(scene, sensor, settings)
+    half = render(scene, sensor, Settings(passes=2, paths=1024))
+    resumed = render(scene, sensor, settings, state=half.state())
+    assert np.array_equal(whole.layers()["rgba"], resumed.layers()["rgba"])
+    assert resumed.error() == pytest.approx(whole.error())
+
+
+def test_a_checkpoint_of_another_picture_is_refused():
+    scene = load(fog=cube_of(fog(0.5)), light=LAMP, sensor=camera())
+    state = render(scene, scene.sensors()[0], Settings(passes=1, paths=64)).state()
+    other = load(fog=cube_of(fog(0.5)), light=LAMP, sensor=camera(size=8))
+    with pytest.raises(SceneError, match="checkpoint is of another picture"):
+        Frame(other, other.sensors()[0], Settings()).restore(state)
+
+
+def test_the_error_is_told_by_the_passes():
+    """The error of the mean that passes tell, against that which pictures of other seeds have."""
+    scene = load(fog=cube_of(fog(0.5)), light=LAMP, sensor=camera())
+    frames = [render(scene, scene.sensors()[0], Settings(passes=8, paths=512, seed=seed, alpha=1.0)) for seed in
+              range(8)]  # fmt: skip
+    values = np.array([each.layers()["beams"].mean(axis=2) for each in frames])
+    lit = values.mean(axis=0) > 0
+    spread = np.median(values.std(axis=0, ddof=1)[lit] / values.mean(axis=0)[lit])
+    told = np.median([each.error() for each in frames])
+    # Passes continue one sequence, so that their mean is better than they tell, but not by orders.
+    assert 0.2 * told < spread < 1.5 * told
+
+
+def test_a_second_picture_compiles_nothing():
+    for number in range(3):  # of another light, from another place, with other samples
+        light = {**LAMP, "center": [-2.0, 1.5, 0.1 * number]}
+        scene = load(fog=cube_of(fog(0.5)), light=light, sensor=camera((0, 0.1 * number, 4)))
+        frame = render(scene, scene.sensors()[0], Settings(passes=2, paths=2048 + number, seed=number))
+    assert frame.statistics.kernels_compiled == 0
+
+
+def test_light_that_is_scattered_by_nothing_is_a_plain_picture():
+    """A scene without media is surfaces alone."""
+    scene = load(light=LAMP, floor={"type": "rectangle", "to_world": T().scale(2)}, sensor=camera())
+    frame = render(scene, scene.sensors()[0], Settings(passes=2, max_depth=2))
+    assert frame.statistics.beams == 0
+    assert frame.layers()["surface"].mean() > 0 and not frame.layers()["beams"].any()
+
+
+def test_kernels_do_not_leave_derivatives_on():
+    scene = load(fog=cube_of(fog(0.5)), light=LAMP, sensor=camera())
+    frame = Frame(scene, scene.sensors()[0], Settings(paths=64))
+    for each in frame.simulated(0).values():
+        assert not dr.grad_enabled(each.beams.start, each.beams.radius_end)
