@@ -95,11 +95,11 @@ def billboard(
     look: BoundLook,
     points: Points,
     blended: bool,
-    span: tuple[Any, Any] | None = None,
+    span: Any = None,
 ) -> tuple[Any, Any]:
     """Return `radiance` and a beam's toward a ray, and of `auto` whether the frustum contributes to that too.
 
-    With `span` only where the ray parameter of closest approach, t, has span[0] ≤ t < span[1].
+    With `span`, a pair, only where the ray parameter of closest approach, t, has span[0] ≤ t < span[1].
     """
     marked = Bool(False)
     way = passing(beam, ray.origin, ray.direction)

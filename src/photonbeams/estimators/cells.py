@@ -20,6 +20,10 @@ from ..device import Array3f, Float, Int32, UInt32
 #: Most cells of a grid, and most along an axis: float32 still holds a place within a cell to 1/8192 of it.
 MOST_CELLS, MOST_ALONG = 1 << 21, 1 << 10
 
+#: Places round to 2⁻²⁴ of the largest number that went into them, some of them a few times, and the cells' own borders
+#: to 2⁻¹⁴ of a cell: what is listed is taken for this share of those numbers larger, and this much of a cell.
+ROUNDING, BORDER = 2.0**-19, 1e-3
+
 # Lanes that sort, and the bits of a cell's number that are sorted by at once: 2 × 11 hold all cells.
 _LANES = 1024
 _DIGIT = 11
@@ -36,16 +40,21 @@ class Grid:
     low: Any  # corner, world space
     size: Any  # edge of a cell
     inv: Any
-    counts: tuple[Any, Any, Any]  # cells along each axis (Int32)
+    counts: tuple[Any, ...]  # cells along each axis (Int32)
     cells: int
+    margin: Any  # by how much more than they are things are listed, in cells
 
     @classmethod
-    def of(cls, low: npt.NDArray[np.float64], high: npt.NDArray[np.float64], size: float) -> Grid:
-        """Return the grid of cells of this size, or somewhat larger, from one corner to the other at least."""
+    def of(cls, low: npt.NDArray[np.float64], high: npt.NDArray[np.float64], size: float, rounding: float) -> Grid:
+        """Return the grid of cells of this size, or somewhat larger, from one corner to the other at least.
+
+        `rounding` is how far a place may be from where it is meant.
+        """
         size, counts = fitting(high - low, size)
         return cls(
             dr.opaque(Array3f, low.tolist()), dr.opaque(Float, size), dr.opaque(Float, 1 / size),
             tuple(dr.opaque(Int32, int(count)) for count in counts), int(np.prod(counts)),
+            dr.opaque(Float, rounding / size + BORDER),
         )  # fmt: skip
 
     def local(self, point: Any) -> Any:
@@ -93,8 +102,10 @@ class Lists:
         return dr.gather(UInt32, self.first, cell, active), dr.gather(UInt32, self.first, cell + 1, active)
 
 
-#: `visit(item, lane, entry)`, in a kernel, calls `entry(cell, item, lane, active)` for the cells that an item may lie in.
-Visit = Callable[[Any, Any, Callable[[Any, Any, Any, Any], None]], None]
+#: `entry(cell, item, lane, active)` counts or lists an item in a cell; `visit(item, lane, entry)`, in a kernel, calls it
+#: for the cells that the item may lie in.
+Entry = Callable[[Any, Any, Any, Any], None]
+Visit = Callable[[Any, Any, Entry], None]
 
 
 class Sorting:
@@ -111,6 +122,9 @@ class Sorting:
     def __init__(self, cells: int, visit: Visit, begin: int, stop: int) -> None:
         self._visit, self._cells = visit, cells
         self._range = dr.opaque(UInt32, begin), dr.opaque(UInt32, stop)
+        self.base: Any = None
+        self.keys: Any = None
+        self.items: Any = None
         self.sums, self.counter = dr.zeros(UInt32, cells + 1), dr.zeros(UInt32, _BUCKETS * _LANES)
         _walk(*self._range, visit, self._count)
         dr.eval(self.sums, self.counter)
@@ -150,7 +164,7 @@ class Sorting:
         out = dr.zeros(UInt32, dr.width(self.items))
         _place(self.keys, self.items, share, entries, cursor, base, out)
         dr.eval(out)
-        self.items, self.keys = out, None
+        self.items = out
 
 
 def _bucket(cell: Any, lane: Any) -> Any:
@@ -159,8 +173,8 @@ def _bucket(cell: Any, lane: Any) -> Any:
 
 
 @dr.syntax
-def _walk(begin: Any, stop: Any, visit: Visit, entry: Callable[[Any, Any, Any, Any], None]) -> None:
-    """Visit the cells of each lane's items, begin + lane, begin + lane + LANES, …"""
+def _walk(begin: Any, stop: Any, visit: Visit, entry: Entry) -> None:
+    """Visit the cells of each lane's items, begin + lane, begin + lane + LANES and so on."""
     lane = dr.arange(UInt32, _LANES) + dr.opaque(UInt32, 0)
     item = begin + lane
     while item < stop:

@@ -122,11 +122,11 @@ def frustum(
     look: BoundLook,
     points: Points,
     blended: bool,
-    span: tuple[Any, Any] | None = None,
+    span: Any = None,
 ) -> Any:
     """Return `radiance` and a beam's toward a ray.
 
-    With `span` only where the ray parameter of the chord's middle, t, has span[0] ≤ t < span[1].
+    With `span`, a pair, only where the ray parameter of the chord's middle, t, has span[0] ≤ t < span[1].
     """
     part = chord(beam, ray.origin, ray.direction, ray.t_min, ray.t_max)
     weight = dr.select(part.valid, Float(1), Float(0))

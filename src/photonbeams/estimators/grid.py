@@ -23,7 +23,7 @@ from ..beams import Beams
 from ..device import Array3f, Array4f, Bool, Float, Int32, UInt32
 from ..looks import BoundLook
 from .billboard import billboard
-from .cells import MOST_CELLS, Grid, Lists, batches, fitting
+from .cells import ROUNDING, Grid, Lists, batches, fitting
 from .cones import around
 from .frustum import frustum
 from .geometry import Rays, between
@@ -33,15 +33,11 @@ from .records import Packed, load
 # A billboard of `auto` reaches to 1/√(1 − 0.1²) radii (see blend), and a radius is rounded.
 _WIDER = 1.006
 
-# Places round to 2⁻²⁴ of the largest number that went into them, some of them a few times; and cells' own borders to
-# 2⁻¹⁴ of a cell.
-_ROUNDING, _BORDER = 2.0**-19, 1e-3
-
 _FAR = 1e30
 
 # What one step of a ray to the next cell takes, and one entry of the lists, in tests of a beam. Measured on two
-# AVX-512 cores; of a factor of two either way the whole makes little.
-_STEP, _ENTRY = 1.0, 4.0
+# AVX-512 cores; a factor of two either way changes the whole by a few per cent.
+_STEP, _ENTRY = 0.5, 10.0
 
 
 def sum_over_grid(
@@ -205,24 +201,19 @@ def _reach(rate: Any, growth: Any, first: Any, half: Any, begin: Any, stop: Any)
     """Return how far the discs' boxes reach along an axis, from one share of a beam to another."""
     at_begin, at_stop = dr.fma(rate, begin, first), dr.fma(rate, stop, first)
     half_begin, half_stop = dr.fma(growth, begin, half), dr.fma(growth, stop, half)
-    return dr.minimum(at_begin - half_begin, at_stop - half_stop), dr.maximum(at_begin + half_begin, at_stop + half_stop)
+    return dr.minimum(at_begin - half_begin, at_stop - half_stop), dr.maximum(
+        at_begin + half_begin, at_stop + half_stop
+    )
 
 
 # -- The grid ----------------------------------------------------------------------------------------------------------
 
 
-@dataclass
-class BeamGrid(Grid):
-    """A grid, and by how much more than they are beams are listed in it, in cells."""
-
-    margin: Any = None
-
-
-def build(beams: Beams, close: Beams | None, rays: Rays) -> tuple[BeamGrid, Marks, tuple[Any, Any]] | None:
+def build(beams: Beams, close: Beams | None, rays: Rays) -> tuple[Grid, Marks, tuple[Any, Any]] | None:
     """Return the grid for these rays, what holds the beams, and the rays' span in it; None if no ray meets its box."""
     marks = marks_of(beams, close)
     low, high = marks.box()
-    rounding = _ROUNDING * float(max(np.abs(low).max(), np.abs(high).max()))
+    rounding = ROUNDING * float(max(np.abs(low).max(), np.abs(high).max()))
     t0, t1 = _span(rays, low - rounding, high + rounding)
     hit = t0 <= t1
     met = int(dr.count(hit)[0])
@@ -233,12 +224,11 @@ def build(beams: Beams, close: Beams | None, rays: Rays) -> tuple[BeamGrid, Mark
     seen_low = _least(dr.select(hit, dr.minimum(a, b), far))
     seen_high = -_least(dr.select(hit, -dr.maximum(a, b), far))
     origin = np.abs(_least(dr.select(hit, -dr.abs(rays.origin), far))).max()
-    rounding = _ROUNDING * float(max(np.abs(low).max(), np.abs(high).max(), origin))
+    rounding = ROUNDING * float(max(np.abs(low).max(), np.abs(high).max(), origin))
     low, high = np.maximum(low, seen_low) - rounding, np.minimum(high, seen_high) + rounding
     length = float(dr.sum(dr.select(hit, t1 - t0, 0))[0])
     size = _best(high - low, met, length, *marks.sizes(low, high))
-    grid = BeamGrid.of(low, high, max(size, 8 * rounding))
-    grid.margin = dr.opaque(Float, rounding / float(grid.size[0]) + _BORDER)
+    grid = Grid.of(low, high, max(size, 8 * rounding), rounding)
     marks.grid = grid
     return grid, marks, _span(rays, low, high)
 
