@@ -15,7 +15,7 @@ import drjit as dr
 
 from ..device import Array3f, Bool, Float, UInt32
 from ..looks import BoundLook
-from .blend import frustum_weight, need, touched
+from .blend import NARROW, frustum_weight, need, touched
 from .geometry import Approach, Rays, passing
 from .points import Points
 from .records import Packed, Record, load
@@ -125,6 +125,9 @@ def billboard(
         else:
             hit = here & (at.u2 < dr.square(radius))
             radiance = radiance + dr.select(hit, value(beam, at, at.u2, radius, look, ray, points), 0)
+    if dr.hint(span is not None, mode="scalar"):
+        # Along the axis rounding may take the ray past the cone; no neighbour's ray sends this one to the frustum.
+        marked |= way.sin2 < NARROW
     return radiance, marked
 
 

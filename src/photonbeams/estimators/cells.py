@@ -102,8 +102,8 @@ class Lists:
         return dr.gather(UInt32, self.first, cell, active), dr.gather(UInt32, self.first, cell + 1, active)
 
 
-#: `entry(cell, item, lane, active)` counts or lists an item in a cell; `visit(item, lane, entry)`, in a kernel, calls it
-#: for the cells that the item may lie in.
+#: `entry(cell, item, lane, active)` counts or lists an item in a cell; `visit(item, lane, entry)`, in a kernel, calls
+#: it for the cells that the item may lie in.
 Entry = Callable[[Any, Any, Any, Any], None]
 Visit = Callable[[Any, Any, Entry], None]
 

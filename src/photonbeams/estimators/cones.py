@@ -35,6 +35,8 @@ def _around_joints(beams: Beams, start: Any, end: Any) -> Cone:
     axis = dr.normalize(beams.end - beams.start)
     here = dr.normalize(end - start)
     radius = dr.maximum(beams.radius_start, beams.radius_end)
+    if beams.end_normal is not None:  # up to a surface's plane a piece goes on to grow, see `Course.fraction`
+        radius = dr.maximum(radius, 2 * beams.radius_end - beams.radius_start)
     reaches = []
     last = beams.end_tangent if beams.end_normal is None else beams.end_normal
     for normal, own in ((beams.start_tangent, beams.radius_start), (last, beams.radius_end)):

@@ -71,7 +71,7 @@ class Passing:
         Exactly: u² (sin² − k²c²) < sin² R(s)², here times sin². Of a piece of a curve: the cylinder around it.
         """
         if beam.bend is not None:
-            return self.u2_sin2 < self.sin2 * dr.square(beam.widest)
+            return self.u2_sin2 < self.sin2 * dr.square(beam.reaching)
         taper = beam.slope * self.cosine
         radius_sin2 = dr.fma(beam.slope, self.s_sin2, beam.radius * self.sin2)
         return self.u2_sin2 * dr.fma(-taper, taper, self.sin2) < dr.square(radius_sin2)

@@ -197,6 +197,13 @@ class Record:
         """The greater of the radii."""
         return dr.maximum(self.radius, dr.fma(self.slope, self.length, self.radius))
 
+    @property
+    def reaching(self) -> Any:
+        """The greatest radius anywhere: a piece of a curve that grows does so past its end, up to a surface's plane."""
+        if self.cap is None:
+            return self.widest
+        return dr.maximum(self.radius, dr.fma(2 * self.slope, self.length, self.radius))
+
     def light(self, s: Any) -> Any:
         """Return the power at a distance from the start."""
         if self.gain is None:
