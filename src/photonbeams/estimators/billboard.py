@@ -123,7 +123,7 @@ def billboard(
             # An empty ray, as beyond the picture's border, lies at its own boundary.
             marked = touched(boundary, change, inside) & (ray.t_min < ray.t_max)
         else:
-            hit = here & (at.u2 < dr.square(radius))
+            hit = here & (radius > 0) & (at.u2 < dr.square(radius))  # a surface may cut a cone beyond its tip
             radiance = radiance + dr.select(hit, value(beam, at, at.u2, radius, look, ray, points), 0)
     if dr.hint(span is not None, mode="scalar"):
         # Along the axis rounding may take the ray past the cone; no neighbour's ray sends this one to the frustum.

@@ -28,7 +28,7 @@ from .cones import around
 from .frustum import frustum
 from .geometry import Rays, between
 from .points import Points
-from .records import Packed, load
+from .records import SHORTEST, Packed, load
 
 # A billboard of `auto` reaches to 1/√(1 − 0.1²) radii (see blend), and a radius is rounded.
 _WIDER = 1.006
@@ -103,7 +103,8 @@ class Marks:
         square = np.pi * dr.square(radius)
         sums = (square * length, 2 * square + 2 * np.pi * radius * length, length + np.pi * radius)
         volume, surface, reach = (float(dr.sum(each)[0]) for each in sums)
-        return volume, surface, reach, int(dr.count(inside)[0])
+        number: Any = dr.count(inside)
+        return volume, surface, reach, int(number[0])
 
 
 def marks_of(beams: Beams, close: Beams | None) -> Marks:
@@ -129,6 +130,16 @@ def marks_of(beams: Beams, close: Beams | None) -> Marks:
         packets = [(place, radius, half) for place, _, half in packets]
     data = dr.zeros(Float, len(beams) * 16)
     number = dr.arange(UInt32, len(beams)) * 4
+    # A beam without a length has no axis, and no light: it lies nowhere.
+    there = dr.isfinite(sum(dr.sum(place) + radius + dr.sum(half) for place, radius, half in packets))
+    longest = dr.norm(beams.end - beams.start)
+    if close is not None:
+        longest = dr.maximum(longest, dr.norm(close.end - close.start))
+    there &= longest > SHORTEST
+    packets = [
+        (dr.select(there, place, 0), dr.select(there, radius, 0), dr.select(there, half, -_FAR))
+        for place, radius, half in packets
+    ]
     for end, (place, radius, half) in enumerate(packets):
         dr.scatter(data, Array4f(place.x, place.y, place.z, radius), number + end)
         dr.scatter(data, Array4f(half.x, half.y, half.z, 0), number + (2 + end))
@@ -155,9 +166,7 @@ def _cells_of(item: Any, lane: Any, data: Any, grid: Any, entry: Any) -> None:
     more = diagonal + grid.margin + dr.minimum(dr.abs(growth), dr.abs(growth) * diagonal * dr.sqrt(inv_length2))
     low, high = dr.minimum(first - half, last - half - grown), dr.maximum(first + half, last + half + grown)
     z, last_z = grid.span(low.z, high.z, 2)
-    # What touches the grid at all; not so what is no number.
-    inside = dr.isfinite(dr.sum(low + high))
-    last_z = dr.select(inside, last_z, -1)
+    last_z = dr.select(low.z <= high.z, last_z, -1)  # else it lies nowhere
     while z <= last_z:
         in_layer = _part(way.z, grown.z, first.z, half.z, Float(z), Float(0), Float(1))
         low_y, high_y = _reach(way.y, grown.y, first.y, half.y, *in_layer)
@@ -213,10 +222,13 @@ def build(beams: Beams, close: Beams | None, rays: Rays) -> tuple[Grid, Marks, t
     """Return the grid for these rays, what holds the beams, and the rays' span in it; None if no ray meets its box."""
     marks = marks_of(beams, close)
     low, high = marks.box()
+    if np.any(low > high):
+        return None
     rounding = ROUNDING * float(max(np.abs(low).max(), np.abs(high).max()))
     t0, t1 = _span(rays, low - rounding, high + rounding)
     hit = t0 <= t1
-    met = int(dr.count(hit)[0])
+    count: Any = dr.count(hit)
+    met = int(count[0])
     if met == 0:
         return None
     a, b = rays.point(t0), rays.point(t1)
