@@ -15,7 +15,7 @@ import drjit as dr
 
 from ..device import Array3f, Bool, Float, UInt32
 from ..looks import BoundLook
-from .blend import frustum_weight, need, touched
+from .blend import NARROW, frustum_weight, need, touched
 from .geometry import Approach, Rays, passing
 from .points import Points
 from .records import Packed, Record, load
@@ -89,6 +89,50 @@ def in_range(beam: Record, at: Approach, t_min: Any, t_max: Any, origin: Any, di
 
 
 @dr.syntax
+def billboard(
+    radiance: Any,
+    beam: Record,
+    ray: Rays,
+    look: BoundLook,
+    points: Points,
+    blended: bool,
+    span: Any = None,
+) -> tuple[Any, Any]:
+    """Return `radiance` and a beam's toward a ray, and of `auto` whether the frustum contributes to that too.
+
+    With `span`, a pair, only where the ray parameter of closest approach, t, has span[0] ≤ t < span[1].
+    """
+    marked = Bool(False)
+    way = passing(beam, ray.origin, ray.direction)
+    if way.meets(beam):
+        at = way.closest(beam, ray.origin, ray.direction)
+        radius = dr.fma(beam.slope, at.along, beam.radius)
+        inside = in_range(beam, at, ray.t_min, ray.t_max, ray.origin, ray.direction)
+        here = inside
+        if dr.hint(span is not None, mode="scalar"):
+            # t, but from the place on the axis: as near to the beam as s is right, where lines are nearly parallel.
+            foot = dr.fma(way.cosine, at.s, way.along)
+            here = inside & (foot >= span[0]) & (foot < span[1])
+        if dr.hint(blended, mode="scalar"):
+            boundary, change = need(beam, at, radius, look, ray.t_min, ray.t_max, ray.origin, ray.direction)
+            share = 1 - frustum_weight(boundary, change)
+            if here & (radius > 0) & (share > 0):
+                # The distance that is R where the ray leaves the cone. At u = R itself a tapered beam's chord is not
+                # yet empty, and a hard rim would hand over with a step.
+                u2 = at.u2 * (1 - dr.square(at.taper(beam) * at.inv_sine))
+                radiance = radiance + value(beam, at, u2, radius, look, ray, points) * share
+            # An empty ray, as beyond the picture's border, lies at its own boundary.
+            marked = touched(boundary, change, inside) & (ray.t_min < ray.t_max)
+        else:
+            hit = here & (radius > 0) & (at.u2 < dr.square(radius))  # a surface may cut a cone beyond its tip
+            radiance = radiance + dr.select(hit, value(beam, at, at.u2, radius, look, ray, points), 0)
+    if dr.hint(span is not None, mode="scalar"):
+        # Along the axis rounding may take the ray past the cone; no neighbour's ray sends this one to the frustum.
+        marked |= way.sin2 < NARROW
+    return radiance, marked
+
+
+@dr.syntax
 def billboard_sum(
     rays: list[Rays],
     first: Any,
@@ -121,25 +165,8 @@ def billboard_sum(
         beam = load(packed, number(i), rays[0].time)
         marked = Bool(False)
         for p in range(len(rays)):
-            ray = rays[p]
-            way = passing(beam, ray.origin, ray.direction)
-            if way.meets(beam):
-                at = way.closest(beam, ray.origin, ray.direction)
-                radius = dr.fma(beam.slope, at.along, beam.radius)
-                inside = in_range(beam, at, ray.t_min, ray.t_max, ray.origin, ray.direction)
-                if dr.hint(blended, mode="scalar"):
-                    boundary, change = need(beam, at, radius, look, ray.t_min, ray.t_max, ray.origin, ray.direction)
-                    share = 1 - frustum_weight(boundary, change)
-                    if inside & (radius > 0) & (share > 0):
-                        # The distance that is R where the ray leaves the cone. At u = R itself a tapered beam's chord
-                        # is not yet empty, and a hard rim would hand over with a step.
-                        u2 = at.u2 * (1 - dr.square(at.taper(beam) * at.inv_sine))
-                        radiance[p] += value(beam, at, u2, radius, look, ray, points) * share
-                    # An empty ray, as beyond the picture's border, lies at its own boundary.
-                    marked |= touched(boundary, change, inside) & (ray.t_min < ray.t_max)
-                else:
-                    hit = inside & (at.u2 < dr.square(radius))
-                    radiance[p] += dr.select(hit, value(beam, at, at.u2, radius, look, ray, points), 0)
+            radiance[p], touches = billboard(radiance[p], beam, rays[p], look, points, blended)
+            marked |= touches
         if dr.hint(flags is not None, mode="scalar"):  # noqa: SIM102 - one is Python, the other is traced
             if marked:
                 # Lanes of one tile write the same number to the same place: no race, whatever the order.

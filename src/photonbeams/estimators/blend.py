@@ -20,6 +20,8 @@ from .records import Record
 _CLEARANCE = 1.2
 # Relative change of the factors over half a chord that leaves the billboard an error of about (0.1)²/6.
 _CHANGE = 0.1
+# Below this sin² float32 has lost the angle.
+NARROW = 0.0025
 # The hand-over runs from this share of the limit to the limit.
 _BEGIN = 0.7
 
@@ -46,8 +48,7 @@ def need(beam: Record, at: Approach, radius: Any, look: BoundLook, t_min: Any, t
         margin = dr.minimum(margin, dr.abs(dr.fma(facing, at.t, -height)) * dr.rcp(dr.maximum(dr.abs(facing), 1e-6)))
     boundary = _CLEARANCE * half * dr.rcp(dr.maximum(margin, 1e-20))
     change = (half * change_rate(beam, c, look) + taper * at.inv_sine) * (1 / _CHANGE)
-    # Below sin² = 0.0025 float32 has lost the angle.
-    narrow = 0.0025 * dr.square(at.inv_sine)
+    narrow = NARROW * dr.square(at.inv_sine)
     return boundary, dr.maximum(change, narrow)
 
 

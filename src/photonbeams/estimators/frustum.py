@@ -116,6 +116,36 @@ def chord_integral(beam: Record, ray: Chord, look: BoundLook, points: Points, ca
 
 
 @dr.syntax
+def frustum(
+    radiance: Any,
+    beam: Record,
+    ray: Rays,
+    look: BoundLook,
+    points: Points,
+    blended: bool,
+    span: Any = None,
+) -> Any:
+    """Return `radiance` and a beam's toward a ray.
+
+    With `span`, a pair, only where the ray parameter of the chord's middle, t, has span[0] ≤ t < span[1].
+    """
+    part = chord(beam, ray.origin, ray.direction, ray.t_min, ray.t_max)
+    weight = dr.select(part.valid, Float(1), Float(0))
+    if dr.hint(span is not None, mode="scalar"):
+        middle = dr.fma(part.a + part.b, 0.5, part.t)
+        weight = dr.select((middle >= span[0]) & (middle < span[1]), weight, 0)
+    if dr.hint(blended, mode="scalar"):
+        at = closest_approach(beam, ray.origin, ray.direction)
+        radius = dr.fma(beam.slope, at.along, beam.radius)
+        boundary, change = need(beam, at, radius, look, ray.t_min, ray.t_max, ray.origin, ray.direction)
+        weight *= frustum_weight(boundary, change)
+    if weight > 0:
+        light = chord_integral(beam, part, look, points, ray, weight > 0)
+        radiance = radiance + _unchanging(beam, part, look) * light * weight
+    return radiance
+
+
+@dr.syntax
 def frustum_sum(
     ray: Rays,
     first: Any,
@@ -134,15 +164,6 @@ def frustum_sum(
     i = UInt32(first)
     while i < stop:
         beam = load(packed, number(i), ray.time)
-        part = chord(beam, ray.origin, ray.direction, ray.t_min, ray.t_max)
-        weight = dr.select(part.valid, Float(1), Float(0))
-        if dr.hint(blended, mode="scalar"):
-            at = closest_approach(beam, ray.origin, ray.direction)
-            radius = dr.fma(beam.slope, at.along, beam.radius)
-            boundary, change = need(beam, at, radius, look, ray.t_min, ray.t_max, ray.origin, ray.direction)
-            weight *= frustum_weight(boundary, change)
-        if weight > 0:
-            light = chord_integral(beam, part, look, points, ray, weight > 0)
-            radiance += _unchanging(beam, part, look) * light * weight
+        radiance = frustum(radiance, beam, ray, look, points, blended)
         i += 1
     return radiance

@@ -72,7 +72,7 @@ class Passing:
         Exactly: u² (sin² − k²c²) < sin² R(s)², here times sin². Of a piece of a curve: the cylinder around it.
         """
         if beam.bend is not None:
-            return self.u2_sin2 < self.sin2 * dr.square(beam.widest)
+            return self.u2_sin2 < self.sin2 * dr.square(beam.reaching)
         taper = beam.slope * self.cosine
         radius_sin2 = dr.fma(beam.slope, self.s_sin2, beam.radius * self.sin2)
         return self.u2_sin2 * dr.fma(-taper, taper, self.sin2) < dr.square(radius_sin2)
@@ -271,23 +271,23 @@ def _secant(beam: Record, way: Course, a: Any, b: Any, radius: Any, growth: Any)
 
 def _slab(beam: Record, origin: Any, direction: Any, c: Any, reach: Any) -> tuple[Any, Any]:
     """Return the ray interval between a beam's two ends: planes across the axis, or the plane of its last surface."""
-    low, high = _between(c, reach + beam.begin, reach + beam.stop)
+    low, high = between(c, reach + beam.begin, reach + beam.stop)
     if beam.bend is not None:
         bend = beam.bend
         ends = [(bend.first, bend.first_height)] + ([(-bend.last, -bend.last_height)] if beam.cap is None else [])
         for normal, distance in ends:
             height = distance - (0.0 if origin is None else dr.dot(origin, normal))
-            cut_low, cut_high = _between(dr.dot(direction, normal), height, _HUGE)
+            cut_low, cut_high = between(dr.dot(direction, normal), height, _HUGE)
             low, high = dr.maximum(low, cut_low), dr.minimum(high, cut_high)
     if beam.cap is not None:
         facing = dr.dot(direction, beam.cap)
         height = beam.cap_offset - (0.0 if origin is None else dr.dot(origin, beam.cap))
-        cut_low, cut_high = _between(facing, height, _HUGE)
+        cut_low, cut_high = between(facing, height, _HUGE)
         low, high = dr.maximum(low, cut_low), dr.minimum(high, cut_high)
     return low, high
 
 
-def _between(rate: Any, low: Any, high: Any) -> tuple[Any, Any]:
+def between(rate: Any, low: Any, high: Any) -> tuple[Any, Any]:
     """Return the t for which low ≤ rate · t ≤ high; an empty interval is returned reversed."""
     flat = dr.abs(rate) < 1e-9
     inv = dr.rcp(dr.select(flat, 1, rate))

@@ -13,8 +13,8 @@ import drjit as dr
 from ..beams import Beams
 from ..device import Array3f, Array4f, Float, UInt32
 
-# Shorter beams have no direction that float32 could hold; they carry no visible light.
-_SHORTEST = 1e-12
+#: Shorter beams have no direction that float32 could hold; they carry no visible light.
+SHORTEST = 1e-12
 
 
 @dataclass
@@ -69,8 +69,8 @@ def _at_rest(beams: Beams, origin: Any, shared: bool) -> list[tuple[Any, Any]]:
     start, end = beams.start - origin, beams.end - origin
     axis = end - start
     length = dr.norm(axis)
-    axis = axis * dr.select(length > _SHORTEST, dr.rcp(length), 0)
-    slope = (beams.radius_end - beams.radius_start) * dr.select(length > _SHORTEST, dr.rcp(length), 0)
+    axis = axis * dr.select(length > SHORTEST, dr.rcp(length), 0)
+    slope = (beams.radius_end - beams.radius_start) * dr.select(length > SHORTEST, dr.rcp(length), 0)
     packets = [(axis, beams.radius_start), (start, slope), (beams.power, length)]
     if shared:
         packets.append((dr.cross(axis, start), dr.dot(axis, start)))
@@ -107,7 +107,7 @@ def _power_end(beams: Beams) -> list[tuple[Any, Any]]:
 def _unit(tangent: Any, axis: Any) -> Any:
     """Return tangents of unit length; one of none is the axis."""
     squared = dr.squared_norm(tangent)
-    return dr.select(squared > _SHORTEST, tangent * dr.rsqrt(dr.maximum(squared, _SHORTEST)), axis)
+    return dr.select(squared > SHORTEST, tangent * dr.rsqrt(dr.maximum(squared, SHORTEST)), axis)
 
 
 def _path(beams: Beams, length: Any) -> list[tuple[Any, Any]]:
@@ -197,6 +197,13 @@ class Record:
         """The greater of the radii."""
         return dr.maximum(self.radius, dr.fma(self.slope, self.length, self.radius))
 
+    @property
+    def reaching(self) -> Any:
+        """The greatest radius anywhere: a piece of a curve that grows does so past its end, up to a surface's plane."""
+        if self.cap is None:
+            return self.widest
+        return dr.maximum(self.radius, dr.fma(2 * self.slope, self.length, self.radius))
+
     def light(self, s: Any) -> Any:
         """Return the power at a distance from the start."""
         if self.gain is None:
@@ -220,7 +227,7 @@ def _moved(packets: list[Any], packed: Packed, time: Any) -> Record:
     at = [dr.lerp(first, last, time) for first, last in zip(packets[:half], packets[half:], strict=True)]
     start, end = at[0].xyz, at[1].xyz
     axis = end - start
-    squared = dr.maximum(dr.squared_norm(axis), _SHORTEST * _SHORTEST)
+    squared = dr.maximum(dr.squared_norm(axis), SHORTEST * SHORTEST)
     inv = dr.rsqrt(squared)
     axis *= inv
     record = Record(

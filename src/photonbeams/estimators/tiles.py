@@ -17,6 +17,7 @@ import drjit as dr
 
 from ..beams import Beams
 from ..device import Array2f, Array3f, Array4f, Bool, Float, Int32, UInt32
+from .cones import Cone, around
 
 #: Width and height of a tile in pixels.
 TILE = 16
@@ -105,15 +106,6 @@ class Footprints:
     count: int
 
 
-class _Cone(NamedTuple):
-    """A beam in camera space at one time of the shutter."""
-
-    start: Any
-    end: Any
-    radius_start: Any
-    radius_end: Any
-
-
 def footprints(beams: Beams, view: Projection, close: Beams | None = None) -> Footprints:
     """Project beams to the screen, widened by the lens and by all motion over the shutter.
 
@@ -121,10 +113,10 @@ def footprints(beams: Beams, view: Projection, close: Beams | None = None) -> Fo
     beams at shutter open and at shutter close. So the box around an end's discs at those times, and the hull of both
     ends' boxes, hold the beam at all times.
     """
-    cones = [_cone(each, pose) for pose in view.poses for each in (beams, close) if each is not None]
+    cones = [_posed(each, pose) for pose in view.poses for each in (beams, close) if each is not None]
     near, visible, limit = _nearness(cones, view)
     starts = _Box.around(_clipped(cones, limit, view), view)
-    ends = _Box.around(_clipped([_Cone(b, a, rb, ra) for a, b, ra, rb in cones], limit, view), view)
+    ends = _Box.around(_clipped([Cone(b, a, rb, ra) for a, b, ra, rb in cones], limit, view), view)
     widest = cones[0].radius_start
     for cone in cones:
         widest = dr.maximum(widest, dr.maximum(cone.radius_start, cone.radius_end))
@@ -140,34 +132,12 @@ def footprints(beams: Beams, view: Projection, close: Beams | None = None) -> Fo
     return Footprints(data, len(beams))
 
 
-def _cone(beams: Beams, pose: Pose) -> _Cone:
-    start, end = pose.to_camera(beams.start), pose.to_camera(beams.end)
-    r0, r1 = beams.radius_start, beams.radius_end
-    if beams.start_tangent is not None:
-        return _around_joints(beams, start, end)
-    if beams.end_normal is not None:  # the rim may reach past the end by a radius
-        axis, length = end - start, dr.norm(end - start)
-        axis, slope = axis / length, (r1 - r0) / length
-        end, r1 = end + axis * r1, r1 + dr.maximum(slope, 0) * r1
-    return _Cone(start, end, r0, r1)
+def _posed(beams: Beams, pose: Pose) -> Cone:
+    """Return what holds beams in camera space."""
+    return around(beams, pose.to_camera(beams.start), pose.to_camera(beams.end))
 
 
-def _around_joints(beams: Beams, start: Any, end: Any) -> _Cone:
-    """Return what holds pieces of curves in camera space: their rims may reach past both ends, by a radius at most."""
-    axis = dr.normalize(beams.end - beams.start)
-    in_camera = dr.normalize(end - start)
-    radius = dr.maximum(beams.radius_start, beams.radius_end)
-    reaches = []
-    last = beams.end_tangent if beams.end_normal is None else beams.end_normal
-    for normal, own in ((beams.start_tangent, beams.radius_start), (last, beams.radius_end)):
-        cosine2 = dr.square(dr.dot(axis, normal)) * dr.rcp(dr.maximum(dr.squared_norm(normal), 1e-20))
-        slant = dr.sqrt(dr.maximum(1 - cosine2, 0) * dr.rcp(dr.maximum(cosine2, 1e-6)))
-        # Somewhat more than now: between shutter open and shutter close planes turn against their beams.
-        reaches.append(dr.minimum(own, radius * dr.fma(1.5, slant, 0.05)))
-    return _Cone(start - in_camera * reaches[0], end + in_camera * reaches[1], radius, radius)
-
-
-def _nearness(cones: list[_Cone], view: Projection) -> tuple[Any, Any, Any]:
+def _nearness(cones: list[Cone], view: Projection) -> tuple[Any, Any, Any]:
     """Return which beams are near, which can be seen at all, and the z at which each is clipped.
 
     A disc of radius R about a point c behind the clip plane z = ε is seen, in a picture whose corner lies at the angle
@@ -203,7 +173,7 @@ def _edges(view: Projection) -> tuple[Any, Any]:
     return view.edge_x + lean, view.edge_y + lean
 
 
-def _clipped(cones: list[_Cone], limit: Any, view: Projection) -> list[tuple[Any, Any, Any]]:
+def _clipped(cones: list[Cone], limit: Any, view: Projection) -> list[tuple[Any, Any, Any]]:
     """Return centre, radius and validity of the discs whose hull holds the cones' starts, before the clip plane.
 
     A start behind that plane is replaced by where the lines from it to all other corners of the hull pass the plane.

@@ -1,0 +1,47 @@
+"""Truncated cones that hold beams with all that reaches past their ends: what lists of beams are made by."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import drjit as dr
+
+from ..beams import Beams
+
+
+class Cone(NamedTuple):
+    """Beams at one time of the shutter, in some space."""
+
+    start: Any
+    end: Any
+    radius_start: Any
+    radius_end: Any
+
+
+def around(beams: Beams, start: Any, end: Any) -> Cone:
+    """Return what holds beams, their starts and ends given in a space that is no larger or smaller than the world."""
+    r0, r1 = beams.radius_start, beams.radius_end
+    if beams.start_tangent is not None:
+        return _around_joints(beams, start, end)
+    if beams.end_normal is not None:  # the rim may reach past the end by a radius
+        axis, length = end - start, dr.norm(end - start)
+        axis, slope = axis / length, (r1 - r0) / length
+        end, r1 = end + axis * r1, r1 + dr.maximum(slope, 0) * r1
+    return Cone(start, end, r0, r1)
+
+
+def _around_joints(beams: Beams, start: Any, end: Any) -> Cone:
+    """Return what holds pieces of curves: their rims may reach past both ends, by a radius at most."""
+    axis = dr.normalize(beams.end - beams.start)
+    here = dr.normalize(end - start)
+    radius = dr.maximum(beams.radius_start, beams.radius_end)
+    if beams.end_normal is not None:  # up to a surface's plane a piece goes on to grow, see `Course.fraction`
+        radius = dr.maximum(radius, 2 * beams.radius_end - beams.radius_start)
+    reaches = []
+    last = beams.end_tangent if beams.end_normal is None else beams.end_normal
+    for normal, own in ((beams.start_tangent, beams.radius_start), (last, beams.radius_end)):
+        cosine2 = dr.square(dr.dot(axis, normal)) * dr.rcp(dr.maximum(dr.squared_norm(normal), 1e-20))
+        slant = dr.sqrt(dr.maximum(1 - cosine2, 0) * dr.rcp(dr.maximum(cosine2, 1e-6)))
+        # Somewhat more than now: between shutter open and shutter close planes turn against their beams.
+        reaches.append(dr.minimum(own, radius * dr.fma(1.5, slant, 0.05)))
+    return Cone(start - here * reaches[0], end + here * reaches[1], radius, radius)

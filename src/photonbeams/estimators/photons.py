@@ -1,0 +1,175 @@
+"""Photons on surfaces, and the light that they give to points (Jensen 1996), each by a disc of its own.
+
+    L = Σ Φ · f(ω) · k2(r/R, R),   k2 of Epanechnikov's profile (`looks.across`), ∫ k2 over the disc = 1
+
+Each photon has a radius of its own: a point asks which photons' discs it lies in, not for its nearest ones. So the
+lists are of discs, in the cells that they touch, and a point looks in its own cell alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+import numpy as np
+
+from ..device import Array3f, Array4f, Bool, Float, Int32, UInt32
+from ..looks.across import Epanechnikov
+from .cells import ENTRIES, ROUNDING, Grid, Lists, Sorting
+
+#: A disc's half thickness, in radii, and the least cosine between its normal and that of a point that it lights: what
+#: is farther off, or turned more, is another surface.
+THICKNESS, FACING = 0.25, 0.7
+
+
+@dataclass
+class Photons:
+    """N photons that have met surfaces.
+
+    Attributes
+    ----------
+    position, radius
+        (N, 3) and (N,) the discs' centres and radii.
+    normal
+        (N, 3) of unit length, on the side that the light came from.
+    direction
+        (N, 3) of unit length, in which the light went.
+    power
+        (N, 3) flux.
+    """
+
+    position: Any
+    radius: Any
+    normal: Any
+    direction: Any
+    power: Any
+
+    def __len__(self) -> int:
+        """Return the number of photons."""
+        return int(dr.width(self.position))
+
+
+class PhotonMap:
+    """Photons in a grid: `radiance` asks it."""
+
+    def __init__(self, photons: Photons) -> None:
+        self._profile = Epanechnikov()
+        self._lists: Lists | None = None
+        count = len(photons)
+        if count == 0:
+            return
+        self._data = dr.zeros(Float, count * 16)
+        packets = [(photons.position, photons.radius), (photons.normal, 0), (photons.direction, 0), (photons.power, 0)]
+        for number, (vector, scalar) in enumerate(packets):
+            packet = Array4f(vector.x, vector.y, vector.z, scalar)
+            dr.scatter(self._data, packet, dr.arange(UInt32, count) * 4 + number)
+        dr.eval(self._data)
+        self._grid = _grid(photons)
+        sorting = Sorting(self._grid.cells, self._visit, 0, count)
+        self._lists = sorting.lists()
+
+    def _visit(self, item: Any, lane: Any, entry: Any) -> None:
+        _cells_of(item, lane, self._data, self._grid, entry)
+
+    def radiance(self, position: Any, normal: Any, reflect: Callable[[Any], Any], active: Any = True) -> Any:
+        """Return what points reflect of the photons whose discs they lie in, (M, 3).
+
+        Parameters
+        ----------
+        position, normal
+            (M, 3) the points, and the surface's normals there, of unit length.
+        reflect
+            Returns the share of light (Array3f) that is reflected, for the direction that it comes from (unit length,
+            away from the surface): a BSDF's value without the cosine. It is traced into the kernel.
+        active
+            (M,) which points ask at all.
+        """
+        count = dr.width(position)
+        if self._lists is None:
+            return dr.zeros(Array3f, count)
+        active = dr.full(Bool, True, count) & active
+        place = self._grid.local(position)
+        cell = [self._grid.index(place[axis], axis) for axis in range(3)]
+        for axis in range(3):
+            active &= (place[axis] >= 0) & (place[axis] <= Float(self._grid.counts[axis]))
+        first, stop = self._lists.of(self._grid.number(*cell), active)
+        return _sum(first, stop, self._lists.items, self._data, self._profile, position, normal, reflect)
+
+
+def _grid(photons: Photons) -> Grid:
+    """Return the grid for the photons.
+
+    In cells of two radii a disc lies in four to eight; a point then tests (2 + 2)² / π discs for each that it lies in.
+    Half of that size doubles the entries and halves the tests: but entries cost more, and photons are no fewer than
+    points.
+    """
+    low, high = (
+        np.array([float(value(axis)[0]) for axis in photons.position + sign * photons.radius])
+        for value, sign in ((dr.min, -1), (dr.max, 1))
+    )
+    rounding = ROUNDING * float(max(np.abs(low).max(), np.abs(high).max()))
+    low, high = low - rounding, high + rounding
+    sums = [float(dr.sum(photons.radius**power)[0]) for power in range(4)]
+    count = len(photons)
+    size = max(2 * np.sqrt(sums[2] / count), 8 * rounding)
+    # Cells that a disc touches: as for beams, by its volume, its surface and its width.
+    while (
+        2 * np.pi * THICKNESS * sums[3] / size**3
+        + 1.5 * np.pi * (1 + 2 * THICKNESS) * sums[2] / size**2
+        + 1.5 * (np.pi + 2 * THICKNESS) * sums[1] / size
+        + count
+    ) > max(ENTRIES, 2 * count):
+        size *= 1.25
+    return Grid.of(low, high, size, rounding)
+
+
+@dr.syntax
+def _cells_of(item: Any, lane: Any, data: Any, grid: Grid, entry: Any) -> None:
+    """Visit the cells that a photon's disc may lie in: of those around it the ones near its centre and its plane."""
+    place, normal = dr.gather(Array4f, data, item * 4), dr.gather(Array4f, data, item * 4 + 1).xyz
+    centre, radius = grid.local(place.xyz), place.w * grid.inv
+    # A disc of this thickness lies in its ball, and in the box of its rim and its thickness.
+    flat = dr.sqrt(dr.maximum(1 - normal * normal, 0)) + THICKNESS * dr.abs(normal)
+    half = dr.minimum(flat, 1) * radius + grid.margin
+    x0, last_x = grid.span(centre.x - half.x, centre.x + half.x, 0)
+    y0, last_y = grid.span(centre.y - half.y, centre.y + half.y, 1)
+    z, last_z = grid.span(centre.z - half.z, centre.z + half.z, 2)
+    # Half of a cell's extent along the normal.
+    above = dr.fma(radius, THICKNESS, grid.margin) + 0.5 * dr.sum(dr.abs(normal))
+    reach2 = dr.square(radius + grid.margin)
+    while z <= last_z:
+        y = Int32(y0)
+        while y <= last_y:
+            x = Int32(x0)
+            while x <= last_x:
+                middle = Array3f(Float(x), Float(y), Float(z)) + 0.5 - centre
+                nearest = dr.maximum(dr.abs(middle) - 0.5, 0)
+                near = (dr.squared_norm(nearest) <= reach2) & (dr.abs(dr.dot(middle, normal)) <= above)
+                entry(grid.number(x, y, z), item, lane, near)
+                x += 1
+            y += 1
+        z += 1
+
+
+@dr.syntax
+def _sum(
+    first: Any, stop: Any, items: Any, data: Any, profile: Epanechnikov, position: Any, normal: Any, reflect: Any
+) -> Any:
+    """Return the sum over the photons of each lane's list, of those whose discs the lane's point lies in."""
+    radiance = Array3f(0)
+    i = UInt32(first)
+    while i < stop:
+        base = dr.gather(UInt32, items, i) * 4
+        place, up = dr.gather(Array4f, data, base), dr.gather(Array4f, data, base + 1).xyz
+        offset = position - place.xyz
+        inv_radius = dr.rcp(place.w)
+        rho2 = dr.squared_norm(offset) * dr.square(inv_radius)
+        flat = dr.abs(dr.dot(offset, up)) < THICKNESS * place.w
+        if (rho2 < 1) & flat & (dr.dot(normal, up) > FACING):
+            direction, power = (dr.gather(Array4f, data, base + packet).xyz for packet in (2, 3))
+            kernel = profile.density(rho2) * dr.square(inv_radius)
+            radiance += power * reflect(-direction) * kernel
+        i += 1
+    return radiance
