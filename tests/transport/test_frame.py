@@ -227,5 +227,5 @@ def test_light_that_is_scattered_by_nothing_is_a_plain_picture():
 def test_kernels_do_not_leave_derivatives_on():
     scene = load(fog=cube_of(fog(0.5)), light=LAMP, sensor=camera())
     frame = Frame(scene, scene.sensors()[0], Settings(paths=64))
-    for each in frame.simulated(0).values():
+    for each in frame.simulated(0)[0].values():
         assert not dr.grad_enabled(each.beams.start, each.beams.radius_end)

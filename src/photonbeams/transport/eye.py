@@ -96,7 +96,7 @@ def begin(looking: Looking, primary: Primary, order: UInt32, otherwise: Any) -> 
 
 
 def follow(looking: Looking, sight: Sight, samples: Samples, lit: Any) -> Iterator[tuple[Sight, Seen]]:
-    """Yield camera paths and what they see, step by step; `lit(hit, direction, active)` are photons on surfaces."""
+    """Yield camera paths and what they see, step by step; `lit(hit, events, active)` is the light of photons."""
     step = 0
     while step < _STEPS:
         seen, following = _step(looking, sight, samples, dr.opaque(UInt32, step), lit)
@@ -129,7 +129,7 @@ def _step(looking: Looking, sight: Sight, samples: Samples, step: UInt32, lit: A
     smooth = met & mi.has_flag(flags, mi.BSDFFlags.Smooth) & _within(looking, sight.events, 2)
     if looking.surfaces:
         own = direct(plugin, volumes, hit, sight.medium, sight.order, samples, step, smooth)
-        seen.radiance += own + lit(hit, smooth)
+        seen.radiance += own + lit(hit, sight.events, smooth)
     seen.radiance = dr.select(alive, seen.radiance * throughput, 0)
     visible = mi.has_flag(flags, mi.BSDFFlags.Smooth) | mi.has_flag(flags, mi.BSDFFlags.Delta)
     seen.solid = met & (visible | ~mi.has_flag(flags, mi.BSDFFlags.Null))

@@ -18,11 +18,10 @@ from .. import scene
 from ..arrays import to_float
 from ..beams import Beams
 from ..device import Array3f, Bool, Float, UInt32, mitsuba
-from ..estimators.estimate import DEFAULT_RULE, ENDLESS, bind, check_estimator, sum_over_all
+from ..estimators.estimate import DEFAULT_RULE, ENDLESS, check_estimator, estimate_rays
 from ..estimators.geometry import Rays
 from ..estimators.image import PixelRays, estimate_image
 from ..estimators.points import Points
-from ..estimators.records import pack
 from ..quadrature import Rule
 from ..render.frame import OVERLAP, Statistics, subpixel
 from ..simulation.sampling import z_order
@@ -30,6 +29,7 @@ from . import eye, paths
 from .beams import Lit, lit
 from .emission import Emitters
 from .footprints import Limits
+from .photons import Arrived, translucent
 from .samples import Samples
 from .sensors import Primary, Sensor
 from .tracking import Track
@@ -116,7 +116,7 @@ class Frame:
         low, high = (np.ravel(np.asarray(each, dtype=float)) for each in (plugin.bbox().min, plugin.bbox().max))
         size = float(np.linalg.norm(high - low) / 2) if np.all(np.isfinite(high - low)) else 1.0
         self._radius = size or 1.0
-        self._points = Points(settings.rule)
+        self._points, self._translucent = Points(settings.rule), translucent(plugin)
         self._sums = Sums(self.sensor)
 
     def add_pass(self, number: int) -> None:
@@ -124,7 +124,9 @@ class Frame:
         settings, statistics = self.settings, self.statistics
         samples = Samples(settings.seed, number, 1 << 16)
         with statistics.phase("trace"):
-            sets = self.simulated(number)
+            sets, landed, limits = self.simulated(number)
+            most = None if settings.max_depth is None else settings.max_depth - 2
+            arrived = Arrived(landed, limits, most, self._translucent)
         statistics.beams += sum(len(each.beams) for each in sets.values())
         looking = eye.Looking(
             self._plugin, self._volumes, settings.max_depth, settings.rr_depth, settings.hide_emitters,
@@ -134,7 +136,7 @@ class Frame:
         primary = self.sensor.rays(offset, self._sums.order, samples)
         sight = eye.begin(looking, primary, self._sums.order, self._otherwise)
         picture = Picture(self.sensor.width * self.sensor.height)
-        steps = eye.follow(looking, sight, samples, lambda hit, active: Array3f(0))
+        steps = eye.follow(looking, sight, samples, arrived)
         while True:
             with statistics.phase("surfaces"):
                 following = next(steps, None)
@@ -167,8 +169,8 @@ class Frame:
         self._sums.restore(state)
         self.statistics.passes = int(state["passes"])
 
-    def simulated(self, number: int) -> dict[int, Lit]:
-        """Return the beams of pass `number`, by the numbers of media."""
+    def simulated(self, number: int) -> tuple[dict[int, Lit], list[paths.Landed], Limits]:
+        """Return the beams of pass `number`, by the numbers of media, its photons on surfaces, and bounds of radii."""
         settings = self.settings
         shrunk = float(np.prod([(i + settings.alpha) / (i + 1) for i in range(1, number + 1)]))
         low = settings.radius or settings.min_radius or FLOOR * self._radius
@@ -182,17 +184,14 @@ class Frame:
         )  # fmt: skip
         emitted = self._emitters.emit(settings.paths, number)
         first = dr.opaque(UInt32, (number * settings.paths) & 0xFFFFFFFF)
-        steps = paths.trace(
-            tracing,
-            paths.begin(tracing, emitted, self._otherwise),
-            dr.opaque(UInt32, settings.seed & 0xFFFFFFFF),
-            first,
-        )
+        begun = paths.begin(tracing, emitted, self._otherwise)
+        steps = list(paths.trace(tracing, begun, dr.opaque(UInt32, settings.seed & 0xFFFFFFFF), first))
         segments = [each for each, _ in steps if each is not None]
         found = {volume.number: lit(volume, segments, limits) for volume in self._volumes.all}
         result = {own: each for own, each in found.items() if each is not None}
         dr.eval(result)
-        return result
+        landed = [each for _, each in steps if each is not None] if settings.surfaces else []
+        return result, landed, limits
 
     def _gather(
         self, volume: Volume, light: Lit, primary: Primary, sight: eye.Sight, seen: eye.Seen, picture: Picture
@@ -250,9 +249,9 @@ class Frame:
             way = volume.way(origin, direction, rays.t_min, far, dr.gather(UInt32, seen.seed, index))
             volume.tracked.track = Track(way, volume.extinction, dr.full(Bool, True, len(index)))
         dr.eval(rays.origin, rays.direction, rays.t_max, rays.t_min)
-        bound = bind(volume.look, beams, None, volume.medium)
-        packed = pack(beams, Array3f(0), shared=False, identity=bound.of_beams)
-        radiance = sum_over_all(packed, rays, bound, self.settings.estimator, self._points)
+        radiance = estimate_rays(
+            beams, rays, look=volume.look, medium=volume.medium, estimator=self.settings.estimator, points=self._points
+        )
         self.statistics.tests += len(beams) * len(index)
         throughput, pixel = dr.gather(Array3f, sight.throughput, index), dr.gather(UInt32, sight.pixel, index)
         dr.scatter_add(picture.beams, radiance * throughput, pixel)  # a pixel has one path, so there is no race

@@ -27,6 +27,9 @@ mi = mitsuba()
 # Names of samples in seeds.
 _FLIGHT, _LOBE, _TURN, _ROULETTE = 1, 2, 3, 4
 
+# Factor on the radius of photons on surfaces that arrive there at random: see `_landed`.
+_DOZEN = 3.0
+
 _SAME = 0xFFFFFFFF  # stands for the medium that a path is in already
 
 # After so many events photon differentials are carried no further: what is still sharp then is faint.
@@ -404,6 +407,7 @@ def _landed(paths: Paths, event: _Event, across: Width) -> Landed:
     result.normal = Array3f(event.hit.n)
     # On a slant the footprint is longer by 1 / cos, and its area with it.
     cosine = dr.maximum(dr.abs(dr.dot(result.normal, paths.direction)), 0.05)
-    result.radius = across(event.way) * dr.rsqrt(cosine)
+    # Photons that arrive at random should overlap more than lines do, of which a ray meets many: a dozen a place.
+    result.radius = across(event.way) * dr.rsqrt(cosine) * dr.select(paths.coherent, Float(1), Float(_DOZEN))
     result.flux, result.events = paths.flux * event.weight, paths.events
     return result
