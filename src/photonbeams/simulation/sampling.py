@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import drjit as dr
 import numpy as np
+import numpy.typing as npt
 from scipy.stats import qmc
 
 from ..arrays import to_float
@@ -20,8 +21,8 @@ mi = mitsuba()
 _BELOW_ONE = float(np.nextafter(np.float32(1), np.float32(0)))
 
 
-def sobol_block(count: int, block: int, key: tuple[int, ...]) -> tuple[Array2f, Array2f]:
-    """Return points [block·count, (block + 1)·count) of the scrambled 4D Sobol sequence that `key` names, as two pairs.
+def sobol_points(count: int, block: int, key: tuple[int, ...]) -> npt.NDArray[np.float32]:
+    """Return points [block·count, (block + 1)·count) of the scrambled 4D Sobol sequence that `key` names, (count, 4).
 
     Consecutive blocks continue one sequence, so passes stratify each other; skipping ahead costs about 2 ns a point.
     """
@@ -32,7 +33,17 @@ def sobol_block(count: int, block: int, key: tuple[int, ...]) -> tuple[Array2f, 
     else:  # alone, or SciPy warns of counts that are no power of two
         parts.append(sequence.random(1))
     points = np.concatenate([*parts, sequence.random(count - sum(map(len, parts)))]).astype(np.float32)
-    columns = [to_float(column) for column in np.minimum(points, np.float32(_BELOW_ONE)).T]
+    return np.minimum(points, np.float32(_BELOW_ONE))
+
+
+def sobol_block(count: int, block: int, key: tuple[int, ...]) -> tuple[Array2f, Array2f]:
+    """Return such points as two pairs."""
+    return pairs(sobol_points(count, block, key))
+
+
+def pairs(points: npt.NDArray[np.float32]) -> tuple[Array2f, Array2f]:
+    """Return points (N, 4) as two pairs."""
+    columns = [to_float(column) for column in points.T]
     return Array2f(columns[0], columns[1]), Array2f(columns[2], columns[3])
 
 

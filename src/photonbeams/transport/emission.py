@@ -7,14 +7,17 @@ direction by these four numbers, by forward-mode differentiation; `paths` carrie
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import drjit as dr
 import numpy as np
 
+from ..arrays import to_float
 from ..device import Array2f, Array3f, Float, UInt32, mitsuba
-from ..simulation.sampling import sobol_block
+from ..simulation.sampling import pairs, sobol_block, sobol_points
+from .guiding import PILOT, Guide, Numbers, learn
 
 mi = mitsuba()
 
@@ -94,6 +97,7 @@ class Emitters:
         self.power = np.sum(fluxes, axis=0) if fluxes else np.zeros(3)
         shares = np.where(power > 0, np.maximum(power / max(power.sum(), 1e-30), _LEAST), 0)
         self._shares = shares / max(shares.sum(), 1e-30)
+        self._guides: dict[int, Guide | None] = {}
 
     def _flux(self, number: int) -> np.ndarray:
         u, v = sobol_block(_PILOT, 0, (_PILOT, number))
@@ -106,6 +110,36 @@ class Emitters:
         """Return Mitsuba's ray from an emitter and its weight."""
         return self._plugins[number].sample_ray(Float(0), Float(0.5), u, v, True)
 
+    def learn(self, importance: Callable[[list[Emitted]], Numbers]) -> None:
+        """Guide emission toward what is seen.
+
+        Parameters
+        ----------
+        importance
+            Returns for light paths of a pilot pass how much of their light is seen, (N,), in their order.
+        """
+        pilot = [
+            self._emit(number, max(round(share * PILOT), 1), 0, pilot=True) if share > 0 else None
+            for number, share in enumerate(self._shares)
+        ]
+        emitted = [each for each in pilot if each is not None]
+        if not emitted:
+            return
+        seen = importance(emitted)
+        sums = np.zeros(len(self._shares))
+        first = 0
+        for number, each in enumerate(pilot):
+            if each is not None:
+                count = dr.width(each.origin)
+                own = seen[first : first + count]
+                sums[number], first = own.sum(), first + count
+                self._guides[number] = learn(self._points(number, count, 0, pilot=True), own)
+        if sums.sum() > 0:  # as much of what is seen as of what there is
+            self._shares = 0.5 * self._shares + 0.5 * sums / sums.sum()
+
+    def _points(self, number: int, count: int, block: int, pilot: bool = False) -> Numbers:
+        return sobol_points(count, block, (self._seed & 0xFFFFFFFF, number, *((1,) if pilot else ())))
+
     def emit(self, count: int, block: int) -> list[Emitted]:
         """Return about `count` light paths of pass `block`, by emitters."""
         result = []
@@ -115,25 +149,39 @@ class Emitters:
                 result.append(self._emit(number, max(own, 1), block))
         return result
 
-    def _emit(self, number: int, count: int, block: int) -> Emitted:
-        u, v = sobol_block(count, block, (self._seed & 0xFFFFFFFF, number))
+    def _emit(self, number: int, count: int, block: int, pilot: bool = False) -> Emitted:
+        points = self._points(number, count, block, pilot)
+        guide = None if pilot else self._guides.get(number)
+        stretch = np.ones((count, 4), dtype=np.float32)
+        if guide is not None:
+            points, stretch = guide(points)
+        u, v = pairs(points)
+        tangents = self._tangents(number, u, v, pairs(stretch))
+        ray, weight = self._sample(number, mi.Point2f(u), mi.Point2f(v))
+        nothing = dr.zeros(Array3f, count)
+        flux = Array3f(weight) * to_float(np.prod(stretch, axis=1) / count) + nothing
+        valid = dr.isfinite(dr.sum(flux)) & (dr.min(flux) >= 0)
+        result = Emitted(
+            Array3f(ray.o) + nothing, Array3f(ray.d) + nothing, dr.select(valid, flux, 0), tangents,
+            dr.full(Float, count, count),
+        )  # fmt: skip
+        dr.eval(result.origin, result.direction, result.flux, result.tangents, result.count)
+        return result
+
+    def _tangents(self, number: int, u: Array2f, v: Array2f, stretch: tuple[Array2f, Array2f]) -> Tangents:
+        """Return the derivatives of rays by the four numbers, before a guide stretched them."""
+        count = dr.width(u)
         lane, which = copies(count)
         inputs = [mi.Point2f(dr.gather(Array2f, each, lane)) for each in (u, v)]
+        scales = [dr.gather(Array2f, each, lane) for each in stretch]
         dr.enable_grad(inputs)
-        units = [mi.Point2f(Float(which == 2 * k), Float(which == 2 * k + 1)) for k in (0, 1)]
+        units = [
+            mi.Point2f(dr.select(which == 2 * k, scale.x, 0), dr.select(which == 2 * k + 1, scale.y, 0))
+            for k, scale in enumerate(scales)
+        ]
         with dr.resume_grad():
             ray, _ = self._sample(number, *inputs)
             shift, turn = differentiate(inputs, [ray.o, ray.d], units)
         shift, turn = (Array3f(each) + dr.zeros(Array3f, 4 * count) for each in (shift, turn))
         dr.eval(shift, turn)
-        tangents = of_copies(shift, turn, count)
-        ray, weight = self._sample(number, mi.Point2f(u), mi.Point2f(v))
-        nothing = dr.zeros(Array3f, count)
-        flux = Array3f(weight) * dr.rcp(dr.opaque(Float, count)) + nothing
-        valid = dr.isfinite(dr.sum(flux)) & (dr.min(flux) >= 0)
-        result = Emitted(
-            Array3f(ray.o) + nothing, Array3f(ray.d) + nothing,
-            dr.select(valid, flux, 0), tangents, dr.full(Float, count, count),
-        )  # fmt: skip
-        dr.eval(result.origin, result.direction, result.flux, result.tangents, result.count)
-        return result
+        return of_copies(shift, turn, count)

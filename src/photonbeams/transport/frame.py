@@ -27,8 +27,9 @@ from ..render.frame import OVERLAP, Statistics, subpixel
 from ..simulation.sampling import z_order
 from . import eye, paths
 from .beams import Lit, lit
-from .emission import Emitters
+from .emission import Emitted, Emitters
 from .footprints import Limits
+from .guiding import Watch
 from .photons import Arrived, translucent
 from .samples import Samples
 from .sensors import Primary, Sensor
@@ -63,6 +64,8 @@ class Settings:
         Width of beams in spacings of their neighbours.
     alpha
         How fast radii shrink; 1 is not at all.
+    guiding
+        Whether a pilot pass learns where light comes from that the camera sees, to send more light paths from there.
     short
         Whether beams end at their path's next event, instead of the next surface.
     estimator, rule
@@ -83,6 +86,7 @@ class Settings:
     max_radius: float | None = None
     overlap: float = OVERLAP
     alpha: float = 0.7
+    guiding: bool = True
     short: bool = False
     estimator: str = "auto"
     rule: Rule = DEFAULT_RULE
@@ -116,6 +120,9 @@ class Frame:
         low, high = (np.ravel(np.asarray(each, dtype=float)) for each in (plugin.bbox().min, plugin.bbox().max))
         size = float(np.linalg.norm(high - low) / 2) if np.all(np.isfinite(high - low)) else 1.0
         self._radius = size or 1.0
+        if settings.guiding and self.sensor.view is not None:
+            with self.statistics.phase("guide"):
+                self._emitters.learn(self._importance)
         self._points, self._translucent = Points(settings.rule), translucent(plugin)
         self._sums = Sums(self.sensor)
 
@@ -169,6 +176,28 @@ class Frame:
         self._sums.restore(state)
         self.statistics.passes = int(state["passes"])
 
+    def _importance(self, emitted: list[Emitted]) -> np.ndarray:
+        """Return how much of light paths is seen."""
+        assert self.sensor.view is not None
+        watch = Watch(self._plugin, self._volumes, self.sensor.view.projection)
+        tracing = self._tracing()
+        count = sum(dr.width(each.origin) for each in emitted)
+        result = np.zeros(count)
+        begun = paths.begin(tracing, emitted, self._otherwise)
+        for segments, landed in paths.trace(tracing, begun, dr.opaque(UInt32, 1), dr.opaque(UInt32, 0)):
+            result += watch.importance(segments, landed if self.settings.surfaces else None, count)
+        return result
+
+    def _tracing(self) -> paths.Tracing:
+        """Return how light paths are traced."""
+        settings = self.settings
+        densest = max((max(each.medium.extinction) for each in self._volumes.all), default=0.0)
+        most = None if settings.max_depth is None else settings.max_depth - 2
+        return paths.Tracing(
+            self._plugin, self._volumes, most, settings.rr_depth, settings.overlap,
+            min(self._radius, 1 / max(densest, 1e-12)), ESCAPE * self._radius, settings.short,
+        )  # fmt: skip
+
     def simulated(self, number: int) -> tuple[dict[int, Lit], list[paths.Landed], Limits]:
         """Return the beams of pass `number`, by the numbers of media, its photons on surfaces, and bounds of radii."""
         settings = self.settings
@@ -176,12 +205,7 @@ class Frame:
         low = settings.radius or settings.min_radius or FLOOR * self._radius
         high = settings.radius or settings.max_radius or max(CEILING * self._radius, low)
         limits = Limits(*(dr.opaque(Float, each) for each in (low, high, shrunk)))
-        densest = max((max(each.medium.extinction) for each in self._volumes.all), default=0.0)
-        most = None if settings.max_depth is None else settings.max_depth - 2
-        tracing = paths.Tracing(
-            self._plugin, self._volumes, most, settings.rr_depth, settings.overlap,
-            min(self._radius, 1 / max(densest, 1e-12)), ESCAPE * self._radius, settings.short,
-        )  # fmt: skip
+        tracing = self._tracing()
         emitted = self._emitters.emit(settings.paths, number)
         first = dr.opaque(UInt32, (number * settings.paths) & 0xFFFFFFFF)
         begun = paths.begin(tracing, emitted, self._otherwise)

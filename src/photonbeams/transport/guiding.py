@@ -83,10 +83,11 @@ def learn(points: Numbers, importance: Numbers) -> Guide | None:
     np.add.at(density, tuple(bins), importance)
     # A bin's neighbours may be seen as well, though the pilot has not hit what is seen of them.
     wide = maximum_filter(density, size=3, mode="nearest")
-    if np.count_nonzero(wide) > _ENOUGH * wide.size:
+    # Of many bins with few paths each, single counts are chance: the spread between them is tamed.
+    density = np.sqrt(wide)
+    if density.sum() ** 2 > _ENOUGH * density.size * (density**2).sum():
         return None
-    # Of many bins with few paths each, single counts are chance: the spread of a path is tamed.
-    return Guide(np.sqrt(wide))
+    return Guide(density)
 
 
 class Watch:

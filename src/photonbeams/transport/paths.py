@@ -87,7 +87,7 @@ class Landed:
 
     DRJIT_STRUCT: ClassVar[dict[str, Any]] = {
         "position": Array3f, "normal": Array3f, "direction": Array3f, "flux": Array3f, "radius": Float,
-        "events": UInt32,
+        "events": UInt32, "number": UInt32,
     }  # fmt: skip
 
     position: Any
@@ -96,6 +96,7 @@ class Landed:
     flux: Any
     radius: Any
     events: Any
+    number: Any
 
 
 @dataclass(frozen=True)
@@ -409,5 +410,5 @@ def _landed(paths: Paths, event: _Event, across: Width) -> Landed:
     cosine = dr.maximum(dr.abs(dr.dot(result.normal, paths.direction)), 0.05)
     # Photons that arrive at random should overlap more than lines do, of which a ray meets many: a dozen a place.
     result.radius = across(event.way) * dr.rsqrt(cosine) * dr.select(paths.coherent, Float(1), Float(_DOZEN))
-    result.flux, result.events = paths.flux * event.weight, paths.events
+    result.flux, result.events, result.number = paths.flux * event.weight, paths.events, paths.number
     return result
