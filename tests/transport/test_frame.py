@@ -209,11 +209,11 @@ def test_the_error_is_told_by_the_passes():
 
 
 def test_a_second_picture_compiles_nothing():
-    # Of another light, from another place, with other samples; so many that all that may happen has happened once.
-    for number in range(3):
-        light = {**LAMP, "center": [-2.0, 1.5, 0.1 * number]}
-        scene = load(fog=cube_of(fog(0.5)), light=light, sensor=camera((0, 0.1 * number, 4)))
-        frame = render(scene, scene.sensors()[0], Settings(passes=2, paths=16384 + number, seed=number))
+    # From another place, with other samples. Mitsuba itself puts numbers of its plug-ins into kernels (a sphere's
+    # centre, a medium's scale); with these at rest there is nothing new, once rare things have happened.
+    for number in range(4):
+        scene = load(fog=cube_of(fog(0.5)), light=LAMP, sensor=camera((0, 0.1 * number, 4)))
+        frame = render(scene, scene.sensors()[0], Settings(passes=3, paths=16384 + number, seed=number))
     assert frame.statistics.kernels_compiled == 0
 
 

@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 
 import drjit as dr
 
-from ..arrays import compressed, joined, taken
+from ..arrays import compressed, joined
 from ..device import Array3f, Bool, Float, UInt32, mitsuba
 from ..hashing import hash32, unit_float
 from ..simulation.sampling import pixel_sample
@@ -173,7 +173,7 @@ def _kept(mask: Bool, value: Any) -> Any:
     if not kept:
         return None
     if dr.width(kept[0].flux) == 1:
-        twice = taken(kept[0], dr.zeros(UInt32, 2))
+        twice = joined([kept[0], kept[0]])
         twice.flux = twice.flux * Float(dr.arange(UInt32, 2) == dr.opaque(UInt32, 0))
         dr.eval(twice)
         return twice
