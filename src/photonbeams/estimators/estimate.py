@@ -10,9 +10,10 @@ import numpy as np
 from ..arrays import to_float, to_vectors
 from ..beams import Beams
 from ..device import Array3f, Bool, Float, UInt32
-from ..looks import BoundLook, Context, Look
+from ..looks import BoundLook, Context, Fog, Look
 from ..quadrature import Rule, gauss_legendre
 from ..scene import Medium
+from . import gradients
 from .billboard import billboard_sum
 from .frustum import frustum_sum
 from .geometry import Rays
@@ -39,7 +40,7 @@ def estimate(
     t_max: Any = None,
     *,
     look: Look | None = None,
-    medium: Medium | None = None,
+    medium: Medium | Fog | None = None,
     estimator: str = "auto",
     rule: Rule = DEFAULT_RULE,
     t_min: Any = None,
@@ -72,7 +73,7 @@ def estimate(
     Returns
     -------
     Array3f
-        (N) radiances.
+        (N) radiances; with derivatives, where arrays of the beams, of a `Fog` or of the look have gradients enabled.
 
     Raises
     ------
@@ -92,7 +93,7 @@ def estimate_rays(
     rays: Rays,
     *,
     look: Look,
-    medium: Medium | None,
+    medium: Medium | Fog | None,
     estimator: str = "auto",
     points: Points,
     close: Beams | None = None,
@@ -100,22 +101,29 @@ def estimate_rays(
 ) -> Any:
     """Return the radiance of beams toward rays, (N,) each, of which each has its own origin, t_min and t_max.
 
-    By a grid, unless there are few of either: the same numbers, to float32 rounding.
+    By a grid, unless there are few of either: the same numbers, to float32 rounding. Where beams, fog or look are
+    attached to the AD graph, so is the result.
     """
     check_estimator(estimator)
     check_motion(beams, close, rays.time)
     count = dr.width(rays.direction)
     if len(beams) == 0 or count == 0:
         return dr.zeros(Array3f, count)
-    bound = bind(look, beams, close, medium, context)
+    with dr.suspend_grad():
+        bound = bind(look, beams, close, medium, context)
+        packed = pack(beams, Array3f(0), shared=False, close=close, identity=bound.of_beams)
+        if len(beams) * count > MOST_PAIRS:
+            result = sum_over_grid(beams, close, packed, rays, bound, estimator, points)
+        else:
+            result = sum_over_all(packed, rays, bound, estimator, points)
+    if not (bound.attached or dr.grad_enabled([each for each in (beams, close) if each is not None])):
+        return result
     packed = pack(beams, Array3f(0), shared=False, close=close, identity=bound.of_beams)
-    if len(beams) * count > MOST_PAIRS:
-        return sum_over_grid(beams, close, packed, rays, bound, estimator, points)
-    return sum_over_all(packed, rays, bound, estimator, points)
+    return dr.replace_grad(result, gradients.radiance(packed, rays, bound, count))
 
 
 def bind(
-    look: Look, beams: Beams, close: Beams | None, medium: Medium | None, context: Context | None = None
+    look: Look, beams: Beams, close: Beams | None, medium: Medium | Fog | None, context: Context | None = None
 ) -> BoundLook:
     """Return a look in a medium, for these beams."""
     ends = [each for state in (beams, close) if state is not None for each in (state.start, state.end)]

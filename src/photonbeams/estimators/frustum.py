@@ -77,7 +77,7 @@ def integrand(beam: Record, ray: Chord, tau: Any, look: BoundLook, camera: Rays)
     return light * (look.profile.density(rho2) * inv)
 
 
-def _unchanging(beam: Record, ray: Chord, look: BoundLook) -> Any:
+def unchanging(beam: Record, ray: Chord, look: BoundLook) -> Any:
     """Return Φ · angle, or what of it does not change along the beam."""
     power = beam.power if beam.gain is None else Array3f(1)
     return power if ray.course is not None else power * look.turned(-ray.cosine, beam)
@@ -141,7 +141,7 @@ def frustum(
         weight *= frustum_weight(boundary, change)
     if weight > 0:
         light = chord_integral(beam, part, look, points, ray, weight > 0)
-        radiance = radiance + _unchanging(beam, part, look) * light * weight
+        radiance = radiance + unchanging(beam, part, look) * light * weight
     return radiance
 
 

@@ -146,10 +146,14 @@ class Fade(ColorRamp):
 class Texture(Factor):
     """A one-dimensional colour texture along the beam: `pixels` (M, 3), or an image (H, W, 3) whose rows are averaged.
 
-    The first column lies at `begin`, the last at `end`.
+    The first column lies at `begin`, the last at `end`. An `Array3f` of pixels may have gradients enabled.
     """
 
-    def __init__(self, pixels: npt.ArrayLike, begin: float = 0.0, end: float = 1.0, space: Space = "fraction") -> None:
+    def __init__(self, pixels: Any, begin: float = 0.0, end: float = 1.0, space: Space = "fraction") -> None:
+        self._interval = _Interval(begin, end, space)
+        if dr.is_jit_v(pixels):
+            self._table = Table(pixels)
+            return
         numbers = np.asarray(pixels, dtype=np.float64)
         if numbers.ndim == 3:
             numbers = numbers.mean(axis=0)
@@ -157,7 +161,6 @@ class Texture(Factor):
             raise ValueError(f"a texture along the beam has shape {numbers.shape}: expected finite colours, (M, 3)")
         row = np.broadcast_to(numbers, (len(numbers), 3))
         self._table = Table(row if len(row) > 1 else np.repeat(row, 2, axis=0))
-        self._interval = _Interval(begin, end, space)
 
     def evaluate(self, at: At) -> Any:
         """Return the texture's colour."""

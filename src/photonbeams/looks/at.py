@@ -37,7 +37,10 @@ OF_RADII = frozenset({"radius", "rho2"})
 
 
 class Fog:
-    """The coefficients of a `Medium` as opaque Dr.Jit values."""
+    """The coefficients of a `Medium` as opaque Dr.Jit values, whose gradients may be enabled.
+
+    `extinction` and `scattering` per channel and scene unit, `anisotropy` of the phase function.
+    """
 
     def __init__(self, medium: Medium) -> None:
         self.extinction = dr.opaque(Array3f, list(medium.extinction))

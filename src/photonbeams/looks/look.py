@@ -78,7 +78,7 @@ class Look:
 
     def bind(
         self,
-        medium: Medium | None,
+        medium: Medium | Fog | None,
         reach: float,
         context: Context | None = None,
         box: Box = ((-1.0,) * 3, (1.0,) * 3),
@@ -92,7 +92,8 @@ class Look:
         SceneError
             A factor that is not a number or a colour, or is not finite somewhere.
         """
-        return BoundLook(self, None if medium is None else Fog(medium), reach, context, box)
+        fog = medium if medium is None or isinstance(medium, Fog) else Fog(medium)
+        return BoundLook(self, fog, reach, context, box)
 
 
 def _profile(value: Any) -> Across | Modulated:
@@ -120,6 +121,8 @@ class BoundLook:
         How much they may change over a piece of a chord, and in how many pieces it may be cut for that.
     corners
         Where the integrand has corners.
+    attached
+        Whether factors are attached to the AD graph.
     """
 
     def __init__(self, look: Look, fog: Fog | None, reach: float, context: Context | None, box: Box) -> None:
@@ -130,6 +133,8 @@ class BoundLook:
         self.corners: tuple[Corner, ...] = look.along.corners + eye + self._modulation.corners + look.angle.corners
         self._wild = any(each.wild for each in self._factors().values())
         probe = self._probe(1, box)
+        with dr.resume_grad():
+            self.attached = any(dr.grad_enabled(each.evaluate(probe)) for each in self._factors().values())
         asked = {slot: inputs_of(each.evaluate, probe) for slot, each in self._factors().items()}
         self._turning = not asked["angle"] <= _OF_RAYS  # the angle's factor changes along a ray
         self.uses = frozenset().union(*asked.values())

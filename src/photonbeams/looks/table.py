@@ -6,20 +6,28 @@ from typing import Any
 
 import drjit as dr
 import numpy as np
-import numpy.typing as npt
 
 from ..arrays import to_float
-from ..device import Array2f, Array3f, Array4f, UInt32
+from ..device import Array2f, Array3f, Array4f, Float, UInt32
 
 
 class Table:
-    """`values` (M,) or (M, 3) at M ≥ 2 equidistant points of [0, 1]; clamped outside.
+    """`values` (M,) or (M, 3) at M ≥ 2 equidistant points of [0, 1], or an Array3f of them; clamped outside.
 
     One look-up is one gather of a packet that holds both neighbours' (scalar table) or two packets (colour table),
     since gathers, not arithmetic, bound the estimators' loops.
     """
 
-    def __init__(self, values: npt.ArrayLike) -> None:
+    def __init__(self, values: Any) -> None:
+        if dr.is_jit_v(values):  # stays attached to the AD graph, if it is
+            count = dr.width(values)
+            if count < 2:
+                raise ValueError(f"a table has {count} entries: expected at least 2")
+            self.colour, self._data = True, dr.zeros(Float, 4 * count)
+            packet = Array4f(values.x, values.y, values.z, dr.zeros(Float, count))
+            dr.scatter(self._data, packet, dr.arange(UInt32, count))
+            self._last = dr.opaque(UInt32, count - 1)
+            return
         numbers = np.asarray(values, dtype=np.float32)
         if numbers.ndim not in (1, 2) or len(numbers) < 2:
             raise ValueError(f"a table has shape {numbers.shape}: expected (M,) or (M, 3) with M of at least 2")

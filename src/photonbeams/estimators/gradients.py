@@ -1,0 +1,103 @@
+"""Derivatives of what rays see of beams, by positions, radii and power of beams, by the fog and by looks.
+
+The estimators' loops are for speed and hold no derivatives. Where something is attached to Dr.Jit's AD graph, the pairs
+of rays and beams that meet are listed, and the frustum's integral is taken once more for each, as a graph without
+loops: the chord's ends follow the beam, and the rule's points follow the ends (Leibniz's rule, by the chain rule).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import drjit as dr
+
+from ..device import Array3f, Float, UInt32
+from ..looks import BoundLook
+from ..quadrature import Rule, gauss_legendre
+from ..scene import SceneError
+from .frustum import integrand, unchanging
+from .geometry import Rays, chord
+from .records import Packed, load
+
+# Pairs at most: kernels of derivatives hold a few hundred bytes of each.
+MOST_PAIRS = 1 << 24
+
+# Pieces of a chord, and points in each: derivatives are as smooth as the factors, but for knots of a ramp.
+_PIECES, _RULE = 2, gauss_legendre(6)
+
+
+def radiance(packed: Packed, rays: Rays, look: BoundLook, count: int) -> Any:
+    """Return the radiance of all beams toward `count` rays, attached to the graph.
+
+    Raises
+    ------
+    SceneError
+        More pairs of rays and beams meet than fit into memory.
+    """
+    with dr.suspend_grad():
+        ray, beam = _pairs(packed, rays, count)
+    result = dr.zeros(Array3f, count)
+    if not dr.width(ray):
+        return result
+    part = _integral(load(packed, beam, _of(Float, rays.time, ray)), _taken(rays, ray), look, _RULE)
+    dr.scatter_add(result, part, ray)
+    return result
+
+
+def _pairs(packed: Packed, rays: Rays, count: int) -> tuple[UInt32, UInt32]:
+    """Return the numbers of the rays and of the beams that meet, pair by pair."""
+    counter = dr.zeros(UInt32, count)
+    _meet(packed, rays, counter, None, None, None)
+    dr.eval(counter)
+    total = int(dr.sum(counter)[0])
+    if total > MOST_PAIRS:
+        raise SceneError(
+            f"{total:,} pairs of rays and beams have derivatives: expected at most {MOST_PAIRS:,}; take fewer rays"
+        )
+    base = dr.prefix_sum(counter)
+    ray, beam = dr.zeros(UInt32, max(total, 1)), dr.zeros(UInt32, max(total, 1))
+    _meet(packed, rays, dr.zeros(UInt32, count), base, ray, beam)
+    dr.eval(ray, beam)
+    return (ray, beam) if total else (UInt32(), UInt32())
+
+
+@dr.syntax
+def _meet(packed: Packed, rays: Rays, counter: Any, base: Any, out_ray: Any, out_beam: Any) -> None:
+    """Count the beams that each ray meets or, with `base`, list the pairs."""
+    ray = dr.arange(UInt32, dr.width(counter))
+    first = dr.gather(UInt32, base, ray) if dr.hint(base is not None, mode="scalar") else ray
+    number, found, stop = UInt32(0), UInt32(0), dr.opaque(UInt32, packed.count)
+    while number < stop:
+        part = chord(load(packed, number, rays.time), rays.origin, rays.direction, rays.t_min, rays.t_max)
+        if dr.hint(base is not None, mode="scalar"):
+            dr.scatter(out_ray, ray, first + found, part.valid)
+            dr.scatter(out_beam, number, first + found, part.valid)
+        found += dr.select(part.valid, UInt32(1), 0)
+        number += 1
+    dr.scatter(counter, found, ray)
+
+
+def _of(kind: Any, value: Any, index: Any) -> Any:
+    """Return the entries of an array, of which there may be one for all."""
+    if value is None:
+        return None
+    return kind(value) if dr.width(value) == 1 else dr.gather(kind, value, index)
+
+
+def _taken(rays: Rays, index: Any) -> Rays:
+    return Rays(
+        _of(Array3f, rays.origin, index), _of(Array3f, rays.direction, index), _of(Float, rays.t_max, index),
+        _of(Float, rays.t_min, index), time=_of(Float, rays.time, index), base=rays.base, index=index,
+    )  # fmt: skip
+
+
+def _integral(beam: Any, ray: Rays, look: BoundLook, rule: Rule) -> Any:
+    """Return a beam's radiance by the rule, over equal pieces of the chord."""
+    part = chord(beam, ray.origin, ray.direction, ray.t_min, ray.t_max)
+    half = (part.b - part.a) * (0.5 / _PIECES)
+    total = Array3f(0)
+    for piece in range(_PIECES):
+        middle = part.a + half * (2 * piece + 1)
+        for point, weight in zip(rule.points, rule.weights, strict=True):
+            total += integrand(beam, part, dr.fma(half, float(point), middle), look, ray) * (float(weight) * half)
+    return dr.select(part.valid, unchanging(beam, part, look) * total, 0)
