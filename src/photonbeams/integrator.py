@@ -176,6 +176,17 @@ def _integrator(mi: Any, variant: str) -> type:
                     dr.eval(image)
                 return image
 
+        def render_forward(self, *_: Any, **__: Any) -> Any:
+            """Refuse: see `render_backward`."""
+            return self.render_backward()
+
+        def render_backward(self, *_: Any, **__: Any) -> Any:
+            """Refuse: derivatives are those of beams, fog and looks, by `photonbeams.estimate`."""
+            raise NotImplementedError(
+                f"{NAME}: a render has no derivatives by the scene's parameters: expected photonbeams.estimate, "
+                "which has them by beams, fog and looks"
+            )
+
         def to_string(self) -> str:
             return f"PhotonBeams[{self.settings}]"
 

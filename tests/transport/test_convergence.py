@@ -1,0 +1,86 @@
+"""Progressive photon beams: variance and bias shrink at the rates of the theory (Jarosz et al. 2011, section 4)."""
+
+import numpy as np
+import pytest
+
+from photonbeams.device import mitsuba
+from photonbeams.transport.frame import Settings, render
+from transport.scenes import T, camera, fog, load, rgb
+
+mi = mitsuba()
+SEEDS = 24
+
+
+def slope(x, y):
+    """Return the exponent of a power law, by least squares of the logarithms."""
+    return np.polyfit(np.log(x), np.log(y), 1)[0]
+
+
+@pytest.fixture(scope="module")
+def scene():
+    """Return fog around a point light, seen from beside: its single scattering is smooth, but at the light."""
+    medium = mi.load_dict(fog(0.1, 0.9))
+    light = {"type": "point", "position": [0, 0, 0], "intensity": rgb(1.0)}
+    return load(light=light, sensor=camera((2.0, 1.0, 4), (2.0, 1.0, 0), fov=25, size=8, medium=medium))
+
+
+def spread(scene, seeds=SEEDS, **settings):
+    """Return the variance of a pixel between seeds, relative to its mean, the mean over pixels."""
+    shared = {"max_depth": 2, "surfaces": False, "guiding": False, "alpha": 1.0, **settings}
+    found = np.array([
+        render(scene, scene.sensors()[0], Settings(seed=seed, **shared)).layers()["beams"][..., 0]
+        for seed in range(seeds)
+    ])  # fmt: skip
+    return (found.var(axis=0, ddof=1) / found.mean() ** 2).mean()
+
+
+def test_variance_falls_with_the_radius(scene):
+    """Var ∝ 1 / r of one pass: a ray meets as many beams as they are wide, of which each is as bright as it is thin."""
+    radii = np.array([0.005, 0.01, 0.02, 0.04])
+    found = [spread(scene, passes=1, paths=1024, radius=radius) for radius in radii]
+    # 24 seeds and 64 pixels tell a variance to some 10 %, and the slope over a factor of 8 to 0.1.
+    assert slope(radii, found) == pytest.approx(-1, abs=0.25)
+
+
+def test_variance_falls_with_the_number_of_paths(scene):
+    """Var ∝ 1 / M of independent paths; of paths in strata it falls faster, and never slower."""
+    paths = np.array([256, 1024, 4096])
+    found = [spread(scene, passes=1, paths=int(count), radius=0.01) for count in paths]
+    assert slope(paths, found) < -0.9
+
+
+def test_the_mean_of_passes_converges_while_radii_shrink(scene):
+    """Var ∝ N^(−α) of the mean of N passes, or less for strata, with radii ∝ N^(α − 1)."""
+    passes = np.array([1, 4, 16])
+    found = [spread(scene, seeds=10, passes=int(count), paths=256, radius=0.04, alpha=0.7) for count in passes]
+    assert slope(passes, found) < -0.6
+
+
+def test_radii_shrink_by_the_schedule(scene):
+    """R_{i+1} / R_i = (i + α) / (i + 1), from the first pass on."""
+    from photonbeams.transport.frame import Frame
+
+    frame = Frame(scene, scene.sensors()[0], Settings(paths=64, radius=0.1, alpha=0.7, max_depth=2))
+    radii = []
+    for number in range(5):
+        (light,) = frame.simulated(number)[0].values()
+        radii.append(light.beams.radius_start.numpy()[0])
+    expected = 0.1 * np.cumprod([1, *((i + 0.7) / (i + 1) for i in range(1, 5))])
+    np.testing.assert_allclose(radii, expected, rtol=1e-5)
+
+
+def test_bias_falls_with_the_radius():
+    """At the edge of a shaft the blur is as wide as the beams: the mean error of pixels across it is ∝ r."""
+    medium = mi.load_dict(fog(0.05, 1.0))
+    lamp = {"type": "disk", "to_world": T().look_at([-6, 0, 0], [0, 0, 0], [0, 1, 0]).scale(0.5),
+            "emitter": {"type": "directionalarea", "radiance": rgb(1.0)}}  # fmt: skip
+    scene = load(lamp=lamp, sensor=camera((0, 0, 4), (0, 0, 0), size=48, fov=30, medium=medium))
+    shared = {"passes": 4, "max_depth": 2, "surfaces": False, "alpha": 1.0, "paths": 1 << 14}
+    radii = np.array([0.4, 0.2, 0.1])
+
+    def picture(radius):
+        return render(scene, scene.sensors()[0], Settings(**shared, radius=radius)).layers()["beams"][..., 0]
+
+    reference = picture(0.0125)
+    bias = [np.abs(picture(radius) - reference).mean() for radius in radii]
+    assert slope(radii, bias) > 0.9
