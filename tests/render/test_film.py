@@ -140,7 +140,7 @@ def test_a_turning_camera_sees_beams_and_surfaces_at_the_same_place():
         turn = np.array([[np.cos(angle), 0, np.sin(angle), 0], [0, 1, 0, 0], [-np.sin(angle), 0, np.cos(angle), 0]])
         return Moment(state, (moved(CAMERA, np.vstack([turn, [0, 0, 0, 1]])),))
 
-    layers = render(Shutter(at, moving=True), WINDOW, Settings(passes=16)).layers
+    layers = render(Shutter(at, moving=True), WINDOW, Settings(passes=64)).layers
     beams, surface = (layers[name][..., 0].astype(float) for name in ("beams", "surface"))
     columns = np.arange(WIDTH) + 0.5
     for picture in (beams, surface):

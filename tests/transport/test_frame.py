@@ -230,3 +230,31 @@ def test_kernels_do_not_leave_derivatives_on():
     frame = Frame(scene, scene.sensors()[0], Settings(paths=64))
     for each in frame.simulated(0)[0].values():
         assert not dr.grad_enabled(each.beams.start, each.beams.radius_end)
+
+
+def test_a_point_light_in_fog_is_its_closed_form():
+    """∫ σs / 4π · I exp(−σt (t + d)) / d² dt along each ray, by the midpoint rule in the ray's angle to the light."""
+    strength, albedo, intensity = 0.3, 0.8, 2.0
+    medium = mi.load_dict(fog(strength, albedo))
+    light = {"type": "point", "position": [0, 0, 0], "intensity": rgb(intensity)}
+    scene = load(light=light, sensor=camera((1.5, 1.0, 4), (1.5, 1.0, 0), fov=20, size=8, medium=medium))
+    found = pictures(scene, passes=8, paths=1 << 14, max_depth=2, surfaces=False)[..., 0].mean(axis=0)
+    x = np.tan(np.radians(10)) * ((np.arange(8 * 8) + 0.5) / 32 - 1)  # 8 places in each pixel
+    grid = np.stack(np.broadcast_arrays(x[None], -x[:, None], -1.0), axis=-1)
+    grid /= np.linalg.norm(grid, axis=-1, keepdims=True)
+    origin = np.array([1.5, 1.0, 4.0])
+    closest = -(grid @ origin)
+    height = np.linalg.norm(origin + closest[..., None] * grid, axis=-1)
+    # t = closest + height tan φ: dt / d² = dφ / height.
+    first = np.arctan2(-closest, height)
+    steps = 512
+    exact = np.zeros(height.shape)
+    for step in range(steps):
+        angle = first + (step + 0.5) / steps * (np.pi / 2 - first)
+        t, d = closest + height * np.tan(angle), height / np.cos(angle)
+        exact += np.exp(-strength * (t + d)) / height * (np.pi / 2 - first) / steps
+    exact *= strength * albedo * intensity / (4 * np.pi)
+    expected = exact.reshape(8, 8, 8, 8).mean(axis=(1, 3))
+    # Pixels spread by 3.4 % with one seed, 1.7 % with four; the largest of 64 lies within 4.5 times that.
+    np.testing.assert_allclose(found, expected, rtol=0.08)
+    assert found.mean() == pytest.approx(expected.mean(), rel=5e-3)

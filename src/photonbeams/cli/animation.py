@@ -58,7 +58,7 @@ class Task:
         return [output.path for output in self.outputs]
 
 
-Finish = Callable[[Task, Callable[[int], None]], "Statistics"]
+Finish = Callable[[Task, Callable[..., None]], "Statistics"]
 
 
 def frame_numbers(text: str | None) -> list[float | None]:
@@ -120,7 +120,7 @@ class Animation:
         Parameters
         ----------
         finish
-            Renders and writes a frame; it is given what to call with the number of passes done.
+            Renders and writes a frame; it is given what to call with the number of passes done, and a note on them.
         check
             Raises KeyboardInterrupt if Ctrl-C was pressed.
 
@@ -159,9 +159,9 @@ class Animation:
             print(text, file=sys.stderr)
 
 
-def _advancing(show: Callable[[int], None], check: Callable[[], None]) -> Callable[[int], None]:
-    def advance(passes: int) -> None:
+def _advancing(show: Callable[[int, str], None], check: Callable[[], None]) -> Callable[..., None]:
+    def advance(passes: int, note: str = "") -> None:
         check()
-        show(passes)
+        show(passes, note)
 
     return advance

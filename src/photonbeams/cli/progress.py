@@ -77,14 +77,17 @@ def held_interrupt() -> Iterator[Callable[[], None]]:
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
-Show = Callable[[int, str, int], None]
+Show = Callable[[int, str, int, str], None]
 
 
 @contextmanager
 def bar(kind: Progress | None, quiet: bool, frames: int, passes: int) -> Iterator[Show]:
-    """Yield what shows how far a render is: at which frame, from 0, what it is called, and how many passes of it."""
+    """Yield what shows how far a render is.
+
+    That is at which frame, from 0, what it is called, how many passes of it, and what else there is to say.
+    """
     if quiet or kind is Progress.none:
-        yield lambda index, name, done: None
+        yield lambda index, name, done, note: None
         return
     from rich.console import Console
 
@@ -100,9 +103,9 @@ def bar(kind: Progress | None, quiet: bool, frames: int, passes: int) -> Iterato
     with Bar(*columns, console=console, transient=True) as shown:
         task = shown.add_task("passes", total=frames * passes)
 
-        def show(index: int, name: str, done: int) -> None:
+        def show(index: int, name: str, done: int, note: str) -> None:
             description = f"frame {name} ({index + 1} of {frames}), passes" if frames > 1 else "passes"
-            shown.update(task, completed=index * passes + done, description=description)
+            shown.update(task, completed=index * passes + done, description=f"{note} {description}".strip())
 
         yield show
 
@@ -112,12 +115,12 @@ def _plain(frames: int, passes: int) -> Show:
     total = frames * passes
     step = max(1, total // 20)
 
-    def show(index: int, name: str, done: int) -> None:
+    def show(index: int, name: str, done: int, note: str) -> None:
         overall = index * passes + done
         # A frame begins where the one before it ended.
         if (overall % step == 0 and (done or not index)) or overall == total:
             frame = f"frame {name}: " if frames > 1 else ""
-            print(f"{frame}pass {done} of {passes}", file=sys.stderr, flush=True)
+            print(f"{frame}pass {done} of {passes}{note and f', {note}'}", file=sys.stderr, flush=True)
 
     return show
 
@@ -130,8 +133,14 @@ def summary_lines(statistics: Statistics, files: Iterable[Path], seconds: float)
         f"{statistics.tests / 1e6:,.0f} million ray-beam tests",
         f"{seconds:.1f} s ({phases}; compiling {statistics.compile_seconds:.1f} of it, "
         f"{statistics.kernels_compiled} kernels)",
+        *([error_note(statistics.error)] if statistics.error is not None else []),
         *(f"wrote {path}" for path in files),
     ]
+
+
+def error_note(error: float | None) -> str:
+    """Return what is known of the error of a picture's pixels."""
+    return "" if error is None or error != error else f"error {100 * error:.2g} %"
 
 
 def frame_line(name: str, statistics: Statistics, files: Iterable[Path], seconds: float) -> str:

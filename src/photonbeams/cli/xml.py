@@ -12,7 +12,7 @@ import typer
 
 from .animation import Animation, Task
 from .outputs import Output, chosen_layers, prepare_outputs, write_outputs
-from .progress import Progress, held_interrupt, messages
+from .progress import Progress, error_note, held_interrupt, messages
 
 if TYPE_CHECKING:
     from ..render.frame import Statistics
@@ -88,7 +88,7 @@ def render_xml(asked: Asked, start: Callable[[], None]) -> None:
         if asked.dry_run:
             return
 
-        def finish(task: Task, advance: Callable[[int], None]) -> Statistics:
+        def finish(task: Task, advance: Callable[..., None]) -> Statistics:
             frame = _render(scene, settings, asked, advance)
             frame.metadata["commandLine"] = asked.command
             write_outputs(frame, task.outputs, kept, asked.exposure, chosen=asked.layers is not None)
@@ -99,7 +99,7 @@ def render_xml(asked: Asked, start: Callable[[], None]) -> None:
         animation.render(finish, check)
 
 
-def _render(scene: MitsubaScene, settings: Settings, asked: Asked, advance: Callable[[int], None]) -> Any:
+def _render(scene: MitsubaScene, settings: Settings, asked: Asked, advance: Callable[..., None]) -> Any:
     """Return the frame, having written checkpoints on the way, the last one when Ctrl-C is pressed."""
     from ..shot.xml import load_checkpoint, save_checkpoint
 
@@ -110,7 +110,7 @@ def _render(scene: MitsubaScene, settings: Settings, asked: Asked, advance: Call
     def done(passes: int, frame: Frame) -> None:
         nonlocal written
         try:
-            advance(passes)
+            advance(passes, error_note(frame.error()))
         except KeyboardInterrupt:
             if asked.checkpoint is not None and passes:
                 save_checkpoint(path, scene, frame)

@@ -85,7 +85,10 @@ class Settings:
 
 @dataclass
 class Statistics:
-    """What a frame took: beams and passes, seconds by phase, ray–beam tests, and what was compiled."""
+    """What a frame took: beams and passes, seconds by phase, ray–beam tests, and what was compiled.
+
+    `error` is the relative standard error of its pixels, where that is known.
+    """
 
     passes: int = 0
     beams: int = 0
@@ -93,6 +96,7 @@ class Statistics:
     seconds: dict[str, float] = field(default_factory=dict)
     kernels_compiled: int = 0
     compile_seconds: float = 0.0
+    error: float | None = None
 
     @contextmanager
     def phase(self, name: str) -> Iterator[None]:
@@ -456,9 +460,12 @@ def _pixel_rays(world: World, rays: CameraRays, depth: Any) -> PixelRays:
 
 
 def subpixel(number: int) -> tuple[float, float]:
-    """Return where in its pixel a pass looks: the R2 sequence (Roberts 2018), from the centre on.
+    """Return where in its pixel a pass looks: from the centre on, the R2 sequence (Roberts 2018), each place twice.
 
+    The second time mirrored at the centre: a picture of few passes would lie a tenth of a pixel beside the one of many.
     One offset for all pixels: edges are then as smooth after a few passes as the passes are many, without noise.
     """
     g = 1.32471795724474602596  # the plastic number
-    return (0.5 + number / g) % 1.0, (0.5 + number / g**2) % 1.0
+    place = (number + 1) // 2
+    x, y = (0.5 + place / g) % 1.0, (0.5 + place / g**2) % 1.0
+    return (x, y) if number == 0 or number % 2 else (1 - x, 1 - y)

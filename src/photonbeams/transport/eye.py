@@ -160,7 +160,8 @@ def _onward(
     bsdf = hit.bsdf()
     flags = bsdf.flags()
     sharp = met & (mi.has_flag(flags, mi.BSDFFlags.Delta) | mi.has_flag(flags, mi.BSDFFlags.Null))
-    lobe, turn = samples.single(sight.order, _LOBE, step), samples.pair(sight.order, _TURN, step)
+    # In strata over the passes: as often mirrored and as often refracted as the glass would have it.
+    lobe, turn = samples.pair(sight.order, _LOBE, step).x, samples.pair(sight.order, _TURN, step)
     sample, weight = bsdf.sample(context, hit, lobe, mi.Point2f(turn), sharp)
     direction = hit.to_world(sample.wo)
     null = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Null)

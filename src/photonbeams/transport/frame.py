@@ -7,7 +7,7 @@ Photon Beams, Jarosz et al. 2011). Memory is that of one pass, however many ther
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,26 +15,22 @@ import drjit as dr
 import numpy as np
 
 from .. import scene
-from ..arrays import to_float
-from ..beams import Beams
-from ..device import Array3f, Bool, Float, UInt32, mitsuba
-from ..estimators.estimate import DEFAULT_RULE, ENDLESS, check_estimator, estimate_rays
-from ..estimators.geometry import Rays
-from ..estimators.image import PixelRays, estimate_image
+from ..device import Float, UInt32, mitsuba
+from ..estimators.estimate import DEFAULT_RULE, check_estimator
 from ..estimators.points import Points
 from ..quadrature import Rule
 from ..render.frame import OVERLAP, Statistics, subpixel
-from ..simulation.sampling import z_order
 from . import eye, paths
 from .beams import Lit, lit
 from .emission import Emitted, Emitters
 from .footprints import Limits
+from .gathering import Gathering
 from .guiding import Watch
 from .photons import Arrived, translucent
+from .picture import Picture, Sums
 from .samples import Samples
-from .sensors import Primary, Sensor
-from .tracking import Track
-from .volumes import Volume, Volumes, number
+from .sensors import Sensor
+from .volumes import Volumes, number
 
 mi = mitsuba()
 
@@ -143,18 +139,21 @@ class Frame:
         primary = self.sensor.rays(offset, self._sums.order, samples)
         sight = eye.begin(looking, primary, self._sums.order, self._otherwise)
         picture = Picture(self.sensor.width * self.sensor.height)
+        gathering = Gathering(
+            self.sensor, self._volumes, sets, settings.max_depth, settings.estimator, self._points, statistics
+        )
         steps = eye.follow(looking, sight, samples, arrived)
         while True:
             with statistics.phase("surfaces"):
                 following = next(steps, None)
             if following is None:
                 break
-            sight, seen = following
-            picture.add_surfaces(sight, seen)
+            picture.add_surfaces(*following)
             with statistics.phase("beams"):
-                for volume in self._volumes.all:
-                    if volume.number in sets:
-                        self._gather(volume, sets[volume.number], primary, sight, seen, picture)
+                gathering.add(primary, *following)
+        with statistics.phase("beams"):
+            gathering.finish()
+        picture.beams = gathering.radiance
         self._sums.add(picture, offset)
         statistics.passes += 1
         statistics.count_kernels()
@@ -217,69 +216,6 @@ class Frame:
         landed = [each for _, each in steps if each is not None] if settings.surfaces else []
         return result, landed, limits
 
-    def _gather(
-        self, volume: Volume, light: Lit, primary: Primary, sight: eye.Sight, seen: eye.Seen, picture: Picture
-    ) -> None:
-        """Add the beams of a medium toward the segments of camera paths in it."""
-        inside = sight.alive & (sight.medium == dr.opaque(UInt32, volume.number)) & (seen.end > sight.near)
-        tiled = inside & sight.primary & Bool(self.sensor.view is not None)
-        others = inside & ~tiled
-        dr.eval(tiled, others)
-        settings = self.settings
-        if bool(dr.any(tiled)):
-            if volume.tracked is not None:
-                way = volume.way(sight.origin, sight.direction, sight.near, seen.end, seen.seed)
-                volume.tracked.track = Track(way, volume.extinction, tiled)
-            view = self.sensor.view
-            assert view is not None
-            rays = PixelRays(
-                primary.origin, primary.direction, primary.facing,
-                dr.select(tiled, dr.minimum(seen.end, ENDLESS), 0), dr.select(tiled, sight.near, 0), primary.lanes,
-            )  # fmt: skip
-            dr.eval(rays.t_max, rays.t_min)
-            part = estimate_image(
-                light.beams, view.projection, rays, look=volume.look, medium=volume.medium,
-                estimator=settings.estimator, points=self._points,
-            )  # fmt: skip
-            picture.beams += dr.select(tiled, part.radiance * sight.throughput, 0)
-            self.statistics.tests += part.billboard_tests + part.frustum_tests
-        for lanes, beams in self._apart(others, sight, light):
-            self._gather_others(volume, beams, sight, seen, lanes, picture)
-        dr.eval(picture.beams)
-
-    def _apart(self, others: Bool, sight: eye.Sight, light: Lit) -> Iterator[tuple[Any, Beams]]:
-        """Yield lanes and the beams that they see: all, unless together they would be longer than paths may be."""
-        lanes: Any = dr.compress(others)
-        if not len(lanes):
-            return
-        if self.settings.max_depth is None:
-            yield lanes, light.beams
-            return
-        for events in np.unique(dr.gather(UInt32, sight.events, lanes).numpy()):
-            beams = light.up_to(self.settings.max_depth - 2 - int(events))
-            lanes = dr.compress(others & (sight.events == dr.opaque(UInt32, int(events))))
-            if beams is not None:
-                yield lanes, beams
-
-    def _gather_others(
-        self, volume: Volume, beams: Beams, sight: eye.Sight, seen: eye.Seen, index: Any, picture: Picture
-    ) -> None:
-        start = dr.gather(Float, sight.near, index)
-        direction = dr.gather(Array3f, sight.direction, index)
-        origin = dr.gather(Array3f, sight.origin, index) + start * direction
-        far = dr.minimum(dr.gather(Float, seen.end, index), ENDLESS) - start
-        rays = Rays(origin, direction, far, dr.zeros(Float, len(index)), index=dr.arange(UInt32, len(index)))
-        if volume.tracked is not None:
-            way = volume.way(origin, direction, rays.t_min, far, dr.gather(UInt32, seen.seed, index))
-            volume.tracked.track = Track(way, volume.extinction, dr.full(Bool, True, len(index)))
-        dr.eval(rays.origin, rays.direction, rays.t_max, rays.t_min)
-        radiance = estimate_rays(
-            beams, rays, look=volume.look, medium=volume.medium, estimator=self.settings.estimator, points=self._points
-        )
-        self.statistics.tests += len(beams) * len(index)
-        throughput, pixel = dr.gather(Array3f, sight.throughput, index), dr.gather(UInt32, sight.pixel, index)
-        dr.scatter_add(picture.beams, radiance * throughput, pixel)  # a pixel has one path, so there is no race
-
     def layers(self) -> dict[str, np.ndarray]:
         """Return the layers, (H, W, C) float32: means over the passes, through the film's reconstruction filter."""
         return self._sums.layers()
@@ -291,111 +227,6 @@ def _everywhere(plugin: Any, sensor: Any) -> Any:
         if each.get_medium() is not None:
             return each.get_medium()
     return None
-
-
-class Picture:
-    """What one pass sees, by pixels."""
-
-    def __init__(self, count: int) -> None:
-        self.beams, self.surface = dr.zeros(Array3f, count), dr.zeros(Array3f, count)
-        self.alpha, self.depth = dr.zeros(Float, count), dr.full(Float, dr.inf, count)
-
-    def add_surfaces(self, sight: eye.Sight, seen: eye.Seen) -> None:
-        """Add what paths see of surfaces in one step."""
-        dr.scatter_add(self.surface, seen.radiance, sight.pixel, sight.alive)
-        first = sight.alive & sight.primary & seen.solid
-        dr.scatter(self.alpha, Float(1), sight.pixel, first)
-        dr.scatter(self.depth, seen.end, sight.pixel, first)
-        dr.eval(self.surface, self.alpha, self.depth)
-
-
-_SUMS = ("surface", "beams", "alpha", "weight", "light", "squares", "depth")
-
-
-class Sums:
-    """The weighted sums over passes of a picture, through the film's reconstruction filter."""
-
-    def __init__(self, sensor: Sensor) -> None:
-        self._filter, self._shape = sensor.film.rfilter(), (sensor.height, sensor.width)
-        count = sensor.width * sensor.height
-        index, columns = dr.arange(UInt32, count), dr.opaque(UInt32, sensor.width)
-        left, top = (int(each) for each in sensor.film.crop_offset())
-        self._x, self._y = index % columns, index // columns
-        self.order = z_order(self._x + dr.opaque(UInt32, left), self._y + dr.opaque(UInt32, top))
-        self.surface, self.beams = dr.zeros(Array3f, count), dr.zeros(Array3f, count)
-        self.alpha, self.weight = dr.zeros(Float, count), dr.zeros(Float, count)
-        self.light, self.squares = dr.zeros(Float, count), dr.zeros(Float, count)
-        self.depth = dr.full(Float, dr.inf, count)
-        self._empty = True
-        dr.eval(self.order, self._x, self._y)
-
-    def add(self, picture: Picture, offset: tuple[float, float]) -> None:
-        """Add a pass whose samples lie at `offset` in each pixel.
-
-        All pixels have the same offset, so the filter is a convolution; as gathers, whose order is always the same.
-        """
-        reach = int(np.ceil(self._filter.radius() - 0.5 - 1e-6)) if not self._filter.is_box_filter() else 0
-        for down in range(-reach, reach + 1):
-            for right in range(-reach, reach + 1):
-                weight = self._weight(right + offset[0] - 0.5) * self._weight(down + offset[1] - 0.5)
-                if weight != 0:
-                    self._add(picture, right, down, weight)
-        value = dr.dot(picture.surface + picture.beams, Array3f(1 / 3))
-        self.light, self.squares = self.light + value, self.squares + value * value
-        dr.eval(self.surface, self.beams, self.alpha, self.weight, self.light, self.squares)
-        if self._empty:
-            self.depth, self._empty = picture.depth, False
-
-    def error(self, passes: int) -> float:
-        """Return the median relative standard error of the mean."""
-        if passes < 2:
-            return float("nan")
-        mean, squares = self.light.numpy() / passes, self.squares.numpy() / passes
-        lit = mean > 0
-        variance = np.maximum(squares - mean * mean, 0)[lit] / (passes - 1)
-        return float(np.median(np.sqrt(variance) / mean[lit])) if lit.any() else 0.0
-
-    def state(self) -> dict[str, np.ndarray]:
-        """Return the sums."""
-        return {name: getattr(self, name).numpy() for name in _SUMS}
-
-    def restore(self, state: Mapping[str, np.ndarray]) -> None:
-        """Take sums from elsewhere."""
-        for name in _SUMS:
-            own = getattr(self, name)
-            if name not in state or state[name].shape != own.numpy().shape:
-                raise scene.SceneError("the checkpoint is of another picture")
-            kind: Any = type(own)
-            setattr(self, name, kind(*map(to_float, state[name])) if kind is Array3f else to_float(state[name]))
-        self._empty = False
-
-    def _weight(self, distance: float) -> float:
-        return 1.0 if self._filter.is_box_filter() else float(np.ravel(self._filter.eval(Float(distance)))[0])
-
-    def _add(self, picture: Picture, right: int, down: int, weight: float) -> None:
-        height, width = (dr.opaque(UInt32, each) for each in self._shape)
-        x, y = self._x + dr.opaque(UInt32, right & 0xFFFFFFFF), self._y + dr.opaque(UInt32, down & 0xFFFFFFFF)
-        inside = (x < width) & (y < height)  # a number below 0 is a large one
-        index, factor = y * width + x, dr.opaque(Float, weight)
-        self.surface = self.surface + factor * dr.gather(Array3f, picture.surface, index, inside)
-        self.beams = self.beams + factor * dr.gather(Array3f, picture.beams, index, inside)
-        self.alpha = self.alpha + factor * dr.gather(Float, picture.alpha, index, inside)
-        self.weight = self.weight + dr.select(inside, factor, 0)
-
-    def layers(self) -> dict[str, np.ndarray]:
-        """Return the layers."""
-        height, width = self._shape
-        inverse = dr.rcp(self.weight)
-
-        def picture(value: Any) -> np.ndarray:
-            return np.ascontiguousarray(value.numpy().reshape(-1, height, width).transpose(1, 2, 0))
-
-        surface, beams = picture(self.surface * inverse), picture(self.beams * inverse)
-        alpha = picture(self.alpha * inverse)
-        return {
-            "rgba": np.concatenate([surface + beams, alpha], axis=2), "surface": surface, "beams": beams,
-            "depth": picture(self.depth),
-        }  # fmt: skip
 
 
 def render(
@@ -435,6 +266,7 @@ def render(
             frame.add_pass(index)
             if settings.time_limit is not None and time.perf_counter() - begin > settings.time_limit:
                 break
+    frame.statistics.error = frame.error()
     if progress is not None:
         progress(frame.statistics.passes, frame)
     return frame
