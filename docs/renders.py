@@ -127,6 +127,13 @@ def examples(folder: Path) -> None:
     sheet(folder, GROWTH, "magic-grow.png", columns=4, thumb=240)
 
 
+def fitted(folder: Path) -> None:
+    """Write what docs/looks.md shows of the fit."""
+    script, painting = ROOT / "examples" / "fit" / "fit.py", ROOT / "examples" / "fit" / "painted.png"
+    subprocess.run([sys.executable, script, ROOT / SHAFT, painting, "-o", folder / "fit"], check=True)
+    shutil.copy(folder / "fit.png", PICTURES / "fit.png")
+
+
 def main() -> None:
     """Write all renders."""
     with tempfile.TemporaryDirectory() as folder:
@@ -139,6 +146,7 @@ def main() -> None:
         plate(Path(folder))
         sheet(Path(folder), FLIGHT, "flight.png", columns=5, thumb=THUMB)
         examples(Path(folder))
+        fitted(Path(folder))
 
 
 if __name__ == "__main__":
