@@ -41,8 +41,8 @@ class Paths:
 
     `events` counts scattering in media and on surfaces; `straight` are paths that have passed nothing but borders of
     media; `coherent` are those whose neighbours take the same way, and whose `tangents` tell how far apart they are;
-    the others have a `radius`. `first` is the flux at the emitter, `count` the size of the path's sequence, `share` the part
-    of a path's neighbours that took the same way where chance chose: of a glass' reflection few hundredths.
+    the others have a `radius`. `first` is the flux at the emitter, `count` the size of the path's sequence, `share` the
+    part of a path's neighbours that took the same way where chance chose: of a glass' reflection few hundredths.
     """
 
     DRJIT_STRUCT: ClassVar[dict[str, Any]] = {
@@ -261,7 +261,7 @@ def _flight(
 
 
 class _Scatter:
-    """A sample of the BSDF at hits: the ray that leaves, what it weighs, and by which chance an ideal lobe was taken."""
+    """A sample of the BSDF at hits: the ray that leaves, what it weighs, and the chance that an ideal lobe had."""
 
     def __init__(
         self, origin: Any, direction: Any, weight: Any, delta: Any, null: Any, medium: Any, chance: Any
