@@ -28,8 +28,8 @@ def cloud(seed: int = 3) -> Any:
     """Return the density, 0 to 1, and 0 at the border of the box."""
     rng = np.random.default_rng(seed)
     half = np.array([0.8, 0.8, 1.6])
-    place = np.stack(np.meshgrid(*(each * ((np.arange(n) + 0.5) / n * 2 - 1) for n, each in zip(SIZE, half, strict=True)),
-                                 indexing="ij"), axis=-1)  # fmt: skip
+    axes = [each * ((np.arange(n) + 0.5) / n * 2 - 1) for n, each in zip(SIZE, half, strict=True)]
+    place = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
     inside = np.full(SIZE, -1.0)
     for _ in range(PUFFS):
         x = rng.uniform(-1.15, 1.15)
