@@ -16,6 +16,7 @@ NAMES = {
     "looks": "what looks cost beside the plain one",
     "cost": "seconds and memory from a thousand to a million beams",
     "quadrature": "Gauss against Riemann at equal error",
+    "transport": "Mitsuba scenes: seconds at equal error beside volpath, caustics, mirrors, a million beams",
     "keyhole": "the example frame, from an empty kernel cache",
     "film": "lens, shutter and a second eye beside a pinhole",
 }

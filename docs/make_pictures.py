@@ -16,6 +16,7 @@ import matplotlib as mpl
 mpl.use("Agg")
 
 import drjit as dr
+import gallery
 import matplotlib.pyplot as plt
 import numpy as np
 import renders
@@ -224,6 +225,7 @@ def main() -> None:
             photonbeams(["swatch", library, "--look", name, "-o", target])
     quadrature(plot=PICTURES / "quadrature.png")
     renders.main()
+    gallery.main()
 
 
 if __name__ == "__main__":

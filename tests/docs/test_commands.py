@@ -17,8 +17,8 @@ from photonbeams import Shot
 from photonbeams.cli import main
 
 PAGES = {
-    "README.md": 4, "docs/guide.md": 12, "docs/beams.md": 6, "docs/examples.md": 12, "docs/looks.md": 0,
-    "docs/theory.md": 0, "docs/dependencies.md": 0,
+    "README.md": 5, "docs/guide.md": 12, "docs/beams.md": 6, "docs/examples.md": 14, "docs/looks.md": 0,
+    "docs/mitsuba.md": 4, "docs/theory.md": 0, "docs/dependencies.md": 0,
 }  # fmt: skip
 #: First words of commands that set up a machine or need another program.
 SKIPPED = ("make", "apt", "apt-get", "pip", "blender", "git")
@@ -188,7 +188,7 @@ def test_every_link_and_picture_leads_somewhere(name):
 
 
 def test_renders_are_small():
-    pages = ("README.md", "docs/guide.md", "docs/examples.md", "docs/beams.md")
+    pages = ("README.md", "docs/guide.md", "docs/examples.md", "docs/beams.md", "docs/mitsuba.md")
     shown = {path for name in pages for path, _ in links(page(name)) if re.search(r"pictures/.*\.png$", path)}
     assert len(shown) >= 12
     assert [path for path in shown if (ROOT / "docs/pictures" / path.split("/")[-1]).stat().st_size > 500_000] == []

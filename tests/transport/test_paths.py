@@ -152,3 +152,22 @@ def test_photons_on_surfaces_have_been_somewhere_else_first():
     height = np.concatenate([each.position.y.numpy() for each in landed])
     np.testing.assert_allclose(height, -1.2, atol=1e-4)
     assert all((each.events.numpy() > 0).all() for each in landed)
+
+
+def test_light_that_glass_reflects_by_chance_is_as_wide_as_it_is_rare():
+    """Of N paths from a point F · N are reflected: the squared width is 1 / F times that off a mirror, F by Fresnel."""
+    widths = []
+    for bsdf in ({"type": "dielectric", "int_ior": 1.5}, {"type": "conductor", "material": "none"}):
+        scene, medium = ball_in_fog(bsdf=bsdf)
+        first, second = (each[0] for each in steps(tracing(scene, [medium]), Emitters(scene).emit(COUNT, 0), medium, 2))
+        cosine = np.full(COUNT, np.nan)
+        facing = -(dr.dot(first.normal, first.direction)).numpy()
+        cosine[first.number.numpy()] = np.abs(facing)
+        width = np.full(COUNT, np.nan)
+        width[second.number.numpy()] = np.square(second.width(1.0).numpy())
+        widths.append(width)
+    on_ball = np.abs(np.linalg.norm(second.origin.numpy(), axis=0) - 0.8) < 1e-3  # not scattered by the fog before it
+    both = np.isfinite(widths[0]) & np.isfinite(widths[1]) & np.isin(np.arange(COUNT), second.number.numpy()[on_ball])
+    fresnel = mi.fresnel(Float(cosine[both].astype(np.float32)), 1.5)[0].numpy()
+    assert both.sum() > 100
+    np.testing.assert_allclose((widths[0] / widths[1])[both] * fresnel, 1, rtol=0.01)

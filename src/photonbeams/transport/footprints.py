@@ -82,7 +82,7 @@ def width(tangents: Tangents, direction: Array3f, length: Float, count: Float, o
     columns = tangents.columns()
     place, aim = _Spread.of(columns[:2], direction), _Spread.of(columns[2:], direction)
     ratio = dr.maximum(place(0), place(length)) * dr.rcp(dr.maximum(dr.maximum(aim(0), aim(length)), 1e-30))
-    cells = dr.clip(dr.sqrt(count * ratio), 1, count)
+    cells = dr.clip(dr.sqrt(count * ratio), dr.minimum(count, 1), dr.maximum(count, 1))
     half2 = dr.square(0.5 * overlap)
     x, y = half2 * dr.rcp(cells), half2 * cells * dr.rcp(count)
     a, b, c = (x * getattr(place, each) + y * getattr(aim, each) for each in "abc")

@@ -1,0 +1,100 @@
+"""Render the gallery of docs/mitsuba.md: scenes of examples/mitsuba by `photon_beams` and by `volpath` in equal time.
+
+`make docs` calls it; with names it renders those alone. Seconds, passes and samples are written into
+the page, under the pictures.
+"""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+from pages import DOCS, ROOT
+
+PICTURES, PAGE = DOCS / "pictures", DOCS / "mitsuba.md"
+MOST = 300_000  # bytes of a picture
+
+#: Scenes of examples/mitsuba: width and height of their pictures, seconds for each, and the exposure in stops.
+SCENES = {
+    "glass_ball": (480, 270, 12.0, 1.0),
+    "slits": (480, 270, 12.0, 0.0),
+    "mirrors": (480, 270, 20.0, 0.5),
+    "flask": (480, 270, 20.0, 0.5),
+    "cloud": (480, 270, 20.0, 0.0),
+    "cornell_fog": (320, 320, 12.0, 0.0),
+}
+
+
+def main() -> None:
+    """Write the pictures, and what they took."""
+    page = PAGE.read_text()
+    for name in sys.argv[1:] if __name__ == "__main__" and len(sys.argv) > 1 else SCENES:
+        page = noted(page, name, *pair(name))
+    PAGE.write_text(page)
+
+
+def pair(name: str) -> tuple[float, int, float, int]:
+    """Write two pictures of a scene; return seconds and passes of ours, seconds and samples of Mitsuba's."""
+    from photonbeams.device import mitsuba
+    from photonbeams.shot.xml import MitsubaScene
+    from photonbeams.transport.frame import render
+
+    mi = mitsuba()
+    width, height, limit, exposure = SCENES[name]
+    scene = MitsubaScene(ROOT / "examples" / "mitsuba" / f"{name}.xml")
+    scene.resize(width, height)
+    settings = replace(scene.settings, passes=1 << 14, time_limit=limit)
+    render(scene.plugin, scene.sensor, replace(settings, passes=1))  # compiles
+    seconds, frame = timed(lambda: render(scene.plugin, scene.sensor, settings))
+    write(f"{name}-beams", frame.layers()["rgba"][..., :3], exposure)
+
+    integrator = mi.load_dict({"type": "volpath", "rr_depth": 50})
+
+    def volpath(samples: int, seed: int) -> Any:
+        return np.array(mi.render(scene.plugin, integrator=integrator, spp=samples, seed=seed))[..., :3]
+
+    volpath(4, 0)
+    total, count, begin = 0.0, 0, perf_counter()
+    while perf_counter() - begin < seconds:
+        total, count = total + volpath(4, count), count + 1
+    write(f"{name}-volpath", total / count, exposure)
+    return seconds, frame.statistics.passes, perf_counter() - begin, 4 * count
+
+
+def timed(run: Callable[[], Any]) -> tuple[float, Any]:
+    """Return the seconds that a call takes, and its result."""
+    begin = perf_counter()
+    result = run()
+    return perf_counter() - begin, result
+
+
+def write(name: str, pixels: Any, exposure: float) -> None:
+    """Write a picture of sRGB levels, of fewer where it would be too large."""
+    from renders import write_levels
+
+    from photonbeams.shot.display import srgb_encoded, tone_mapped
+
+    levels = 255 * srgb_encoded(tone_mapped(np.nan_to_num(pixels) * 2.0**exposure))
+    path = PICTURES / f"{name}.png"
+    for step in range(1, 9):
+        write_levels(path, step * np.round(levels / step))
+        if path.stat().st_size <= MOST:
+            break
+
+
+def noted(page: str, name: str, seconds: float, passes: int, others: float, samples: int) -> str:
+    """Return the page with what a pair of pictures took, under the pair."""
+    took = f"{passes} passes in {seconds:.0f} s; {samples} samples in {others:.0f} s"
+    line = re.compile(rf"(\(pictures/{name}-volpath\.png\) \|\n\n)\*[^*\n]*\*")
+    if not line.search(page):
+        raise ValueError(f"{PAGE}: has no line for what the pictures of {name} took")
+    return line.sub(rf"\g<1>*{took}.*", page)
+
+
+if __name__ == "__main__":
+    main()
