@@ -116,6 +116,7 @@ class Frame:
         low, high = (np.ravel(np.asarray(each, dtype=float)) for each in (plugin.bbox().min, plugin.bbox().max))
         size = float(np.linalg.norm(high - low) / 2) if np.all(np.isfinite(high - low)) else 1.0
         self._radius = size or 1.0
+        self._reach = min(_reach(plugin), self._radius)
         if settings.guiding and self.sensor.view is not None:
             with self.statistics.phase("guide"):
                 self._emitters.learn(self._importance)
@@ -190,11 +191,10 @@ class Frame:
     def _tracing(self) -> paths.Tracing:
         """Return how light paths are traced."""
         settings = self.settings
-        densest = max((max(each.medium.extinction) for each in self._volumes.all), default=0.0)
         most = None if settings.max_depth is None else settings.max_depth - 2
         return paths.Tracing(
-            self._plugin, self._volumes, most, settings.rr_depth, settings.overlap,
-            min(self._radius, 1 / max(densest, 1e-12)), ESCAPE * self._radius, settings.short,
+            self._plugin, self._volumes, most, settings.rr_depth, settings.overlap, self._reach, settings.paths,
+            float(self._emitters.power.max()), ESCAPE * self._radius, settings.short,
         )  # fmt: skip
 
     def simulated(self, number: int) -> tuple[dict[int, Lit], list[paths.Landed], Limits]:
@@ -219,6 +219,16 @@ class Frame:
     def layers(self) -> dict[str, np.ndarray]:
         """Return the layers, (H, W, C) float32: means over the passes, through the film's reconstruction filter."""
         return self._sums.layers()
+
+
+def _reach(plugin: Any) -> float:
+    """Return the radius of a ball around all shapes that hold a medium; infinite where none does."""
+    boxes = [each.bbox() for each in plugin.shapes() if each.interior_medium() is not None]
+    if not boxes:
+        return np.inf
+    corners = [np.array([np.ravel(np.asarray(end, dtype=float)) for end in (box.min, box.max)]) for box in boxes]
+    low, high = np.min([each[0] for each in corners], axis=0), np.max([each[1] for each in corners], axis=0)
+    return float(np.linalg.norm(high - low) / 2) or np.inf
 
 
 def _everywhere(plugin: Any, sensor: Any) -> Any:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import drjit as dr
+import numpy as np
 
 from ..arrays import compressed, joined
 from ..device import Array3f, Bool, Float, UInt32, mitsuba
@@ -26,6 +27,9 @@ mi = mitsuba()
 
 # Names of samples in seeds.
 _FLIGHT, _LOBE, _TURN, _ROULETTE = 1, 2, 3, 4
+
+# Most that a path counts for when its radius is chosen: see `_scattered_radius`.
+_BRIGHTEST = 64.0
 
 # Factor on the radius of photons on surfaces that arrive there at random: see `_landed`.
 _DOZEN = 3.0
@@ -114,8 +118,9 @@ class Tracing:
         Most events on a light path (None: any number), and after how many Russian roulette begins.
     overlap
         Width of a beam in spacings of its neighbours.
-    spread
-        Radius of beams that were scattered, as a function of the flight's density: see `_scattered_radius`.
+    reach, paths, power
+        Size of the region that scattered light crosses, and how many paths of how much light there are: see
+        `_scattered_radius`.
     escape
         Length of segments that meet no surface.
     short
@@ -128,6 +133,8 @@ class Tracing:
     rr_depth: int
     overlap: float
     reach: float
+    paths: int
+    power: float
     escape: float
     short: bool = False
 
@@ -322,11 +329,11 @@ def _following(
     following.share = paths.share * dr.select(event.on_surface, scatter.chance, 1)
     # Straight on, a shift grows with the way; mirrors and lenses see to theirs later.
     following.tangents = Tangents.of([(p + event.way * d, d) for p, d in paths.tangents.columns()])
-    following.radius = _scattered_radius(tracing, paths)
     going = event.going & (dr.max(following.flux) > 0)
     if tracing.max_events is not None:
         going &= following.events <= tracing.max_events
     _roulette(tracing, following, passes, index, stream, going)
+    following.radius = dr.select(following.coherent | passes, paths.radius, _scattered_radius(tracing, following))
     event.going = going & (dr.max(following.flux) > 0)
     return following
 
@@ -336,13 +343,16 @@ def _chosen(event: _Event, scattered: Any, reflected: Any, same: Any) -> Any:
     return dr.select(event.scatters, scattered, dr.select(event.on_surface, reflected, same))
 
 
-def _scattered_radius(tracing: Tracing, paths: Paths) -> Float:
+def _scattered_radius(tracing: Tracing, following: Paths) -> Float:
     """Return the radius of beams that were scattered at random.
 
-    N lines through a region of size ℓ cross it √(ℓ²/N) apart. They lie at random, so that they should overlap twice as
-    far as those in strata.
+    N lines through a region of size ℓ cross it √(ℓ²/N) apart. They lie at random, so that they should overlap more than
+    those in strata. A path with more light than others stands for as many of them, and is as much wider: else it would
+    be a bright streak.
     """
-    return dr.opaque(Float, tracing.overlap * tracing.reach) * dr.rsqrt(paths.count)
+    light = dr.max(following.flux) * dr.opaque(Float, tracing.paths / max(tracing.power, 1e-30))
+    usual = dr.opaque(Float, tracing.overlap * tracing.reach / np.sqrt(tracing.paths))
+    return usual * dr.sqrt(dr.clip(light, 1, _BRIGHTEST))
 
 
 def _roulette(tracing: Tracing, paths: Paths, passes: Bool, index: UInt32, stream: UInt32, active: Bool) -> None:
