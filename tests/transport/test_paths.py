@@ -20,7 +20,7 @@ SPOT = {"type": "spot", "to_world": T().look_at([-2.5, 1.5, 0.3], [0, 0, 0], [0,
 
 
 def ball_in_fog(light=SPOT, **ball):
-    medium = mi.load_dict(fog(1e-3))
+    medium = mi.load_dict(fog(1e-3, 0.0))
     glass = {"type": "sphere", "radius": 0.8, "bsdf": {"type": "dielectric", "int_ior": 1.5}, **ball}
     scene = load(ball={**glass, "exterior": medium}, light=light)
     return scene, medium

@@ -8,6 +8,7 @@ the next event in the medium (*short*). Events in the medium follow the transmit
 from __future__ import annotations
 
 from collections.abc import Iterator
+from copy import copy
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -28,8 +29,11 @@ mi = mitsuba()
 # Names of samples in seeds.
 _FLIGHT, _LOBE, _TURN, _ROULETTE = 1, 2, 3, 4
 
+# What becomes of a path at the next step: chance decides, it is scattered in the medium, or it reaches the surface.
+_CHANCE, _SCATTERS, _PASSES = 0, 1, 2
+
 # Most that a path counts for when its radius is chosen: see `_scattered_radius`.
-_BRIGHTEST = 64.0
+_BRIGHTEST = 8.0
 
 # Factor on the radius of photons on surfaces that arrive there at random: see `_landed`.
 _DOZEN = 3.0
@@ -47,12 +51,13 @@ class Paths:
     media; `coherent` are those whose neighbours take the same way, and whose `tangents` tell how far apart they are;
     the others have a `radius`. `first` is the flux at the emitter, `count` the size of the path's sequence, `share` the
     part of a path's neighbours that took the same way where chance chose: of a glass' reflection few hundredths.
+    `fate` says what becomes of it next, if chance does not decide.
     """
 
     DRJIT_STRUCT: ClassVar[dict[str, Any]] = {
         "origin": Array3f, "direction": Array3f, "flux": Array3f, "medium": UInt32, "number": UInt32, "events": UInt32,
         "straight": Bool, "coherent": Bool, "tangents": Tangents, "radius": Float, "first": Float, "count": Float,
-        "share": Float,
+        "share": Float, "fate": UInt32,
     }  # fmt: skip
 
     origin: Any
@@ -68,6 +73,7 @@ class Paths:
     first: Any
     count: Any
     share: Any
+    fate: Any
 
 
 class Segments:
@@ -154,7 +160,7 @@ def begin(tracing: Tracing, emitted: list[Emitted], otherwise: Any) -> Paths | N
     paths.events = dr.zeros(UInt32, total)
     paths.straight = paths.coherent = dr.full(Bool, True, total)
     paths.radius, paths.share = dr.zeros(Float, total), dr.ones(Float, total)
-    paths.first = dr.max(paths.flux)
+    paths.first, paths.fate = dr.max(paths.flux), dr.zeros(UInt32, total)
     alive = paths.first > 0
     paths.medium = medium_at(tracing.plugin, paths.origin, paths.direction, otherwise, alive)
     kept = compressed(alive, paths)
@@ -168,10 +174,30 @@ def trace(tracing: Tracing, paths: Paths | None, seed: Any, first: Any) -> Itera
     """
     step = 0
     while paths is not None:
+        paths = _split(tracing, paths)
         segments, in_medium, landed, on_surface, following, going = _step(tracing, paths, seed, first, step)
         yield _kept(in_medium, segments), _kept(on_surface, landed)
         paths = _kept(going, following)
         step += 1
+
+
+def _split(tracing: Tracing, paths: Paths) -> Paths:
+    """Return paths with those in two whose light is sharp: what is scattered before the next surface, and what is not.
+
+    In thin fog few paths would be scattered, each of them bright. Of one that is split both parts carry what they
+    should, so that as many paths are scattered as there are; it makes as many more, for one event each.
+    """
+    varying, _ = tracing.volumes.varying(paths.medium)
+    both = paths.coherent & (paths.medium > 0) & ~varying & Bool(not tracing.short)
+    scattered = _kept(both, paths)
+    if scattered is None:
+        return paths
+    whole, scattered = copy(paths), copy(scattered)
+    whole.fate = dr.select(both, UInt32(_PASSES), UInt32(_CHANCE))
+    scattered.fate = dr.full(UInt32, _SCATTERS, dr.width(scattered.fate))
+    result: Paths = joined([whole, scattered])
+    dr.eval(result)
+    return result
 
 
 def _kept(mask: Bool, value: Any) -> Any:
@@ -192,14 +218,14 @@ def _kept(mask: Bool, value: Any) -> Any:
 
 def _step(tracing: Tracing, paths: Paths, seed: Any, first: Any, step: int) -> tuple[Any, ...]:
     """Return what one step of all paths leaves: segments, photons, the paths after it, and masks of which are there."""
-    index, stream = paths.number + first, hash32(seed, dr.opaque(UInt32, step))
+    index, stream = paths.number + first, hash32(seed, dr.opaque(UInt32, step), paths.fate)
     hit = tracing.plugin.ray_intersect(_ray(paths.origin, paths.direction))
     event = _Event(tracing, paths, hit, index, stream)
     segments = _segments(tracing, paths, event)
     scatter = _reflect(hit, event.on_surface, index, stream)
     following = _following(tracing, paths, event, scatter, index, stream)
     landed = _landed(paths, event, segments.width)
-    in_medium = (paths.medium > 0) & (event.length > 0)
+    in_medium = (paths.medium > 0) & (event.length > 0) & (paths.fate != _SCATTERS)
     on_surface = event.on_surface & ~paths.straight & event.smooth
     if tracing.max_events is not None:
         in_medium &= paths.events <= tracing.max_events
@@ -259,12 +285,27 @@ def _flight(
     extinction = volumes.extinction(paths.medium)
     u = pixel_sample(index, hash32(stream, UInt32(_FLIGHT)))
     own = dr.select(u.x < share.x, extinction.x, dr.select(u.x < share.x + share.y, extinction.y, extinction.z))
-    distance = dr.select(own > 0, -dr.log(1 - u.y) * dr.rcp(dr.maximum(own, 1e-30)), dr.inf)
+    surely = paths.fate == _SCATTERS
+    # The part of flights that end before the surface; by its series where float32 would cancel.
+    depth = own * dr.minimum(length, 1e30)
+    ending = dr.select(surely, _ending(depth), 1)
+    distance = dr.select(own > 0, -dr.log(1 - u.y * ending) * dr.rcp(dr.maximum(own, 1e-30)), dr.inf)
+    distance = dr.select(surely & (own > 0), dr.minimum(distance, length * (1 - 1e-6)), distance)
+    distance = dr.select(paths.fate == _PASSES, dr.inf, distance)
     scatters = distance < length
     passed = volumes.absorbed(paths.medium, dr.minimum(distance, length))
-    density = dr.sum(share * passed * dr.select(scatters, extinction, 1))
+    rate = dr.select(surely, extinction * dr.rcp(dr.maximum(_ending(extinction * dr.minimum(length, 1e30)), 1e-30)),
+                     extinction)  # fmt: skip
+    density = dr.sum(share * passed * dr.select(scatters, rate, 1))
     scattering = dr.select(scatters, volumes.scattering(paths.medium), Array3f(1))
-    return distance, dr.select(density > 0, passed * scattering * dr.rcp(density), 0)
+    weight = dr.select(density > 0, passed * scattering * dr.rcp(density), 0)
+    weight = dr.select(surely & ~scatters, 0, weight)
+    return distance, dr.select(paths.fate == _PASSES, passed, weight)
+
+
+def _ending(depth: Any) -> Any:
+    """Return 1 − exp(−x)."""
+    return dr.select(depth < 1e-3, depth * (1 - 0.5 * depth), 1 - dr.exp(-depth))
 
 
 class _Scatter:
@@ -326,6 +367,7 @@ def _following(
     following.straight = paths.straight & passes
     following.coherent = paths.coherent & (event.tinted | (event.on_surface & scatter.delta))
     following.number, following.first, following.count = paths.number, paths.first, paths.count
+    following.fate = dr.zeros(UInt32, dr.width(paths.number))
     following.share = paths.share * dr.select(event.on_surface, scatter.chance, 1)
     # Straight on, a shift grows with the way; mirrors and lenses see to theirs later.
     following.tangents = Tangents.of([(p + event.way * d, d) for p, d in paths.tangents.columns()])
@@ -347,12 +389,12 @@ def _scattered_radius(tracing: Tracing, following: Paths) -> Float:
     """Return the radius of beams that were scattered at random.
 
     N lines through a region of size ℓ cross it √(ℓ²/N) apart. They lie at random, so that they should overlap more than
-    those in strata. A path with more light than others stands for as many of them, and is as much wider: else it would
-    be a bright streak.
+    those in strata. What a ray sees of one is its light over its width; a path with more light than others is wider by
+    as much, or it would be a bright streak.
     """
     light = dr.max(following.flux) * dr.opaque(Float, tracing.paths / max(tracing.power, 1e-30))
     usual = dr.opaque(Float, tracing.overlap * tracing.reach / np.sqrt(tracing.paths))
-    return usual * dr.sqrt(dr.clip(light, 1, _BRIGHTEST))
+    return usual * dr.clip(light, 1, _BRIGHTEST)
 
 
 def _roulette(tracing: Tracing, paths: Paths, passes: Bool, index: UInt32, stream: UInt32, active: Bool) -> None:
@@ -385,7 +427,7 @@ def _carry(tracing: Tracing, paths: Paths, following: Paths, bent: Bool, index: 
     dr.enable_grad(origin, direction)
     with dr.resume_grad():
         hit = tracing.plugin.ray_intersect(_ray(origin, direction))
-        sample, _ = _sampled(hit, True, dr.gather(UInt32, index, lane), stream)
+        sample, _ = _sampled(hit, True, dr.gather(UInt32, index, lane), dr.gather(UInt32, stream, lane))
         p, d = differentiate([origin, direction], [hit.p, hit.to_world(sample.wo)], [shift, turn])
     shift, turn = Array3f(p), Array3f(d)
     dr.eval(shift, turn)
