@@ -16,7 +16,7 @@ from typing import Any
 import drjit as dr
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import maximum_filter
+from scipy.ndimage import uniform_filter
 
 from ..device import Array3f, Bool, Float, UInt32, mitsuba
 from ..hashing import hash32
@@ -30,11 +30,11 @@ Numbers = npt.NDArray[Any]
 PILOT = 1 << 16  # light paths of the pilot pass
 # Bins over the two numbers of place and the two of direction, and the share of samples that stay even.
 _BINS = (4, 4, 32, 32)
-_EVEN = 0.3
+_EVEN = 0.2
 # Points along a segment that are looked at.
 _POINTS = 4
 # Emission is left even where the part of it that is seen is greater than this: strata are worth more then.
-_ENOUGH = 0.5
+_ENOUGH = 0.6
 
 
 class Guide:
@@ -81,10 +81,10 @@ def learn(points: Numbers, importance: Numbers) -> Guide | None:
     bins = [np.minimum((points[:, axis] * count).astype(int), count - 1) for axis, count in enumerate(_BINS)]
     density = np.zeros(_BINS)
     np.add.at(density, tuple(bins), importance)
-    # A bin's neighbours may be seen as well, though the pilot has not hit what is seen of them.
-    wide = maximum_filter(density, size=3, mode="nearest")
-    # Of many bins with few paths each, single counts are chance: the spread between them is tamed.
-    density = np.sqrt(wide)
+    # A bin's neighbours may be seen as well, though the pilot has not hit what is seen of them, and what it has hit of
+    # one bin is chance. Of four filters this one served the comparison scene best: the largest of the neighbours, and
+    # the roots of both, left a tenth to a third more error.
+    density = np.maximum(uniform_filter(density, size=3, mode="nearest"), 0)  # by differences of sums: −1e-17 for 0
     if density.sum() ** 2 > _ENOUGH * density.size * (density**2).sum():
         return None
     return Guide(density)
