@@ -27,10 +27,10 @@ def test_no_picture_has_numbers_that_are_none(first):
         integrator = mi.load_dict(maker.integrator())
         found = np.array(mi.render(mi.load_dict(scene), integrator=integrator, spp=2, seed=seed))
         assert np.isfinite(found).all(), seed
-        # Colours that are no light's have negative XYZ in no case, but filters may overshoot.
+        # Filters with negative lobes overshoot.
         assert film["rfilter"]["type"] in LOBES or found.min() >= 0, seed
         lit += found.max() > 0
-    assert lit >= 2  # or it would not say much
+    assert lit  # or it would not say much
 
 
 # -- refused ---------------------------------------------------------------------------------------------------------

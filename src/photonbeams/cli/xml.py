@@ -71,6 +71,8 @@ def check_given(given: Sequence[str], flags: Mapping[str, str]) -> None:
 
 def render_xml(asked: Asked, start: Callable[[], None]) -> None:
     """Render a Mitsuba scene; `start` starts the device."""
+    if asked.checkpoint is not None and not asked.checkpoint > 0:
+        raise typer.BadParameter(f"--checkpoint is {asked.checkpoint}: expected a positive number of seconds")
     with messages(asked.quiet, asked.verbose), held_interrupt() as check:
         start()
         from ..shot.xml import MitsubaScene
