@@ -164,8 +164,8 @@ def test_flags_are_over_the_integrator_and_the_rest_is_its_own(render, scene, ou
         with pytest.raises(FrameError):
             cli.main(["render", *map(str, (scene(INTEGRATOR, own), "-o", out / "a.exr", *more))])
     plain, asked = seen
-    assert (plain.passes, plain.paths, plain.seed, plain.estimator, len(plain.rule.nodes)) == (3, 77, 0, "frustum", 3)
-    assert (asked.passes, asked.paths, asked.seed, asked.estimator, len(asked.rule.nodes)) == (9, 50, 4, "billboard", 2)
+    assert (plain.passes, plain.paths, plain.seed, plain.estimator, len(plain.rule.points)) == (3, 77, 0, "frustum", 3)
+    assert (asked.passes, asked.paths, asked.seed, asked.estimator, len(asked.rule.points)) == (9, 50, 4, "billboard", 2)
     assert (asked.max_depth, asked.time_limit) == (5, 60) and plain.time_limit is None
 
 
