@@ -157,16 +157,17 @@ def test_parameters_of_the_file_are_set(render, scene, out):
 def test_flags_are_over_the_integrator_and_the_rest_is_its_own(render, scene, out, monkeypatch):
     seen = []
     monkeypatch.setattr(frame, "Frame", lambda *given: seen.append(given[2]) or 1 / 0)
-    own = ('<integrator type="photon_beams"><integer name="paths" value="77"/><integer name="order" value="3"/>'
-           '<integer name="max_depth" value="5"/><string name="estimator" value="frustum"/></integrator>')  # fmt: skip
+    text = ('<integrator type="photon_beams"><integer name="paths" value="77"/><integer name="order" value="3"/>'
+            '<integer name="max_depth" value="5"/><string name="estimator" value="frustum"/></integrator>')  # fmt: skip
     flags = ("--passes", 9, "--beams", 50, "--seed", 4, "--estimator", "billboard", "--order", 2, "--time-limit", 60)
     for more in ((), flags):
         with pytest.raises(FrameError):
-            cli.main(["render", *map(str, (scene(INTEGRATOR, own), "-o", out / "a.exr", *more))])
-    plain, asked = seen
-    assert (plain.passes, plain.paths, plain.seed, plain.estimator, len(plain.rule.points)) == (3, 77, 0, "frustum", 3)
-    assert (asked.passes, asked.paths, asked.seed, asked.estimator, len(asked.rule.points)) == (9, 50, 4, "billboard", 2)
-    assert (asked.max_depth, asked.time_limit) == (5, 60) and plain.time_limit is None
+            cli.main(["render", *map(str, (scene(INTEGRATOR, text), "-o", out / "a.exr", *more))])
+    own, asked = seen
+    assert (own.passes, own.paths, own.seed, own.estimator, len(own.rule.points)) == (3, 77, 0, "frustum", 3)
+    assert (asked.passes, asked.paths, asked.seed, len(asked.rule.points)) == (9, 50, 4, 2)
+    assert asked.estimator == "billboard"
+    assert (asked.max_depth, asked.time_limit) == (5, 60) and own.time_limit is None
 
 
 def test_a_scene_for_another_integrator_has_our_defaults(render, scene, out):
