@@ -54,6 +54,11 @@ Photon beams (:monosp:`photon_beams`)
    - |float|
    - How fast radii shrink from pass to pass, above 0; 1 keeps them as they are. (Default: 0.7)
 
+ * - guiding
+   - |bool|
+   - Learn from a pilot pass where light comes from that the camera sees, and send more light paths from there.
+     (Default: yes, i.e. |true|)
+
  * - beams
    - |string|
    - "long" beams reach to the next surface, "short" ones end where their light is scattered. (Default: "long")
@@ -121,9 +126,9 @@ def _settings(properties: Any) -> Any:
 
     plain = Settings()
     given: dict[str, Any] = {
-        name: properties.get(name, getattr(plain, name)) for name in ("rr_depth", "hide_emitters", "paths", "overlap",
-                                                                      "alpha", "estimator")
-    }  # fmt: skip
+        name: properties.get(name, getattr(plain, name))
+        for name in ("rr_depth", "hide_emitters", "paths", "overlap", "alpha", "guiding", "estimator")
+    }
     depth = properties.get("max_depth", -1)
     kind = properties.get("beams", "long")
     if kind not in ("long", "short"):

@@ -27,10 +27,9 @@ def ball_in_fog(light=SPOT, **ball):
 
 
 def tracing(scene, media, **given):
-    return paths.Tracing(
-        scene, Volumes(media), **{"max_events": None, "rr_depth": 5, "overlap": OVERLAP, "reach": 1.0, "paths": COUNT, "power": 1.0, "escape": 10.0,
-                                  **given}
-    )  # fmt: skip
+    plain = {"max_events": None, "rr_depth": 5, "overlap": OVERLAP, "reach": 1.0, "paths": COUNT, "power": 1.0,
+             "escape": 10.0}  # fmt: skip
+    return paths.Tracing(scene, Volumes(media), **{**plain, **given})
 
 
 def steps(tracing, emitted, medium, limit=12):

@@ -29,13 +29,13 @@ class FrameError(Exception):
     frame
         "frame 7: ", or nothing where there is one frame alone.
     done
-        What was written before.
+        What was written before, or `kept` of a frame that is not finished.
     """
 
-    def __init__(self, frame: str, written: int) -> None:
-        super().__init__(frame, written)
+    def __init__(self, frame: str, written: int, kept: str | None = None) -> None:
+        super().__init__(frame, written, kept)
         self.frame = frame
-        self.done = "nothing was written"
+        self.done = kept or "nothing was written"
         if written:
             self.done = f"{counted(written, 'frame')} {'was' if written == 1 else 'were'} written"
 
@@ -146,7 +146,8 @@ class Animation:
                     if several:
                         self._say(frame_line(task.name, statistics, task.files, time.perf_counter() - begun))
                 except (Exception, KeyboardInterrupt) as error:
-                    raise FrameError(f"frame {task.name}: " if several else "", len(done)) from error
+                    kept = getattr(error, "done", None)
+                    raise FrameError(f"frame {task.name}: " if several else "", len(done), kept) from error
         seconds = time.perf_counter() - begin
         if several or not done:
             files = sum(len(task.outputs) for task, _ in done)
@@ -157,6 +158,15 @@ class Animation:
     def _say(self, text: str) -> None:
         if not self.quiet:
             print(text, file=sys.stderr)
+
+
+def print_plan(what: str, tasks: Sequence[Task], todo: Sequence[Task], layers: Sequence[str]) -> None:
+    """Print what would be done."""
+    files = " to ".join(", ".join(map(str, task.files)) for task in dict.fromkeys([*todo[:1], *todo[-1:]]))
+    print(f"All is well: {what}", file=sys.stderr)
+    if len(tasks) > 1 or not todo:
+        print(f"would render {len(todo):,} of {counted(len(tasks), 'frame')}", file=sys.stderr)
+    print(f"would write {files or 'nothing'}, with the layers {', '.join(layers)}", file=sys.stderr)
 
 
 def _advancing(show: Callable[[int, str], None], check: Callable[[], None]) -> Callable[..., None]:

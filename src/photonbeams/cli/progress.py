@@ -155,6 +155,6 @@ def report_line(rendered: int, skipped: int, files: int, seconds: float) -> str:
     return f"{frames}, {counted(files, 'file')} written, {seconds:.1f} s"
 
 
-def counted(count: int, noun: str) -> str:
-    """Return "1 frame" or "5 frames"."""
-    return f"{count:,} {noun}{'' if count == 1 else 's'}"
+def counted(count: int, noun: str, several: str | None = None) -> str:
+    """Return "1 frame" or "5 frames", or what `several` are called."""
+    return f"{count:,} {noun if count == 1 else several or noun + 's'}"

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from .animation import Animation, Task, frame_numbers, tasks_of
+from .animation import Animation, Task, frame_numbers, print_plan, tasks_of
 from .outputs import Output, check_placeholders, chosen_layers, parse_outputs, prepare_outputs, write_outputs
 from .programs import load_function, load_looks
-from .progress import Progress, counted, held_interrupt, messages
+from .progress import Progress, held_interrupt, messages
 from .xml import Asked, check_given, render_xml
 
 if TYPE_CHECKING:
@@ -288,7 +288,7 @@ def render(
         if dry_run:
             if not quiet:
                 seen_by = " and ".join(dict.fromkeys(each.name for each in shot.cameras(first.number)))
-                _print_plan(f"{scene} seen by {seen_by}, {width} x {height} pixels", animation.tasks, todo, kept)
+                print_plan(f"{scene} seen by {seen_by}, {width} x {height} pixels", animation.tasks, todo, kept)
             return
 
         def finish(task: Task, advance: Callable[[int], None]) -> Statistics:
@@ -484,15 +484,6 @@ def _size(
     wanted = res if any(res) else settings.resolution or res
     width, height = shot.resolution(wanted[0] or None, wanted[1] or None, number, plates, view)
     return shot.resolution(max(1, round(scale * width)), max(1, round(scale * height)), number)
-
-
-def _print_plan(what: str, tasks: Sequence[Task], todo: Sequence[Task], layers: Sequence[str]) -> None:
-    """Print what would be done."""
-    files = " to ".join(", ".join(map(str, task.files)) for task in dict.fromkeys([*todo[:1], *todo[-1:]]))
-    print(f"All is well: {what}", file=sys.stderr)
-    if len(tasks) > 1 or not todo:
-        print(f"would render {len(todo):,} of {counted(len(tasks), 'frame')}", file=sys.stderr)
-    print(f"would write {files or 'nothing'}, with the layers {', '.join(layers)}", file=sys.stderr)
 
 
 def _rule(name: RuleName, order: int) -> Rule:

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from .animation import Animation, Task
+from .animation import Animation, Task, print_plan
 from .outputs import Output, chosen_layers, prepare_outputs, write_outputs
-from .progress import Progress, error_note, held_interrupt, messages
+from .progress import Progress, counted, error_note, held_interrupt, messages
 
 if TYPE_CHECKING:
     from ..render.frame import Statistics
@@ -54,6 +54,14 @@ class Asked:
     command: str
 
 
+class Kept(KeyboardInterrupt):
+    """Ctrl-C after a checkpoint was written; `done` says so."""
+
+    def __init__(self, done: str) -> None:
+        super().__init__(done)
+        self.done = done
+
+
 def check_given(given: Sequence[str], flags: Mapping[str, str]) -> None:
     """Refuse flags (by the names of their parameters) that are about stages."""
     for name in given:
@@ -63,6 +71,8 @@ def check_given(given: Sequence[str], flags: Mapping[str, str]) -> None:
 
 def render_xml(asked: Asked, start: Callable[[], None]) -> None:
     """Render a Mitsuba scene; `start` starts the device."""
+    if asked.checkpoint is not None and not asked.checkpoint > 0:
+        raise typer.BadParameter(f"--checkpoint is {asked.checkpoint}: expected a positive number of seconds")
     with messages(asked.quiet, asked.verbose), held_interrupt() as check:
         start()
         from ..shot.xml import MitsubaScene
@@ -77,7 +87,7 @@ def render_xml(asked: Asked, start: Callable[[], None]) -> None:
             )
         width, height = scene.resize(asked.res[0] or None, asked.res[1] or None)
         scale = asked.res_scale
-        scene.resize(max(1, round(scale * width)), max(1, round(scale * height)), asked.crop)
+        width, height = scene.resize(max(1, round(scale * width)), max(1, round(scale * height)), asked.crop)
         settings = replace(scene.settings, **asked.settings)
         kept = chosen_layers(asked.layers, asked.outputs, LAYERS)
         task = Task(None, asked.path.stem, tuple(asked.outputs))
@@ -86,6 +96,10 @@ def render_xml(asked: Asked, start: Callable[[], None]) -> None:
             prepare_outputs(asked.outputs)
         check()
         if asked.dry_run:
+            scene.check(settings)
+            if not asked.quiet:
+                seen_by = scene.sensor.id() or scene.cameras[0]
+                print_plan(f"{asked.path} seen by {seen_by}, {width} x {height} pixels", [task], animation.todo(), kept)
             return
 
         def finish(task: Task, advance: Callable[..., None]) -> Statistics:
@@ -105,22 +119,30 @@ def _render(scene: MitsubaScene, settings: Settings, asked: Asked, advance: Call
 
     path = checkpoint_of(asked.outputs)
     state = load_checkpoint(path, scene, settings) if asked.resume else None
-    written = time.perf_counter()
+    written, kept = time.perf_counter(), 0
+
+    def save(passes: int, frame: Frame) -> None:
+        nonlocal written, kept
+        if asked.checkpoint is not None and passes:
+            save_checkpoint(path, scene, frame)
+            written, kept = time.perf_counter(), passes
 
     def done(passes: int, frame: Frame) -> None:
-        nonlocal written
         try:
             advance(passes, error_note(frame.error()))
         except KeyboardInterrupt:
-            if asked.checkpoint is not None and passes:
-                save_checkpoint(path, scene, frame)
+            save(passes, frame)
             raise
         due = asked.checkpoint is not None and time.perf_counter() - written >= asked.checkpoint
-        if due and 0 < passes < settings.passes:
-            save_checkpoint(path, scene, frame)
-            written = time.perf_counter()
+        if due and passes < settings.passes:
+            save(passes, frame)
 
-    return scene.render(settings, done, state)
+    try:
+        return scene.render(settings, done, state)
+    except KeyboardInterrupt as interrupt:
+        if kept:
+            raise Kept(f"{path} has {counted(kept, 'pass', 'passes')}: --resume goes on from there") from interrupt
+        raise
 
 
 def checkpoint_of(outputs: Sequence[Output]) -> Path:

@@ -189,7 +189,7 @@ def _lane_rays(rays: PixelRays, view: Projection, pixel: Any, inside: Any, group
         rays.shared_origin,
         time,
         rays.origin if rays.shared_origin else view.origin,
-        pixel,
+        dr.select(inside, pixel, 0),  # factors look up what belongs to a ray, and beside the picture there is nothing
     )
 
 

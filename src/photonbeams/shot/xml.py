@@ -100,6 +100,12 @@ class MitsubaScene:
         parameters.update()
         return size[0], size[1]
 
+    def check(self, settings: Settings) -> None:
+        """Raise SceneError where something in the scene cannot be rendered."""
+        from ..transport.frame import Frame
+
+        Frame(self.plugin, self.sensor, replace(settings, guiding=False))
+
     def render(
         self, settings: Settings, progress: Progress | None = None, state: Mapping[str, np.ndarray] | None = None
     ) -> Frame:
@@ -160,7 +166,11 @@ def _fingerprint(scene: MitsubaScene, settings: Settings) -> str:
 
 
 def _reason(text: str) -> str:
-    """Return the first sentence of what Mitsuba says of a file, without where in its own code that was."""
+    """Return what Mitsuba says of a file in one line, without where in its own code or in ours that was."""
     text = re.sub(r"^\[[\w.]+:\d+\]\s*", "", text.strip())
+    text, _, trace = text.partition("Traceback (most recent call last):")
     lines = [line.strip() for line in text.splitlines() if line.strip()]
-    return " ".join(lines)[:500]
+    if trace:  # of a plug-in in Python: its last line that is not indented is the error, "Class: what is wrong"
+        last = [line for line in trace.splitlines() if re.match(r"[\w.]+: ", line)]
+        lines.append(last[-1].partition(": ")[2] if last else "")
+    return " ".join(lines)[:500].strip()

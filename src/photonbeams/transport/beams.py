@@ -11,7 +11,7 @@ from ..beams import Beams
 from ..device import Array3f, UInt32
 from .footprints import Limits
 from .paths import Segments
-from .volumes import Volume
+from .volumes import Volume, ended
 
 # A segment is cut at its focus where it is narrower there, by this factor, than a straight cone would be.
 _WAIST = 0.8
@@ -34,17 +34,17 @@ class Lit:
         return kept[0] if kept else None
 
 
-def lit(volume: Volume, steps: list[Segments], limits: Limits) -> Lit | None:
+def lit(volume: Volume, steps: list[Segments], limits: Limits, short: bool = False) -> Lit | None:
     """Return the beams of a medium, from the segments of all steps; None where there are none."""
     pieces: list[Lit] = []
     for segments in steps:
         kept = compressed(segments.medium == dr.opaque(UInt32, volume.number), segments)
         if kept:
-            pieces += _cut(kept[0], limits, volume)
+            pieces += _cut(kept[0], limits, volume, short)
     return joined(pieces) if pieces else None
 
 
-def _cut(segments: Segments, limits: Limits, volume: Volume) -> list[Lit]:
+def _cut(segments: Segments, limits: Limits, volume: Volume, short: bool) -> list[Lit]:
     """Return segments as beams, in two pieces where there is a focus."""
     width, length = segments.width, segments.length
     focus = width.focus()
@@ -59,9 +59,11 @@ def _cut(segments: Segments, limits: Limits, volume: Volume) -> list[Lit]:
     result = [Lit(near, segments.events)]
     index: Any = dr.compress(cut)
     if len(index):
-        extinction = dr.opaque(Array3f, list(volume.medium.extinction))
-        faded = segments.flux * dr.exp(-extinction * middle)
-        far = _beams(segments, (middle, length), (middle_radius, last), segments.normal, faded)
+        left = dr.exp(-dr.opaque(Array3f, list(volume.medium.extinction)) * middle)
+        if short:
+            left = ended(left, segments.flux)
+        flux = segments.flux if volume.tracked is not None else segments.flux * left
+        far = _beams(segments, (middle, length), (middle_radius, last), segments.normal, flux)
         result.append(taken(Lit(far, segments.events), index))
     return result
 

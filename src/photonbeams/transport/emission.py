@@ -18,11 +18,15 @@ from ..arrays import to_float
 from ..device import Array2f, Array3f, Float, UInt32, mitsuba
 from ..simulation.sampling import pairs, sobol_block, sobol_points
 from .guiding import PILOT, Guide, Numbers, learn
+from .volumes import check_finite
 
 mi = mitsuba()
 
 # Paths that tell how much power an emitter has, and the least share of a pass that an emitter with any power gets.
 _PILOT, _LEAST = 4096, 1 / 64
+
+# Points of SciPy's Sobol sequences, after which another one begins.
+_SEQUENCE = 1 << 30
 
 
 class Tangents:
@@ -92,6 +96,8 @@ class Emitters:
     def __init__(self, plugin: Any, seed: int = 0) -> None:
         self._scene, self._plugins = plugin, plugin.emitters()  # an emitter alone does not keep its shape alive
         self._seed = seed
+        for each in self._plugins:
+            check_finite(each, f"emitter {each.id() or each.class_name()}")
         fluxes = [self._flux(number) for number in range(len(self._plugins))]
         power = np.array([max(flux) for flux in fluxes])
         self.power = np.sum(fluxes, axis=0) if fluxes else np.zeros(3)
@@ -138,7 +144,9 @@ class Emitters:
             self._shares = 0.5 * self._shares + 0.5 * sums / sums.sum()
 
     def _points(self, number: int, count: int, block: int, pilot: bool = False) -> Numbers:
-        return sobol_points(count, block, (self._seed & 0xFFFFFFFF, number, *((1,) if pilot else ())))
+        blocks = max(1, _SEQUENCE // count)
+        more = (1,) if pilot else (2, block // blocks) if block >= blocks else ()
+        return sobol_points(count, block % blocks, (self._seed & 0xFFFFFFFF, number, *more))
 
     def emit(self, count: int, block: int) -> list[Emitted]:
         """Return about `count` light paths of pass `block`, by emitters."""

@@ -23,6 +23,9 @@ mi = mitsuba()
 
 _LOBE, _TURN, _ROULETTE, _WAY = 301, 302, 303, 304  # names of samples in seeds
 
+# What makes a surface more than a border of media; to Mitsuba going straight on (Null) is one of `Delta`.
+_VISIBLE = int(mi.BSDFFlags.Smooth | mi.BSDFFlags.DeltaReflection | mi.BSDFFlags.DeltaTransmission)
+
 # Steps after which a path ends that meets nothing that ends it, as between two mirrors.
 _STEPS = 128
 
@@ -131,7 +134,7 @@ def _step(looking: Looking, sight: Sight, samples: Samples, step: UInt32, lit: A
         own = direct(plugin, volumes, hit, sight.medium, sight.order, samples, step, smooth)
         seen.radiance += own + lit(hit, sight.events, smooth)
     seen.radiance = dr.select(alive, seen.radiance * throughput, 0)
-    visible = mi.has_flag(flags, mi.BSDFFlags.Smooth) | mi.has_flag(flags, mi.BSDFFlags.Delta)
+    visible = (UInt32(flags) & _VISIBLE) != 0
     seen.solid = met & (visible | ~mi.has_flag(flags, mi.BSDFFlags.Null))
     return seen, _onward(looking, sight, hit, throughput, met, samples, step)
 

@@ -30,7 +30,7 @@ from .photons import Arrived, translucent
 from .picture import Picture, Sums
 from .samples import Samples
 from .sensors import Sensor
-from .volumes import Volumes, number
+from .volumes import Volumes, number, parts
 
 mi = mitsuba()
 
@@ -38,6 +38,8 @@ mi = mitsuba()
 FLOOR, CEILING = 1e-4, 0.05
 # How far light goes that leaves the scene, in units of its radius.
 ESCAPE = 8.0
+# Greatest radius of a scene: the squares and cubes of what is longer are beyond the numbers that there are.
+LARGEST = 1e9
 
 
 @dataclass(frozen=True)
@@ -90,11 +92,11 @@ class Settings:
 
     def __post_init__(self) -> None:
         check_estimator(self.estimator)
-        for name, least in (("passes", 1), ("paths", 1), ("rr_depth", 1)):
-            if getattr(self, name) < least:
-                raise scene.SceneError(f"{name} is {getattr(self, name)}: expected at least {least}")
-        if self.max_depth is not None and self.max_depth < 0:
-            raise scene.SceneError(f"max_depth is {self.max_depth}: expected -1, for any, or a number from 0 on")
+        for name, most in (("passes", 2**31 - 1), ("paths", 100_000_000), ("rr_depth", 2**31 - 1)):
+            if not 1 <= getattr(self, name) <= most:
+                raise scene.SceneError(f"{name} is {getattr(self, name)}: expected 1 to {most}")
+        if self.max_depth is not None and not 0 <= self.max_depth < 2**31:
+            raise scene.SceneError(f"max_depth is {self.max_depth}: expected -1, for any, or 0 to {2**31 - 1}")
         for name in ("radius", "min_radius", "max_radius", "time_limit", "overlap"):
             value = getattr(self, name)
             if value is not None and not (np.isfinite(value) and value > 0):
@@ -111,11 +113,11 @@ class Frame:
         self._plugin, self.sensor = plugin, Sensor(sensor)
         with self.statistics.phase("build"):
             self._volumes = Volumes.of(plugin)
+            if settings.short:
+                self._volumes.all = tuple(each.ending() for each in self._volumes.all)
             self._emitters = Emitters(plugin, settings.seed)
         self._otherwise = dr.opaque(UInt32, number(_everywhere(plugin, sensor)))
-        low, high = (np.ravel(np.asarray(each, dtype=float)) for each in (plugin.bbox().min, plugin.bbox().max))
-        size = float(np.linalg.norm(high - low) / 2) if np.all(np.isfinite(high - low)) else 1.0
-        self._radius = size or 1.0
+        self._radius = _radius(plugin)
         self._reach = min(_reach(plugin), self._radius)
         if settings.guiding and self.sensor.view is not None:
             with self.statistics.phase("guide"):
@@ -126,7 +128,7 @@ class Frame:
     def add_pass(self, number: int) -> None:
         """Add pass `number`, which depends on nothing but the scene, the settings and its number."""
         settings, statistics = self.settings, self.statistics
-        samples = Samples(settings.seed, number, 1 << 16)
+        samples = Samples(settings.seed, number)
         with statistics.phase("trace"):
             sets, landed, limits = self.simulated(number)
             most = None if settings.max_depth is None else settings.max_depth - 2
@@ -210,7 +212,8 @@ class Frame:
         begun = paths.begin(tracing, emitted, self._otherwise)
         steps = list(paths.trace(tracing, begun, dr.opaque(UInt32, settings.seed & 0xFFFFFFFF), first))
         segments = [each for each, _ in steps if each is not None]
-        found = {volume.number: lit(volume, segments, limits) for volume in self._volumes.all}
+        bright = [volume for volume in self._volumes.all if max(volume.medium.scattering) > 0]
+        found = {volume.number: lit(volume, segments, limits, settings.short) for volume in bright}
         result = {own: each for own, each in found.items() if each is not None}
         dr.eval(result)
         landed = [each for _, each in steps if each is not None] if settings.surfaces else []
@@ -223,7 +226,7 @@ class Frame:
 
 def _reach(plugin: Any) -> float:
     """Return the radius of a ball around all shapes that hold a medium; infinite where none does."""
-    boxes = [each.bbox() for each in plugin.shapes() if each.interior_medium() is not None]
+    boxes = [each.bbox() for each in parts(plugin, mi.Shape) if each.interior_medium() is not None]
     if not boxes:
         return np.inf
     corners = [np.array([np.ravel(np.asarray(end, dtype=float)) for end in (box.min, box.max)]) for box in boxes]
@@ -231,12 +234,23 @@ def _reach(plugin: Any) -> float:
     return float(np.linalg.norm(high - low) / 2) or np.inf
 
 
+def _radius(plugin: Any) -> float:
+    """Return the radius of a scene, 1 of one that is a point or nothing."""
+    box = plugin.bbox()
+    if not box.valid():
+        return 1.0
+    low, high = (np.ravel(np.asarray(each, dtype=float)) for each in (box.min, box.max))
+    size = float(np.linalg.norm(high - low) / 2)
+    if not size <= LARGEST:
+        raise scene.SceneError(f"the scene has a radius of {size:g} units: expected {LARGEST:g} at most")
+    return size or 1.0
+
+
 def _everywhere(plugin: Any, sensor: Any) -> Any:
-    """Return the medium that fills the whole space: what sensor or emitters say that are in no shape's medium."""
-    for each in (sensor, *plugin.emitters()):
-        if each.get_medium() is not None:
-            return each.get_medium()
-    return None
+    """Return the medium that fills the whole space: what sensor or emitters name, and no shape has inside."""
+    bounded = {number(each.interior_medium()) for each in parts(plugin, mi.Shape)}
+    named = [each.get_medium() for each in (sensor, *plugin.emitters())]
+    return next((each for each in named if each is not None and number(each) not in bounded), None)
 
 
 def render(

@@ -146,11 +146,11 @@ class Tracing:
 
 
 def begin(tracing: Tracing, emitted: list[Emitted], otherwise: Any) -> Paths | None:
-    """Return light paths as they leave their emitters, or None where there are none.
+    """Return light paths as they leave their emitters, or None where there are none, or all would be too long.
 
     `otherwise` is the medium of the whole space, for emitters from which no border of a medium is seen.
     """
-    if not emitted:
+    if not emitted or (tracing.max_events is not None and tracing.max_events < 0):
         return None
     paths = Paths()
     for name in ("origin", "direction", "flux", "tangents", "count"):

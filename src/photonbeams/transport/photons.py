@@ -11,6 +11,7 @@ from ..device import Array3f, Bool, Float, UInt32, mitsuba
 from ..estimators.photons import PhotonMap, Photons
 from .footprints import Limits
 from .paths import Landed
+from .volumes import parts
 
 mi = mitsuba()
 
@@ -53,8 +54,8 @@ class Arrived:
         if events not in self._maps:
             kept = [self._all]
             if self._most is not None:
-                kept = compressed(self._all.events <= max(self._most - events, -1), self._all) if (
-                    self._most >= events) else []  # fmt: skip
+                few = dr.opaque(UInt32, max(self._most - events, 0))
+                kept = compressed(self._all.events <= few, self._all) if self._most >= events else []
             self._maps[events] = PhotonMap(_photons(kept[0], self._limits)) if kept else None
         return self._maps[events]
 
@@ -89,6 +90,6 @@ def _photons(landed: Landed, limits: Limits) -> Photons:
 
 def translucent(plugin: Any) -> bool:
     """Return whether a scene has surfaces that light passes through and is scattered by."""
-    flags = [each.bsdf().flags() for each in plugin.shapes() if each.bsdf() is not None]
+    flags = [each.flags() for each in parts(plugin, mi.BSDF)]
     kinds = (mi.BSDFFlags.DiffuseTransmission, mi.BSDFFlags.GlossyTransmission)
     return any(mi.has_flag(int(each), kind) for each in flags for kind in kinds)

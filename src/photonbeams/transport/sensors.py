@@ -77,7 +77,7 @@ class Sensor:
         x = (Float(index % columns) + dr.opaque(Float, offset[0])) / dr.opaque(Float, self.width)
         y = (Float(index // columns) + dr.opaque(Float, offset[1])) / dr.opaque(Float, self.height)
         aperture = samples.pair(order, _LENS)
-        ray, weight = self.plugin.sample_ray(
+        ray, weight = self.plugin.sample_ray_differential(  # some sensors have no other, as `irradiancemeter`
             Float(self.plugin.shutter_open()), Float(0.5), mi.Point2f(x, y), mi.Point2f(aperture), True
         )
         wide = dr.zeros(Array3f, self.width * self.height)
@@ -96,6 +96,11 @@ def _camera(plugin: Any, width: int, height: int) -> scene.Camera | None:
     world = np.asarray(plugin.world_transform().matrix, dtype=np.float64).reshape(4, 4, -1)[..., 0]
     forward, center = world[:3, 2] / np.linalg.norm(world[:3, 2]), world[:3, 3]
     across, down = (_slopes(plugin, forward, (0, 0.5), (1, 0.5)), _slopes(plugin, forward, (0.5, 0), (0.5, 1)))
+    if not np.all(np.isfinite([across, down])):
+        name = plugin.id() or kind
+        raise scene.SceneError(
+            f"sensor {name}: its rays are not finite: expected such a transform, field of view and near_clip"
+        )
     size_x, size_y = np.linalg.norm(across[1] - across[0]), np.linalg.norm(down[1] - down[0])
     right, up = (across[1] - across[0]) / size_x, (down[0] - down[1]) / size_y
     middle = across[0] + across[1]  # twice where the middle of the film is

@@ -8,7 +8,7 @@ between two media that a ray from a point meets tells in which of them the point
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import drjit as dr
@@ -50,6 +50,23 @@ class Scattering(Factor):
         return Array3f(self._plugin.get_scattering_coefficients(place, True)[0]) * Array3f(value)
 
 
+class Ended(Factor):
+    """Along short beams: what is left of light that surely comes as far, exp(−σt s) over its mean by channels.
+
+    Beams end where a flight does, so that as many are left at s as light is; of what has no colour nothing else is.
+    """
+
+    def evaluate(self, at: At) -> Any:
+        """Return the share of each channel; the channels' weights are the beam's power, by which flights choose."""
+        left = dr.exp(-at.medium.extinction * at.depth)
+        return ended(left, getattr(at.beam, "power", Array3f(1)))
+
+
+def ended(left: Any, power: Any) -> Any:
+    """Return what is left over its mean, weighted by the power."""
+    return left * dr.sum(power) * dr.rcp(dr.maximum(dr.dot(left, power), 1e-30))
+
+
 @dataclass(frozen=True)
 class Volume:
     """A medium of a scene.
@@ -74,6 +91,10 @@ class Volume:
     look: Look
     tracked: Tracked | None = None
     colored: bool = False
+
+    def ending(self) -> Volume:
+        """Return the same for short beams."""
+        return self if self.tracked is not None else replace(self, look=Look(along=Ended(), angle=self.look.angle))
 
     def extinction(self, point: Any) -> Array3f:
         """Return σt at points."""
@@ -104,7 +125,8 @@ class Volumes:
 
     def __init__(self, plugins: Iterable[Any]) -> None:
         found = {number(plugin): plugin for plugin in plugins if plugin is not None}
-        self.all = tuple(_volume(each, found[each]) for each in sorted(found))
+        # In the order of the scene: numbers differ from one process to the next, and so would the sums of light.
+        self.all = tuple(_volume(each, found[each]) for each in found)
         size = max(found, default=0) + 2  # a gather from an array of one is a broadcast, hence another kernel
         table = np.zeros((3, size, 3))
         for volume in self.all:
@@ -117,8 +139,8 @@ class Volumes:
     @classmethod
     def of(cls, plugin: Any) -> Volumes:
         """Return the media of a Mitsuba scene: in and around its shapes, and those that sensors and emitters name."""
-        media = [each for shape in plugin.shapes() for each in (shape.interior_medium(), shape.exterior_medium())]
-        return cls(media + [each.get_medium() for each in (*plugin.sensors(), *plugin.emitters())])
+        named = [each.get_medium() for each in (*plugin.sensors(), *plugin.emitters())]
+        return cls([*parts(plugin, mi.Medium), *named])
 
     def extinction(self, medium: UInt32) -> Array3f:
         """Return σt of media by their numbers; 0 in the open."""
@@ -159,6 +181,26 @@ class Volumes:
 
         way = Way(origin, direction, dr.maximum(enter, 0), dr.minimum(leave, distance), majorant, seed)
         return dr.select(varying, walk(way, extinction, varying & inside), plain)
+
+
+class _Parts(mi.TraversalCallback):  # type: ignore[misc, name-defined]
+    """Collects the objects that another one consists of, each once."""
+
+    def __init__(self, found: dict[Any, None]) -> None:
+        super().__init__()
+        self.found = found
+
+    def put(self, name: str, value: Any, flags: Any, cpptype: Any = None) -> None:
+        if isinstance(value, mi.Object) and value not in self.found:
+            self.found[value] = None
+            value.traverse(_Parts(self.found))  # another one, for Mitsuba calls no Python method within itself
+
+
+def parts(plugin: Any, kind: type) -> list[Any]:
+    """Return all parts of a Mitsuba scene that are of a kind, those of groups of shapes too."""
+    found: dict[Any, None] = {}
+    plugin.traverse(_Parts(found))
+    return [each for each in found if isinstance(each, kind)]
 
 
 def number(plugin: Any) -> int:
@@ -210,7 +252,7 @@ def medium_at(plugin: Any, origin: Array3f, direction: Array3f, otherwise: UInt3
 def _volume(own: int, plugin: Any) -> Volume:
     """Return a medium as estimators see it."""
     name = plugin.id() or plugin.class_name()
-    _check_finite(plugin, name)
+    _check_numbers(plugin, name)
     place = dr.zeros(mi.MediumInteraction3f)
     scattering, _, extinction = plugin.get_scattering_coefficients(place)
     if not plugin.is_homogeneous():
@@ -219,6 +261,9 @@ def _volume(own: int, plugin: Any) -> Volume:
     sigma_s, sigma_t = (np.ravel(np.asarray(each, dtype=float))[:3] for each in (scattering, extinction))
     if not (np.all(np.isfinite(sigma_t)) and np.all(sigma_t >= 0) and np.all(sigma_s >= 0)):
         raise scene.SceneError(f"medium {name}: sigma_t is {sigma_t.tolist()}: expected finite numbers from 0 on")
+    if np.any(sigma_s > sigma_t * (1 + 1e-5)):
+        albedo = (sigma_s / np.maximum(sigma_t, 1e-30)).tolist()
+        raise scene.SceneError(f"medium {name}: its albedo is {albedo}: expected 1 at most")
     g, look = _scattering(plugin)
     medium = scene.Medium(tuple(sigma_s), tuple(np.maximum(sigma_t - sigma_s, 0)), g)
     if plugin.is_homogeneous():
@@ -228,12 +273,33 @@ def _volume(own: int, plugin: Any) -> Volume:
     return Volume(own, plugin, medium, look, tracked, _has_color(plugin))
 
 
-def _check_finite(plugin: Any, name: str) -> None:
-    """Raise SceneError where a medium's grid, or any number of it, is not finite."""
+def _check_numbers(plugin: Any, name: str) -> None:
+    """Raise SceneError where a number of a medium is not finite, or none that such a coefficient may have."""
+    check_finite(plugin, f"medium {name}")
     for key, value in mi.traverse(plugin):
-        numbers = np.asarray(value.array if hasattr(value, "array") else value, dtype=float, copy=None)
-        if numbers.size and not np.all(np.isfinite(numbers)):
-            raise scene.SceneError(f"medium {name}: {key} has numbers that are not finite")
+        numbers = _numbers(value)
+        if not numbers.size:
+            continue
+        if key.startswith(("sigma_t.", "albedo.")) and key.endswith((".data", ".value")) and numbers.min() < 0:
+            raise scene.SceneError(f"medium {name}: {key} has numbers below 0, such as {numbers.min():g}")
+        if key.startswith("albedo.") and key.endswith((".data", ".value")) and numbers.max() > 1 + 1e-5:
+            raise scene.SceneError(f"medium {name}: {key} has numbers above 1, such as {numbers.max():g}")
+
+
+def check_finite(plugin: Any, name: str) -> None:
+    """Raise SceneError where a number of an object of Mitsuba's, or of an image or a grid of it, is not finite."""
+    for key, value in mi.traverse(plugin):
+        if not np.all(np.isfinite(_numbers(value))):
+            raise scene.SceneError(f"{name}: {key} has numbers that are not finite")
+
+
+def _numbers(value: Any) -> np.ndarray:
+    """Return the numbers of a parameter; none of one that is not made of numbers."""
+    value = getattr(value, "matrix", value)
+    try:
+        return np.asarray(getattr(value, "array", value), dtype=float)
+    except (TypeError, ValueError):
+        return np.zeros(0)
 
 
 def _has_color(plugin: Any) -> bool:

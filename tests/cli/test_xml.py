@@ -1,0 +1,334 @@
+"""`photonbeams render scene.xml` as its users call it."""
+
+import os
+import re
+import signal
+import subprocess
+import sys
+
+import numpy as np
+import OpenEXR
+import pytest
+
+from photonbeams import cli
+from photonbeams.cli.animation import FrameError
+from photonbeams.shot import xml
+from photonbeams.shot.images import read_image, read_layers
+from photonbeams.transport import frame
+
+SENSOR = """<sensor type="perspective" id="{name}">
+        <float name="near_clip" value="0.001"/>
+        <transform name="to_world"><lookat origin="{origin}" target="0, 0, 0" up="0, 1, 0"/></transform>
+        <sampler type="independent"><integer name="sample_count" value="3"/></sampler>
+        <film type="hdrfilm">
+            <integer name="width" value="16"/><integer name="height" value="12"/><rfilter type="box"/>
+        </film>
+    </sensor>
+    """
+FRONT, SIDE = (SENSOR.format(name=n, origin=o) for n, o in (("front", "0, 0.5, 4"), ("side", "4, 0.5, 1")))
+INTEGRATOR = '<integrator type="photon_beams"><integer name="paths" value="300"/></integrator>'
+SCENE = f"""<scene version="3.0.0">
+    <default name="density" value="0.5"/>
+    {INTEGRATOR}
+    {FRONT}{SIDE}<shape type="cube">
+        <bsdf type="null"/>
+        <medium name="interior" type="homogeneous"><float name="sigma_t" value="$density"/></medium>
+    </shape>
+    <shape type="rectangle"><transform name="to_world"><translate z="-1.5"/></transform></shape>
+    <emitter type="point"><point name="position" x="0.3" y="0.4" z="0"/><rgb name="intensity" value="3"/></emitter>
+</scene>
+"""
+LAYERS = ["rgba", "surface", "beams", "depth"]
+
+
+@pytest.fixture
+def scene(tmp_path):
+    """Write the scene, with one text in the place of another."""
+
+    def written(old="", new="", name="scene.xml"):
+        assert old in SCENE
+        (tmp_path / name).write_text(SCENE.replace(old, new))
+        return tmp_path / name
+
+    return written
+
+
+@pytest.fixture
+def out(tmp_path):
+    folder = tmp_path / "out"
+    folder.mkdir()
+    (folder / "old.exr").write_bytes(b"yesterday")
+    return folder
+
+
+@pytest.fixture
+def render(capfd):
+    """Call the command in this process: its exit code, and what it printed to standard output and error."""
+
+    def called(*arguments):
+        with pytest.raises(SystemExit) as stop:
+            cli.main(["render", *map(str, arguments)])
+        return (stop.value.code, *capfd.readouterr())
+
+    return called
+
+
+def fails(result, code, *parts):
+    found, stdout, stderr = result
+    lines = stderr.splitlines()
+    assert (found, stdout, len(lines)) == (code, "", 1), stderr
+    assert lines[0].startswith("Error: ")
+    for part in parts:
+        assert part in lines[0]
+
+
+def untouched(out):
+    return [path.name for path in out.iterdir()] == ["old.exr"] and (out / "old.exr").read_bytes() == b"yesterday"
+
+
+def header(path):
+    with OpenEXR.File(str(path), header_only=True) as file:
+        return dict(file.parts[0].header)
+
+
+# -- normal use ------------------------------------------------------------------------------------------------------
+
+
+def test_all_outputs_are_written_and_summed_up(render, scene, out):
+    code, stdout, stderr = render(
+        scene(), "-o", out / "a.exr", "-o", out / "new" / "b.png", "--picture", f"beams={out / 'c.png'}"
+    )
+    assert (code, stdout) == (0, "")
+    layers = read_layers(out / "a.exr")
+    assert list(layers) == LAYERS
+    assert all(not np.isnan(pixels).any() for pixels in layers.values())
+    np.testing.assert_allclose(layers["rgba"][..., :3], layers["beams"] + layers["surface"], rtol=2e-3, atol=1e-4)
+    assert layers["beams"].max() > 0 and layers["surface"].max() > 0
+    assert not np.array_equal(read_image(out / "new" / "b.png"), read_image(out / "c.png"))
+    lines = stderr.splitlines()
+    assert lines[:2] == ["pass 0 of 3", "pass 1 of 3"]  # there is no error to tell before there are two
+    assert all(re.fullmatch(rf"pass {number} of 3, error [\d.]+ %", lines[number]) for number in (2, 3))
+    assert re.fullmatch(r"3 passes, [\d,]+ beams, \d+ million ray-beam tests", lines[4])
+    assert re.fullmatch(r"error [\d.]+ %", lines[6])
+    assert lines[7:] == [f"wrote {out / name}" for name in ("a.exr", "new/b.png", "c.png")]
+    found = header(out / "a.exr")
+    assert (found["scene"], found["camera"], found["passes"]) == ("scene.xml", "front", 3)
+
+
+@pytest.mark.parametrize(
+    ("flags", "size"),
+    [
+        (("--res", 20, 10), (10, 20)),
+        (("--res", 32, 0), (24, 32)),
+        (("--res", 0, 6), (6, 8)),
+        (("--res-scale", 0.5), (6, 8)),
+    ],
+)
+def test_the_size_is_what_is_given(render, scene, out, flags, size):
+    assert render(scene(), "-o", out / "a.exr", *flags)[0] == 0
+    assert read_layers(out / "a.exr")["rgba"].shape == (*size, 4)
+
+
+def test_a_crop_has_its_place_in_the_header_and_the_pixels_of_the_whole(render, scene, out):
+    assert render(scene(), "-o", out / "whole.exr", "-q") == (0, "", "")
+    assert render(scene(), "-o", out / "part.exr", "--crop", 0.25, 0.5, 0.75, 1)[0] == 0
+    whole, part = (read_layers(out / name)["surface"] for name in ("whole.exr", "part.exr"))
+    np.testing.assert_allclose(part, whole[6:12, 4:12], rtol=2e-2, atol=1e-3)
+    window = header(out / "part.exr")["dataWindow"]
+    assert [list(each) for each in window] == [[4, 6], [11, 11]]
+
+
+def test_cameras_are_listed_and_chosen(render, scene, out):
+    assert render(scene(), "--list-cameras") == (0, "front\nside\n", "")
+    for name in ("side", "1"):
+        assert render(scene(), "-o", out / "a.exr", "-cam", name)[0] == 0
+        assert header(out / "a.exr")["camera"] == "side"
+    fails(render(scene(), "-o", out / "b.exr", "-cam", "top"), 1, "has no sensor 'top'", "front, side")
+
+
+def test_parameters_of_the_file_are_set(render, scene, out):
+    for name, density in (("a", "0.5"), ("b", "0.25")):
+        assert render(scene(), "-o", out / f"{name}.exr", "--set", f"density={density}")[0] == 0
+    a, b = (read_layers(out / f"{name}.exr")["beams"].mean() for name in "ab")
+    assert 0.4 < b / a < 0.75
+    fails(render(scene(), "-o", out / "c.exr", "--set", "densitz=1"), 1, "densitz")
+    fails(render(scene(), "-o", out / "c.exr", "--set", "density=thick"), 1, "thick")
+    fails(render(scene(), "-o", out / "c.exr", "--set", "density"), 2, "--set is density: expected NAME=VALUE")
+
+
+def test_flags_are_over_the_integrator_and_the_rest_is_its_own(render, scene, out, monkeypatch):
+    seen = []
+    monkeypatch.setattr(frame, "Frame", lambda *given: seen.append(given[2]) or 1 / 0)
+    text = ('<integrator type="photon_beams"><integer name="paths" value="77"/><integer name="order" value="3"/>'
+            '<integer name="max_depth" value="5"/><string name="estimator" value="frustum"/></integrator>')  # fmt: skip
+    flags = ("--passes", 9, "--beams", 50, "--seed", 4, "--estimator", "billboard", "--order", 2, "--time-limit", 60)
+    for more in ((), flags):
+        with pytest.raises(FrameError):
+            cli.main(["render", *map(str, (scene(INTEGRATOR, text), "-o", out / "a.exr", *more))])
+    own, asked = seen
+    assert (own.passes, own.paths, own.seed, own.estimator, len(own.rule.points)) == (3, 77, 0, "frustum", 3)
+    assert (asked.passes, asked.paths, asked.seed, len(asked.rule.points)) == (9, 50, 4, 2)
+    assert asked.estimator == "billboard"
+    assert (asked.max_depth, asked.time_limit) == (5, 60) and own.time_limit is None
+
+
+def test_a_scene_for_another_integrator_has_our_defaults(render, scene, out):
+    other = scene(INTEGRATOR, '<integrator type="volpath"/>')
+    code, _, stderr = render(other, "-o", out / "a.exr", "--beams", 100, "--passes", 1, "-v")
+    assert code == 0 and "is not photon_beams" in stderr
+
+
+def test_a_dry_run_says_that_all_is_well_and_writes_nothing(render, scene, out):
+    code, stdout, stderr = render(scene(), "-o", out / "new" / "a.exr", "--dry-run", "--res-scale", 2)
+    assert (code, stdout) == (0, "")
+    assert "All is well" in stderr and "seen by front, 32 x 24 pixels" in stderr and "a.exr" in stderr
+    assert untouched(out)
+    fails(render(scene('value="$density"', 'value="-1"'), "-o", out / "a.exr", "--dry-run"), 1, "sigma_t")
+
+
+def test_a_time_limit_ends_a_render_with_what_there_is(render, scene, out):
+    assert render(scene(), "-o", out / "a.exr", "--passes", 10**6, "--time-limit", 0.2)[0] == 0
+    assert 1 <= header(out / "a.exr")["passes"] < 10**6
+
+
+def test_layers_are_chosen_and_files_that_are_there_skipped(render, scene, out):
+    assert render(scene(), "-o", out / "a.exr", "--layers", "beams")[0] == 0
+    assert list(read_layers(out / "a.exr")) == ["rgba", "beams"]
+    fails(render(scene(), "-o", out / "b.exr", "--layers", "glow"), 2, "'glow'", ", ".join(LAYERS))
+    code, _, stderr = render(scene(), "-o", out / "a.exr", "--skip-existing")
+    assert code == 0 and "1 skipped" in stderr
+
+
+# -- checkpoints -----------------------------------------------------------------------------------------------------
+
+
+def interrupted(monkeypatch, after):
+    """Press Ctrl-C when so many passes are done."""
+    add_pass = frame.Frame.add_pass
+
+    def pressed(self, number):
+        add_pass(self, number)
+        if number + 1 == after:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    monkeypatch.setattr(frame.Frame, "add_pass", pressed)
+
+
+def test_ctrl_c_keeps_a_checkpoint_from_which_the_render_goes_on(render, scene, out, monkeypatch):
+    flags = ("--passes", 5, "--progress", "none")
+    assert render(scene(), "-o", out / "whole.exr", *flags)[0] == 0
+    with monkeypatch.context() as patched:
+        interrupted(patched, 2)
+        result = render(scene(), "-o", out / "a.exr", *flags, "--checkpoint", 1000)
+    kept = out / "a.checkpoint.npz"
+    assert result == (130, "", f"Interrupted; {kept} has 2 passes: --resume goes on from there\n")
+    assert kept.exists() and not (out / "a.exr").exists()
+    fails(render(scene(), "-o", out / "a.exr", "--resume", "--seed", 8), 1, str(kept), "of another scene")
+    other = scene('x="0.3"', 'x="0.2"')
+    fails(render(other, "-o", out / "a.exr", "--resume"), 1, "of another scene or of other settings")
+    assert render(scene(), "-o", out / "a.exr", *flags, "--resume")[0] == 0
+    for name, layer in read_layers(out / "whole.exr").items():
+        assert np.array_equal(layer, read_layers(out / "a.exr")[name]), name
+    assert not kept.exists()
+
+
+def test_ctrl_c_without_a_checkpoint_leaves_nothing(render, scene, out, monkeypatch):
+    interrupted(monkeypatch, 1)
+    result = render(scene(), "-o", out / "old.exr", "--progress", "none")
+    assert result == (130, "", "Interrupted; nothing was written\n")
+    assert untouched(out)
+
+
+def test_checkpoints_are_written_on_the_way(render, scene, out, monkeypatch):
+    saved = []
+    monkeypatch.setattr(xml, "save_checkpoint", lambda path, *_: saved.append(path.name))
+    assert render(scene(), "-o", out / "a.exr", "--checkpoint", 1e-9)[0] == 0
+    assert saved == ["a.checkpoint.npz"] * 2  # not after the last pass
+    assert render(scene(), "-o", out / "a.exr", "--resume")[0] == 0  # without one, from the beginning
+
+
+def test_a_file_that_is_no_checkpoint_is_named(render, scene, out):
+    (out / "a.checkpoint.npz").write_bytes(b"nothing")
+    fails(render(scene(), "-o", out / "a.exr", "--resume", "-q"), 1, "a.checkpoint.npz", "expected a checkpoint")
+    assert (out / "a.checkpoint.npz").read_bytes() == b"nothing"
+
+
+# -- bad input -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("flags", "parts"),
+    [
+        (("--scattering", 0.1), ("--scattering is for stages",)),
+        (("-f", "1:3"), ("--frames is for stages",)),
+        (("--look", "a.py:b"), ("--look is for stages",)),
+        (("--stereo",), ("--stereo is for stages",)),
+        (("--holdout", "a.exr"), ("--holdout is for stages",)),
+        (("--beams", 0), ("--beams is 0",)),
+        (("--crop", 0, 0, 2, 1), ("--crop is 0 0 2 1",)),
+        (("--checkpoint", -1), ("--checkpoint is -1.0: expected a positive",)),
+        (("--picture", "glow=b.png"), ("'glow'",)),
+    ],
+)
+def test_wrong_flags_are_refused(render, scene, out, flags, parts):
+    fails(render(scene(), "-o", out / "old.exr", *flags), 2, *parts)
+    assert untouched(out)
+
+
+def test_an_output_is_asked_for(render, scene):
+    fails(render(scene()), 2, "expected at least one output")
+
+
+def test_resume_is_for_mitsuba_scenes(render, tmp_path, out):
+    (tmp_path / "stage.usda").write_text("#usda 1.0\n")
+    for flags in (("--resume",), ("--checkpoint", 3)):
+        fails(render(tmp_path / "stage.usda", "-o", out / "old.exr", *flags), 2, flags[0], "is for Mitsuba scenes")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "parts"),
+    [
+        ("</scene>", "", ("mismatch", "line")),
+        ('type="cube"', 'type="cubist"', ('"cubist" not found',)),
+        (FRONT + SIDE, "", ("has no sensor: expected one",)),
+        ("paths", "pathz", ('unreferenced property in integrator plugin of type "photon_beams"', '"pathz": 300')),
+        ('value="300"', 'value="-1"', ('"photon_beams": paths is -1: expected 1 to 100000000',)),
+        ('<integer name="paths" value="300"/>', '<string name="beams" value="medium"/>',
+         ('beams is "medium": expected "long" or "short"',)),
+        ('value="$density"', 'value="-1"', ("medium", "sigma_t.value.value has numbers below 0")),
+        ('value="0.001"', 'value="1e-30"', ("sensor front", "not finite")),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_rendered_is_named(render, scene, out, old, new, parts):
+    path = scene(old, new)
+    fails(render(path, "-o", out / "old.exr", "--progress", "none"), 1, *parts)
+    assert untouched(out)
+
+
+def test_files_that_are_no_scenes_are_named(render, out, tmp_path):
+    fails(render(tmp_path / "gone.xml", "-o", out / "old.exr"), 1, "gone.xml: no such file")
+    for content, part in ((b"\xff\xfe\x00nothing", "failed"), (b'<bsdf version="3.0.0" type="diffuse"/>', "a scene")):
+        (tmp_path / "a.xml").write_bytes(content)
+        fails(render(tmp_path / "a.xml", "-o", out / "old.exr"), 1, "a.xml", part)
+    assert untouched(out)
+
+
+def test_a_folder_that_cannot_be_written_is_named(render, scene, out):
+    fails(render(scene(), "-o", out / "old.exr" / "a.exr"), 1, "old.exr")
+    assert untouched(out)
+
+
+def test_the_command_ends_as_a_process_too(scene, out):
+    arguments = [sys.executable, "-m", "photonbeams", "render", scene(), "-o", out / "a.exr", "--passes", "1000",
+                 "--checkpoint", "1000"]  # fmt: skip
+    with subprocess.Popen(arguments, stderr=subprocess.PIPE, text=True, start_new_session=True) as process:
+        try:
+            for line in process.stderr:
+                if re.match(r"pass [1-9]", line):
+                    break
+            process.send_signal(signal.SIGINT)
+            _, stderr = process.communicate(timeout=60)
+        finally:
+            process.kill()
+    assert process.returncode == 130
+    assert re.search(r"Interrupted; .*a\.checkpoint\.npz has [\d,]+ passes", stderr.splitlines()[-1])

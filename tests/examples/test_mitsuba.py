@@ -1,0 +1,23 @@
+"""Every Mitsuba scene of examples/mitsuba renders from the command line."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from photonbeams import cli
+from photonbeams.shot.images import read_layers
+
+SCENES = sorted((Path(__file__).parents[2] / "examples" / "mitsuba").glob("*.xml"))
+
+
+@pytest.mark.parametrize("path", SCENES, ids=lambda path: path.stem)
+def test_scenes_render_small(path, tmp_path):
+    out = tmp_path / "a.exr"
+    with pytest.raises(SystemExit) as stop:
+        cli.main(["render", str(path), "-o", str(out), "--res", "32", "0", "--passes", "2", "--beams", "500", "-q"])
+    assert stop.value.code == 0
+    layers = read_layers(out)
+    for name in ("surface", "beams"):
+        assert np.isfinite(layers[name]).all() and layers[name].max() > 0, name
+    assert SCENES

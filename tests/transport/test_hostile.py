@@ -1,0 +1,250 @@
+"""Scenes that nobody would build, and some that everybody does: rendered right, or refused; never NaN in a picture."""
+
+import numpy as np
+import pytest
+
+from photonbeams.device import mitsuba
+from photonbeams.scene import SceneError
+from photonbeams.transport.frame import Settings, render
+from transport.hostile import LOBES, Maker
+from transport.scenes import T, camera, cloud, cube_of, fog, load, rgb, volpath
+from transport.test_frame import INSIDE, LAMP, SMALL, agree, pictures
+
+mi = mitsuba()
+FLOOR = {"type": "rectangle", "to_world": T().translate([0, -1.2, 0]).rotate([1, 0, 0], -90).scale(4)}
+
+
+# -- by chance -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("first", range(0, 40, 8))
+def test_no_picture_has_numbers_that_are_none(first):
+    lit = 0
+    for seed in range(first, first + 8):
+        maker = Maker(seed)
+        scene = maker.scene()
+        film = scene["sensor"].get("sensor", scene["sensor"])["film"]
+        integrator = mi.load_dict(maker.integrator())
+        found = np.array(mi.render(mi.load_dict(scene), integrator=integrator, spp=2, seed=seed))
+        assert np.isfinite(found).all(), seed
+        # Filters with negative lobes overshoot.
+        assert film["rfilter"]["type"] in LOBES or found.min() >= 0, seed
+        lit += found.max() > 0
+    assert lit  # or it would not say much
+
+
+# -- refused ---------------------------------------------------------------------------------------------------------
+
+
+def refused(match, **parts):
+    parts = {"fog": cube_of(fog(0.5)), "light": LAMP, "sensor": camera(size=8), **parts}
+    scene = load(**parts)
+    with pytest.raises(SceneError, match=match) as caught:
+        render(scene, scene.sensors()[0], Settings(passes=1, paths=64))
+    assert "\n" not in str(caught.value)
+    with pytest.raises(RuntimeError) as wrapped:  # Mitsuba has it in a chain of its own
+        mi.render(scene, integrator=mi.load_dict({"type": "photon_beams", "paths": 64}), spp=1)
+    assert str(wrapped.value.__cause__) == str(caught.value)
+
+
+def image(value):
+    pixels = np.full((4, 8, 3), 0.5, dtype=np.float32)
+    pixels[1, 2] = value
+    return mi.Bitmap(pixels)
+
+
+def mesh(x):
+    """Return two triangles, a corner of which is at `x`."""
+    result = mi.Mesh("sheet", 4, 2)
+    parameters = mi.traverse(result)
+    parameters["vertex_positions"] = np.ravel([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [x, 1, 0]]).astype(np.float32)
+    parameters["faces"] = np.ravel([[0, 1, 2], [0, 2, 3]]).astype(np.uint32)
+    parameters.update()
+    return result
+
+
+def grid(value, **more):
+    volume = {"type": "gridvolume", "grid": mi.VolumeGrid(np.full((3, 3, 3, 1), value, dtype=np.float32)), "raw": True}
+    return cube_of({"type": "heterogeneous", "id": "dust", "sigma_t": volume, "albedo": 0.5, **more})
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_lights_with_numbers_that_are_none_are_refused(value):
+    panel = {"type": "rectangle", "emitter": {"type": "area", "id": "panel", "radiance": {
+        "type": "bitmap", "bitmap": image(value), "raw": True}}}  # fmt: skip
+    refused("emitter panel: radiance.data has numbers that are not finite", light=panel)
+    refused("emitter light: data has numbers that are not", light={"type": "envmap", "bitmap": image(value)})
+    point = {"type": "point", "intensity": rgb([value, 1, 1])}
+    refused("emitter light: intensity.value has numbers that are not finite", light=point)
+    refused("emitter light: position", light={"type": "point", "position": [value, 0, 0], "intensity": rgb(1.0)})
+
+
+def test_media_that_cannot_be_are_refused():
+    refused("medium dust: sigma_t.data has numbers below 0, such as -1", fog=grid(-1))
+    refused("medium dust: sigma_t.data has numbers that are not finite", fog=grid(np.nan))
+    much = {"type": "gridvolume", "grid": mi.VolumeGrid(np.full((2, 2, 2, 1), 1.5, dtype=np.float32)), "raw": True}
+    refused("medium dust: albedo.data has numbers above 1, such as 1.5", fog=grid(1, albedo=much))
+    plain = {"type": "homogeneous", "id": "dust", "sigma_t": 1.0}
+    refused("medium dust: albedo.value.value has numbers above 1, such as 1.5", fog=cube_of({**plain, "albedo": 1.5}))
+    refused(r"medium dust: sigma_t is \[-1.0, -1.0, -1.0\]", fog=cube_of({**plain, "albedo": 0.5, "scale": -1.0}))
+
+
+def test_a_scene_without_an_end_is_refused():
+    refused("the scene has a radius of 5e.29 units: expected 1e.09 at most", wall=mesh(1e30))
+    refused("the scene has a radius of inf units", wall=mesh(np.inf))
+
+
+def test_a_camera_whose_rays_are_none_is_refused():
+    refused("sensor sensor: its rays are not finite", sensor={**camera(), "near_clip": 1e-30, "far_clip": 1e30})
+
+
+# -- rendered --------------------------------------------------------------------------------------------------------
+
+
+def finite(radius=None, **parts):
+    scene = load(**{"sensor": camera(size=8), **parts})
+    frame = render(scene, scene.sensors()[0], Settings(passes=2, paths=500, radius=radius))
+    layers = frame.layers()
+    assert all(np.isfinite(layers[name]).all() and layers[name].min() >= 0 for name in ("rgba", "beams", "surface"))
+    return frame, layers
+
+
+def test_an_empty_scene_is_black():
+    for parts in ({}, {"fog": cube_of(fog(0.5))},
+                  {"fog": cube_of(fog(0.5)), "light": {**INSIDE, "intensity": rgb(0.0)}}):  # fmt: skip
+        layers = finite(**parts)[1]
+        assert not layers["rgba"].any()  # nor is there alpha: borders of media are nothing to see
+        assert np.isinf(layers["depth"]).all()
+
+
+def test_a_light_in_a_box_is_not_seen():
+    box = {"type": "cube", "to_world": T().translate([0.3, 0.4, 0.2]).scale(0.3)}
+    black = {"type": "diffuse", "reflectance": rgb(0.5)}
+    black = {"type": "twosided", "side": black}
+    layers = finite(0.001, fog=cube_of(fog(0.5)), box={**box, "bsdf": black}, light=INSIDE)[1]
+    assert not layers["beams"].any() and layers["rgba"][..., 3].any()
+
+
+def test_textures_and_corners_that_are_none_are_black():
+    for kind, name in (("diffuse", "reflectance"), ("conductor", "specular_reflectance")):
+        holes = {"type": kind, name: {"type": "bitmap", "bitmap": image(np.nan), "raw": True}}
+        layers = finite(fog=cube_of(fog(0.5)), light=LAMP, floor={**FLOOR, "bsdf": holes})[1]
+        assert layers["beams"].any()
+    assert finite(fog=cube_of(fog(0.5)), light=LAMP, wall=mesh(np.nan))[1]["beams"].any()
+
+
+@pytest.mark.parametrize("size", [1e-2, 1e4, 1e6])
+def test_a_scene_is_as_bright_in_any_unit(size):
+    def scaled(unit):
+        lamp = {"type": "sphere", "center": [-2.0 * unit, 1.5 * unit, 0], "radius": 0.3 * unit, "emitter": {
+            "type": "area", "radiance": rgb(30.0)}}  # fmt: skip
+        seen = camera((0, 0.5 * unit, 4 * unit), size=8)
+        seen.update(near_clip=1e-2 * unit, far_clip=1e3 * unit)
+        return finite(fog=cube_of(fog(0.5 / unit), unit), light=lamp, sensor=seen)[1]["beams"].mean()
+
+    # The samples are the same, but that rays leave surfaces with an offset that has a length.
+    assert scaled(size) == pytest.approx(scaled(1.0), rel=0.05)
+
+
+def test_two_surfaces_in_one_place_are_one_or_the_other():
+    cube = cube_of(fog(0.5))
+    for other in (FLOOR, {"type": "cube", "bsdf": {"type": "dielectric"}}, cube_of(fog(2.0))):
+        finite(fog=cube, twin=other, light=LAMP)
+
+
+def test_fog_that_scatters_nothing_has_no_beams():
+    scene = {"fog": cube_of(fog([0.2, 0.5, 1.0], 0.0), 1.1), "floor": FLOOR, "light": {**LAMP, "center": [-1.0, 3, 0]}}
+    scene = load(**scene, sensor=camera((0, 1.5, 4), (0, -1, 0)))
+    frame = render(scene, scene.sensors()[0], Settings(passes=64, paths=256, max_depth=2, hide_emitters=True))
+    assert frame.statistics.beams == 0 and not frame.layers()["beams"].any()
+    ours, theirs = frame.layers()["rgba"][..., :3], volpath(scene, 1024, max_depth=2, hide_emitters=True)
+    np.testing.assert_allclose(ours.mean(axis=(0, 1)), theirs.mean(axis=(0, 1)), rtol=0.01)
+
+
+# -- against volpath -------------------------------------------------------------------------------------------------
+
+GLASS = {"type": "dielectric", "int_ior": 1.5}
+SKY = {"type": "constant", "radiance": rgb([0.6, 0.8, 1.0])}
+ODD = {
+    "a light inside": ({"fog": cube_of(fog(0.8)), "light": INSIDE}, 3, 0.01),
+    "a mask": (
+        {"fog": cube_of(fog(0.8)), "light": {"type": "point", "position": [0, 3, 0], "intensity": rgb(20.0)},
+         "mask": {"type": "rectangle", "to_world": T().translate([0, 1.5, 0]).rotate([1, 0, 0], 90).scale(3),
+                  "bsdf": {"type": "mask", "opacity": 0.5, "nested": {"type": "diffuse"}}}}, 3, 0.015),
+    "coloured glass in the sky": (
+        {"slab": {**cube_of(fog([0.1, 0.5, 1.0], 0.5)), "bsdf": GLASS}, "light": SKY}, 8, 0.02),
+    "instances": (
+        {"group": {"type": "shapegroup", "ball": {"type": "sphere", "bsdf": {"type": "null"}, "interior": fog(0.6)}},
+         "a": {"type": "instance", "to_world": T().translate([0.2, 0, 0]), "g": {"type": "ref", "id": "group"}},
+         "light": LAMP}, 3, 0.01),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", ODD)
+def test_odd_scenes_are_those_of_volpath(name):
+    parts, depth, bias = ODD[name]
+    scene = load(**parts, sensor=camera())
+    ours = pictures(scene, max_depth=depth, hide_emitters=True, **SMALL)
+    reference = [volpath(scene, 512, seed, max_depth=depth, hide_emitters=True) for seed in range(len(ours))]
+    assert agree(ours, np.array(reference), bias)
+
+
+def test_a_sensor_in_nested_media_need_not_say_so():
+    outer, inner = mi.load_dict(fog(0.3)), mi.load_dict(fog([1.0, 0.6, 0.3], 0.8))
+    ball = {"type": "sphere", "radius": 0.7, "bsdf": {"type": "null"}, "interior": inner, "exterior": outer}
+    parts = {"fog": cube_of(outer, 1.5), "ball": ball, "light": LAMP}
+    scene = load(**parts, sensor=camera((0, 0, 0.3), (-0.5, 0.2, -1), fov=70))
+    declared = load(**parts, sensor=camera((0, 0, 0.3), (-0.5, 0.2, -1), fov=70, medium=inner))
+    ours = pictures(scene, max_depth=3, hide_emitters=True, **{**SMALL, "passes": 8, "paths": 16384})
+    theirs = [volpath(declared, 1024, seed, max_depth=3, hide_emitters=True) for seed in range(len(ours))]
+    # Beams near the eye are bright and few, which the spread of a few pictures does not tell.
+    np.testing.assert_allclose(ours.mean(axis=(0, 1, 2)), np.mean(theirs, axis=(0, 1, 2)), rtol=0.03)
+
+
+def test_a_medium_of_the_sensor_ends_at_its_border():
+    """The light outside is not in the fog that the sensor says it is in."""
+    medium = mi.load_dict(fog(2.0, 0.8))
+    scene = load(fog=cube_of(medium), light=LAMP, floor=FLOOR,
+                 sensor=camera((0, 0.5, 0.5), (-0.1, -1.5, -0.3), medium=medium, fov=90))  # fmt: skip
+    ours = pictures(scene, hide_emitters=True, **{**SMALL, "passes": 8, "paths": 16384}).mean(axis=(1, 2))
+    theirs = np.mean([volpath(scene, 512, seed, hide_emitters=True) for seed in range(4)], axis=(0, 1, 2))
+    error = ours.std(axis=0, ddof=1) / np.sqrt(len(ours))
+    np.testing.assert_array_less(np.abs(ours.mean(axis=0) - theirs), 4.5 * error + 0.01 * theirs)
+
+
+def test_a_cornell_box_without_fog_is_that_of_path():
+    plain = mi.cornell_box()
+    plain["sensor"]["film"].update(width=16, height=16, rfilter={"type": "box"})
+    scene = mi.load_dict(plain)
+    # Less the lamp itself, which so few pixels show by the places that they look at.
+    ours = [render(scene, scene.sensors()[0], Settings(passes=8, paths=16384, max_depth=depth)).layers()["surface"]
+            for depth in (None, 1)]  # fmt: skip
+    theirs = [volpath(scene, 512, 0, "path", max_depth=depth) for depth in (-1, 1)]
+    ours, theirs = ((whole - lamp).mean(axis=(0, 1)) for whole, lamp in (ours, theirs))
+    np.testing.assert_allclose(ours, theirs, rtol=0.03)
+
+
+def test_caustics_on_surfaces_are_those_of_path():
+    ball = {"type": "sphere", "center": [0, 0.2, 0], "radius": 0.6, "bsdf": GLASS}
+    lamp = {"type": "sphere", "center": [0, 3.5, 0], "radius": 0.5, "emitter": {"type": "area", "radiance": rgb(10.0)}}
+    mirror = {"type": "rectangle", "to_world": T().translate([0, 0, -2]).scale(2), "bsdf": {"type": "conductor"}}
+    scene = load(ball=ball, light=lamp, floor=FLOOR, mirror=mirror, sensor=camera((0, 1, 4), (0, -0.5, 0)))
+    settings = Settings(passes=16, paths=8192, hide_emitters=True, max_depth=6)
+    ours = render(scene, scene.sensors()[0], settings).layers()["surface"].mean(axis=(0, 1))
+    theirs = volpath(scene, 4096, 0, "path", hide_emitters=True, max_depth=6).mean(axis=(0, 1))
+    np.testing.assert_allclose(ours, theirs, rtol=0.03)
+
+
+def test_a_grid_of_nothing_is_nothing():
+    nothing = cloud()
+    nothing["scale"] = 0.0
+    assert not finite(fog=cube_of(nothing), light=LAMP)[1]["beams"].any()
+
+
+def test_rough_glass_is_lit_by_photons():
+    ball = {"type": "sphere", "bsdf": {"type": "roughdielectric", "alpha": 0.4}}
+    lamp = {"type": "sphere", "center": [-2.0, 3.5, 0.5], "radius": 1.0, "emitter": {"type": "area", "radiance": 5.0}}
+    scene = load(ball=ball, light=lamp, sensor=camera())
+    ours = pictures(scene, passes=8, paths=16384, max_depth=3, hide_emitters=True, radius=0.03)
+    theirs = volpath(scene, 2048, max_depth=3, hide_emitters=True)
+    np.testing.assert_allclose(ours.mean(axis=(0, 1, 2)), theirs.mean(axis=(0, 1)), rtol=0.04)

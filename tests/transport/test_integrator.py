@@ -1,0 +1,125 @@
+"""The plug-in `photon_beams` as Mitsuba's users meet it."""
+
+import inspect
+import re
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from photonbeams import integrator
+from photonbeams.device import mitsuba
+from transport.scenes import camera, cube_of, fog, load, rgb
+
+mi = mitsuba()
+LIGHT = {"type": "point", "position": [0.3, 0.4, 0.2], "intensity": rgb([3.0, 2.0, 1.0])}
+
+
+def plugin(**parameters):
+    return mi.load_dict({"type": "photon_beams", "paths": 256, **parameters})
+
+
+def picture(scene, seed=0, spp=2, **parameters):
+    return np.array(mi.render(scene, integrator=plugin(**parameters), seed=seed, spp=spp))
+
+
+def scene(**film):
+    return load(fog=cube_of(fog(0.5)), light=LIGHT, wall={"type": "rectangle"}, sensor=camera(size=8, **film))
+
+
+@pytest.mark.parametrize(
+    "lines",
+    [
+        "import photonbeams; import mitsuba as mi",
+        "import mitsuba as mi; import photonbeams",
+        "import mitsuba as mi; mi.set_variant('llvm_ad_rgb'); import photonbeams",
+    ],
+)
+def test_the_package_announces_it_before_and_after_mitsuba(lines):
+    script = f"{lines}; mi.set_variant('llvm_ad_rgb'); print(type(mi.load_dict({{'type': 'photon_beams'}})).__name__)"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "PhotonBeams"
+
+
+@pytest.mark.parametrize("variant", ["scalar_rgb", "llvm_ad_spectral"])
+def test_other_variants_are_refused(variant):
+    script = f"import photonbeams, mitsuba as mi; mi.set_variant('{variant}'); mi.load_dict({{'type': 'photon_beams'}})"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+    assert done.returncode != 0
+    assert f"the variant is {variant}: expected llvm_ad_rgb or cuda_ad_rgb" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("parameters", "message"),
+    [
+        ({"bogus": 1}, "bogus"),
+        ({"beams": "medium"}, 'beams is "medium": expected "long" or "short"'),
+        ({"radius": -1.0}, "radius is -1.0: expected a number above 0"),
+        ({"max_depth": -2}, "max_depth is -2: expected -1, for any, or 0 to"),
+        ({"paths": 0}, "paths is 0: expected 1 to 100000000"),
+        ({"alpha": 2.0}, "alpha is 2.0"),
+        ({"estimator": "best"}, "best"),
+    ],
+)
+def test_wrong_parameters_are_refused(parameters, message):
+    with pytest.raises(RuntimeError, match=re.escape(message)):
+        plugin(**parameters)
+
+
+def test_the_documentation_lists_every_parameter():
+    listed = re.findall(r"^ \* - ([\w, ]+)$", type(plugin()).__doc__, re.MULTILINE)
+    source = inspect.getsource(integrator._settings) + inspect.getsource(integrator._integrator)
+    names = {*re.findall(r'properties\.get\("(\w+)"', source)}
+    names |= {
+        name for group in re.findall(r"for name in \(([^)]*)\)", source) for name in re.findall(r'"(\w+)"', group)
+    }
+    assert {name for line in listed for name in line.split(", ")} == names
+    assert "guiding" in names
+
+
+def test_layers_add_up_to_the_picture():
+    found = picture(scene(pixel_format="rgba"), layers=True)
+    assert found.shape == (8, 8, 10)
+    np.testing.assert_allclose(found[..., :3], found[..., 4:7] + found[..., 7:], rtol=1e-4, atol=1e-6)
+    assert plugin(layers=True).aov_names()[0] == "beams.R" and plugin().aov_names() == []
+
+
+def test_a_seed_is_a_picture():
+    a, b, c = (picture(scene(), seed) for seed in (1, 1, 2))
+    assert np.array_equal(a, b) and not np.array_equal(a, c)
+
+
+def test_passes_are_the_samplers_unless_they_are_given():
+    sensor = {**camera(size=8), "sampler": {"type": "independent", "sample_count": 3}}
+    given = load(fog=cube_of(fog(0.5)), light=LIGHT, sensor=sensor)
+    assert np.array_equal(picture(given, spp=0), picture(given, spp=3))
+
+
+def test_hidden_emitters_are_not_seen():
+    lamp = {"type": "sphere", "radius": 0.5, "emitter": {"type": "area", "radiance": 5.0}}
+    given = load(light=lamp, sensor=camera(size=8))
+    assert picture(given).max() == pytest.approx(5) and not picture(given, hide_emitters=True).any()
+
+
+def test_alpha_is_that_of_surfaces_and_windows_are_parts():
+    whole = picture(scene(pixel_format="rgba"))
+    assert set(np.unique(whole[..., 3])) <= {0, 0.5, 1} and 0 < whole[..., 3].mean() < 1
+    window = {"crop_offset_x": 2, "crop_offset_y": 3, "crop_width": 4, "crop_height": 5}
+    part = picture(scene(pixel_format="rgba", **window), guiding=False)
+    assert part.shape == (5, 4, 4)
+    assert np.array_equal(part[..., 3], whole[3:8, 2:6, 3])
+
+
+def test_the_films_own_filter_is_used():
+    box, wide = (picture(scene(rfilter={"type": kind})) for kind in ("box", "gaussian"))
+    assert not np.array_equal(box, wide)
+    assert np.abs(np.diff(wide, axis=0)).mean() < np.abs(np.diff(box, axis=0)).mean()
+
+
+def test_bundled_scenes_render_with_fog_added():
+    box = mi.cornell_box()
+    box["sensor"]["film"].update(width=16, height=16)
+    box["fog"] = cube_of(fog(0.3), 0.99)
+    found = np.array(mi.render(mi.load_dict(box), integrator=plugin(layers=True), spp=2))
+    assert np.isfinite(found).all() and found[..., 3:6].mean() > 0
