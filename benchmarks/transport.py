@@ -23,7 +23,7 @@ from photonbeams.device import UInt32, mitsuba
 from photonbeams.estimators import grid as grids
 from photonbeams.estimators import image as images
 from photonbeams.estimators.cells import batches
-from photonbeams.transport import frame as frames
+from photonbeams.transport import gathering as gatherings
 from photonbeams.transport.frame import Frame, Settings, render
 
 mi = mitsuba()
@@ -218,12 +218,12 @@ def mirrors(console: Console) -> None:
         seconds.append(perf_counter() - begin)
         return result
 
-    plain, frames.estimate_rays = frames.estimate_rays, counted
+    plain, gatherings.estimate_rays = gatherings.estimate_rays, counted
     try:
         frame.add_pass(0)
         frame.add_pass(0)
     finally:
-        frames.estimate_rays = plain
+        gatherings.estimate_rays = plain
     table = Table(title=f"Fog in a mirror, {SIZE[0]} × {SIZE[1]}: the grid, lists included (kernels alone: `rays`)")
     for name in ("beams", "M tests", "seconds", "M tests/s", "goal"):
         table.add_column(name, justify="right")

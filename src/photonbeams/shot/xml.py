@@ -46,7 +46,7 @@ class MitsubaScene:
         from ..device import mitsuba
 
         mi = mitsuba()
-        self.path = Path(path)
+        self.path, self._parameters = Path(path), dict(parameters or {})
         if not self.path.is_file():
             raise SceneError(f"{path}: no such file")
         try:
@@ -68,6 +68,11 @@ class MitsubaScene:
         if camera not in names:
             raise SceneError(f"{self.path}: has no sensor '{camera}': expected one of {', '.join(self.cameras)}")
         return names[camera]
+
+    def content(self) -> str:
+        """Return a hash of the file and its parameters; files that it names are not looked into."""
+        given = repr(sorted(self._parameters.items())).encode()
+        return sha256(self.path.read_bytes() + given).hexdigest()
 
     @property
     def settings(self) -> Settings:
@@ -161,8 +166,7 @@ def _fingerprint(scene: MitsubaScene, settings: Settings) -> str:
     """Return what has to be the same for passes to be of one picture."""
     film = scene.sensor.film()
     window = [[int(each) for each in part] for part in (film.size(), film.crop_size(), film.crop_offset())]
-    content = sha256(scene.path.read_bytes()).hexdigest()
-    return repr((content, scene.sensor.id(), window, replace(settings, passes=1, time_limit=None)))
+    return repr((scene.content(), scene.sensor.id(), window, replace(settings, passes=1, time_limit=None)))
 
 
 def _reason(text: str) -> str:
