@@ -20,25 +20,20 @@ from ..device import Array3f, Bool, Float, UInt32, mitsuba
 from ..hashing import hash32, unit_float
 from ..simulation.sampling import pixel_sample
 from .emission import Emitted, Tangents, copies, differentiate, of_copies
+from .events import CHANCE, LOBE, PASSES, SAME, SCATTERS, TURN, Event, Scatter, ray_of, reflect, sampled
 from .footprints import Width, width
-from .tracking import free_flight
-from .volumes import Volumes, medium_at, numbers, pointers
+from .volumes import Volumes, medium_at, pointers
 
 mi = mitsuba()
 
-# Names of samples in seeds.
-_FLIGHT, _LOBE, _TURN, _ROULETTE = 1, 2, 3, 4
-
-# What becomes of a path at the next step: chance decides, it is scattered in the medium, or it reaches the surface.
-_CHANCE, _SCATTERS, _PASSES = 0, 1, 2
+# Name of samples in seeds, beside those of events.
+_ROULETTE = 4
 
 # Most that a path counts for when its radius is chosen: see `_scattered_radius`.
 _BRIGHTEST = 8.0
 
 # Factor on the radius of photons on surfaces that arrive there at random: see `_landed`.
 _DOZEN = 3.0
-
-_SAME = 0xFFFFFFFF  # stands for the medium that a path is in already
 
 # After so many events photon differentials are carried no further: what is still sharp then is faint.
 _COHERENT = 8
@@ -193,8 +188,8 @@ def _split(tracing: Tracing, paths: Paths) -> Paths:
     if scattered is None:
         return paths
     whole, scattered = copy(paths), copy(scattered)
-    whole.fate = dr.select(both, UInt32(_PASSES), UInt32(_CHANCE))
-    scattered.fate = dr.full(UInt32, _SCATTERS, dr.width(scattered.fate))
+    whole.fate = dr.select(both, UInt32(PASSES), UInt32(CHANCE))
+    scattered.fate = dr.full(UInt32, SCATTERS, dr.width(scattered.fate))
     result: Paths = joined([whole, scattered])
     dr.eval(result)
     return result
@@ -219,13 +214,13 @@ def _kept(mask: Bool, value: Any) -> Any:
 def _step(tracing: Tracing, paths: Paths, seed: Any, first: Any, step: int) -> tuple[Any, ...]:
     """Return what one step of all paths leaves: segments, photons, the paths after it, and masks of which are there."""
     index, stream = paths.number + first, hash32(seed, dr.opaque(UInt32, step), paths.fate)
-    hit = tracing.plugin.ray_intersect(_ray(paths.origin, paths.direction))
-    event = _Event(tracing, paths, hit, index, stream)
+    hit = tracing.plugin.ray_intersect(ray_of(paths.origin, paths.direction))
+    event = Event(tracing, paths, hit, index, stream)
     segments = _segments(tracing, paths, event)
-    scatter = _reflect(hit, event.on_surface, index, stream)
+    scatter = reflect(hit, event.on_surface, index, stream)
     following = _following(tracing, paths, event, scatter, index, stream)
     landed = _landed(paths, event, segments.width)
-    in_medium = (paths.medium > 0) & (event.length > 0) & (paths.fate != _SCATTERS)
+    in_medium = (paths.medium > 0) & (event.length > 0) & (paths.fate != SCATTERS)
     on_surface = event.on_surface & ~paths.straight & event.smooth
     if tracing.max_events is not None:
         in_medium &= paths.events <= tracing.max_events
@@ -238,115 +233,7 @@ def _step(tracing: Tracing, paths: Paths, seed: Any, first: Any, step: int) -> t
     return segments, in_medium, landed, on_surface, following, event.going
 
 
-def _ray(origin: Any, direction: Any) -> Any:
-    return mi.Ray3f(mi.Point3f(origin), mi.Vector3f(direction))
-
-
-class _Event:
-    """What happens next on paths.
-
-    `scatters`: light is scattered in the medium. `tinted`: it goes on, but for its colour. `on_surface`: it meets a
-    surface. `way` is how far that is, `weight` what the flight there weighs, `length` how far the next surface is.
-    """
-
-    def __init__(self, tracing: Tracing, paths: Paths, hit: Any, index: UInt32, stream: UInt32) -> None:
-        volumes = tracing.volumes
-        self.hit = hit
-        self.valid = hit.is_valid()
-        self.length = dr.select(self.valid, hit.t, dr.select(paths.medium > 0, dr.opaque(Float, tracing.escape), 0))
-        self.share = paths.flux * dr.rcp(dr.maximum(dr.sum(paths.flux), 1e-30))
-        distance, weight = _flight(volumes, paths, self.share, self.length, index, stream)
-        self.scatters = distance < self.length
-        self.tinted = self.varying = dr.zeros(Bool, dr.width(distance))
-        if volumes.any_varying:
-            self.varying, colored = volumes.varying(paths.medium)
-            other, collided, scatters, color = free_flight(
-                pointers(dr.select(self.varying, paths.medium, 0)), paths.origin, paths.direction, self.length,
-                self.share, hash32(index, stream, UInt32(_FLIGHT)), self.varying, colored,
-            )  # fmt: skip
-            distance, weight = dr.select(self.varying, other, distance), dr.select(self.varying, color, weight)
-            self.scatters = dr.select(self.varying, scatters, self.scatters)
-            self.tinted = self.varying & collided & ~scatters
-        self.on_surface = self.valid & ~self.scatters & ~self.tinted
-        self.way = dr.minimum(distance, self.length)
-        self.weight = weight
-        self.position = paths.origin + self.way * paths.direction
-        self.smooth = self.valid & mi.has_flag(hit.bsdf().flags(), mi.BSDFFlags.Smooth)
-        self.going = self.scatters | self.tinted | self.on_surface
-
-
-def _flight(
-    volumes: Volumes, paths: Paths, share: Array3f, length: Float, index: UInt32, stream: UInt32
-) -> tuple[Float, Array3f]:
-    """Return how far light flies in homogeneous media, and what that weighs.
-
-    A channel is chosen by the light that is left in it, so that no colour is carried by few paths.
-    """
-    extinction = volumes.extinction(paths.medium)
-    u = pixel_sample(index, hash32(stream, UInt32(_FLIGHT)))
-    own = dr.select(u.x < share.x, extinction.x, dr.select(u.x < share.x + share.y, extinction.y, extinction.z))
-    surely = paths.fate == _SCATTERS
-    # The part of flights that end before the surface; by its series where float32 would cancel.
-    depth = own * dr.minimum(length, 1e30)
-    ending = dr.select(surely, _ending(depth), 1)
-    distance = dr.select(own > 0, -dr.log(1 - u.y * ending) * dr.rcp(dr.maximum(own, 1e-30)), dr.inf)
-    distance = dr.select(surely & (own > 0), dr.minimum(distance, length * (1 - 1e-6)), distance)
-    distance = dr.select(paths.fate == _PASSES, dr.inf, distance)
-    scatters = distance < length
-    passed = volumes.absorbed(paths.medium, dr.minimum(distance, length))
-    rate = dr.select(surely, extinction * dr.rcp(dr.maximum(_ending(extinction * dr.minimum(length, 1e30)), 1e-30)),
-                     extinction)  # fmt: skip
-    density = dr.sum(share * passed * dr.select(scatters, rate, 1))
-    scattering = dr.select(scatters, volumes.scattering(paths.medium), Array3f(1))
-    weight = dr.select(density > 0, passed * scattering * dr.rcp(density), 0)
-    weight = dr.select(surely & ~scatters, 0, weight)
-    return distance, dr.select(paths.fate == _PASSES, passed, weight)
-
-
-def _ending(depth: Any) -> Any:
-    """Return 1 − exp(−x)."""
-    return dr.select(depth < 1e-3, depth * (1 - 0.5 * depth), 1 - dr.exp(-depth))
-
-
-class _Scatter:
-    """A sample of the BSDF at hits: the ray that leaves, what it weighs, and the chance that an ideal lobe had."""
-
-    def __init__(
-        self, origin: Any, direction: Any, weight: Any, delta: Any, null: Any, medium: Any, chance: Any
-    ) -> None:
-        self.origin, self.direction, self.weight = origin, direction, weight
-        self.delta, self.null, self.medium, self.chance = delta, null, medium, chance
-
-
-def _reflect(hit: Any, active: Any, index: UInt32, stream: UInt32) -> _Scatter:
-    """Return a sample of the BSDF for light (Veach 1997, section 5.3: shading normals of adjoint BSDFs)."""
-    sample, weight = _sampled(hit, active, index, stream)
-    direction = hit.to_world(sample.wo)
-    incoming = hit.to_world(hit.wi)
-    geometric_in, geometric_out = dr.dot(hit.n, incoming), dr.dot(hit.n, direction)
-    shading_in, shading_out = dr.dot(hit.sh_frame.n, incoming), dr.dot(hit.sh_frame.n, direction)
-    leak = (geometric_in * shading_in <= 0) | (geometric_out * shading_out <= 0)
-    value = Array3f(weight) * dr.abs(shading_in * geometric_out * dr.rcp(shading_out * geometric_in))
-    good = active & (sample.pdf > 0) & ~leak & dr.isfinite(dr.sum(value))
-    border = hit.is_medium_transition()
-    medium = dr.select(border, numbers(hit.target_medium(direction)), UInt32(_SAME))
-    kind = sample.sampled_type
-    delta, null = mi.has_flag(kind, mi.BSDFFlags.Delta), mi.has_flag(kind, mi.BSDFFlags.Null)
-    origin = Array3f(hit.spawn_ray(direction).o)
-    chance = dr.select(good & (delta | null), dr.clip(sample.pdf, 1e-4, 1), 1)
-    return _Scatter(origin, Array3f(direction), dr.select(good, value, 0), delta | null, null, medium, chance)
-
-
-def _sampled(hit: Any, active: Any, index: UInt32, stream: UInt32) -> Any:
-    """Return Mitsuba's sample of the BSDF and its weight."""
-    lobe = unit_float(hash32(index, stream, UInt32(_LOBE)))
-    u = pixel_sample(index, hash32(stream, UInt32(_TURN)))
-    return hit.bsdf().sample(mi.BSDFContext(mi.TransportMode.Importance), hit, lobe, mi.Point2f(u), active)
-
-
-def _following(
-    tracing: Tracing, paths: Paths, event: _Event, scatter: _Scatter, index: UInt32, stream: UInt32
-) -> Paths:
+def _following(tracing: Tracing, paths: Paths, event: Event, scatter: Scatter, index: UInt32, stream: UInt32) -> Paths:
     """Return the paths after their event; `event.going` loses those that end."""
     following = Paths()
     place = dr.zeros(mi.MediumInteraction3f, dr.width(paths.origin))
@@ -354,15 +241,15 @@ def _following(
     place.sh_frame = mi.Frame3f(place.wi)
     place.medium = pointers(dr.select(event.scatters, paths.medium, 0))
     phase = place.medium.phase_function()
-    lobe = unit_float(hash32(index, stream, UInt32(_LOBE)))
-    u = pixel_sample(index, hash32(stream, UInt32(_TURN)))
+    lobe = unit_float(hash32(index, stream, UInt32(LOBE)))
+    u = pixel_sample(index, hash32(stream, UInt32(TURN)))
     turned, weight, _ = phase.sample(mi.PhaseFunctionContext(), place, lobe, mi.Point2f(u), event.scatters)
     following.direction = _chosen(event, Array3f(turned), scatter.direction, paths.direction)
     following.origin = dr.select(event.on_surface, scatter.origin, event.position)
     following.flux = paths.flux * event.weight * _chosen(event, Array3f(weight), scatter.weight, Array3f(1))
     passes = event.tinted | (event.on_surface & scatter.null)
     following.events = paths.events + dr.select(passes, 0, 1)
-    kept = ~event.on_surface | (scatter.medium == _SAME)
+    kept = ~event.on_surface | (scatter.medium == SAME)
     following.medium = dr.select(kept, paths.medium, scatter.medium)
     following.straight = paths.straight & passes
     following.coherent = paths.coherent & (event.tinted | (event.on_surface & scatter.delta))
@@ -380,7 +267,7 @@ def _following(
     return following
 
 
-def _chosen(event: _Event, scattered: Any, reflected: Any, same: Any) -> Any:
+def _chosen(event: Event, scattered: Any, reflected: Any, same: Any) -> Any:
     """Return the value that belongs to what happens to each path."""
     return dr.select(event.scatters, scattered, dr.select(event.on_surface, reflected, same))
 
@@ -426,8 +313,8 @@ def _carry(tracing: Tracing, paths: Paths, following: Paths, bent: Bool, index: 
     direction = mi.Vector3f(dr.gather(Array3f, paths.direction, lane))
     dr.enable_grad(origin, direction)
     with dr.resume_grad():
-        hit = tracing.plugin.ray_intersect(_ray(origin, direction))
-        sample, _ = _sampled(hit, True, dr.gather(UInt32, index, lane), dr.gather(UInt32, stream, lane))
+        hit = tracing.plugin.ray_intersect(ray_of(origin, direction))
+        sample, _ = sampled(hit, True, dr.gather(UInt32, index, lane), dr.gather(UInt32, stream, lane))
         p, d = differentiate([origin, direction], [hit.p, hit.to_world(sample.wo)], [shift, turn])
     shift, turn = Array3f(p), Array3f(d)
     dr.eval(shift, turn)
@@ -442,7 +329,7 @@ def _carry(tracing: Tracing, paths: Paths, following: Paths, bent: Bool, index: 
     dr.eval(following.tangents)
 
 
-def _segments(tracing: Tracing, paths: Paths, event: _Event) -> Segments:
+def _segments(tracing: Tracing, paths: Paths, event: Event) -> Segments:
     """Return the stretches of paths up to the next surface, or event."""
     result = Segments()
     result.origin, result.direction, result.flux = paths.origin, paths.direction, paths.flux
@@ -462,7 +349,7 @@ def _segments(tracing: Tracing, paths: Paths, event: _Event) -> Segments:
     return result
 
 
-def _landed(paths: Paths, event: _Event, across: Width) -> Landed:
+def _landed(paths: Paths, event: Event, across: Width) -> Landed:
     """Return what arrives at surfaces."""
     result = Landed()
     result.position, result.direction = event.position, paths.direction

@@ -1,0 +1,134 @@
+"""What happens next on light paths: how far they fly, and what surfaces make of them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import drjit as dr
+
+from ..device import Array3f, Bool, Float, UInt32, mitsuba
+from ..hashing import hash32, unit_float
+from ..simulation.sampling import pixel_sample
+from .tracking import free_flight
+from .volumes import Volumes, numbers, pointers
+
+if TYPE_CHECKING:
+    from .paths import Paths, Tracing
+
+mi = mitsuba()
+
+# Names of samples in seeds.
+_FLIGHT, LOBE, TURN = 1, 2, 3
+
+#: What becomes of a path at the next step: chance decides, it is scattered in the medium, or it reaches the surface.
+CHANCE, SCATTERS, PASSES = 0, 1, 2
+
+#: Stands for the medium that a path is in already.
+SAME = 0xFFFFFFFF
+
+
+def ray_of(origin: Any, direction: Any) -> Any:
+    """Return rays for Mitsuba."""
+    return mi.Ray3f(mi.Point3f(origin), mi.Vector3f(direction))
+
+
+class Event:
+    """What happens next on paths.
+
+    `scatters`: light is scattered in the medium. `tinted`: it goes on, but for its colour. `on_surface`: it meets a
+    surface. `way` is how far that is, `weight` what the flight there weighs, `length` how far the next surface is.
+    """
+
+    def __init__(self, tracing: Tracing, paths: Paths, hit: Any, index: UInt32, stream: UInt32) -> None:
+        volumes = tracing.volumes
+        self.hit = hit
+        self.valid = hit.is_valid()
+        self.length = dr.select(self.valid, hit.t, dr.select(paths.medium > 0, dr.opaque(Float, tracing.escape), 0))
+        self.share = paths.flux * dr.rcp(dr.maximum(dr.sum(paths.flux), 1e-30))
+        distance, weight = _flight(volumes, paths, self.share, self.length, index, stream)
+        self.scatters = distance < self.length
+        self.tinted = self.varying = dr.zeros(Bool, dr.width(distance))
+        if volumes.any_varying:
+            self.varying, colored = volumes.varying(paths.medium)
+            other, collided, scatters, color = free_flight(
+                pointers(dr.select(self.varying, paths.medium, 0)), paths.origin, paths.direction, self.length,
+                self.share, hash32(index, stream, UInt32(_FLIGHT)), self.varying, colored,
+            )  # fmt: skip
+            distance, weight = dr.select(self.varying, other, distance), dr.select(self.varying, color, weight)
+            self.scatters = dr.select(self.varying, scatters, self.scatters)
+            self.tinted = self.varying & collided & ~scatters
+        self.on_surface = self.valid & ~self.scatters & ~self.tinted
+        self.way = dr.minimum(distance, self.length)
+        self.weight = weight
+        self.position = paths.origin + self.way * paths.direction
+        self.smooth = self.valid & mi.has_flag(hit.bsdf().flags(), mi.BSDFFlags.Smooth)
+        self.going = self.scatters | self.tinted | self.on_surface
+
+
+def _flight(
+    volumes: Volumes, paths: Paths, share: Array3f, length: Float, index: UInt32, stream: UInt32
+) -> tuple[Float, Array3f]:
+    """Return how far light flies in homogeneous media, and what that weighs.
+
+    A channel is chosen by the light that is left in it, so that no colour is carried by few paths.
+    """
+    extinction = volumes.extinction(paths.medium)
+    u = pixel_sample(index, hash32(stream, UInt32(_FLIGHT)))
+    own = dr.select(u.x < share.x, extinction.x, dr.select(u.x < share.x + share.y, extinction.y, extinction.z))
+    surely = paths.fate == SCATTERS
+    # The part of flights that end before the surface; by its series where float32 would cancel.
+    depth = own * dr.minimum(length, 1e30)
+    ending = dr.select(surely, _ending(depth), 1)
+    distance = dr.select(own > 0, -dr.log(1 - u.y * ending) * dr.rcp(dr.maximum(own, 1e-30)), dr.inf)
+    distance = dr.select(surely & (own > 0), dr.minimum(distance, length * (1 - 1e-6)), distance)
+    distance = dr.select(paths.fate == PASSES, dr.inf, distance)
+    scatters = distance < length
+    passed = volumes.absorbed(paths.medium, dr.minimum(distance, length))
+    rate = dr.select(surely, extinction * dr.rcp(dr.maximum(_ending(extinction * dr.minimum(length, 1e30)), 1e-30)),
+                     extinction)  # fmt: skip
+    density = dr.sum(share * passed * dr.select(scatters, rate, 1))
+    scattering = dr.select(scatters, volumes.scattering(paths.medium), Array3f(1))
+    weight = dr.select(density > 0, passed * scattering * dr.rcp(density), 0)
+    weight = dr.select(surely & ~scatters, 0, weight)
+    return distance, dr.select(paths.fate == PASSES, passed, weight)
+
+
+def _ending(depth: Any) -> Any:
+    """Return 1 − exp(−x)."""
+    return dr.select(depth < 1e-3, depth * (1 - 0.5 * depth), 1 - dr.exp(-depth))
+
+
+class Scatter:
+    """A sample of the BSDF at hits: the ray that leaves, what it weighs, and the chance that an ideal lobe had."""
+
+    def __init__(
+        self, origin: Any, direction: Any, weight: Any, delta: Any, null: Any, medium: Any, chance: Any
+    ) -> None:
+        self.origin, self.direction, self.weight = origin, direction, weight
+        self.delta, self.null, self.medium, self.chance = delta, null, medium, chance
+
+
+def reflect(hit: Any, active: Any, index: UInt32, stream: UInt32) -> Scatter:
+    """Return a sample of the BSDF for light (Veach 1997, section 5.3: shading normals of adjoint BSDFs)."""
+    sample, weight = sampled(hit, active, index, stream)
+    direction = hit.to_world(sample.wo)
+    incoming = hit.to_world(hit.wi)
+    geometric_in, geometric_out = dr.dot(hit.n, incoming), dr.dot(hit.n, direction)
+    shading_in, shading_out = dr.dot(hit.sh_frame.n, incoming), dr.dot(hit.sh_frame.n, direction)
+    leak = (geometric_in * shading_in <= 0) | (geometric_out * shading_out <= 0)
+    value = Array3f(weight) * dr.abs(shading_in * geometric_out * dr.rcp(shading_out * geometric_in))
+    good = active & (sample.pdf > 0) & ~leak & dr.isfinite(dr.sum(value))
+    border = hit.is_medium_transition()
+    medium = dr.select(border, numbers(hit.target_medium(direction)), UInt32(SAME))
+    kind = sample.sampled_type
+    delta, null = mi.has_flag(kind, mi.BSDFFlags.Delta), mi.has_flag(kind, mi.BSDFFlags.Null)
+    origin = Array3f(hit.spawn_ray(direction).o)
+    chance = dr.select(good & (delta | null), dr.clip(sample.pdf, 1e-4, 1), 1)
+    return Scatter(origin, Array3f(direction), dr.select(good, value, 0), delta | null, null, medium, chance)
+
+
+def sampled(hit: Any, active: Any, index: UInt32, stream: UInt32) -> Any:
+    """Return Mitsuba's sample of the BSDF and its weight."""
+    lobe = unit_float(hash32(index, stream, UInt32(LOBE)))
+    u = pixel_sample(index, hash32(stream, UInt32(TURN)))
+    return hit.bsdf().sample(mi.BSDFContext(mi.TransportMode.Importance), hit, lobe, mi.Point2f(u), active)
