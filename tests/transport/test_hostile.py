@@ -248,3 +248,16 @@ def test_rough_glass_is_lit_by_photons():
     ours = pictures(scene, passes=8, paths=16384, max_depth=3, hide_emitters=True, radius=0.03)
     theirs = volpath(scene, 2048, max_depth=3, hide_emitters=True)
     np.testing.assert_allclose(ours.mean(axis=(0, 1, 2)), theirs.mean(axis=(0, 1)), rtol=0.04)
+
+
+def test_a_border_that_lies_on_another_surface_is_not_missed_by_single_rays():
+    """The end of a plank lies on the wall of the fog: rays through the plank see one of the two, and no border then."""
+    medium = mi.load_dict(fog(0.5))
+    plank = {"type": "cube", "to_world": T().translate([-0.5, 0, -1.5]).scale([0.02, 1.5, 0.5])}
+    room = {**cube_of(medium, 2.0), "bsdf": {"type": "twosided", "side": {"type": "diffuse"}}}
+    sensor = camera((0.6, 0, 1.5), (-0.6, 0, -2), fov=60, size=64, medium=medium)
+    scene = load(room=room, plank=plank, light={**INSIDE, "position": [1.2, 1.0, 0.5]}, sensor=sensor)
+    beams = render(scene, scene.sensors()[0], Settings(passes=2, paths=4096, surfaces=False)).layers()["beams"][..., 0]
+    # Smooth light: no pixel is much darker than both of its neighbours.
+    around = np.minimum(beams[:, :-2], beams[:, 2:])
+    assert (beams[:, 1:-1] > 0.5 * around).all()

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import drjit as dr
+import numpy as np
 
 from ..arrays import compressed
 from ..device import Array3f, Bool, Float, UInt32, mitsuba
@@ -25,6 +26,8 @@ _LOBE, _TURN, _ROULETTE, _WAY = 301, 302, 303, 304  # names of samples in seeds
 
 # What makes a surface more than a border of media; to Mitsuba going straight on (Null) is one of `Delta`.
 _VISIBLE = int(mi.BSDFFlags.Smooth | mi.BSDFFlags.DeltaReflection | mi.BSDFFlags.DeltaTransmission)
+
+_UNSEEN = 0xFFFFFFFF  # stands for a medium that is not known
 
 # Steps after which a path ends that meets nothing that ends it, as between two mirrors.
 _STEPS = 128
@@ -93,9 +96,25 @@ def begin(looking: Looking, primary: Primary, order: UInt32, otherwise: Any) -> 
     sight.primary = sight.alive = dr.full(Bool, True, count)
     sight.events = dr.zeros(UInt32, count)
     start = sight.origin + sight.near * sight.direction
-    sight.medium = medium_at(looking.plugin, start, sight.direction, otherwise, sight.alive)
+    sight.medium = _around_eye(
+        medium_at(looking.plugin, start, sight.direction, UInt32(_UNSEEN), sight.alive), otherwise
+    )
     dr.eval(sight)
     return sight
+
+
+def _around_eye(found: UInt32, otherwise: UInt32) -> UInt32:
+    """Return the media where rays begin, for those that have seen no border of one as well.
+
+    They are in what fills the space; if nothing does, where most of the others are: a ray may miss a border on which
+    another surface lies.
+    """
+    unseen = found == _UNSEEN
+    if not bool(dr.any(unseen)):
+        return found
+    numbers_found, counts = np.unique(dr.select(unseen, 0, found).numpy()[~unseen.numpy()], return_counts=True)
+    usual = int(numbers_found[counts.argmax()]) if len(counts) else 0
+    return dr.select(unseen, dr.select(otherwise > 0, otherwise, dr.opaque(UInt32, usual)), found)
 
 
 def follow(looking: Looking, sight: Sight, samples: Samples, lit: Any) -> Iterator[tuple[Sight, Seen]]:
