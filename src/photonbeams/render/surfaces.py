@@ -17,7 +17,7 @@ import drjit as dr
 from ..device import Array3f, Bool, Float, UInt32, mitsuba
 from ..hashing import hash32, unit_float
 from ..simulation.lights import Sight
-from ..simulation.sampling import pixel_sample
+from ..simulation.sampling import pixel_sample, power_heuristic
 
 if TYPE_CHECKING:
     from .world import Lamps, Links, World
@@ -209,7 +209,7 @@ def _reflected(world: World, reflection: _Reflection, light: Any, index: UInt32,
     point = Array3f(hit.p)
     sample = light.illuminate(point, pixel_sample(index, stream))
     value, pdf = reflection.evaluate(sample.direction)
-    share = dr.select(sample.pdf > 0, _power_heuristic(sample.pdf, pdf), 1)
+    share = dr.select(sample.pdf > 0, power_heuristic(sample.pdf, pdf), 1)
     value = value * sample.weight * share
     useful = reflection.active & (dr.max(value) > 0)
     start = Array3f(hit.spawn_ray(mi.Vector3f(sample.direction)).o)
@@ -219,14 +219,9 @@ def _reflected(world: World, reflection: _Reflection, light: Any, index: UInt32,
 
     sight = light.see(point, reflection.direction)
     met = sight.hit & ((sight.distance < reflection.distance) | ~dr.isfinite(reflection.distance))
-    share = _power_heuristic(reflection.pdf, sight.pdf)
+    share = power_heuristic(reflection.pdf, sight.pdf)
     dimming = _dimming(world, start, reflection.direction, sight.distance)
     return result + dr.select(met, reflection.weight * sight.radiance * share * dimming, 0)
-
-
-def _power_heuristic(own: Float, other: Float) -> Float:
-    """Return own² / (own² + other²); of the ratio, for the squares may overflow."""
-    return dr.rcp(1 + dr.square(other / dr.maximum(own, 1e-20)))
 
 
 def _dimming(world: World, origin: Array3f, direction: Array3f, distance: Float) -> Array3f:

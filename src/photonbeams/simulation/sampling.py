@@ -59,6 +59,11 @@ def pixel_sample(index: UInt32, seed: UInt32) -> Array2f:
     return Array2f(unit_float(x), unit_float(y))
 
 
+def power_heuristic(own: Float, other: Float) -> Float:
+    """Return own² / (own² + other²) (Veach 1997); of the ratio, for the squares may overflow."""
+    return dr.rcp(1 + dr.square(other / dr.maximum(own, 1e-20)))
+
+
 def z_order(x: UInt32, y: UInt32) -> UInt32:
     """Return the place of a pixel on the Z-order curve (Morton 1966): 16 bits of each coordinate, interleaved."""
 

@@ -10,7 +10,7 @@ from ..device import Array3f, Bool, Float, UInt32, mitsuba
 from ..hashing import hash32, unit_float
 from ..simulation.sampling import pixel_sample
 from .tracking import free_flight
-from .volumes import Volumes, numbers, pointers
+from .volumes import Volumes, beyond, pointers
 
 if TYPE_CHECKING:
     from .paths import Paths, Tracing
@@ -22,9 +22,6 @@ _FLIGHT, LOBE, TURN = 1, 2, 3
 
 #: What becomes of a path at the next step: chance decides, it is scattered in the medium, or it reaches the surface.
 CHANCE, SCATTERS, PASSES = 0, 1, 2
-
-#: Stands for the medium that a path is in already.
-SAME = 0xFFFFFFFF
 
 
 def ray_of(origin: Any, direction: Any) -> Any:
@@ -108,8 +105,8 @@ class Scatter:
         self.delta, self.null, self.medium, self.chance = delta, null, medium, chance
 
 
-def reflect(hit: Any, active: Any, index: UInt32, stream: UInt32) -> Scatter:
-    """Return a sample of the BSDF for light (Veach 1997, section 5.3: shading normals of adjoint BSDFs)."""
+def reflect(hit: Any, active: Any, medium: UInt32, index: UInt32, stream: UInt32) -> Scatter:
+    """Return a sample of the BSDF for light that comes through `medium` (Veach 1997, section 5.3: shading normals)."""
     sample, weight = sampled(hit, active, index, stream)
     direction = hit.to_world(sample.wo)
     incoming = hit.to_world(hit.wi)
@@ -118,13 +115,12 @@ def reflect(hit: Any, active: Any, index: UInt32, stream: UInt32) -> Scatter:
     leak = (geometric_in * shading_in <= 0) | (geometric_out * shading_out <= 0)
     value = Array3f(weight) * dr.abs(shading_in * geometric_out * dr.rcp(shading_out * geometric_in))
     good = active & (sample.pdf > 0) & ~leak & dr.isfinite(dr.sum(value))
-    border = hit.is_medium_transition()
-    medium = dr.select(border, numbers(hit.target_medium(direction)), UInt32(SAME))
     kind = sample.sampled_type
     delta, null = mi.has_flag(kind, mi.BSDFFlags.Delta), mi.has_flag(kind, mi.BSDFFlags.Null)
     origin = Array3f(hit.spawn_ray(direction).o)
     chance = dr.select(good & (delta | null), dr.clip(sample.pdf, 1e-4, 1), 1)
-    return Scatter(origin, Array3f(direction), dr.select(good, value, 0), delta | null, null, medium, chance)
+    return Scatter(origin, Array3f(direction), dr.select(good, value, 0), delta | null, null,
+                   beyond(hit, direction, medium), chance)  # fmt: skip
 
 
 def sampled(hit: Any, active: Any, index: UInt32, stream: UInt32) -> Any:

@@ -18,7 +18,7 @@ from ..device import Array3f, Bool, Float, UInt32, mitsuba
 from .samples import Samples
 from .sensors import Primary
 from .surfaces import direct
-from .volumes import Volumes, medium_at, numbers
+from .volumes import Volumes, beyond, medium_at
 
 mi = mitsuba()
 
@@ -145,7 +145,7 @@ def _step(looking: Looking, sight: Sight, samples: Samples, step: UInt32, lit: A
     seen.seed = samples.bits(sight.order, _WAY, step)
     passed = volumes.transmittance(sight.medium, start, sight.direction, way, seen.seed, alive)
     throughput = sight.throughput * passed
-    seen.radiance = _emission(looking, hit, alive, sight, way)
+    seen.radiance = _emission(looking, hit, alive, sight)
     bsdf = hit.bsdf()
     flags = bsdf.flags()
     smooth = met & mi.has_flag(flags, mi.BSDFFlags.Smooth) & _within(looking, sight.events, 2)
@@ -163,7 +163,7 @@ def _within(looking: Looking, events: UInt32, more: int) -> Any:
     return Bool(True) if looking.max_depth is None else events + more <= dr.opaque(UInt32, looking.max_depth)
 
 
-def _emission(looking: Looking, hit: Any, alive: Bool, sight: Sight, way: Float) -> Array3f:
+def _emission(looking: Looking, hit: Any, alive: Bool, sight: Sight) -> Array3f:
     """Return the radiance of emitters that paths see, near and far."""
     emitter = hit.emitter(looking.plugin, alive)
     shown = alive & _within(looking, sight.events, 1)
@@ -192,13 +192,12 @@ def _onward(
     following.throughput = throughput * dr.select(sharp & (sample.pdf > 0), Array3f(weight), 0)
     spawned = hit.spawn_ray(direction)
     # A primary ray keeps its origin, from which tiles see it; it begins anew where it passed the surface.
-    beyond = dr.dot(Array3f(spawned.o) - sight.origin, sight.direction)
+    way = dr.dot(Array3f(spawned.o) - sight.origin, sight.direction)
     following.origin = dr.select(straight, sight.origin, Array3f(spawned.o))
     following.direction = dr.select(straight, sight.direction, Array3f(direction))
-    following.near = dr.select(straight, beyond, 0)
+    following.near = dr.select(straight, way, 0)
     following.far = dr.select(straight, sight.far, dr.largest(Float))
-    border = hit.is_medium_transition()
-    following.medium = dr.select(border, numbers(hit.target_medium(direction)), sight.medium)
+    following.medium = beyond(hit, direction, sight.medium)
     following.events = sight.events + dr.select(null, 0, 1)
     following.pixel, following.order, following.primary = sight.pixel, sight.order, straight
     alive = sharp & (dr.max(following.throughput) > 0) & _within(looking, following.events, 1)

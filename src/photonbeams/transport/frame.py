@@ -104,6 +104,11 @@ class Settings:
         if not 0 < self.alpha <= 1:
             raise scene.SceneError(f"alpha is {self.alpha}: expected a number above 0, of at most 1")
 
+    @property
+    def max_events(self) -> int | None:
+        """The most events on a light path that the camera sees without a mirror: two edges are none."""
+        return None if self.max_depth is None else self.max_depth - 2
+
 
 class Frame:
     """The sums over the passes of one sensor's picture."""
@@ -131,8 +136,7 @@ class Frame:
         samples = Samples(settings.seed, number)
         with statistics.phase("trace"):
             sets, landed, limits = self.simulated(number)
-            most = None if settings.max_depth is None else settings.max_depth - 2
-            arrived = Arrived(landed, limits, most, self._translucent)
+            arrived = Arrived(landed, limits, settings.max_events, self._translucent)
         statistics.beams += sum(len(each.beams) for each in sets.values())
         looking = eye.Looking(
             self._plugin, self._volumes, settings.max_depth, settings.rr_depth, settings.hide_emitters,
@@ -193,10 +197,9 @@ class Frame:
     def _tracing(self) -> paths.Tracing:
         """Return how light paths are traced."""
         settings = self.settings
-        most = None if settings.max_depth is None else settings.max_depth - 2
         return paths.Tracing(
-            self._plugin, self._volumes, most, settings.rr_depth, settings.overlap, self._reach, settings.paths,
-            float(self._emitters.power.max()), ESCAPE * self._radius, settings.short,
+            self._plugin, self._volumes, settings.max_events, settings.rr_depth, settings.overlap, self._reach,
+            settings.paths, float(self._emitters.power.max()), ESCAPE * self._radius, settings.short,
         )  # fmt: skip
 
     def simulated(self, number: int) -> tuple[dict[int, Lit], list[paths.Landed], Limits]:

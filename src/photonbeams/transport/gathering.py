@@ -18,7 +18,6 @@ from ..render.frame import Statistics
 from . import eye
 from .beams import Lit
 from .sensors import Primary, Sensor
-from .tracking import Track
 from .volumes import Volume, Volumes
 
 # Segments beside the pixels' own rays that are kept for one look into the grid, which takes as long to build as to ask.
@@ -94,9 +93,7 @@ class Gathering:
             self.finish()
 
     def _add_tiled(self, volume: Volume, primary: Primary, sight: eye.Sight, seen: eye.Seen, own: Bool) -> None:
-        if volume.tracked is not None:
-            way = volume.way(sight.origin, sight.direction, sight.near, seen.end, seen.seed)
-            volume.tracked.track = Track(way, volume.extinction, own)
+        volume.track(sight.origin, sight.direction, sight.near, seen.end, seen.seed, own)
         rays = PixelRays(
             primary.origin, primary.direction, primary.facing, dr.select(own, dr.minimum(seen.end, ENDLESS), 0),
             dr.select(own, sight.near, 0), primary.lanes,
@@ -151,9 +148,8 @@ class Gathering:
         far = dr.gather(Float, apart.far, lanes)
         rays = Rays(origin, direction, far, dr.zeros(Float, count), index=dr.arange(UInt32, count))
         dr.eval(rays.origin, rays.direction, rays.t_max, rays.t_min)
-        if volume.tracked is not None:
-            way = volume.way(origin, direction, rays.t_min, far, dr.gather(UInt32, apart.seed, lanes))
-            volume.tracked.track = Track(way, volume.extinction, dr.full(Bool, True, count))
+        seed = dr.gather(UInt32, apart.seed, lanes)
+        volume.track(origin, direction, rays.t_min, far, seed, dr.full(Bool, True, count))
         return estimate_rays(
             beams, rays, look=volume.look, medium=volume.medium, estimator=self._estimator, points=self._points
         )

@@ -20,7 +20,7 @@ from ..device import Array3f, Bool, Float, UInt32, mitsuba
 from ..hashing import hash32, unit_float
 from ..simulation.sampling import pixel_sample
 from .emission import Emitted, Tangents, copies, differentiate, of_copies
-from .events import CHANCE, LOBE, PASSES, SAME, SCATTERS, TURN, Event, Scatter, ray_of, reflect, sampled
+from .events import CHANCE, LOBE, PASSES, SCATTERS, TURN, Event, Scatter, ray_of, reflect, sampled
 from .footprints import Width, width
 from .volumes import Volumes, medium_at, pointers
 
@@ -217,7 +217,7 @@ def _step(tracing: Tracing, paths: Paths, seed: Any, first: Any, step: int) -> t
     hit = tracing.plugin.ray_intersect(ray_of(paths.origin, paths.direction))
     event = Event(tracing, paths, hit, index, stream)
     segments = _segments(tracing, paths, event)
-    scatter = reflect(hit, event.on_surface, index, stream)
+    scatter = reflect(hit, event.on_surface, paths.medium, index, stream)
     following = _following(tracing, paths, event, scatter, index, stream)
     landed = _landed(paths, event, segments.width)
     in_medium = (paths.medium > 0) & (event.length > 0) & (paths.fate != SCATTERS)
@@ -249,8 +249,7 @@ def _following(tracing: Tracing, paths: Paths, event: Event, scatter: Scatter, i
     following.flux = paths.flux * event.weight * _chosen(event, Array3f(weight), scatter.weight, Array3f(1))
     passes = event.tinted | (event.on_surface & scatter.null)
     following.events = paths.events + dr.select(passes, 0, 1)
-    kept = ~event.on_surface | (scatter.medium == SAME)
-    following.medium = dr.select(kept, paths.medium, scatter.medium)
+    following.medium = dr.select(event.on_surface, scatter.medium, paths.medium)
     following.straight = paths.straight & passes
     following.coherent = paths.coherent & (event.tinted | (event.on_surface & scatter.delta))
     following.number, following.first, following.count = paths.number, paths.first, paths.count

@@ -12,7 +12,8 @@ import drjit as dr
 
 from ..device import Array3f, Bool, Float, UInt32, mitsuba
 from ..hashing import hash32
-from .volumes import Volumes, numbers
+from ..simulation.sampling import power_heuristic
+from .volumes import Volumes, beyond
 
 if TYPE_CHECKING:
     from .samples import Samples
@@ -38,24 +39,24 @@ def direct(plugin: Any, volumes: Volumes, hit: Any, medium: UInt32, order: UInt3
     light, radiance = plugin.sample_emitter_direction(hit, mi.Point2f(aim), False, active)
     lit = active & (light.pdf > 0)
     value, pdf = bsdf.eval_pdf(context, hit, hit.to_local(light.d), lit)
-    share = dr.select(light.delta, 1, _power_heuristic(light.pdf, pdf))
+    share = dr.select(light.delta, 1, power_heuristic(light.pdf, pdf))
     value = Array3f(value) * Array3f(radiance) * share
     lit &= dr.max(value) > 0
     ray = hit.spawn_ray_to(light.p)
     seed = samples.bits(order, _WAY, step)
-    passed, _ = through(plugin, volumes, ray, _beyond(hit, light.d, medium), seed, lit)
+    passed, _ = through(plugin, volumes, ray, beyond(hit, light.d, medium), seed, lit)
     result = dr.select(lit, value * passed, 0)
 
     lobe, turn = samples.single(order, _LOBE, step), samples.pair(order, _TURN, step)
     sample, weight = bsdf.sample(context, hit, lobe, mi.Point2f(turn), active)
     reflected = active & (sample.pdf > 0) & (dr.max(Array3f(weight)) > 0)
     direction = hit.to_world(sample.wo)
-    start = _beyond(hit, direction, medium)
+    start = beyond(hit, direction, medium)
     passed, met = through(plugin, volumes, hit.spawn_ray(direction), start, ~seed, reflected)
     emitter = met.emitter(plugin, reflected)
     seen = mi.DirectionSample3f(plugin, met, hit)
     other = plugin.pdf_emitter_direction(hit, seen, reflected & (emitter != None))  # noqa: E711 - of arrays
-    value = Array3f(weight) * Array3f(emitter.eval(met, reflected)) * passed * _power_heuristic(sample.pdf, other)
+    value = Array3f(weight) * Array3f(emitter.eval(met, reflected)) * passed * power_heuristic(sample.pdf, other)
     return result + dr.select(reflected, value, 0)
 
 
@@ -83,8 +84,7 @@ def through(plugin: Any, volumes: Volumes, ray: Any, medium: UInt32, seed: UInt3
         passed = dr.select(solid & ~endless, 0, passed)
         going = going & ~solid
         passed = dr.select(going, passed * clear, passed)
-        border = going & found.is_medium_transition()
-        medium = dr.select(border, numbers(found.target_medium(ray.d)), medium)
+        medium = dr.select(going, beyond(found, ray.d, medium), medium)
         place = dr.select(going, found.spawn_ray(ray.d).o, place)
         left = dr.select(going & ~endless, left - found.t, left)
         return place, left, medium, passed, layer + 1, going & (dr.max(passed) > 0), hit
@@ -98,13 +98,3 @@ def through(plugin: Any, volumes: Volumes, ray: Any, medium: UInt32, seed: UInt3
     )  # fmt: skip
     result = dr.while_loop(state, lambda *each: each[5] & (each[4] < _LAYERS), further, label="through")
     return result[3], result[6]
-
-
-def _beyond(hit: Any, direction: Any, medium: UInt32) -> UInt32:
-    """Return the medium that a ray from a hit enters."""
-    return dr.select(hit.is_medium_transition(), numbers(hit.target_medium(direction)), medium)
-
-
-def _power_heuristic(own: Float, other: Float) -> Float:
-    """Return own² / (own² + other²); of the ratio, for the squares may overflow."""
-    return dr.rcp(1 + dr.square(other / dr.maximum(own, 1e-20)))

@@ -20,7 +20,7 @@ from ..device import Array3f, Bool, Float, UInt32, mitsuba
 from ..looks import Look
 from ..looks.at import At
 from ..looks.factors import Factor
-from .tracking import Tracked, Way, walk
+from .tracking import Track, Tracked, Way, walk
 
 mi = mitsuba()
 
@@ -98,15 +98,25 @@ class Volume:
 
     def extinction(self, point: Any) -> Array3f:
         """Return σt at points."""
-        place = dr.zeros(mi.MediumInteraction3f, dr.width(point))
-        place.p = mi.Point3f(point)
-        return Array3f(self.plugin.get_scattering_coefficients(place, True)[2])
+        return _extinction(self.plugin, point, Bool(True))
+
+    def track(self, origin: Any, direction: Any, near: Any, far: Any, seed: Any, active: Any) -> None:
+        """Track rays from `near` to `far`, for the look's factor toward the camera, where the medium varies."""
+        if self.tracked is not None:
+            self.tracked.track = Track(self.way(origin, direction, near, far, seed), self.extinction, active)
 
     def way(self, origin: Any, direction: Any, near: Any, far: Any, seed: Any) -> Way:
         """Return the part of rays, from `near` to `far`, on which the medium is not nothing."""
         _, enter, leave = self.plugin.intersect_aabb(mi.Ray3f(mi.Point3f(origin), mi.Vector3f(direction)))
         majorant = dr.opaque(Float, max(self.medium.extinction))
         return Way(origin, direction, dr.maximum(near, enter), dr.minimum(far, leave), majorant, seed)
+
+
+def _extinction(media: Any, point: Any, active: Any) -> Array3f:
+    """Return σt of a medium, or of media, at points."""
+    place = dr.zeros(mi.MediumInteraction3f, dr.width(point))
+    place.p = mi.Point3f(point)
+    return Array3f(media.get_scattering_coefficients(place, active)[2])
 
 
 class Volumes:
@@ -174,13 +184,8 @@ class Volumes:
         inside, enter, leave = media.intersect_aabb(ray)
         majorant = dr.max(self.extinction(medium))
 
-        def extinction(point: Any) -> Array3f:
-            place = dr.zeros(mi.MediumInteraction3f, dr.width(point))
-            place.p = mi.Point3f(point)
-            return Array3f(media.get_scattering_coefficients(place, varying)[2])
-
         way = Way(origin, direction, dr.maximum(enter, 0), dr.minimum(leave, distance), majorant, seed)
-        return dr.select(varying, walk(way, extinction, varying & inside), plain)
+        return dr.select(varying, walk(way, lambda point: _extinction(media, point, varying), varying & inside), plain)
 
 
 class _Parts(mi.TraversalCallback):  # type: ignore[misc, name-defined]
@@ -216,6 +221,11 @@ def numbers(media: Any) -> UInt32:
 def pointers(media: UInt32) -> Any:
     """Return the media with these numbers."""
     return dr.reinterpret_array(mi.MediumPtr, mi.UInt32(media))
+
+
+def beyond(hit: Any, direction: Any, medium: UInt32) -> UInt32:
+    """Return the number of the medium that rays enter at a hit, where it is a border; else the one they are in."""
+    return dr.select(hit.is_medium_transition(), numbers(hit.target_medium(mi.Vector3f(direction))), medium)
 
 
 def medium_at(plugin: Any, origin: Array3f, direction: Array3f, otherwise: UInt32, active: Bool) -> UInt32:
