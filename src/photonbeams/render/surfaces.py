@@ -26,6 +26,9 @@ mi = mitsuba()
 
 _CUTOUT, _BSDF, _LIGHT, _DOME = 1, 2, 3, 4  # names of samples in seeds
 
+# Part of the way by which shadow rays end before their light, which may lie on a surface.
+_EARLIER = 1e-4
+
 
 class Shaded:
     """What camera rays see of surfaces.
@@ -149,19 +152,26 @@ class _Reflection:
         self.direction = Array3f(hit.to_world(sample.wo))
         self.seed = hash32(index, seed, UInt32(_LIGHT))
         self.origin = Array3f(hit.spawn_ray(mi.Vector3f(self.direction)).o)
-        self.distance = self._reach(world)
+        self.open = self._open(world)
 
-    def _reach(self, world: World) -> Float:
-        """Return where the sample meets the next surface."""
+    def _open(self, world: World) -> Bool:
+        """Return whether the sample meets no surface at all: tested at half the time that the nearest one takes."""
         alive = self.active & (dr.max(self.weight) > 0)
-        return world.intersect(self.origin, self.direction, alive, self.seed).t
+        return alive & ~world.blocked(self.origin, self.direction, Float(dr.inf), alive, self.seed)
+
+    def sees(self, world: World, met: Bool, distance: Float) -> Bool:
+        """Return which samples that meet a light, at some distance, see it."""
+        # Small lights are met seldom. The seed is that of `open`: a cut-out that lets one ray through lets the other.
+        behind = met & ~self.open & dr.isfinite(distance)
+        reach = distance * (1 - _EARLIER)
+        return met & (self.open | (behind & ~world.blocked(self.origin, self.direction, reach, behind, self.seed)))
 
     def of_lights(self, links: Links) -> _Reflection:
         """Return the reflection of lights that light some surfaces, and that some surfaces stop."""
         result = copy(self)
         result.active = links.lights(self.hit, self.active)
         result.weight = dr.select(result.active, self.weight, 0)
-        result.distance = result._reach(links.world)
+        result.open = result._open(links.world)
         return result
 
     def evaluate(self, direction: Array3f) -> tuple[Array3f, Float]:
@@ -213,12 +223,12 @@ def _reflected(world: World, reflection: _Reflection, light: Any, index: UInt32,
     value = value * sample.weight * share
     useful = reflection.active & (dr.max(value) > 0)
     start = Array3f(hit.spawn_ray(mi.Vector3f(sample.direction)).o)
-    reach = sample.distance * (1 - 1e-4)
+    reach = sample.distance * (1 - _EARLIER)
     free = useful & ~world.blocked(start, sample.direction, reach, useful, hash32(index, stream))
     result = dr.select(free, value * _dimming(world, start, sample.direction, sample.distance), 0)
 
     sight = light.see(point, reflection.direction)
-    met = sight.hit & ((sight.distance < reflection.distance) | ~dr.isfinite(reflection.distance))
+    met = reflection.sees(world, sight.hit & (dr.max(reflection.weight) > 0), sight.distance)
     share = power_heuristic(reflection.pdf, sight.pdf)
     dimming = _dimming(world, start, reflection.direction, sight.distance)
     return result + dr.select(met, reflection.weight * sight.radiance * share * dimming, 0)
