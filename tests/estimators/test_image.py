@@ -10,7 +10,7 @@ import photonbeams as pb
 from photonbeams import scene
 from photonbeams.arrays import to_float
 from photonbeams.device import Array2f, Float, UInt32
-from photonbeams.estimators import image
+from photonbeams.estimators import cells
 from photonbeams.estimators.estimate import ENDLESS
 from photonbeams.estimators.image import PixelRays, estimate_image, lane_of
 from photonbeams.estimators.points import Points
@@ -312,7 +312,7 @@ def test_lists_longer_than_memory_allows_are_worked_off_in_parts(rng, monkeypatc
     start, end, radius = random_beams(rng, 400)
     beams = pb.Beams(start, end, radius[:, 0], radius[:, 1], [[1, 1, 1]])
     whole = picture.tiled(beams, pb.Look(), "auto")
-    monkeypatch.setattr(image, "_ENTRIES", 500)
+    monkeypatch.setattr(cells, "ENTRIES", 500)
     parts = picture.tiled(beams, pb.Look(), "auto")
     assert parts.billboard_tests == whole.billboard_tests and parts.frustum_tests == whole.frustum_tests
     # The same numbers, summed in another order.

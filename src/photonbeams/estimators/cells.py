@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol, TypeVar
 
 import drjit as dr
 import numpy as np
@@ -31,6 +31,8 @@ _BUCKETS = 1 << _DIGIT
 
 #: Entries of lists at a time: 64 MiB for each of the five arrays that sorting them takes.
 ENTRIES = 1 << 24
+
+L = TypeVar("L", covariant=True)
 
 
 @dataclass
@@ -196,13 +198,26 @@ def _place(keys: Any, items: Any, share: Any, entries: Any, counter: Any, base: 
         i += 1
 
 
-def batches(cells: int, visit: Visit, count: int) -> Iterator[Lists]:
-    """Yield the lists of all items, in as many parts as keep each part's lists within memory."""
-    whole = Sorting(cells, visit, 0, count)
+class Counted(Protocol[L]):
+    """Items of which it is known how long their lists are, and not yet what is in them."""
+
+    entries: int
+
+    def lists(self) -> L:
+        """Return the lists."""
+
+
+def batches(sort: Callable[[int, int], Counted[L]], count: int) -> Iterator[L]:
+    """Yield the lists of all items, in as many parts as keep each part's lists within memory.
+
+    `sort(begin, stop)` is told of a range of the items.
+    """
+    whole = sort(0, count)
     parts = min(-(-whole.entries // ENTRIES), count)
     if parts <= 1:
         yield whole.lists()
         return
+    del whole
     size = -(-count // parts)
     for at in range(0, count, size):
-        yield Sorting(cells, visit, at, min(at + size, count)).lists()
+        yield sort(at, min(at + size, count)).lists()

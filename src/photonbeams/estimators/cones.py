@@ -45,3 +45,15 @@ def _around_joints(beams: Beams, start: Any, end: Any) -> Cone:
         # Somewhat more than now: between shutter open and shutter close planes turn against their beams.
         reaches.append(dr.minimum(own, radius * dr.fma(1.5, slant, 0.05)))
     return Cone(start - here * reaches[0], end + here * reaches[1], radius, radius)
+
+
+def half_line(rate: Any, value: Any) -> tuple[Any, Any]:
+    """Return the part of [0, 1] where value + rate · λ ≤ 0; an empty one is returned reversed.
+
+    The radius of a cone is linear along its axis, and so is its box: what of it lies before a border is such a part.
+    """
+    flat = dr.abs(rate) < 1e-12
+    root = -value / dr.select(flat, 1, rate)
+    low = dr.select(flat, dr.select(value <= 0, 0, 2), dr.select(rate < 0, dr.maximum(root, 0), 0))
+    high = dr.select(flat, dr.select(value <= 0, 1, -1), dr.select(rate > 0, dr.minimum(root, 1), 1))
+    return low, high

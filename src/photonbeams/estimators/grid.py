@@ -13,6 +13,7 @@ No part of a beam that a ray can meet lies outside of the grid: its box holds al
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import drjit as dr
@@ -23,8 +24,8 @@ from ..beams import Beams
 from ..device import Array3f, Array4f, Bool, Float, Int32, UInt32
 from ..looks import BoundLook
 from .billboard import billboard
-from .cells import ROUNDING, Grid, Lists, batches, fitting
-from .cones import around
+from .cells import ROUNDING, Grid, Lists, Sorting, batches, fitting
+from .cones import around, half_line
 from .frustum import frustum
 from .geometry import Rays, between
 from .points import Points
@@ -49,7 +50,7 @@ def sum_over_grid(
     if built is None:
         return radiance
     grid, marks, span = built
-    for lists in batches(grid.cells, marks.visit, len(beams)):
+    for lists in batches(partial(Sorting, grid.cells, marks.visit), len(beams)):
         if lists.entries:
             radiance = radiance + walk(rays, span, grid, lists, _Sum(packed, look, estimator, points))
             dr.eval(radiance)
@@ -192,18 +193,9 @@ def _part(rate: Any, growth: Any, first: Any, half: Any, cell: Any, begin: Any, 
 
     first − half + (rate − growth) λ ≤ cell + 1 and first + half + (rate + growth) λ ≥ cell
     """
-    low0, high0 = _half_line(rate - growth, first - half - (cell + 1))
-    low1, high1 = _half_line(-(rate + growth), cell - (first + half))
+    low0, high0 = half_line(rate - growth, first - half - (cell + 1))
+    low1, high1 = half_line(-(rate + growth), cell - (first + half))
     return dr.maximum(begin, dr.maximum(low0, low1)), dr.minimum(stop, dr.minimum(high0, high1))
-
-
-def _half_line(rate: Any, value: Any) -> tuple[Any, Any]:
-    """Return where value + rate · λ ≤ 0; an empty part is returned reversed."""
-    flat = dr.abs(rate) < 1e-12
-    root = -value * dr.rcp(dr.select(flat, 1, rate))
-    low = dr.select(flat, dr.select(value <= 0, 0, 2), dr.select(rate < 0, root, 0))
-    high = dr.select(flat, dr.select(value <= 0, 1, -1), dr.select(rate > 0, root, 1))
-    return low, high
 
 
 def _reach(rate: Any, growth: Any, first: Any, half: Any, begin: Any, stop: Any) -> tuple[Any, Any]:

@@ -7,6 +7,7 @@ entries of the lists in which some pixel needs the frustum. The frustum's kernel
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import drjit as dr
@@ -16,6 +17,7 @@ from ..device import Array3f, Bool, Float, UInt32
 from ..looks import Context, Look
 from ..scene import Medium
 from .billboard import billboard_sum
+from .cells import batches
 from .estimate import ENDLESS, bind, check_estimator, check_motion
 from .frustum import frustum_sum
 from .geometry import Rays
@@ -26,9 +28,6 @@ from .tiles import TILE, Bins, Lists, Projection, footprints
 #: Pixels a lane of the billboard's kernel. A beam is gathered once for all of them: of 1, 4 and 8 pixels, 8 are the
 #: fastest on two AVX-512 cores.
 PIXELS = 8
-
-# Entries of the tiles' lists at a time: 64 MiB each for the list and its marks.
-_ENTRIES = 1 << 24
 
 
 @dataclass
@@ -83,8 +82,7 @@ def estimate_image(
     shared = rays.shared_origin
     packed = pack(beams, rays.origin if shared else view.origin, shared, close, bound.of_beams)
     marks, depth = footprints(beams, view, close), tile_depth(view, rays)
-    for bins in _batches(marks, view, depth):
-        lists = bins.lists()
+    for lists in batches(partial(Bins, marks, view, depth), marks.count):
         if lists.entries == 0:
             continue
         flags = None
@@ -99,16 +97,6 @@ def estimate_image(
             result.radiance += _frustums(lists, view, rays, packed, bound, points, blended=estimator == "auto")
         dr.eval(result.radiance)
     return result
-
-
-def _batches(marks: Any, view: Projection, depth: Any) -> list[Bins]:
-    """Return bins over all beams, in as many parts as keep each part's lists within memory."""
-    whole = Bins(marks, view, depth, 0, marks.count)
-    parts = -(-whole.entries // _ENTRIES)
-    if parts <= 1:
-        return [whole]
-    size = -(-marks.count // parts)
-    return [Bins(marks, view, depth, at, min(at + size, marks.count)) for at in range(0, marks.count, size)]
 
 
 def tile_depth(view: Projection, rays: PixelRays) -> Any:

@@ -17,7 +17,7 @@ import drjit as dr
 
 from ..beams import Beams
 from ..device import Array2f, Array3f, Array4f, Bool, Float, Int32, UInt32
-from .cones import Cone, around
+from .cones import Cone, around, half_line
 
 #: Width and height of a tile in pixels.
 TILE = 16
@@ -264,8 +264,8 @@ def _walk(
         while row < last:
             top = Float(row * TILE)
             # y − r ≤ bottom and y + r ≥ top, linear in λ: the part of the axis whose discs touch the row
-            low0, high0 = _half_line(dy - dry, ends.y - reach.y - (top + TILE))
-            low1, high1 = _half_line(-(dy + dry), top - (ends.y + reach.y))
+            low0, high0 = half_line(dy - dry, ends.y - reach.y - (top + TILE))
+            low1, high1 = half_line(-(dy + dry), top - (ends.y + reach.y))
             low, high = dr.maximum(low0, low1), dr.minimum(high0, high1)
             xa, ra = dr.fma(dx, low, ends.x), dr.fma(drx, low, reach.x)
             xb, rb = dr.fma(dx, high, ends.x), dr.fma(drx, high, reach.x)
@@ -297,15 +297,6 @@ def _tile(pixel: Any, count: Any) -> Any:
 
 def _from_zero(tile: Any) -> Any:
     return dr.maximum(tile, 0)
-
-
-def _half_line(rate: Any, value: Any) -> tuple[Any, Any]:
-    """Return the part of [0, 1] where value + rate · λ ≤ 0; an empty one is returned reversed."""
-    flat = dr.abs(rate) < 1e-12
-    root = -value / dr.select(flat, 1, rate)
-    low = dr.select(flat, dr.select(value <= 0, 0, 2), dr.select(rate < 0, dr.maximum(root, 0), 0))
-    high = dr.select(flat, dr.select(value <= 0, 1, -1), dr.select(rate > 0, dr.minimum(root, 1), 1))
-    return low, high
 
 
 @dataclass
@@ -347,7 +338,6 @@ class Bins:
         counter = dr.zeros(UInt32, self._cells)
         _walk(marks, view, *self._range, depth, counter, None, None)
         self._base = dr.prefix_sum(counter)
-        self._counter = counter
         last = dr.opaque(UInt32, self._cells - 1)
         self.entries = int((dr.gather(UInt32, self._base, last) + dr.gather(UInt32, counter, last))[0])
 

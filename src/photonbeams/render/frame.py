@@ -7,10 +7,8 @@ traced at its two ends with the same samples, the camera stands at both, and ray
 from __future__ import annotations
 
 import logging
-import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import drjit as dr
@@ -30,16 +28,11 @@ from ..simulation.sides import lights_seen
 from ..simulation.trace import BeamSet, pieces_of, trace
 from .camera import CameraRays, View, Window
 from .holdouts import Held
+from .passes import OVERLAP, SHRINKAGE, Statistics, accumulate, subpixel, to_picture
 from .shutter import Moment, Shutter, slice_of, turn, with_lens
 from .surfaces import shade
 from .world import World
 
-# Width of a beam in spacings of its neighbours in the first pass. One pass of 4,096 beams of the comparison scene is
-# then within 1.5 % of the integral in the median, from beside (1.0 %) and from inside the shaft (1.4 %, worst of three
-# seeds); at 1.5 the inside has 3 %, at 2.5 the blur of the shaft's edge has cost half a percent of its light.
-OVERLAP = 2.2
-# Passes continue one low-discrepancy sequence, whose spacing in four dimensions shrinks with this power of its length.
-SHRINKAGE = -0.25
 DEFAULT_BEAMS = 4096
 DEFAULT_PASSES = 16
 # Bytes at the peak of a pass on the CPU: resident memory of renders of 2 to 20 million pixels and 1 to 3 million beams.
@@ -83,37 +76,6 @@ class Settings:
             raise scene.SceneError(f"time limit is {self.time_limit}: expected a positive number of seconds")
 
 
-@dataclass
-class Statistics:
-    """What a frame took: beams and passes, seconds by phase, ray–beam tests, and what was compiled.
-
-    `error` is the relative standard error of its pixels, where that is known.
-    """
-
-    passes: int = 0
-    beams: int = 0
-    tests: int = 0
-    seconds: dict[str, float] = field(default_factory=dict)
-    kernels_compiled: int = 0
-    compile_seconds: float = 0.0
-    error: float | None = None
-
-    @contextmanager
-    def phase(self, name: str) -> Iterator[None]:
-        """Add the time within to a phase."""
-        begin = time.perf_counter()
-        yield
-        dr.sync_thread()
-        self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - begin
-
-    def count_kernels(self) -> None:
-        """Add what was compiled since the last call."""
-        for entry in dr.kernel_history():
-            if entry["type"].name == "JIT" and not entry["cache_hit"]:
-                self.kernels_compiled += 1
-                self.compile_seconds += entry["backend_time"] / 1e3
-
-
 @dataclass(frozen=True)
 class Picture:
     """A frame's layers, (H, W, C) float32, by name, for each view, and what they took."""
@@ -155,21 +117,13 @@ def render(
     description = shutter.at(0.0).scene
     check(description)
     _check_memory(description, window, settings)
-    statistics = Statistics()
-    begin = time.perf_counter()
-    with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
-        dr.kernel_history_clear()
-        frame = _Frame(shutter, window, settings, statistics, holdouts)
-        for number in range(settings.passes):
-            if progress is not None:
-                progress(number, statistics)
-            frame.add_pass(number)
-            statistics.count_kernels()
-            if settings.time_limit is not None and time.perf_counter() - begin > settings.time_limit:
-                break
-        if progress is not None:
-            progress(statistics.passes, statistics)
-        return Picture(frame.views(), statistics)
+    frame = accumulate(
+        lambda: _Frame(shutter, window, settings, Statistics(), holdouts), settings.passes, settings.time_limit,
+        None if progress is None else lambda number, frame: progress(number, frame.statistics),
+    )  # fmt: skip
+    if progress is not None:
+        progress(frame.statistics.passes, frame.statistics)
+    return Picture(frame.views(), frame.statistics)
 
 
 def simulate(shutter: Shutter, window: Window, settings: Settings = Settings(), number: int = 0) -> list[BeamSet]:
@@ -256,7 +210,7 @@ class _Frame:
         statistics: Statistics,
         holdouts: Sequence[Held] = (),
     ) -> None:
-        self._shutter, self._window, self._settings, self._statistics = shutter, window, settings, statistics
+        self._shutter, self._window, self._settings, self.statistics = shutter, window, settings, statistics
         ends = [shutter.at(0.0), shutter.at(1.0)] if shutter.moving else [shutter.at(0.0)]
         self._eyes = [np.asarray(camera.to_world)[:3, 3] for moment in ends for camera in moment.cameras]
         self._worlds: list[World] = []
@@ -270,7 +224,7 @@ class _Frame:
         self._block = dr.opaque(UInt32, 1 << (settings.passes - 1).bit_length())
         self._seed = dr.opaque(UInt32, settings.seed & 0xFFFFFFFF)
         self._description = ends[0].scene
-        self._sums = [_Sums(View(camera, window), self._description) for camera in ends[0].cameras]
+        self._sums = [_Sums(View(camera, window)) for camera in ends[0].cameras]
         self._holdouts: Sequence[Held | None] = holdouts or [None] * len(self._sums)
         self._default_look = Look()
         self._turned = False
@@ -287,7 +241,7 @@ class _Frame:
 
     def add_pass(self, number: int) -> None:
         """Add pass `number`, which depends on nothing but the scene, the settings and its number."""
-        statistics = self._statistics
+        statistics = self.statistics
         times = self._times(number)
         moments, between = [self._shutter.at(each) for each in times], self._shutter.at(0.5 * (times[0] + times[-1]))
         with statistics.phase("simulate"):
@@ -328,7 +282,7 @@ class _Frame:
         """Return the fractions of the shutter at which a pass opens and, where anything moves, closes."""
         if not self._shutter.moving:
             return [0.0]
-        return [*slice_of(number, None if self._settings.time_limit is not None else self._settings.passes)]
+        return [*slice_of(number, self._slices)]
 
     def simulated(self, number: int) -> list[BeamSet]:
         """Return the beams of pass `number`."""
@@ -398,17 +352,17 @@ class _Frame:
         except scene.SceneError as error:  # of a look: whose it is, only this one knows
             raise scene.SceneError(f"{each.name}: {error}") from error
         sums.groups[each.group] = sums.groups.get(each.group, 0) + part.radiance
-        self._statistics.tests += part.billboard_tests + part.frustum_tests
+        self.statistics.tests += part.billboard_tests + part.frustum_tests
 
     def views(self) -> list[dict[str, np.ndarray]]:
         """Return the layers of each view, means over the passes."""
-        return [sums.layers(self._description, max(self._statistics.passes, 1)) for sums in self._sums]
+        return [sums.layers(self._description, max(self.statistics.passes, 1)) for sums in self._sums]
 
 
 class _Sums:
     """One view's sums over the passes."""
 
-    def __init__(self, view: View, description: scene.Scene) -> None:
+    def __init__(self, view: View) -> None:
         count = view.projection.width * view.projection.height
         self._shape = view.window.shape
         (x, y), (left, top) = view.pixels(), view.window.crop[:2]
@@ -427,21 +381,16 @@ class _Sums:
 
     def layers(self, description: scene.Scene, passes: int) -> dict[str, np.ndarray]:
         """Return the layers, means over the passes."""
-        height, width = self._shape
         scale = np.float32(1 / passes)
-
-        def picture(value: Any) -> np.ndarray:
-            return np.ascontiguousarray(value.numpy().reshape(-1, height, width).transpose(1, 2, 0))
-
-        groups = {name: picture(self.groups[name]) * scale for name in sorted(self.groups)}
-        surface, alpha = (picture(value) * scale for value in (self.surface, self.alpha))
+        groups = {name: to_picture(self.groups[name], self._shape) * scale for name in sorted(self.groups)}
+        surface, alpha = (to_picture(value, self._shape) * scale for value in (self.surface, self.alpha))
         beams = sum(groups.values(), np.zeros_like(surface))
         layers = {
             "rgba": np.concatenate([surface + beams, alpha], axis=2),
             "surface": surface,
             "beams": beams,
-            "transmittance": picture(self.transmittance) * scale,
-            "depth": picture(self.depth),
+            "transmittance": to_picture(self.transmittance, self._shape) * scale,
+            "depth": to_picture(self.depth, self._shape),
         }
         for group, name in _group_layers(description).items():
             # Black where no beam of the group was in the fog; a group called "default" is one with the unnamed one.
@@ -457,15 +406,3 @@ def _pixel_rays(world: World, rays: CameraRays, depth: Any) -> PixelRays:
     t_min = dr.minimum(enter, t_max) + 0 * t_max
     dr.eval(t_max, t_min)
     return PixelRays(rays.origin, rays.direction, rays.facing, t_max, t_min, rays.lanes)
-
-
-def subpixel(number: int) -> tuple[float, float]:
-    """Return where in its pixel a pass looks: from the centre on, the R2 sequence (Roberts 2018), each place twice.
-
-    The second time mirrored at the centre: a picture of few passes would lie a tenth of a pixel beside the one of many.
-    One offset for all pixels: edges are then as smooth after a few passes as the passes are many, without noise.
-    """
-    g = 1.32471795724474602596  # the plastic number
-    place = (number + 1) // 2
-    x, y = (0.5 + place / g) % 1.0, (0.5 + place / g**2) % 1.0
-    return (x, y) if number == 0 or number % 2 else (1 - x, 1 - y)

@@ -6,7 +6,6 @@ Photon Beams, Jarosz et al. 2011). Memory is that of one pass, however many ther
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -19,7 +18,7 @@ from ..device import Float, UInt32, mitsuba
 from ..estimators.estimate import DEFAULT_RULE, check_estimator
 from ..estimators.points import Points
 from ..quadrature import Rule
-from ..render.frame import OVERLAP, Statistics, subpixel
+from ..render.passes import OVERLAP, Statistics, accumulate, subpixel
 from . import eye, paths
 from .beams import Lit, lit
 from .emission import Emitted, Emitters
@@ -163,7 +162,6 @@ class Frame:
         picture.beams = gathering.radiance
         self._sums.add(picture, offset)
         statistics.passes += 1
-        statistics.count_kernels()
 
     def error(self) -> float:
         """Return the relative standard error of the mean so far, the median over the pixels that have light.
@@ -281,18 +279,14 @@ def render(
     SceneError
         Something in the scene that cannot be rendered.
     """
-    begin = time.perf_counter()
-    with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
-        dr.kernel_history_clear()
+
+    def begin() -> Frame:
         frame = Frame(plugin, sensor, settings)
         if state is not None:
             frame.restore(state)
-        for index in range(frame.statistics.passes, settings.passes):
-            if progress is not None:
-                progress(index, frame)
-            frame.add_pass(index)
-            if settings.time_limit is not None and time.perf_counter() - begin > settings.time_limit:
-                break
+        return frame
+
+    frame = accumulate(begin, settings.passes, settings.time_limit, progress)
     frame.statistics.error = frame.error()
     if progress is not None:
         progress(frame.statistics.passes, frame)

@@ -14,7 +14,7 @@ from ..estimators.estimate import ENDLESS, estimate_rays
 from ..estimators.geometry import Rays
 from ..estimators.image import PixelRays, estimate_image
 from ..estimators.points import Points
-from ..render.frame import Statistics
+from ..render.passes import Statistics
 from . import eye
 from .beams import Lit
 from .sensors import Primary, Sensor

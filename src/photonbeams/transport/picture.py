@@ -11,6 +11,7 @@ import numpy as np
 from .. import scene
 from ..arrays import to_float
 from ..device import Array3f, Float, UInt32
+from ..render.passes import to_picture
 from ..simulation.sampling import z_order
 from . import eye
 from .sensors import Sensor
@@ -106,15 +107,11 @@ class Sums:
 
     def layers(self) -> dict[str, np.ndarray]:
         """Return the layers."""
-        height, width = self._shape
         inverse = dr.rcp(self.weight)
-
-        def picture(value: Any) -> np.ndarray:
-            return np.ascontiguousarray(value.numpy().reshape(-1, height, width).transpose(1, 2, 0))
-
-        surface, beams = picture(self.surface * inverse), picture(self.beams * inverse)
-        alpha = picture(self.alpha * inverse)
+        surface, beams, alpha = (
+            to_picture(value * inverse, self._shape) for value in (self.surface, self.beams, self.alpha)
+        )
         return {
             "rgba": np.concatenate([surface + beams, alpha], axis=2), "surface": surface, "beams": beams,
-            "depth": picture(self.depth),
+            "depth": to_picture(self.depth, self._shape),
         }  # fmt: skip

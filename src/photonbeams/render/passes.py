@@ -1,0 +1,104 @@
+"""Passes: a frame is the mean of many, each a picture of its own. What the frames of stages and of scenes share."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Any, Protocol, TypeVar
+
+import drjit as dr
+import numpy as np
+
+# Width of a beam in spacings of its neighbours in the first pass. One pass of 4,096 beams of the comparison scene is
+# then within 1.5 % of the integral in the median, from beside (1.0 %) and from inside the shaft (1.4 %, worst of three
+# seeds); at 1.5 the inside has 3 %, at 2.5 the blur of the shaft's edge has cost half a percent of its light.
+OVERLAP = 2.2
+# Passes continue one low-discrepancy sequence, whose spacing in four dimensions shrinks with this power of its length.
+SHRINKAGE = -0.25
+
+
+@dataclass
+class Statistics:
+    """What a frame took: beams and passes, seconds by phase, ray–beam tests, and what was compiled.
+
+    `error` is the relative standard error of its pixels, where that is known.
+    """
+
+    passes: int = 0
+    beams: int = 0
+    tests: int = 0
+    seconds: dict[str, float] = field(default_factory=dict)
+    kernels_compiled: int = 0
+    compile_seconds: float = 0.0
+    error: float | None = None
+
+    @contextmanager
+    def phase(self, name: str) -> Iterator[None]:
+        """Add the time within to a phase."""
+        begin = time.perf_counter()
+        yield
+        dr.sync_thread()
+        self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - begin
+
+    def count_kernels(self) -> None:
+        """Add what was compiled since the last call."""
+        for entry in dr.kernel_history():
+            if entry["type"].name == "JIT" and not entry["cache_hit"]:
+                self.kernels_compiled += 1
+                self.compile_seconds += entry["backend_time"] / 1e3
+
+
+class Accumulating(Protocol):
+    """A frame to which passes are added."""
+
+    statistics: Statistics
+
+    def add_pass(self, number: int) -> None:
+        """Add pass `number`, and count it."""
+
+
+Frame = TypeVar("Frame", bound=Accumulating)
+
+
+def accumulate(
+    begin: Callable[[], Frame],
+    passes: int,
+    time_limit: float | None,
+    progress: Callable[[int, Frame], None] | None,
+) -> Frame:
+    """Return a frame with all its passes, or with those that were begun within `time_limit` seconds: at least one.
+
+    `begin` returns the frame, to which some may have been added already; `progress` is called before each further one
+    with the number of those that are finished.
+    """
+    start = time.perf_counter()
+    with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
+        dr.kernel_history_clear()
+        frame = begin()
+        for number in range(frame.statistics.passes, passes):
+            if progress is not None:
+                progress(number, frame)
+            frame.add_pass(number)
+            frame.statistics.count_kernels()
+            if time_limit is not None and time.perf_counter() - start > time_limit:
+                break
+    return frame
+
+
+def subpixel(number: int) -> tuple[float, float]:
+    """Return where in its pixel a pass looks: from the centre on, the R2 sequence (Roberts 2018), each place twice.
+
+    The second time mirrored at the centre: a picture of few passes would lie a tenth of a pixel beside the one of many.
+    One offset for all pixels: edges are then as smooth after a few passes as the passes are many, without noise.
+    """
+    g = 1.32471795724474602596  # the plastic number
+    place = (number + 1) // 2
+    x, y = (0.5 + place / g) % 1.0, (0.5 + place / g**2) % 1.0
+    return (x, y) if number == 0 or number % 2 else (1 - x, 1 - y)
+
+
+def to_picture(value: Any, shape: tuple[int, int]) -> np.ndarray:
+    """Return a Dr.Jit array of one value a pixel, row by row, as (H, W, C)."""
+    return np.ascontiguousarray(value.numpy().reshape(-1, *shape).transpose(1, 2, 0))
