@@ -32,6 +32,14 @@ def to_vectors(numbers: npt.ArrayLike) -> Any:
     return Array3f(*(to_float(axis) for axis in np.asarray(numbers).T))
 
 
+def opaque(value: Any) -> Any:
+    """Return numbers as an opaque Float or Array3f: an input of kernels, not a literal in them."""
+    numbers = np.asarray(value, dtype=np.float64)
+    if numbers.ndim == 0:
+        return dr.opaque(Float, float(numbers))
+    return Array3f(*(dr.opaque(Float, float(number)) for number in numbers))
+
+
 def _aligned(numbers: npt.ArrayLike, kind: type) -> npt.NDArray[Any]:
     given = np.ravel(numbers)
     memory = np.empty(given.size * np.dtype(kind).itemsize + _ALIGNMENT, dtype=np.uint8)

@@ -20,6 +20,7 @@ import drjit as dr
 import numpy as np
 import numpy.typing as npt
 
+from ..arrays import opaque
 from ..beams import Beams
 from ..device import Array3f, Array4f, Bool, Float, Int32, UInt32
 from ..looks import BoundLook
@@ -92,7 +93,7 @@ class Marks:
         first, last = self._packet(0), self._packet(1)
         way = last.xyz - first.xyz
         radius = 0.5 * (first.w + last.w)
-        corners = _opaque(low), _opaque(high)
+        corners = opaque(low), opaque(high)
         begin, stop = Float(0), Float(1)
         for axis in range(3):
             place = first[axis]
@@ -239,17 +240,13 @@ def build(beams: Beams, close: Beams | None, rays: Rays) -> tuple[Grid, Marks, t
 
 def _span(rays: Rays, low: npt.NDArray[np.float64], high: npt.NDArray[np.float64]) -> tuple[Any, Any]:
     """Return the part of rays that lies in a box; an empty one is returned reversed."""
-    corners = _opaque(low), _opaque(high)
+    corners = opaque(low), opaque(high)
     t0, t1 = Float(rays.t_min), Float(rays.t_max)
     for axis in range(3):
         a, b = between(rays.direction[axis], *(corner[axis] - rays.origin[axis] for corner in corners))
         t0, t1 = dr.maximum(t0, a), dr.minimum(t1, b)
     dr.eval(t0, t1)
     return t0, t1
-
-
-def _opaque(corner: npt.NDArray[np.float64]) -> Any:
-    return dr.opaque(Array3f, corner.tolist())
 
 
 def _least(points: Any) -> npt.NDArray[np.float64]:

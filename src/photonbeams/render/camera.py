@@ -10,6 +10,7 @@ import drjit as dr
 import numpy as np
 
 from .. import scene
+from ..arrays import opaque
 from ..device import Array2f, Array3f, Float, UInt32
 from ..estimators.image import lane_of, lanes
 from ..estimators.tiles import Pose, Projection
@@ -198,7 +199,7 @@ class View:
 
 def _pose(camera: scene.Camera) -> Pose:
     matrix = np.asarray(camera.to_world, dtype=np.float64)
-    return Pose(_opaque(matrix[:3, 3]), _opaque(matrix[:3, 0]), _opaque(matrix[:3, 1]), _opaque(-matrix[:3, 2]))
+    return Pose(opaque(matrix[:3, 3]), opaque(matrix[:3, 0]), opaque(matrix[:3, 1]), opaque(-matrix[:3, 2]))
 
 
 def _lens(camera: scene.Camera) -> tuple[Any, Any] | None:
@@ -223,7 +224,3 @@ def _inverse(poses: tuple[Pose, ...], time: Any) -> tuple[Any, list[Any]]:
     inv = dr.rcp(dr.dot(rows[0], crossed[0]))
     columns = [column * inv for column in crossed]
     return first.origin + columns[0] * moved[0] + columns[1] * moved[1] + columns[2] * moved[2], columns
-
-
-def _opaque(vector: Any) -> Any:
-    return dr.opaque(Array3f, [float(x) for x in vector])

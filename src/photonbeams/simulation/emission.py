@@ -13,9 +13,10 @@ import drjit as dr
 import numpy as np
 
 from .. import scene
+from ..arrays import opaque
 from ..device import Array2f, Array3f, Bool, Float
 from .gobos import Masked, bare, spread
-from .lights import DistantSource, DomeSource, FlatSource, SphereSource, opaque
+from .lights import DistantSource, DomeSource, FlatSource, SphereSource
 from .portals import Portal
 from .sampling import disk, perpendicular, power_cone, sphere
 

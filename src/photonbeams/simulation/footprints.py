@@ -15,10 +15,10 @@ from typing import TYPE_CHECKING, Any
 import drjit as dr
 import numpy as np
 
+from ..arrays import opaque
 from ..device import Array3f, Bool, Float, UInt32
 from ..hashing import hash32
 from .emission import Emission
-from .lights import opaque
 from .sampling import perpendicular
 
 if TYPE_CHECKING:

@@ -18,9 +18,9 @@ import drjit as dr
 import numpy as np
 
 from .. import scene
-from ..arrays import to_uint, to_vectors
+from ..arrays import opaque, to_uint, to_vectors
 from ..device import Array2f, Array3f, Bool, Float, UInt32
-from .lights import DomeSource, Illumination, Sight, SphereSource, opaque, pack
+from .lights import DomeSource, Illumination, Sight, SphereSource, pack
 
 if TYPE_CHECKING:
     from .portals import Portal

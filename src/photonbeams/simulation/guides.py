@@ -18,7 +18,7 @@ import drjit as dr
 import numpy as np
 import numpy.typing as npt
 
-from ..arrays import to_float
+from ..arrays import opaque, to_float, to_vectors
 from ..beams import Beams
 from ..device import Array3f, Float, UInt32
 from ..scene import Array, SceneError
@@ -158,11 +158,11 @@ class _Table:
         columns = [
             np.concatenate([getattr(guide, name) for guide in guides]) for name in ("points", "tangents", "sides")
         ]
-        self._rows = [Array3f(*(to_float(axis) for axis in column.T)) for column in columns]
+        self._rows = [to_vectors(column) for column in columns]
         self._lengths = to_float([guide.length for guide in guides] + [0.0])  # a gather from one entry is a broadcast
         nearest, distance = dr.zeros(UInt32, dr.width(origin)), dr.full(Float, dr.inf, dr.width(origin))
         for index, guide in enumerate(guides):
-            away = dr.squared_norm(origin - _opaque(guide.points[0]))
+            away = dr.squared_norm(origin - opaque(guide.points[0]))
             nearest = dr.select(away < distance, dr.opaque(UInt32, index), nearest)
             distance = dr.minimum(away, distance)
         self.chosen = nearest
@@ -211,7 +211,3 @@ class _Table:
 
 def _combined(vector: Array3f, old: Sequence[Array3f], new: Sequence[Array3f]) -> Any:
     return sum((dr.dot(vector, a) * b for a, b in zip(old, new, strict=True)), start=Array3f(0))
-
-
-def _opaque(point: Array) -> Array3f:
-    return Array3f(*(dr.opaque(Float, float(value)) for value in point))

@@ -16,7 +16,7 @@ import drjit as dr
 import numpy as np
 
 from .. import scene
-from ..arrays import to_float, to_uint, to_vectors
+from ..arrays import opaque, to_float, to_uint, to_vectors
 from ..device import Array2f, Array3f, Bool, Float, UInt32, mitsuba
 from .sampling import cone, disk
 
@@ -24,14 +24,6 @@ mi = mitsuba()
 
 T = TypeVar("T")
 _UNSHAPED = 10.0  # an angle beyond 180 degrees: no cutoff
-
-
-def opaque(value: Any) -> Any:
-    """Return numbers as an opaque Float or Array3f: an input of kernels, not a literal in them."""
-    numbers = np.asarray(value, dtype=np.float64)
-    if numbers.ndim == 0:
-        return dr.opaque(Float, float(numbers))
-    return Array3f(*(dr.opaque(Float, float(number)) for number in numbers))
 
 
 class Illumination:

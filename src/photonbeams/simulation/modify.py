@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import scene
+from ..arrays import opaque
 from ..beams import Beams
 from ..device import Array3f, Float, UInt32
 from ..hashing import hash32, unit_float
@@ -45,7 +46,7 @@ def aim(target: Sequence[float], amount: float = 1.0) -> Modifier:
 
     def aimed(beams: Beams, _: Context) -> Beams:
         paths = Paths(beams, "aim")
-        to = Array3f(*(dr.opaque(Float, each) for each in place)) - paths.origin
+        to = opaque(place) - paths.origin
         to = to * dr.rsqrt(dr.maximum(dr.squared_norm(to), 1e-30))
         mixed = dr.lerp(paths.direction, to, dr.opaque(Float, amount))
         direction = dr.select(dr.squared_norm(mixed) > 1e-12, dr.normalize(mixed), paths.direction)
@@ -156,9 +157,7 @@ def recolour(colour: Sequence[float] | Callable[[Beams], Any]) -> Modifier:
     fixed = None if callable(colour) else _numbers(colour, 3, "recolour: colour")
 
     def recoloured(beams: Beams, _: Context) -> Beams:
-        tint = (
-            Array3f(colour(beams)) if callable(colour) else Array3f(*(dr.opaque(Float, each) for each in fixed or ()))
-        )
+        tint = Array3f(colour(beams)) if callable(colour) else opaque(fixed)
         result = _copy(beams)
         result.power = _mean(beams.power) * tint
         if beams.power_end is not None:

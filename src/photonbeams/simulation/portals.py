@@ -13,8 +13,8 @@ import drjit as dr
 import numpy as np
 
 from .. import scene
+from ..arrays import opaque
 from ..device import Array2f, Array3f, Bool, mitsuba
-from .lights import opaque
 
 mi = mitsuba()
 

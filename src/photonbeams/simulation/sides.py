@@ -12,9 +12,9 @@ import drjit as dr
 import numpy as np
 
 from .. import scene
+from ..arrays import opaque
 from ..device import Array2f, Array3f, Bool, Float, UInt32
 from ..hashing import hash32
-from .lights import opaque
 from .portals import Portal
 from .sampling import pixel_sample, sobol_block
 

@@ -14,7 +14,7 @@ import drjit as dr
 import numpy as np
 
 from .. import scene
-from ..arrays import compressed, joined
+from ..arrays import compressed, joined, opaque
 from ..beams import Beams
 from ..device import Array2f, Array3f, Bool, Float, UInt32
 from ..hashing import hash32, unit_float
@@ -22,7 +22,7 @@ from .emission import Emission, emit, emit_through
 from .footprints import FLOOR, radius_along, unblocked
 from .gobos import Masked, bare
 from .guides import known_guides, led, pieces_along
-from .lights import DistantSource, DomeSource, opaque
+from .lights import DistantSource, DomeSource
 from .portals import count_candidates
 from .sampling import sobol_block
 
