@@ -10,7 +10,6 @@ import photonbeams as pb
 from photonbeams.device import Array3f, Float
 from photonbeams.hashing import hash32
 from photonbeams.looks.at import INPUTS
-from photonbeams.looks.expression import NAMES
 from photonbeams.scene import SceneError
 
 MEDIUM = pb.Medium((0.2, 0.1, 0.1))
@@ -36,10 +35,6 @@ def seen(look, context=None, estimator="auto", **fields):
         for each in (look, pb.Look(**PLAIN))
     ]
     return values[0] / values[1]
-
-
-def test_the_inputs_are_those_of_the_expressions():
-    assert set(INPUTS) == set(NAMES)
 
 
 TO_WORLD = np.array([[0, 0, 1, 1], [1, 0, 0, 2], [0, 1, 0, 3], [0, 0, 0, 1]])  # turned, then moved

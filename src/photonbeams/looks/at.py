@@ -11,24 +11,10 @@ import numpy as np
 
 from ..device import Array3f, Float
 from ..scene import Medium, SceneError
+from .vocabulary import NAMES
 
 #: The inputs by the names that expressions and Python functions use, and the attributes of `At` that answer them.
-INPUTS = {
-    "s": "fraction",
-    "distance": "from_light",
-    "r": "radius",
-    "t": "to_camera",
-    "angle": "angle",
-    "cosine": "cosine",
-    "P": "position",
-    "Pl": "local",
-    "time": "time",
-    "frame": "frame",
-    "random": "random",
-    "id": "id",
-    "light": "light",
-    "generation": "generation",
-}
+INPUTS = {name: each.attribute for name, each in NAMES.items()}
 
 #: Attributes of `At` that differ between beams, between places in space, and with the distance from the axis.
 OF_BEAMS = frozenset({"random", "id", "generation"})

@@ -26,28 +26,33 @@ NOISE_PARTS = 10
 
 
 class Input(NamedTuple):
-    """An input: whether it is a scalar or a vector, and what it means."""
+    """An input: whether it is a scalar or a vector, the attribute of `At` that answers it, and what it means."""
 
     kind: Kind
+    attribute: str
     doc: str
 
 
 #: The inputs of expressions. Which of them are known depends on where the expression stands.
 NAMES: dict[str, Input] = {
-    "s": Input("scalar", "fraction along the beam: 0 at the light, 1 at the end of its path"),
-    "distance": Input("scalar", "distance from the light, in scene units"),
-    "r": Input("scalar", "fraction of the beam's radius: 0 on the axis, 1 at the rim"),
-    "t": Input("scalar", "distance to the camera, in scene units"),
-    "angle": Input("scalar", "degrees between the light's direction and that to the camera: 0 straight into the lens"),
-    "cosine": Input("scalar", "cosine of `angle`"),
-    "P": Input("vector", "position in the world"),
-    "Pl": Input("vector", "position in the light's own space"),
-    "time": Input("scalar", "seconds"),
-    "frame": Input("scalar", "the frame's number, with its part within the shutter"),
-    "random": Input("scalar", "a random number from 0 to 1, another for each beam"),
-    "id": Input("scalar", "the beam's number"),
-    "light": Input("scalar", "the number of the beam's light"),
-    "generation": Input("scalar", "how often the beam's light has met a surface: 0 straight from the light"),
+    "s": Input("scalar", "fraction", "fraction along the beam: 0 at the light, 1 at the end of its path"),
+    "distance": Input("scalar", "from_light", "distance from the light, in scene units"),
+    "r": Input("scalar", "radius", "fraction of the beam's radius: 0 on the axis, 1 at the rim"),
+    "t": Input("scalar", "to_camera", "distance to the camera, in scene units"),
+    "angle": Input(
+        "scalar", "angle", "degrees between the light's direction and that to the camera: 0 straight into the lens"
+    ),
+    "cosine": Input("scalar", "cosine", "cosine of `angle`"),
+    "P": Input("vector", "position", "position in the world"),
+    "Pl": Input("vector", "local", "position in the light's own space"),
+    "time": Input("scalar", "time", "seconds"),
+    "frame": Input("scalar", "frame", "the frame's number, with its part within the shutter"),
+    "random": Input("scalar", "random", "a random number from 0 to 1, another for each beam"),
+    "id": Input("scalar", "id", "the beam's number"),
+    "light": Input("scalar", "light", "the number of the beam's light"),
+    "generation": Input(
+        "scalar", "generation", "how often the beam's light was scattered before: 0 straight from the light"
+    ),
 }
 
 CONSTANTS: dict[str, float] = {"pi": math.pi, "e": math.e}
