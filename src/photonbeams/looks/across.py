@@ -135,7 +135,13 @@ class Biweight(_Bump):
 
 
 class Gaussian(Across):
-    """exp(−ρ²/2w²), lowered so that it reaches zero at the rim; `width` w is its standard deviation in radii."""
+    """exp(−ρ²/2w²), lowered so that it reaches zero at the rim; `width` w is its standard deviation in radii.
+
+    Raises
+    ------
+    ValueError
+        A width that is not 0.02 to 10 radii.
+    """
 
     def __init__(self, width: float = 0.35) -> None:
         if not 0.02 <= width <= 10:
@@ -149,7 +155,13 @@ class Gaussian(Across):
 
 
 class Smoothstep(Across):
-    """1 up to ρ = hardness, then down by 1 − 3t² + 2t³ to zero at the rim; hardness 1 is a hard rim."""
+    """1 up to ρ = hardness, then down by 1 − 3t² + 2t³ to zero at the rim; hardness 1 is a hard rim.
+
+    Raises
+    ------
+    ValueError
+        A hardness that is not 0 to 1.
+    """
 
     def __init__(self, hardness: float = 0.0) -> None:
         if not 0 <= hardness <= 1:
@@ -167,6 +179,11 @@ class Hollow(Across):
     """A hollow shaft: nothing up to ρ = inner, light between there and the rim.
 
     It rises and falls by 3t² − 2t³, each over half of `softness`, a share of the wall's thickness.
+
+    Raises
+    ------
+    ValueError
+        An inner radius that is not 0 to 0.99, a softness that is not 0.01 to 1.
     """
 
     def __init__(self, inner: float = 0.5, softness: float = 1.0) -> None:
@@ -186,7 +203,13 @@ class Hollow(Across):
 
 
 class Tabulated(Across):
-    """A curve: `values` (M,) at equidistant ρ from the axis to the rim, linear between them."""
+    """A curve: `values` (M,) at equidistant ρ from the axis to the rim, linear between them.
+
+    Raises
+    ------
+    ValueError
+        Fewer than two values, or values that are negative or not finite.
+    """
 
     def __init__(self, values: Sequence[float]) -> None:
         self._values = np.asarray(values, dtype=np.float64)

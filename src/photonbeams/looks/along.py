@@ -32,7 +32,13 @@ class Attenuation(Decay):
 
 
 class Exponential(Decay):
-    """exp(−x / length): an exponential falloff of the artist's own length, one or one per channel (scene units)."""
+    """exp(−x / length): an exponential falloff of the artist's own length, one or one per channel (scene units).
+
+    Raises
+    ------
+    ValueError
+        A length that is not positive.
+    """
 
     def __init__(self, length: float | Sequence[float]) -> None:
         lengths = _positive(length, "an exponential falloff's length")
@@ -44,7 +50,13 @@ class Exponential(Decay):
 
 
 class Power(Factor):
-    """(1 + x / length)^(−exponent): a power falloff without the singularity at the light."""
+    """(1 + x / length)^(−exponent): a power falloff without the singularity at the light.
+
+    Raises
+    ------
+    ValueError
+        An exponent that is not finite, a length that is not positive.
+    """
 
     def __init__(self, exponent: float = 2.0, length: float = 1.0) -> None:
         if not np.isfinite(exponent):
@@ -67,6 +79,11 @@ class Polynomial(Factor):
     begin, end, space
         Where x is 0 and 1, in the units of `space`: "fraction" of the beam, "distance" in scene units, "radius" in
         radii from the axis, "angle" in degrees.
+
+    Raises
+    ------
+    ValueError
+        Coefficients of another shape or not finite, an end that is not behind its begin.
     """
 
     def __init__(
@@ -135,7 +152,13 @@ class ColorRamp(Factor):
 
 
 class Fade(ColorRamp):
-    """1 up to the inner distance, then to 0 at the outer one: scene units from the light, unless `space` says else."""
+    """1 up to the inner distance, then to 0 at the outer one: scene units from the light, unless `space` says else.
+
+    Raises
+    ------
+    ValueError
+        An outer distance that is not beyond the inner one.
+    """
 
     def __init__(
         self, inner: float, outer: float, interpolation: Interpolation = "smooth", space: Space = "distance"
@@ -147,6 +170,11 @@ class Texture(Factor):
     """A one-dimensional colour texture along the beam: `pixels` (M, 3), or an image (H, W, 3) whose rows are averaged.
 
     The first column lies at `begin`, the last at `end`. An `Array3f` of pixels may have gradients enabled.
+
+    Raises
+    ------
+    ValueError
+        Pixels of another shape or not finite, an end that is not behind its begin.
     """
 
     def __init__(self, pixels: Any, begin: float = 0.0, end: float = 1.0, space: Space = "fraction") -> None:

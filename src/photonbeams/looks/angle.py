@@ -39,6 +39,11 @@ class Glow(Factor):
     """An exaggerated forward glow: σs times (1 − mix) isotropic + mix · Henyey–Greenstein of `anisotropy`.
 
     `gain` scales the glow alone, so a beam aimed at the lens flares while the others stay as they are.
+
+    Raises
+    ------
+    ValueError
+        An anisotropy that is not −0.99 to 0.99, a mix that is not 0 to 1, a negative gain.
     """
 
     def __init__(self, anisotropy: float = 0.8, mix: float = 0.5, gain: float = 1.0) -> None:

@@ -118,7 +118,13 @@ class Mix(Factor):
 
 
 class Clamp(Factor):
-    """A factor's values, clamped to [low, high]."""
+    """A factor's values, clamped to [low, high].
+
+    Raises
+    ------
+    ValueError
+        A range that does not ascend.
+    """
 
     def __init__(self, inner: Factor, low: float = 0.0, high: float = 1.0) -> None:
         if not low <= high:
@@ -149,7 +155,13 @@ class Decay(Factor):
 
 
 class Constant(Factor):
-    """The same value everywhere: a number or a colour."""
+    """The same value everywhere: a number or a colour.
+
+    Raises
+    ------
+    ValueError
+        No number, nor three, or one that is not finite.
+    """
 
     def __init__(self, value: Any = 1.0) -> None:
         numbers = np.asarray(value, dtype=np.float64)

@@ -56,6 +56,11 @@ class Noise(Factor):
         How often they change into others within a second.
     space
         Whether they stand in the "world" or go with the "light".
+
+    Raises
+    ------
+    ValueError
+        A number outside of its range, or not finite; an unknown space.
     """
 
     def __init__(
@@ -93,7 +98,13 @@ class Noise(Factor):
 
 
 class Variation(Factor):
-    """Some beams brighter, some dimmer: 1 + amount · (2 random − 1), each beam the same in all frames."""
+    """Some beams brighter, some dimmer: 1 + amount · (2 random − 1), each beam the same in all frames.
+
+    Raises
+    ------
+    ValueError
+        An amount that is not 0 to 1.
+    """
 
     def __init__(self, amount: float = 0.5) -> None:
         if not 0 <= amount <= 1:

@@ -37,6 +37,11 @@ def aim(target: Sequence[float], amount: float = 1.0) -> Modifier:
     amount
         0 leaves the paths as they are, at 1 all of them pass the target.
 
+    Raises
+    ------
+    SceneError
+        A target that is not three finite numbers, an amount that is not 0 to 1.
+
     Notes
     -----
     A path turns about its beginning and keeps its length. Surfaces in its new way do not stop it.
@@ -71,6 +76,11 @@ def bend(field: Callable[[Any], Any] | Sequence[npt.ArrayLike], steps: int = 32)
         straight. Or guides, as (M, 3) points each: see `simulation.guides`.
     steps
         Pieces of each beam, by a field; guides need as many as they turn.
+
+    Raises
+    ------
+    SceneError
+        Steps that are not 1 to 4096, or guides that are no lines of points.
 
     Notes
     -----
@@ -131,6 +141,11 @@ def thin(fraction: float, keep_light: bool = True) -> Modifier:
         Which part, above 0 and up to 1.
     keep_light
         Whether those that are left take over the power of the others, so that the picture keeps its brightness.
+
+    Raises
+    ------
+    SceneError
+        A fraction that is not above 0 and up to 1.
     """
     fraction = scene.number(fraction, "thin: fraction", 0, 1)
     if fraction == 0:
@@ -153,6 +168,11 @@ def recolour(colour: Sequence[float] | Callable[[Beams], Any]) -> Modifier:
     ----------
     colour
         One colour for all, or a function of `Beams` that returns one for each (an `Array3f`).
+
+    Raises
+    ------
+    SceneError
+        A colour that is not three finite numbers.
     """
     fixed = None if callable(colour) else _numbers(colour, 3, "recolour: colour")
 
@@ -182,6 +202,11 @@ def clamp(power: float | None = None, radiance: float | None = None) -> Modifier
     radiance
         Greatest brightness of any channel: that of a beam seen from beside, through its axis in its middle, before fog
         and shading; 8 / (3π) of its power over its radius there.
+
+    Raises
+    ------
+    SceneError
+        No limit at all, or a negative one.
     """
     most = None if power is None else scene.number(power, "clamp: power", 0)
     brightest = None if radiance is None else scene.number(radiance, "clamp: radiance", 0)
