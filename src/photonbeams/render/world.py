@@ -15,7 +15,7 @@ import drjit as dr
 import numpy as np
 
 from .. import scene
-from ..arrays import to_float, to_uint
+from ..arrays import opaque, to_uint
 from ..device import Array3f, Bool, Float, UInt32, mitsuba
 from ..hashing import hash32, unit_float
 from ..simulation.emission import Bounds
@@ -26,11 +26,11 @@ from ..simulation.lights import (
     FlatSource,
     Source,
     SphereSource,
-    opaque,
     pack,
     source,
 )
 from ..simulation.portals import Portal
+from .shapes import cut_out, glows, outward, scene_of, shape_of, shapes_of
 
 mi = mitsuba()
 
@@ -46,7 +46,7 @@ class Fog:
         self.boundary = None
         if medium.mesh is not None:
             self.step = opaque(1e-4 * float(np.linalg.norm(np.ptp(medium.mesh.points, axis=0))))
-            self.boundary = mi.load_dict({"type": "scene", "boundary": _shape(_outward(medium.mesh), None, None)})
+            self.boundary = mi.load_dict({"type": "scene", "boundary": shape_of(outward(medium.mesh))})
 
     def interval(self, origin: Array3f, direction: Array3f) -> tuple[Float, Float, Array3f]:
         """Return the first stretch [enter, exit] of a ray inside the fog, and the outward normal at the exit.
@@ -183,9 +183,9 @@ class World:
         hidden |= {medium.mesh.name} if medium is not None and medium.mesh is not None else set()
         meshes = tuple(mesh for mesh in description.meshes if mesh.name not in hidden and len(mesh.faces))
         still = like is not None and _same(meshes, like.meshes)
-        shapes = like.shapes if like is not None and still else _shapes(meshes)
+        shapes = like.shapes if like is not None and still else shapes_of(meshes)
         portals = {
-            light.name: _known_portal(light, like) or Portal(light.portal, _shape(light.portal, None, None))
+            light.name: _known_portal(light, like) or Portal(light.portal, shape_of(light.portal))
             for light in description.lights
             if light.portal is not None
         }
@@ -194,7 +194,7 @@ class World:
             description=description,
             meshes=meshes,
             shapes=shapes,
-            surfaces=like.surfaces if like is not None and still else _scene_of(shapes),
+            surfaces=like.surfaces if like is not None and still else scene_of(shapes),
             blockers=_blockers(description, meshes, shapes, like.blockers if like is not None and still else {}),
             sources=tuple(
                 masked(source(light), light, portals.get(light.name), images) for light in description.lights
@@ -204,8 +204,8 @@ class World:
             fog=_fog(medium, like),
             bounds=Bounds(center, radius),
             radius=radius,
-            cutouts=any(_cut_out(mesh.material) for mesh in meshes),
-            glowing=any(_glows(mesh.material) for mesh in meshes),
+            cutouts=any(cut_out(mesh.material) for mesh in meshes),
+            glowing=any(glows(mesh.material) for mesh in meshes),
         )
 
     @cached_property
@@ -338,23 +338,9 @@ def _clouds(description: scene.Scene) -> list[Any]:
     return clouds
 
 
-def _shapes(meshes: Sequence[scene.Mesh]) -> tuple[Any, ...]:
-    """Return all surfaces as Mitsuba's; meshes of one material share its BSDF."""
-    bsdfs: dict[int, Any] = {}
-    for mesh in meshes:
-        key = id(mesh.material)
-        if key not in bsdfs:
-            bsdfs[key] = _bsdf(mesh.material)
-    return tuple(_shape(mesh, bsdfs[id(mesh.material)], _emitter(mesh.material)) for mesh in meshes)
-
-
 def _number(shape: Any) -> Any:
     """Return the numbers by which Mitsuba knows shapes."""
     return dr.reinterpret_array(UInt32, shape)
-
-
-def _scene_of(shapes: Sequence[Any]) -> Any:
-    return mi.load_dict({"type": "scene", **{f"mesh_{index}": shape for index, shape in enumerate(shapes)}})
 
 
 def _among(names: frozenset[str], meshes: Sequence[scene.Mesh]) -> frozenset[str]:
@@ -369,90 +355,6 @@ def _blockers(
     absent = {_among(light.unshadowed, meshes) for light in description.lights} - {frozenset()}
 
     def rest(names: frozenset[str]) -> Any:
-        return _scene_of([shape for mesh, shape in zip(meshes, shapes, strict=True) if mesh.name not in names])
+        return scene_of([shape for mesh, shape in zip(meshes, shapes, strict=True) if mesh.name not in names])
 
     return {names: known.get(names) or rest(names) for names in absent}
-
-
-def _shape(mesh: scene.Mesh, bsdf: Any, emitter: Any) -> Any:
-    properties = mi.Properties()
-    if bsdf is not None:
-        properties["bsdf"] = bsdf
-    if emitter is not None:
-        properties["emitter"] = emitter
-    shape = mi.Mesh(
-        mesh.name,
-        vertex_count=len(mesh.points),
-        face_count=len(mesh.faces),
-        has_vertex_normals=mesh.normals is not None,
-        has_vertex_texcoords=mesh.uvs is not None,
-        props=properties,
-    )
-    parameters = mi.traverse(shape)
-    parameters["vertex_positions"] = to_float(mesh.points)
-    parameters["faces"] = to_uint(mesh.faces)
-    if mesh.normals is not None:
-        parameters["vertex_normals"] = to_float(mesh.normals)
-    if mesh.uvs is not None:
-        parameters["vertex_texcoords"] = to_float(mesh.uvs)
-    parameters.update()
-    return shape
-
-
-def _outward(mesh: scene.Mesh) -> scene.Mesh:
-    """Return a closed mesh with its faces wound around the outward normal, whichever way they were."""
-    a, b, c = (np.asarray(mesh.points)[np.asarray(mesh.faces)[:, corner]] for corner in range(3))
-    volume = float(np.einsum("ij,ij->", a - a[0], np.cross(b - a[0], c - a[0])))
-    faces = np.asarray(mesh.faces)
-    return scene.Mesh(mesh.name, mesh.points, faces if volume >= 0 else faces[:, ::-1])
-
-
-def _bsdf(material: scene.Material) -> Any:
-    """Return a UsdPreviewSurface as Mitsuba's `principled`, seen from both sides, cut out by its opacity."""
-    alpha = max(float(material.clearcoat_roughness) ** 2, 1e-3)
-    surface = {
-        "type": "principled",
-        "base_color": _texture(material.diffuse),
-        "roughness": _texture(material.roughness),
-        "metallic": _texture(material.metallic),
-        "eta": max(material.ior, 1 / max(material.ior, 1e-3), 1.001),  # reflectance at normal incidence is symmetric
-        "clearcoat": float(np.clip(material.clearcoat, 0, 1)),
-        "clearcoat_gloss": float(np.clip((0.1 - alpha) / 0.099, 0, 1)),  # Mitsuba: alpha = lerp(0.1, 0.001, gloss)
-    }
-    both_sides: dict[str, Any] = {"type": "twosided", "surface": surface}
-    if _cut_out(material):
-        both_sides = {"type": "mask", "opacity": _texture(material.opacity), "surface": both_sides}
-    return mi.load_dict(both_sides)
-
-
-def _emitter(material: scene.Material) -> Any:
-    if not _glows(material):
-        return None
-    value = material.emissive
-    radiance = _texture(value) if isinstance(value, scene.Texture) else {"type": "rgb", "value": list(value)}
-    return mi.load_dict({"type": "area", "radiance": radiance})
-
-
-def _texture(value: scene.Color | scene.Texture | float) -> Any:
-    """Return a number, a colour or an image as a Mitsuba texture, in the range of a reflectance unless an image."""
-    if isinstance(value, scene.Texture):
-        pixels = np.asarray(value.pixels, dtype=np.float32)
-        flip = np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 1.0], [0.0, 0.0, 1.0]])  # Mitsuba's first row is at v = 0
-        return {
-            "type": "bitmap",
-            "bitmap": mi.Bitmap(np.ascontiguousarray(pixels)),
-            "raw": True,
-            "wrap_mode": value.wrap,
-            "to_uv": mi.ScalarTransform3f(flip @ np.asarray(value.uv_transform, dtype=np.float64)),
-        }
-    if isinstance(value, tuple):
-        return {"type": "rgb", "value": [float(np.clip(channel, 0, 1)) for channel in value]}
-    return float(np.clip(value, 0, 1))
-
-
-def _cut_out(material: scene.Material) -> bool:
-    return isinstance(material.opacity, scene.Texture) or material.opacity < 1
-
-
-def _glows(material: scene.Material) -> bool:
-    return isinstance(material.emissive, scene.Texture) or max(material.emissive) > 0
