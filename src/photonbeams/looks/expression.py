@@ -20,7 +20,6 @@ from __future__ import annotations
 import ast
 import difflib
 import operator
-import warnings
 from collections.abc import Callable
 from functools import reduce
 from typing import Any, NamedTuple, NoReturn
@@ -30,6 +29,7 @@ import drjit as dr
 from ..device import Float
 from . import guarded
 from .guarded import divided, power, times, truth, vector_type
+from .syntax import DEEPEST, EXPECTED, LONGEST, ExpressionError, excerpt, too_deep, tree
 from .vocabulary import CONSTANTS, FUNCTIONS, NAMES, NOISE_PARTS, Function, Kind, Parameter, describe
 
 __all__ = [
@@ -37,37 +37,7 @@ __all__ = [
     "parse",
 ]  # fmt: skip
 
-LONGEST = 4096  # characters
-DEEPEST = 64  # parts within parts
 MOST_PARTS = 1000  # numbers, names, operators and calls; an octave of noise is worth `NOISE_PARTS` of them
-
-
-class ExpressionError(ValueError):
-    """An expression that cannot be read. As text it is one sentence for the artist.
-
-    Attributes
-    ----------
-    text
-        The expression.
-    column
-        Where, counted from 1.
-    reason
-        What is wrong there, and what was expected.
-    """
-
-    def __init__(self, text: str, column: int, reason: str) -> None:
-        super().__init__(text, column, reason)
-        self.text, self.column, self.reason = text, column, reason
-
-    def __str__(self) -> str:
-        return f'expression "{_excerpt(self.text, self.column)}", column {self.column}: {self.reason}'
-
-
-def _excerpt(text: str, column: int, width: int = 60) -> str:
-    """Return the part of a text around a column, printable and on one line."""
-    first = max(0, min(column - 1 - width // 2, len(text) - width))
-    part = "".join(c if c.isprintable() else "�" for c in text[first : first + width])
-    return f"{'…' if first else ''}{part}{'…' if len(text) > first + width else ''}"
 
 
 class _Values(NamedTuple):
@@ -151,80 +121,9 @@ def parse(text: str) -> Expression:
         A text that is none, with the column and what was expected there.
     """
     stripped = text.strip()
-    _check_characters(stripped)
     parser = _Parser(stripped)
-    part = parser.part(_tree(stripped), 1)
+    part = parser.part(tree(stripped), 1)
     return Expression(stripped, part, frozenset(parser.names), parser.numbers)
-
-
-_PUNCTUATION = frozenset("_+-*/%.,()[]<>=! ")
-_EXPECTED = "expected numbers, names, operators and functions"
-#: What other languages write, and what is expected here.
-_FOREIGN = {
-    "^": "expected ** for powers",
-    "&": "expected and",
-    "|": "expected or",
-    "~": "expected not, or 1 - x",
-    "?": "expected a if condition else b",
-    ":": "expected a if condition else b",
-    "$": "expected names without it",
-    ";": "expected a single expression",
-    "\n": "expected a single line",
-    "\r": "expected a single line",
-    "\t": "expected spaces",
-    "#": "expected no comments",
-    "'": "expected numbers, for there are no strings",
-    '"': "expected numbers, for there are no strings",
-    "{": "expected round or square brackets",
-    "}": "expected round or square brackets",
-}
-_CLOSING = {")": "(", "]": "["}
-
-
-def _check_characters(text: str) -> None:
-    """Refuse what no expression holds before Python's parser sees it: its bounds are not an artist's."""
-    if not text:
-        raise ExpressionError(text, 1, "there is nothing: expected an expression, such as 1 - s")
-    if len(text) > LONGEST:
-        reason = f"the expression has {len(text)} characters: expected at most {LONGEST}"
-        raise ExpressionError(text, LONGEST + 1, reason)
-    opened: list[tuple[str, int]] = []
-    for column, character in enumerate(text, 1):
-        if character not in _PUNCTUATION and not (character.isascii() and character.isalnum()):
-            shown = repr(character) if character.isprintable() else f"a character of code {ord(character)}"
-            raise ExpressionError(text, column, f"{shown} has no meaning here: {_FOREIGN.get(character, _EXPECTED)}")
-        if character in "([":
-            opened.append((character, column))
-            if len(opened) > DEEPEST:
-                raise ExpressionError(text, column, f"brackets are nested too deep: expected at most {DEEPEST}")
-        elif character in _CLOSING and (not opened or opened.pop()[0] != _CLOSING[character]):
-            raise ExpressionError(text, column, f"{character} closes nothing: expected {_CLOSING[character]} before it")
-    if opened:
-        character, column = opened[-1]
-        closing = {"(": ")", "[": "]"}[character]
-        raise ExpressionError(text, column, f"{character} is never closed: expected {closing} after it")
-
-
-def _tree(text: str) -> ast.expr:
-    """Return Python's reading of the text."""
-    try:
-        with warnings.catch_warnings():
-            # "1if" is a warning in some versions of Python, and an error in others.
-            warnings.simplefilter("error")
-            return ast.parse(text, mode="eval").body
-    except SyntaxError as error:
-        if not error.offset:
-            raise ExpressionError(text, len(text) + 1, "the expression ends too early: expected a value here") from None
-        reason = "this cannot be read: expected one expression, such as 1 - s * s"
-        raise ExpressionError(text, min(error.offset, len(text) + 1), reason) from None
-    except (RecursionError, MemoryError):
-        raise ExpressionError(text, 1, _too_deep()) from None
-    except (ValueError, OverflowError, Warning):
-        raise ExpressionError(text, 1, f"this cannot be read: {_EXPECTED}") from None
-
-
-def _too_deep() -> str:
-    return f"parts are nested too deep: expected at most {DEEPEST} within each other"
 
 
 _OPERATORS: dict[type[ast.AST], Callable[[Any, Any], Any]] = {
@@ -259,7 +158,7 @@ class _Parser:
     def part(self, node: ast.expr, depth: int) -> _Part:
         """Return the checked part for a node, `depth` levels down."""
         if depth > DEEPEST:
-            self._refuse(node, _too_deep())
+            self._refuse(node, too_deep())
         self._count(node, 1)
         readers: dict[type[ast.expr], Callable[[Any, int], _Part]] = {
             ast.Constant: self._number,
@@ -278,7 +177,7 @@ class _Parser:
         if isinstance(node, ast.Tuple):
             self._refuse(node, "a list in round brackets has no meaning here: expected [x, y, z] for a vector")
         if reader is None:
-            self._refuse(node, f"this has no meaning here: {_EXPECTED}")
+            self._refuse(node, f"this has no meaning here: {EXPECTED}")
         return reader(node, depth)
 
     def _refuse(self, node: Any, reason: str) -> NoReturn:
@@ -301,7 +200,7 @@ class _Parser:
 
     def _number(self, node: ast.Constant, depth: int) -> _Part:
         if type(node.value) not in (int, float):
-            self._refuse(node, f"{node.value!r} is no number: {_EXPECTED}")
+            self._refuse(node, f"{node.value!r} is no number: {EXPECTED}")
         return self._literal(node, node.value)
 
     def _literal(self, node: Any, value: Any) -> _Part:
@@ -328,7 +227,7 @@ class _Parser:
             operand = self._scalar(node.operand, depth + 1, "what stands after not")
             return _Part("scalar", lambda values: _not(operand.compute(values)), operand.varies)
         if not isinstance(node.op, (ast.USub, ast.UAdd)):
-            self._refuse(node, f"this operator has no meaning here: {_EXPECTED}")
+            self._refuse(node, f"this operator has no meaning here: {EXPECTED}")
         operand = self.part(node.operand, depth + 1)
         if isinstance(node.op, ast.UAdd):
             return operand
@@ -452,7 +351,7 @@ class _Parser:
     def _whole(self, parameter: Parameter, node: ast.expr) -> int:
         value = node.value if isinstance(node, ast.Constant) else None
         if type(value) is not int or not parameter.least <= value <= parameter.most:
-            given = _excerpt(self._text[node.col_offset : node.end_col_offset], 1)
+            given = excerpt(self._text[node.col_offset : node.end_col_offset], 1)
             expected = f"expected a whole number from {parameter.least} to {parameter.most}, written out"
             self._refuse(node, f"{parameter.name} is {given}: {expected}")
         return value

@@ -1,0 +1,109 @@
+"""Texts of expressions as Python's trees: refused before Python reads them where no expression can look like that."""
+
+from __future__ import annotations
+
+import ast
+import warnings
+
+LONGEST = 4096  # characters
+DEEPEST = 64  # parts within parts
+
+
+class ExpressionError(ValueError):
+    """An expression that cannot be read. As text it is one sentence for the artist.
+
+    Attributes
+    ----------
+    text
+        The expression.
+    column
+        Where, counted from 1.
+    reason
+        What is wrong there, and what was expected.
+    """
+
+    def __init__(self, text: str, column: int, reason: str) -> None:
+        super().__init__(text, column, reason)
+        self.text, self.column, self.reason = text, column, reason
+
+    def __str__(self) -> str:
+        return f'expression "{excerpt(self.text, self.column)}", column {self.column}: {self.reason}'
+
+
+def excerpt(text: str, column: int, width: int = 60) -> str:
+    """Return the part of a text around a column, printable and on one line."""
+    first = max(0, min(column - 1 - width // 2, len(text) - width))
+    part = "".join(c if c.isprintable() else "�" for c in text[first : first + width])
+    return f"{'…' if first else ''}{part}{'…' if len(text) > first + width else ''}"
+
+
+_PUNCTUATION = frozenset("_+-*/%.,()[]<>=! ")
+EXPECTED = "expected numbers, names, operators and functions"
+#: What other languages write, and what is expected here.
+_FOREIGN = {
+    "^": "expected ** for powers",
+    "&": "expected and",
+    "|": "expected or",
+    "~": "expected not, or 1 - x",
+    "?": "expected a if condition else b",
+    ":": "expected a if condition else b",
+    "$": "expected names without it",
+    ";": "expected a single expression",
+    "\n": "expected a single line",
+    "\r": "expected a single line",
+    "\t": "expected spaces",
+    "#": "expected no comments",
+    "'": "expected numbers, for there are no strings",
+    '"': "expected numbers, for there are no strings",
+    "{": "expected round or square brackets",
+    "}": "expected round or square brackets",
+}
+_CLOSING = {")": "(", "]": "["}
+
+
+def _check_characters(text: str) -> None:
+    """Refuse what no expression holds before Python's parser sees it: its bounds are not an artist's."""
+    if not text:
+        raise ExpressionError(text, 1, "there is nothing: expected an expression, such as 1 - s")
+    if len(text) > LONGEST:
+        reason = f"the expression has {len(text)} characters: expected at most {LONGEST}"
+        raise ExpressionError(text, LONGEST + 1, reason)
+    opened: list[tuple[str, int]] = []
+    for column, character in enumerate(text, 1):
+        if character not in _PUNCTUATION and not (character.isascii() and character.isalnum()):
+            shown = repr(character) if character.isprintable() else f"a character of code {ord(character)}"
+            raise ExpressionError(text, column, f"{shown} has no meaning here: {_FOREIGN.get(character, EXPECTED)}")
+        if character in "([":
+            opened.append((character, column))
+            if len(opened) > DEEPEST:
+                raise ExpressionError(text, column, f"brackets are nested too deep: expected at most {DEEPEST}")
+        elif character in _CLOSING and (not opened or opened.pop()[0] != _CLOSING[character]):
+            raise ExpressionError(text, column, f"{character} closes nothing: expected {_CLOSING[character]} before it")
+    if opened:
+        character, column = opened[-1]
+        closing = {"(": ")", "[": "]"}[character]
+        raise ExpressionError(text, column, f"{character} is never closed: expected {closing} after it")
+
+
+def tree(text: str) -> ast.expr:
+    """Return Python's reading of the text; raises ExpressionError where it is no expression."""
+    _check_characters(text)
+    try:
+        with warnings.catch_warnings():
+            # "1if" is a warning in some versions of Python, and an error in others.
+            warnings.simplefilter("error")
+            return ast.parse(text, mode="eval").body
+    except SyntaxError as error:
+        if not error.offset:
+            raise ExpressionError(text, len(text) + 1, "the expression ends too early: expected a value here") from None
+        reason = "this cannot be read: expected one expression, such as 1 - s * s"
+        raise ExpressionError(text, min(error.offset, len(text) + 1), reason) from None
+    except (RecursionError, MemoryError):
+        raise ExpressionError(text, 1, too_deep()) from None
+    except (ValueError, OverflowError, Warning):
+        raise ExpressionError(text, 1, f"this cannot be read: {EXPECTED}") from None
+
+
+def too_deep() -> str:
+    """Return what is wrong with parts within parts within parts."""
+    return f"parts are nested too deep: expected at most {DEEPEST} within each other"
