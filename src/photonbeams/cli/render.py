@@ -5,7 +5,6 @@ from __future__ import annotations
 import shlex
 import sys
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -13,7 +12,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from .animation import Animation, Task, frame_numbers, print_plan, tasks_of
-from .outputs import Output, check_placeholders, chosen_layers, parse_outputs, prepare_outputs, write_outputs
+from .flags import Device, Fog, check_flags, parse_color, start_device
+from .outputs import Output, check_outputs, chosen_layers, parse_outputs, prepare_outputs, write_outputs
 from .programs import load_function, load_looks
 from .progress import Progress, held_interrupt, messages
 from .xml import Asked, check_given, render_xml
@@ -21,12 +21,9 @@ from .xml import Asked, check_given, render_xml
 if TYPE_CHECKING:
     from ..quadrature import Rule
     from ..render.frame import Statistics
-    from ..scene import Color, Medium
     from ..shot import Holdout, Plate, Shot
     from ..shot.settings import RenderSettings
     from ..shot.stereo import Stereo
-
-MOST_THREADS = 1024
 
 
 class Estimator(StrEnum):
@@ -58,14 +55,6 @@ class DepthKind(StrEnum):
     auto = "auto"
     planar = "planar"
     distance = "distance"
-
-
-class Device(StrEnum):
-    """Which processor."""
-
-    auto = "auto"
-    cpu = "cpu"
-    cuda = "cuda"
 
 
 def render(
@@ -250,7 +239,7 @@ def render(
         from ..shot.stage import list_cameras as cameras_of
         from ..shot.stage import open_stage
 
-        numbers = _numbers(frames, outputs)
+        numbers = frame_numbers(frames, outputs)
         check()
         stage = open_stage(scene, session_layer or (), overrides or ())
         if list_cameras:
@@ -259,10 +248,8 @@ def render(
         check_frames(stage, [number for number in numbers if number is not None])
         check()
         settings = _settings(stage, render_settings, camera, res, crop, outputs)
-        if not (outputs or settings.products or dry_run):
-            raise typer.BadParameter(
-                "expected at least one output: -o FILE.exr, -o FILE.png or --picture LAYER=FILE.png"
-            )
+        if not dry_run:
+            check_outputs(outputs or settings.products)
         shot = Shot(
             stage, camera or settings.camera, medium=fog.over, stereo=eyes,
             simulate=load_function("--simulate", simulate), emit=load_function("--emit", emit),
@@ -322,51 +309,6 @@ def _check_checkpoint(checkpoint: float | None, resume: bool) -> None:
         raise typer.BadParameter(f"{flag} is for Mitsuba scenes (.xml): expected a scene of that kind")
 
 
-def check_flags(
-    res: tuple[int, int] = (0, 0),
-    res_scale: float = 1.0,
-    crop: tuple[float, float, float, float] | None = None,
-    passes: int = 1,
-    time_limit: float | None = None,
-    beams: int = 1,
-    order: int = 1,
-    anisotropy: float | None = None,
-    exposure: float = 0.0,
-    threads: int | None = None,
-) -> None:
-    """Refuse numbers out of range before anything heavy is imported; a NaN is never in range."""
-    from ..quadrature import MOST_POINTS
-
-    x0, y0, x1, y1 = crop or (0.0, 0.0, 1.0, 1.0)
-    inside = 0 <= x0 < x1 <= 1 and 0 <= y0 < y1 <= 1
-    checks = (
-        ("--res", res, min(res) >= 0 and max(res) <= 65536, "two numbers from 0 to 65536, 0 for the aperture's"),
-        ("--res-scale", res_scale, 0 < res_scale <= 1000, "more than 0 and no more than 1000"),
-        ("--crop", crop, inside, "0 <= x0 < x1 <= 1 and 0 <= y0 < y1 <= 1"),
-        ("--passes", passes, 1 <= passes < 2**31, f"1 to {2**31 - 1}"),
-        ("--time-limit", time_limit, time_limit is None or time_limit > 0, "a positive number of seconds"),
-        ("--beams", beams, 1 <= beams <= 100_000_000, "1 to 100000000 beams a pass and light"),
-        ("--order", order, 1 <= order <= MOST_POINTS, f"1 to {MOST_POINTS} points"),
-        ("--anisotropy", anisotropy, anisotropy is None or -0.99 <= anisotropy <= 0.99, "-0.99 to 0.99"),
-        ("--exposure", exposure, -100 <= exposure <= 100, "-100 to 100 stops"),
-        ("--threads", threads, threads is None or 1 <= threads <= MOST_THREADS, f"1 to {MOST_THREADS}"),
-    )
-    for flag, value, right, expected in checks:
-        if not right:
-            text = " ".join(f"{each:g}" for each in value) if isinstance(value, tuple) else value
-            raise typer.BadParameter(f"{flag} is {text}: expected {expected}")
-
-
-def _numbers(text: str | None, outputs: Sequence[Output]) -> list[float | None]:
-    """Return the frames, None for the stage's start, where the outputs' names can tell them apart."""
-    from ..shot.frames import decimals
-
-    numbers = frame_numbers(text)
-    digits = max(0 if number is None else decimals(number) for number in numbers)
-    check_placeholders(outputs, len(numbers), digits)
-    return numbers
-
-
 def _settings(
     stage: Any,
     path: str | None,
@@ -380,43 +322,6 @@ def _settings(
 
     flags = {"camera": camera, "resolution": any(res), "dataWindowNDC": crop, "products": outputs}
     return read_settings(stage, path, [name for name, value in flags.items() if value])
-
-
-def parse_color(flag: str, text: str | None) -> Color | None:
-    """Return the colour that a flag gives as a number, or as three with commas between."""
-    from ..scene import color
-
-    if text is None:
-        return None
-    try:
-        return color([float(part) for part in text.split(",")], flag)
-    except ValueError:  # a SceneError is one, too
-        expected = "one number, or three with commas between, finite and at least 0"
-        raise typer.BadParameter(f"{flag} is {text}: expected {expected}") from None
-
-
-@dataclass(frozen=True)
-class Fog:
-    """The fog that flags give."""
-
-    scattering: Color | None
-    absorption: Color | None
-    anisotropy: float | None
-    surfaces: bool | None = None
-
-    def over(self, own: Medium | None) -> Medium | None:
-        """Return this fog instead of a stage's own: what the flags leave out comes from that."""
-        from ..scene import BLACK, Medium
-
-        given = {name: value for name, value in vars(self).items() if value is not None}
-        if not given:
-            return own
-        if own is None and self.scattering is None:
-            raise typer.BadParameter(
-                "--absorption, --anisotropy and --beams-only-fog change a fog, and the stage has none: "
-                "expected --scattering, too"
-            )
-        return replace(own or Medium(scattering=BLACK), **given)
 
 
 def _stereo(stereo: bool, interaxial: float | None, convergence: float | None, view: Eye | None) -> Stereo | None:
@@ -460,15 +365,6 @@ def _check_plates(
         raise typer.BadParameter(f"--holdout-scale is {scale}: expected more than 0 and no more than 1e12")
     if fog and not over:
         raise typer.BadParameter("--over-fog is of a plate: expected --over, too")
-
-
-def start_device(device: Device, threads: int | None) -> None:
-    """Start the device on so many threads."""
-    from .. import device as devices
-
-    devices.select(device.value)
-    if threads is not None:
-        devices.set_threads(threads)
 
 
 def _size(

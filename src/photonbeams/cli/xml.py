@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from .animation import Animation, Task, print_plan
-from .outputs import Output, chosen_layers, prepare_outputs, write_outputs
+from .outputs import Output, check_outputs, chosen_layers, prepare_outputs, write_outputs
 from .progress import Progress, counted, error_note, held_interrupt, messages
 
 if TYPE_CHECKING:
@@ -81,10 +81,8 @@ def render_xml(asked: Asked, start: Callable[[], None]) -> None:
         if asked.list_cameras:
             typer.echo("\n".join(scene.cameras))
             return
-        if not (asked.outputs or asked.dry_run):
-            raise typer.BadParameter(
-                "expected at least one output: -o FILE.exr, -o FILE.png or --picture LAYER=FILE.png"
-            )
+        if not asked.dry_run:
+            check_outputs(asked.outputs)
         width, height = scene.resize(asked.res[0] or None, asked.res[1] or None)
         scale = asked.res_scale
         width, height = scene.resize(max(1, round(scale * width)), max(1, round(scale * height)), asked.crop)
