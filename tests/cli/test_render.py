@@ -12,10 +12,12 @@ import numpy as np
 import OpenEXR
 import OpenImageIO
 import pytest
+import typer
 
 from photonbeams import cli
 from photonbeams.render import frame
 from photonbeams.shot.images import read_image, read_layers
+from photonbeams.transport import frame as transport
 
 FOG = """def Scope "Fog" (prepend apiSchemas = ["PhotonBeamsMediumAPI"]) {
     color3f photonbeams:scattering = (0.1, 0.1, 0.1)
@@ -603,6 +605,19 @@ def test_an_interrupt_is_one_also_where_it_is_wrapped(render, stage, out, monkey
     code, stdout, stderr = render(stage(), "-o", out / "old.exr", "--progress", "none")
     assert (code, stdout, stderr) == (130, "", "Interrupted; nothing was written\n")
     assert untouched(out)
+
+
+def test_the_defaults_that_help_tells_hold():
+    command = typer.main.get_command(cli.app).get_command(None, "render")
+    told = {each.name: each.help for each in command.params if isinstance(each.help, str)}
+    of_stages, of_mitsuba = frame.Settings(), transport.Settings()
+    assert f"default: {of_stages.passes}, " in told["passes"]
+    assert f"default: {of_stages.beams}; " in told["beams"] and f", or {of_mitsuba.paths}." in told["beams"]
+    for settings in (of_stages, of_mitsuba):
+        assert f"default: {settings.estimator}, " in told["estimator"]
+        assert f"default: {len(settings.rule)}, " in told["order"]
+        assert settings.rule.name == "gauss_legendre" and told["rule"].endswith("default: gauss.")
+        assert told["seed"].endswith(f"default: {settings.seed}.")
 
 
 def test_help_is_fast_and_has_examples():

@@ -162,14 +162,15 @@ def test_flags_are_over_the_integrator_and_the_rest_is_its_own(render, scene, ou
     text = ('<integrator type="photon_beams"><integer name="paths" value="77"/><integer name="order" value="3"/>'
             '<integer name="max_depth" value="5"/><string name="estimator" value="frustum"/></integrator>')  # fmt: skip
     flags = ("--passes", 9, "--beams", 50, "--seed", 4, "--estimator", "billboard", "--order", 2, "--time-limit", 60)
-    for more in ((), flags):
+    for more in ((), flags, ("--rule", "riemann")):
         with pytest.raises(FrameError):
             cli.main(["render", *map(str, (scene(INTEGRATOR, text), "-o", out / "a.exr", *more))])
-    own, asked = seen
+    own, asked, summed = seen
     assert (own.passes, own.paths, own.seed, own.estimator, len(own.rule.points)) == (3, 77, 0, "frustum", 3)
     assert (asked.passes, asked.paths, asked.seed, len(asked.rule.points)) == (9, 50, 4, 2)
     assert asked.estimator == "billboard"
     assert (asked.max_depth, asked.time_limit) == (5, 60) and own.time_limit is None
+    assert repr(summed.rule) == "riemann(3)"  # as many points as the file's
 
 
 def test_a_scene_for_another_integrator_has_our_defaults(render, scene, out):

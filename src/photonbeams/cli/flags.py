@@ -1,17 +1,33 @@
-"""Flags that several commands have: their ranges, the fog that they give, the device."""
+"""Flags that several commands have, or several kinds of scenes: their ranges, and what is made of them."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import typer
 
 if TYPE_CHECKING:
+    from ..quadrature import Rule
     from ..scene import Color, Medium
 
 MOST_THREADS = 1024
+
+
+class Estimator(StrEnum):
+    """Which estimate."""
+
+    auto = "auto"
+    billboard = "billboard"
+    frustum = "frustum"
+
+
+class RuleName(StrEnum):
+    """Which quadrature."""
+
+    gauss = "gauss"
+    riemann = "riemann"
 
 
 class Device(StrEnum):
@@ -26,10 +42,10 @@ def check_flags(
     res: tuple[int, int] = (0, 0),
     res_scale: float = 1.0,
     crop: tuple[float, float, float, float] | None = None,
-    passes: int = 1,
+    passes: int | None = None,
     time_limit: float | None = None,
-    beams: int = 1,
-    order: int = 1,
+    beams: int | None = None,
+    order: int | None = None,
     anisotropy: float | None = None,
     exposure: float = 0.0,
     threads: int | None = None,
@@ -43,10 +59,10 @@ def check_flags(
         ("--res", res, min(res) >= 0 and max(res) <= 65536, "two numbers from 0 to 65536, 0 for the aperture's"),
         ("--res-scale", res_scale, 0 < res_scale <= 1000, "more than 0 and no more than 1000"),
         ("--crop", crop, inside, "0 <= x0 < x1 <= 1 and 0 <= y0 < y1 <= 1"),
-        ("--passes", passes, 1 <= passes < 2**31, f"1 to {2**31 - 1}"),
+        ("--passes", passes, passes is None or 1 <= passes < 2**31, f"1 to {2**31 - 1}"),
         ("--time-limit", time_limit, time_limit is None or time_limit > 0, "a positive number of seconds"),
-        ("--beams", beams, 1 <= beams <= 100_000_000, "1 to 100000000 beams a pass and light"),
-        ("--order", order, 1 <= order <= MOST_POINTS, f"1 to {MOST_POINTS} points"),
+        ("--beams", beams, beams is None or 1 <= beams <= 100_000_000, "1 to 100000000 beams a pass and light"),
+        ("--order", order, order is None or 1 <= order <= MOST_POINTS, f"1 to {MOST_POINTS} points"),
         ("--anisotropy", anisotropy, anisotropy is None or -0.99 <= anisotropy <= 0.99, "-0.99 to 0.99"),
         ("--exposure", exposure, -100 <= exposure <= 100, "-100 to 100 stops"),
         ("--threads", threads, threads is None or 1 <= threads <= MOST_THREADS, f"1 to {MOST_THREADS}"),
@@ -55,6 +71,34 @@ def check_flags(
         if not right:
             text = " ".join(f"{each:g}" for each in value) if isinstance(value, tuple) else value
             raise typer.BadParameter(f"{flag} is {text}: expected {expected}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Quality:
+    """How the flags want a frame to be rendered; None where they leave it to the scene, or to its kind."""
+
+    passes: int | None
+    time_limit: float | None
+    beams: int | None
+    estimator: Estimator | None
+    rule: RuleName | None
+    order: int | None
+    seed: int | None
+
+    def values(self, points: int) -> dict[str, Any]:
+        """Return what is given, by the names of settings; a rule has `points` where `--order` is not given."""
+        values = {
+            "passes": self.passes, "time_limit": self.time_limit, "beams": self.beams,
+            "estimator": self.estimator and self.estimator.value, "rule": self._rule(points), "seed": self.seed,
+        }  # fmt: skip
+        return {name: value for name, value in values.items() if value is not None}
+
+    def _rule(self, points: int) -> Rule | None:
+        from ..quadrature import gauss_legendre, riemann
+
+        if self.rule is None and self.order is None:
+            return None
+        return (riemann if self.rule is RuleName.riemann else gauss_legendre)(self.order or points)
 
 
 def parse_color(flag: str, text: str | None) -> Color | None:

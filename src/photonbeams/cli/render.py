@@ -12,26 +12,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from .animation import Animation, Task, frame_numbers, print_plan, tasks_of
-from .flags import Device, Fog, check_flags, parse_color, start_device
+from .flags import Device, Estimator, Fog, Quality, RuleName, check_flags, parse_color, start_device
 from .outputs import Output, check_outputs, chosen_layers, parse_outputs, prepare_outputs, write_outputs
 from .programs import load_function, load_looks
 from .progress import Progress, held_interrupt, messages
 from .xml import Asked, check_given, render_xml
 
 if TYPE_CHECKING:
-    from ..quadrature import Rule
     from ..render.frame import Statistics
     from ..shot import Holdout, Plate, Shot
     from ..shot.settings import RenderSettings
     from ..shot.stereo import Stereo
-
-
-class Estimator(StrEnum):
-    """Which estimate."""
-
-    auto = "auto"
-    billboard = "billboard"
-    frustum = "frustum"
 
 
 class Eye(StrEnum):
@@ -40,13 +31,6 @@ class Eye(StrEnum):
     left = "left"
     right = "right"
     both = "both"
-
-
-class RuleName(StrEnum):
-    """Which quadrature."""
-
-    gauss = "gauss"
-    riemann = "riemann"
 
 
 class DepthKind(StrEnum):
@@ -112,7 +96,10 @@ def render(
         tuple[float, float, float, float] | None,
         typer.Option(metavar="X0 Y0 X1 Y1", help="Part to render, in fractions from the top left."),
     ] = None,
-    passes: Annotated[int, typer.Option(help="Passes that a frame is the mean of.")] = 16,
+    passes: Annotated[
+        int | None,
+        typer.Option(help="Passes that a frame is the mean of; default: 16, or the sampler's of a Mitsuba scene."),
+    ] = None,
     time_limit: Annotated[float | None, typer.Option(help="Begin no pass after so many seconds of a frame.")] = None,
     checkpoint: Annotated[
         float | None,
@@ -120,11 +107,21 @@ def render(
     ] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Go on from the checkpoint, if there is one.")] = False,
     beams: Annotated[
-        int, typer.Option(help="Beams a pass, for lights that do not say; of a Mitsuba scene: light paths.")
-    ] = 4096,
-    estimator: Annotated[Estimator, typer.Option(help="Beam x Beam 1D, 2D, or their blend.")] = Estimator.auto,
-    rule: Annotated[RuleName, typer.Option(help="Quadrature of the frustum.")] = RuleName.gauss,
-    order: Annotated[int, typer.Option(help="Points of the quadrature.")] = 6,
+        int | None,
+        typer.Option(
+            help="Beams a pass, for lights that do not say, default: 4096; "
+            "of a Mitsuba scene: light paths, default: the integrator's, or 16384."
+        ),
+    ] = None,
+    estimator: Annotated[
+        Estimator | None,
+        typer.Option(help="Beam x Beam 1D, 2D, or their blend; default: auto, or the integrator's of a Mitsuba scene."),
+    ] = None,
+    rule: Annotated[RuleName | None, typer.Option(help="Quadrature of the frustum; default: gauss.")] = None,
+    order: Annotated[
+        int | None,
+        typer.Option(help="Points of the quadrature; default: 6, or the integrator's of a Mitsuba scene."),
+    ] = None,
     scattering: Annotated[
         str | None, typer.Option(metavar="S|R,G,B", help="A fog for a stage without, or instead of the stage's.")
     ] = None,
@@ -188,8 +185,9 @@ def render(
     ] = None,
     exposure: Annotated[float, typer.Option(help="Stops, for pictures alone.")] = 0.0,
     seed: Annotated[
-        int, typer.Option(help="Seed of all samples, the same for all frames: beams stay where they are.")
-    ] = 0,
+        int | None,
+        typer.Option(help="Seed of all samples, the same for all frames: beams stay where they are; default: 0."),
+    ] = None,
     threads: Annotated[int | None, typer.Option(help="Processor threads.")] = None,
     device: Annotated[Device, typer.Option(help="Where to render.")] = Device.auto,
     progress: Annotated[Progress | None, typer.Option(help="Default: rich on a terminal, else plain.")] = None,
@@ -216,17 +214,17 @@ def render(
         anisotropy,
         surfaces=False if beams_only_fog else None,
     )
+    quality = Quality(
+        passes=passes, time_limit=time_limit, beams=beams, estimator=estimator, rule=rule, order=order, seed=seed
+    )
     outputs = parse_outputs(output or (), picture or ())
     if scene.suffix.lower() == ".xml":
-        given = _given(context)
-        check_given(given, _flags(context))
-        values = {"passes": passes, "time_limit": time_limit, "paths": beams, "estimator": estimator.value,
-                  "rule": _rule(rule, order), "seed": seed}  # fmt: skip
-        sources = {"paths": ("beams",), "rule": ("rule", "order")}
-        chosen = {key: value for key, value in values.items() if set(sources.get(key, (key,))) & set(given)}
+        check_given(context)
         asked = Asked(
-            scene, outputs, chosen, camera, overrides or (), res, res_scale, crop, layers, exposure, checkpoint,
-            resume, skip_existing, progress, dry_run, list_cameras, quiet, verbose, _command_line(),
+            path=scene, outputs=outputs, quality=quality, camera=camera, parameters=overrides or (), res=res,
+            res_scale=res_scale, crop=crop, layers=layers, exposure=exposure, checkpoint=checkpoint, resume=resume,
+            skip_existing=skip_existing, progress=progress, dry_run=dry_run, list_cameras=list_cameras, quiet=quiet,
+            verbose=verbose, command=_command_line(),
         )  # fmt: skip
         render_xml(asked, lambda: start_device(device, threads))
         return
@@ -255,8 +253,9 @@ def render(
             simulate=load_function("--simulate", simulate), emit=load_function("--emit", emit),
             looks=load_looks("--look", look or ()),
         )  # fmt: skip
+        values = _values(quality)
         animation = Animation(
-            tasks_of(shot, numbers, outputs, settings.products), passes, skip_existing, progress, quiet
+            tasks_of(shot, numbers, outputs, settings.products), values["passes"], skip_existing, progress, quiet
         )
         todo = animation.todo()
         first = (todo or animation.tasks)[0]
@@ -280,10 +279,9 @@ def render(
 
         def finish(task: Task, advance: Callable[[int], None]) -> Statistics:
             result = shot.render(
-                task.number, passes, width=width, height=height, crop=crop or settings.crop(width, height),
+                task.number, width=width, height=height, crop=crop or settings.crop(width, height),
                 progress=lambda done, _: advance(done), view=shown, holdout=end, over=plate,
-                blur=not settings.disable_motion_blur, lens=not settings.disable_depth_of_field,
-                time_limit=time_limit, beams=beams, estimator=estimator.value, rule=_rule(rule, order), seed=seed,
+                blur=not settings.disable_motion_blur, lens=not settings.disable_depth_of_field, **values,
             )  # fmt: skip
             for metadata in [result.metadata, *(each for _, each in result.views.values())]:
                 metadata["commandLine"] = _command_line()
@@ -293,14 +291,12 @@ def render(
         animation.render(finish, check)
 
 
-def _given(context: typer.Context) -> list[str]:
-    """Return the names of the parameters that the command line gives."""
-    return [name for name in context.params if getattr(context.get_parameter_source(name), "name", "") == "COMMANDLINE"]
+def _values(quality: Quality) -> dict[str, Any]:
+    """Return the settings of a stage's frames that flags give, and the passes in any case."""
+    from ..estimators.estimate import DEFAULT_RULE
+    from ..render.frame import DEFAULT_PASSES
 
-
-def _flags(context: typer.Context) -> dict[str, str]:
-    """Return the flags of parameters, by their names."""
-    return {str(each.name): each.opts[0] for each in context.command.params}
+    return {"passes": DEFAULT_PASSES, **quality.values(len(DEFAULT_RULE))}
 
 
 def _check_checkpoint(checkpoint: float | None, resume: bool) -> None:
@@ -380,12 +376,6 @@ def _size(
     wanted = res if any(res) else settings.resolution or res
     width, height = shot.resolution(wanted[0] or None, wanted[1] or None, number, plates, view)
     return shot.resolution(max(1, round(scale * width)), max(1, round(scale * height)), number)
-
-
-def _rule(name: RuleName, order: int) -> Rule:
-    from ..quadrature import gauss_legendre, riemann
-
-    return (gauss_legendre if name is RuleName.gauss else riemann)(order)
 
 
 def _command_line() -> str:
