@@ -14,6 +14,7 @@ import OpenImageIO
 import pytest
 import typer
 
+from cli.results import fails, untouched
 from photonbeams import cli
 from photonbeams.render import frame
 from photonbeams.shot.images import read_image, read_layers
@@ -89,42 +90,9 @@ def stage(tmp_path):
 
 
 @pytest.fixture
-def out(tmp_path):
-    """Return the folder of outputs, in which a file of yesterday lies."""
-    folder = tmp_path / "out"
-    folder.mkdir()
-    (folder / "old.exr").write_bytes(b"yesterday")
-    return folder
-
-
-@pytest.fixture
-def render(capfd):
-    """Call the command in this process: its exit code, and what it printed to standard output and error."""
-
-    def called(*arguments, small=True):
-        with pytest.raises(SystemExit) as stop:
-            cli.main(["render", *map(str, arguments), *(map(str, SMALL) if small else ())])
-        return (stop.value.code, *capfd.readouterr())
-
-    return called
-
-
-def fails(result, code, *parts, warnings=0):
-    """Check for one sentence after so many warnings, and return it."""
-    found, stdout, stderr = result
-    lines = stderr.splitlines()
-    assert found == code, stderr
-    assert stdout == ""
-    assert len(lines) == warnings + 1, stderr
-    assert lines[-1].startswith("Error: ")
-    assert all(line.startswith("Warning: ") for line in lines[:-1])
-    for part in parts:
-        assert part in lines[-1]
-    return lines[-1]
-
-
-def untouched(out):
-    return [path.name for path in out.iterdir()] == ["old.exr"] and (out / "old.exr").read_bytes() == b"yesterday"
+def render(render):
+    """Call the command, for a picture that is small unless the flags say otherwise."""
+    return lambda *arguments, small=True: render(*arguments, *(SMALL if small else ()))
 
 
 # -- normal use ------------------------------------------------------------------------------------------------------
