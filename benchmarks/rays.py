@@ -83,12 +83,19 @@ def _measured(beams: pb.Beams, rays: Rays, look: pb.Look, estimator: str) -> lis
 
     build_time, _ = _timed(lambda: [None for _ in _lists(beams, rays)[2]])
     _, kernels = _timed(whole, dr.width(rays.direction))
-    grid, span, parts = _lists(beams, rays)
-    tests = 0
-    for part in parts:
-        tests += int(np.asarray(walk(rays, span, grid, part, _count, UInt32(0)), dtype=np.int64).sum())
-    cells = " × ".join(str(int(count[0])) for count in grid.counts)
-    return [cells, f"{build_time:.3f} s", *_rate(tests, kernels)]
+    cells = " × ".join(str(int(count[0])) for count in _lists(beams, rays)[0].counts)
+    return [cells, f"{build_time:.3f} s", *_rate(grid_tests(beams, rays), kernels)]
+
+
+def grid_tests(beams: pb.Beams, rays: Rays) -> int:
+    """Return how many pairs of a ray and a beam in one of its cells the grid tests."""
+    built = build(beams, None, rays)
+    if built is None:
+        return 0
+    grid, marks, span = built
+    parts = batches(grid.cells, marks.visit, len(beams))
+    counts = (walk(rays, span, grid, part, lambda total, *_: total + 1, UInt32(0)) for part in parts)
+    return sum(int(np.asarray(each, dtype=np.int64).sum()) for each in counts)
 
 
 def _lists(beams: pb.Beams, rays: Rays) -> tuple[Any, Any, Iterator[Any]]:
@@ -97,10 +104,6 @@ def _lists(beams: pb.Beams, rays: Rays) -> tuple[Any, Any, Iterator[Any]]:
     assert built is not None
     grid, marks, span = built
     return grid, span, batches(grid.cells, marks.visit, len(beams))
-
-
-def _count(total: Any, *_: Any) -> Any:
-    return total + 1
 
 
 def _timed(run: Callable[[], Any], width: int | None = None) -> tuple[float, float]:

@@ -18,13 +18,14 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 from tests.comparison import lit, single_scattering
+from tests.transport.scenes import comparison, rgb
 
-from photonbeams.device import UInt32, mitsuba
-from photonbeams.estimators import grid as grids
+from photonbeams.device import mitsuba
 from photonbeams.estimators import image as images
-from photonbeams.estimators.cells import batches
 from photonbeams.transport import gathering as gatherings
 from photonbeams.transport.frame import Frame, Settings, render
+
+from .rays import grid_tests
 
 mi = mitsuba()
 T = mi.ScalarTransform4f
@@ -57,34 +58,6 @@ def report(console: Console) -> None:
 
 
 # -- the comparison scene --------------------------------------------------------------------------------------------
-
-
-def rgb(value: Any) -> dict[str, Any]:
-    return {"type": "rgb", "value": value}
-
-
-def comparison(width: int, height: int) -> Any:
-    """Return the scene of tests/comparison.py in Mitsuba's terms."""
-    black = {"type": "twosided", "side": {"type": "diffuse", "reflectance": rgb(0.0)}}
-    fog = mi.load_dict({"type": "homogeneous", "sigma_t": 0.11, "albedo": 0.1 / 0.11})
-
-    def wall(y: tuple[float, float], z: tuple[float, float]) -> dict[str, Any]:
-        place = T().translate([-1.3, sum(y) / 2, sum(z) / 2]).rotate([0, 1, 0], 90)
-        return {"type": "rectangle", "to_world": place.scale([(z[1] - z[0]) / 2, (y[1] - y[0]) / 2, 1]), "bsdf": black}
-
-    film = {"type": "hdrfilm", "width": width, "height": height, "pixel_format": "rgb", "rfilter": {"type": "box"}}
-    scene = {
-        "type": "scene",
-        "box": {"type": "cube", "to_world": T().translate([0, 1.5, 0]).scale([2, 1.5, 2]), "bsdf": black,
-                "interior": fog},
-        "lamp": {"type": "rectangle", "to_world": T().translate([-1.9, 1.5, 0]).rotate([0, 1, 0], 90).scale(0.05),
-                 "bsdf": black, "emitter": {"type": "area", "radiance": rgb(1000 / (np.pi * 0.01))}},
-        "below": wall((0, 1.35), (-2, 2)), "above": wall((1.65, 3), (-2, 2)),
-        "left": wall((1.35, 1.65), (-2, -0.1)), "right": wall((1.35, 1.65), (0.1, 2)),
-        "sensor": {"type": "perspective", "fov": 90, "near_clip": 1e-4, "film": film, "medium": fog,
-                   "to_world": T().look_at([0, 1.5, 1.95], [0, 1.5, 0], [0, 1, 0])},
-    }  # fmt: skip
-    return mi.load_dict(scene)
 
 
 def beside_volpath(console: Console) -> None:
@@ -247,19 +220,6 @@ def mirror_scene() -> Any:
         "sensor": {"type": "perspective", "fov": 45, "film": film,
                    "to_world": T().look_at([0, 0, 2], [0, 0, 3], [0, 1, 0])},
     })  # fmt: skip
-
-
-def grid_tests(beams: Any, rays: Any) -> int:
-    """Return how many pairs of a ray and a beam in one of its cells the grid tests."""
-    built = grids.build(beams, None, rays)
-    if built is None:
-        return 0
-    grid, marks, span = built
-    tests = 0
-    for part in batches(grid.cells, marks.visit, len(beams)):
-        found = grids.walk(rays, span, grid, part, lambda total, *_: total + 1, UInt32(0))
-        tests += int(np.asarray(found, dtype=np.int64).sum())
-    return tests
 
 
 def million(console: Console) -> None:

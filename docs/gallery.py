@@ -74,17 +74,13 @@ def timed(run: Callable[[], Any]) -> tuple[float, Any]:
 
 
 def write(name: str, pixels: Any, exposure: float) -> None:
-    """Write a picture of sRGB levels, of fewer where it would be too large."""
-    from renders import write_levels
+    """Write a small picture."""
+    from renders import write_small
 
     from photonbeams.shot.display import srgb_encoded, tone_mapped
 
     levels = 255 * srgb_encoded(tone_mapped(np.nan_to_num(pixels) * 2.0**exposure))
-    path = PICTURES / f"{name}.png"
-    for step in range(1, 9):
-        write_levels(path, step * np.round(levels / step))
-        if path.stat().st_size <= MOST:
-            break
+    write_small(PICTURES / f"{name}.png", levels, MOST)
 
 
 def noted(page: str, name: str, seconds: float, passes: int, others: float, samples: int) -> str:

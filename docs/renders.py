@@ -85,11 +85,16 @@ def example(folder: Path, stage: str) -> None:
     flags = ["--passes", "32", "--res", "960", "0", "-q", "-o", "example.exr", "--layers", "rgba"]
     photonbeams(folder, "render", stage, *flags)
     pixels = 255 * srgb_encoded(tone_mapped(read_layers(folder / "example.exr")["rgba"][..., :3]))
-    for step in range(1, 9):  # what is noisy takes too many bytes with all 256 levels
-        write_levels(folder / "example.png", step * np.round(pixels / step))
-        if (folder / "example.png").stat().st_size <= MOST:
-            break
+    write_small(folder / "example.png", pixels, MOST)
     shutil.copy(folder / "example.png", PICTURES / f"{Path(stage).stem}.png")
+
+
+def write_small(path: Path, levels: Any, most: int) -> None:
+    """Write a PNG of sRGB levels, of fewer where it has more bytes: what is noisy takes too many with all 256."""
+    for step in range(1, 9):
+        write_levels(path, step * np.round(levels / step))
+        if path.stat().st_size <= most:
+            break
 
 
 def write_levels(path: Path, levels: Any) -> None:

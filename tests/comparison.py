@@ -17,6 +17,7 @@ SCATTERING, ABSORPTION = 0.1, 0.01
 LIGHT_X, HOLE_X = -1.9, -1.3
 HOLE_Y, HOLE_Z = (1.35, 1.65), (-0.1, 0.1)
 BOX = np.array([[-2.0, 0.0, -2.0], [2.0, 3.0, 2.0]])
+EYE = (0.0, 1.5, 1.95)
 BLACK = scene.Material(diffuse=scene.BLACK, roughness=1.0, ior=1.001)
 
 
@@ -62,16 +63,14 @@ def comparison_scene(portal: bool = True, beam_count: int | None = None) -> scen
     return scene.Scene(meshes=(box("/box", low, high), *occluder), lights=(light,), medium=fog)
 
 
-def camera(position: object = (0.0, 1.5, 1.95)) -> scene.Camera:
+def camera(position: object = EYE) -> scene.Camera:
     """Return the scene's camera: 90 degrees wide, 16:9, looking along −z."""
     to_world = np.eye(4)
     to_world[:3, 3] = position
     return scene.Camera("/camera", to_world, focal_length=1.0, horizontal_aperture=2.0, vertical_aperture=2.0 * 9 / 16)
 
 
-def camera_rays(
-    width: int, height: int, position: object = (0.0, 1.5, 1.95), turn: float = 0.0
-) -> tuple[np.ndarray, np.ndarray]:
+def camera_rays(width: int, height: int, position: object = EYE, turn: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
     """Return origins and unit directions (height · width, 3) through the pixels' centres, top row first.
 
     `turn` is the angle in degrees by which the camera is turned to its left, from looking along −z.
@@ -117,7 +116,7 @@ def fluence(points: np.ndarray, light_points: int = 24) -> np.ndarray:
 def single_scattering(
     width: int,
     height: int,
-    position: tuple[float, float, float] = (0.0, 1.5, 1.95),
+    position: tuple[float, float, float] = EYE,
     steps: int = 192,
     light_points: int = 24,
     turn: float = 0.0,

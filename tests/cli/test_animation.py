@@ -9,7 +9,7 @@ import OpenEXR
 import OpenImageIO
 import pytest
 
-from photonbeams import Shot, cli
+from photonbeams import Shot
 from photonbeams.scene import SceneError
 from photonbeams.shot.images import read_image, read_layers
 
@@ -64,15 +64,13 @@ def out(tmp_path, monkeypatch):
 
 
 @pytest.fixture
-def render(capfd):
-    """Call the command in this process: its exit code, and the lines that it printed to standard error."""
+def render(render):
+    """Call the command for small pictures: its exit code, and the lines that it printed to standard error."""
 
     def called(*arguments, size=SIZE):
-        with pytest.raises(SystemExit) as stop:
-            cli.main(["render", *map(str, (*arguments, *SMALL, *size))])
-        stdout, stderr = capfd.readouterr()
+        code, stdout, stderr = render(*arguments, *SMALL, *size)
         assert stdout == ""
-        return stop.value.code, stderr.splitlines()
+        return code, stderr.splitlines()
 
     return called
 

@@ -8,7 +8,6 @@ import OpenEXR
 import pytest
 from pxr import Usd
 
-from photonbeams import cli
 from photonbeams.shot.images import read_image, read_layers
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples" / "blender"
@@ -48,18 +47,6 @@ over "Lamp" (prepend apiSchemas = ["PhotonBeamsLightAPI"]) {
 }
 """
 THICK = '#usda 1.0\nover "Fog" {\n    color3f photonbeams:scattering = (0.4, 0.4, 0.4)\n}\n'
-
-
-@pytest.fixture
-def call(capfd):
-    """Call the command in this process: its exit code, and what it printed to standard output and error."""
-
-    def called(command, *arguments):
-        with pytest.raises(SystemExit) as stop:
-            cli.main([command, *map(str, arguments)])
-        return (stop.value.code, *capfd.readouterr())
-
-    return called
 
 
 @pytest.fixture

@@ -12,10 +12,13 @@ import numpy as np
 import OpenEXR
 import OpenImageIO
 import pytest
+import typer
 
+from cli.results import fails, untouched
 from photonbeams import cli
 from photonbeams.render import frame
 from photonbeams.shot.images import read_image, read_layers
+from photonbeams.transport import frame as transport
 
 FOG = """def Scope "Fog" (prepend apiSchemas = ["PhotonBeamsMediumAPI"]) {
     color3f photonbeams:scattering = (0.1, 0.1, 0.1)
@@ -87,42 +90,9 @@ def stage(tmp_path):
 
 
 @pytest.fixture
-def out(tmp_path):
-    """Return the folder of outputs, in which a file of yesterday lies."""
-    folder = tmp_path / "out"
-    folder.mkdir()
-    (folder / "old.exr").write_bytes(b"yesterday")
-    return folder
-
-
-@pytest.fixture
-def render(capfd):
-    """Call the command in this process: its exit code, and what it printed to standard output and error."""
-
-    def called(*arguments, small=True):
-        with pytest.raises(SystemExit) as stop:
-            cli.main(["render", *map(str, arguments), *(map(str, SMALL) if small else ())])
-        return (stop.value.code, *capfd.readouterr())
-
-    return called
-
-
-def fails(result, code, *parts, warnings=0):
-    """Check for one sentence after so many warnings, and return it."""
-    found, stdout, stderr = result
-    lines = stderr.splitlines()
-    assert found == code, stderr
-    assert stdout == ""
-    assert len(lines) == warnings + 1, stderr
-    assert lines[-1].startswith("Error: ")
-    assert all(line.startswith("Warning: ") for line in lines[:-1])
-    for part in parts:
-        assert part in lines[-1]
-    return lines[-1]
-
-
-def untouched(out):
-    return [path.name for path in out.iterdir()] == ["old.exr"] and (out / "old.exr").read_bytes() == b"yesterday"
+def render(render):
+    """Call the command, for a picture that is small unless the flags say otherwise."""
+    return lambda *arguments, small=True: render(*arguments, *(SMALL if small else ()))
 
 
 # -- normal use ------------------------------------------------------------------------------------------------------
@@ -603,6 +573,19 @@ def test_an_interrupt_is_one_also_where_it_is_wrapped(render, stage, out, monkey
     code, stdout, stderr = render(stage(), "-o", out / "old.exr", "--progress", "none")
     assert (code, stdout, stderr) == (130, "", "Interrupted; nothing was written\n")
     assert untouched(out)
+
+
+def test_the_defaults_that_help_tells_hold():
+    command = typer.main.get_command(cli.app).get_command(None, "render")
+    told = {each.name: each.help for each in command.params if isinstance(each.help, str)}
+    of_stages, of_mitsuba = frame.Settings(), transport.Settings()
+    assert f"default: {of_stages.passes}, " in told["passes"]
+    assert f"default: {of_stages.beams}; " in told["beams"] and f", or {of_mitsuba.paths}." in told["beams"]
+    for settings in (of_stages, of_mitsuba):
+        assert f"default: {settings.estimator}, " in told["estimator"]
+        assert f"default: {len(settings.rule)}, " in told["order"]
+        assert settings.rule.name == "gauss_legendre" and told["rule"].endswith("default: gauss.")
+        assert told["seed"].endswith(f"default: {settings.seed}.")
 
 
 def test_help_is_fast_and_has_examples():

@@ -59,15 +59,20 @@ def lambert(light, medium=None, at=(0, 0, 0)):
     return mean.mean(axis=1), last
 
 
-# Mitsuba's principled BSDF is Lambert times a retro-reflection at roughness 1; its value is read off a distant light.
+# Mitsuba's principled BSDF is Lambert and a retro-reflection; its value is read off a distant light.
 @pytest.fixture(scope="module")
 def reflectance():
     """Return radiance per irradiance of the floor, seen from (0, 3, 4), lit from above."""
     return lambert(scene.DistantLight("/sun", (1.0,) * 3, axis=DOWN, angle=0.0))[0]
 
 
-def test_a_diffuse_floor_reflects_nearly_as_lambert(reflectance):
-    assert np.allclose(reflectance, np.array([0.6, 0.5, 0.4]) / np.pi, rtol=0.35)
+def test_a_diffuse_floor_reflects_as_disneys_diffuse_bsdf(reflectance):
+    """Burley 2015: (1 − Fv / 2) (1 − Fl / 2) + Rr (Fl + Fv + Fl Fv (Rr − 1)), Rr = 2 roughness cos² θd."""
+    # Light from straight above has Fl = 0; the view is 0.6 steep, and θd half of the angle between the two.
+    fresnel, retro = (1 - 0.6) ** 5, 2 * (1 + 0.6) / 2
+    factor = 1 - fresnel / 2 + retro * fresnel
+    # float32; the specular lobe is ((ior − 1) / (ior + 1))² = 2.5e-7 of light.
+    assert np.allclose(reflectance, factor * np.array([0.6, 0.5, 0.4]) / np.pi, rtol=1e-5)
 
 
 @pytest.mark.parametrize(

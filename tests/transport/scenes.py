@@ -1,6 +1,7 @@
 """Small Mitsuba scenes for tests."""
 
 import numpy as np
+from tests.comparison import ABSORPTION, BOX, EYE, HOLE_X, HOLE_Y, HOLE_Z, SCATTERING, comparison_scene
 
 from photonbeams.device import mitsuba
 
@@ -46,6 +47,31 @@ def cube_of(medium, size=1.0):
 
 def load(**parts):
     return mi.load_dict({"type": "scene", **parts})
+
+
+def comparison(width=160, height=90):
+    """Return the scene of tests/comparison.py in Mitsuba's terms."""
+    low, high = BOX
+    light, extinction = comparison_scene().lights[0], SCATTERING + ABSORPTION
+    medium = mi.load_dict(fog(extinction, SCATTERING / extinction))
+    black = {"type": "twosided", "side": {"type": "diffuse", "reflectance": rgb(0.0)}}
+
+    def wall(y, z):
+        place = T().translate([HOLE_X, sum(y) / 2, sum(z) / 2]).rotate([0, 1, 0], 90)
+        return {"type": "rectangle", "to_world": place.scale([(z[1] - z[0]) / 2, (y[1] - y[0]) / 2, 1]), "bsdf": black}
+
+    lamp = {
+        "type": "rectangle", "bsdf": black, "emitter": {"type": "area", "radiance": rgb(light.radiance[0])},
+        "to_world": T().translate(light.center).rotate([0, 1, 0], 90).scale(float(light.half_y[1])),
+    }  # fmt: skip
+    inside = T().translate((low + high) / 2).scale((high - low) / 2)
+    seen = camera(EYE, (*EYE[:2], 0), fov=90, medium=medium)
+    seen["film"].update(width=width, height=height)
+    return load(
+        box={"type": "cube", "to_world": inside, "bsdf": black, "interior": medium}, lamp=lamp, sensor=seen,
+        below=wall((low[1], HOLE_Y[0]), (low[2], high[2])), above=wall((HOLE_Y[1], high[1]), (low[2], high[2])),
+        left=wall(HOLE_Y, (low[2], HOLE_Z[0])), right=wall(HOLE_Y, (HOLE_Z[1], high[2])),
+    )  # fmt: skip
 
 
 def volpath(scene, passes, seed=0, plugin="volpath", **parameters):

@@ -70,7 +70,7 @@ def test_radii_shrink_by_the_schedule(scene):
 
 
 def test_bias_falls_with_the_radius():
-    """At the edge of a shaft the blur is as wide as the beams: the mean error of pixels across it is ∝ r."""
+    """A round shaft is as bright as it is deep, ∝ √x at x from its edge: off by √r over a width r, by r^1.5 in all."""
     medium = mi.load_dict(fog(0.05, 1.0))
     lamp = {"type": "disk", "to_world": T().look_at([-6, 0, 0], [0, 0, 0], [0, 1, 0]).scale(0.5),
             "emitter": {"type": "directionalarea", "radiance": rgb(1.0)}}  # fmt: skip
@@ -83,4 +83,6 @@ def test_bias_falls_with_the_radius():
 
     reference = picture(0.0125)
     bias = [np.abs(picture(radius) - reference).mean() for radius in radii]
-    assert slope(radii, bias) > 0.9
+    # The largest radius is 0.8 of the shaft's, the smallest 8 of the reference's: the chord of a disc, blurred by
+    # numbers, has a slope of 1.46. Four seeds had 1.46 to 1.48.
+    assert slope(radii, bias) == pytest.approx(1.5, abs=0.08)

@@ -8,7 +8,7 @@ from photonbeams import device
 from photonbeams.device import mitsuba
 from photonbeams.scene import SceneError
 from photonbeams.transport.frame import Frame, Settings, render
-from transport.scenes import T, camera, cloud, cube_of, fog, load, rgb, volpath
+from transport.scenes import T, camera, cloud, comparison, cube_of, fog, load, rgb, volpath
 
 mi = mitsuba()
 SEEDS = 4
@@ -123,28 +123,6 @@ def test_the_comparison_scene_has_its_known_mean():
         settings = Settings(passes=4, paths=1 << 16, max_depth=depth, surfaces=False)
         mean = render(scene, scene.sensors()[0], settings).layers()["beams"].mean()
         assert mean == pytest.approx(expected, rel=0.005)
-
-
-def comparison(size=(160, 90)):
-    """Return the scene of tests/comparison.py in Mitsuba's terms."""
-    black = {"type": "twosided", "side": {"type": "diffuse", "reflectance": rgb(0.0)}}
-    medium = mi.load_dict(fog(0.11, 0.1 / 0.11))
-
-    def wall(y, z):
-        place = T().translate([-1.3, sum(y) / 2, sum(z) / 2]).rotate([0, 1, 0], 90)
-        return {"type": "rectangle", "to_world": place.scale([(z[1] - z[0]) / 2, (y[1] - y[0]) / 2, 1]), "bsdf": black}
-
-    lamp = {
-        "type": "rectangle", "to_world": T().translate([-1.9, 1.5, 0]).rotate([0, 1, 0], 90).scale(0.05),
-        "bsdf": black, "emitter": {"type": "area", "radiance": rgb(1000 / (np.pi * 0.01))},
-    }  # fmt: skip
-    box = {"type": "cube", "to_world": T().translate([0, 1.5, 0]).scale([2, 1.5, 2]), "bsdf": black, "interior": medium}
-    seen = camera((0, 1.5, 1.95), (0, 1.5, 0), fov=90, medium=medium)
-    seen["film"].update(width=size[0], height=size[1])
-    return load(
-        box=box, lamp=lamp, below=wall((0, 1.35), (-2, 2)), above=wall((1.65, 3), (-2, 2)),
-        left=wall((1.35, 1.65), (-2, -0.1)), right=wall((1.35, 1.65), (0.1, 2)), sensor=seen,
-    )  # fmt: skip
 
 
 @pytest.mark.parametrize("sensor", ["declares it", "does not say"])

@@ -8,8 +8,7 @@ from hypothesis import strategies as st
 from photonbeams.simulation.sampling import sobol_points
 from photonbeams.transport.frame import Settings, render
 from photonbeams.transport.guiding import Guide, learn
-from transport.scenes import camera, cube_of, fog, load, rgb
-from transport.test_frame import comparison
+from transport.scenes import camera, comparison, cube_of, fog, load, rgb
 
 
 @given(seed=st.integers(0, 1000), power=st.floats(0, 8))
@@ -58,7 +57,7 @@ def test_emission_that_is_seen_everywhere_stays_even():
 
 def test_guiding_keeps_the_mean_and_makes_it_better():
     """The comparison scene: with guiding and without, the mean is that of the integral; pictures are closer with it."""
-    scene = comparison((48, 27))
+    scene = comparison(48, 27)
     shared = {"passes": 1, "paths": 2048, "max_depth": 2, "surfaces": False}
     reference = render(
         scene, scene.sensors()[0], Settings(**{**shared, "passes": 8, "paths": 1 << 15}, seed=99)

@@ -246,8 +246,9 @@ def test_rough_glass_is_lit_by_photons():
     lamp = {"type": "sphere", "center": [-2.0, 3.5, 0.5], "radius": 1.0, "emitter": {"type": "area", "radiance": 5.0}}
     scene = load(ball=ball, light=lamp, sensor=camera())
     ours = pictures(scene, passes=8, paths=16384, max_depth=3, hide_emitters=True, radius=0.03)
-    theirs = volpath(scene, 2048, max_depth=3, hide_emitters=True)
-    np.testing.assert_allclose(ours.mean(axis=(0, 1, 2)), theirs.mean(axis=(0, 1)), rtol=0.04)
+    theirs = [volpath(scene, 512, seed, max_depth=3, hide_emitters=True) for seed in range(len(ours))]
+    # The mean of 24 seeds, which spread by 1.8 % each, was that of `volpath` to 0.4 %, its own error.
+    assert agree(ours, np.array(theirs), bias=0.005)
 
 
 def test_a_border_that_lies_on_another_surface_is_not_missed_by_single_rays():

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from .outputs import Output
+from .outputs import Output, check_placeholders
 from .progress import Progress, bar, counted, frame_line, report_line, summary_lines
 
 if TYPE_CHECKING:
@@ -61,17 +61,19 @@ class Task:
 Finish = Callable[[Task, Callable[..., None]], "Statistics"]
 
 
-def frame_numbers(text: str | None) -> list[float | None]:
-    """Return the frames that are asked for; None is the stage's start."""
+def frame_numbers(text: str | None, outputs: Sequence[Output]) -> list[float | None]:
+    """Return the frames that are asked for, None for the stage's start; the outputs' names can tell them apart."""
     from ..scene import SceneError
-    from ..shot.frames import parse_frames
+    from ..shot.frames import decimals, parse_frames
 
     if text is None:
         return [None]
     try:
-        return [*parse_frames(text)]
+        numbers = parse_frames(text)
     except SceneError as error:
         raise typer.BadParameter(f"--frames is {text}: {error}") from None
+    check_placeholders(outputs, len(numbers), max(map(decimals, numbers)))
+    return [*numbers]
 
 
 def tasks_of(

@@ -9,10 +9,10 @@ from typing import Annotated
 import typer
 
 from .animation import Task, frame_numbers, tasks_of
-from .outputs import Output, check_placeholders, checked_path
+from .flags import Device, Fog, check_flags, parse_color, start_device
+from .outputs import Output, checked_path
 from .programs import load_function
 from .progress import counted, held_interrupt, messages
-from .render import Device, Fog, check_flags, parse_color, start_device
 
 
 def beams(
@@ -64,11 +64,10 @@ def beams(
         start_device(device, threads)
         from ..shot import Shot
         from ..shot.export import check_path
-        from ..shot.frames import check_frames, decimals
+        from ..shot.frames import check_frames
         from ..shot.stage import check_not_read, open_stage
 
-        numbers = frame_numbers(frames)
-        check_placeholders([target], len(numbers), max(0 if each is None else decimals(each) for each in numbers))
+        numbers = frame_numbers(frames, [target])
         stage = open_stage(scene, session_layer or (), overrides or ())
         check_frames(stage, [each for each in numbers if each is not None])
         shot = Shot(

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import typer
 
+from .console import standard_output
+
 if TYPE_CHECKING:
     from pxr import Usd
     from rich.console import Console
@@ -32,11 +34,7 @@ def info(
     Of a stage: cameras, lights, meshes, fog, looks, frames and units. Of an image: its parts with their views,
     channels, sizes, ranges and NaNs, and its headers.
     """
-    from rich.console import Console
-
-    console = Console(highlight=False, markup=False)
-    if not console.is_terminal:
-        console.width = 240  # what is piped or filed keeps its lines whole
+    console = standard_output()
     if path.suffix.lower() in STAGES:
         _show_stage(console, path, session_layer or ())
     elif session_layer:

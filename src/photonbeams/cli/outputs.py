@@ -76,6 +76,12 @@ def checked_path(flag: str, path: Path, suffixes: Sequence[str]) -> Path:
     return path
 
 
+def check_outputs(outputs: Collection[object]) -> None:
+    """Refuse to render for no output."""
+    if not outputs:
+        raise typer.BadParameter("expected at least one output: -o FILE.exr, -o FILE.png or --picture LAYER=FILE.png")
+
+
 def check_placeholders(outputs: Iterable[Output], frames: int, digits: int) -> None:
     """Refuse outputs whose names cannot tell so many frames apart, with so many digits after the point."""
     if frames < 2:

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from .console import standard_output
+
 if TYPE_CHECKING:
     from rich.table import Table
 
@@ -34,12 +36,8 @@ def quadrature(
     """
     if plot is not None:
         _check(plot)
-    from rich.console import Console
-
     found = _study(rays, max_order, seed)
-    console = Console(highlight=False, markup=False)
-    if not console.is_terminal:
-        console.width = 240  # what is piped or filed keeps its lines whole
+    console = standard_output()
     for title, curves in found.items():
         console.print(f"{title}: median and worst error", style="bold")
         console.print(table(curves, max_order, narrow=console.width < _WIDE))

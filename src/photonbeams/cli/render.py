@@ -5,7 +5,6 @@ from __future__ import annotations
 import shlex
 import sys
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -13,28 +12,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from .animation import Animation, Task, frame_numbers, print_plan, tasks_of
-from .outputs import Output, check_placeholders, chosen_layers, parse_outputs, prepare_outputs, write_outputs
+from .flags import Device, Estimator, Fog, Quality, RuleName, check_flags, parse_color, start_device
+from .outputs import Output, check_outputs, chosen_layers, parse_outputs, prepare_outputs, write_outputs
 from .programs import load_function, load_looks
 from .progress import Progress, held_interrupt, messages
 from .xml import Asked, check_given, render_xml
 
 if TYPE_CHECKING:
-    from ..quadrature import Rule
     from ..render.frame import Statistics
-    from ..scene import Color, Medium
     from ..shot import Holdout, Plate, Shot
     from ..shot.settings import RenderSettings
     from ..shot.stereo import Stereo
-
-MOST_THREADS = 1024
-
-
-class Estimator(StrEnum):
-    """Which estimate."""
-
-    auto = "auto"
-    billboard = "billboard"
-    frustum = "frustum"
 
 
 class Eye(StrEnum):
@@ -45,27 +33,12 @@ class Eye(StrEnum):
     both = "both"
 
 
-class RuleName(StrEnum):
-    """Which quadrature."""
-
-    gauss = "gauss"
-    riemann = "riemann"
-
-
 class DepthKind(StrEnum):
     """What a depth is."""
 
     auto = "auto"
     planar = "planar"
     distance = "distance"
-
-
-class Device(StrEnum):
-    """Which processor."""
-
-    auto = "auto"
-    cpu = "cpu"
-    cuda = "cuda"
 
 
 def render(
@@ -123,7 +96,10 @@ def render(
         tuple[float, float, float, float] | None,
         typer.Option(metavar="X0 Y0 X1 Y1", help="Part to render, in fractions from the top left."),
     ] = None,
-    passes: Annotated[int, typer.Option(help="Passes that a frame is the mean of.")] = 16,
+    passes: Annotated[
+        int | None,
+        typer.Option(help="Passes that a frame is the mean of; default: 16, or the sampler's of a Mitsuba scene."),
+    ] = None,
     time_limit: Annotated[float | None, typer.Option(help="Begin no pass after so many seconds of a frame.")] = None,
     checkpoint: Annotated[
         float | None,
@@ -131,11 +107,21 @@ def render(
     ] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Go on from the checkpoint, if there is one.")] = False,
     beams: Annotated[
-        int, typer.Option(help="Beams a pass, for lights that do not say; of a Mitsuba scene: light paths.")
-    ] = 4096,
-    estimator: Annotated[Estimator, typer.Option(help="Beam x Beam 1D, 2D, or their blend.")] = Estimator.auto,
-    rule: Annotated[RuleName, typer.Option(help="Quadrature of the frustum.")] = RuleName.gauss,
-    order: Annotated[int, typer.Option(help="Points of the quadrature.")] = 6,
+        int | None,
+        typer.Option(
+            help="Beams a pass, for lights that do not say, default: 4096; "
+            "of a Mitsuba scene: light paths, default: the integrator's, or 16384."
+        ),
+    ] = None,
+    estimator: Annotated[
+        Estimator | None,
+        typer.Option(help="Beam x Beam 1D, 2D, or their blend; default: auto, or the integrator's of a Mitsuba scene."),
+    ] = None,
+    rule: Annotated[RuleName | None, typer.Option(help="Quadrature of the frustum; default: gauss.")] = None,
+    order: Annotated[
+        int | None,
+        typer.Option(help="Points of the quadrature; default: 6, or the integrator's of a Mitsuba scene."),
+    ] = None,
     scattering: Annotated[
         str | None, typer.Option(metavar="S|R,G,B", help="A fog for a stage without, or instead of the stage's.")
     ] = None,
@@ -199,8 +185,9 @@ def render(
     ] = None,
     exposure: Annotated[float, typer.Option(help="Stops, for pictures alone.")] = 0.0,
     seed: Annotated[
-        int, typer.Option(help="Seed of all samples, the same for all frames: beams stay where they are.")
-    ] = 0,
+        int | None,
+        typer.Option(help="Seed of all samples, the same for all frames: beams stay where they are; default: 0."),
+    ] = None,
     threads: Annotated[int | None, typer.Option(help="Processor threads.")] = None,
     device: Annotated[Device, typer.Option(help="Where to render.")] = Device.auto,
     progress: Annotated[Progress | None, typer.Option(help="Default: rich on a terminal, else plain.")] = None,
@@ -227,17 +214,17 @@ def render(
         anisotropy,
         surfaces=False if beams_only_fog else None,
     )
+    quality = Quality(
+        passes=passes, time_limit=time_limit, beams=beams, estimator=estimator, rule=rule, order=order, seed=seed
+    )
     outputs = parse_outputs(output or (), picture or ())
     if scene.suffix.lower() == ".xml":
-        given = _given(context)
-        check_given(given, _flags(context))
-        values = {"passes": passes, "time_limit": time_limit, "paths": beams, "estimator": estimator.value,
-                  "rule": _rule(rule, order), "seed": seed}  # fmt: skip
-        sources = {"paths": ("beams",), "rule": ("rule", "order")}
-        chosen = {key: value for key, value in values.items() if set(sources.get(key, (key,))) & set(given)}
+        check_given(context)
         asked = Asked(
-            scene, outputs, chosen, camera, overrides or (), res, res_scale, crop, layers, exposure, checkpoint,
-            resume, skip_existing, progress, dry_run, list_cameras, quiet, verbose, _command_line(),
+            path=scene, outputs=outputs, quality=quality, camera=camera, parameters=overrides or (), res=res,
+            res_scale=res_scale, crop=crop, layers=layers, exposure=exposure, checkpoint=checkpoint, resume=resume,
+            skip_existing=skip_existing, progress=progress, dry_run=dry_run, list_cameras=list_cameras, quiet=quiet,
+            verbose=verbose, command=_command_line(),
         )  # fmt: skip
         render_xml(asked, lambda: start_device(device, threads))
         return
@@ -250,7 +237,7 @@ def render(
         from ..shot.stage import list_cameras as cameras_of
         from ..shot.stage import open_stage
 
-        numbers = _numbers(frames, outputs)
+        numbers = frame_numbers(frames, outputs)
         check()
         stage = open_stage(scene, session_layer or (), overrides or ())
         if list_cameras:
@@ -259,17 +246,16 @@ def render(
         check_frames(stage, [number for number in numbers if number is not None])
         check()
         settings = _settings(stage, render_settings, camera, res, crop, outputs)
-        if not (outputs or settings.products or dry_run):
-            raise typer.BadParameter(
-                "expected at least one output: -o FILE.exr, -o FILE.png or --picture LAYER=FILE.png"
-            )
+        if not dry_run:
+            check_outputs(outputs or settings.products)
         shot = Shot(
             stage, camera or settings.camera, medium=fog.over, stereo=eyes,
             simulate=load_function("--simulate", simulate), emit=load_function("--emit", emit),
             looks=load_looks("--look", look or ()),
         )  # fmt: skip
+        values = _values(quality)
         animation = Animation(
-            tasks_of(shot, numbers, outputs, settings.products), passes, skip_existing, progress, quiet
+            tasks_of(shot, numbers, outputs, settings.products), values["passes"], skip_existing, progress, quiet
         )
         todo = animation.todo()
         first = (todo or animation.tasks)[0]
@@ -293,10 +279,9 @@ def render(
 
         def finish(task: Task, advance: Callable[[int], None]) -> Statistics:
             result = shot.render(
-                task.number, passes, width=width, height=height, crop=crop or settings.crop(width, height),
+                task.number, width=width, height=height, crop=crop or settings.crop(width, height),
                 progress=lambda done, _: advance(done), view=shown, holdout=end, over=plate,
-                blur=not settings.disable_motion_blur, lens=not settings.disable_depth_of_field,
-                time_limit=time_limit, beams=beams, estimator=estimator.value, rule=_rule(rule, order), seed=seed,
+                blur=not settings.disable_motion_blur, lens=not settings.disable_depth_of_field, **values,
             )  # fmt: skip
             for metadata in [result.metadata, *(each for _, each in result.views.values())]:
                 metadata["commandLine"] = _command_line()
@@ -306,65 +291,18 @@ def render(
         animation.render(finish, check)
 
 
-def _given(context: typer.Context) -> list[str]:
-    """Return the names of the parameters that the command line gives."""
-    return [name for name in context.params if getattr(context.get_parameter_source(name), "name", "") == "COMMANDLINE"]
+def _values(quality: Quality) -> dict[str, Any]:
+    """Return the settings of a stage's frames that flags give, and the passes in any case."""
+    from ..estimators.estimate import DEFAULT_RULE
+    from ..render.frame import DEFAULT_PASSES
 
-
-def _flags(context: typer.Context) -> dict[str, str]:
-    """Return the flags of parameters, by their names."""
-    return {str(each.name): each.opts[0] for each in context.command.params}
+    return {"passes": DEFAULT_PASSES, **quality.values(len(DEFAULT_RULE))}
 
 
 def _check_checkpoint(checkpoint: float | None, resume: bool) -> None:
     if checkpoint is not None or resume:
         flag = "--resume" if resume else "--checkpoint"
         raise typer.BadParameter(f"{flag} is for Mitsuba scenes (.xml): expected a scene of that kind")
-
-
-def check_flags(
-    res: tuple[int, int] = (0, 0),
-    res_scale: float = 1.0,
-    crop: tuple[float, float, float, float] | None = None,
-    passes: int = 1,
-    time_limit: float | None = None,
-    beams: int = 1,
-    order: int = 1,
-    anisotropy: float | None = None,
-    exposure: float = 0.0,
-    threads: int | None = None,
-) -> None:
-    """Refuse numbers out of range before anything heavy is imported; a NaN is never in range."""
-    from ..quadrature import MOST_POINTS
-
-    x0, y0, x1, y1 = crop or (0.0, 0.0, 1.0, 1.0)
-    inside = 0 <= x0 < x1 <= 1 and 0 <= y0 < y1 <= 1
-    checks = (
-        ("--res", res, min(res) >= 0 and max(res) <= 65536, "two numbers from 0 to 65536, 0 for the aperture's"),
-        ("--res-scale", res_scale, 0 < res_scale <= 1000, "more than 0 and no more than 1000"),
-        ("--crop", crop, inside, "0 <= x0 < x1 <= 1 and 0 <= y0 < y1 <= 1"),
-        ("--passes", passes, 1 <= passes < 2**31, f"1 to {2**31 - 1}"),
-        ("--time-limit", time_limit, time_limit is None or time_limit > 0, "a positive number of seconds"),
-        ("--beams", beams, 1 <= beams <= 100_000_000, "1 to 100000000 beams a pass and light"),
-        ("--order", order, 1 <= order <= MOST_POINTS, f"1 to {MOST_POINTS} points"),
-        ("--anisotropy", anisotropy, anisotropy is None or -0.99 <= anisotropy <= 0.99, "-0.99 to 0.99"),
-        ("--exposure", exposure, -100 <= exposure <= 100, "-100 to 100 stops"),
-        ("--threads", threads, threads is None or 1 <= threads <= MOST_THREADS, f"1 to {MOST_THREADS}"),
-    )
-    for flag, value, right, expected in checks:
-        if not right:
-            text = " ".join(f"{each:g}" for each in value) if isinstance(value, tuple) else value
-            raise typer.BadParameter(f"{flag} is {text}: expected {expected}")
-
-
-def _numbers(text: str | None, outputs: Sequence[Output]) -> list[float | None]:
-    """Return the frames, None for the stage's start, where the outputs' names can tell them apart."""
-    from ..shot.frames import decimals
-
-    numbers = frame_numbers(text)
-    digits = max(0 if number is None else decimals(number) for number in numbers)
-    check_placeholders(outputs, len(numbers), digits)
-    return numbers
 
 
 def _settings(
@@ -380,43 +318,6 @@ def _settings(
 
     flags = {"camera": camera, "resolution": any(res), "dataWindowNDC": crop, "products": outputs}
     return read_settings(stage, path, [name for name, value in flags.items() if value])
-
-
-def parse_color(flag: str, text: str | None) -> Color | None:
-    """Return the colour that a flag gives as a number, or as three with commas between."""
-    from ..scene import color
-
-    if text is None:
-        return None
-    try:
-        return color([float(part) for part in text.split(",")], flag)
-    except ValueError:  # a SceneError is one, too
-        expected = "one number, or three with commas between, finite and at least 0"
-        raise typer.BadParameter(f"{flag} is {text}: expected {expected}") from None
-
-
-@dataclass(frozen=True)
-class Fog:
-    """The fog that flags give."""
-
-    scattering: Color | None
-    absorption: Color | None
-    anisotropy: float | None
-    surfaces: bool | None = None
-
-    def over(self, own: Medium | None) -> Medium | None:
-        """Return this fog instead of a stage's own: what the flags leave out comes from that."""
-        from ..scene import BLACK, Medium
-
-        given = {name: value for name, value in vars(self).items() if value is not None}
-        if not given:
-            return own
-        if own is None and self.scattering is None:
-            raise typer.BadParameter(
-                "--absorption, --anisotropy and --beams-only-fog change a fog, and the stage has none: "
-                "expected --scattering, too"
-            )
-        return replace(own or Medium(scattering=BLACK), **given)
 
 
 def _stereo(stereo: bool, interaxial: float | None, convergence: float | None, view: Eye | None) -> Stereo | None:
@@ -462,15 +363,6 @@ def _check_plates(
         raise typer.BadParameter("--over-fog is of a plate: expected --over, too")
 
 
-def start_device(device: Device, threads: int | None) -> None:
-    """Start the device on so many threads."""
-    from .. import device as devices
-
-    devices.select(device.value)
-    if threads is not None:
-        devices.set_threads(threads)
-
-
 def _size(
     shot: Shot,
     number: float | None,
@@ -484,12 +376,6 @@ def _size(
     wanted = res if any(res) else settings.resolution or res
     width, height = shot.resolution(wanted[0] or None, wanted[1] or None, number, plates, view)
     return shot.resolution(max(1, round(scale * width)), max(1, round(scale * height)), number)
-
-
-def _rule(name: RuleName, order: int) -> Rule:
-    from ..quadrature import gauss_legendre, riemann
-
-    return (gauss_legendre if name is RuleName.gauss else riemann)(order)
 
 
 def _command_line() -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from .animation import Animation, Task, print_plan
-from .outputs import Output, chosen_layers, prepare_outputs, write_outputs
+from .flags import Quality
+from .outputs import Output, check_outputs, chosen_layers, prepare_outputs, write_outputs
 from .progress import Progress, counted, error_note, held_interrupt, messages
 
 if TYPE_CHECKING:
@@ -29,13 +30,13 @@ FLAGS = {
 }  # fmt: skip
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Asked:
-    """What the flags ask for: values of `transport.frame.Settings` that were given, and all the rest."""
+    """What the flags ask for."""
 
     path: Path
     outputs: Sequence[Output]
-    settings: Mapping[str, Any]
+    quality: Quality
     camera: str | None
     parameters: Sequence[str]
     res: tuple[int, int]
@@ -62,10 +63,12 @@ class Kept(KeyboardInterrupt):
         self.done = done
 
 
-def check_given(given: Sequence[str], flags: Mapping[str, str]) -> None:
-    """Refuse flags (by the names of their parameters) that are about stages."""
-    for name in given:
-        if name not in FLAGS:
+def check_given(context: typer.Context) -> None:
+    """Refuse flags that are about stages."""
+    flags = {each.name: each.opts[0] for each in context.command.params}
+    for name in context.params:
+        source = getattr(context.get_parameter_source(name), "name", "")
+        if source == "COMMANDLINE" and name not in FLAGS:
             raise typer.BadParameter(f"{flags[name]} is for stages: a Mitsuba scene (.xml) has no use for it")
 
 
@@ -81,14 +84,12 @@ def render_xml(asked: Asked, start: Callable[[], None]) -> None:
         if asked.list_cameras:
             typer.echo("\n".join(scene.cameras))
             return
-        if not (asked.outputs or asked.dry_run):
-            raise typer.BadParameter(
-                "expected at least one output: -o FILE.exr, -o FILE.png or --picture LAYER=FILE.png"
-            )
+        if not asked.dry_run:
+            check_outputs(asked.outputs)
         width, height = scene.resize(asked.res[0] or None, asked.res[1] or None)
         scale = asked.res_scale
         width, height = scene.resize(max(1, round(scale * width)), max(1, round(scale * height)), asked.crop)
-        settings = replace(scene.settings, **asked.settings)
+        settings = _settings(scene.settings, asked.quality)
         kept = chosen_layers(asked.layers, asked.outputs, LAYERS)
         task = Task(None, asked.path.stem, tuple(asked.outputs))
         animation = Animation([task], settings.passes, asked.skip_existing, asked.progress, asked.quiet)
@@ -111,6 +112,14 @@ def render_xml(asked: Asked, start: Callable[[], None]) -> None:
             return statistics
 
         animation.render(finish, check)
+
+
+def _settings(own: Settings, quality: Quality) -> Settings:
+    """Return the scene's settings, and what flags give instead."""
+    values = quality.values(len(own.rule))
+    if "beams" in values:
+        values["paths"] = values.pop("beams")
+    return replace(own, **values)
 
 
 def _render(scene: MitsubaScene, settings: Settings, asked: Asked, advance: Callable[..., None]) -> Any:

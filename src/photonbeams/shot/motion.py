@@ -69,7 +69,7 @@ _KEPT = 8
 
 
 class Exposure:
-    """What `render.frame.Shutter` asks: scene and cameras at fractions of the shutter, the last few kept.
+    """What `render.shutter.Shutter` asks: scene and cameras at fractions of the shutter, the last few kept.
 
     Parameters
     ----------

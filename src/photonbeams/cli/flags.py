@@ -1,0 +1,147 @@
+"""Flags that several commands have, or several kinds of scenes: their ranges, and what is made of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from ..quadrature import Rule
+    from ..scene import Color, Medium
+
+MOST_THREADS = 1024
+
+
+class Estimator(StrEnum):
+    """Which estimate."""
+
+    auto = "auto"
+    billboard = "billboard"
+    frustum = "frustum"
+
+
+class RuleName(StrEnum):
+    """Which quadrature."""
+
+    gauss = "gauss"
+    riemann = "riemann"
+
+
+class Device(StrEnum):
+    """Which processor."""
+
+    auto = "auto"
+    cpu = "cpu"
+    cuda = "cuda"
+
+
+def check_flags(
+    res: tuple[int, int] = (0, 0),
+    res_scale: float = 1.0,
+    crop: tuple[float, float, float, float] | None = None,
+    passes: int | None = None,
+    time_limit: float | None = None,
+    beams: int | None = None,
+    order: int | None = None,
+    anisotropy: float | None = None,
+    exposure: float = 0.0,
+    threads: int | None = None,
+) -> None:
+    """Refuse numbers out of range before anything heavy is imported; a NaN is never in range."""
+    from ..quadrature import MOST_POINTS
+
+    x0, y0, x1, y1 = crop or (0.0, 0.0, 1.0, 1.0)
+    inside = 0 <= x0 < x1 <= 1 and 0 <= y0 < y1 <= 1
+    checks = (
+        ("--res", res, min(res) >= 0 and max(res) <= 65536, "two numbers from 0 to 65536, 0 for the aperture's"),
+        ("--res-scale", res_scale, 0 < res_scale <= 1000, "more than 0 and no more than 1000"),
+        ("--crop", crop, inside, "0 <= x0 < x1 <= 1 and 0 <= y0 < y1 <= 1"),
+        ("--passes", passes, passes is None or 1 <= passes < 2**31, f"1 to {2**31 - 1}"),
+        ("--time-limit", time_limit, time_limit is None or time_limit > 0, "a positive number of seconds"),
+        ("--beams", beams, beams is None or 1 <= beams <= 100_000_000, "1 to 100000000 beams a pass and light"),
+        ("--order", order, order is None or 1 <= order <= MOST_POINTS, f"1 to {MOST_POINTS} points"),
+        ("--anisotropy", anisotropy, anisotropy is None or -0.99 <= anisotropy <= 0.99, "-0.99 to 0.99"),
+        ("--exposure", exposure, -100 <= exposure <= 100, "-100 to 100 stops"),
+        ("--threads", threads, threads is None or 1 <= threads <= MOST_THREADS, f"1 to {MOST_THREADS}"),
+    )
+    for flag, value, right, expected in checks:
+        if not right:
+            text = " ".join(f"{each:g}" for each in value) if isinstance(value, tuple) else value
+            raise typer.BadParameter(f"{flag} is {text}: expected {expected}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Quality:
+    """How the flags want a frame to be rendered; None where they leave it to the scene, or to its kind."""
+
+    passes: int | None
+    time_limit: float | None
+    beams: int | None
+    estimator: Estimator | None
+    rule: RuleName | None
+    order: int | None
+    seed: int | None
+
+    def values(self, points: int) -> dict[str, Any]:
+        """Return what is given, by the names of settings; a rule has `points` where `--order` is not given."""
+        values = {
+            "passes": self.passes, "time_limit": self.time_limit, "beams": self.beams,
+            "estimator": self.estimator and self.estimator.value, "rule": self._rule(points), "seed": self.seed,
+        }  # fmt: skip
+        return {name: value for name, value in values.items() if value is not None}
+
+    def _rule(self, points: int) -> Rule | None:
+        from ..quadrature import gauss_legendre, riemann
+
+        if self.rule is None and self.order is None:
+            return None
+        return (riemann if self.rule is RuleName.riemann else gauss_legendre)(self.order or points)
+
+
+def parse_color(flag: str, text: str | None) -> Color | None:
+    """Return the colour that a flag gives as a number, or as three with commas between."""
+    from ..scene import color
+
+    if text is None:
+        return None
+    try:
+        return color([float(part) for part in text.split(",")], flag)
+    except ValueError:  # a SceneError is one, too
+        expected = "one number, or three with commas between, finite and at least 0"
+        raise typer.BadParameter(f"{flag} is {text}: expected {expected}") from None
+
+
+@dataclass(frozen=True)
+class Fog:
+    """The fog that flags give."""
+
+    scattering: Color | None
+    absorption: Color | None
+    anisotropy: float | None
+    surfaces: bool | None = None
+
+    def over(self, own: Medium | None) -> Medium | None:
+        """Return this fog instead of a stage's own: what the flags leave out comes from that."""
+        from ..scene import BLACK, Medium
+
+        given = {name: value for name, value in vars(self).items() if value is not None}
+        if not given:
+            return own
+        if own is None and self.scattering is None:
+            raise typer.BadParameter(
+                "--absorption, --anisotropy and --beams-only-fog change a fog, and the stage has none: "
+                "expected --scattering, too"
+            )
+        return replace(own or Medium(scattering=BLACK), **given)
+
+
+def start_device(device: Device, threads: int | None) -> None:
+    """Start the device on so many threads."""
+    from .. import device as devices
+
+    devices.select(device.value)
+    if threads is not None:
+        devices.set_threads(threads)
