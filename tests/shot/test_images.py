@@ -344,23 +344,6 @@ def test_a_file_in_the_folders_place_is_an_error(tmp_path, layers):
     assert names_in(tmp_path) == ["out"]
 
 
-def test_a_failed_writer_leaves_the_old_file_and_nothing_else(tmp_path):
-    path = tmp_path / "a.npz"
-    path.write_bytes(b"yesterday")
-    for failure in (KeyboardInterrupt, ValueError):
-        with pytest.raises(failure), images.atomic_path(path) as beside:
-            beside.write_bytes(b"half")
-            raise failure
-    assert path.read_bytes() == b"yesterday"
-    assert names_in(tmp_path) == ["a.npz"]
-
-
-def test_another_files_error_keeps_that_files_name(tmp_path):
-    with pytest.raises(FileNotFoundError) as error, images.atomic_path(tmp_path / "a.npz"):
-        (tmp_path / "source.txt").read_bytes()
-    assert error.value.filename == str(tmp_path / "source.txt")
-
-
 # A child process, because the limit on the size of its files, which stands for a full disk, cannot be taken back.
 FULL_DISK = """
 import resource, signal, sys

@@ -13,10 +13,11 @@ import numpy as np
 from pxr import Usd
 
 from .. import scene
+from ..files import PathLike
 from . import stage as stages
 from .camera import read_shutter
 from .export import write_beams
-from .images import PathLike, write_frame
+from .images import write_frame
 from .looks import LookSpec
 from .motion import Exposure
 from .plates import Holdout, Plate, part_of

@@ -12,8 +12,8 @@ from zipfile import BadZipFile
 
 import numpy as np
 
+from ..files import PathLike, atomic_path
 from ..scene import SceneError
-from .images import PathLike, atomic_path
 from .reading import LOG
 from .shot import Frame
 
