@@ -77,7 +77,7 @@ def write(name: str, pixels: Any, exposure: float) -> None:
     """Write a picture of sRGB levels, of fewer where it would be too large."""
     from renders import write_levels
 
-    from photonbeams.shot.display import srgb_encoded, tone_mapped
+    from photonbeams.display import srgb_encoded, tone_mapped
 
     levels = 255 * srgb_encoded(tone_mapped(np.nan_to_num(pixels) * 2.0**exposure))
     path = PICTURES / f"{name}.png"

@@ -18,9 +18,9 @@ import numpy as np
 import OpenEXR
 import OpenImageIO
 
+from ..display import dithered, srgb_decoded, srgb_encoded, tone_mapped
 from ..files import PathLike, atomic_path, try_path
 from ..scene import Array, SceneError
-from .display import dithered, srgb_decoded, srgb_encoded, tone_mapped
 
 Views = Mapping[str, tuple[Mapping[str, Array], Mapping[str, Any]]]  # view to its layers and metadata
 

@@ -15,10 +15,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..display import srgb_decoded
 from ..files import PathLike
 from ..numbering import numbered
 from ..scene import Array, SceneError
-from .display import srgb_decoded
 from .images import HALF_MAX, REC709, opened, unreadable
 from .reading import FARTHEST
 

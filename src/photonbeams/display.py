@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..scene import Array
+from .scene import Array
 
 SHOULDER = 0.5  # scene-linear value up to which `tone_mapped` changes nothing
 WHITENING = 0.15  # how fast the shoulder turns bright colours white; the value of Khronos' PBR Neutral
