@@ -40,6 +40,14 @@ def srgb_decoded(encoded: Array) -> Array:
     return np.where(encoded <= 0.04045, encoded / 12.92, ((np.maximum(encoded, 0.0) + 0.055) / 1.055) ** 2.4)
 
 
+def is_encoded(kind: str, channels: int) -> bool:
+    """Return whether an image file's colours are to be taken as sRGB, as UsdUVTexture's "auto" has it; else as linear.
+
+    They are where `kind`, the type that they are stored in, is of 8 bits, and there are three channels or more.
+    """
+    return kind == "uint8" and channels >= 3
+
+
 def dithered(picture: Array) -> Array:
     """Return values in [0, 1], (H, W, C), as 8 bit, rounded up or down by a fixed pattern so that fog does not band.
 

@@ -18,7 +18,7 @@ import numpy as np
 import OpenEXR
 import OpenImageIO
 
-from ..display import dithered, srgb_decoded, srgb_encoded, tone_mapped
+from ..display import dithered, is_encoded, srgb_decoded, srgb_encoded, tone_mapped
 from ..files import PathLike, atomic_path, try_path
 from ..scene import Array, SceneError
 
@@ -339,7 +339,7 @@ def read_image(path: PathLike) -> Array:
         As `read_parts`.
     """
     spec, pixels = next(_subimages(path))
-    if str(spec.format) == "uint8" and pixels.shape[2] >= 3:
+    if is_encoded(str(spec.format), pixels.shape[2]):
         pixels[..., :3] = srgb_decoded(pixels[..., :3])
     return pixels
 
@@ -381,6 +381,10 @@ def _subimages(path: PathLike) -> Iterator[tuple[Any, Array]]:
 
 
 def unreadable(path: PathLike, message: str) -> SceneError:
-    """Return (for raising) the error of an image that cannot be decoded, with the first line of the decoder's words."""
-    reason = message.strip().splitlines()[0] if message.strip() else "unknown format"
-    return SceneError(f"{path} cannot be read: expected an image ({reason})")
+    """Return (for raising) the error of an image that cannot be decoded."""
+    return SceneError(f"{path} cannot be read: expected an image ({reason(message)})")
+
+
+def reason(message: str) -> str:
+    """Return the first line of what the decoder complained of, if it did."""
+    return message.strip().splitlines()[0] if message.strip() else "unknown format"

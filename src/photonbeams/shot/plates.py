@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..display import srgb_decoded
+from ..display import is_encoded, srgb_decoded
 from ..files import PathLike
 from ..numbering import numbered
 from ..scene import Array, SceneError
@@ -211,7 +211,7 @@ class Plate:
             _factor(file, file.size, size)
             file.warn_of_primaries(channels[0].part, warn)
             pixels = file.pixels(channels, 0.0)
-            if channels[0].kind == "uint8":
+            if is_encoded(channels[0].kind, len(channels)):
                 pixels[..., :3] = srgb_decoded(pixels[..., :3])
             result.append(_shrunk(pixels, size, file))
         return result
