@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 Array = npt.NDArray[Any]
 Color = tuple[float, float, float]
 
+FLAT = 1e-4  # a mesh whose points leave their plane by less than this part of its extent is planar
+
 WHITE: Color = (1.0, 1.0, 1.0)
 BLACK: Color = (0.0, 0.0, 0.0)
 
@@ -130,6 +132,49 @@ class Mesh:
     normals: Array | None = None
     uvs: Array | None = None
     material: Material = Material()
+
+    @property
+    def area(self) -> float:
+        """Area in square scene units."""
+        corners = self.corners
+        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        return 0.5 * float(np.linalg.norm(normals, axis=1).sum())
+
+    @property
+    def used_points(self) -> Array:
+        """The points that a triangle has, (P, 3) float64, each once."""
+        return np.asarray(self.points, dtype=np.float64)[np.unique(self.faces)]
+
+    @property
+    def corners(self) -> Array:
+        """The triangles' corners, (F, 3, 3) float64."""
+        return np.asarray(self.points, dtype=np.float64)[np.asarray(self.faces).reshape(-1, 3)]
+
+    def plane(self) -> Plane | None:
+        """Return the plane that the mesh lies in, or None where it is not flat."""
+        points = self.used_points
+        center = points.mean(axis=0)
+        _, extent, axes = np.linalg.svd(points - center, full_matrices=False)
+        if len(extent) == 3 and extent[2] > FLAT * extent[0]:
+            return None
+        return Plane(center, np.cross(axes[0], axes[1]), float(extent[0]))
+
+
+@dataclass(frozen=True)
+class Plane:
+    """A plane fitted to points, by least squares.
+
+    Attributes
+    ----------
+    center, normal
+        The mean of the points, (3,), and a unit normal, (3,), to either side.
+    extent
+        The root of the sum of the points' squared distances from `center` along the axis in which it is largest.
+    """
+
+    center: Array
+    normal: Array
+    extent: float
 
 
 @dataclass(frozen=True)

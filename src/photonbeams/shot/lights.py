@@ -30,7 +30,7 @@ from ..scene import (
 from . import blender
 from .gobos import read_gobo, read_pane, read_texture
 from .looks import read_look
-from .meshes import is_gprim, mesh_area, read_solid
+from .meshes import is_gprim, read_solid
 from .polygons import unit
 from .reading import Reading
 from .textures import read_image
@@ -244,7 +244,7 @@ def _portal(reading: Reading, prim: Usd.Prim) -> Mesh | None:
             kind = target.GetTypeName() or "prim without a type"
             raise reading.fail(prim, name, f"names {target.GetPath()}, a {kind}: expected a mesh or another gprim")
         mesh = read_solid(reading, target, reading.to_world(target))
-        if mesh_area(mesh) <= 0:
+        if mesh.area <= 0:
             raise reading.fail(prim, name, f"names {target.GetPath()}, which has no area: expected a surface")
         meshes.append(mesh)
     if len(meshes) < 2:

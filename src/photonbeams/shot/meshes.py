@@ -60,12 +60,6 @@ def is_closed(reading: Reading, prim: Usd.Prim) -> bool:
     return len(there) > 0 and bool(np.array_equal(there, back))
 
 
-def mesh_area(mesh: Mesh) -> float:
-    """Return the area in square scene units."""
-    a, b, c = (mesh.points[mesh.faces[:, i]] for i in range(3))
-    return float(0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
-
-
 def _parts(reading: Reading, prim: Usd.Prim, name: str) -> list[tuple[Bound, str, Array | None]]:
     """Return (material, name, faces) of the prim's material subsets, and of the faces that are in none."""
     subsets = UsdShade.MaterialBindingAPI(prim).GetMaterialBindSubsets() if prim.IsA(UsdGeom.Mesh) else []
