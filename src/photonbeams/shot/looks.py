@@ -12,7 +12,7 @@ import numpy as np
 from pxr import Usd
 
 from ..scene import Array, Color, Medium, SceneError, color, rgb
-from .reading import Reading, file_of
+from .reading import Reading, file_of, frame_number
 from .textures import read_image
 
 if TYPE_CHECKING:
@@ -212,7 +212,7 @@ def find_looks(
     medium = None
     with suppress(SceneError):  # what else is wrong with a stage does not matter to its looks
         medium = read_scene(stage, time).medium
-    seconds = 0.0 if time.IsDefault() else time.GetValue() / (stage.GetTimeCodesPerSecond() or 1.0)
+    seconds = frame_number(time) / (stage.GetTimeCodesPerSecond() or 1.0)
     return [read_look(reading, prim, prim) for prim in chosen], medium, seconds
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from math import ceil, isfinite
@@ -11,6 +10,7 @@ from typing import Any
 
 from pxr import Sdf, Usd, UsdGeom, UsdRender
 
+from ..numbering import PLACEHOLDER
 from ..scene import SceneError
 from .reading import LOG, Reading, file_of
 
@@ -91,7 +91,7 @@ def read_settings(stage: Usd.Stage, path: str | None = None, given: Collection[s
     SceneError
         No settings at that path, products that are none, or values that make no picture.
     """
-    reading = Reading(stage, Usd.TimeCode.Default())
+    reading = Reading(stage)
     settings = _settings(reading, path)
     if settings is None:
         return RenderSettings()
@@ -123,12 +123,12 @@ def product_file(stage: Usd.Stage, product: Product, time: Any = None) -> Path:
     SceneError
         It names none, or one that is no picture.
     """
-    reading = Reading(stage, Usd.TimeCode.Default() if time is None else time)
+    reading = Reading(stage, time)
     prim = stage.GetPrimAtPath(product.path)
     name = str(reading.value(prim, "productName", ""))
     if not name.lower().endswith(SUFFIXES):
         raise reading.fail(prim, "productName", f"is '{name}': expected a name that ends in {' or '.join(SUFFIXES)}")
-    if len(re.findall(r"#+(?:\.#+)?", Path(name).name)) > 1:
+    if len(PLACEHOLDER.findall(Path(name).name)) > 1:
         raise reading.fail(prim, "productName", f"is '{name}': expected one run of # for the frame number")
     return Path(name)
 

@@ -21,7 +21,7 @@ from .images import write_frame
 from .looks import LookSpec
 from .motion import Exposure
 from .plates import Holdout, Plate, part_of
-from .reading import LOG, file_of
+from .reading import LOG, file_of, frame_number
 from .stereo import EYES, Stereo, read_eyes
 
 if TYPE_CHECKING:
@@ -172,8 +172,7 @@ class Shot:
         """Return the beams that the shot's function makes from nothing, at a time."""
         from ..simulation.programmed import Context, emitted
 
-        code = self.time(frame)
-        return emitted(emit, Context(frame=frame, time=0.0 if code.IsDefault() else code.GetValue(), medium=medium))
+        return emitted(emit, Context(frame=frame, time=self._number(frame), medium=medium))
 
     def _fog(self, own: scene.Medium | None) -> scene.Medium | None:
         if callable(self.medium):
@@ -193,7 +192,7 @@ class Shot:
         """
         time = self.time(frame)
         begin, end = read_shutter(self.stage, self.camera, time)
-        base = 0.0 if time.IsDefault() else float(time.GetValue())
+        base = frame_number(time)
 
         def read(code: float) -> scene.Scene:
             content = self.read(None if time.IsDefault() else code)[0]
@@ -437,8 +436,7 @@ class Shot:
 
     def _number(self, frame: float | None) -> float:
         """Return the number of a frame, as file names have it."""
-        time = self.time(frame)
-        return 0.0 if time.IsDefault() else float(time.GetValue())
+        return frame_number(self.time(frame))
 
     def _warn(self, text: str) -> None:
         """Warn once of what is not the stage's."""

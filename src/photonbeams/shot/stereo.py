@@ -60,7 +60,7 @@ def read_eyes(
         return _split(read_camera(stage, str(prim.GetPath()), time), stereo, UsdGeom.GetStageMetersPerUnit(stage))
     other = _partner(stage, prim, EYES[1 - EYES.index(role)])
     if stereo != Stereo():
-        reading = Reading(stage, Usd.TimeCode.Default(), set() if warned is None else warned)
+        reading = Reading(stage, None, set() if warned is None else warned)
         reading.warn(prim, "is one of a pair, which stand where they stand: interaxial and convergence are ignored")
     pair = {role: str(prim.GetPath()), EYES[1 - EYES.index(role)]: str(other.GetPath())}
     left, right = (read_camera(stage, pair[eye], time) for eye in EYES)
