@@ -20,9 +20,16 @@ if TYPE_CHECKING:
 Array = npt.NDArray[Any]
 Color = tuple[float, float, float]
 
+DEFAULT_BEAMS = 4096  # a pass, of each light that does not say
+MOST_BEAMS = 100_000_000  # that a light may say
+MOST_PIXELS = 65536  # of a picture, each way
+# In scene units, from the origin. Kernels square distances in single precision, which ends at 1e38.
+FARTHEST = 1e12
+# How far beyond the bounding sphere, in its radii, light of a lamp goes on that meets no surface. With nothing behind
+# them the beams would otherwise end in view; what is further away adds less than a percent of a beam's light.
+ESCAPE = 8.0
 FLAT = 1e-4  # a mesh whose points leave their plane by less than this part of its extent is planar
 
-WHITE: Color = (1.0, 1.0, 1.0)
 BLACK: Color = (0.0, 0.0, 0.0)
 
 

@@ -16,6 +16,7 @@ import numpy as np
 from pxr import Sdf, Usd, UsdGeom, UsdLux
 
 from ..scene import (
+    MOST_BEAMS,
     Array,
     Color,
     DistantLight,
@@ -35,7 +36,6 @@ from .polygons import unit
 from .reading import Reading
 from .textures import read_image
 
-MOST_BEAMS = 100_000_000
 # The black body of UsdLux is normalized to luminance, yet its documentation has 6500 K result in white: without this
 # division every light of Blender's, which writes 6500 K on all of them, would be slightly magenta.
 _WHITE_KELVIN = 6500.0

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 from pxr import Usd, UsdGeom, UsdShade
 
-from ..scene import Array, Material, Mesh, Texture
+from ..scene import FARTHEST, Array, Material, Mesh, Texture
 from .gprims import GPRIMS, gprim_polygons
 from .materials import Bound, bound_material
 from .polygons import Polygons, Triangles, Values, triangles_of, unit
-from .reading import FARTHEST, Reading
+from .reading import Reading
 
 _INTERPOLATIONS = ("constant", "uniform", "varying", "vertex", "faceVarying")
 

@@ -18,9 +18,8 @@ import numpy as np
 from ..display import is_encoded, srgb_decoded
 from ..files import PathLike
 from ..numbering import numbered
-from ..scene import Array, SceneError
+from ..scene import FARTHEST, Array, SceneError
 from .images import HALF_MAX, REC709, opened, unreadable
-from .reading import FARTHEST
 
 if TYPE_CHECKING:
     from ..render.camera import View, Window

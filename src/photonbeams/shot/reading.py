@@ -10,12 +10,9 @@ from typing import Any
 import numpy as np
 from pxr import Gf, Usd, UsdGeom
 
-from ..scene import Array, Color, SceneError, color, number
+from ..scene import FARTHEST, Array, Color, SceneError, color, number
 
 LOG = logging.getLogger("photonbeams")
-
-# In scene units, from the origin. Kernels square distances in single precision, which ends at 1e38.
-FARTHEST = 1e12
 
 
 def file_of(stage: Usd.Stage) -> str:

@@ -11,7 +11,7 @@ from typing import Any
 from pxr import Sdf, Usd, UsdGeom, UsdRender
 
 from ..numbering import PLACEHOLDER
-from ..scene import SceneError
+from ..scene import MOST_PIXELS, SceneError
 from .reading import LOG, Reading, file_of
 
 SUFFIXES = (".exr", ".png")
@@ -195,8 +195,8 @@ def _camera(reading: Reading, prim: Usd.Prim) -> str:
 
 def _resolution(reading: Reading, prim: Usd.Prim) -> tuple[int, int]:
     width, height = reading.value(prim, "resolution")
-    if not (1 <= width <= 65536 and 1 <= height <= 65536):
-        raise reading.fail(prim, "resolution", f"is {width} x {height}: expected 1 to 65536 pixels each way")
+    if not (1 <= width <= MOST_PIXELS and 1 <= height <= MOST_PIXELS):
+        raise reading.fail(prim, "resolution", f"is {width} x {height}: expected 1 to {MOST_PIXELS} pixels each way")
     return int(width), int(height)
 
 

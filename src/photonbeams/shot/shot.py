@@ -291,8 +291,9 @@ class Shot:
             width = DEFAULT_WIDTH if height is None else max(1, round(height * aspect))
         if height is None:
             height = max(1, round(width / aspect))
-        if not (1 <= width <= 65536 and 1 <= height <= 65536):
-            raise scene.SceneError(f"the resolution is {width} x {height}: expected 1 to 65536 pixels each way")
+        most = scene.MOST_PIXELS
+        if not (1 <= width <= most and 1 <= height <= most):
+            raise scene.SceneError(f"the resolution is {width} x {height}: expected 1 to {most} pixels each way")
         return width, height
 
     def render(

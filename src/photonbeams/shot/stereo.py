@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from pxr import Usd, UsdGeom
 
-from ..scene import Camera, SceneError
+from ..scene import FARTHEST, Camera, SceneError
 from .camera import chosen_camera, list_cameras, read_camera
-from .reading import FARTHEST, Reading, file_of
+from .reading import Reading, file_of
 
 EYES = ("left", "right")
 _EYE_DISTANCE = 0.065  # metres: between the eyes of people
