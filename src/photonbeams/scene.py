@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from .vectors import Plane, plane_of
+
 if TYPE_CHECKING:
     from .looks import Look
 
@@ -28,7 +30,6 @@ FARTHEST = 1e12
 # How far beyond the bounding sphere, in its radii, light of a lamp goes on that meets no surface. With nothing behind
 # them the beams would otherwise end in view; what is further away adds less than a percent of a beam's light.
 ESCAPE = 8.0
-FLAT = 1e-4  # a mesh whose points leave their plane by less than this part of its extent is planar
 
 BLACK: Color = (0.0, 0.0, 0.0)
 
@@ -159,29 +160,7 @@ class Mesh:
 
     def plane(self) -> Plane | None:
         """Return the plane that the mesh lies in, or None where it is not flat."""
-        points = self.used_points
-        center = points.mean(axis=0)
-        _, extent, axes = np.linalg.svd(points - center, full_matrices=False)
-        if len(extent) == 3 and extent[2] > FLAT * extent[0]:
-            return None
-        return Plane(center, np.cross(axes[0], axes[1]), float(extent[0]))
-
-
-@dataclass(frozen=True)
-class Plane:
-    """A plane fitted to points, by least squares.
-
-    Attributes
-    ----------
-    center, normal
-        The mean of the points, (3,), and a unit normal, (3,), to either side.
-    extent
-        The root of the sum of the points' squared distances from `center` along the axis in which it is largest.
-    """
-
-    center: Array
-    normal: Array
-    extent: float
+        return plane_of(self.used_points)
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ import numpy as np
 from pxr import Usd, UsdGeom, UsdRender
 
 from ..scene import Array, Camera, SceneError
-from .polygons import unit
+from ..vectors import unit
 from .reading import LOG, Reading, file_of, prims_under
 
 # UsdGeomCamera: focal length and apertures are in tenths of a scene unit.

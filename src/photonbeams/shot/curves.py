@@ -10,6 +10,7 @@ from pxr import Sdf, Usd, UsdGeom
 
 from ..chains import directions, lengths, segments, tangents
 from ..scene import Array, DrawnBeams
+from ..vectors import unit
 from .lights import check_group
 from .looks import read_look
 from .reading import Reading, has_photonbeams
@@ -356,17 +357,15 @@ def _turn_ends(source: _Source, fields: dict[str, Any], curve: Array, following:
         authored = source.each(f"photonbeams:{name}Tangents", 3)
         if authored is None:
             continue
-        turned = authored[curve] @ to_world[:3, :3].T
-        size = np.linalg.norm(turned, axis=1, keepdims=True)
-        use = there & (size[:, 0] > 0)
-        fields[field][use] = (turned / np.where(size > 0, size, 1))[use]
+        turned = unit(authored[curve] @ to_world[:3, :3].T)
+        use = there & np.any(turned, axis=1)
+        fields[field][use] = turned[use]
 
 
 def _end_normals(fields: dict[str, Any], normals: Array, following: Array, to_world: Array) -> Array:
     """Return the normals of what cuts the beams' ends: of a curve's last piece, the surface that stopped it."""
-    turned = normals @ np.linalg.inv(to_world[:3, :3])
-    size = np.linalg.norm(turned, axis=1, keepdims=True)
+    turned = unit(normals @ np.linalg.inv(to_world[:3, :3]))
     straight = -directions(fields["start"], fields["end"])
     inner = -fields["end_tangent"] if "end_tangent" in fields else straight
-    surface = np.where(size > 0, turned / np.where(size > 0, size, 1), straight)
+    surface = np.where(np.any(turned, axis=1, keepdims=True), turned, straight)
     return np.where(following[:, None] >= 0, inner, surface)

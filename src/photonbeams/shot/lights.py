@@ -28,11 +28,11 @@ from ..scene import (
     SphereLight,
     rgb,
 )
+from ..vectors import unit
 from . import blender
 from .gobos import read_gobo, read_pane, read_texture
 from .looks import read_look
 from .meshes import is_gprim, read_solid
-from .polygons import unit
 from .reading import Reading
 from .textures import read_image
 

@@ -9,9 +9,10 @@ import numpy as np
 from pxr import Usd, UsdGeom, UsdShade
 
 from ..scene import FARTHEST, Array, Material, Mesh, Texture
+from ..vectors import unit
 from .gprims import GPRIMS, gprim_polygons
 from .materials import Bound, bound_material
-from .polygons import Polygons, Triangles, Values, triangles_of, unit
+from .polygons import Polygons, Triangles, Values, triangles_of
 from .reading import Reading
 
 _INTERPOLATIONS = ("constant", "uniform", "varying", "vertex", "faceVarying")

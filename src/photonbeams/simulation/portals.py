@@ -14,6 +14,7 @@ import numpy as np
 
 from .. import scene
 from ..device import Array2f, Array3f, Bool, mitsuba
+from ..vectors import FLAT
 from .lights import opaque
 
 mi = mitsuba()
@@ -93,7 +94,7 @@ def _bounding_rectangle(mesh: scene.Mesh) -> tuple[_Rectangle | None, float, Any
             best = float(size[0] * size[1]), (center + low[0] * x + low[1] * y, size[0] * x, size[1] * y)
     assert best is not None
     corner, edge_x, edge_y = best[1]
-    lift = 2 * scene.FLAT * plane.extent
+    lift = 2 * FLAT * plane.extent
     rectangle = _Rectangle(opaque(corner), opaque(edge_x), opaque(edge_y), opaque(normal), opaque(lift))
     return rectangle, best[0], (corner, edge_x, edge_y)
 
