@@ -323,8 +323,8 @@ def _beams(source: _Source, nodes: _Nodes, closed: bool, graded: bool, to_world:
     fields: dict[str, Any] = {
         "start": start, "end": end, "radius_start": radius_start, "radius_end": radius_end,
         "power": nodes.power[first], "power_end": nodes.power[last] if graded else None,
-        # What looks ask of a beam, all pieces of a curve answer alike.
-        "id": curve,
+        # What looks ask of a beam, all pieces of a curve answer alike: a curve is one beam.
+        "id": curve.astype(np.float64),
     }  # fmt: skip
     if chained or any(value is not None for value in given.values()):
         begin = 0.0 if given["offset"] is None else given["offset"]
@@ -334,7 +334,6 @@ def _beams(source: _Source, nodes: _Nodes, closed: bool, graded: bool, to_world:
     if chained:
         fields["start_tangent"], fields["end_tangent"] = tangents(directions(start, end), following)
         _turn_ends(source, fields, curve, following, to_world)
-        fields["id"] = curve.astype(np.float64)  # a curve is one beam, whatever its pieces
     for name in ("random", "id", "generation"):
         known = source.each(f"photonbeams:{name}", 1)
         if known is not None:

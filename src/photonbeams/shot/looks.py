@@ -6,7 +6,7 @@ from collections.abc import Collection
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from pxr import Usd
@@ -14,9 +14,6 @@ from pxr import Usd
 from ..scene import Array, Color, Medium, SceneError, color, rgb
 from .reading import Reading, file_of, frame_number
 from .textures import read_image
-
-if TYPE_CHECKING:
-    pass
 
 _FALLOFFS = ("physical", "none", "exponential", "power", "polynomial")
 _INTERPOLATIONS = {

@@ -38,8 +38,8 @@ class RenderSettings:
     ----------
     path
         The prim's path.
-    camera, resolution, pixel_aspect_ratio, conform_policy
-        Path of the camera, (width, height) in pixels, and what is to be done where that and the aperture differ.
+    camera, resolution
+        Path of the camera, and (width, height) in pixels.
     data_window
         x0, y0, x1, y1 of the part to render, in fractions of the picture from the lower left.
     disable_motion_blur, disable_depth_of_field
@@ -51,8 +51,6 @@ class RenderSettings:
     path: str | None = None
     camera: str | None = None
     resolution: tuple[int, int] | None = None
-    pixel_aspect_ratio: float | None = None
-    conform_policy: str | None = None
     data_window: Window | None = None
     disable_motion_blur: bool | None = None
     disable_depth_of_field: bool | None = None
@@ -106,8 +104,6 @@ def read_settings(stage: Usd.Stage, path: str | None = None, given: Collection[s
         path=str(prim.GetPath()),
         camera=values["camera"],
         resolution=values["resolution"],
-        pixel_aspect_ratio=values["pixelAspectRatio"],
-        conform_policy=values["aspectRatioConformPolicy"],
         data_window=values["dataWindowNDC"],
         disable_motion_blur=still,
         disable_depth_of_field=values["disableDepthOfField"],
@@ -232,6 +228,7 @@ def _flag(name: str) -> Callable[[Reading, Usd.Prim], bool]:
 _READERS: dict[str, Callable[[Reading, Usd.Prim], Any]] = {
     "camera": _camera,
     "resolution": _resolution,
+    # These two are read for their errors and warnings alone.
     "pixelAspectRatio": _pixel_aspect_ratio,
     "aspectRatioConformPolicy": _conform_policy,
     "dataWindowNDC": _data_window,
