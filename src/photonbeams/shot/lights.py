@@ -134,8 +134,7 @@ def _flat(reading: Reading, prim: Usd.Prim, to_world: Array, shared: dict[str, A
         **shared, radiance=(0, 0, 0), center=to_world[:3, 3], half_x=half_x, half_y=half_y, axis=axis, disk=disk
     )
     radiance = _value(reading, prim) / (light.area if _normalized(reading, prim) else 1.0)
-    object.__setattr__(light, "radiance", _rgb(radiance))
-    return light
+    return replace(light, radiance=_rgb(radiance))
 
 
 def _distant(reading: Reading, prim: Usd.Prim, to_world: Array, shared: dict[str, Any]) -> Light:
