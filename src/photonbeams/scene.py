@@ -73,11 +73,16 @@ class Medium:
     scattering, absorption
         Coefficients σs and σa, per channel and scene unit.
     anisotropy
-        Mean cosine g of the Henyey–Greenstein phase function, in (−1, 1).
+        Mean cosine g of the Henyey–Greenstein phase function, from −0.99 to 0.99.
     mesh
         The closed surface that the fog fills, or None where it fills the whole space.
     surfaces
         Whether it dims surfaces that are seen through it, and light on its way to them; if not, beams alone feel it.
+
+    Raises
+    ------
+    SceneError
+        Coefficients that are negative, not finite, or neither one number nor three; an anisotropy beyond ±0.99.
     """
 
     scattering: Color
@@ -190,6 +195,11 @@ class Gobo:
         Whether it goes on for ever, of these and of distant lights; if not, there is no light beside it.
     up
         Of an image on a portal: the direction in world space that its upper edge is nearest to.
+
+    Raises
+    ------
+    SceneError
+        An image without pixels or not of three axes, an angle not between 0 and 180, a width not above 0.
     """
 
     image: Array
@@ -237,6 +247,10 @@ class Light:
         The mesh through which the light reaches the shot, or None. It is no surface.
     look
         The look of the light's beams, or None for the physical one.
+    shaping
+        The light's cone and focus, or None for neither.
+    lights_surfaces
+        Whether surfaces are lit by it; its beams shine either way.
     gobo, portal_gobo
         Images that the light shines through: of its own, and over the bounding rectangle of its portal.
     frame

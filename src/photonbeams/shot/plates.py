@@ -81,6 +81,11 @@ class Holdout:
         otherwise, as `distance` and Mitsuba's `.T` do.
     scale
         Scene units in one unit of the file.
+
+    Raises
+    ------
+    SceneError
+        Another kind, or a scale that is not above 0, or beyond 1e12.
     """
 
     file: PathLike | Array

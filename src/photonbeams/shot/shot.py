@@ -336,6 +336,22 @@ class Shot:
         over
             A picture of the same size: `rgba` is then that plus beams. A file, (H, W, 3 or 4) scene-linear pixels, or
             a `Plate`.
+
+        Returns
+        -------
+        Frame
+            The layers of the crop window, for two eyes of each, and what an EXR's header says of them.
+
+        Raises
+        ------
+        SceneError
+            What cannot be read or rendered at this frame: of the stage, also one on which nothing makes beams; a
+            resolution, a crop, a view or settings out of range; a holdout or a plate without a depth or a picture, or
+            of another size.
+        ValueError
+            No estimator of that name.
+        OSError
+            A holdout or a plate that is not there, or may not be read.
         """
         from ..render.camera import View, Window
         from ..render.frame import Settings, render

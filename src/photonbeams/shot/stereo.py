@@ -27,6 +27,11 @@ class Stereo:
     convergence
         Distance at which both eyes see the same place in the middle, scene units; None: the camera's focus distance,
         and where it has none, infinitely far.
+
+    Raises
+    ------
+    SceneError
+        An interaxial distance that is negative or beyond 1e12, a convergence that is not above 0.
     """
 
     interaxial: float | None = None
