@@ -217,6 +217,15 @@ class Plate:
             result.append(_shrunk(pixels, size, file))
         return result
 
+    def read_whole(self, frame: float, views: Sequence[str], size: Size, warn: Warn) -> list[Array]:
+        """Return what `read` does; of a file that breaks off nothing, with a warning: beams are beams without it."""
+        self.check(frame, views, size)
+        try:
+            return self.read(frame, views, size, warn)
+        except SceneError as error:
+            warn(f"{error}; rgba is what it is without a plate")
+            return []
+
     def under(self, layers: dict[str, Array], pixels: Array) -> Array:
         """Return plate + beams, or plate · transmittance + beams, (H, W, 4), with the plate's alpha."""
         color = pixels[..., :3] * layers["transmittance"] if self.fog else pixels[..., :3]

@@ -81,6 +81,20 @@ def read_eyes(
     return left, right
 
 
+def views_of(stereo: Stereo | None, view: str | None) -> list[str]:
+    """Return the views of a frame: both eyes, or the one that is asked for, or "" for a camera that is no eye.
+
+    Raises
+    ------
+    SceneError
+        A view that is none of theirs.
+    """
+    if view is not None and (stereo is None or view not in EYES):
+        expected = f"one of {', '.join(EYES)}" if stereo is not None else "none, for the shot has one camera"
+        raise SceneError(f"view is '{view}': expected {expected}")
+    return [view] if view is not None else list(EYES) if stereo is not None else [""]
+
+
 def _partner(stage: Usd.Stage, prim: Usd.Prim, role: str) -> Usd.Prim:
     found = [stage.GetPrimAtPath(path) for path in list_cameras(stage)]
     found = [each for each in found if str(UsdGeom.Camera(each).GetStereoRoleAttr().Get()) == role]

@@ -15,7 +15,7 @@ import numpy as np
 from ..files import PathLike, atomic_path
 from ..scene import SceneError
 from .reading import LOG
-from .shot import Frame
+from .rendered import Frame
 
 if TYPE_CHECKING:
     from ..transport.frame import Frame as Passes
