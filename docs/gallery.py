@@ -77,7 +77,7 @@ def write(name: str, pixels: Any, exposure: float) -> None:
     """Write a small picture."""
     from renders import write_small
 
-    from photonbeams.shot.display import srgb_encoded, tone_mapped
+    from photonbeams.display import srgb_encoded, tone_mapped
 
     levels = 255 * srgb_encoded(tone_mapped(np.nan_to_num(pixels) * 2.0**exposure))
     write_small(PICTURES / f"{name}.png", levels, MOST)

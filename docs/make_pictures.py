@@ -26,7 +26,7 @@ import photonbeams as pb
 from photonbeams.cli import main as photonbeams
 from photonbeams.cli.quadrature import quadrature
 from photonbeams.device import Array3f, Float
-from photonbeams.shot.images import atomic_path
+from photonbeams.files import atomic_path
 from photonbeams.swatches import FOG, picture, plot_colors
 
 PICTURES = Path(__file__).parent / "pictures"

@@ -79,7 +79,7 @@ def sheet(folder: Path, arguments: tuple[str, ...], name: str, columns: int, thu
 
 def example(folder: Path, stage: str) -> None:
     """Write the picture of an example: what its command renders, but smaller and of more passes."""
-    from photonbeams.shot.display import srgb_encoded, tone_mapped
+    from photonbeams.display import srgb_encoded, tone_mapped
     from photonbeams.shot.images import read_layers
 
     flags = ["--passes", "32", "--res", "960", "0", "-q", "-o", "example.exr", "--layers", "rgba"]

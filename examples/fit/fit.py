@@ -44,7 +44,7 @@ def main() -> None:
 
 def painted(path: Path) -> np.ndarray:
     """Return a picture's linear colours, (H, W, 3), WIDTH pixels wide."""
-    from photonbeams.shot.display import srgb_decoded
+    from photonbeams.display import srgb_decoded
     from photonbeams.shot.images import read_image
 
     pixels = srgb_decoded(read_image(path)[..., :3])

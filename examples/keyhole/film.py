@@ -16,7 +16,7 @@ import numpy as np
 import OpenImageIO
 from rich.progress import track
 
-from photonbeams.shot.display import srgb_encoded, tone_mapped
+from photonbeams.display import srgb_encoded, tone_mapped
 from photonbeams.shot.images import read_layers, write_png
 
 RATE, COLUMNS, ROWS, THUMB = 24, 5, 4, 320

@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from .arrays import taken, to_float, to_vectors
 from .device import Array3f, Float, UInt32
+from .files import PathLike, atomic_path
 from .hashing import hash32, unit_float
 from .scene import SceneError
 
@@ -165,19 +166,19 @@ class Beams:
         result: Beams = taken(self, index)
         return result
 
-    def save(self, path: str | Path) -> None:
-        """Write the beams as a NumPy archive (.npz); nothing half-written is left behind."""
-        path = Path(path)
-        beside = path.with_name(f".{path.name}.tmp")
-        try:
-            with beside.open("wb") as file:
-                np.savez_compressed(file, **self.arrays())  # type: ignore[arg-type]
-            beside.replace(path)
-        finally:
-            beside.unlink(missing_ok=True)
+    def save(self, path: PathLike) -> None:
+        """Write the beams as a NumPy archive (.npz), whole or not at all; makes the folder if there is none.
+
+        Raises
+        ------
+        OSError
+            As `files.atomic_path`.
+        """
+        with atomic_path(path) as beside, beside.open("wb") as file:
+            np.savez_compressed(file, **self.arrays())  # type: ignore[arg-type]
 
     @classmethod
-    def load(cls, path: str | Path) -> Beams:
+    def load(cls, path: PathLike) -> Beams:
         """Read beams that `save` wrote; raises SceneError where the file is none of that."""
         try:
             with Path(path).open("rb") as file, np.load(file, allow_pickle=False) as archive:

@@ -7,15 +7,12 @@ cross-sections agree on it. Of n pieces of a smooth curve the picture then errs 
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import numpy.typing as npt
 
 from .beams import Beams
-from .scene import SceneError
-
-Array = npt.NDArray[Any]
+from .scene import Array, SceneError
+from .vectors import unit
 
 # Pieces that turn by more, in degrees, are not joined but cut straight across: near a hairpin, the plane that halves
 # the bend runs along the beam.
@@ -24,9 +21,7 @@ SHARPEST = 150.0
 
 def directions(start: npt.ArrayLike, end: npt.ArrayLike) -> Array:
     """Return the (N, 3) unit directions of pieces; of one without length, zero."""
-    step = np.asarray(end, dtype=np.float64) - np.asarray(start, dtype=np.float64)
-    length = np.linalg.norm(step, axis=-1, keepdims=True)
-    return step / np.where(length > 0, length, 1)
+    return unit(np.asarray(end, dtype=np.float64) - np.asarray(start, dtype=np.float64))
 
 
 def tangents(axis: npt.ArrayLike, following: npt.ArrayLike) -> tuple[Array, Array]:

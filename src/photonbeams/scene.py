@@ -14,13 +14,23 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from .vectors import Plane, plane_of
+
 if TYPE_CHECKING:
     from .looks import Look
 
 Array = npt.NDArray[Any]
 Color = tuple[float, float, float]
 
-WHITE: Color = (1.0, 1.0, 1.0)
+DEFAULT_BEAMS = 4096  # a pass, of each light that does not say
+MOST_BEAMS = 100_000_000  # that a light may say
+MOST_PIXELS = 65536  # of a picture, each way
+# In scene units, from the origin. Kernels square distances in single precision, which ends at 1e38.
+FARTHEST = 1e12
+# How far beyond the bounding sphere, in its radii, light of a lamp goes on that meets no surface. With nothing behind
+# them the beams would otherwise end in view; what is further away adds less than a percent of a beam's light.
+ESCAPE = 8.0
+
 BLACK: Color = (0.0, 0.0, 0.0)
 
 
@@ -63,11 +73,16 @@ class Medium:
     scattering, absorption
         Coefficients σs and σa, per channel and scene unit.
     anisotropy
-        Mean cosine g of the Henyey–Greenstein phase function, in (−1, 1).
+        Mean cosine g of the Henyey–Greenstein phase function, from −0.99 to 0.99.
     mesh
         The closed surface that the fog fills, or None where it fills the whole space.
     surfaces
         Whether it dims surfaces that are seen through it, and light on its way to them; if not, beams alone feel it.
+
+    Raises
+    ------
+    SceneError
+        Coefficients that are negative, not finite, or neither one number nor three; an anisotropy beyond ±0.99.
     """
 
     scattering: Color
@@ -131,6 +146,27 @@ class Mesh:
     uvs: Array | None = None
     material: Material = Material()
 
+    @property
+    def area(self) -> float:
+        """Area in square scene units."""
+        corners = self.corners
+        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        return 0.5 * float(np.linalg.norm(normals, axis=1).sum())
+
+    @property
+    def used_points(self) -> Array:
+        """The points that a triangle has, (P, 3) float64, each once."""
+        return np.asarray(self.points, dtype=np.float64)[np.unique(self.faces)]
+
+    @property
+    def corners(self) -> Array:
+        """The triangles' corners, (F, 3, 3) float64."""
+        return np.asarray(self.points, dtype=np.float64)[np.asarray(self.faces).reshape(-1, 3)]
+
+    def plane(self) -> Plane | None:
+        """Return the plane that the mesh lies in, or None where it is not flat."""
+        return plane_of(self.used_points)
+
 
 @dataclass(frozen=True)
 class Shaping:
@@ -159,6 +195,11 @@ class Gobo:
         Whether it goes on for ever, of these and of distant lights; if not, there is no light beside it.
     up
         Of an image on a portal: the direction in world space that its upper edge is nearest to.
+
+    Raises
+    ------
+    SceneError
+        An image without pixels or not of three axes, an angle not between 0 and 180, a width not above 0.
     """
 
     image: Array
@@ -206,6 +247,10 @@ class Light:
         The mesh through which the light reaches the shot, or None. It is no surface.
     look
         The look of the light's beams, or None for the physical one.
+    shaping
+        The light's cone and focus, or None for neither.
+    lights_surfaces
+        Whether surfaces are lit by it; its beams shine either way.
     gobo, portal_gobo
         Images that the light shines through: of its own, and over the bounding rectangle of its portal.
     frame

@@ -14,6 +14,7 @@ import numpy as np
 
 from .beams import Beams
 from .device import Array3f, Float
+from .display import srgb_encoded, tone_mapped
 from .estimators.estimate import estimate
 from .looks import At, BoundLook, Context, Look
 from .scene import Medium
@@ -55,8 +56,6 @@ def picture(
 
     `scale` multiplies radiances; None takes one that makes the picture bright. `given` goes on to `estimate`.
     """
-    from .shot.display import srgb_encoded, tone_mapped
-
     across, down = np.meshgrid(x, y)
     near = float(dr.max(dr.maximum(beams.start.z + beams.radius_start, beams.end.z + beams.radius_end))[0])
     origin = np.stack([across.ravel(), down.ravel(), np.full(across.size, max(near, 0.0))], axis=1)

@@ -58,8 +58,6 @@ def test_all_that_settings_say_is_read(usd, warnings):
         path="/S",
         camera="/B",
         resolution=(640, 360),
-        pixel_aspect_ratio=1.0,
-        conform_policy="expandAperture",
         data_window=(0.25, 0.5, 1.0, 1.0),
         disable_motion_blur=True,
         disable_depth_of_field=False,

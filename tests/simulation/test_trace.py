@@ -13,7 +13,6 @@ from photonbeams.device import Array3f, Bool, UInt32
 from photonbeams.render.world import World
 from photonbeams.simulation import trace
 from photonbeams.simulation.sides import lights_seen
-from photonbeams.simulation.trace import ESCAPE
 
 EYE = (0.0, 1.5, 1.95)
 
@@ -79,7 +78,7 @@ def test_a_world_at_another_time_keeps_what_stops_its_lights():
 def test_beams_that_meet_nothing_end_far_beyond_the_bounds():
     world = world_of(LAMP)
     beams = only(trace(world, beams_per_light=64))
-    assert np.allclose(np.linalg.norm(beams["end"], axis=1), ESCAPE * world.radius, rtol=1e-5)
+    assert np.allclose(np.linalg.norm(beams["end"], axis=1), scene.ESCAPE * world.radius, rtol=1e-5)
     direction = (beams["end"] - beams["start"]) / beams["total"][:, None]
     assert np.allclose(beams["end_normal"], -direction, atol=1e-5)
 

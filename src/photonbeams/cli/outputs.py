@@ -130,7 +130,7 @@ def write_outputs(
 
     An .exr holds `layers`; unless the user has chosen them, no more than the render product asks for.
     """
-    from ..shot.images import atomic_path
+    from ..files import atomic_path
 
     with ExitStack() as stack:
         places = [(output, stack.enter_context(atomic_path(output.path))) for output in outputs]

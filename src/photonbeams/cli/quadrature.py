@@ -50,7 +50,7 @@ def quadrature(
     )
     console.print(claim(everything))
     if plot is not None:
-        from ..shot.images import atomic_path
+        from ..files import atomic_path
 
         with atomic_path(plot) as path:
             draw(found, max_order, path)

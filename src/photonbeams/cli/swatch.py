@@ -39,7 +39,8 @@ def swatch(
 
     Examples: photonbeams swatch look.usda -o look.png, or photonbeams swatch shot.usda --look Ember -o ember.png
     """
-    from ..shot.images import atomic_path, prepare_output
+    from ..files import atomic_path
+    from ..shot.images import prepare_output
 
     if output.suffix.lower() != ".png":
         raise typer.BadParameter(f"{output} is no name of a picture: expected FILE.png")

@@ -8,7 +8,7 @@ import numpy as np
 from pxr import Usd, UsdGeom, UsdRender
 
 from ..scene import Array, Camera, SceneError
-from .polygons import unit
+from ..vectors import unit
 from .reading import LOG, Reading, file_of, prims_under
 
 # UsdGeomCamera: focal length and apertures are in tenths of a scene unit.
@@ -29,13 +29,13 @@ def read_camera(stage: Usd.Stage, name: str | None = None, time: Any = None) -> 
     SceneError
         No camera, none of that name, or several; and apertures or a lens that make no picture.
     """
-    reading = Reading(stage, Usd.TimeCode.Default() if time is None else time)
+    reading = Reading(stage, time)
     return _camera(reading, chosen_camera(stage, name))
 
 
 def read_shutter(stage: Usd.Stage, name: str | None = None, time: Any = None) -> tuple[float, float]:
     """Return when a camera's shutter opens and closes, in time codes after the frame's; raises SceneError as above."""
-    reading = Reading(stage, Usd.TimeCode.Default() if time is None else time)
+    reading = Reading(stage, time)
     prim = chosen_camera(stage, name)
     begin, end = (reading.number(prim, f"shutter:{which}", 0.0) for which in ("open", "close"))
     if end < begin:

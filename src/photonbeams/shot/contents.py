@@ -55,7 +55,7 @@ def read_scene(stage: Usd.Stage, time: Any = None, warned: set[str] | None = Non
     SceneError
         What cannot be read, with file, prim and attribute.
     """
-    reading = Reading(stage, Usd.TimeCode.Default() if time is None else time, set() if warned is None else warned)
+    reading = Reading(stage, time, set() if warned is None else warned)
     contents = _Contents()
     # Points near the largest float and sums of them are the file's fault; the values are checked where it matters.
     with np.errstate(over="ignore", invalid="ignore"):

@@ -10,6 +10,7 @@ from pxr import Sdf, Usd, UsdGeom
 
 from ..chains import directions, lengths, segments, tangents
 from ..scene import Array, DrawnBeams
+from ..vectors import unit
 from .lights import check_group
 from .looks import read_look
 from .reading import Reading, has_photonbeams
@@ -322,8 +323,8 @@ def _beams(source: _Source, nodes: _Nodes, closed: bool, graded: bool, to_world:
     fields: dict[str, Any] = {
         "start": start, "end": end, "radius_start": radius_start, "radius_end": radius_end,
         "power": nodes.power[first], "power_end": nodes.power[last] if graded else None,
-        # What looks ask of a beam, all pieces of a curve answer alike.
-        "id": curve,
+        # What looks ask of a beam, all pieces of a curve answer alike: a curve is one beam.
+        "id": curve.astype(np.float64),
     }  # fmt: skip
     if chained or any(value is not None for value in given.values()):
         begin = 0.0 if given["offset"] is None else given["offset"]
@@ -333,7 +334,6 @@ def _beams(source: _Source, nodes: _Nodes, closed: bool, graded: bool, to_world:
     if chained:
         fields["start_tangent"], fields["end_tangent"] = tangents(directions(start, end), following)
         _turn_ends(source, fields, curve, following, to_world)
-        fields["id"] = curve.astype(np.float64)  # a curve is one beam, whatever its pieces
     for name in ("random", "id", "generation"):
         known = source.each(f"photonbeams:{name}", 1)
         if known is not None:
@@ -356,17 +356,15 @@ def _turn_ends(source: _Source, fields: dict[str, Any], curve: Array, following:
         authored = source.each(f"photonbeams:{name}Tangents", 3)
         if authored is None:
             continue
-        turned = authored[curve] @ to_world[:3, :3].T
-        size = np.linalg.norm(turned, axis=1, keepdims=True)
-        use = there & (size[:, 0] > 0)
-        fields[field][use] = (turned / np.where(size > 0, size, 1))[use]
+        turned = unit(authored[curve] @ to_world[:3, :3].T)
+        use = there & np.any(turned, axis=1)
+        fields[field][use] = turned[use]
 
 
 def _end_normals(fields: dict[str, Any], normals: Array, following: Array, to_world: Array) -> Array:
     """Return the normals of what cuts the beams' ends: of a curve's last piece, the surface that stopped it."""
-    turned = normals @ np.linalg.inv(to_world[:3, :3])
-    size = np.linalg.norm(turned, axis=1, keepdims=True)
+    turned = unit(normals @ np.linalg.inv(to_world[:3, :3]))
     straight = -directions(fields["start"], fields["end"])
     inner = -fields["end_tangent"] if "end_tangent" in fields else straight
-    surface = np.where(size > 0, turned / np.where(size > 0, size, 1), straight)
+    surface = np.where(np.any(turned, axis=1, keepdims=True), turned, straight)
     return np.where(following[:, None] >= 0, inner, surface)

@@ -11,6 +11,7 @@ import numpy as np
 from pxr import Sdf, Usd, UsdGeom, Vt
 
 from ..chains import directions
+from ..files import PathLike, atomic_path
 from ..scene import Array, DrawnBeams, SceneError
 
 ROOT = "/Beams"
@@ -19,7 +20,7 @@ SUFFIXES = (".usd", ".usda", ".usdc")
 
 def write_beams(
     beams: DrawnBeams | Sequence[DrawnBeams],
-    path: str | os.PathLike[str],
+    path: PathLike,
     prim_path: str = ROOT,
     like: Usd.Stage | None = None,
     looks: Mapping[str, str] | None = None,
@@ -39,7 +40,9 @@ def write_beams(
     Raises
     ------
     SceneError
-        A file that cannot be written. It is complete or not there: it is written beside its place and then renamed.
+        A file that cannot be written: of another suffix, or in a folder that is not there or may not be written to.
+    OSError
+        As `files.atomic_path`: the file is whole or not there.
     """
     layer = Sdf.Layer.CreateAnonymous(".usda")
     stage = Usd.Stage.Open(layer)
@@ -195,12 +198,10 @@ def check_path(path: Path) -> None:
 
 def _export(layer: Sdf.Layer, path: Path) -> None:
     check_path(path)
-    beside = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
-    try:
+    with atomic_path(path) as beside:
         try:
-            layer.Export(str(beside))
+            done = layer.Export(str(beside))
         except Exception as error:
             raise SceneError(f"{path} cannot be written: {str(error).strip().splitlines()[-1]}") from None
-        beside.replace(path)
-    finally:
-        beside.unlink(missing_ok=True)
+        if not done:
+            raise SceneError(f"{path} cannot be written: OpenUSD gives no reason")

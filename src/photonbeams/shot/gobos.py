@@ -9,7 +9,6 @@ from ..scene import Array, Gobo, Mesh
 from .reading import Reading
 from .textures import read_image
 
-_FLAT = 1e-4  # a portal whose points leave their plane by less than this part of its size is planar
 _WRAPS = ("black", "repeat")
 
 
@@ -56,11 +55,10 @@ def read_pane(reading: Reading, prim: Usd.Prim, portal: Mesh | None) -> Gobo | N
     if portal is None:
         reading.warn(prim, "is not rendered: expected a photonbeams:portal that it lies on", name)
         return None
-    points = np.asarray(portal.points)[np.unique(portal.faces)]
-    _, extent, axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)
-    if len(extent) == 3 and extent[2] > _FLAT * extent[0]:
+    plane = portal.plane()
+    if plane is None:
         raise reading.fail(prim, name, f"lies on {portal.name}, which is not flat: expected a portal in one plane")
-    return Gobo(image, up=_up(reading, np.cross(axes[0], axes[1])))
+    return Gobo(image, up=_up(reading, plane.normal))
 
 
 def _up(reading: Reading, normal: Array) -> Array:

@@ -8,7 +8,8 @@ import numpy as np
 from pxr import Usd
 
 from ..scene import Array
-from .polygons import Polygons, Values, unit
+from ..vectors import unit
+from .polygons import Polygons, Values
 from .reading import Reading
 
 GPRIMS = ("Cube", "Sphere", "Cylinder", "Cylinder_1", "Cone", "Capsule", "Capsule_1", "Plane")

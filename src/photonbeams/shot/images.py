@@ -1,16 +1,14 @@
 """Image files: layered EXR and tone-mapped PNG out, layers and pictures back in.
 
-Nothing is half written: a file grows beside its target under a hidden name and is renamed once it is whole and on the
-disk. What goes wrong on the way is an `OSError` that names the target.
+Nothing is half written: see `files`.
 """
 
 from __future__ import annotations
 
 import errno
 import os
-import secrets
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
@@ -20,10 +18,10 @@ import numpy as np
 import OpenEXR
 import OpenImageIO
 
+from ..display import dithered, is_encoded, srgb_decoded, srgb_encoded, tone_mapped
+from ..files import PathLike, atomic_path, try_path
 from ..scene import Array, SceneError
-from .display import dithered, srgb_decoded, srgb_encoded, tone_mapped
 
-PathLike = str | os.PathLike[str]
 Views = Mapping[str, tuple[Mapping[str, Array], Mapping[str, Any]]]  # view to its layers and metadata
 
 HALF_MAX = 65504.0  # the largest finite half
@@ -48,62 +46,8 @@ def prepare_output(path: PathLike) -> Path:
         The folder cannot be made or written to, or a folder bears the file's name.
     """
     path = _picture_path(path)
-    missing = [folder for folder in path.parents if not folder.exists()]
-    try:
-        with suppress(_Undone), atomic_path(path):
-            raise _Undone
-    finally:
-        for folder in missing:
-            with suppress(OSError):
-                folder.rmdir()
+    try_path(path)
     return path
-
-
-@contextmanager
-def atomic_path(path: PathLike) -> Iterator[Path]:
-    """Give a path beside `path`, with its suffix, to write to; rename it to `path` at the end, remove it on failure.
-
-    Makes the folder if there is none.
-
-    Raises
-    ------
-    OSError
-        What kept the file from being written, with `path` as its file name.
-    """
-    path = Path(path)
-    # Short enough for any name that is allowed itself, and never the name of a picture that someone globs for.
-    beside = path.parent / f".{path.stem[:40]}.{secrets.token_hex(6)}.tmp{path.suffix}"
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        if path.is_dir():
-            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
-        # Mode 666 under the user's umask, which a temporary file would not have.
-        os.close(os.open(beside, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666))
-        yield beside
-        _flush(beside)
-        os.replace(beside, path)
-    except OSError as error:
-        if error.filename is not None and Path(os.fsdecode(error.filename)) not in (beside, path, path.parent):
-            raise  # some other file, that the writer needed
-        if isinstance(error, FileExistsError):  # what `mkdir` says where a file has the folder's name
-            error = NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR))
-        raise OSError(error.errno or errno.EIO, error.strerror or str(error), str(path)) from error
-    finally:
-        with suppress(OSError):
-            beside.unlink()
-
-
-class _Undone(Exception):  # noqa: N818 (no error: it takes back a trial)
-    pass
-
-
-def _flush(path: Path) -> None:
-    """Wait until a file is on the disk: a full network disk tells only then."""
-    file = os.open(path, os.O_RDWR)
-    try:
-        os.fsync(file)
-    finally:
-        os.close(file)
 
 
 def _failed(path: Path, message: str) -> OSError:
@@ -395,7 +339,7 @@ def read_image(path: PathLike) -> Array:
         As `read_parts`.
     """
     spec, pixels = next(_subimages(path))
-    if str(spec.format) == "uint8" and pixels.shape[2] >= 3:
+    if is_encoded(str(spec.format), pixels.shape[2]):
         pixels[..., :3] = srgb_decoded(pixels[..., :3])
     return pixels
 
@@ -437,6 +381,10 @@ def _subimages(path: PathLike) -> Iterator[tuple[Any, Array]]:
 
 
 def unreadable(path: PathLike, message: str) -> SceneError:
-    """Return (for raising) the error of an image that cannot be decoded, with the first line of the decoder's words."""
-    reason = message.strip().splitlines()[0] if message.strip() else "unknown format"
-    return SceneError(f"{path} cannot be read: expected an image ({reason})")
+    """Return (for raising) the error of an image that cannot be decoded."""
+    return SceneError(f"{path} cannot be read: expected an image ({reason(message)})")
+
+
+def reason(message: str) -> str:
+    """Return the first line of what the decoder complained of, if it did."""
+    return message.strip().splitlines()[0] if message.strip() else "unknown format"

@@ -16,6 +16,7 @@ import numpy as np
 from pxr import Sdf, Usd, UsdGeom, UsdLux
 
 from ..scene import (
+    MOST_BEAMS,
     Array,
     Color,
     DistantLight,
@@ -27,15 +28,14 @@ from ..scene import (
     SphereLight,
     rgb,
 )
+from ..vectors import unit
 from . import blender
 from .gobos import read_gobo, read_pane, read_texture
 from .looks import read_look
-from .meshes import is_gprim, mesh_area, read_solid
-from .polygons import unit
+from .meshes import is_gprim, read_solid
 from .reading import Reading
 from .textures import read_image
 
-MOST_BEAMS = 100_000_000
 # The black body of UsdLux is normalized to luminance, yet its documentation has 6500 K result in white: without this
 # division every light of Blender's, which writes 6500 K on all of them, would be slightly magenta.
 _WHITE_KELVIN = 6500.0
@@ -134,8 +134,7 @@ def _flat(reading: Reading, prim: Usd.Prim, to_world: Array, shared: dict[str, A
         **shared, radiance=(0, 0, 0), center=to_world[:3, 3], half_x=half_x, half_y=half_y, axis=axis, disk=disk
     )
     radiance = _value(reading, prim) / (light.area if _normalized(reading, prim) else 1.0)
-    object.__setattr__(light, "radiance", _rgb(radiance))
-    return light
+    return replace(light, radiance=_rgb(radiance))
 
 
 def _distant(reading: Reading, prim: Usd.Prim, to_world: Array, shared: dict[str, Any]) -> Light:
@@ -244,7 +243,7 @@ def _portal(reading: Reading, prim: Usd.Prim) -> Mesh | None:
             kind = target.GetTypeName() or "prim without a type"
             raise reading.fail(prim, name, f"names {target.GetPath()}, a {kind}: expected a mesh or another gprim")
         mesh = read_solid(reading, target, reading.to_world(target))
-        if mesh_area(mesh) <= 0:
+        if mesh.area <= 0:
             raise reading.fail(prim, name, f"names {target.GetPath()}, which has no area: expected a surface")
         meshes.append(mesh)
     if len(meshes) < 2:

@@ -6,17 +6,14 @@ from collections.abc import Collection
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from pxr import Usd
 
 from ..scene import Array, Color, Medium, SceneError, color, rgb
-from .reading import Reading, file_of
+from .reading import Reading, file_of, frame_number
 from .textures import read_image
-
-if TYPE_CHECKING:
-    pass
 
 _FALLOFFS = ("physical", "none", "exponential", "power", "polynomial")
 _INTERPOLATIONS = {
@@ -177,7 +174,7 @@ def read_look(reading: Reading, user: Usd.Prim, prim: Usd.Prim) -> LookSpec:
         _warn_of_unknown(source)
         reading.cache[key] = LookSpec(
             str(prim.GetPath()), _along(source), _across(source), _eye(source), _angle(source), _noise(source),
-            source.number("variation", 0.0, 0.0, 1.0),
+            source.number("variation", LookSpec.variation, 0.0, 1.0),
         )  # fmt: skip
     return reading.cache[key]
 
@@ -212,7 +209,7 @@ def find_looks(
     medium = None
     with suppress(SceneError):  # what else is wrong with a stage does not matter to its looks
         medium = read_scene(stage, time).medium
-    seconds = 0.0 if time.IsDefault() else time.GetValue() / (stage.GetTimeCodesPerSecond() or 1.0)
+    seconds = frame_number(time) / (stage.GetTimeCodesPerSecond() or 1.0)
     return [read_look(reading, prim, prim) for prim in chosen], medium, seconds
 
 
@@ -264,23 +261,24 @@ def _warn_of_unknown(source: _Source) -> None:
 
 
 def _along(source: _Source) -> AlongSpec:
-    falloff = source.choice("along:falloff", "physical", _FALLOFFS)
+    falloff = source.choice("along:falloff", AlongSpec.falloff, _FALLOFFS)
     coefficients = source.numbers("along:coefficients")
     if falloff == "polynomial" and not coefficients:
         raise source.fail("along:coefficients", "is empty: a polynomial falloff expects its coefficients")
-    inner, outer = source.number("along:inner", 0.0, minimum=0.0), source.number("along:outer", 0.0, minimum=0.0)
+    inner = source.number("along:inner", AlongSpec.inner, minimum=0.0)
+    outer = source.number("along:outer", AlongSpec.outer, minimum=0.0)
     if outer > 0 and outer <= inner:
         raise source.fail("along:outer", f"is {outer:g}: expected more than along:inner, {inner:g}, or 0")
     return AlongSpec(
         falloff=falloff,
-        length=source.positive("along:length", 1.0),
-        exponent=source.number("along:exponent", 2.0, minimum=0.0),
+        length=source.positive("along:length", AlongSpec.length),
+        exponent=source.number("along:exponent", AlongSpec.exponent, minimum=0.0),
         coefficients=coefficients,
-        physical=source.reading.flag(source.prim, "photonbeams:along:physical", True),
-        tint=source.reading.color(source.prim, "photonbeams:along:tint", (1, 1, 1)),
+        physical=source.reading.flag(source.prim, "photonbeams:along:physical", AlongSpec.physical),
+        tint=source.reading.color(source.prim, "photonbeams:along:tint", AlongSpec.tint),
         inner=inner,
         outer=outer,
-        fade=_INTERPOLATIONS[source.choice("along:fade", "smooth", _INTERPOLATIONS)],
+        fade=_INTERPOLATIONS[source.choice("along:fade", AlongSpec.fade, _INTERPOLATIONS)],
         curve=_curve(source, "along", _span(source)),
     )
 
@@ -293,8 +291,8 @@ def _curve(source: _Source, slot: str, span: Span) -> CurveSpec:
         raise source.fail(f"{slot}:ramp:knots", text)
     if any(b <= a for a, b in pairwise(knots)):
         raise source.fail(f"{slot}:ramp:knots", f"is {list(knots)}: expected positions that ascend")
-    interpolation = _INTERPOLATIONS[source.choice(f"{slot}:ramp:interpolation", "linear", _INTERPOLATIONS)]
-    expression = str(source.reading.value(source.prim, f"photonbeams:{slot}:expression", "")).strip()
+    interpolation = source.choice(f"{slot}:ramp:interpolation", CurveSpec.interpolation, _INTERPOLATIONS)
+    expression = str(source.reading.value(source.prim, f"photonbeams:{slot}:expression", CurveSpec.expression)).strip()
     if expression:
         try:
             from ..looks.expression import parse  # starts Dr.Jit
@@ -302,31 +300,31 @@ def _curve(source: _Source, slot: str, span: Span) -> CurveSpec:
             parse(expression)
         except ValueError as error:
             raise source.fail(f"{slot}:expression", f"is wrong: {error}") from None
-    return CurveSpec(knots, colors, interpolation, _texture(source, slot), span, expression)
+    return CurveSpec(knots, colors, _INTERPOLATIONS[interpolation], _texture(source, slot), span, expression)
 
 
 def _noise(source: _Source) -> NoiseSpec:
-    octaves = source.reading.value(source.prim, "photonbeams:noise:octaves", 4)
+    octaves = source.reading.value(source.prim, "photonbeams:noise:octaves", NoiseSpec.octaves)
     if not (isinstance(octaves, int) and 1 <= octaves <= 8):
         raise source.fail("noise:octaves", f"is {octaves}: expected a whole number from 1 to 8")
     drift = source.reading.array(source.prim, "photonbeams:noise:drift", 1)
-    numbers = (0.0, 0.0, 0.0) if drift is None else tuple(float(x) for x in drift[:, 0])
+    numbers = NoiseSpec.drift if drift is None else tuple(float(x) for x in drift[:, 0])
     if len(numbers) != 3:
         raise source.fail("noise:drift", f"has {len(numbers)} values: expected three")
     return NoiseSpec(
-        amount=source.number("noise:amount", 0.0, 0.0, 1.0),
-        scale=source.positive("noise:scale", 1.0),
+        amount=source.number("noise:amount", NoiseSpec.amount, 0.0, 1.0),
+        scale=source.positive("noise:scale", NoiseSpec.scale),
         octaves=octaves,
-        contrast=source.number("noise:contrast", 2.0, 0.0, 100.0),
+        contrast=source.number("noise:contrast", NoiseSpec.contrast, 0.0, 100.0),
         drift=numbers,  # type: ignore[arg-type]
-        evolution=source.number("noise:evolution", 0.0),
-        space=source.choice("noise:space", "world", ("world", "light")),
+        evolution=source.number("noise:evolution", NoiseSpec.evolution),
+        space=source.choice("noise:space", NoiseSpec.space, ("world", "light")),
     )
 
 
 def _span(source: _Source) -> Span:
-    space = source.choice("along:space", "fraction", ("fraction", "distance"))
-    begin, end = source.number("along:begin", 0.0), source.number("along:end", 1.0)
+    space = source.choice("along:space", Span.space, ("fraction", "distance"))
+    begin, end = source.number("along:begin", Span.begin), source.number("along:end", Span.end)
     if end <= begin:
         raise source.fail("along:end", f"is {end:g}: expected more than along:begin, {begin:g}")
     return Span(space, begin, end)
@@ -344,35 +342,35 @@ def _texture(source: _Source, slot: str) -> Array | None:
 
 
 def _across(source: _Source) -> AcrossSpec:
-    profile = source.choice("across:profile", "epanechnikov", _PROFILES)
+    profile = source.choice("across:profile", AcrossSpec.profile, _PROFILES)
     values = source.numbers("across:values")
     if profile == "tabulated" and (len(values) < 2 or min(values) < 0 or max(values) == 0):
         text = f"is {list(values)}: a tabulated profile expects two values or more, none negative and not all 0"
         raise source.fail("across:values", text)
     return AcrossSpec(
         profile=profile,
-        width=source.number("across:width", 0.35, 0.02, 10.0),
-        hardness=source.number("across:hardness", 0.0, 0.0, 1.0),
-        inner=source.number("across:inner", 0.5, 0.0, 0.99),
-        softness=source.number("across:softness", 1.0, 0.01, 1.0),
+        width=source.number("across:width", AcrossSpec.width, 0.02, 10.0),
+        hardness=source.number("across:hardness", AcrossSpec.hardness, 0.0, 1.0),
+        inner=source.number("across:inner", AcrossSpec.inner, 0.0, 0.99),
+        softness=source.number("across:softness", AcrossSpec.softness, 0.01, 1.0),
         values=values,
         curve=_curve(source, "across", Span("radius", 0.0, 1.0)),
     )
 
 
 def _eye(source: _Source) -> EyeSpec:
-    falloff = source.choice("eye:falloff", "physical", ("physical", "none", "exponential"))
-    span = Span("distance", source.number("eye:begin", 0.0), source.number("eye:end", 1.0))
+    falloff = source.choice("eye:falloff", EyeSpec.falloff, ("physical", "none", "exponential"))
+    span = Span("distance", source.number("eye:begin", Span.begin), source.number("eye:end", Span.end))
     if span.end <= span.begin:
         raise source.fail("eye:end", f"is {span.end:g}: expected more than eye:begin, {span.begin:g}")
-    return EyeSpec(falloff, source.positive("eye:length", 1.0), _curve(source, "eye", span))
+    return EyeSpec(falloff, source.positive("eye:length", EyeSpec.length), _curve(source, "eye", span))
 
 
 def _angle(source: _Source) -> AngleSpec:
     return AngleSpec(
-        shading=source.choice("angle:shading", "physical", ("physical", "constant", "glow")),
-        anisotropy=source.number("angle:anisotropy", 0.8, -0.99, 0.99),
-        mix=source.number("angle:mix", 0.5, 0.0, 1.0),
-        gain=source.number("angle:gain", 1.0, minimum=0.0),
+        shading=source.choice("angle:shading", AngleSpec.shading, ("physical", "constant", "glow")),
+        anisotropy=source.number("angle:anisotropy", AngleSpec.anisotropy, -0.99, 0.99),
+        mix=source.number("angle:mix", AngleSpec.mix, 0.0, 1.0),
+        gain=source.number("angle:gain", AngleSpec.gain, minimum=0.0),
         curve=_curve(source, "angle", Span("angle", 0.0, 180.0)),
     )

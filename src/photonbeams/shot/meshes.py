@@ -8,11 +8,12 @@ from typing import Any
 import numpy as np
 from pxr import Usd, UsdGeom, UsdShade
 
-from ..scene import Array, Material, Mesh, Texture
+from ..scene import FARTHEST, Array, Material, Mesh, Texture
+from ..vectors import unit
 from .gprims import GPRIMS, gprim_polygons
 from .materials import Bound, bound_material
-from .polygons import Polygons, Triangles, Values, triangles_of, unit
-from .reading import FARTHEST, Reading
+from .polygons import Polygons, Triangles, Values, triangles_of
+from .reading import Reading
 
 _INTERPOLATIONS = ("constant", "uniform", "varying", "vertex", "faceVarying")
 
@@ -58,12 +59,6 @@ def is_closed(reading: Reading, prim: Usd.Prim) -> bool:
     count = int(place.max(initial=0)) + 1
     there, back = np.sort(edges @ [count, 1]), np.sort(edges @ [1, count])
     return len(there) > 0 and bool(np.array_equal(there, back))
-
-
-def mesh_area(mesh: Mesh) -> float:
-    """Return the area in square scene units."""
-    a, b, c = (mesh.points[mesh.faces[:, i]] for i in range(3))
-    return float(0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
 
 
 def _parts(reading: Reading, prim: Usd.Prim, name: str) -> list[tuple[Bound, str, Array | None]]:

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import fields, is_dataclass, replace
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
 from ..scene import Camera, Scene, SceneError
+
+if TYPE_CHECKING:
+    from ..render.shutter import Shutter
 
 T = TypeVar("T")
 
@@ -112,6 +115,20 @@ class Exposure:
                 del self._known[old]
             self._known[fraction] = content, self._eyes(fraction)
         return self._known[fraction]
+
+    def shutter(self, eyes: Sequence[int], rate: float = 1.0) -> Shutter:
+        """Return what the renderer asks, for these of the cameras; `rate` is in time codes a second."""
+        from ..render.shutter import Moment, Shutter
+
+        def at(fraction: float) -> Moment:
+            content, cameras = self(fraction)
+            return Moment(content, tuple(cameras[eye] for eye in eyes))
+
+        def clock(fraction: float) -> tuple[float, float]:
+            code = self.code(fraction)
+            return code, code / rate
+
+        return Shutter(at, self.moving, clock)
 
     def code(self, fraction: float) -> float:
         """Return the time code of a fraction of the shutter."""

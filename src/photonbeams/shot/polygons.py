@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..scene import Array
+from ..vectors import unit
 from .triangles import triangulate
 
 
@@ -104,12 +105,6 @@ def vertex_normals(points: Array, vertices: Array) -> Array:
     flat = vertices.reshape(-1)
     sums = np.stack([np.bincount(flat, weighted[:, axis], len(points)) for axis in range(3)], axis=1)
     return unit(sums)
-
-
-def unit(vectors: Array) -> Array:
-    """Return vectors (..., 3) scaled to length 1; zeros stay."""
-    lengths = np.linalg.norm(vectors, axis=-1, keepdims=True)
-    return vectors / np.where(lengths > 0, lengths, 1.0)
 
 
 def _mended(normals: Array, triangles: Array) -> Array:

@@ -10,18 +10,20 @@ from typing import Any
 import numpy as np
 from pxr import Gf, Usd, UsdGeom
 
-from ..scene import Array, Color, SceneError, color, number
+from ..scene import FARTHEST, Array, Color, SceneError, color, number
 
 LOG = logging.getLogger("photonbeams")
-
-# In scene units, from the origin. Kernels square distances in single precision, which ends at 1e38.
-FARTHEST = 1e12
 
 
 def file_of(stage: Usd.Stage) -> str:
     """Return the name of a stage's root layer, for messages."""
     layer = stage.GetRootLayer()
     return str(layer.realPath or layer.identifier)
+
+
+def frame_number(time: Usd.TimeCode) -> float:
+    """Return the number of the frame at a time code, as file names have it: 0 at the default time."""
+    return 0.0 if time.IsDefault() else float(time.GetValue())
 
 
 @dataclass
@@ -31,7 +33,8 @@ class Reading:
     Attributes
     ----------
     stage, time
-        At the default time, attributes that hold only time samples answer with their first.
+        A time code or its number; None is the default time. At that, attributes that hold only time samples answer
+        with their first.
     warned
         Texts of warnings that were given; share it between the frames of a shot, so that each is given once.
     cache
@@ -39,13 +42,13 @@ class Reading:
     """
 
     stage: Usd.Stage
-    time: Usd.TimeCode
+    time: Any = None
     warned: set[str] = field(default_factory=set)
     cache: dict[Any, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if not isinstance(self.time, Usd.TimeCode):
-            self.time = Usd.TimeCode(self.time)
+            self.time = Usd.TimeCode.Default() if self.time is None else Usd.TimeCode(self.time)
         if self.time.IsDefault():
             self.time = Usd.TimeCode.EarliestTime()
         self.xforms = UsdGeom.XformCache(self.time)

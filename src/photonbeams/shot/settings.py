@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from math import ceil, isfinite
@@ -11,7 +10,8 @@ from typing import Any
 
 from pxr import Sdf, Usd, UsdGeom, UsdRender
 
-from ..scene import SceneError
+from ..numbering import PLACEHOLDER
+from ..scene import MOST_PIXELS, SceneError
 from .reading import LOG, Reading, file_of
 
 SUFFIXES = (".exr", ".png")
@@ -38,8 +38,8 @@ class RenderSettings:
     ----------
     path
         The prim's path.
-    camera, resolution, pixel_aspect_ratio, conform_policy
-        Path of the camera, (width, height) in pixels, and what is to be done where that and the aperture differ.
+    camera, resolution
+        Path of the camera, and (width, height) in pixels.
     data_window
         x0, y0, x1, y1 of the part to render, in fractions of the picture from the lower left.
     disable_motion_blur, disable_depth_of_field
@@ -51,8 +51,6 @@ class RenderSettings:
     path: str | None = None
     camera: str | None = None
     resolution: tuple[int, int] | None = None
-    pixel_aspect_ratio: float | None = None
-    conform_policy: str | None = None
     data_window: Window | None = None
     disable_motion_blur: bool | None = None
     disable_depth_of_field: bool | None = None
@@ -91,7 +89,7 @@ def read_settings(stage: Usd.Stage, path: str | None = None, given: Collection[s
     SceneError
         No settings at that path, products that are none, or values that make no picture.
     """
-    reading = Reading(stage, Usd.TimeCode.Default())
+    reading = Reading(stage)
     settings = _settings(reading, path)
     if settings is None:
         return RenderSettings()
@@ -106,8 +104,6 @@ def read_settings(stage: Usd.Stage, path: str | None = None, given: Collection[s
         path=str(prim.GetPath()),
         camera=values["camera"],
         resolution=values["resolution"],
-        pixel_aspect_ratio=values["pixelAspectRatio"],
-        conform_policy=values["aspectRatioConformPolicy"],
         data_window=values["dataWindowNDC"],
         disable_motion_blur=still,
         disable_depth_of_field=values["disableDepthOfField"],
@@ -123,12 +119,12 @@ def product_file(stage: Usd.Stage, product: Product, time: Any = None) -> Path:
     SceneError
         It names none, or one that is no picture.
     """
-    reading = Reading(stage, Usd.TimeCode.Default() if time is None else time)
+    reading = Reading(stage, time)
     prim = stage.GetPrimAtPath(product.path)
     name = str(reading.value(prim, "productName", ""))
     if not name.lower().endswith(SUFFIXES):
         raise reading.fail(prim, "productName", f"is '{name}': expected a name that ends in {' or '.join(SUFFIXES)}")
-    if len(re.findall(r"#+(?:\.#+)?", Path(name).name)) > 1:
+    if len(PLACEHOLDER.findall(Path(name).name)) > 1:
         raise reading.fail(prim, "productName", f"is '{name}': expected one run of # for the frame number")
     return Path(name)
 
@@ -195,8 +191,8 @@ def _camera(reading: Reading, prim: Usd.Prim) -> str:
 
 def _resolution(reading: Reading, prim: Usd.Prim) -> tuple[int, int]:
     width, height = reading.value(prim, "resolution")
-    if not (1 <= width <= 65536 and 1 <= height <= 65536):
-        raise reading.fail(prim, "resolution", f"is {width} x {height}: expected 1 to 65536 pixels each way")
+    if not (1 <= width <= MOST_PIXELS and 1 <= height <= MOST_PIXELS):
+        raise reading.fail(prim, "resolution", f"is {width} x {height}: expected 1 to {MOST_PIXELS} pixels each way")
     return int(width), int(height)
 
 
@@ -232,6 +228,7 @@ def _flag(name: str) -> Callable[[Reading, Usd.Prim], bool]:
 _READERS: dict[str, Callable[[Reading, Usd.Prim], Any]] = {
     "camera": _camera,
     "resolution": _resolution,
+    # These two are read for their errors and warnings alone.
     "pixelAspectRatio": _pixel_aspect_ratio,
     "aspectRatioConformPolicy": _conform_policy,
     "dataWindowNDC": _data_window,

@@ -2,31 +2,28 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import suppress
-from dataclasses import dataclass, field, replace
-from pathlib import Path
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 from pxr import Usd
 
 from .. import scene
+from ..files import PathLike
 from . import stage as stages
+from .bounds import bounds_at_all_times
 from .camera import read_shutter
 from .export import write_beams
-from .images import PathLike, write_frame
 from .looks import LookSpec
 from .motion import Exposure
 from .plates import Holdout, Plate, part_of
-from .reading import LOG, file_of
-from .stereo import EYES, Stereo, read_eyes
+from .reading import LOG, file_of, frame_number
+from .rendered import Frame, header, pixels_of
+from .stereo import EYES, Stereo, read_eyes, views_of
 
 if TYPE_CHECKING:
     from ..looks import Look
     from ..render.frame import Statistics
-    from ..render.shutter import Shutter
     from ..scene import Array
     from ..simulation.programmed import Emitter, Modifier, Program
     from ..simulation.trace import BeamSet
@@ -38,36 +35,6 @@ _MOST_KEYS = 10_000
 
 #: A fog that is made of the stage's own, or of None where it has none.
 Fog = Callable[[scene.Medium | None], scene.Medium | None]
-
-# Times of an animated stage at most at which its extent is looked at.
-_BOUNDS_TIMES = 33
-
-
-@dataclass(frozen=True)
-class Frame:
-    """A rendered frame.
-
-    Attributes
-    ----------
-    layers
-        Name to (H, W, C) float32: rgba, surface, beams, beams_<group>, transmittance, depth.
-    metadata
-        What the EXR's header says.
-    statistics
-        Passes, beams, seconds by phase, kernels compiled.
-    views
-        Of a stereo frame, layers and metadata of each eye, "left" before "right"; `layers` and `metadata` are those of
-        the first.
-    """
-
-    layers: dict[str, Array]
-    metadata: dict[str, Any]
-    statistics: Statistics
-    views: dict[str, tuple[dict[str, Array], dict[str, Any]]] = field(default_factory=dict)
-
-    def write(self, path: str | os.PathLike[str], layer: str = "rgba", exposure: float = 0.0) -> None:
-        """Write a layered EXR, or one layer as a tone-mapped PNG, by the suffix; whole or not at all."""
-        write_frame(path, self.layers, self.metadata, layer=layer, exposure=exposure, views=self.views)
 
 
 class Shot:
@@ -92,7 +59,7 @@ class Shot:
     @classmethod
     def open(
         cls,
-        path: str | os.PathLike[str],
+        path: PathLike,
         camera: str | None = None,
         *,
         medium: scene.Medium | Fog | None = None,
@@ -100,7 +67,7 @@ class Shot:
         simulate: Modifier | None = None,
         emit: Emitter | None = None,
         looks: Look | Mapping[str, Look] | None = None,
-        session_layers: Iterable[str | os.PathLike[str]] = (),
+        session_layers: Iterable[PathLike] = (),
         overrides: Iterable[str] = (),
     ) -> Shot:
         """Open a USD stage.
@@ -171,8 +138,7 @@ class Shot:
         """Return the beams that the shot's function makes from nothing, at a time."""
         from ..simulation.programmed import Context, emitted
 
-        code = self.time(frame)
-        return emitted(emit, Context(frame=frame, time=0.0 if code.IsDefault() else code.GetValue(), medium=medium))
+        return emitted(emit, Context(frame=frame, time=self._number(frame), medium=medium))
 
     def _fog(self, own: scene.Medium | None) -> scene.Medium | None:
         if callable(self.medium):
@@ -192,7 +158,7 @@ class Shot:
         """
         time = self.time(frame)
         begin, end = read_shutter(self.stage, self.camera, time)
-        base = 0.0 if time.IsDefault() else float(time.GetValue())
+        base = frame_number(time)
 
         def read(code: float) -> scene.Scene:
             content = self.read(None if time.IsDefault() else code)[0]
@@ -209,32 +175,12 @@ class Shot:
         return Exposure(read, cameras, start, stop, keys)
 
     def _bounds(self, content: scene.Scene) -> tuple[Array, float]:
-        """Return a sphere around all that is ever on the stage: beams must not change with what moves elsewhere.
-
-        `content` is what the stage holds at any time: if nothing changes, that is all.
-        """
         if self._sphere is None:
-            from ..render.world import bounding_sphere
-
-            codes = stages.sample_times(self.stage, _BOUNDS_TIMES)
-            moving = bool(codes) and (stages.extent_varies(self.stage) or self.emit is not None)
-            states = [state for code in codes if (state := self._sound(code))] if moving else [content]
-            times: list[float | None] = [*codes] or [None]
-            cameras = [camera for time in times for camera in self._sound_eyes(time)]
-            eyes = [np.asarray(camera.to_world)[:3, 3] for camera in cameras]
-            self._sphere = bounding_sphere(states, eyes)
+            # Once: beams must not change with what moves elsewhere.
+            self._sphere = bounds_at_all_times(
+                self.stage, content, lambda code: self.read(code)[0], self.cameras, emits=self.emit is not None
+            )
         return self._sphere
-
-    def _sound(self, code: float | None) -> scene.Scene | None:
-        """Return the scene at a time, or None where it cannot be read: that is told when it is to be rendered."""
-        with suppress(scene.SceneError):
-            return self.read(code)[0]
-        return None
-
-    def _sound_eyes(self, code: float | None) -> tuple[scene.Camera, ...]:
-        with suppress(scene.SceneError):
-            return self.cameras(code)
-        return ()
 
     def check(self, content: scene.Scene) -> list[str]:
         """Return the names of the layers that a frame of this content has; SceneError where nothing makes beams."""
@@ -284,15 +230,16 @@ class Shot:
         Where neither is given, they are those of the first of `plates`, if there are any, for the view `view`.
         """
         if width is None and height is None and plates:
-            width, height = plates[0].size(self._number(frame), self._views(view))
+            width, height = plates[0].size(self._number(frame), views_of(self.stereo, view))
         camera = self.cameras(frame)[0]
         aspect = camera.horizontal_aperture / camera.vertical_aperture
         if width is None:
             width = DEFAULT_WIDTH if height is None else max(1, round(height * aspect))
         if height is None:
             height = max(1, round(width / aspect))
-        if not (1 <= width <= 65536 and 1 <= height <= 65536):
-            raise scene.SceneError(f"the resolution is {width} x {height}: expected 1 to 65536 pixels each way")
+        most = scene.MOST_PIXELS
+        if not (1 <= width <= most and 1 <= height <= most):
+            raise scene.SceneError(f"the resolution is {width} x {height}: expected 1 to {most} pixels each way")
         return width, height
 
     def render(
@@ -335,6 +282,22 @@ class Shot:
         over
             A picture of the same size: `rgba` is then that plus beams. A file, (H, W, 3 or 4) scene-linear pixels, or
             a `Plate`.
+
+        Returns
+        -------
+        Frame
+            The layers of the crop window, for two eyes of each, and what an EXR's header says of them.
+
+        Raises
+        ------
+        SceneError
+            What cannot be read or rendered at this frame: of the stage, also one on which nothing makes beams; a
+            resolution, a crop, a view or settings out of range; a holdout or a plate without a depth or a picture, or
+            of another size.
+        ValueError
+            No estimator of that name.
+        OSError
+            A holdout or a plate that is not there, or may not be read.
         """
         from ..render.camera import View, Window
         from ..render.frame import Settings, render
@@ -343,23 +306,23 @@ class Shot:
             settings["passes"] = passes
         end, plate = Holdout.of(holdout), Plate.of(over)
         size = self.resolution(width, height, frame, [each for each in (end, plate) if each is not None], view)
-        window = Window(size[0], size[1], _cropped(size[0], size[1], crop))
-        names = self._views(view)
+        window = Window(size[0], size[1], pixels_of(crop, *size))
+        names = views_of(self.stereo, view)
         depths = end.read(self._number(frame), names, size, self._warn) if end is not None else []
-        pixels = self._pixels(plate, self._number(frame), names, size)
+        pixels = plate.read_whole(self._number(frame), names, size, self._warn) if plate is not None else []
         exposure = self.exposure(frame, blur, lens)
         eyes = [EYES.index(name) if name else 0 for name in names]
         content, cameras = exposure(0.0)
         self.check(content)
         settings.setdefault("program", self._program(frame, exposure))
-        shutter = _shutter(exposure, eyes, self.stage.GetTimeCodesPerSecond() or 1.0)
+        shutter = exposure.shutter(eyes, self.stage.GetTimeCodesPerSecond() or 1.0)
         ends = [each.seen_by(View(cameras[eye], window)) for each, eye in zip(depths, eyes, strict=False)]
         picture = render(shutter, window, Settings(**settings), progress, ends)
         if plate is not None and pixels:
             for layers, each in zip(picture.views, pixels, strict=True):
                 layers["rgba"] = plate.under(layers, part_of(each, window))
         about = {
-            **self._about(frame, exposure),
+            **header(self.stage, self.time(frame), exposure.duration),
             "seed": int(settings.get("seed", 0)),
             "passes": picture.statistics.passes,
             "displayWindow": (0, 0, size[0] - 1, size[1] - 1),
@@ -389,9 +352,9 @@ class Shot:
 
         exposure = self.exposure(frame, blur=False, lens=False)
         size = self.resolution(128, None, frame)
-        eyes = [EYES.index(name) if name else 0 for name in self._views(view)]
+        eyes = [EYES.index(name) if name else 0 for name in views_of(self.stereo, view)]
         settings.setdefault("program", self._program(frame, exposure))
-        return simulate(_shutter(exposure, eyes), Window.full(*size), Settings(**settings))
+        return simulate(exposure.shutter(eyes), Window.full(*size), Settings(**settings))
 
     def drawn_beams(self, frame: float | None = None, **settings: Any) -> list[scene.DrawnBeams]:
         """Return those beams as plain numbers, as `write_beams` takes them."""
@@ -400,7 +363,7 @@ class Shot:
             for each in self.beams(frame, **settings)
         ]
 
-    def write_beams(self, path: str | os.PathLike[str], frame: float | None = None, **settings: Any) -> int:
+    def write_beams(self, path: PathLike, frame: float | None = None, **settings: Any) -> int:
         """Write those beams as BasisCurves to a .usd, .usda or .usdc file, whole or not at all; return how many."""
         stages.check_not_read(self.stage, path)
         found = self.drawn_beams(frame, **settings)
@@ -421,75 +384,14 @@ class Shot:
     ) -> None:
         """Raise what `render` would raise about the plates of a frame, as far as their headers tell."""
         for each in plates:
-            each.check(self._number(frame), self._views(view), (width, height))
-
-    def _pixels(self, plate: Plate | None, number: float, names: Sequence[str], size: tuple[int, int]) -> list[Array]:
-        """Return the plate of each view; of a file that breaks off none, with a warning: beams are beams without it."""
-        if plate is None:
-            return []
-        plate.check(number, names, size)
-        try:
-            return plate.read(number, names, size, self._warn)
-        except scene.SceneError as error:
-            self._warn(f"{error}; rgba is what it is without a plate")
-            return []
+            each.check(self._number(frame), views_of(self.stereo, view), (width, height))
 
     def _number(self, frame: float | None) -> float:
         """Return the number of a frame, as file names have it."""
-        time = self.time(frame)
-        return 0.0 if time.IsDefault() else float(time.GetValue())
+        return frame_number(self.time(frame))
 
     def _warn(self, text: str) -> None:
         """Warn once of what is not the stage's."""
         if text not in self._warned:
             self._warned.add(text)
             LOG.warning("%s", text)
-
-    def _views(self, view: str | None) -> list[str]:
-        if view is not None and (self.stereo is None or view not in EYES):
-            expected = f"one of {', '.join(EYES)}" if self.stereo is not None else "none, for the shot has one camera"
-            raise scene.SceneError(f"view is '{view}': expected {expected}")
-        return [view] if view is not None else ["left", "right"] if self.stereo is not None else [""]
-
-    def _about(self, frame: float | None, exposure: Exposure) -> dict[str, Any]:
-        from fractions import Fraction
-        from importlib.metadata import version
-
-        # The header holds a fraction of two 32-bit integers.
-        rate = min(max(self.stage.GetFramesPerSecond(), 0.0), 1e6)
-        time = self.time(frame)
-        about: dict[str, Any] = {
-            "software": f"photonbeams {version('photonbeams')}",
-            "framesPerSecond": Fraction(rate).limit_denominator(1001),
-            "expTime": exposure.duration / self.stage.GetTimeCodesPerSecond(),
-            "scene": Path(self.stage.GetRootLayer().identifier).name,
-        }
-        if not time.IsDefault():
-            about["frame"] = float(time.GetValue())
-        return about
-
-
-def _shutter(exposure: Exposure, eyes: Sequence[int], rate: float = 1.0) -> Shutter:
-    """Return what the renderer asks of an exposure, for these eyes; `rate` is in time codes a second."""
-    from ..render.shutter import Moment, Shutter
-
-    def at(fraction: float) -> Moment:
-        content, cameras = exposure(fraction)
-        return Moment(content, tuple(cameras[eye] for eye in eyes))
-
-    def clock(fraction: float) -> tuple[float, float]:
-        code = exposure.code(fraction)
-        return code, code / rate
-
-    return Shutter(at, exposure.moving, clock)
-
-
-def _cropped(width: int, height: int, crop: Sequence[float] | None) -> tuple[int, int, int, int]:
-    """Return the pixels of a crop window, at least one."""
-    if crop is None:
-        return (0, 0, width, height)
-    x0, y0, x1, y1 = crop
-    if not (0 <= x0 < x1 <= 1 and 0 <= y0 < y1 <= 1):
-        raise scene.SceneError(f"the crop is {tuple(crop)}: expected 0 <= x0 < x1 <= 1 and 0 <= y0 < y1 <= 1")
-    left, top = int(x0 * width), int(y0 * height)
-    return (left, top, max(left + 1, round(x1 * width)), max(top + 1, round(y1 * height)))

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from pxr import Usd, UsdGeom
 
-from ..scene import Camera, SceneError
+from ..scene import FARTHEST, Camera, SceneError
 from .camera import chosen_camera, list_cameras, read_camera
-from .reading import FARTHEST, Reading, file_of
+from .reading import Reading, file_of
 
 EYES = ("left", "right")
 _EYE_DISTANCE = 0.065  # metres: between the eyes of people
@@ -27,6 +27,11 @@ class Stereo:
     convergence
         Distance at which both eyes see the same place in the middle, scene units; None: the camera's focus distance,
         and where it has none, infinitely far.
+
+    Raises
+    ------
+    SceneError
+        An interaxial distance that is negative or beyond 1e12, a convergence that is not above 0.
     """
 
     interaxial: float | None = None
@@ -60,7 +65,7 @@ def read_eyes(
         return _split(read_camera(stage, str(prim.GetPath()), time), stereo, UsdGeom.GetStageMetersPerUnit(stage))
     other = _partner(stage, prim, EYES[1 - EYES.index(role)])
     if stereo != Stereo():
-        reading = Reading(stage, Usd.TimeCode.Default(), set() if warned is None else warned)
+        reading = Reading(stage, None, set() if warned is None else warned)
         reading.warn(prim, "is one of a pair, which stand where they stand: interaxial and convergence are ignored")
     pair = {role: str(prim.GetPath()), EYES[1 - EYES.index(role)]: str(other.GetPath())}
     left, right = (read_camera(stage, pair[eye], time) for eye in EYES)
@@ -74,6 +79,20 @@ def read_eyes(
                 "expected two eyes with the same"
             )
     return left, right
+
+
+def views_of(stereo: Stereo | None, view: str | None) -> list[str]:
+    """Return the views of a frame: both eyes, or the one that is asked for, or "" for a camera that is no eye.
+
+    Raises
+    ------
+    SceneError
+        A view that is none of theirs.
+    """
+    if view is not None and (stereo is None or view not in EYES):
+        expected = f"one of {', '.join(EYES)}" if stereo is not None else "none, for the shot has one camera"
+        raise SceneError(f"view is '{view}': expected {expected}")
+    return [view] if view is not None else list(EYES) if stereo is not None else [""]
 
 
 def _partner(stage: Usd.Stage, prim: Usd.Prim, role: str) -> Usd.Prim:

@@ -11,7 +11,9 @@ import numpy as np
 import OpenImageIO
 from pxr import Ar, Sdf, Usd
 
+from ..display import is_encoded, srgb_decoded
 from ..scene import Array
+from .images import reason
 from .reading import Reading
 
 
@@ -87,28 +89,21 @@ def _opened(path: str) -> tuple[Array | None, str, str]:
     config.attribute("oiio:UnassociatedAlpha", 1)  # the colour where alpha is 0 is still the surface's colour
     file: Any = OpenImageIO.ImageInput.open(path, config)
     if not file:
-        return None, "", _first_line(OpenImageIO.geterror())
+        return None, "", reason(OpenImageIO.geterror())
     kind = str(file.spec().format)
     pixels = file.read_image("float")
     error = file.geterror()
     file.close()
     if pixels is None or not np.size(pixels):
-        return None, kind, _first_line(error)
+        return None, kind, reason(error)
     return np.asarray(pixels, dtype=np.float32).reshape(*np.shape(pixels)[:2], -1), kind, ""
-
-
-def _first_line(text: str) -> str:
-    return text.strip().splitlines()[0] if text.strip() else "unknown format"
 
 
 def _linear(pixels: Array, kind: str, color_space: str) -> Array:
     channels = pixels.shape[2]
-    encoded = color_space == "sRGB" or (color_space == "auto" and kind == "uint8" and channels >= 3)
-    if not encoded:
+    if not (color_space == "sRGB" or (color_space == "auto" and is_encoded(kind, channels))):
         return pixels
     result = pixels.copy()
     count = channels if channels not in (2, 4) else channels - 1  # alpha is never encoded
-    low = result[..., :count] <= 0.04045
-    power = ((np.maximum(result[..., :count], 0.0) + 0.055) / 1.055) ** 2.4
-    result[..., :count] = np.where(low, result[..., :count] / 12.92, power)
+    result[..., :count] = srgb_decoded(result[..., :count])
     return result

@@ -12,10 +12,10 @@ from zipfile import BadZipFile
 
 import numpy as np
 
+from ..files import PathLike, atomic_path
 from ..scene import SceneError
-from .images import PathLike, atomic_path
 from .reading import LOG
-from .shot import Frame
+from .rendered import Frame
 
 if TYPE_CHECKING:
     from ..transport.frame import Frame as Passes

@@ -22,6 +22,7 @@ from ..arrays import opaque, to_float, to_vectors
 from ..beams import Beams
 from ..device import Array3f, Float, UInt32
 from ..scene import Array, SceneError
+from ..vectors import unit
 from .bending import Paths, bent_length, pieces
 
 _ROWS = 512  # of a guide's table
@@ -51,9 +52,9 @@ class Guide:
         table = np.stack([np.interp(s, at, axis) for axis in given.T], axis=1)
         edges = np.diff(given, axis=0) / np.diff(at)[:, None]
         # The polyline's direction at its points is that between its edges, and linear from point to point.
-        between = _unit(edges[1:] + edges[:-1])
+        between = unit(edges[1:] + edges[:-1])
         directions = np.concatenate([_at_end(edges[:1], between[:1]), between, _at_end(edges[-1:], between[-1:])])
-        tangents = _unit(np.stack([np.interp(s, at, axis) for axis in directions.T], axis=1))
+        tangents = unit(np.stack([np.interp(s, at, axis) for axis in directions.T], axis=1))
         return cls(table, tangents, _transported(table, tangents), float(at[-1]))
 
     @property
@@ -73,16 +74,11 @@ def _at_end(edge: Array, inner: Array) -> Array:
     return edge
 
 
-def _unit(vectors: Array) -> Array:
-    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
-    return vectors / np.where(length > 0, length, 1)
-
-
 def _transported(points: Array, tangents: Array) -> Array:
     """Return a direction across each tangent, carried along without turning about it, by double reflection."""
     first = tangents[0]
     side = np.eye(3)[np.argmin(np.abs(first))]
-    sides = [_unit(side - side @ first * first)]
+    sides = [unit(side - side @ first * first)]
     for here, there, tangent, following in zip(points, points[1:], tangents, tangents[1:], strict=False):
         step = there - here
         squared = max(float(step @ step), 1e-30)
@@ -91,7 +87,7 @@ def _transported(points: Array, tangents: Array) -> Array:
         second = following - turned
         squared = float(second @ second)
         carried = left if squared < 1e-30 else left - 2 / squared * (second @ left) * second
-        sides.append(_unit(carried - carried @ following * following))
+        sides.append(unit(carried - carried @ following * following))
     return np.array(sides)
 
 

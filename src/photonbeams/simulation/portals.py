@@ -15,10 +15,9 @@ import numpy as np
 from .. import scene
 from ..arrays import opaque
 from ..device import Array2f, Array3f, Bool, mitsuba
+from ..vectors import FLAT
 
 mi = mitsuba()
-
-_FLAT = 1e-4  # a portal whose points leave their plane by less than this part of its size is planar
 
 
 @dataclass(frozen=True)
@@ -44,14 +43,12 @@ class Portal:
     """
 
     def __init__(self, mesh: scene.Mesh, shape: Any) -> None:
-        points, faces = np.asarray(mesh.points, dtype=np.float64), np.asarray(mesh.faces)
-        corners = points[faces.reshape(-1, 3)]
-        area = _area(corners)
+        area = mesh.area
         if not area > 0:
             raise scene.SceneError(f"{mesh.name}: the portal has no area, so no light passes it")
         self.shape = shape
         self.scene = mi.load_dict({"type": "scene", "portal": shape})
-        self.rectangle, rectangle_area, self.sides = _bounding_rectangle(points[np.unique(faces)], corners)
+        self.rectangle, rectangle_area, self.sides = _bounding_rectangle(mesh)
         self.area = rectangle_area if self.rectangle else area
         self.fill = min(1.0, area / self.area)
 
@@ -75,23 +72,18 @@ class Portal:
         return self.scene.ray_test(ray)
 
 
-def _area(corners: Any) -> float:
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    return 0.5 * float(np.linalg.norm(normals, axis=1).sum())
-
-
-def _bounding_rectangle(points: Any, corners: Any) -> tuple[_Rectangle | None, float, Any]:
+def _bounding_rectangle(mesh: scene.Mesh) -> tuple[_Rectangle | None, float, Any]:
     """Return the smallest rectangle along an edge that holds a planar portal, its area, and its corner and edges.
 
     None if not planar.
     """
-    center = points.mean(axis=0)
-    _, extent, axes = np.linalg.svd(points - center, full_matrices=False)
-    if len(extent) == 3 and extent[2] > _FLAT * extent[0]:
+    plane = mesh.plane()
+    if plane is None:
         return None, 0.0, None
-    normal = np.cross(axes[0], axes[1])
+    center, normal = plane.center, plane.normal
+    points, corners = mesh.used_points, mesh.corners
     edges = (corners - np.roll(corners, 1, axis=1)).reshape(-1, 3)
-    edges = edges[np.linalg.norm(edges, axis=1) > 1e-9 * extent[0]]
+    edges = edges[np.linalg.norm(edges, axis=1) > 1e-9 * plane.extent]
     edges /= np.linalg.norm(edges, axis=1, keepdims=True)
     best: tuple[float, Any] | None = None
     for x in edges:
@@ -102,7 +94,7 @@ def _bounding_rectangle(points: Any, corners: Any) -> tuple[_Rectangle | None, f
             best = float(size[0] * size[1]), (center + low[0] * x + low[1] * y, size[0] * x, size[1] * y)
     assert best is not None
     corner, edge_x, edge_y = best[1]
-    lift = 2 * _FLAT * extent[0]
+    lift = 2 * FLAT * plane.extent
     rectangle = _Rectangle(opaque(corner), opaque(edge_x), opaque(edge_y), opaque(normal), opaque(lift))
     return rectangle, best[0], (corner, edge_x, edge_y)
 

@@ -30,9 +30,6 @@ if TYPE_CHECKING:
     from ..looks import Look
     from ..render.world import World
 
-# How far beyond the bounding sphere, in its radii, light of a lamp goes on that meets no surface. With nothing behind
-# them the beams would otherwise end in view; what is further away adds less than a percent of a beam's light.
-ESCAPE = 8.0
 LIGHT_SIDE = 0.25  # the part of a light's beams that do not go through its portal, where they are seen
 
 # How often a beam is halved that a surface stands in the way of: seldom where it would be seen as a streak, often
@@ -85,7 +82,7 @@ class Run(NamedTuple):
 def trace(
     world: World,
     *,
-    beams_per_light: int = 4096,
+    beams_per_light: int = scene.DEFAULT_BEAMS,
     pass_index: int = 0,
     seed: int = 0,
     light_side: Collection[str] = (),
@@ -258,7 +255,7 @@ def _stretches(
     world = moment.world
     seed = hash32(numbers, dr.opaque(UInt32, run.pass_index))
     hit = world.intersect(emission.origin, emission.direction, alive, seed)
-    scale = 1.0 if isinstance(bare(moment.source), DistantSource | DomeSource) else ESCAPE
+    scale = 1.0 if isinstance(bare(moment.source), DistantSource | DomeSource) else scene.ESCAPE
     escape = world.bounds.exit(emission.origin, emission.direction, scale)
     total = dr.select(hit.is_valid(), hit.t, escape)
     against = dr.select(hit.is_valid(), _facing(hit.n, emission.direction), -emission.direction)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..scene import Array
+from .scene import Array
 
 SHOULDER = 0.5  # scene-linear value up to which `tone_mapped` changes nothing
 WHITENING = 0.15  # how fast the shoulder turns bright colours white; the value of Khronos' PBR Neutral
@@ -38,6 +38,14 @@ def srgb_encoded(linear: Array) -> Array:
 def srgb_decoded(encoded: Array) -> Array:
     """Return the linear values of sRGB-encoded ones."""
     return np.where(encoded <= 0.04045, encoded / 12.92, ((np.maximum(encoded, 0.0) + 0.055) / 1.055) ** 2.4)
+
+
+def is_encoded(kind: str, channels: int) -> bool:
+    """Return whether an image file's colours are to be taken as sRGB, as UsdUVTexture's "auto" has it; else as linear.
+
+    They are where `kind`, the type that they are stored in, is of 8 bits, and there are three channels or more.
+    """
+    return kind == "uint8" and channels >= 3
 
 
 def dithered(picture: Array) -> Array:

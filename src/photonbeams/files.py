@@ -1,0 +1,82 @@
+"""Files that are whole or not there.
+
+A file grows beside its target under a hidden name of its own and is renamed once it is whole and on the disk, so that
+neither a full disk nor a second writer leaves half of one. What goes wrong on the way is an `OSError` that names the
+target.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import secrets
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+PathLike = str | os.PathLike[str]
+
+
+@contextmanager
+def atomic_path(path: PathLike) -> Iterator[Path]:
+    """Give a path beside `path`, with its suffix, to write to; rename it to `path` at the end, remove it on failure.
+
+    Makes the folder if there is none.
+
+    Raises
+    ------
+    OSError
+        What kept the file from being written, with `path` as its file name.
+    """
+    path = Path(path)
+    # Short enough for any name that is allowed itself, and never the name of a picture that someone globs for.
+    beside = path.parent / f".{path.stem[:40]}.{secrets.token_hex(6)}.tmp{path.suffix}"
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        if path.is_dir():
+            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+        # Mode 666 under the user's umask, which a temporary file would not have.
+        os.close(os.open(beside, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666))
+        yield beside
+        _flush(beside)
+        os.replace(beside, path)
+    except OSError as error:
+        if error.filename is not None and Path(os.fsdecode(error.filename)) not in (beside, path, path.parent):
+            raise  # some other file, that the writer needed
+        if isinstance(error, FileExistsError):  # what `mkdir` says where a file has the folder's name
+            error = NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR))
+        raise OSError(error.errno or errno.EIO, error.strerror or str(error), str(path)) from error
+    finally:
+        with suppress(OSError):
+            beside.unlink()
+
+
+def try_path(path: PathLike) -> None:
+    """Raise what `atomic_path` would raise, before hours of work; the trial leaves no trace.
+
+    Raises
+    ------
+    OSError
+        The folder cannot be made or written to, or a folder bears the file's name.
+    """
+    missing = [folder for folder in Path(path).parents if not folder.exists()]
+    try:
+        with suppress(_Undone), atomic_path(path):
+            raise _Undone
+    finally:
+        for folder in missing:
+            with suppress(OSError):
+                folder.rmdir()
+
+
+class _Undone(Exception):  # noqa: N818 (no error: it takes back a trial)
+    pass
+
+
+def _flush(path: Path) -> None:
+    """Wait until a file is on the disk: a full network disk tells only then."""
+    file = os.open(path, os.O_RDWR)
+    try:
+        os.fsync(file)
+    finally:
+        os.close(file)

@@ -1,0 +1,40 @@
+"""Files: whole or not there."""
+
+import pytest
+
+from photonbeams.files import atomic_path, try_path
+
+
+def test_a_failed_writer_leaves_the_old_file_and_nothing_else(tmp_path):
+    path = tmp_path / "a.npz"
+    path.write_bytes(b"yesterday")
+    for failure in (KeyboardInterrupt, ValueError):
+        with pytest.raises(failure), atomic_path(path) as beside:
+            beside.write_bytes(b"half")
+            raise failure
+    assert path.read_bytes() == b"yesterday"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_another_files_error_keeps_that_files_name(tmp_path):
+    with pytest.raises(FileNotFoundError) as error, atomic_path(tmp_path / "a.npz"):
+        (tmp_path / "source.txt").read_bytes()
+    assert error.value.filename == str(tmp_path / "source.txt")
+
+
+def test_two_writers_of_one_file_do_not_meet(tmp_path):
+    path = tmp_path / "a.npz"
+    with atomic_path(path) as first:
+        with atomic_path(path) as second:
+            first.write_bytes(b"first")
+            second.write_bytes(b"second")
+        assert path.read_bytes() == b"second"
+    assert path.read_bytes() == b"first"
+
+
+def test_a_trial_leaves_no_trace(tmp_path):
+    try_path(tmp_path / "sub" / "a.npz")
+    assert list(tmp_path.iterdir()) == []
+    (tmp_path / "a.npz").mkdir()
+    with pytest.raises(IsADirectoryError):
+        try_path(tmp_path / "a.npz")
