@@ -52,10 +52,10 @@ if TYPE_CHECKING:
         Variation,
     )
     from .quadrature import Rule, gauss_legendre, riemann
-    from .scene import Medium, SceneError
+    from .scene import DrawnBeams, Medium, SceneError
     from .shot import Holdout, Plate, Shot, Stereo
     from .simulation.modify import aim, bend, clamp, recolour, thin
-    from .simulation.programmed import chain
+    from .simulation.programmed import PassContext, chain
 
     __version__: str
 
@@ -70,6 +70,7 @@ __all__ = [
     "ColorRamp",
     "Constant",
     "Context",
+    "DrawnBeams",
     "Epanechnikov",
     "Exponential",
     "Expression",
@@ -87,6 +88,7 @@ __all__ = [
     "Mix",
     "Modulated",
     "Noise",
+    "PassContext",
     "Plate",
     "Polynomial",
     "Power",
@@ -129,10 +131,10 @@ _HOMES = {
     "colors": ("colors_of_medium", "medium_of_colors"),
     "estimators": ("estimate",),
     "quadrature": ("Rule", "gauss_legendre", "riemann"),
-    "scene": ("Medium", "SceneError"),
+    "scene": ("DrawnBeams", "Medium", "SceneError"),
     "shot": ("Holdout", "Plate", "Shot", "Stereo"),
     "simulation.modify": ("aim", "bend", "clamp", "recolour", "thin"),
-    "simulation.programmed": ("chain",),
+    "simulation.programmed": ("PassContext", "chain"),
 }
 _HOME = dict.fromkeys(__all__, "looks") | {name: module for module, names in _HOMES.items() for name in names}
 

@@ -7,9 +7,9 @@ import pytest
 from photonbeams import scene
 from photonbeams.device import Array3f, Float
 from photonbeams.render.world import World
+from photonbeams.sampling import sobol_block
 from photonbeams.simulation import lights
 from photonbeams.simulation.emission import emit, emit_through
-from photonbeams.simulation.sampling import sobol_block
 
 RADIANCE = (3.0, 2.0, 1.0)
 COUNT = 1 << 14

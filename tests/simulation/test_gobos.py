@@ -10,9 +10,9 @@ from photonbeams import scene
 from photonbeams.arrays import to_vectors
 from photonbeams.device import Array2f, Array3f, Float, UInt32
 from photonbeams.render.world import World
+from photonbeams.sampling import sobol_block
 from photonbeams.simulation import gobos, trace
 from photonbeams.simulation.emission import emit, emit_through
-from photonbeams.simulation.sampling import sobol_block
 
 RADIANCE = (3.0, 2.0, 1.0)
 COUNT = 1 << 16

@@ -13,7 +13,7 @@ from photonbeams.scene import SceneError
 from photonbeams.simulation import trace
 from photonbeams.simulation.guides import Guide, led, pieces_along
 from photonbeams.simulation.modify import bend
-from photonbeams.simulation.programmed import Context
+from photonbeams.simulation.programmed import PassContext
 
 QUARTER = np.linspace(0, np.pi / 2, 200)
 #: From the origin along +x, then turning toward +y on a circle of radius 2 about (0, 2, 0).
@@ -125,7 +125,7 @@ def test_each_path_follows_the_guide_that_begins_nearest_to_it():
 
 def test_guides_are_given_in_python_too(rng):
     beams = bundle(rng, 5)
-    found, expected = bend([BOW])(beams, Context()).arrays(), led(beams, [Guide.through(BOW)]).arrays()
+    found, expected = bend([BOW])(beams, PassContext()).arrays(), led(beams, [Guide.through(BOW)]).arrays()
     assert all(np.array_equal(found[name], expected[name]) for name in expected)
 
 

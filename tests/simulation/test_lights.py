@@ -6,8 +6,8 @@ import pytest
 
 from photonbeams import scene
 from photonbeams.device import Array3f, Float, UInt32
+from photonbeams.sampling import sobol_block
 from photonbeams.simulation import lights
-from photonbeams.simulation.sampling import sobol_block
 
 POINTS = 1 << 14
 AXIS = np.array([0.6, 0.0, -0.8])

@@ -17,11 +17,11 @@ from photonbeams.render.world import World
 from photonbeams.scene import SceneError
 from photonbeams.simulation import trace
 from photonbeams.simulation.modify import aim, bend, clamp, recolour, thin
-from photonbeams.simulation.programmed import Context, Program, chain, emitted
+from photonbeams.simulation.programmed import PassContext, Program, chain, emitted
 from photonbeams.simulation.trace import BeamSet
 
 EYE = (0.0, 1.5, 1.95)
-CONTEXT = Context("/light")
+CONTEXT = PassContext("/light")
 
 
 @pytest.fixture(scope="module")
@@ -295,10 +295,10 @@ def test_beams_from_nothing_are_drawn_beams(kind, beams):
     drawn = scene.DrawnBeams("/mine", **beams.arrays(), group="made")
 
     def sparks(context):
-        assert context == Context(frame=3, time=3.0)
+        assert context == PassContext(frame=3, time=3.0)
         return {"beams": beams, "drawn": drawn, "several": [beams, drawn]}[kind]
 
-    found = emitted(sparks, Context(frame=3, time=3.0))
+    found = emitted(sparks, PassContext(frame=3, time=3.0))
     names = {"beams": ["/sparks"], "drawn": ["/mine"], "several": ["/sparks_0", "/mine"]}
     assert [each.name for each in found] == names[kind]
     assert all(np.array_equal(each.start, beams.arrays()["start"]) for each in found)
@@ -309,7 +309,7 @@ def test_a_function_that_makes_nothing_is_named():
         return None
 
     with pytest.raises(SceneError, match="forgetful returned nothing: expected Beams"):
-        emitted(forgetful, Context())
+        emitted(forgetful, PassContext())
 
 
 # -- In a render -------------------------------------------------------------------------------------------------------

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from photonbeams.device import Float, mitsuba
-from photonbeams.simulation.sampling import sobol_block
+from photonbeams.sampling import sobol_block
 from photonbeams.transport.emission import Emitters
 
 mi = mitsuba()

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from photonbeams.simulation.sampling import sobol_points
+from photonbeams.sampling import sobol_points
 from photonbeams.transport.frame import Settings, render
 from photonbeams.transport.guiding import Guide, learn
 from transport.scenes import camera, comparison, cube_of, fog, load, rgb

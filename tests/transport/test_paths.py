@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from photonbeams.device import Array3f, Float, UInt32, mitsuba
-from photonbeams.simulation.sampling import sobol_block
+from photonbeams.sampling import sobol_block
 from photonbeams.transport import paths
 from photonbeams.transport.emission import Emitters
 from photonbeams.transport.volumes import Volumes, number

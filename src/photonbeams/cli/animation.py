@@ -16,7 +16,7 @@ from .outputs import Output, check_placeholders
 from .progress import Progress, bar, counted, frame_line, report_line, summary_lines
 
 if TYPE_CHECKING:
-    from ..render.frame import Statistics
+    from ..render.passes import Statistics
     from ..shot import Shot
     from ..shot.settings import Product
 

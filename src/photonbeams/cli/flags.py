@@ -52,16 +52,22 @@ def check_flags(
 ) -> None:
     """Refuse numbers out of range before anything heavy is imported; a NaN is never in range."""
     from ..quadrature import MOST_POINTS
+    from ..scene import MOST_BEAMS, MOST_PIXELS
 
     x0, y0, x1, y1 = crop or (0.0, 0.0, 1.0, 1.0)
     inside = 0 <= x0 < x1 <= 1 and 0 <= y0 < y1 <= 1
     checks = (
-        ("--res", res, min(res) >= 0 and max(res) <= 65536, "two numbers from 0 to 65536, 0 for the aperture's"),
+        (
+            "--res",
+            res,
+            min(res) >= 0 and max(res) <= MOST_PIXELS,
+            f"two of 0 to {MOST_PIXELS}, 0 for the aperture's",
+        ),
         ("--res-scale", res_scale, 0 < res_scale <= 1000, "more than 0 and no more than 1000"),
         ("--crop", crop, inside, "0 <= x0 < x1 <= 1 and 0 <= y0 < y1 <= 1"),
         ("--passes", passes, passes is None or 1 <= passes < 2**31, f"1 to {2**31 - 1}"),
         ("--time-limit", time_limit, time_limit is None or time_limit > 0, "a positive number of seconds"),
-        ("--beams", beams, beams is None or 1 <= beams <= 100_000_000, "1 to 100000000 beams a pass and light"),
+        ("--beams", beams, beams is None or 1 <= beams <= MOST_BEAMS, f"1 to {MOST_BEAMS} beams a pass and light"),
         ("--order", order, order is None or 1 <= order <= MOST_POINTS, f"1 to {MOST_POINTS} points"),
         ("--anisotropy", anisotropy, anisotropy is None or -0.99 <= anisotropy <= 0.99, "-0.99 to 0.99"),
         ("--exposure", exposure, -100 <= exposure <= 100, "-100 to 100 stops"),

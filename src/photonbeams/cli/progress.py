@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from ..render.frame import Statistics
+    from ..render.passes import Statistics
 
 
 class Progress(StrEnum):

@@ -19,7 +19,7 @@ from .progress import Progress, held_interrupt, messages
 from .xml import Asked, check_given, render_xml
 
 if TYPE_CHECKING:
-    from ..render.frame import Statistics
+    from ..render.passes import Statistics
     from ..shot import Holdout, Plate, Shot
     from ..shot.settings import RenderSettings
     from ..shot.stereo import Stereo

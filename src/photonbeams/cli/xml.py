@@ -16,7 +16,7 @@ from .outputs import Output, check_outputs, chosen_layers, prepare_outputs, writ
 from .progress import Progress, counted, error_note, held_interrupt, messages
 
 if TYPE_CHECKING:
-    from ..render.frame import Statistics
+    from ..render.passes import Statistics
     from ..shot.xml import MitsubaScene
     from ..transport.frame import Frame, Settings
 

@@ -14,7 +14,7 @@ from ..arrays import opaque
 from ..device import Array2f, Array3f, Float, UInt32
 from ..estimators.image import lane_of, lanes
 from ..estimators.tiles import Pose, Projection
-from ..simulation.sampling import disk
+from ..sampling import disk
 
 
 @dataclass(frozen=True)

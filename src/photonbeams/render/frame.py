@@ -22,8 +22,8 @@ from ..estimators.points import Points
 from ..hashing import hash32
 from ..looks import Context, Look
 from ..quadrature import Rule
+from ..sampling import pixel_sample, z_order
 from ..simulation.programmed import Program
-from ..simulation.sampling import pixel_sample, z_order
 from ..simulation.sides import lights_seen
 from ..simulation.trace import BeamSet, pieces_of, trace
 from .camera import CameraRays, View, Window
@@ -33,7 +33,6 @@ from .shutter import Moment, Shutter, slice_of, turn, with_lens
 from .surfaces import shade
 from .world import World
 
-DEFAULT_BEAMS = 4096
 DEFAULT_PASSES = 16
 # Bytes at the peak of a pass on the CPU: resident memory of renders of 2 to 20 million pixels and 1 to 3 million beams.
 PIXEL_BYTES, BEAM_BYTES = 300, 350
@@ -59,7 +58,7 @@ class Settings:
 
     passes: int = DEFAULT_PASSES
     time_limit: float | None = None
-    beams: int = DEFAULT_BEAMS
+    beams: int = scene.DEFAULT_BEAMS
     estimator: str = "auto"
     rule: Rule = DEFAULT_RULE
     seed: int = 0
@@ -70,8 +69,8 @@ class Settings:
         check_estimator(self.estimator)
         if self.passes < 1:
             raise scene.SceneError(f"passes is {self.passes}: expected at least 1")
-        if not 1 <= self.beams <= 100_000_000:
-            raise scene.SceneError(f"beams is {self.beams}: expected 1 to 100,000,000 beams a pass and light")
+        if not 1 <= self.beams <= scene.MOST_BEAMS:
+            raise scene.SceneError(f"beams is {self.beams}: expected 1 to {scene.MOST_BEAMS:,} beams a pass and light")
         if self.time_limit is not None and not self.time_limit > 0:
             raise scene.SceneError(f"time limit is {self.time_limit}: expected a positive number of seconds")
 

@@ -16,8 +16,8 @@ import drjit as dr
 
 from ..device import Array3f, Bool, Float, UInt32, mitsuba
 from ..hashing import hash32, unit_float
+from ..sampling import pixel_sample, power_heuristic
 from ..simulation.lights import Sight
-from ..simulation.sampling import pixel_sample, power_heuristic
 
 if TYPE_CHECKING:
     from .world import Lamps, Links, World

@@ -16,7 +16,7 @@ from ..scene import Array, SceneError
 from .images import write_frame
 
 if TYPE_CHECKING:
-    from ..render.frame import Statistics
+    from ..render.passes import Statistics
 
 
 @dataclass(frozen=True)

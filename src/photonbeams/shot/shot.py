@@ -23,7 +23,7 @@ from .stereo import EYES, Stereo, read_eyes, views_of
 
 if TYPE_CHECKING:
     from ..looks import Look
-    from ..render.frame import Statistics
+    from ..render.passes import Statistics
     from ..scene import Array
     from ..simulation.programmed import Emitter, Modifier, Program
     from ..simulation.trace import BeamSet
@@ -83,9 +83,9 @@ class Shot:
         stereo
             For two eyes, how the camera becomes two of them; None: one picture.
         simulate
-            A function of beams and a `Context` that changes the beams of each pass, such as `thin`, or a `chain`.
+            A function of beams and a `PassContext` that changes the beams of each pass, such as `thin`, or a `chain`.
         emit
-            A function of a `Context` that makes beams from nothing: it returns `Beams`, `DrawnBeams`, or several.
+            A function of a `PassContext` that makes beams from nothing: it returns `Beams`, `DrawnBeams`, or several.
         looks
             Looks of your own instead of the stage's: one for all beams, or by the path or the name of a light, of
             drawn curves, or of the PhotonBeamsLook that they name.
@@ -136,9 +136,9 @@ class Shot:
 
     def _emitted(self, emit: Emitter, frame: float | None, medium: scene.Medium | None) -> list[scene.DrawnBeams]:
         """Return the beams that the shot's function makes from nothing, at a time."""
-        from ..simulation.programmed import Context, emitted
+        from ..simulation.programmed import PassContext, emitted
 
-        return emitted(emit, Context(frame=frame, time=self._number(frame), medium=medium))
+        return emitted(emit, PassContext(frame=frame, time=self._number(frame), medium=medium))
 
     def _fog(self, own: scene.Medium | None) -> scene.Medium | None:
         if callable(self.medium):

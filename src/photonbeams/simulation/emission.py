@@ -15,10 +15,10 @@ import numpy as np
 from .. import scene
 from ..arrays import opaque
 from ..device import Array2f, Array3f, Bool, Float
+from ..sampling import disk, perpendicular, power_cone, sphere
 from .gobos import Masked, bare, spread
 from .lights import DistantSource, DomeSource, FlatSource, SphereSource
 from .portals import Portal
-from .sampling import disk, perpendicular, power_cone, sphere
 
 _WIDE = 2 * np.pi / 3  # a cone wider than this is sampled as part of the whole sphere, which distorts less
 _GRAZING = 0.02  # the least cosine for a footprint: a beam along a surface would be infinitely wide

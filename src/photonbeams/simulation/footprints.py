@@ -18,8 +18,8 @@ import numpy as np
 from ..arrays import opaque
 from ..device import Array3f, Bool, Float, UInt32
 from ..hashing import hash32
+from ..sampling import perpendicular
 from .emission import Emission
-from .sampling import perpendicular
 
 if TYPE_CHECKING:
     from ..render.world import World

@@ -18,7 +18,7 @@ import numpy as np
 from .. import scene
 from ..arrays import opaque, to_float, to_uint, to_vectors
 from ..device import Array2f, Array3f, Bool, Float, UInt32, mitsuba
-from .sampling import cone, disk
+from ..sampling import cone, disk
 
 mi = mitsuba()
 

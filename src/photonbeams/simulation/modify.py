@@ -21,7 +21,7 @@ from ..hashing import hash32, unit_float
 from ..scene import SceneError
 from .bending import Paths, bent_length, pieces
 from .guides import Guide, led
-from .programmed import Context, Modifier
+from .programmed import Modifier, PassContext
 
 # k1 on the axis of the default profile (Epanechnikov), times the radius.
 _PEAK = 8 / (3 * np.pi)
@@ -49,7 +49,7 @@ def aim(target: Sequence[float], amount: float = 1.0) -> Modifier:
     place = _numbers(target, 3, "aim: target")
     amount = scene.number(amount, "aim: amount", 0, 1)
 
-    def aimed(beams: Beams, _: Context) -> Beams:
+    def aimed(beams: Beams, _: PassContext) -> Beams:
         paths = Paths(beams, "aim")
         to = opaque(place) - paths.origin
         to = to * dr.rsqrt(dr.maximum(dr.squared_norm(to), 1e-30))
@@ -151,7 +151,7 @@ def thin(fraction: float, keep_light: bool = True) -> Modifier:
     if fraction == 0:
         raise SceneError("thin: fraction is 0: expected more than 0, up to 1")
 
-    def thinned(beams: Beams, context: Context) -> Beams:
+    def thinned(beams: Beams, context: PassContext) -> Beams:
         seeds = (context.seed, context.pass_index, zlib.crc32(context.name.encode()))
         bits = hash32(beams.numbers(), *(dr.opaque(UInt32, each & 0xFFFFFFFF) for each in seeds))
         index: Any = dr.compress(unit_float(bits) < dr.opaque(Float, fraction))
@@ -176,7 +176,7 @@ def recolour(colour: Sequence[float] | Callable[[Beams], Any]) -> Modifier:
     """
     fixed = None if callable(colour) else _numbers(colour, 3, "recolour: colour")
 
-    def recoloured(beams: Beams, _: Context) -> Beams:
+    def recoloured(beams: Beams, _: PassContext) -> Beams:
         tint = Array3f(colour(beams)) if callable(colour) else opaque(fixed)
         result = _copy(beams)
         result.power = _mean(beams.power) * tint
@@ -213,7 +213,7 @@ def clamp(power: float | None = None, radiance: float | None = None) -> Modifier
     if most is None and brightest is None:
         raise SceneError("clamp has no limit: expected power, radiance, or both")
 
-    def clamped(beams: Beams, _: Context) -> Beams:
+    def clamped(beams: Beams, _: PassContext) -> Beams:
         last = beams.power if beams.power_end is None else beams.power_end
         peak = dr.maximum(dr.max(beams.power), dr.max(last))
         limit = dr.full(Float, dr.inf, len(beams)) if most is None else Float(dr.opaque(Float, most))

@@ -2,7 +2,7 @@
 
 The function is given the beams of one light, or of one set of drawn beams, and returns beams. Where anything moves it
 is called for shutter open and for shutter close, and must do the same at both: what it chooses at random, it chooses by
-`Context.seed` and the number of the beam, not by the time.
+`PassContext.seed` and the number of the beam, not by the time.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from .trace import BeamSet
 
 
 @dataclass(frozen=True)
-class Context:
+class PassContext:
     """What a function knows of the beams that it is given.
 
     Attributes
@@ -53,10 +53,10 @@ class Context:
 
 
 #: A function that changes beams.
-Modifier = Callable[[Beams, Context], Beams]
+Modifier = Callable[[Beams, PassContext], Beams]
 
 #: A function that makes beams from nothing.
-Emitter = Callable[[Context], "DrawnBeams | Beams | Sequence[DrawnBeams | Beams]"]
+Emitter = Callable[[PassContext], "DrawnBeams | Beams | Sequence[DrawnBeams | Beams]"]
 
 
 def chain(*modifiers: Modifier) -> Modifier:
@@ -68,7 +68,7 @@ def chain(*modifiers: Modifier) -> Modifier:
     >>> softer = pb.chain(pb.thin(0.5), pb.recolour((1, 0.8, 0.5)))
     """
 
-    def all_of_them(beams: Beams, context: Context) -> Beams:
+    def all_of_them(beams: Beams, context: PassContext) -> Beams:
         for modifier in modifiers:
             beams = modifier(beams, context)
         return beams
@@ -113,7 +113,7 @@ class Program:
         result = []
         for each in sets:
             contexts = [
-                Context(each.name, each.group, pass_index, seed, self.frame, self.code(time), medium, bounds)
+                PassContext(each.name, each.group, pass_index, seed, self.frame, self.code(time), medium, bounds)
                 for time in times
             ]
             beams = self._changed(each.beams, contexts[0])
@@ -126,7 +126,7 @@ class Program:
             result.append(each._replace(beams=beams, close=close))
         return result
 
-    def _changed(self, beams: Beams, context: Context) -> Beams:
+    def _changed(self, beams: Beams, context: PassContext) -> Beams:
         return checked(self.modifier(beams, context), f"{_called(self.modifier)} returned, of {context.name},")
 
 
@@ -148,7 +148,7 @@ def checked(found: Any, place: str) -> Beams:
     return result
 
 
-def emitted(emitter: Emitter, context: Context) -> list[DrawnBeams]:
+def emitted(emitter: Emitter, context: PassContext) -> list[DrawnBeams]:
     """Return the beams that a function makes from nothing, named after it where they have no name."""
     found = emitter(context)
     several = list(found) if isinstance(found, Sequence) else [found]

@@ -15,8 +15,8 @@ from .. import scene
 from ..arrays import opaque
 from ..device import Array2f, Array3f, Bool, Float, UInt32
 from ..hashing import hash32
+from ..sampling import pixel_sample, sobol_block
 from .portals import Portal
-from .sampling import pixel_sample, sobol_block
 
 if TYPE_CHECKING:
     from ..render.world import World

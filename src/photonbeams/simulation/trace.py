@@ -18,13 +18,13 @@ from ..arrays import compressed, joined, opaque
 from ..beams import Beams
 from ..device import Array2f, Array3f, Bool, Float, UInt32
 from ..hashing import hash32, unit_float
+from ..sampling import sobol_block
 from .emission import Emission, emit, emit_through
 from .footprints import FLOOR, radius_along, unblocked
 from .gobos import Masked, bare
 from .guides import known_guides, led, pieces_along
 from .lights import DistantSource, DomeSource
 from .portals import count_candidates
-from .sampling import sobol_block
 
 if TYPE_CHECKING:
     from ..looks import Look

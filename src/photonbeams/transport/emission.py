@@ -16,7 +16,7 @@ import numpy as np
 
 from ..arrays import to_float
 from ..device import Array2f, Array3f, Float, UInt32, mitsuba
-from ..simulation.sampling import pairs, sobol_block, sobol_points
+from ..sampling import pairs, sobol_block, sobol_points
 from .guiding import PILOT, Guide, Numbers, learn
 from .volumes import check_finite
 

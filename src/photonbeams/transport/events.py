@@ -8,7 +8,7 @@ import drjit as dr
 
 from ..device import Array3f, Bool, Float, UInt32, mitsuba
 from ..hashing import hash32, unit_float
-from ..simulation.sampling import pixel_sample
+from ..sampling import pixel_sample
 from .tracking import free_flight
 from .volumes import Volumes, beyond, pointers
 

@@ -35,8 +35,6 @@ mi = mitsuba()
 
 # Least and greatest radius in units of the scene's radius.
 FLOOR, CEILING = 1e-4, 0.05
-# How far light goes that leaves the scene, in units of its radius.
-ESCAPE = 8.0
 # Greatest radius of a scene: the squares and cubes of what is longer are beyond the numbers that there are.
 LARGEST = 1e9
 
@@ -91,7 +89,7 @@ class Settings:
 
     def __post_init__(self) -> None:
         check_estimator(self.estimator)
-        for name, most in (("passes", 2**31 - 1), ("paths", 100_000_000), ("rr_depth", 2**31 - 1)):
+        for name, most in (("passes", 2**31 - 1), ("paths", scene.MOST_BEAMS), ("rr_depth", 2**31 - 1)):
             if not 1 <= getattr(self, name) <= most:
                 raise scene.SceneError(f"{name} is {getattr(self, name)}: expected 1 to {most}")
         if self.max_depth is not None and not 0 <= self.max_depth < 2**31:
@@ -197,7 +195,7 @@ class Frame:
         settings = self.settings
         return paths.Tracing(
             self._plugin, self._volumes, settings.max_events, settings.rr_depth, settings.overlap, self._reach,
-            settings.paths, float(self._emitters.power.max()), ESCAPE * self._radius, settings.short,
+            settings.paths, float(self._emitters.power.max()), scene.ESCAPE * self._radius, settings.short,
         )  # fmt: skip
 
     def simulated(self, number: int) -> tuple[dict[int, Lit], list[paths.Landed], Limits]:

@@ -18,7 +18,7 @@ import numpy as np
 from ..arrays import compressed, joined
 from ..device import Array3f, Bool, Float, UInt32, mitsuba
 from ..hashing import hash32, unit_float
-from ..simulation.sampling import pixel_sample
+from ..sampling import pixel_sample
 from .emission import Emitted, Tangents, copies, differentiate, of_copies
 from .events import CHANCE, LOBE, PASSES, SCATTERS, TURN, Event, Scatter, ray_of, reflect, sampled
 from .footprints import Width, width

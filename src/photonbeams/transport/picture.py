@@ -12,7 +12,7 @@ from .. import scene
 from ..arrays import to_float
 from ..device import Array3f, Float, UInt32
 from ..render.passes import to_picture
-from ..simulation.sampling import z_order
+from ..sampling import z_order
 from . import eye
 from .sensors import Sensor
 

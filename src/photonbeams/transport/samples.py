@@ -8,7 +8,7 @@ import drjit as dr
 
 from ..device import Array2f, Float, UInt32
 from ..hashing import hash32, unit_float
-from ..simulation.sampling import pixel_sample
+from ..sampling import pixel_sample
 
 # Of the 32 bits of a place in a sequence these are of the pass, the others of the pixel.
 _BITS = 16

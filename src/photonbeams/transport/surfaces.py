@@ -12,7 +12,7 @@ import drjit as dr
 
 from ..device import Array3f, Bool, Float, UInt32, mitsuba
 from ..hashing import hash32
-from ..simulation.sampling import power_heuristic
+from ..sampling import power_heuristic
 from .volumes import Volumes, beyond
 
 if TYPE_CHECKING:

@@ -12,9 +12,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy.stats import qmc
 
-from ..arrays import to_float
-from ..device import Array2f, Array3f, Float, UInt32, mitsuba
-from ..hashing import hash32, unit_float
+from .arrays import to_float
+from .device import Array2f, Array3f, Float, UInt32, mitsuba
+from .hashing import hash32, unit_float
 
 mi = mitsuba()
 
