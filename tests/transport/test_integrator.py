@@ -4,12 +4,15 @@ import inspect
 import re
 import subprocess
 import sys
+from dataclasses import replace
 
+import drjit as dr
 import numpy as np
 import pytest
 
 from photonbeams import integrator
 from photonbeams.device import mitsuba
+from photonbeams.transport.frame import render
 from transport.scenes import camera, cube_of, fog, load, rgb
 
 mi = mitsuba()
@@ -123,3 +126,18 @@ def test_bundled_scenes_render_with_fog_added():
     box["fog"] = cube_of(fog(0.3), 0.99)
     found = np.array(mi.render(mi.load_dict(box), integrator=plugin(layers=True), spp=2))
     assert np.isfinite(found).all() and found[..., 3:6].mean() > 0
+
+
+def test_mitsuba_renders_the_picture_that_the_command_does():
+    # Mitsuba suspends derivatives, and ours of light paths, which give beams their radii, must not be of them.
+    glass = {"type": "sphere", "radius": 0.4, "bsdf": {"type": "dielectric", "int_ior": 1.5}}
+    both = load(fog=cube_of(fog(0.5)), light=LIGHT, wall={"type": "rectangle"}, glass=glass, sensor=camera(size=8))
+    ours = plugin()
+    frame = render(both, both.sensors()[0], replace(ours.settings, passes=2, seed=3))
+    found = np.array(mi.render(both, integrator=ours, spp=2, seed=3))
+    np.testing.assert_array_equal(found[..., :3], frame.layers()["rgba"][..., :3])
+    with dr.suspend_grad():
+        suspended = frame.simulated(2)[0]
+    for number, lit in frame.simulated(2)[0].items():
+        np.testing.assert_array_equal(suspended[number].beams.radius_end.numpy(), lit.beams.radius_end.numpy())
+        assert lit.beams.radius_end.numpy().std() > 0

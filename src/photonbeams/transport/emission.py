@@ -182,12 +182,12 @@ class Emitters:
         lane, which = copies(count)
         inputs = [mi.Point2f(dr.gather(Array2f, each, lane)) for each in (u, v)]
         scales = [dr.gather(Array2f, each, lane) for each in stretch]
-        dr.enable_grad(inputs)
         units = [
             mi.Point2f(dr.select(which == 2 * k, scale.x, 0), dr.select(which == 2 * k + 1, scale.y, 0))
             for k, scale in enumerate(scales)
         ]
-        with dr.resume_grad():
+        with dr.resume_grad():  # whatever the caller has suspended, as `mi.render` does
+            dr.enable_grad(inputs)
             ray, _ = self._sample(number, *inputs)
             shift, turn = differentiate(inputs, [ray.o, ray.d], units)
         shift, turn = (Array3f(each) + dr.zeros(Array3f, 4 * count) for each in (shift, turn))

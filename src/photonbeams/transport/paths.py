@@ -310,8 +310,8 @@ def _carry(tracing: Tracing, paths: Paths, following: Paths, bent: Bool, index: 
         turn = dr.select(which == k, dr.gather(Array3f, d, lane), turn)
     origin = mi.Point3f(dr.gather(Array3f, paths.origin, lane))
     direction = mi.Vector3f(dr.gather(Array3f, paths.direction, lane))
-    dr.enable_grad(origin, direction)
     with dr.resume_grad():
+        dr.enable_grad(origin, direction)
         hit = tracing.plugin.ray_intersect(ray_of(origin, direction))
         sample, _ = sampled(hit, True, dr.gather(UInt32, index, lane), dr.gather(UInt32, stream, lane))
         p, d = differentiate([origin, direction], [hit.p, hit.to_world(sample.wo)], [shift, turn])
