@@ -1,12 +1,15 @@
 """Media of Mitsuba scenes: which is where, and which are refused."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from photonbeams.device import Array3f, Bool, UInt32, mitsuba
 from photonbeams.scene import SceneError
+from photonbeams.transport.frame import Settings, render
 from photonbeams.transport.volumes import Volumes, medium_at, number
-from transport.scenes import T, cloud, cube_of, fog, load
+from transport.scenes import T, camera, cloud, cube_of, fog, load
 
 mi = mitsuba()
 
@@ -70,3 +73,15 @@ def test_flakes_are_refused():
     medium = fog(phase={"type": "sggx", "S": volume})
     with pytest.raises(SceneError, match="depends on where its flakes look"):
         Volumes([mi.load_dict(medium)])
+
+
+def test_a_grid_that_is_smaller_than_its_shape_ends_at_its_own_border():
+    ones = {"type": "gridvolume", "grid": mi.VolumeGrid(np.ones((4, 4, 4, 1), np.float32)), "raw": True,
+            "to_world": T().translate(-0.6).scale(1.2)}  # fmt: skip
+    smoke = {"type": "heterogeneous", "sigma_t": ones, "albedo": 1.0, "scale": 3.0}
+    # Without absorption, in even light of radiance 1, everything looks like radiance 1.
+    furnace = load(smoke=cube_of(smoke), light={"type": "constant", "radiance": 1.0}, sensor=camera(size=16))
+    settings = Settings(passes=16, paths=4096, max_radius=0.02)
+    pictures = [render(furnace, furnace.sensors()[0], replace(settings, seed=seed)).layers()["rgba"] for seed in (1, 2)]
+    means = np.array([picture[..., :3].mean() for picture in pictures])
+    assert means == pytest.approx(1, abs=0.02)  # glows outside of the grid made it 1.9

@@ -47,7 +47,8 @@ class Scattering(Factor):
         )
         if self._plugin.is_homogeneous():
             return at.medium.scattering * Array3f(value)
-        return Array3f(self._plugin.get_scattering_coefficients(place, True)[0]) * Array3f(value)
+        scattering = Array3f(self._plugin.get_scattering_coefficients(place, True)[0])
+        return dr.select(_in_grid(self._plugin, at.position), scattering * Array3f(value), 0)
 
 
 class Ended(Factor):
@@ -60,6 +61,12 @@ class Ended(Factor):
         """Return the share of each channel; the channels' weights are the beam's power, by which flights choose."""
         left = dr.exp(-at.medium.extinction * at.depth)
         return ended(left, getattr(at.beam, "power", Array3f(1)))
+
+
+def _in_grid(plugin: Any, point: Any) -> Any:
+    """Return whether points lie where a medium that varies is known: beyond, grids are clamped, and the medium ends."""
+    inside, enter, leave = plugin.intersect_aabb(mi.Ray3f(mi.Point3f(point), mi.Vector3f(0.6, 0.64, 0.48)))
+    return inside & (enter <= 0) & (leave >= 0)
 
 
 def ended(left: Any, power: Any) -> Any:
