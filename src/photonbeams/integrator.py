@@ -44,7 +44,8 @@ Photon beams (:monosp:`photon_beams`)
 
  * - min_radius, max_radius
    - |float|
-   - Bounds of those radii; 0 is 0.0001 and 0.05 of the radius of the scene. (Default: 0)
+   - Bounds of those radii; 0 is 0.0001 and 0.05 of the radius of the medium, and no more than a quarter of a mean
+     free path; of photons, of the radius of the scene. (Default: 0)
 
  * - overlap
    - |float|

@@ -7,7 +7,7 @@ import pytest
 from photonbeams import device
 from photonbeams.device import mitsuba
 from photonbeams.scene import SceneError
-from photonbeams.transport.frame import Frame, Settings, render
+from photonbeams.transport.frame import CEILING, FREE_PATHS, Frame, Settings, render
 from transport.scenes import T, camera, cloud, comparison, cube_of, fog, load, rgb, volpath
 
 mi = mitsuba()
@@ -245,3 +245,19 @@ def test_a_point_light_in_fog_is_its_closed_form():
     # within 4.5 times that, and the mean within 2.5 times a quarter of it.
     np.testing.assert_allclose(found, expected, rtol=0.08)
     assert found.mean() == pytest.approx(expected.mean(), rel=0.01)
+
+
+@pytest.mark.parametrize("extinction", [0.5, 40.0])
+def test_radii_are_of_the_medium_whatever_lies_around_it(extinction):
+    def radii(ground):
+        below = {"type": "rectangle", "to_world": T().translate([0, -1, 0]).rotate([1, 0, 0], -90).scale(ground)}
+        light = {"type": "point", "position": [0, 3, 0], "intensity": rgb(1.0)}
+        both = load(fog=cube_of(fog(extinction)), below=below, light=light, sensor=camera())
+        beams = Frame(both, both.sensors()[0], Settings(paths=512, guiding=False)).simulated(0)[0].values()
+        return np.concatenate([each.beams.radius_end.numpy() for each in beams])
+
+    near, far = radii(2.0), radii(10_000.0)
+    widest = min(CEILING * np.sqrt(3), FREE_PATHS / extinction)
+    assert near.max() <= widest * (1 + 1e-6) and far.max() <= widest * (1 + 1e-6)
+    # Those that come straight from the light are the same ones.
+    assert np.median(far) == pytest.approx(np.median(near), rel=0.2)
