@@ -10,7 +10,7 @@ from ..device import Array3f, Bool, Float, UInt32, mitsuba
 from ..hashing import hash32, unit_float
 from ..sampling import pixel_sample
 from .tracking import free_flight
-from .volumes import Volumes, beyond, pointers
+from .volumes import Volumes, pointers
 
 if TYPE_CHECKING:
     from .paths import Paths, Tracing
@@ -105,7 +105,7 @@ class Scatter:
         self.delta, self.null, self.medium, self.chance = delta, null, medium, chance
 
 
-def reflect(hit: Any, active: Any, medium: UInt32, index: UInt32, stream: UInt32) -> Scatter:
+def reflect(volumes: Volumes, hit: Any, active: Any, medium: UInt32, index: UInt32, stream: UInt32) -> Scatter:
     """Return a sample of the BSDF for light that comes through `medium` (Veach 1997, section 5.3: shading normals)."""
     sample, weight = sampled(hit, active, index, stream)
     direction = hit.to_world(sample.wo)
@@ -119,8 +119,8 @@ def reflect(hit: Any, active: Any, medium: UInt32, index: UInt32, stream: UInt32
     delta, null = mi.has_flag(kind, mi.BSDFFlags.Delta), mi.has_flag(kind, mi.BSDFFlags.Null)
     origin = Array3f(hit.spawn_ray(direction).o)
     chance = dr.select(good & (delta | null), dr.clip(sample.pdf, 1e-4, 1), 1)
-    return Scatter(origin, Array3f(direction), dr.select(good, value, 0), delta | null, null,
-                   beyond(hit, direction, medium), chance)  # fmt: skip
+    entered = volumes.beyond(hit, direction, medium, good)
+    return Scatter(origin, Array3f(direction), dr.select(good, value, 0), delta | null, null, entered, chance)
 
 
 def sampled(hit: Any, active: Any, index: UInt32, stream: UInt32) -> Any:

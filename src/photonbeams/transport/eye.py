@@ -18,7 +18,7 @@ from ..device import Array3f, Bool, Float, UInt32, mitsuba
 from .samples import Samples
 from .sensors import Primary
 from .surfaces import direct
-from .volumes import Volumes, beyond, medium_at
+from .volumes import Volumes, medium_at
 
 mi = mitsuba()
 
@@ -197,7 +197,7 @@ def _onward(
     following.direction = dr.select(straight, sight.direction, Array3f(direction))
     following.near = dr.select(straight, way, 0)
     following.far = dr.select(straight, sight.far, dr.largest(Float))
-    following.medium = beyond(hit, direction, sight.medium)
+    following.medium = looking.volumes.beyond(hit, direction, sight.medium, sharp)
     following.events = sight.events + dr.select(null, 0, 1)
     following.pixel, following.order, following.primary = sight.pixel, sight.order, straight
     alive = sharp & (dr.max(following.throughput) > 0) & _within(looking, following.events, 1)

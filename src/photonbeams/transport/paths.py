@@ -217,7 +217,7 @@ def _step(tracing: Tracing, paths: Paths, seed: Any, first: Any, step: int) -> t
     hit = tracing.plugin.ray_intersect(ray_of(paths.origin, paths.direction))
     event = Event(tracing, paths, hit, index, stream)
     segments = _segments(tracing, paths, event)
-    scatter = reflect(hit, event.on_surface, paths.medium, index, stream)
+    scatter = reflect(tracing.volumes, hit, event.on_surface, paths.medium, index, stream)
     following = _following(tracing, paths, event, scatter, index, stream)
     landed = _landed(paths, event, segments.width)
     in_medium = (paths.medium > 0) & (event.length > 0) & (paths.fate != SCATTERS)

@@ -13,7 +13,7 @@ import drjit as dr
 from ..device import Array3f, Bool, Float, UInt32, mitsuba
 from ..hashing import hash32
 from ..sampling import power_heuristic
-from .volumes import Volumes, beyond
+from .volumes import Volumes
 
 if TYPE_CHECKING:
     from .samples import Samples
@@ -44,14 +44,14 @@ def direct(plugin: Any, volumes: Volumes, hit: Any, medium: UInt32, order: UInt3
     lit &= dr.max(value) > 0
     ray = hit.spawn_ray_to(light.p)
     seed = samples.bits(order, _WAY, step)
-    passed, _ = through(plugin, volumes, ray, beyond(hit, light.d, medium), seed, lit)
+    passed, _ = through(plugin, volumes, ray, volumes.beyond(hit, light.d, medium, lit), seed, lit)
     result = dr.select(lit, value * passed, 0)
 
     lobe, turn = samples.single(order, _LOBE, step), samples.pair(order, _TURN, step)
     sample, weight = bsdf.sample(context, hit, lobe, mi.Point2f(turn), active)
     reflected = active & (sample.pdf > 0) & (dr.max(Array3f(weight)) > 0)
     direction = hit.to_world(sample.wo)
-    start = beyond(hit, direction, medium)
+    start = volumes.beyond(hit, direction, medium, reflected)
     passed, met = through(plugin, volumes, hit.spawn_ray(direction), start, ~seed, reflected)
     emitter = met.emitter(plugin, reflected)
     seen = mi.DirectionSample3f(plugin, met, hit)
@@ -84,7 +84,7 @@ def through(plugin: Any, volumes: Volumes, ray: Any, medium: UInt32, seed: UInt3
         passed = dr.select(solid & ~endless, 0, passed)
         going = going & ~solid
         passed = dr.select(going, passed * clear, passed)
-        medium = dr.select(going, beyond(found, ray.d, medium), medium)
+        medium = dr.select(going, volumes.beyond(found, ray.d, medium, going), medium)
         place = dr.select(going, found.spawn_ray(ray.d).o, place)
         left = dr.select(going & ~endless, left - found.t, left)
         return place, left, medium, passed, layer + 1, going & (dr.max(passed) > 0), hit

@@ -133,6 +133,8 @@ class Volumes:
     ----------
     plugins
         Mitsuba's media, each as often as it may be.
+    around
+        The Mitsuba scene, where several of its shapes hold media, which may touch.
 
     Raises
     ------
@@ -140,7 +142,7 @@ class Volumes:
         A medium that cannot be rendered.
     """
 
-    def __init__(self, plugins: Iterable[Any]) -> None:
+    def __init__(self, plugins: Iterable[Any], around: Any = None) -> None:
         found = {number(plugin): plugin for plugin in plugins if plugin is not None}
         # In the order of the scene: numbers differ from one process to the next, and so would the sums of light.
         self.all = tuple(_volume(each, found[each]) for each in found)
@@ -152,12 +154,15 @@ class Volumes:
             table[2, volume.number, :2] = volume.tracked is not None, volume.colored
         self._extinction, self._scattering, self._kinds = (to_vectors(each) for each in table)
         self.any_varying = any(volume.tracked is not None for volume in self.all)
+        self._around = around
 
     @classmethod
     def of(cls, plugin: Any) -> Volumes:
         """Return the media of a Mitsuba scene: in and around its shapes, and those that sensors and emitters name."""
         named = [each.get_medium() for each in (*plugin.sensors(), *plugin.emitters())]
-        return cls([*parts(plugin, mi.Medium), *named])
+        shapes = parts(plugin, mi.Shape)
+        several = sum(each.interior_medium() is not None for each in shapes) > 1 or any(map(_repeats, shapes))
+        return cls([*parts(plugin, mi.Medium), *named], plugin if several else None)
 
     def extinction(self, medium: UInt32) -> Array3f:
         """Return σt of media by their numbers; 0 in the open."""
@@ -194,6 +199,23 @@ class Volumes:
         way = Way(origin, direction, dr.maximum(enter, 0), dr.minimum(leave, distance), majorant, seed)
         return dr.select(varying, walk(way, lambda point: _extinction(media, point, varying), varying & inside), plain)
 
+    def beyond(self, hit: Any, direction: Any, medium: UInt32, active: Bool) -> UInt32:
+        """Return the number of the medium that rays enter at a hit, where it is a border; else the one they are in.
+
+        Where two borders lie on each other a ray meets one of them. If it then is in the open, we ask the next one.
+        """
+        direction = mi.Vector3f(direction)
+        entered = dr.select(hit.is_medium_transition(), numbers(hit.target_medium(direction)), medium)
+        if self._around is None:
+            return entered
+        lost = active & hit.is_medium_transition() & (entered == 0)
+        start = Array3f(hit.spawn_ray(direction).o)
+        return dr.select(lost, medium_at(self._around, start, Array3f(direction), entered, lost), entered)
+
+
+def _repeats(shape: Any) -> bool:
+    return bool(shape.class_name() == "Instance")
+
 
 class _Parts(mi.TraversalCallback):  # type: ignore[misc, name-defined]
     """Collects the objects that another one consists of, each once."""
@@ -228,11 +250,6 @@ def numbers(media: Any) -> UInt32:
 def pointers(media: UInt32) -> Any:
     """Return the media with these numbers."""
     return dr.reinterpret_array(mi.MediumPtr, mi.UInt32(media))
-
-
-def beyond(hit: Any, direction: Any, medium: UInt32) -> UInt32:
-    """Return the number of the medium that rays enter at a hit, where it is a border; else the one they are in."""
-    return dr.select(hit.is_medium_transition(), numbers(hit.target_medium(mi.Vector3f(direction))), medium)
 
 
 def medium_at(plugin: Any, origin: Array3f, direction: Array3f, otherwise: UInt32, active: Bool) -> UInt32:
