@@ -345,6 +345,8 @@ class Camera:
         Near and far distance.
     lens_radius, focus_distance
         Of a thin lens, and where it is in focus, along the optical axis; a radius of 0 is a pinhole.
+    exposure_scale
+        What all light that is seen is multiplied with.
     """
 
     name: str
@@ -358,6 +360,7 @@ class Camera:
     clipping: tuple[float, float] = (1e-3, 1e6)
     lens_radius: float = 0.0
     focus_distance: float = 0.0
+    exposure_scale: float = 1.0
 
 
 @dataclass(frozen=True)

@@ -177,6 +177,26 @@ def test_no_lens_is_a_pinhole_and_a_wide_one_blurs(shot):
     assert np.array_equal(sharp["depth"], wide["depth"])
 
 
+LIGHT = ("rgba", "surface", "beams", "beams_still", "beams_swinging")
+
+
+def test_a_cameras_exposure_multiplies_all_light_and_nothing_else(shot):
+    plain, bright = (shot(f"/Camera.exposure={stops}").render(1, **SMALL).layers for stops in (0, 3))
+    for name, layer in plain.items():
+        channels = 3 if name in LIGHT else 0
+        assert np.array_equal(bright[name][..., :channels], 8 * layer[..., :channels])
+        assert np.array_equal(bright[name][..., channels:], layer[..., channels:])
+    assert plain["surface"].any() and plain["rgba"][..., 3].any()
+
+
+def test_a_pass_has_the_exposure_of_the_middle_of_its_slice(shot):
+    text = STAGE.replace("9: (2.5, 0.5, 2)", "9: (1.5, 0, -2)")
+    text = text.replace("float fStop = 0", "float fStop = 0\n    float exposure:iso.timeSamples = { 1: 100, 9: 500 }")
+    found = shot("/Camera.shutter:close=8", text=text).render(1, **SMALL | {"passes": 1}).layers
+    first = shot(text=text).render(1, **SMALL | {"passes": 1}).layers
+    assert np.allclose(found["beams"], 3 * first["beams"], rtol=1e-5) and first["beams"].any()
+
+
 # -- What a hostile user found ----------------------------------------------------------------------------------------
 
 

@@ -256,6 +256,7 @@ class _Frame:
                 self._window,
                 cameras[-1] if cameras[-1] is not cameras[0] else None,
             )
+            sums.exposure = dr.opaque(Float, view.camera.exposure_scale)
             film = view.film or any(each.close is not None for each in sets)
             with statistics.phase("surfaces"):
                 sample = self._samples(number) if film else None
@@ -350,7 +351,7 @@ class _Frame:
             )  # fmt: skip
         except scene.SceneError as error:  # of a look: whose it is, only this one knows
             raise scene.SceneError(f"{each.name}: {error}") from error
-        sums.groups[each.group] = sums.groups.get(each.group, 0) + part.radiance
+        sums.groups[each.group] = sums.groups.get(each.group, 0) + part.radiance * sums.exposure
         self.statistics.tests += part.billboard_tests + part.frustum_tests
 
     def views(self) -> list[dict[str, np.ndarray]]:
@@ -369,11 +370,12 @@ class _Sums:
         self.surface, self.transmittance = dr.zeros(Array3f, count), dr.zeros(Array3f, count)
         self.alpha, self.depth = dr.zeros(Float, count), dr.zeros(Float, count)
         self.groups: dict[str, Any] = {}
+        self.exposure = dr.opaque(Float, 1.0)  # of the pass that is added: light alone is multiplied with it
         dr.eval(self.order)
 
     def add_surfaces(self, shaded: Any) -> None:
         """Add what a pass sees of surfaces."""
-        self.surface += shaded.radiance
+        self.surface += shaded.radiance * self.exposure
         self.transmittance += shaded.transmittance
         self.alpha += shaded.alpha
         dr.eval(self.surface, self.transmittance, self.alpha, self.depth)
