@@ -104,6 +104,37 @@ def test_a_long_render_keeps_a_few_moments_alone(shot):
     assert exposure(1.0) is moment and len(exposure._known) < 10
 
 
+def test_velocities_blur_what_has_one_sample(shot):
+    points = "[(0, -9, -9), (0, 9, -9), (0, 9, 9), (0, -9, 9)]"
+    samples = f"""points.timeSamples = {{ 2: {points} }}
+    vector3f[] velocities.timeSamples = {{ 2: [{", ".join(4 * ["(24, 0, 0)"])}] }}"""
+    text = STAGE.replace("9: (2.5, 0.5, 2)", "9: (1.5, 0, -2)").replace(f"points = {points}", samples)
+    exposure = shot("/Camera.shutter:open=-0.5", "/Camera.shutter:close=0.5", text=text).exposure(2)
+    assert exposure.moving
+    for fraction in (0, 0.25, 1):
+        assert exposure(fraction)[0].meshes[1].points[:, 0] == pytest.approx(fraction - 0.5)
+
+
+def test_a_shutter_that_opens_before_the_frame_sees_the_frames_topology(shot):
+    kinds = ((4, "(1, 0, 0)"), (3, "(24, 0, 0)"), (3, "(0, 576, 0)"))
+    slow, fast, pull = (f"[{', '.join(count * [each])}]" for count, each in kinds)
+    text = STAGE[: STAGE.index('def Mesh "Baffle"')] + STAGE[STAGE.index('def SphereLight "Still"') :]
+    text += f"""def Mesh "Splash"
+{{
+    int[] faceVertexCounts.timeSamples = {{ 1: [4], 2: [3] }}
+    int[] faceVertexIndices.timeSamples = {{ 1: [0, 1, 2, 3], 2: [0, 1, 2] }}
+    point3f[] points.timeSamples = {{ 1: {slow}, 2: [(0, 0, 0), (0, 1, 0), (0, 1, 1)] }}
+    vector3f[] velocities.timeSamples = {{ 1: {slow}, 2: {fast} }}
+    vector3f[] accelerations.timeSamples = {{ 1: {slow}, 2: {pull} }}
+}}"""
+    exposure = shot("/Camera.shutter:open=-0.5", "/Camera.shutter:close=0.5", text=text).exposure(2)
+    for fraction in (0, 0.25, 1):
+        (mesh,) = [each for each in exposure(fraction)[0].meshes if each.name == "/Splash"]
+        time = fraction - 0.5
+        assert len(mesh.faces) == 1
+        assert mesh.points - [time, time**2 / 2, 0] == pytest.approx(np.array([[0, 0, 0], [0, 1, 0], [0, 1, 1]]))
+
+
 def test_a_closed_shutter_and_a_still_stage_do_not_move(shot):
     assert not shot().exposure(3).moving
     still = shot("/Camera.shutter:close=0.5", text=STAGE.replace("9: (2.5, 0.5, 2)", "9: (1.5, 0, -2)"))

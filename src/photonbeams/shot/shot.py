@@ -105,11 +105,14 @@ class Shot:
         """Return the time code of a frame; None is the stage's start or default time."""
         return stages.default_time(self.stage) if frame is None else Usd.TimeCode(frame)
 
-    def read(self, frame: float | None = None) -> tuple[scene.Scene, scene.Camera]:
-        """Return what the stage holds at a frame, with its looks built, and the camera."""
+    def read(self, frame: float | None = None, base: float | None = None) -> tuple[scene.Scene, scene.Camera]:
+        """Return what the stage holds at a frame, with its looks built, and the camera.
+
+        Velocities carry on what the stage holds at `base`, the frame whose shutter is open; None: at the frame itself.
+        """
         time = self.time(frame)
         camera = stages.read_camera(self.stage, self.camera, time)
-        content = stages.read_scene(self.stage, time, self._warned)
+        content = stages.read_scene(self.stage, time, self._warned, base)
         content = replace(
             content,
             medium=self._fog(content.medium),
@@ -161,7 +164,7 @@ class Shot:
         base = frame_number(time)
 
         def read(code: float) -> scene.Scene:
-            content = self.read(None if time.IsDefault() else code)[0]
+            content = (self.read() if time.IsDefault() else self.read(code, base))[0]
             return replace(content, bounds=self._bounds(content))
 
         def cameras(code: float) -> tuple[scene.Camera, ...]:
