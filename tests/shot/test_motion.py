@@ -428,5 +428,42 @@ def test_bad_eyes_are_told_in_a_sentence(shot):
         shot(text=alone, stereo=Stereo())
     other = STAGE[STAGE.index('def Camera "Camera"') :].replace("horizontalAperture = 12", "horizontalAperture = 13")
     other = other.replace('def Camera "Camera"\n{', 'def Camera "Other"\n{\n    uniform token stereoRole = "right"')
-    with pytest.raises(SceneError, match=r"horizontal aperture of /Camera is 1\.2 and of /Other 1\.3"):
+    with pytest.raises(SceneError, match=r"/Camera\.horizontalAperture is 12 and that of /Other 13: expected two eyes"):
         shot(text=alone + other, camera="/Camera", stereo=Stereo())
+
+
+@pytest.mark.parametrize(
+    ("override", "message"),
+    [
+        ("focalLength=11", r"/Left\.focalLength is 10 and that of /Right 11: expected two eyes with the same"),
+        ("projection=orthographic", r"/Left\.projection is perspective and that of /Right orthographic: expected two"),
+        ("shutter:close=0.5", r"/Left\.shutter:close is 0 and that of /Right 0\.5: expected two eyes with the same"),
+        ("exposure=1", r"/Left\.exposure is 0 and that of /Right 1: expected two eyes with the same"),
+    ],
+)
+@pytest.mark.parametrize("camera", ["Left", "Right"])
+def test_eyes_that_differ_are_told_in_the_files_own_numbers(shot, camera, override, message):
+    body = STAGE[STAGE.index('def Camera "Camera"') :]
+    text = STAGE.replace(body, "") + "".join(
+        body.replace('def Camera "Camera"\n{', f'def Camera "{name}"\n{{\n    uniform token stereoRole = "{role}"')
+        for name, role in (("Left", "left"), ("Right", "right"))
+    )
+    assert shot(text=text, camera=camera, stereo=Stereo()).cameras(1)
+    with pytest.raises(SceneError, match=message):
+        shot(f"/Right.{override}", text=text, camera=camera, stereo=Stereo())
+
+
+def test_eyes_that_converge_too_near_to_see_the_same_are_refused(shot):
+    # Focal length 1, aperture 1.2, half of the eyes' distance 3: 3 · 1 / 1.2.
+    assert shot(stereo=Stereo(6, 2.51)).cameras(1)
+    expected = r"/Camera has eyes 6 apart that converge at {}: expected a convergence of at least 2\.5 scene units"
+    for near in (2.49, 1e-30):
+        with pytest.raises(SceneError, match=expected.format(f"{near:g}")):
+            shot(stereo=Stereo(6, near))
+    with pytest.raises(SceneError, match=expected.format("its focusDistance, 2")):
+        shot("/Camera.focusDistance=2", stereo=Stereo(6))
+
+
+def test_an_orthographic_camera_is_not_split(shot):
+    with pytest.raises(SceneError, match="/Camera is orthographic: expected a perspective camera to be split"):
+        shot("/Camera.projection=orthographic", stereo=Stereo())
