@@ -135,6 +135,34 @@ def test_a_shutter_that_opens_before_the_frame_sees_the_frames_topology(shot):
         assert mesh.points - [time, time**2 / 2, 0] == pytest.approx(np.array([[0, 0, 0], [0, 1, 0], [0, 1, 1]]))
 
 
+# A bool is held from one time sample to the next.
+JUMPING = STAGE.replace(
+    'token photonbeams:lightGroup = "still"',
+    """token photonbeams:lightGroup = "still"
+    float inputs:colorTemperature = 2000
+    bool inputs:enableColorTemperature.timeSamples = { 1: 0, 3: 1 }""",
+)
+
+
+def test_what_jumps_as_the_shutter_closes_is_not_in_the_beams(shot):
+    """Beams go from one end of a slice to the other: its close is looked at just before what jumps there."""
+    plain, jumping = (
+        shot("/Camera.shutter:close=1", text=text).render(2, **SMALL).layers["beams_still"] for text in (STAGE, JUMPING)
+    )
+    assert np.array_equal(plain, jumping) and plain.any()
+    standing = JUMPING.replace("9: (2.5, 0.5, 2)", "9: (1.5, 0, -2)")
+    assert not shot("/Camera.shutter:close=1", text=standing).exposure(2).moving
+
+
+def test_a_slice_that_closes_where_something_jumps_is_before_it(shot):
+    exposure = shot("/Camera.shutter:open=-0.5", "/Camera.shutter:close=0.5", text=JUMPING).exposure(3)
+    shutter = exposure.shutter([0])
+    (white, before), (red, after) = shutter.ends(0.0, 0.5), shutter.ends(0.5, 1.0)
+    assert before.scene.lights[0] is white.scene.lights[0]
+    assert equal(red.scene.lights[0], after.scene.lights[0]) and not equal(before.scene.lights[0], red.scene.lights[0])
+    assert before.scene.lights[1].center == pytest.approx(red.scene.lights[1].center, abs=1e-8)
+
+
 def test_a_closed_shutter_and_a_still_stage_do_not_move(shot):
     assert not shot().exposure(3).moving
     still = shot("/Camera.shutter:close=0.5", text=STAGE.replace("9: (2.5, 0.5, 2)", "9: (1.5, 0, -2)"))

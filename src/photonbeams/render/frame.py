@@ -210,7 +210,7 @@ class _Frame:
         holdouts: Sequence[Held] = (),
     ) -> None:
         self._shutter, self._window, self._settings, self.statistics = shutter, window, settings, statistics
-        ends = [shutter.at(0.0), shutter.at(1.0)] if shutter.moving else [shutter.at(0.0)]
+        ends = shutter.ends(0.0, 1.0)
         self._eyes = [np.asarray(camera.to_world)[:3, 3] for moment in ends for camera in moment.cameras]
         self._worlds: list[World] = []
         self._light_side: frozenset[str] = frozenset()
@@ -242,7 +242,7 @@ class _Frame:
         """Add pass `number`, which depends on nothing but the scene, the settings and its number."""
         statistics = self.statistics
         times = self._times(number)
-        moments, between = [self._shutter.at(each) for each in times], self._shutter.at(0.5 * (times[0] + times[-1]))
+        moments, between = self._shutter.ends(times[0], times[-1]), self._shutter.at(0.5 * (times[0] + times[-1]))
         with statistics.phase("simulate"):
             sets = self.simulated(number)
             middle = self._world(between)
@@ -288,7 +288,7 @@ class _Frame:
         """Return the beams of pass `number`."""
         settings, times = self._settings, self._times(number)
         between = self._shutter.at(0.5 * (times[0] + times[-1]))
-        worlds = [self._world(self._shutter.at(each)) for each in times]
+        worlds = [self._world(moment) for moment in self._shutter.ends(times[0], times[-1])]
         sets = trace(
             worlds[0],
             beams_per_light=settings.beams,

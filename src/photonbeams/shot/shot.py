@@ -174,7 +174,7 @@ class Shot:
         # Without blur all is as the shutter opens.
         start, stop = base + begin, base + (end if blur else begin)
         keys = stages.sample_times(self.stage, _MOST_KEYS) if start < stop else []
-        keys = [code for code in keys if start < code < stop]
+        keys = [code for code in keys if start < code <= stop]
         return Exposure(read, cameras, start, stop, keys)
 
     def _bounds(self, content: scene.Scene) -> tuple[Array, float]:
