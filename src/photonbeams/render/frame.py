@@ -9,6 +9,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from numbers import Real
 from typing import Any
 
 import drjit as dr
@@ -67,12 +68,15 @@ class Settings:
 
     def __post_init__(self) -> None:
         check_estimator(self.estimator)
+        for name in ("passes", "beams", "seed"):
+            object.__setattr__(self, name, scene.whole(getattr(self, name), name))
+        object.__setattr__(self, "overlap", scene.real(self.overlap, "overlap", above=0.0))
         if self.passes < 1:
             raise scene.SceneError(f"passes is {self.passes}: expected at least 1")
         if not 1 <= self.beams <= scene.MOST_BEAMS:
             raise scene.SceneError(f"beams is {self.beams}: expected 1 to {scene.MOST_BEAMS:,} beams a pass and light")
-        if self.time_limit is not None and not self.time_limit > 0:
-            raise scene.SceneError(f"time limit is {self.time_limit}: expected a positive number of seconds")
+        if self.time_limit is not None and not (isinstance(self.time_limit, Real) and self.time_limit > 0):
+            raise scene.SceneError(f"time limit is {self.time_limit!r}: expected a positive number of seconds")
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -44,6 +45,10 @@ class Stereo:
     convergence: float | None = None
 
     def __post_init__(self) -> None:
+        for name in ("interaxial", "convergence"):
+            value = getattr(self, name)
+            if value is not None and not isinstance(value, Real):
+                raise SceneError(f"{name} is {value!r}: expected a distance in scene units")
         if self.interaxial is not None and not 0 <= self.interaxial <= FARTHEST:
             text = f"expected a distance in scene units, 0 or more and no more than {FARTHEST:g}"
             raise SceneError(f"interaxial is {self.interaxial}: {text}")
