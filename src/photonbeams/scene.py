@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
+from numbers import Integral, Real
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -62,6 +63,21 @@ def number(value: float, name: str, minimum: float = -np.inf, maximum: float = n
         )
         raise SceneError(f"{name} is {value}: expected a finite number {bounds}".rstrip())
     return result
+
+
+def whole(value: Any, name: str, of: str = "") -> int:
+    """Return a whole number, NumPy's too, as an int; SceneError where it is none, as 64.0 and "4" are."""
+    if not isinstance(value, Integral):
+        raise SceneError(f"{name} is {value!r}: expected a whole number{of}")
+    return int(value)
+
+
+def real(value: Any, name: str, above: float = -np.inf) -> float:
+    """Return a finite number, NumPy's too, as a float; SceneError where it is none, or not above `above`."""
+    if isinstance(value, Real) and above < float(value) < np.inf:
+        return float(value)
+    shown = value if isinstance(value, Real) else repr(value)
+    raise SceneError(f"{name} is {shown}: expected a finite number" + (f" above {above:g}" if above > -np.inf else ""))
 
 
 @dataclass(frozen=True)
@@ -345,6 +361,8 @@ class Camera:
         Near and far distance.
     lens_radius, focus_distance
         Of a thin lens, and where it is in focus, along the optical axis; a radius of 0 is a pinhole.
+    exposure_scale
+        What all light that is seen is multiplied with.
     """
 
     name: str
@@ -358,6 +376,7 @@ class Camera:
     clipping: tuple[float, float] = (1e-3, 1e6)
     lens_radius: float = 0.0
     focus_distance: float = 0.0
+    exposure_scale: float = 1.0
 
 
 @dataclass(frozen=True)

@@ -59,6 +59,19 @@ def test_what_is_not_authored_is_as_usd_has_it(usd):
     )
 
 
+def test_exposure_is_as_usd_has_it(usd):
+    assert read_camera(usd(camera("float fStop = 4\nfloat focusDistance = 2"))).exposure_scale == 1
+    body = """
+        float exposure = 1
+        float exposure:iso = 400
+        float exposure:time = 0.5
+        float exposure:fStop = 2
+        float exposure:responsivity = 3"""
+    assert read_camera(usd(camera(body))).exposure_scale == pytest.approx(2 * 4 * 0.5 * 3 / 2**2)
+    stage = usd(camera("float exposure.timeSamples = { 1: 0, 3: 2 }"))
+    assert read_camera(stage, time=2).exposure_scale == 2
+
+
 def test_an_orthographic_camera_needs_no_lens(usd):
     result = read_camera(usd(camera('token projection = "orthographic"\nfloat horizontalAperture = 40')))
     assert result.orthographic
@@ -134,6 +147,10 @@ def test_the_render_settings_name_the_camera(usd):
         (camera("float focalLength = 0"), None, r"/C\.focalLength is 0: expected a positive number"),
         (camera("float horizontalAperture = -1"), None, r"/C\.horizontalAperture is -1.*: expected"),
         (camera("float verticalAperture = nan"), None, r"/C\.verticalAperture is nan: expected a finite number"),
+        (camera("float exposure = inf"), None, r"/C\.exposure is inf: expected a finite number"),
+        (camera("float exposure = 90"), None, r"/C\.exposure .* multiplies light with 1\.2.*: expected at most 1e\+12"),
+        (camera("float exposure:iso = -100"), None, r"/C\.exposure:iso is -100.*: expected a finite number at least 0"),
+        (camera("float exposure:fStop = 0"), None, r"/C\.exposure:fStop is 0: expected a positive number"),
         (camera("float2 clippingRange = (5, 1)"), None, r"/C\.clippingRange is \(5, 1\): expected a near distance"),
         (
             camera('float3 xformOp:scale = (0, 0, 0)\nuniform token[] xformOpOrder = ["xformOp:scale"]'),

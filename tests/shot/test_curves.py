@@ -54,6 +54,21 @@ def test_widths_are_diameters_in_every_interpolation(scene, widths, start, end, 
     assert np.allclose(result.power, 1)
 
 
+def test_velocities_carry_curves_from_the_frames_sample(usd):
+    points, velocities = "[(0, 0, 0), (1, 0, 0)]", "[(0, 24, 0), (0, 48, 0)]"
+    body = f"""
+        vector3f[] velocities.timeSamples = {{ 1: [(9, 9, 9)], 2: {velocities}
+        }}
+        float[] widths = [0.1]"""
+    text = curves(body).replace(
+        "int[] curveVertexCounts = [2, 2]", "int[] curveVertexCounts.timeSamples = { 1: [1], 2: [2] }"
+    )
+    text = re.sub(r"point3f\[\] points = .*", f"point3f[] points.timeSamples = {{ 1: [(0, 0, 0)], 2: {points} }}", text)
+    result = only(read_scene(usd(text), 1.5, base=2))
+    assert np.allclose(result.start, [[0, -0.5, 0]])
+    assert np.allclose(result.end, [[1, -1, 0]])
+
+
 def test_longer_curves_are_a_beam_for_each_segment_of_the_curves_power(scene):
     body = """
         float[] widths = [0.1, 0.2, 0.3, 0.4, 0.5]

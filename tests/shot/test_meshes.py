@@ -195,6 +195,52 @@ def test_points_deform_with_time(usd):
     assert np.allclose(only(read_scene(stage)).points[:, 2], 0)
 
 
+SAMPLES = (
+    "point3f[] points.timeSamples = { 1: [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)], 3: "
+    "[(0, 0, 2), (1, 0, 2), (1, 1, 2), (0, 1, 2)] }"
+)
+FALLING = (
+    "vector3f[] velocities.timeSamples = { 1: [(0, 0, -6), (0, 0, 0), (0, 0, 6), (0, 0, 9)], 3: "
+    "[(1, 0, 0), (1, 0, 0), (1, 0, 0), (1, 0, 0)] }"
+)
+DRAWN = "vector3f[] accelerations.timeSamples = { 1: [(1, 0, 0), (2, 0, 0), (3, 0, 0), (4, 0, 0)], 3: [] }"
+
+
+def flying(body):
+    return mesh(QUAD.replace("point3f[] points = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)]", SAMPLES) + body)
+
+
+def test_velocities_carry_points_as_usd_has_it(usd):
+    stage = usd(flying(f"{FALLING}\n{DRAWN}"))
+    points = UsdGeom.PointBased(stage.GetPrimAtPath("/M"))
+    for time, base in ((1, 1), (2, 2), (2.5, 1.5), (0.5, 1), (-3, -3), (4, 4)):
+        found = only(read_scene(stage, time, base=base)).points
+        assert np.allclose(found, np.array(points.ComputePointsAtTime(time, base)), atol=1e-6)
+    # At the default time the first sample is meant, as it is.
+    assert np.allclose(only(read_scene(stage)).points[:, 2], 0)
+
+
+@pytest.mark.parametrize(
+    ("body", "expected"),
+    [
+        (FALLING.replace("3:", "4:"), "a time sample at each one of points"),
+        ("vector3f[] velocities = [(0, 0, 1), (0, 0, 1), (0, 0, 1), (0, 0, 1)]", "a time sample at each one of points"),
+        ("vector3f[] velocities.timeSamples = { 1: [(0, 0, 1)], 3: [] }", "4 values, as points has at time 1"),
+    ],
+)
+def test_velocities_that_fit_no_sample_are_named_and_points_interpolated(usd, caplog, body, expected):
+    stage = usd(flying(body))
+    assert np.allclose(only(read_scene(stage, 2)).points[:, 2], 1)
+    assert [record.message.partition("/M")[2] for record in caplog.records] == [
+        f".velocities is not used: expected {expected}"
+    ]
+
+
+def test_velocities_that_are_not_finite_are_an_error(usd):
+    with pytest.raises(SceneError, match=r"/M\.velocities\[1\] is .*nan.*: expected finite numbers"):
+        read_scene(usd(flying(FALLING.replace("(0, 0, 0)", "(0, nan, 0)"))), 2)
+
+
 def test_holes_are_left_out(scene):
     body = CUBE + 'int[] holeIndices = [1]\nuniform token subdivisionScheme = "none"'
     assert len(only(scene(mesh(body))).faces) == 10
@@ -406,6 +452,25 @@ def test_point_instances_land_where_usd_has_their_bounds(usd):
     low, high = bounds_of(stage, "/I")
     assert np.allclose(np.min([each.points.min(axis=0) for each in result], axis=0), low, atol=1e-3)
     assert np.allclose(np.max([each.points.max(axis=0) for each in result], axis=0), high, atol=1e-3)
+
+
+MOVED = """def PointInstancer "I" {
+    rel prototypes = [</I/Ball>]
+    int[] protoIndices.timeSamples = { 1: [0, 0], 2: [0] }
+    point3f[] positions.timeSamples = { 1: [(0, 0, 0), (5, 0, 0)], 2: [(7, 0, 0)] }
+    vector3f[] velocities.timeSamples = { 1: [(0, 0, 24), (0, 0, 24)], 2: [(0, 24, 0)] }
+    def Cube "Ball" {
+    }
+}"""
+
+
+def test_velocities_carry_the_instances_of_the_frame(usd):
+    stage = usd(MOVED, "timeCodesPerSecond = 24")
+    (ball,) = read_scene(stage, 1.75, base=2).meshes
+    assert ball.points.mean(axis=0) == pytest.approx([7, -0.25, 0])
+    assert [each.points.mean(axis=0)[2] for each in read_scene(stage, 1.75).meshes] == pytest.approx([0.75, 0.75])
+    # At the default time the first sample is meant, as it is.
+    assert [each.points.mean(axis=0)[2] for each in read_scene(stage).meshes] == pytest.approx([0, 0])
 
 
 def test_hidden_point_instances_are_not_there(usd):

@@ -104,6 +104,65 @@ def test_a_long_render_keeps_a_few_moments_alone(shot):
     assert exposure(1.0) is moment and len(exposure._known) < 10
 
 
+def test_velocities_blur_what_has_one_sample(shot):
+    points = "[(0, -9, -9), (0, 9, -9), (0, 9, 9), (0, -9, 9)]"
+    samples = f"""points.timeSamples = {{ 2: {points} }}
+    vector3f[] velocities.timeSamples = {{ 2: [{", ".join(4 * ["(24, 0, 0)"])}] }}"""
+    text = STAGE.replace("9: (2.5, 0.5, 2)", "9: (1.5, 0, -2)").replace(f"points = {points}", samples)
+    exposure = shot("/Camera.shutter:open=-0.5", "/Camera.shutter:close=0.5", text=text).exposure(2)
+    assert exposure.moving
+    for fraction in (0, 0.25, 1):
+        assert exposure(fraction)[0].meshes[1].points[:, 0] == pytest.approx(fraction - 0.5)
+
+
+def test_a_shutter_that_opens_before_the_frame_sees_the_frames_topology(shot):
+    kinds = ((4, "(1, 0, 0)"), (3, "(24, 0, 0)"), (3, "(0, 576, 0)"))
+    slow, fast, pull = (f"[{', '.join(count * [each])}]" for count, each in kinds)
+    text = STAGE[: STAGE.index('def Mesh "Baffle"')] + STAGE[STAGE.index('def SphereLight "Still"') :]
+    text += f"""def Mesh "Splash"
+{{
+    int[] faceVertexCounts.timeSamples = {{ 1: [4], 2: [3] }}
+    int[] faceVertexIndices.timeSamples = {{ 1: [0, 1, 2, 3], 2: [0, 1, 2] }}
+    point3f[] points.timeSamples = {{ 1: {slow}, 2: [(0, 0, 0), (0, 1, 0), (0, 1, 1)] }}
+    vector3f[] velocities.timeSamples = {{ 1: {slow}, 2: {fast} }}
+    vector3f[] accelerations.timeSamples = {{ 1: {slow}, 2: {pull} }}
+}}"""
+    exposure = shot("/Camera.shutter:open=-0.5", "/Camera.shutter:close=0.5", text=text).exposure(2)
+    for fraction in (0, 0.25, 1):
+        (mesh,) = [each for each in exposure(fraction)[0].meshes if each.name == "/Splash"]
+        time = fraction - 0.5
+        assert len(mesh.faces) == 1
+        assert mesh.points - [time, time**2 / 2, 0] == pytest.approx(np.array([[0, 0, 0], [0, 1, 0], [0, 1, 1]]))
+
+
+# A bool is held from one time sample to the next.
+JUMPING = STAGE.replace(
+    'token photonbeams:lightGroup = "still"',
+    """token photonbeams:lightGroup = "still"
+    float inputs:colorTemperature = 2000
+    bool inputs:enableColorTemperature.timeSamples = { 1: 0, 3: 1 }""",
+)
+
+
+def test_what_jumps_as_the_shutter_closes_is_not_in_the_beams(shot):
+    """Beams go from one end of a slice to the other: its close is looked at just before what jumps there."""
+    plain, jumping = (
+        shot("/Camera.shutter:close=1", text=text).render(2, **SMALL).layers["beams_still"] for text in (STAGE, JUMPING)
+    )
+    assert np.array_equal(plain, jumping) and plain.any()
+    standing = JUMPING.replace("9: (2.5, 0.5, 2)", "9: (1.5, 0, -2)")
+    assert not shot("/Camera.shutter:close=1", text=standing).exposure(2).moving
+
+
+def test_a_slice_that_closes_where_something_jumps_is_before_it(shot):
+    exposure = shot("/Camera.shutter:open=-0.5", "/Camera.shutter:close=0.5", text=JUMPING).exposure(3)
+    shutter = exposure.shutter([0])
+    (white, before), (red, after) = shutter.ends(0.0, 0.5), shutter.ends(0.5, 1.0)
+    assert before.scene.lights[0] is white.scene.lights[0]
+    assert equal(red.scene.lights[0], after.scene.lights[0]) and not equal(before.scene.lights[0], red.scene.lights[0])
+    assert before.scene.lights[1].center == pytest.approx(red.scene.lights[1].center, abs=1e-8)
+
+
 def test_a_closed_shutter_and_a_still_stage_do_not_move(shot):
     assert not shot().exposure(3).moving
     still = shot("/Camera.shutter:close=0.5", text=STAGE.replace("9: (2.5, 0.5, 2)", "9: (1.5, 0, -2)"))
@@ -175,6 +234,26 @@ def test_no_lens_is_a_pinhole_and_a_wide_one_blurs(shot):
     assert all(np.array_equal(sharp[name], off[name]) for name in sharp)
     assert not np.array_equal(sharp["beams"], wide["beams"])
     assert np.array_equal(sharp["depth"], wide["depth"])
+
+
+LIGHT = ("rgba", "surface", "beams", "beams_still", "beams_swinging")
+
+
+def test_a_cameras_exposure_multiplies_all_light_and_nothing_else(shot):
+    plain, bright = (shot(f"/Camera.exposure={stops}").render(1, **SMALL).layers for stops in (0, 3))
+    for name, layer in plain.items():
+        channels = 3 if name in LIGHT else 0
+        assert np.array_equal(bright[name][..., :channels], 8 * layer[..., :channels])
+        assert np.array_equal(bright[name][..., channels:], layer[..., channels:])
+    assert plain["surface"].any() and plain["rgba"][..., 3].any()
+
+
+def test_a_pass_has_the_exposure_of_the_middle_of_its_slice(shot):
+    text = STAGE.replace("9: (2.5, 0.5, 2)", "9: (1.5, 0, -2)")
+    text = text.replace("float fStop = 0", "float fStop = 0\n    float exposure:iso.timeSamples = { 1: 100, 9: 500 }")
+    found = shot("/Camera.shutter:close=8", text=text).render(1, **SMALL | {"passes": 1}).layers
+    first = shot(text=text).render(1, **SMALL | {"passes": 1}).layers
+    assert np.allclose(found["beams"], 3 * first["beams"], rtol=1e-5) and first["beams"].any()
 
 
 # -- What a hostile user found ----------------------------------------------------------------------------------------
@@ -377,5 +456,42 @@ def test_bad_eyes_are_told_in_a_sentence(shot):
         shot(text=alone, stereo=Stereo())
     other = STAGE[STAGE.index('def Camera "Camera"') :].replace("horizontalAperture = 12", "horizontalAperture = 13")
     other = other.replace('def Camera "Camera"\n{', 'def Camera "Other"\n{\n    uniform token stereoRole = "right"')
-    with pytest.raises(SceneError, match=r"horizontal aperture of /Camera is 1\.2 and of /Other 1\.3"):
+    with pytest.raises(SceneError, match=r"/Camera\.horizontalAperture is 12 and that of /Other 13: expected two eyes"):
         shot(text=alone + other, camera="/Camera", stereo=Stereo())
+
+
+@pytest.mark.parametrize(
+    ("override", "message"),
+    [
+        ("focalLength=11", r"/Left\.focalLength is 10 and that of /Right 11: expected two eyes with the same"),
+        ("projection=orthographic", r"/Left\.projection is perspective and that of /Right orthographic: expected two"),
+        ("shutter:close=0.5", r"/Left\.shutter:close is 0 and that of /Right 0\.5: expected two eyes with the same"),
+        ("exposure=1", r"/Left\.exposure is 0 and that of /Right 1: expected two eyes with the same"),
+    ],
+)
+@pytest.mark.parametrize("camera", ["Left", "Right"])
+def test_eyes_that_differ_are_told_in_the_files_own_numbers(shot, camera, override, message):
+    body = STAGE[STAGE.index('def Camera "Camera"') :]
+    text = STAGE.replace(body, "") + "".join(
+        body.replace('def Camera "Camera"\n{', f'def Camera "{name}"\n{{\n    uniform token stereoRole = "{role}"')
+        for name, role in (("Left", "left"), ("Right", "right"))
+    )
+    assert shot(text=text, camera=camera, stereo=Stereo()).cameras(1)
+    with pytest.raises(SceneError, match=message):
+        shot(f"/Right.{override}", text=text, camera=camera, stereo=Stereo())
+
+
+def test_eyes_that_converge_too_near_to_see_the_same_are_refused(shot):
+    # Focal length 1, aperture 1.2, half of the eyes' distance 3: 3 · 1 / 1.2.
+    assert shot(stereo=Stereo(6, 2.51)).cameras(1)
+    expected = r"/Camera has eyes 6 apart that converge at {}: expected a convergence of at least 2\.5 scene units"
+    for near in (2.49, 1e-30):
+        with pytest.raises(SceneError, match=expected.format(f"{near:g}")):
+            shot(stereo=Stereo(6, near))
+    with pytest.raises(SceneError, match=expected.format("its focusDistance, 2")):
+        shot("/Camera.focusDistance=2", stereo=Stereo(6))
+
+
+def test_an_orthographic_camera_is_not_split(shot):
+    with pytest.raises(SceneError, match="/Camera is orthographic: expected a perspective camera to be split"):
+        shot("/Camera.projection=orthographic", stereo=Stereo())

@@ -1,5 +1,6 @@
 """A stage rendered by Shot: the comparison scene against plain integration, layers, determinism, kernels."""
 
+from fractions import Fraction
 from pathlib import Path
 
 import drjit as dr
@@ -9,6 +10,7 @@ import pytest
 import photonbeams as pb
 from comparison import lit, single_scattering
 from photonbeams import device
+from photonbeams.shot.rendered import frame_rate
 from photonbeams.shot.stage import open_stage, read_scene
 
 STAGE = Path(__file__).parent / "data" / "comparison.usda"
@@ -105,6 +107,57 @@ def test_a_frame_writes_its_layers_and_headers(frame, tmp_path):
     assert list(layers) == ["rgba", "surface", "beams", "transmittance", "depth"]
     # Half has 11 bits of mantissa.
     assert np.allclose(layers["beams"], frame.layers["beams"], rtol=2**-11, atol=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("rate", "expected"),
+    [
+        *((rate, Fraction(24000, 1001)) for rate in (23.976, 23.98, 24000 / 1001, 23.9760239)),
+        (29.97, Fraction(30000, 1001)),
+        (59.94, Fraction(60000, 1001)),
+        (119.88, Fraction(120000, 1001)),
+        *((rate, Fraction(rate)) for rate in (24, 25, 12.5, 60, 48, 0, 999)),
+        (1e30, Fraction(10**6)),
+    ],
+)
+def test_rates_of_ntsc_are_thousands_over_1001(rate, expected):
+    assert frame_rate(rate) == expected
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        ({"overlap": -1}, "overlap is -1: expected a finite number above 0"),
+        ({"overlap": 0}, "overlap is 0: expected a finite number above 0"),
+        ({"overlap": np.nan}, "overlap is nan: expected a finite number above 0"),
+        ({"overlap": "2"}, "overlap is '2': expected a finite number above 0"),
+        ({"time_limit": "5"}, "time limit is '5': expected a positive number of seconds"),
+        ({"passes": "4"}, "passes is '4': expected a whole number"),
+        ({"passes": 4.0}, "passes is 4.0: expected a whole number"),
+        ({"beams": None}, "beams is None: expected a whole number"),
+        ({"seed": 0.5}, "seed is 0.5: expected a whole number"),
+        ({"frame": np.nan}, "frame is nan: expected a finite number"),
+        ({"frame": "4"}, "frame is '4': expected a finite number"),
+        ({"width": 64.0}, "width is 64.0: expected a whole number of pixels"),
+        ({"height": "32"}, "height is '32': expected a whole number of pixels"),
+    ],
+)
+def test_arguments_of_another_kind_are_told_in_a_sentence(shot, arguments, sentence):
+    with pytest.raises(pb.scene.SceneError) as error:
+        shot.render(**{"passes": 1, "width": 8, "beams": 16} | arguments)
+    assert str(error.value) == sentence
+
+
+def test_numbers_of_numpy_are_numbers(shot):
+    frame = shot.render(np.float32(0), np.int64(1), width=np.int32(8), beams=np.uint16(16), overlap=np.float32(2))
+    assert frame.statistics.passes == 1
+
+
+def test_stereo_is_a_stereo():
+    with pytest.raises(pb.scene.SceneError, match=r"stereo is \(6, 300\): expected a Stereo, such as Stereo\("):
+        pb.Shot.open(STAGE, stereo=(6, 300))
+    with pytest.raises(pb.scene.SceneError, match="interaxial is '6': expected a distance in scene units"):
+        pb.Stereo("6")
 
 
 def test_worldtondc_projects_a_point_to_its_pixel(shot):

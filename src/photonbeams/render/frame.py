@@ -9,6 +9,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from numbers import Real
 from typing import Any
 
 import drjit as dr
@@ -67,12 +68,15 @@ class Settings:
 
     def __post_init__(self) -> None:
         check_estimator(self.estimator)
+        for name in ("passes", "beams", "seed"):
+            object.__setattr__(self, name, scene.whole(getattr(self, name), name))
+        object.__setattr__(self, "overlap", scene.real(self.overlap, "overlap", above=0.0))
         if self.passes < 1:
             raise scene.SceneError(f"passes is {self.passes}: expected at least 1")
         if not 1 <= self.beams <= scene.MOST_BEAMS:
             raise scene.SceneError(f"beams is {self.beams}: expected 1 to {scene.MOST_BEAMS:,} beams a pass and light")
-        if self.time_limit is not None and not self.time_limit > 0:
-            raise scene.SceneError(f"time limit is {self.time_limit}: expected a positive number of seconds")
+        if self.time_limit is not None and not (isinstance(self.time_limit, Real) and self.time_limit > 0):
+            raise scene.SceneError(f"time limit is {self.time_limit!r}: expected a positive number of seconds")
 
 
 @dataclass(frozen=True)
@@ -210,7 +214,7 @@ class _Frame:
         holdouts: Sequence[Held] = (),
     ) -> None:
         self._shutter, self._window, self._settings, self.statistics = shutter, window, settings, statistics
-        ends = [shutter.at(0.0), shutter.at(1.0)] if shutter.moving else [shutter.at(0.0)]
+        ends = shutter.ends(0.0, 1.0)
         self._eyes = [np.asarray(camera.to_world)[:3, 3] for moment in ends for camera in moment.cameras]
         self._worlds: list[World] = []
         self._light_side: frozenset[str] = frozenset()
@@ -242,7 +246,7 @@ class _Frame:
         """Add pass `number`, which depends on nothing but the scene, the settings and its number."""
         statistics = self.statistics
         times = self._times(number)
-        moments, between = [self._shutter.at(each) for each in times], self._shutter.at(0.5 * (times[0] + times[-1]))
+        moments, between = self._shutter.ends(times[0], times[-1]), self._shutter.at(0.5 * (times[0] + times[-1]))
         with statistics.phase("simulate"):
             sets = self.simulated(number)
             middle = self._world(between)
@@ -256,6 +260,7 @@ class _Frame:
                 self._window,
                 cameras[-1] if cameras[-1] is not cameras[0] else None,
             )
+            sums.exposure = dr.opaque(Float, view.camera.exposure_scale)
             film = view.film or any(each.close is not None for each in sets)
             with statistics.phase("surfaces"):
                 sample = self._samples(number) if film else None
@@ -287,7 +292,7 @@ class _Frame:
         """Return the beams of pass `number`."""
         settings, times = self._settings, self._times(number)
         between = self._shutter.at(0.5 * (times[0] + times[-1]))
-        worlds = [self._world(self._shutter.at(each)) for each in times]
+        worlds = [self._world(moment) for moment in self._shutter.ends(times[0], times[-1])]
         sets = trace(
             worlds[0],
             beams_per_light=settings.beams,
@@ -350,7 +355,7 @@ class _Frame:
             )  # fmt: skip
         except scene.SceneError as error:  # of a look: whose it is, only this one knows
             raise scene.SceneError(f"{each.name}: {error}") from error
-        sums.groups[each.group] = sums.groups.get(each.group, 0) + part.radiance
+        sums.groups[each.group] = sums.groups.get(each.group, 0) + part.radiance * sums.exposure
         self.statistics.tests += part.billboard_tests + part.frustum_tests
 
     def views(self) -> list[dict[str, np.ndarray]]:
@@ -369,11 +374,12 @@ class _Sums:
         self.surface, self.transmittance = dr.zeros(Array3f, count), dr.zeros(Array3f, count)
         self.alpha, self.depth = dr.zeros(Float, count), dr.zeros(Float, count)
         self.groups: dict[str, Any] = {}
+        self.exposure = dr.opaque(Float, 1.0)  # of the pass that is added: light alone is multiplied with it
         dr.eval(self.order)
 
     def add_surfaces(self, shaded: Any) -> None:
         """Add what a pass sees of surfaces."""
-        self.surface += shaded.radiance
+        self.surface += shaded.radiance * self.exposure
         self.transmittance += shaded.transmittance
         self.alpha += shaded.alpha
         dr.eval(self.surface, self.transmittance, self.alpha, self.depth)

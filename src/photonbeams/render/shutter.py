@@ -34,17 +34,27 @@ class Shutter:
         Whether anything moves; `at` is asked for 0 alone where nothing does.
     clock
         Returns frame number and seconds at a fraction of the shutter, for looks that change with time.
+    before
+        Returns the shot at a fraction of the shutter at which a slice of it closes: what jumps there has not jumped
+        yet. None: as `at`.
     """
 
     at: Callable[[float], Moment]
     moving: bool = False
     clock: Callable[[float], tuple[float, float]] = lambda _: (0.0, 0.0)
+    before: Callable[[float], Moment] | None = None
 
     @classmethod
     def still(cls, description: scene.Scene, *cameras: scene.Camera) -> Shutter:
         """Return a shot in which nothing moves."""
         moment = Moment(description, cameras)
         return cls(lambda _: moment)
+
+    def ends(self, begin: float, end: float) -> list[Moment]:
+        """Return the shot as a slice opens and as it closes; where nothing moves, the one moment that there is."""
+        if not self.moving:
+            return [self.at(0.0)]
+        return [self.at(begin), (self.before or self.at)(end)]
 
 
 def turn(a: scene.Camera, b: scene.Camera) -> float:

@@ -14,6 +14,7 @@ from .reading import LOG, Reading, file_of, prims_under
 # UsdGeomCamera: focal length and apertures are in tenths of a scene unit.
 _TENTH = 0.1
 _RATIO = 1e5  # of a camera's lengths to each other
+_BRIGHTEST = 1e12  # that light is multiplied with: sums over passes stay far from the end of single precision
 
 
 def list_cameras(stage: Usd.Stage) -> list[str]:
@@ -97,6 +98,7 @@ def _camera(reading: Reading, prim: Usd.Prim) -> Camera:
         clipping=(near, far),
         lens_radius=radius,
         focus_distance=focus,
+        exposure_scale=_exposure_scale(reading, prim),
     )
     _check_proportions(reading, prim, camera)
     return camera
@@ -111,6 +113,20 @@ def _lens(reading: Reading, prim: Usd.Prim) -> tuple[float, float]:
     if focus == 0:
         raise reading.fail(prim, "focusDistance", f"is 0 and fStop {stop:g}: expected a positive distance of the focus")
     return _TENTH * reading.number(prim, "focalLength", 50.0) / (2 * stop), focus
+
+
+def _exposure_scale(reading: Reading, prim: Usd.Prim) -> float:
+    """Return what a camera's exposure multiplies light with, as UsdGeomCamera has it: 1 where nothing is authored."""
+    reading.number(prim, "exposure", 0.0, -100.0, 100.0)
+    for name in ("iso", "time", "responsivity"):
+        reading.number(prim, f"exposure:{name}", 1.0, minimum=0.0)
+    if reading.number(prim, "exposure:fStop", 1.0, minimum=0.0) == 0:
+        raise reading.fail(prim, "exposure:fStop", "is 0: expected a positive number")
+    scale = float(UsdGeom.Camera(prim).ComputeLinearExposureScale(reading.time))
+    if not scale <= _BRIGHTEST:
+        text = f"with exposure:iso and the others multiplies light with {scale:g}: expected at most {_BRIGHTEST:g}"
+        raise reading.fail(prim, "exposure", text)
+    return scale
 
 
 def _check_proportions(reading: Reading, prim: Usd.Prim, camera: Camera) -> None:

@@ -17,6 +17,7 @@ from .links import linked
 from .medium import is_medium, read_medium
 from .meshes import is_gprim, read_meshes
 from .reading import Reading, visible
+from .velocities import carried
 
 _PROTOTYPE_PRIMS = Usd.PrimIsActive & Usd.PrimIsLoaded  # prototypes may be `over` or `class`
 
@@ -38,7 +39,7 @@ class _Item:
     name: str
 
 
-def read_scene(stage: Usd.Stage, time: Any = None, warned: set[str] | None = None) -> Scene:
+def read_scene(stage: Usd.Stage, time: Any = None, warned: set[str] | None = None, base: Any = None) -> Scene:
     """Return meshes, lights, drawn beams and fog of a stage at a time.
 
     What cannot be rendered is skipped with a warning to the logger "photonbeams".
@@ -49,13 +50,15 @@ def read_scene(stage: Usd.Stage, time: Any = None, warned: set[str] | None = Non
         A time code, or a number; None is the default time.
     warned
         Warnings that were given already and are not given again; new ones are added.
+    base
+        The frame whose samples velocities carry on, while its shutter is open; None: `time`.
 
     Raises
     ------
     SceneError
         What cannot be read, with file, prim and attribute.
     """
-    reading = Reading(stage, time, set() if warned is None else warned)
+    reading = Reading(stage, time, set() if warned is None else warned, base=base)
     contents = _Contents()
     # Points near the largest float and sums of them are the file's fault; the values are checked where it matters.
     with np.errstate(over="ignore", invalid="ignore"):
@@ -124,12 +127,14 @@ def _instances(reading: Reading, prim: Usd.Prim, to_world: Array, name: str) -> 
     """Return the prims of a point instancer's prototypes, at each of its points."""
     instancer = UsdGeom.PointInstancer(prim)
     prototypes = reading.targets(prim, "prototypes")
-    indices = np.asarray(reading.value(prim, "protoIndices", ()), dtype=np.int64)
+    moved = carried(reading, prim, "positions")
+    sample = moved.reading if moved is not None else reading
+    indices = np.asarray(sample.value(prim, "protoIndices", ()), dtype=np.int64)
     if len(indices) and not (indices.min() >= 0 and indices.max() < len(prototypes)):
         bad = indices[(indices < 0) | (indices >= len(prototypes))][0]
         raise reading.fail(prim, "protoIndices", f"name prototype {bad}: expected 0 to {len(prototypes) - 1}")
-    transforms = _instance_transforms(reading, instancer, len(indices))
-    mask = instancer.ComputeMaskAtTime(reading.time)
+    transforms = _instance_transforms(reading, sample, instancer, len(indices))
+    mask = instancer.ComputeMaskAtTime(sample.time)
     shown = np.flatnonzero(np.asarray(mask)) if mask else range(len(indices))
     parts = [list(_prototype_items(reading, root)) for root in prototypes]
     for index in shown:
@@ -142,18 +147,20 @@ def _instances(reading: Reading, prim: Usd.Prim, to_world: Array, name: str) -> 
                 yield _Item(part.prim, local @ part.to_world, label)
 
 
-def _instance_transforms(reading: Reading, instancer: UsdGeom.PointInstancer, count: int) -> Any:
+def _instance_transforms(reading: Reading, sample: Reading, instancer: UsdGeom.PointInstancer, count: int) -> Any:
     """Return one matrix per instance, hidden ones too, with the prototypes' own transforms."""
     prim = instancer.GetPrim()
-    positions = reading.array(prim, "positions", 3)
+    positions = sample.array(prim, "positions", 3)
     if (0 if positions is None else len(positions)) != count:
         text = f"has {0 if positions is None else len(positions)} values: expected {count}, as protoIndices"
         raise reading.fail(prim, "positions", text)
     if not count:
         return []
+    # Velocities would carry instances to the earliest of all times, which is infinitely long ago.
+    time = sample.time if reading.time.IsEarliestTime() else reading.time
     result = instancer.ComputeInstanceTransformsAtTime(
-        reading.time,
-        reading.time,
+        time,
+        sample.time,
         UsdGeom.PointInstancer.IncludeProtoXform,
         UsdGeom.PointInstancer.IgnoreMask,
     )

@@ -15,6 +15,7 @@ from .lights import check_group
 from .looks import read_look
 from .reading import Reading, has_photonbeams
 from .splines import BASES, WRAPS, Spans, expected_points, span_counts, varying_counts
+from .velocities import carried
 
 # Time samples of a curve at most at which its curvature is looked at: a curve has as many pieces at all times, or what
 # moves could not be followed from shutter open to shutter close.
@@ -37,15 +38,17 @@ def read_curves(reading: Reading, prim: Usd.Prim, to_world: Array, name: str) ->
     SceneError
         Counts, widths or powers that contradict each other, or are negative.
     """
-    points = reading.array(prim, "points", 3)
-    counts = np.asarray(reading.value(prim, "curveVertexCounts", ()), dtype=np.int64)
+    moved = carried(reading, prim)
+    sample = moved.reading if moved is not None else reading
+    points = moved.points if moved is not None else reading.array(prim, "points", 3)
+    counts = np.asarray(sample.value(prim, "curveVertexCounts", ()), dtype=np.int64)
     if points is None or not len(counts):
         reading.warn(prim, "has no points: it is skipped")
         return None
     if counts.sum() != len(points) or np.any(counts < 0):
         text = f"sums to {counts.sum()}: expected the number of points, {len(points)}, and none below 0"
         raise reading.fail(prim, "curveVertexCounts", text)
-    source = _Source(reading, prim, counts, *_kind(reading, prim))
+    source = _Source(sample, prim, counts, *_kind(reading, prim))
     radii = source.widths()
     spans = Spans.of(counts, source.drawable() & radii.present(counts), source.kind, source.wrap)
     radii.warn_of_thin(source)

@@ -14,6 +14,7 @@ from .gprims import GPRIMS, gprim_polygons
 from .materials import Bound, bound_material
 from .polygons import Polygons, Triangles, Values, triangles_of
 from .reading import Reading
+from .velocities import carried
 
 _INTERPOLATIONS = ("constant", "uniform", "varying", "vertex", "faceVarying")
 
@@ -66,12 +67,14 @@ def _parts(reading: Reading, prim: Usd.Prim, name: str) -> list[tuple[Bound, str
     subsets = UsdShade.MaterialBindingAPI(prim).GetMaterialBindSubsets() if prim.IsA(UsdGeom.Mesh) else []
     if not subsets:
         return [(bound_material(reading, prim), name, None)]
-    count = len(reading.value(prim, "faceVertexCounts", ()))
+    moved = carried(reading, prim)
+    sample = moved.reading if moved is not None else reading
+    count = len(sample.value(prim, "faceVertexCounts", ()))
     free = np.ones(count, dtype=bool)
     parts = []
     for subset in subsets:
         own = subset.GetPrim()
-        faces = np.asarray(reading.value(own, "indices", ()), dtype=np.int64)
+        faces = np.asarray(sample.value(own, "indices", ()), dtype=np.int64)
         if len(faces) and not (faces.min() >= 0 and faces.max() < count):
             raise reading.fail(own, "indices", f"name face {faces.max()}: expected faces from 0 to {count - 1}")
         faces = faces[free[faces]]
@@ -128,7 +131,10 @@ def _triangles(reading: Reading, prim: Usd.Prim, uv_name: str) -> Triangles:
 
 
 def _mesh_polygons(reading: Reading, prim: Usd.Prim, uv_name: str) -> Polygons:
-    points = reading.array(prim, "points", 3)
+    moved = carried(reading, prim)
+    # The rest of a mesh is that of the sample which velocities carry on: its topology may be another at each.
+    reading = moved.reading if moved is not None else reading
+    points = moved.points if moved is not None else reading.array(prim, "points", 3)
     counts = np.asarray(reading.value(prim, "faceVertexCounts", ()), dtype=np.int64)
     indices = np.asarray(reading.value(prim, "faceVertexIndices", ()), dtype=np.int64)
     if points is None:

@@ -62,13 +62,15 @@ def equal(a: Any, b: Any) -> bool:
     return bool(type(a) is type(b) and a == b)
 
 
-# Fractions of the shutter at which a scene is looked at, beside its time samples, to learn whether it moves: between
-# two of its keys something may be as it was at both, but not at these.
-_PROBES = (0.29, 0.71, 1.0)
+# Fractions of the shutter at which a scene is looked at, beside its end and its time samples, to learn whether it
+# moves: between two of its keys something may be as it was at both, but not at these.
+_PROBES = (0.29, 0.71)
 _MOST_PROBES = 16
 
 
 _KEPT = 8
+
+_NEAREST = 1e-9  # time codes before a sample, at which what it changes at once is still as it was
 
 
 class Exposure:
@@ -79,7 +81,7 @@ class Exposure:
     read_scene, read_cameras
         Return the scene, and the cameras, at a time code.
     start, stop, keys
-        Time codes of shutter open and shutter close, and of time samples in between.
+        Time codes of shutter open and shutter close, and of time samples after the first and up to the second.
 
     Attributes
     ----------
@@ -100,49 +102,64 @@ class Exposure:
         self._read_scene, self._read_cameras = read_scene, read_cameras
         self._start, self.duration = start, stop - start
         self._first = read_scene(start), read_cameras(start)
-        self._known = {0.0: self._first}  # and what was asked for last: a pass asks for three, some of them twice
+        self._known = {start: self._first}  # and what was asked for last: a pass asks for three, some of them twice
+        self._keys = np.asarray(keys, dtype=np.float64)
         # Reading a scene takes long: what stands still at these times is taken to stand still in between.
         step = max(1, len(keys) // _MOST_PROBES)
-        probes = (*_PROBES, *((key - start) / self.duration for key in keys[::step] if self.duration))
+        probes = [*map(self.code, _PROBES), self._closing(1.0), *(key for key in keys[::step] if key < stop)]
         self._still = not self.duration or all(self._scene(each) is self._first[0] for each in probes)
         self.moving = bool(self.duration) and (not self._still or any(self._eyes_moved(each) for each in probes))
 
     def __call__(self, fraction: float) -> tuple[Scene, tuple[Camera, ...]]:
         """Return scene and cameras at a fraction of the shutter, 0 to 1."""
-        if fraction not in self._known:
-            content = self._first[0] if self._still else self._scene(fraction)
+        return self._moment(self.code(fraction))
+
+    def closing(self, fraction: float) -> tuple[Scene, tuple[Camera, ...]]:
+        """Return scene and cameras at a fraction at which a slice closes.
+
+        What is held until a time sample there (an asset, a token, a bool, a string) has not jumped yet: a slice is half
+        open, or its beams, which go from one end of it to the other, would have a share of what comes after it.
+        """
+        return self._moment(self._closing(fraction))
+
+    def _closing(self, fraction: float) -> float:
+        code = self.code(fraction)
+        step = max(_NEAREST, 4 * np.spacing(abs(code)))
+        return float(code - step) if np.any(np.abs(self._keys - code) < 0.5 * step) else code
+
+    def _moment(self, code: float) -> tuple[Scene, tuple[Camera, ...]]:
+        if code not in self._known:
+            content = self._first[0] if self._still else self._scene(code)
             for old in list(self._known)[1 : max(1, len(self._known) - _KEPT + 1)]:
                 del self._known[old]
-            self._known[fraction] = content, self._eyes(fraction)
-        return self._known[fraction]
+            self._known[code] = content, self._eyes(code)
+        return self._known[code]
 
     def shutter(self, eyes: Sequence[int], rate: float = 1.0) -> Shutter:
         """Return what the renderer asks, for these of the cameras; `rate` is in time codes a second."""
         from ..render.shutter import Moment, Shutter
 
-        def at(fraction: float) -> Moment:
-            content, cameras = self(fraction)
-            return Moment(content, tuple(cameras[eye] for eye in eyes))
+        def seen(moment: tuple[Scene, tuple[Camera, ...]]) -> Moment:
+            return Moment(moment[0], tuple(moment[1][eye] for eye in eyes))
 
         def clock(fraction: float) -> tuple[float, float]:
             code = self.code(fraction)
             return code, code / rate
 
-        return Shutter(at, self.moving, clock)
+        return Shutter(lambda at: seen(self(at)), self.moving, clock, lambda at: seen(self.closing(at)))
 
     def code(self, fraction: float) -> float:
         """Return the time code of a fraction of the shutter."""
         return self._start + fraction * self.duration
 
-    def _scene(self, fraction: float) -> Scene:
-        code = self.code(fraction)
+    def _scene(self, code: float) -> Scene:
         try:
             return followed(self._first[0], self._read_scene(code))
         except SceneError as error:
             raise SceneError(f"{error} (at time {code:g}, while the shutter is open)") from None
 
-    def _eyes(self, fraction: float) -> tuple[Camera, ...]:
-        return tuple(map(same, self._first[1], self._read_cameras(self._start + fraction * self.duration)))
+    def _eyes(self, code: float) -> tuple[Camera, ...]:
+        return tuple(map(same, self._first[1], self._read_cameras(code)))
 
-    def _eyes_moved(self, fraction: float) -> bool:
-        return any(a is not b for a, b in zip(self._eyes(fraction), self._first[1], strict=True))
+    def _eyes_moved(self, code: float) -> bool:
+        return any(a is not b for a, b in zip(self._eyes(code), self._first[1], strict=True))

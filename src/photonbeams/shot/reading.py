@@ -39,18 +39,19 @@ class Reading:
         Texts of warnings that were given; share it between the frames of a shot, so that each is given once.
     cache
         Decoded textures, materials and triangulated prototypes by key.
+    base
+        The frame whose samples velocities carry on, while its shutter is open; None: `time`.
     """
 
     stage: Usd.Stage
     time: Any = None
     warned: set[str] = field(default_factory=set)
     cache: dict[Any, Any] = field(default_factory=dict)
+    base: Any = None
 
     def __post_init__(self) -> None:
-        if not isinstance(self.time, Usd.TimeCode):
-            self.time = Usd.TimeCode.Default() if self.time is None else Usd.TimeCode(self.time)
-        if self.time.IsDefault():
-            self.time = Usd.TimeCode.EarliestTime()
+        self.time = _time_code(self.time)
+        self.base = self.time if self.base is None else _time_code(self.base)
         self.xforms = UsdGeom.XformCache(self.time)
 
     def place(self, prim: Usd.Prim, name: str = "") -> str:
@@ -147,6 +148,12 @@ class Reading:
             if not target or not target.IsActive():
                 raise self.fail(prim, name, f"names {path}: expected a prim that is on the stage")
         return found
+
+
+def _time_code(time: Any) -> Usd.TimeCode:
+    if not isinstance(time, Usd.TimeCode):
+        time = Usd.TimeCode.Default() if time is None else Usd.TimeCode(time)
+    return Usd.TimeCode.EarliestTime() if time.IsDefault() else time
 
 
 def visible(prim: Usd.Prim, time: Usd.TimeCode) -> bool:

@@ -19,6 +19,10 @@ if TYPE_CHECKING:
     from ..render.passes import Statistics
 
 
+_NTSC_ROUNDING = 2e-4  # of a rate of frames with two digits; the next whole number is five times as far
+_FASTEST_NTSC = 250.0
+
+
 @dataclass(frozen=True)
 class Frame:
     """A rendered frame.
@@ -48,17 +52,27 @@ class Frame:
 
 def header(stage: Usd.Stage, time: Usd.TimeCode, duration: float) -> dict[str, Any]:
     """Return what an EXR's header says of a frame's time; the shutter is open for `duration` time codes."""
-    # The header holds a fraction of two 32-bit integers.
-    rate = min(max(stage.GetFramesPerSecond(), 0.0), 1e6)
     about: dict[str, Any] = {
         "software": f"photonbeams {version('photonbeams')}",
-        "framesPerSecond": Fraction(rate).limit_denominator(1001),
+        "framesPerSecond": frame_rate(stage.GetFramesPerSecond()),
         "expTime": duration / stage.GetTimeCodesPerSecond(),
         "scene": Path(stage.GetRootLayer().identifier).name,
     }
     if not time.IsDefault():
         about["frame"] = float(time.GetValue())
     return about
+
+
+def frame_rate(rate: float) -> Fraction:
+    """Return a number of frames a second as a header has it, a fraction of two 32-bit integers.
+
+    Those of NTSC are multiples of 1000/1001, whatever they were rounded to: 23.976 and 23.98 are 24000/1001.
+    """
+    rate = min(max(rate, 0.0), 1e6)
+    ntsc = Fraction(1000 * round(rate * 1.001), 1001)
+    if rate < _FASTEST_NTSC and rate != round(rate) and abs(rate - ntsc) < _NTSC_ROUNDING * rate:
+        return ntsc
+    return Fraction(rate).limit_denominator(1001)
 
 
 def pixels_of(crop: Sequence[float] | None, width: int, height: int) -> tuple[int, int, int, int]:

@@ -50,6 +50,9 @@ class Shot:
         emit: Emitter | None = None,
         looks: Look | Mapping[str, Look] | None = None,
     ) -> None:
+        if stereo is not None and not isinstance(stereo, Stereo):
+            text = "expected a Stereo, such as Stereo(interaxial=0.065, convergence=3)"
+            raise scene.SceneError(f"stereo is {stereo!r}: {text}")
         self.stage, self.camera, self.medium, self.stereo = stage, camera, medium, stereo
         self.simulate, self.emit, self.looks = simulate, emit, looks or {}
         self._sphere: tuple[Array, float] | None = None
@@ -103,13 +106,18 @@ class Shot:
 
     def time(self, frame: float | None = None) -> Usd.TimeCode:
         """Return the time code of a frame; None is the stage's start or default time."""
-        return stages.default_time(self.stage) if frame is None else Usd.TimeCode(frame)
+        if frame is None:
+            return stages.default_time(self.stage)
+        return frame if isinstance(frame, Usd.TimeCode) else Usd.TimeCode(scene.real(frame, "frame"))
 
-    def read(self, frame: float | None = None) -> tuple[scene.Scene, scene.Camera]:
-        """Return what the stage holds at a frame, with its looks built, and the camera."""
+    def read(self, frame: float | None = None, base: float | None = None) -> tuple[scene.Scene, scene.Camera]:
+        """Return what the stage holds at a frame, with its looks built, and the camera.
+
+        Velocities carry on what the stage holds at `base`, the frame whose shutter is open; None: at the frame itself.
+        """
         time = self.time(frame)
         camera = stages.read_camera(self.stage, self.camera, time)
-        content = stages.read_scene(self.stage, time, self._warned)
+        content = stages.read_scene(self.stage, time, self._warned, base)
         content = replace(
             content,
             medium=self._fog(content.medium),
@@ -161,7 +169,7 @@ class Shot:
         base = frame_number(time)
 
         def read(code: float) -> scene.Scene:
-            content = self.read(None if time.IsDefault() else code)[0]
+            content = (self.read() if time.IsDefault() else self.read(code, base))[0]
             return replace(content, bounds=self._bounds(content))
 
         def cameras(code: float) -> tuple[scene.Camera, ...]:
@@ -171,7 +179,7 @@ class Shot:
         # Without blur all is as the shutter opens.
         start, stop = base + begin, base + (end if blur else begin)
         keys = stages.sample_times(self.stage, _MOST_KEYS) if start < stop else []
-        keys = [code for code in keys if start < code < stop]
+        keys = [code for code in keys if start < code <= stop]
         return Exposure(read, cameras, start, stop, keys)
 
     def _bounds(self, content: scene.Scene) -> tuple[Array, float]:
@@ -229,6 +237,10 @@ class Shot:
 
         Where neither is given, they are those of the first of `plates`, if there are any, for the view `view`.
         """
+        width, height = (
+            None if value is None else scene.whole(value, name, " of pixels")
+            for name, value in (("width", width), ("height", height))
+        )
         if width is None and height is None and plates:
             width, height = plates[0].size(self._number(frame), views_of(self.stereo, view))
         camera = self.cameras(frame)[0]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,12 @@ from .reading import Reading, file_of
 
 EYES = ("left", "right")
 _EYE_DISTANCE = 0.065  # metres: between the eyes of people
+# What two eyes of a pair must have alike.
+_ALIKE = (
+    *("projection", "focalLength", "horizontalAperture", "verticalAperture", "fStop", "focusDistance"),
+    *("shutter:open", "shutter:close"),
+    *("exposure", "exposure:iso", "exposure:time", "exposure:fStop", "exposure:responsivity"),
+)
 
 
 @dataclass(frozen=True)
@@ -38,6 +45,10 @@ class Stereo:
     convergence: float | None = None
 
     def __post_init__(self) -> None:
+        for name in ("interaxial", "convergence"):
+            value = getattr(self, name)
+            if value is not None and not isinstance(value, Real):
+                raise SceneError(f"{name} is {value!r}: expected a distance in scene units")
         if self.interaxial is not None and not 0 <= self.interaxial <= FARTHEST:
             text = f"expected a distance in scene units, 0 or more and no more than {FARTHEST:g}"
             raise SceneError(f"interaxial is {self.interaxial}: {text}")
@@ -57,27 +68,24 @@ def read_eyes(
     Raises
     ------
     SceneError
-        A stereoRole without its partner, or partners whose pictures do not fit each other.
+        A stereoRole without its partner, or partners whose pictures do not fit each other; of a camera that is split,
+        parallel rays, or eyes that converge nearer than they can.
     """
     prim = chosen_camera(stage, name)
     role = str(UsdGeom.Camera(prim).GetStereoRoleAttr().Get() or "mono")
     if role not in EYES:
-        return _split(read_camera(stage, str(prim.GetPath()), time), stereo, UsdGeom.GetStageMetersPerUnit(stage))
+        camera = read_camera(stage, str(prim.GetPath()), time)
+        try:
+            return _split(camera, stereo, UsdGeom.GetStageMetersPerUnit(stage))
+        except SceneError as error:
+            raise SceneError(f"{file_of(stage)}: {camera.name} {error}") from None
     other = _partner(stage, prim, EYES[1 - EYES.index(role)])
     if stereo != Stereo():
         reading = Reading(stage, None, set() if warned is None else warned)
         reading.warn(prim, "is one of a pair, which stand where they stand: interaxial and convergence are ignored")
     pair = {role: str(prim.GetPath()), EYES[1 - EYES.index(role)]: str(other.GetPath())}
     left, right = (read_camera(stage, pair[eye], time) for eye in EYES)
-    lens = ("lens_radius", "focus_distance")
-    for field in ("focal_length", "horizontal_aperture", "vertical_aperture", "orthographic", *lens):
-        a, b = getattr(left, field), getattr(right, field)
-        if a != b:
-            what = field.replace("_", " ")
-            raise SceneError(
-                f"{file_of(stage)}: the {what} of {left.name} is {a:g} and of {right.name} {b:g}: "
-                "expected two eyes with the same"
-            )
+    _check_pair(Reading(stage, time), *(stage.GetPrimAtPath(pair[eye]) for eye in EYES))
     return left, right
 
 
@@ -93,6 +101,16 @@ def views_of(stereo: Stereo | None, view: str | None) -> list[str]:
         expected = f"one of {', '.join(EYES)}" if stereo is not None else "none, for the shot has one camera"
         raise SceneError(f"view is '{view}': expected {expected}")
     return [view] if view is not None else list(EYES) if stereo is not None else [""]
+
+
+def _check_pair(reading: Reading, left: Usd.Prim, right: Usd.Prim) -> None:
+    """Raise SceneError for two eyes that differ in more than where they stand, in the attributes' own values."""
+    for name in _ALIKE:
+        a, b = (reading.value(prim, name) for prim in (left, right))
+        if a != b:
+            first, second = (each if isinstance(each, str) else f"{each:g}" for each in (a, b))
+            text = f"is {first} and that of {right.GetPath()} {second}: expected two eyes with the same"
+            raise reading.fail(left, name, text)
 
 
 def _partner(stage: Usd.Stage, prim: Usd.Prim, role: str) -> Usd.Prim:
@@ -111,9 +129,20 @@ def _partner(stage: Usd.Stage, prim: Usd.Prim, role: str) -> Usd.Prim:
 
 def _split(camera: Camera, stereo: Stereo, meters_per_unit: float) -> tuple[Camera, Camera]:
     half = 0.5 * (_EYE_DISTANCE / meters_per_unit if stereo.interaxial is None else stereo.interaxial)
+    if camera.orthographic:  # all that an eye's place would change is a shift of the picture, the same at all depths
+        raise SceneError("is orthographic: expected a perspective camera to be split into two eyes")
     convergence = stereo.convergence or camera.focus_distance or np.inf
-    # The plane of convergence is seen `half` beside the eye's own axis.
-    shift = 0.0 if camera.orthographic else half * camera.focal_length / convergence
+    # The plane of convergence is seen `half` beside the eye's own axis. At a depth z the eyes see stretches of width
+    # w z / f, whose middles are 2 half |z / convergence - 1| apart. With the aperture shifted by its width w or more,
+    # half f / convergence >= w, they have nothing in common from twice the convergence on, nor before two thirds of it.
+    shift = half * camera.focal_length / convergence
+    if shift > camera.horizontal_aperture:
+        least = half * camera.focal_length / camera.horizontal_aperture
+        where = f"{convergence:g}" if stereo.convergence else f"its focusDistance, {convergence:g}"
+        raise SceneError(
+            f"has eyes {2 * half:g} apart that converge at {where}: expected a convergence of at least "
+            f"{least:.4g} scene units, or eyes nearer to each other"
+        )
     return tuple(  # type: ignore[return-value]
         replace(
             camera,

@@ -1,0 +1,70 @@
+"""Points that velocities carry on from a time sample, as UsdGeomPointBased has them.
+
+Caches whose topology changes from frame to frame have nothing else to blur by. All the time that a shutter is open,
+points then go out from one sample, the last one at or before the frame, and so does all that belongs to its topology.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from pxr import Usd
+
+from ..scene import Array
+from .reading import Reading
+
+_ROUNDING = 1e-9  # of sample times that went through the offset and the scale of a layer
+
+
+@dataclass(frozen=True)
+class Carried:
+    """The stage at the time of a sample of points, and (N, 3) where velocities have carried these by now."""
+
+    reading: Reading
+    points: Array
+
+
+def carried(reading: Reading, prim: Usd.Prim, name: str = "points") -> Carried | None:
+    """Return the points, or `name`, of a prim with velocities of the same time sample; None where it has none.
+
+    There, and where the velocities are of another number than the points, USD interpolates samples of the points.
+    """
+    velocities = prim.GetAttribute("velocities")
+    if not (velocities and velocities.HasAuthoredValue()):
+        return None
+    samples = _samples(prim, name, reading.base)
+    if not samples or not _agree(_samples(prim, "velocities", reading.base), samples):
+        reading.warn(prim, f"is not used: expected a time sample at each one of {name}", "velocities")
+        return None
+    sample = samples[0]
+    at = replace(reading, time=sample)
+    points, velocity = at.array(prim, name, 3), at.array(prim, "velocities", 3)
+    if points is None or velocity is None or len(velocity) != len(points):
+        count = 0 if points is None else len(points)
+        reading.warn(prim, f"is not used: expected {count} values, as {name} has at time {sample:g}", "velocities")
+        return None
+    seconds = _seconds(reading, sample)
+    acceleration = None
+    if _agree(_samples(prim, "accelerations", reading.base), samples):
+        acceleration = at.array(prim, "accelerations", 3)
+    if acceleration is not None and len(acceleration) == len(points):
+        velocity = velocity + 0.5 * seconds * acceleration
+    return Carried(at, points + seconds * velocity)
+
+
+def _seconds(reading: Reading, sample: float) -> float:
+    """Return how long after a sample the reading is; a stage without a start is read at its first one."""
+    if reading.time.IsEarliestTime():
+        return 0.0
+    return (float(reading.time.GetValue()) - sample) / (reading.stage.GetTimeCodesPerSecond() or 1.0)
+
+
+def _samples(prim: Usd.Prim, name: str, base: Usd.TimeCode) -> tuple[float, ...]:
+    """Return the times of an attribute's samples on both sides of a time, the same twice at one; () without any."""
+    attribute = prim.GetAttribute(name)
+    return tuple(attribute.GetBracketingTimeSamples(base.GetValue())) if attribute else ()
+
+
+def _agree(these: tuple[float, ...], those: tuple[float, ...]) -> bool:
+    return len(these) == len(those) and np.allclose(these, those, rtol=_ROUNDING, atol=_ROUNDING)
