@@ -128,16 +128,19 @@ def write_outputs(
 ) -> None:
     """Write all files or, where one cannot be written, none.
 
-    An .exr holds `layers`; unless the user has chosen them, no more than the render product asks for.
+    An .exr holds `layers` and, unless the user has chosen those, others that this frame has; of a render product, no
+    more than it asks for.
     """
     from ..files import atomic_path
+
+    names = layers if chosen else [*dict.fromkeys([*layers, *frame.layers])]
 
     with ExitStack() as stack:
         places = [(output, stack.enter_context(atomic_path(output.path))) for output in outputs]
         for output, beside in places:
             shown = output.shown({*frame.layers, *layers})
             every = chosen or not output.variables
-            kept = [name for name in layers if every or name in ("rgba", *output.variables)]
+            kept = [name for name in names if every or name in ("rgba", *output.variables)]
             held = _holding(frame, kept if beside.suffix.lower() == ".exr" else [shown])
             held.write(beside, layer=shown, exposure=exposure)
 
@@ -145,7 +148,8 @@ def write_outputs(
 def _holding(frame: Frame, names: Sequence[str]) -> Frame:
     """Return a frame with these layers alone.
 
-    Light groups that an earlier frame had and this one has not, such as one that is hidden now, are black.
+    Light groups that an earlier frame had and this one has not are black: of what a function emits, nobody knows
+    before which groups there will be.
     """
     import numpy as np
 

@@ -14,6 +14,7 @@ from . import stage as stages
 from .bounds import bounds_at_all_times
 from .camera import read_shutter
 from .export import write_beams
+from .groups import groups_at_all_times
 from .looks import LookSpec
 from .motion import Exposure
 from .plates import Holdout, Plate, part_of
@@ -32,6 +33,8 @@ DEFAULT_WIDTH = 1280
 
 # Time samples on a stage that are looked at, at most, to learn whether a shutter sees any.
 _MOST_KEYS = 10_000
+
+_NOTHING = "nothing makes beams"  # said of the first frame where it is so
 
 #: A fog that is made of the stage's own, or of None where it has none.
 Fog = Callable[[scene.Medium | None], scene.Medium | None]
@@ -53,6 +56,7 @@ class Shot:
         self.stage, self.camera, self.medium, self.stereo = stage, camera, medium, stereo
         self.simulate, self.emit, self.looks = simulate, emit, looks or {}
         self._sphere: tuple[Array, float] | None = None
+        self._groups: frozenset[str] | None = None
         self._warned: set[Any] = set()
         self._looks: dict[str, Any] = {}
 
@@ -113,6 +117,7 @@ class Shot:
         content = replace(
             content,
             medium=self._fog(content.medium),
+            groups=self._groups_at_all_times(),
             lights=tuple(replace(light, look=self._look(light.name, light.look)) for light in content.lights),
             drawn=tuple(replace(beams, look=self._look(beams.name, beams.look)) for beams in content.drawn),
         )
@@ -182,18 +187,32 @@ class Shot:
             )
         return self._sphere
 
-    def check(self, content: scene.Scene) -> list[str]:
-        """Return the names of the layers that a frame of this content has; SceneError where nothing makes beams."""
-        from ..render.frame import black, check, layer_names
+    def _groups_at_all_times(self) -> frozenset[str]:
+        if self._groups is None:
+            # Once: all frames have the same layers.
+            self._groups = groups_at_all_times(self.stage)
+        return self._groups
+
+    def check(self, content: scene.Scene, frame: float | None = None) -> list[str]:
+        """Return the names of the layers that a frame of this content has; SceneError where nothing ever makes beams.
+
+        Warns once where nothing makes beams now, or what does has no light: a light that fades out must not end a film.
+        """
+        from ..render.frame import black, check, layer_names, makers
 
         try:
             check(content)
         except scene.SceneError as error:
             raise scene.SceneError(f"{file_of(self.stage)}: {error}") from None
         names = ", ".join(black(content))
-        if names and names not in self._warned:  # no error: a light that fades out must not end a film
-            self._warned.add(names)
-            LOG.warning("%s: no beams have any light: expected some of %s to shine", file_of(self.stage), names)
+        if names:
+            self._warn(f"{file_of(self.stage)}: no beams have any light: expected some of {names} to shine")
+        elif not makers(content) and _NOTHING not in self._warned:
+            self._warned.add(_NOTHING)
+            LOG.warning(
+                "%s: %s at frame %.10g: expected a light that is on; where none is, beams are black",
+                file_of(self.stage), _NOTHING, self._number(frame),
+            )  # fmt: skip
         return layer_names(content)
 
     def _look(self, owner: str, spec: Any) -> Any:
@@ -313,7 +332,7 @@ class Shot:
         exposure = self.exposure(frame, blur, lens)
         eyes = [EYES.index(name) if name else 0 for name in names]
         content, cameras = exposure(0.0)
-        self.check(content)
+        self.check(content, frame)
         settings.setdefault("program", self._program(frame, exposure))
         shutter = exposure.shutter(eyes, self.stage.GetTimeCodesPerSecond() or 1.0)
         ends = [each.seen_by(View(cameras[eye], window)) for each, eye in zip(depths, eyes, strict=False)]
@@ -391,7 +410,7 @@ class Shot:
         return frame_number(self.time(frame))
 
     def _warn(self, text: str) -> None:
-        """Warn once of what is not the stage's."""
+        """Warn once of what is not a prim's."""
         if text not in self._warned:
             self._warned.add(text)
             LOG.warning("%s", text)
