@@ -393,6 +393,7 @@ def lamp(body):
         ((CAMERA, LAMP), ("the stage has no medium", "PhotonBeamsMediumAPI", "--scattering")),
         # meshes
         ((FOG, CAMERA, LAMP, with_(FLOOR, "0, 1, 2, 3", "0, 1, 2, 30")), ("/Floor.faceVertexIndices", "30", "0 to 3")),
+        ((FOG, CAMERA, LAMP, 'def Cone "C" {\n    uniform token axis = "W"\n}\n'), ("/C.axis is 'W'", "X, Y or Z")),
         ((FOG, CAMERA, LAMP, with_(FLOOR, "[4]", "[4, 4]")), ("/Floor.faceVertexIndices has 4", "expected 8")),
         ((FOG, CAMERA, LAMP, with_(FLOOR, "[4]", "[5, -1]")), ("/Floor.faceVertexCounts holds -1",)),
         ((FOG, CAMERA, LAMP, with_(FLOOR, "(2, -1, -2)", "(nan, 0, 0)")), ("/Floor.points[2] is (nan", "finite")),

@@ -147,6 +147,40 @@ def test_a_value_that_cannot_be_set_is_an_error(tmp_path, capfd, text, message):
     assert capfd.readouterr().err == ""
 
 
+INSTANCES = """#usda 1.0
+class Xform "Rig"
+{
+    def SphereLight "Lamp"
+    {
+    }
+}
+def Xform "A" (
+    instanceable = true
+    %s
+)
+{
+}
+"""
+
+
+@pytest.mark.parametrize(
+    ("source", "expected"),
+    [
+        ("inherits = </Rig>", "/Rig/Lamp, which all its instances repeat"),
+        ("references = @rig.usda@</Rig>", "a prim outside of instances"),
+    ],
+)
+@pytest.mark.parametrize("value", ["inputs:intensity=3", "photonbeams:look=/Soft"])
+def test_a_value_inside_an_instance_is_refused_with_what_can_be_set(tmp_path, capfd, value, source, expected):
+    text = f"/A/Lamp.{value}"
+    (tmp_path / "rig.usda").write_text('#usda 1.0\ndef Xform "Rig"\n{\n    def SphereLight "Lamp"\n    {\n    }\n}\n')
+    path = written(tmp_path, INSTANCES % source)
+    with pytest.raises(SceneError) as error:
+        open_stage(path, overrides=[text])
+    assert str(error.value) == f"cannot set '{text}': /A/Lamp is inside the instance /A: expected {expected}"
+    assert capfd.readouterr().err == ""
+
+
 def test_session_layers_are_stronger_than_the_stage_and_the_first_the_strongest(tmp_path):
     layers = [
         written(tmp_path, f'#usda 1.0\nover "Lamp" {{\n    float inputs:intensity = {value}\n}}\n', f"over{value}.usda")

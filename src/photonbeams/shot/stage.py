@@ -146,6 +146,8 @@ def _override(stage: Usd.Stage, text: str) -> None:
     prim = stage.GetPrimAtPath(path.GetPrimPath())
     if not prim:
         raise SceneError(f"cannot set '{text}': {file_of(stage)} has no prim {path.GetPrimPath()}")
+    if prim.IsInstanceProxy():
+        raise SceneError(f"cannot set '{text}': {_instance(prim)}")
     if _is_relationship(prim, path.name):
         with Usd.EditContext(stage, stage.GetSessionLayer()):
             prim.CreateRelationship(path.name).SetTargets(_targets(value.strip(), text))
@@ -155,6 +157,19 @@ def _override(stage: Usd.Stage, text: str) -> None:
         raise SceneError(f"cannot set '{text}': {path.GetPrimPath()} has no attribute {path.name}")
     with Usd.EditContext(stage, stage.GetSessionLayer()):
         prim.CreateAttribute(path.name, kind).Set(_parsed(value.strip(), kind, text))
+
+
+def _instance(prim: Usd.Prim) -> str:
+    """Return what is wrong with setting a value inside an instance, and which prim of the stage all of them repeat."""
+    root = prim
+    while not root.IsInstance():
+        root = root.GetParent()
+    stage = prim.GetStage()
+    layers = stage.GetLayerStack()
+    sources = [each.path for each in prim.GetPrimStack() if each.layer in layers]
+    found = next((path for path in sources if (own := stage.GetPrimAtPath(path)) and not own.IsInstanceProxy()), None)
+    expected = "a prim outside of instances" if found is None else f"{found}, which all its instances repeat"
+    return f"{prim.GetPath()} is inside the instance {root.GetPath()}: expected {expected}"
 
 
 def _type_of(prim: Usd.Prim, name: str) -> Sdf.ValueTypeName | None:
