@@ -111,6 +111,18 @@ def test_a_closed_shutter_and_a_still_stage_do_not_move(shot):
     assert not shot("/Camera.shutter:close=0.5").exposure(3, blur=False).moving
 
 
+def test_without_blur_all_is_as_at_the_frames_own_time(shot):
+    """UsdRenderSettings: disableMotionBlur is a shutter interval of [0, 0]."""
+    open_early = shot("/Camera.shutter:open=-0.5", "/Camera.shutter:close=0.5")
+    exposure = open_early.exposure(3, blur=False)
+    assert exposure.duration == 0 and exposure.code(0) == 3
+    assert exposure(0.0)[0].lights[1].center[0] == pytest.approx(1.5 + 2 / 8)
+    still = shot().render(3, **SMALL)
+    sharp = open_early.render(3, blur=False, **SMALL)
+    assert sharp.metadata["expTime"] == 0
+    assert all(np.array_equal(sharp.layers[name], still.layers[name]) for name in still.layers)
+
+
 def test_prims_are_followed_by_their_names(shot):
     first, later = (shot().read(frame)[0] for frame in (1, 2))
     gone = followed(first, type(later)(later.meshes[:1], later.lights[1:], (), None))

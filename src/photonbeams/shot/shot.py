@@ -159,7 +159,7 @@ class Shot:
     def exposure(self, frame: float | None = None, blur: bool = True, lens: bool = True) -> Exposure:
         """Return what is seen while the shutter of a frame is open.
 
-        `blur` and `lens` may be turned off: what moves then stands still, as the shutter opens, and all is in focus.
+        `blur` and `lens` may be turned off: all is then as at the frame's own time, and in focus.
         """
         time = self.time(frame)
         begin, end = read_shutter(self.stage, self.camera, time)
@@ -173,8 +173,8 @@ class Shot:
             found = self.cameras(None if time.IsDefault() else code)
             return found if lens else tuple(replace(camera, lens_radius=0.0) for camera in found)
 
-        # Without blur all is as the shutter opens.
-        start, stop = base + begin, base + (end if blur else begin)
+        # Without blur the shutter is the interval [0, 0], as UsdRenderSettings has it.
+        start, stop = (base + begin, base + end) if blur else (base, base)
         keys = stages.sample_times(self.stage, _MOST_KEYS) if start < stop else []
         keys = [code for code in keys if start < code < stop]
         return Exposure(read, cameras, start, stop, keys)
@@ -292,7 +292,8 @@ class Shot:
         progress
             Called with the passes done and the statistics so far.
         blur, lens
-            Whether what moves while the shutter is open blurs, and what is out of focus.
+            Whether what moves while the shutter is open blurs, or all is as at the frame's own time; and whether what
+            is out of focus blurs.
         view
             "left" or "right" for one of two eyes; None renders both.
         holdout
@@ -360,7 +361,7 @@ class Shot:
         Parameters
         ----------
         frame
-            Frame number; None is the stage's start or default time. What moves is where it is as the shutter opens.
+            Frame number; None is the stage's start or default time. What moves is where it is at that time.
         view
             "left" or "right" for one of two eyes.
         **settings
