@@ -408,6 +408,18 @@ def test_products_may_have_a_name_for_each_frame(render, stage, out):
     fails(render(path, "-f", "1:3"), 2, "two.exr is the output of the frames 2 and 3", "one run of #")
 
 
+def test_a_picture_of_a_product_shows_its_first_layer_of_colours(render, stage, out):
+    body = 'token productName = "a.png"\n    rel orderedVars = [%s]'
+    assert render(stage(products(body % "</Depth>, </Key>"), NAMED))[0] == 0
+    assert render(stage(), "--picture", "beams_key=b.png")[0] == 0
+    assert np.array_equal(read_image("a.png"), read_image("b.png"))
+    (out / "a.png").unlink()
+    expected = ("the render product a.png shows 'depth', which is no picture", "a layer of colours, or an .exr")
+    for flags in ((), ("--dry-run",)):
+        fails(render(stage(products(body % "</Depth>"), NAMED), *flags), 1, *expected)
+    assert names(out) == ["b.png"]
+
+
 @pytest.mark.parametrize(
     ("bodies", "code", "parts"),
     [

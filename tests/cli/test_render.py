@@ -306,6 +306,8 @@ def test_layers_choose_what_the_exr_holds_and_groups_have_theirs(render, stage, 
         (("--picture", "b.png"), ("b.png", "expected LAYER=FILE.png")),
         (("--picture", "beams=b.exr"), ("b.exr", ".png")),
         (("--picture", "glow=b.png"), ("'glow'", ", ".join(LAYERS))),
+        (("--picture", "depth=b.png"), ("--picture names 'depth', which is no picture", "a layer of colours")),
+        (("--picture", "depth=b.png", "--dry-run"), ("--picture names 'depth', which is no picture",)),
         (("--layers", "glow"), ("'glow'", ", ".join(LAYERS))),
     ],
 )
