@@ -208,6 +208,25 @@ def test_what_comes_back_to_where_it_was_has_moved(shot, back):
     assert stage.exposure(1)(0.0)[0].bounds[1] > 40
 
 
+def test_what_moves_by_a_spline_has_the_same_bounds_in_each_frame(shot):
+    """Machines that share a film's frames make the same beams."""
+    samples = "timeSamples = { 1: (1.5, 0, -2), 9: (2.5, 0.5, 2) }"
+    spline = STAGE.replace(
+        f"double3 xformOp:translate.{samples}",
+        """double xformOp:translateX.spline = {
+        1: 0; post curve (1.0, 90.0),
+        9: 0; pre (1.0, -90.0),
+    }""",
+    )
+    begin = spline.index('"Swinging"')
+    spline = spline[:begin] + spline[begin:].replace('["xformOp:translate"]', '["xformOp:translateX"]', 1)
+    alone = [shot(text=spline).exposure(frame)(0.0)[0].bounds for frame in (1, 5, 9)]
+    assert all(equal(bounds, alone[0]) for bounds in alone)
+    assert alone[0][1] > shot().exposure(1)(0.0)[0].bounds[1] + 20  # the curve overshoots
+    blurred = shot("/Camera.shutter:close=0.5", text=spline)
+    assert blurred.exposure(1).moving
+
+
 def test_a_light_that_fades_out_is_rendered_black_and_warned_of_once(shot, caplog):
     dark = STAGE.replace("float inputs:intensity = 50", "float inputs:intensity.timeSamples = { 1: 9, 3: 0 }")
     stage = shot(text=dark)
