@@ -1,10 +1,13 @@
 """A stage rendered by Shot: the comparison scene against plain integration, layers, determinism, kernels."""
 
+import shutil
+import weakref
 from pathlib import Path
 
 import drjit as dr
 import numpy as np
 import pytest
+from pxr import Sdf, UsdGeom
 
 import photonbeams as pb
 from comparison import lit, single_scattering
@@ -87,6 +90,36 @@ def test_a_second_frame_compiles_nothing(shot, frame):
     again = shot.render(passes=3, width=70, height=40, beams=600, seed=5)
     assert again.statistics.kernels_compiled == 0
     dr.sync_thread()
+
+
+@pytest.fixture
+def own(tmp_path):
+    """Return a shot of a stage that may be changed."""
+    shutil.copy(STAGE, tmp_path / "own.usda")
+    return lambda: pb.Shot.open(tmp_path / "own.usda")
+
+
+def test_a_change_of_the_stage_is_rendered(own):
+    shot = own()
+    (still, _), (same, _) = shot.exposure()(0.0), shot.exposure()(0.0)
+    assert same.bounds is still.bounds and same.groups is still.groups  # reading is no change
+    light = shot.stage.GetPrimAtPath("/World/Light")
+    light.CreateAttribute("photonbeams:lightGroup", Sdf.ValueTypeNames.Token).Set("key")
+    UsdGeom.Sphere.Define(shot.stage, "/World/Ball").AddTranslateOp().Set((0, 90, 0))
+    changed, _ = shot.exposure()(0.0)
+    assert changed.bounds[1] > still.bounds[1] + 20
+    assert (still.groups, changed.groups) == ({""}, {"key"})
+    fresh, _ = pb.Shot(shot.stage).exposure()(0.0)
+    assert np.array_equal(changed.bounds[0], fresh.bounds[0]) and changed.bounds[1] == fresh.bounds[1]
+
+
+def test_a_shot_that_is_used_no_more_is_forgotten_though_its_stage_is_kept(own, capfd):
+    shot = own()
+    stage, gone = shot.stage, weakref.ref(shot)
+    del shot
+    assert gone() is None
+    stage.GetPrimAtPath("/World/Light").GetAttribute("inputs:intensity").Set(3)
+    assert capfd.readouterr().err == ""
 
 
 def test_a_crop_is_a_part_of_the_whole_picture(shot, frame):

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import weakref
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from pxr import Usd
+from pxr import Tf, Usd
 
 from .. import scene
 from ..files import PathLike
@@ -59,6 +60,18 @@ class Shot:
         self._groups: frozenset[str] | None = None
         self._warned: set[Any] = set()
         self._looks: dict[str, Any] = {}
+        self._listener = self._listening()
+
+    def _listening(self) -> Any:
+        """Return what, while it is kept, lets the shot forget what it knows of all times when the stage changes."""
+        own = weakref.ref(self)  # kept by the shot, it must not keep the shot
+
+        def forget(_notice: Any, _stage: Usd.Stage) -> None:
+            shot = own()
+            if shot is not None:
+                shot._sphere = shot._groups = None
+
+        return forget, Tf.Notice.Register(Usd.Notice.ObjectsChanged, forget, self.stage)  # which does not keep `forget`
 
     @classmethod
     def open(
