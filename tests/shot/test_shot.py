@@ -222,6 +222,17 @@ def test_a_look_for_beams_that_are_not_there_is_an_error(tmp_path):
         shot.render(passes=1, width=16, height=9)
 
 
+@pytest.mark.parametrize("name", ["Red", "/World/Red", "Look"])
+def test_a_look_may_be_of_beams_that_are_not_there_yet(tmp_path, name):
+    hidden = 'token visibility.timeSamples = { 1: "invisible", 3: "inherited" }'
+    begin = LOOKED_AT.index("        float inputs:radius")
+    (tmp_path / "a.usda").write_text(f"{LOOKED_AT[:begin]}        {hidden}\n{LOOKED_AT[begin:]}")
+    shot = pb.Shot.open(tmp_path / "a.usda", looks={name: GREEN})
+    first, later = (shot.render(frame, passes=1, width=16, height=9).layers["beams_red"] for frame in (1, 3))
+    assert not first.any()
+    assert (later.sum(axis=(0, 1)) > 0).tolist() == [False, True, False]
+
+
 def test_another_look_in_a_running_session_compiles_at_most_once(tmp_path):
     (tmp_path / "a.usda").write_text(LOOKED_AT)
     shot = pb.Shot.open(tmp_path / "a.usda")

@@ -1,4 +1,4 @@
-"""The light groups of a shot at all times: every frame of a film has the same layers."""
+"""What makes beams in a shot at any time, and its light groups: every frame of a film has the same layers."""
 
 from __future__ import annotations
 
@@ -32,6 +32,14 @@ def groups_at_all_times(stage: Usd.Stage) -> frozenset[str]:
             if group not in found and maker.seen(reading) and _makes_beams(reading, maker.prim, fog):
                 found.add(group)
     return frozenset(found)
+
+
+def makers_at_all_times(stage: Usd.Stage) -> set[str]:
+    """Return the paths of all lights and drawn curves on a stage, hidden ones too, and of the looks that they name."""
+    prims = [maker.prim for maker in _makers(stage.GetPseudoRoot())]
+    looks = (prim.GetRelationship("photonbeams:look") for prim in prims)
+    paths = [path for look in looks if look for path in look.GetForwardedTargets()]
+    return {str(path) for path in (*paths, *(prim.GetPath() for prim in prims))}
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from . import stage as stages
 from .bounds import bounds_at_all_times
 from .camera import read_shutter
 from .export import write_beams
-from .groups import groups_at_all_times
+from .groups import groups_at_all_times, makers_at_all_times
 from .looks import LookSpec
 from .motion import Exposure
 from .plates import Holdout, Plate, part_of
@@ -39,6 +39,11 @@ _NOTHING = "nothing makes beams"  # said of the first frame where it is so
 
 #: A fog that is made of the stage's own, or of None where it has none.
 Fog = Callable[[scene.Medium | None], scene.Medium | None]
+
+
+def _known(paths: set[str]) -> set[str]:
+    """Return paths and the names at their ends, by which a user may call what is there."""
+    return paths | {path.rpartition("/")[2] for path in paths}
 
 
 class Shot:
@@ -146,9 +151,10 @@ class Shot:
         if not isinstance(self.looks, Mapping):
             return
         named = {light.name for light in content.lights} | {drawn.name for drawn in content.drawn} | set(self._looks)
-        known = named | {name.rpartition("/")[2] for name in named}
+        if not _known(named).issuperset(self.looks):
+            named |= makers_at_all_times(self.stage)  # of those that are hidden now, looks may be, too
         for name in self.looks:
-            if name not in known:
+            if name not in _known(named):
                 beams = ", ".join(sorted(named)) or "none"
                 raise scene.SceneError(f"{file_of(self.stage)}: no beams are of {name}: expected one of {beams}")
 
