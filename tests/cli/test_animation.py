@@ -190,6 +190,18 @@ def test_a_light_group_that_appears_later_has_its_layer_from_the_first_frame_on(
     assert second["beams_fill"].any()
 
 
+def test_a_group_that_a_function_emits_later_is_in_the_frames_that_have_it(render, stage, out):
+    (out / "late.py").write_text(
+        "from photonbeams.scene import DrawnBeams\n\n"
+        "def late(context):\n"
+        "    beam = [[-1, 0, 0]], [[1, 0, 0]], [0.5], [0.5], [[1, 1, 1]]\n"
+        "    return [DrawnBeams('late', *beam, group='late')] if context.frame > 1 else []\n"
+    )
+    assert render(stage(), "-f", "1:2", "-o", "a.#.exr", "--emit", "late.py:late")[0] == 0
+    first, second = read_layers("a.1.exr"), read_layers("a.2.exr")
+    assert "beams_late" not in first and second["beams_late"].any()
+
+
 def test_a_frame_without_any_light_has_black_beams_and_does_not_end_the_film(render, call, stage, out):
     path = stage()
     hidden = 'token visibility.timeSamples = {\n        1: "inherited",\n        2: "invisible",\n    }\n'
