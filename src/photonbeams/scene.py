@@ -419,7 +419,8 @@ class Scene:
     """All of a shot at one time but its camera.
 
     `bounds` are centre and radius of a sphere around everything at all times, so that beams do not change with what
-    moves elsewhere; None: of what is there.
+    moves elsewhere; None: of what is there. `groups` are the light groups that make beams at any time: a frame has the
+    layers of these, too, black where nothing of a group shines.
     """
 
     meshes: tuple[Mesh, ...] = ()
@@ -427,6 +428,7 @@ class Scene:
     drawn: tuple[DrawnBeams, ...] = ()
     medium: Medium | None = None
     bounds: tuple[Array, float] | None = None
+    groups: frozenset[str] = frozenset()
 
     def looks(self) -> dict[str, Look | None]:
         """Return the looks of lights and drawn beams by their names."""

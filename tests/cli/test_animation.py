@@ -179,6 +179,50 @@ def test_a_light_group_that_is_hidden_in_a_frame_is_black_there(render, stage, o
     assert not read_image("fill.2.png").any()
 
 
+def test_a_light_group_that_appears_later_has_its_layer_from_the_first_frame_on(render, stage, out):
+    other = 'def SphereLight "Fill" (prepend apiSchemas = ["PhotonBeamsLightAPI"]) {\n'
+    other += '    token photonbeams:lightGroup = "fill"\n    bool photonbeams:enabled.timeSamples = {\n'
+    other += "        1: 0,\n        2: 1\n    }\n}\n"
+    assert render(stage(other), "-f", "1:2", "-o", "a.#.exr", "--layers", "beams_fill")[0] == 0
+    first, second = read_layers("a.1.exr"), read_layers("a.2.exr")
+    assert list(first) == list(second) == ["rgba", "beams_fill"]
+    assert not first["beams_fill"].any()
+    assert second["beams_fill"].any()
+
+
+def test_a_group_that_a_function_emits_later_is_in_the_frames_that_have_it(render, stage, out):
+    (out / "late.py").write_text(
+        "from photonbeams.scene import DrawnBeams\n\n"
+        "def late(context):\n"
+        "    beam = [[-1, 0, 0]], [[1, 0, 0]], [0.5], [0.5], [[1, 1, 1]]\n"
+        "    return [DrawnBeams('late', *beam, group='late')] if context.frame > 1 else []\n"
+    )
+    assert render(stage(), "-f", "1:2", "-o", "a.#.exr", "--emit", "late.py:late")[0] == 0
+    first, second = read_layers("a.1.exr"), read_layers("a.2.exr")
+    assert "beams_late" not in first and second["beams_late"].any()
+
+
+def test_a_frame_without_any_light_has_black_beams_and_does_not_end_the_film(render, call, stage, out):
+    path = stage()
+    hidden = 'token visibility.timeSamples = {\n        1: "inherited",\n        2: "invisible",\n    }\n'
+    path.write_text(path.read_text().replace("    float inputs:radius", "    " + hidden + "    float inputs:radius"))
+    code, lines = render(path, "-f", "1:3", "-o", "a.#.exr", "-o", "a.#.png", "--progress", "none")
+    assert code == 0 and len(names(out)) == 6
+    warned = [line for line in lines if "Warning" in line]
+    assert len(warned) == 1 and f"{path}: nothing makes beams at frame 2" in warned[0]
+    first, second = read_layers("a.1.exr"), read_layers("a.2.exr")
+    assert list(first) == list(second)
+    assert first["beams_key"].any()
+    assert not second["beams"].any() and not second["beams_key"].any() and not second["surface"].any()
+    assert np.array_equal(first["transmittance"], second["transmittance"])
+    film = ("--stereo", "--set", "/Camera.fStop=2", "--set", "/Camera.focusDistance=5")
+    assert render(path, "-f", "2", "-o", "b.exr", "--over", "a.1.png", "--holdout", "a.1.exr", "-q")[0] == 0
+    assert render(path, "-f", "2", "-o", "c.exr", "-q", *film)[0] == 0
+    assert render(path, "-f", "2", "-o", "d.exr", "--dry-run")[1][1].startswith("All is well")
+    assert call("beams", path, "-f", "1:2", "-o", "beams.#.usda")[0] == 0
+    assert "BasisCurves" not in (out / "beams.2.usda").read_text()
+
+
 def test_frames_of_a_stage_that_does_not_change_are_warned_of(render, stage, out):
     path = stage()
     path.write_text(path.read_text().replace("inputs:exposure.timeSamples = { 1: 0, 5: 0 }", "inputs:exposure = 0"))
@@ -374,6 +418,18 @@ def test_products_may_have_a_name_for_each_frame(render, stage, out):
     assert render(path, "-f", "1:2")[0] == 0
     assert names(out) == ["one.exr", "two.exr"]
     fails(render(path, "-f", "1:3"), 2, "two.exr is the output of the frames 2 and 3", "one run of #")
+
+
+def test_a_picture_of_a_product_shows_its_first_layer_of_colours(render, stage, out):
+    body = 'token productName = "a.png"\n    rel orderedVars = [%s]'
+    assert render(stage(products(body % "</Depth>, </Key>"), NAMED))[0] == 0
+    assert render(stage(), "--picture", "beams_key=b.png")[0] == 0
+    assert np.array_equal(read_image("a.png"), read_image("b.png"))
+    (out / "a.png").unlink()
+    expected = ("the render product a.png shows 'depth', which is no picture", "a layer of colours, or an .exr")
+    for flags in ((), ("--dry-run",)):
+        fails(render(stage(products(body % "</Depth>"), NAMED), *flags), 1, *expected)
+    assert names(out) == ["b.png"]
 
 
 @pytest.mark.parametrize(

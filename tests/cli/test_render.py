@@ -306,6 +306,8 @@ def test_layers_choose_what_the_exr_holds_and_groups_have_theirs(render, stage, 
         (("--picture", "b.png"), ("b.png", "expected LAYER=FILE.png")),
         (("--picture", "beams=b.exr"), ("b.exr", ".png")),
         (("--picture", "glow=b.png"), ("'glow'", ", ".join(LAYERS))),
+        (("--picture", "depth=b.png"), ("--picture names 'depth', which is no picture", "a layer of colours")),
+        (("--picture", "depth=b.png", "--dry-run"), ("--picture names 'depth', which is no picture",)),
         (("--layers", "glow"), ("'glow'", ", ".join(LAYERS))),
     ],
 )
@@ -393,6 +395,7 @@ def lamp(body):
         ((CAMERA, LAMP), ("the stage has no medium", "PhotonBeamsMediumAPI", "--scattering")),
         # meshes
         ((FOG, CAMERA, LAMP, with_(FLOOR, "0, 1, 2, 3", "0, 1, 2, 30")), ("/Floor.faceVertexIndices", "30", "0 to 3")),
+        ((FOG, CAMERA, LAMP, 'def Cone "C" {\n    uniform token axis = "W"\n}\n'), ("/C.axis is 'W'", "X, Y or Z")),
         ((FOG, CAMERA, LAMP, with_(FLOOR, "[4]", "[4, 4]")), ("/Floor.faceVertexIndices has 4", "expected 8")),
         ((FOG, CAMERA, LAMP, with_(FLOOR, "[4]", "[5, -1]")), ("/Floor.faceVertexCounts holds -1",)),
         ((FOG, CAMERA, LAMP, with_(FLOOR, "(2, -1, -2)", "(nan, 0, 0)")), ("/Floor.points[2] is (nan", "finite")),

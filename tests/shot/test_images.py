@@ -160,6 +160,13 @@ def test_other_suffixes_are_refused(tmp_path, layers, name):
     assert names_in(tmp_path) == []
 
 
+def test_a_layer_without_colours_is_no_picture(tmp_path):
+    depth = {"depth": np.ones((2, 3, 1), dtype=np.float32)}
+    with pytest.raises(SceneError, match=r"cannot write .*a\.png: 'depth' is no picture: expected a layer of colours"):
+        images.write_frame(tmp_path / "a.png", depth, layer="depth")
+    assert names_in(tmp_path) == []
+
+
 def test_a_layer_that_is_not_there_is_named(tmp_path, layers):
     with pytest.raises(SceneError, match="no layer 'fog', only surface, beams"):
         images.write_frame(tmp_path / "a.png", layers, layer="fog")

@@ -170,6 +170,18 @@ def test_a_closed_shutter_and_a_still_stage_do_not_move(shot):
     assert not shot("/Camera.shutter:close=0.5").exposure(3, blur=False).moving
 
 
+def test_without_blur_all_is_as_at_the_frames_own_time(shot):
+    """UsdRenderSettings: disableMotionBlur is a shutter interval of [0, 0]."""
+    open_early = shot("/Camera.shutter:open=-0.5", "/Camera.shutter:close=0.5")
+    exposure = open_early.exposure(3, blur=False)
+    assert exposure.duration == 0 and exposure.code(0) == 3
+    assert exposure(0.0)[0].lights[1].center[0] == pytest.approx(1.5 + 2 / 8)
+    still = shot().render(3, **SMALL)
+    sharp = open_early.render(3, blur=False, **SMALL)
+    assert sharp.metadata["expTime"] == 0
+    assert all(np.array_equal(sharp.layers[name], still.layers[name]) for name in still.layers)
+
+
 def test_prims_are_followed_by_their_names(shot):
     first, later = (shot().read(frame)[0] for frame in (1, 2))
     gone = followed(first, type(later)(later.meshes[:1], later.lights[1:], (), None))
@@ -273,6 +285,25 @@ def test_what_comes_back_to_where_it_was_has_moved(shot, back):
     """Bounds hold what is far away in the middle of a loop, and between evenly spaced times."""
     stage = shot(text=STAGE.replace("9: (2.5, 0.5, 2)", f"4.1: (1.5, 0, -2), 4.2: (90, 0, -2), 4.3: {back}, 9: {back}"))
     assert stage.exposure(1)(0.0)[0].bounds[1] > 40
+
+
+def test_what_moves_by_a_spline_has_the_same_bounds_in_each_frame(shot):
+    """Machines that share a film's frames make the same beams."""
+    samples = "timeSamples = { 1: (1.5, 0, -2), 9: (2.5, 0.5, 2) }"
+    spline = STAGE.replace(
+        f"double3 xformOp:translate.{samples}",
+        """double xformOp:translateX.spline = {
+        1: 0; post curve (1.0, 90.0),
+        9: 0; pre (1.0, -90.0),
+    }""",
+    )
+    begin = spline.index('"Swinging"')
+    spline = spline[:begin] + spline[begin:].replace('["xformOp:translate"]', '["xformOp:translateX"]', 1)
+    alone = [shot(text=spline).exposure(frame)(0.0)[0].bounds for frame in (1, 5, 9)]
+    assert all(equal(bounds, alone[0]) for bounds in alone)
+    assert alone[0][1] > shot().exposure(1)(0.0)[0].bounds[1] + 20  # the curve overshoots
+    blurred = shot("/Camera.shutter:close=0.5", text=spline)
+    assert blurred.exposure(1).moving
 
 
 def test_a_light_that_fades_out_is_rendered_black_and_warned_of_once(shot, caplog):

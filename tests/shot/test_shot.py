@@ -1,11 +1,14 @@
 """A stage rendered by Shot: the comparison scene against plain integration, layers, determinism, kernels."""
 
+import shutil
+import weakref
 from fractions import Fraction
 from pathlib import Path
 
 import drjit as dr
 import numpy as np
 import pytest
+from pxr import Sdf, UsdGeom
 
 import photonbeams as pb
 from comparison import lit, single_scattering
@@ -89,6 +92,36 @@ def test_a_second_frame_compiles_nothing(shot, frame):
     again = shot.render(passes=3, width=70, height=40, beams=600, seed=5)
     assert again.statistics.kernels_compiled == 0
     dr.sync_thread()
+
+
+@pytest.fixture
+def own(tmp_path):
+    """Return a shot of a stage that may be changed."""
+    shutil.copy(STAGE, tmp_path / "own.usda")
+    return lambda: pb.Shot.open(tmp_path / "own.usda")
+
+
+def test_a_change_of_the_stage_is_rendered(own):
+    shot = own()
+    (still, _), (same, _) = shot.exposure()(0.0), shot.exposure()(0.0)
+    assert same.bounds is still.bounds and same.groups is still.groups  # reading is no change
+    light = shot.stage.GetPrimAtPath("/World/Light")
+    light.CreateAttribute("photonbeams:lightGroup", Sdf.ValueTypeNames.Token).Set("key")
+    UsdGeom.Sphere.Define(shot.stage, "/World/Ball").AddTranslateOp().Set((0, 90, 0))
+    changed, _ = shot.exposure()(0.0)
+    assert changed.bounds[1] > still.bounds[1] + 20
+    assert (still.groups, changed.groups) == ({""}, {"key"})
+    fresh, _ = pb.Shot(shot.stage).exposure()(0.0)
+    assert np.array_equal(changed.bounds[0], fresh.bounds[0]) and changed.bounds[1] == fresh.bounds[1]
+
+
+def test_a_shot_that_is_used_no_more_is_forgotten_though_its_stage_is_kept(own, capfd):
+    shot = own()
+    stage, gone = shot.stage, weakref.ref(shot)
+    del shot
+    assert gone() is None
+    stage.GetPrimAtPath("/World/Light").GetAttribute("inputs:intensity").Set(3)
+    assert capfd.readouterr().err == ""
 
 
 def test_a_crop_is_a_part_of_the_whole_picture(shot, frame):
@@ -240,6 +273,17 @@ def test_a_look_for_beams_that_are_not_there_is_an_error(tmp_path):
         pb.SceneError, match=r"no beams are of Green: expected one of /World/Blue, /World/Look, /World/Red"
     ):
         shot.render(passes=1, width=16, height=9)
+
+
+@pytest.mark.parametrize("name", ["Red", "/World/Red", "Look"])
+def test_a_look_may_be_of_beams_that_are_not_there_yet(tmp_path, name):
+    hidden = 'token visibility.timeSamples = { 1: "invisible", 3: "inherited" }'
+    begin = LOOKED_AT.index("        float inputs:radius")
+    (tmp_path / "a.usda").write_text(f"{LOOKED_AT[:begin]}        {hidden}\n{LOOKED_AT[begin:]}")
+    shot = pb.Shot.open(tmp_path / "a.usda", looks={name: GREEN})
+    first, later = (shot.render(frame, passes=1, width=16, height=9).layers["beams_red"] for frame in (1, 3))
+    assert not first.any()
+    assert (later.sum(axis=(0, 1)) > 0).tolist() == [False, True, False]
 
 
 def test_another_look_in_a_running_session_compiles_at_most_once(tmp_path):

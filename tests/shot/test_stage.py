@@ -8,7 +8,7 @@ import pytest
 from pxr import Usd
 
 from photonbeams.scene import SceneError
-from photonbeams.shot.stage import default_time, extent_varies, open_stage, read_scene
+from photonbeams.shot.stage import default_time, extent_varies, open_stage, read_scene, sample_times
 
 LAMP = """#usda 1.0
 def SphereLight "Lamp" {
@@ -147,6 +147,40 @@ def test_a_value_that_cannot_be_set_is_an_error(tmp_path, capfd, text, message):
     assert capfd.readouterr().err == ""
 
 
+INSTANCES = """#usda 1.0
+class Xform "Rig"
+{
+    def SphereLight "Lamp"
+    {
+    }
+}
+def Xform "A" (
+    instanceable = true
+    %s
+)
+{
+}
+"""
+
+
+@pytest.mark.parametrize(
+    ("source", "expected"),
+    [
+        ("inherits = </Rig>", "/Rig/Lamp, which all its instances repeat"),
+        ("references = @rig.usda@</Rig>", "a prim outside of instances"),
+    ],
+)
+@pytest.mark.parametrize("value", ["inputs:intensity=3", "photonbeams:look=/Soft"])
+def test_a_value_inside_an_instance_is_refused_with_what_can_be_set(tmp_path, capfd, value, source, expected):
+    text = f"/A/Lamp.{value}"
+    (tmp_path / "rig.usda").write_text('#usda 1.0\ndef Xform "Rig"\n{\n    def SphereLight "Lamp"\n    {\n    }\n}\n')
+    path = written(tmp_path, INSTANCES % source)
+    with pytest.raises(SceneError) as error:
+        open_stage(path, overrides=[text])
+    assert str(error.value) == f"cannot set '{text}': /A/Lamp is inside the instance /A: expected {expected}"
+    assert capfd.readouterr().err == ""
+
+
 def test_session_layers_are_stronger_than_the_stage_and_the_first_the_strongest(tmp_path):
     layers = [
         written(tmp_path, f'#usda 1.0\nover "Lamp" {{\n    float inputs:intensity = {value}\n}}\n', f"over{value}.usda")
@@ -204,6 +238,40 @@ def test_an_extent_varies_with_what_has_one(tmp_path, varying, expected):
     layer = tmp_path / "b.usda"
     layer.write_text(f"#usda 1.0\n{varying}\n")
     assert extent_varies(open_stage(path, [layer])) == expected
+
+
+SPLINE = """#usda 1.0
+def Xform "Rig" {
+    double xformOp:translateX.spline = {
+        bezier,
+        %s
+        1: 0; post curve (2.0, 5.0),
+        11: 10; pre (2.0, 5.0),
+    }
+    uniform token[] xformOpOrder = ["xformOp:translateX"]
+    def Sphere "Ball" {
+    }
+}
+"""
+RANGE = "#usda 1.0\n(\n    startTimeCode = %g\n    endTimeCode = %g\n    subLayers = [@spline.usda@%s]\n)\n"
+
+
+@pytest.mark.parametrize(
+    ("extrapolation", "top", "times"),
+    [
+        ("", "#usda 1.0\n(\n    subLayers = [@spline.usda@]\n)\n", [1, 3.5, 6, 8.5, 11]),
+        ("post: linear,", RANGE % (1, 31, ""), [1, 3.5, 6, 8.5, 11, 16, 21, 26, 31]),
+        ("", RANGE % (5, 27, " (offset = 5; scale = 2)"), [5, 5.5, 6, 6.5, 7, 12, 17, 22, 27]),
+        ("post: loop repeat,", RANGE % (1, 21, ""), [1, 3.5, 6, 8.5, 11, 13.5, 16, 18.5, 21]),
+        ("post: loop repeat,", RANGE % (1, 19, ""), [1, 3.5, 6, 8.5, 11, 13, 15, 17, 19]),
+    ],
+)
+def test_splines_are_looked_at_at_their_knots_and_between_and_to_the_stages_ends(tmp_path, extrapolation, top, times):
+    written(tmp_path, SPLINE % extrapolation, "spline.usda")
+    stage = open_stage(written(tmp_path, top))
+    assert sample_times(stage, 33) == times
+    assert sample_times(stage, 3) == [times[0], times[len(times) // 2], times[-1]]
+    assert extent_varies(stage)
 
 
 def test_a_layer_that_was_written_again_is_read_again(tmp_path):

@@ -19,6 +19,10 @@ if TYPE_CHECKING:
     from ..shot.shot import Frame
 
 
+#: Layers that are no colours, and so no pictures.
+NUMBERS = ("depth",)
+
+
 @dataclass(frozen=True)
 class Output:
     """A file to write.
@@ -44,8 +48,9 @@ class Output:
         return self.path.is_file() and self.path.stat().st_size > 0
 
     def shown(self, names: Collection[str]) -> str:
-        """Return the layer that a picture shows, of those that there are."""
-        return next((name for name in self.variables if name in names), self.layer)
+        """Return the layer that a picture shows, of those that there are: the first that has colours."""
+        found = [name for name in self.variables if name in names] or [self.layer]
+        return next((name for name in found if name not in NUMBERS), found[0])
 
 
 def parse_outputs(files: Iterable[Path], pictures: Iterable[str]) -> list[Output]:
@@ -107,12 +112,27 @@ def chosen_layers(text: str | None, outputs: Iterable[Output], names: Sequence[s
         for name in asked:
             if name not in names:
                 raise typer.BadParameter(f"{flag} names '{name}': expected one of the layers {', '.join(names)}")
+    _check_pictures(outputs, names)
     unknown = [name for output in outputs for name in output.variables if name not in names]
     for name in dict.fromkeys(unknown):
         logging.getLogger("photonbeams").warning(
             "a render product asks for '%s', which is no layer: expected %s", name, ", ".join(names)
         )
     return [name for name in names if name in {"rgba", *wanted}]
+
+
+def _check_pictures(outputs: Iterable[Output], names: Collection[str]) -> None:
+    """Refuse, before hours of rendering, pictures of layers that have no colours."""
+    from ..scene import SceneError
+
+    for output in outputs:
+        shown = output.shown(names)
+        if output.path.suffix.lower() != ".png" or shown not in NUMBERS:
+            continue
+        text = f"'{shown}', which is no picture: expected a layer of colours, or an .exr"
+        if output.variables:
+            raise SceneError(f"the render product {output.path} shows {text}")
+        raise typer.BadParameter(f"--picture names {text}")
 
 
 def prepare_outputs(outputs: Iterable[Output]) -> None:
@@ -128,16 +148,19 @@ def write_outputs(
 ) -> None:
     """Write all files or, where one cannot be written, none.
 
-    An .exr holds `layers`; unless the user has chosen them, no more than the render product asks for.
+    An .exr holds `layers` and, unless the user has chosen those, others that this frame has; of a render product, no
+    more than it asks for.
     """
     from ..files import atomic_path
+
+    names = layers if chosen else [*dict.fromkeys([*layers, *frame.layers])]
 
     with ExitStack() as stack:
         places = [(output, stack.enter_context(atomic_path(output.path))) for output in outputs]
         for output, beside in places:
             shown = output.shown({*frame.layers, *layers})
             every = chosen or not output.variables
-            kept = [name for name in layers if every or name in ("rgba", *output.variables)]
+            kept = [name for name in names if every or name in ("rgba", *output.variables)]
             held = _holding(frame, kept if beside.suffix.lower() == ".exr" else [shown])
             held.write(beside, layer=shown, exposure=exposure)
 
@@ -145,7 +168,8 @@ def write_outputs(
 def _holding(frame: Frame, names: Sequence[str]) -> Frame:
     """Return a frame with these layers alone.
 
-    Light groups that an earlier frame had and this one has not, such as one that is hidden now, are black.
+    Light groups that an earlier frame had and this one has not are black: of what a function emits, nobody knows
+    before which groups there will be.
     """
     import numpy as np
 

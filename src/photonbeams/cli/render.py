@@ -261,7 +261,7 @@ def render(
         first = (todo or animation.tasks)[0]
         content, _ = shot.read(first.number)
         check()
-        kept = chosen_layers(layers, first.outputs, shot.check(content))
+        kept = chosen_layers(layers, first.outputs, shot.check(content, first.number))
         end = Holdout(holdout, holdout_channel, holdout_depth or "auto", holdout_scale or 1.0) if holdout else None
         plate = Plate(over, over_fog) if over else None
         plates = [each for each in (end, plate) if each is not None]

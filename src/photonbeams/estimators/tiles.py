@@ -62,7 +62,7 @@ class Projection:
     width, height
         Image size in pixels.
     edge_x, edge_y
-        Greatest |x/z| and |y/z| in the picture (perspective).
+        Greatest |x/z| and |y/z| in the picture (perspective), opaque: each lens and crop has others.
     lens
         Radius of the lens and the distance at which it is in focus (opaque); None for a pinhole.
     """
@@ -73,8 +73,8 @@ class Projection:
     width: int
     height: int
     orthographic: bool
-    edge_x: float = 0.0
-    edge_y: float = 0.0
+    edge_x: Any
+    edge_y: Any
     lens: tuple[Any, Any] | None = None
 
     @property

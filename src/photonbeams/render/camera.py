@@ -83,8 +83,8 @@ class View:
             width=width,
             height=height,
             orthographic=camera.orthographic,
-            edge_x=edge_x,
-            edge_y=edge_y,
+            edge_x=dr.opaque(Float, edge_x),
+            edge_y=dr.opaque(Float, edge_y),
             lens=_lens(camera),
         )
 

@@ -141,12 +141,12 @@ def simulate(shutter: Shutter, window: Window, settings: Settings = Settings(), 
 
 
 def check(description: scene.Scene) -> None:
-    """Raise SceneError where a scene has no medium or nothing that makes beams."""
+    """Raise SceneError where a scene has no medium, or nothing that ever makes beams."""
     if description.medium is None:
         raise scene.SceneError(
             "the stage has no medium: expected a prim with PhotonBeamsMediumAPI, or a fog given by --scattering"
         )
-    if any(light.emits_beams for light in description.lights) or description.drawn:
+    if makers(description) or description.groups:
         return
     text = "the stage has no light that makes beams: expected a UsdLux light, or drawn beams"
     if description.lights:  # switched off, which a dome is from the start
@@ -155,13 +155,19 @@ def check(description: scene.Scene) -> None:
     raise scene.SceneError(text)
 
 
+def makers(description: scene.Scene) -> list[str]:
+    """Return the names of the lights and drawn beams that make beams."""
+    lights = [light.name for light in description.lights if light.emits_beams]
+    return lights + [each.name for each in description.drawn]
+
+
 def black(description: scene.Scene) -> list[str]:
     """Return the names of all lights and drawn beams where none of them has any light; else nothing."""
     emitting = [light for light in description.lights if light.emits_beams]
     shining = any(light.beam_scale * max(light.radiance) > 0 for light in emitting)
     if shining or any(len(each.start) and np.max(each.power) > 0 for each in description.drawn):
         return []
-    return [light.name for light in emitting] + [each.name for each in description.drawn]
+    return makers(description)
 
 
 def _check_memory(description: scene.Scene, window: Window, settings: Settings) -> None:
@@ -190,9 +196,9 @@ def layer_names(description: scene.Scene) -> list[str]:
 
 
 def _group_layers(description: scene.Scene) -> dict[str, str]:
-    """Return the layer of each light group; none where all beams are of the unnamed one."""
+    """Return the layer of each light group of the shot; none where all beams are of the unnamed one."""
     groups = {light.group for light in description.lights if light.emits_beams}
-    groups |= {drawn.group for drawn in description.drawn}
+    groups |= {drawn.group for drawn in description.drawn} | description.groups
     return {group: f"beams_{group or 'default'}" for group in sorted(groups)} if groups - {""} else {}
 
 

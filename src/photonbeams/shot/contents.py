@@ -19,7 +19,7 @@ from .meshes import is_gprim, read_meshes
 from .reading import Reading, visible
 from .velocities import carried
 
-_PROTOTYPE_PRIMS = Usd.PrimIsActive & Usd.PrimIsLoaded  # prototypes may be `over` or `class`
+PROTOTYPE_PRIMS = Usd.PrimIsActive & Usd.PrimIsLoaded  # prototypes may be `over` or `class`
 
 
 @dataclass
@@ -171,9 +171,9 @@ def _instance_transforms(reading: Reading, sample: Reading, instancer: UsdGeom.P
 
 def _prototype_items(reading: Reading, root: Usd.Prim) -> Iterator[_Item]:
     """Return the prims of a prototype, with transforms relative to its root."""
-    walk = iter(Usd.PrimRange(root, Usd.TraverseInstanceProxies(_PROTOTYPE_PRIMS)))
+    walk = iter(Usd.PrimRange(root, Usd.TraverseInstanceProxies(PROTOTYPE_PRIMS)))
     for prim in walk:
-        if prim.IsA(UsdGeom.Imageable) and not _shown_in_prototype(reading, prim):
+        if prim.IsA(UsdGeom.Imageable) and not shown_in_prototype(reading, prim):
             walk.PruneChildren()
             continue
         matrix, _ = reading.xforms.ComputeRelativeTransform(prim, root)
@@ -183,7 +183,8 @@ def _prototype_items(reading: Reading, root: Usd.Prim) -> Iterator[_Item]:
             walk.PruneChildren()
 
 
-def _shown_in_prototype(reading: Reading, prim: Usd.Prim) -> bool:
+def shown_in_prototype(reading: Reading, prim: Usd.Prim) -> bool:
+    """Return whether a prim of a prototype is to be rendered with it, as far as the prim itself says."""
     # What hides the prototype where it stands, above its root, does not hide its instances.
     return reading.value(prim, "visibility", "inherited") != "invisible" and reading.value(
         prim, "purpose", "default"

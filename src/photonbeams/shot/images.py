@@ -90,7 +90,7 @@ def write_frame(
     Raises
     ------
     SceneError
-        Another suffix, or no such layer.
+        Another suffix, no such layer, or a picture of one without colours, such as `depth`.
     ValueError
         As `write_exr` and `write_png`.
     OSError
@@ -104,6 +104,8 @@ def write_frame(
     for each in eyes:
         if layer not in each:
             raise SceneError(f"cannot write {path}: there is no layer '{layer}', only {', '.join(each)}")
+        if each[layer].shape[2] < 3:
+            raise SceneError(f"cannot write {path}: '{layer}' is no picture: expected a layer of colours, or an .exr")
     write_png(path, *(each[layer] for each in eyes), exposure=exposure)
 
 

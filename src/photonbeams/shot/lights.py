@@ -9,6 +9,7 @@ W/(π A) and flux W; of a sphere the radiant intensity is W/(4π), and it stays 
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -50,27 +51,29 @@ def is_light(prim: Usd.Prim) -> bool:
 
 def read_light(reading: Reading, prim: Usd.Prim, to_world: Array, name: str) -> Light | None:
     """Return a light, or None (with a warning) where its kind or its size cannot be rendered."""
-    readers = {
-        "SphereLight": _sphere,
-        "DiskLight": _flat,
-        "RectLight": _flat,
-        "DistantLight": _distant,
-        "DomeLight": _dome,
-        "DomeLight_1": _dome,
-    }
     kind = str(prim.GetTypeName())
-    if kind not in readers:
+    if kind not in _READERS:
         reading.warn(prim, f"is a light of kind {kind}, which is not rendered: it is skipped")
         return None
-    if kind not in ("DomeLight", "DomeLight_1") and abs(np.linalg.det(to_world[:3, :3])) < 1e-30:
+    if kind not in _DOMES and abs(np.linalg.det(to_world[:3, :3])) < 1e-30:
         reading.warn(prim, "is scaled to nothing: it is skipped")
         return None
     _warn_of_filters(reading, prim)
     shared = {"name": name, **_beam_settings(reading, prim), "shaping": _shaping(reading, prim)}
     shared["lights_surfaces"] = any(reading.number(prim, f"inputs:{key}", 1.0) > 0 for key in ("diffuse", "specular"))
     shared |= {"gobo": read_gobo(reading, prim), "portal_gobo": read_pane(reading, prim, shared["portal"])}
-    light = readers[kind](reading, prim, to_world, shared)
+    light = _READERS[kind](reading, prim, to_world, shared)
     return replace(light, frame=_frame(to_world, getattr(light, "axis", None)))
+
+
+def makes_beams(reading: Reading, prim: Usd.Prim) -> bool:
+    """Return whether a light makes beams, as far as the light itself says: it is of a kind that can, and switched on.
+
+    A dome is off until it is told otherwise: fog lit from everywhere is haze, has no shafts, and costs the most beams.
+    """
+    kind = str(prim.GetTypeName())
+    authored = prim.GetAttribute("photonbeams:enabled").HasAuthoredValue()
+    return kind in _READERS and (kind not in _DOMES or authored) and reading.flag(prim, "photonbeams:enabled", True)
 
 
 def portal_paths(reading: Reading, prim: Usd.Prim) -> list[Sdf.Path]:
@@ -160,8 +163,6 @@ def _dome(reading: Reading, prim: Usd.Prim, to_world: Array, shared: dict[str, A
     if image is not None:
         image = rgb(image)
     rotation = _rotation(to_world) @ _pole(reading, prim)
-    if not prim.GetAttribute("photonbeams:enabled").HasAuthoredValue():
-        shared["emits_beams"] = False  # fog lit from everywhere is haze: it has no shafts, and costs the most beams
     return DomeLight(**shared, radiance=_rgb(_value(reading, prim)), image=image, to_world=rotation)
 
 
@@ -219,7 +220,7 @@ def _beam_settings(reading: Reading, prim: Usd.Prim) -> dict[str, Any]:
     looks = reading.targets(prim, "photonbeams:look")
     return {
         "group": group,
-        "emits_beams": reading.flag(prim, "photonbeams:enabled", True),
+        "emits_beams": makes_beams(reading, prim),
         "beam_count": None if count is None else int(count),
         "beam_scale": reading.number(prim, "photonbeams:intensity", 1.0, minimum=0.0),
         "seed": int(reading.number(prim, "photonbeams:seed", 0)),
@@ -259,3 +260,14 @@ def _portal(reading: Reading, prim: Usd.Prim) -> Mesh | None:
 def _warn_of_filters(reading: Reading, prim: Usd.Prim) -> None:
     if prim.GetRelationship("light:filters").GetTargets():
         reading.warn(prim, "are not rendered: the light shines without them", "light:filters")
+
+
+_DOMES = ("DomeLight", "DomeLight_1")
+_READERS: dict[str, Callable[[Reading, Usd.Prim, Array, dict[str, Any]], Light]] = {
+    "SphereLight": _sphere,
+    "DiskLight": _flat,
+    "RectLight": _flat,
+    "DistantLight": _distant,
+    "DomeLight": _dome,
+    "DomeLight_1": _dome,
+}

@@ -18,11 +18,15 @@ def linked(reading: Reading, light: Light, prim: Usd.Prim, meshes: Sequence[Mesh
     """
     unlit = _left_out(reading, prim, "lightLink", meshes)
     unshadowed = _left_out(reading, prim, "shadowLink", meshes)
-    lights_fog = fog is None or _reaches(reading, prim, "lightLink", [str(fog.GetPath())])[0]
-    if fog is not None and light.emits_beams and not lights_fog:
+    if fog is not None and light.emits_beams and not lights_fog(reading, prim, fog):
         LOG.info("%s makes no beams: its light link leaves out the fog %s", reading.place(prim), fog.GetPath())
         light = replace(light, emits_beams=False)
     return replace(light, unlit=unlit, unshadowed=unshadowed) if unlit or unshadowed else light
+
+
+def lights_fog(reading: Reading, prim: Usd.Prim, fog: Usd.Prim | None) -> bool:
+    """Return whether a light's link reaches the fog's prim; a fog without a prim is lit by all."""
+    return fog is None or _reaches(reading, prim, "lightLink", [str(fog.GetPath())])[0]
 
 
 def _left_out(reading: Reading, prim: Usd.Prim, kind: str, meshes: Sequence[Mesh]) -> frozenset[str]:

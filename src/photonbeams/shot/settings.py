@@ -43,7 +43,8 @@ class RenderSettings:
     data_window
         x0, y0, x1, y1 of the part to render, in fractions of the picture from the lower left.
     disable_motion_blur, disable_depth_of_field
-        Whether all is to be sharp; instantaneousShutter is the old name of the first.
+        Whether all is to be sharp, as it is at the frame's own time; instantaneousShutter is the old name of the
+        first.
     products
         The raster products.
     """

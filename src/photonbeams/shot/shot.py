@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import weakref
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from pxr import Usd
+from pxr import Tf, Usd
 
 from .. import scene
 from ..files import PathLike
@@ -14,6 +15,7 @@ from . import stage as stages
 from .bounds import bounds_at_all_times
 from .camera import read_shutter
 from .export import write_beams
+from .groups import groups_at_all_times, makers_at_all_times
 from .looks import LookSpec
 from .motion import Exposure
 from .plates import Holdout, Plate, part_of
@@ -33,8 +35,15 @@ DEFAULT_WIDTH = 1280
 # Time samples on a stage that are looked at, at most, to learn whether a shutter sees any.
 _MOST_KEYS = 10_000
 
+_NOTHING = "nothing makes beams"  # said of the first frame where it is so
+
 #: A fog that is made of the stage's own, or of None where it has none.
 Fog = Callable[[scene.Medium | None], scene.Medium | None]
+
+
+def _known(paths: set[str]) -> set[str]:
+    """Return paths and the names at their ends, by which a user may call what is there."""
+    return paths | {path.rpartition("/")[2] for path in paths}
 
 
 class Shot:
@@ -56,8 +65,21 @@ class Shot:
         self.stage, self.camera, self.medium, self.stereo = stage, camera, medium, stereo
         self.simulate, self.emit, self.looks = simulate, emit, looks or {}
         self._sphere: tuple[Array, float] | None = None
+        self._groups: frozenset[str] | None = None
         self._warned: set[Any] = set()
         self._looks: dict[str, Any] = {}
+        self._listener = self._listening()
+
+    def _listening(self) -> Any:
+        """Return what, while it is kept, lets the shot forget what it knows of all times when the stage changes."""
+        own = weakref.ref(self)  # kept by the shot, it must not keep the shot
+
+        def forget(_notice: Any, _stage: Usd.Stage) -> None:
+            shot = own()
+            if shot is not None:
+                shot._sphere = shot._groups = None
+
+        return forget, Tf.Notice.Register(Usd.Notice.ObjectsChanged, forget, self.stage)  # which does not keep `forget`
 
     @classmethod
     def open(
@@ -121,6 +143,7 @@ class Shot:
         content = replace(
             content,
             medium=self._fog(content.medium),
+            groups=self._groups_at_all_times(),
             lights=tuple(replace(light, look=self._look(light.name, light.look)) for light in content.lights),
             drawn=tuple(replace(beams, look=self._look(beams.name, beams.look)) for beams in content.drawn),
         )
@@ -136,9 +159,10 @@ class Shot:
         if not isinstance(self.looks, Mapping):
             return
         named = {light.name for light in content.lights} | {drawn.name for drawn in content.drawn} | set(self._looks)
-        known = named | {name.rpartition("/")[2] for name in named}
+        if not _known(named).issuperset(self.looks):
+            named |= makers_at_all_times(self.stage)  # of those that are hidden now, looks may be, too
         for name in self.looks:
-            if name not in known:
+            if name not in _known(named):
                 beams = ", ".join(sorted(named)) or "none"
                 raise scene.SceneError(f"{file_of(self.stage)}: no beams are of {name}: expected one of {beams}")
 
@@ -162,7 +186,7 @@ class Shot:
     def exposure(self, frame: float | None = None, blur: bool = True, lens: bool = True) -> Exposure:
         """Return what is seen while the shutter of a frame is open.
 
-        `blur` and `lens` may be turned off: what moves then stands still, as the shutter opens, and all is in focus.
+        `blur` and `lens` may be turned off: all is then as at the frame's own time, and in focus.
         """
         time = self.time(frame)
         begin, end = read_shutter(self.stage, self.camera, time)
@@ -176,8 +200,8 @@ class Shot:
             found = self.cameras(None if time.IsDefault() else code)
             return found if lens else tuple(replace(camera, lens_radius=0.0) for camera in found)
 
-        # Without blur all is as the shutter opens.
-        start, stop = base + begin, base + (end if blur else begin)
+        # Without blur the shutter is the interval [0, 0], as UsdRenderSettings has it.
+        start, stop = (base + begin, base + end) if blur else (base, base)
         keys = stages.sample_times(self.stage, _MOST_KEYS) if start < stop else []
         keys = [code for code in keys if start < code <= stop]
         return Exposure(read, cameras, start, stop, keys)
@@ -190,18 +214,32 @@ class Shot:
             )
         return self._sphere
 
-    def check(self, content: scene.Scene) -> list[str]:
-        """Return the names of the layers that a frame of this content has; SceneError where nothing makes beams."""
-        from ..render.frame import black, check, layer_names
+    def _groups_at_all_times(self) -> frozenset[str]:
+        if self._groups is None:
+            # Once: all frames have the same layers.
+            self._groups = groups_at_all_times(self.stage)
+        return self._groups
+
+    def check(self, content: scene.Scene, frame: float | None = None) -> list[str]:
+        """Return the names of the layers that a frame of this content has; SceneError where nothing ever makes beams.
+
+        Warns once where nothing makes beams now, or what does has no light: a light that fades out must not end a film.
+        """
+        from ..render.frame import black, check, layer_names, makers
 
         try:
             check(content)
         except scene.SceneError as error:
             raise scene.SceneError(f"{file_of(self.stage)}: {error}") from None
         names = ", ".join(black(content))
-        if names and names not in self._warned:  # no error: a light that fades out must not end a film
-            self._warned.add(names)
-            LOG.warning("%s: no beams have any light: expected some of %s to shine", file_of(self.stage), names)
+        if names:
+            self._warn(f"{file_of(self.stage)}: no beams have any light: expected some of {names} to shine")
+        elif not makers(content) and _NOTHING not in self._warned:
+            self._warned.add(_NOTHING)
+            LOG.warning(
+                "%s: %s at frame %.10g: expected a light that is on; where none is, beams are black",
+                file_of(self.stage), _NOTHING, self._number(frame),
+            )  # fmt: skip
         return layer_names(content)
 
     def _look(self, owner: str, spec: Any) -> Any:
@@ -285,7 +323,8 @@ class Shot:
         progress
             Called with the passes done and the statistics so far.
         blur, lens
-            Whether what moves while the shutter is open blurs, and what is out of focus.
+            Whether what moves while the shutter is open blurs, or all is as at the frame's own time; and whether what
+            is out of focus blurs.
         view
             "left" or "right" for one of two eyes; None renders both.
         holdout
@@ -325,7 +364,7 @@ class Shot:
         exposure = self.exposure(frame, blur, lens)
         eyes = [EYES.index(name) if name else 0 for name in names]
         content, cameras = exposure(0.0)
-        self.check(content)
+        self.check(content, frame)
         settings.setdefault("program", self._program(frame, exposure))
         shutter = exposure.shutter(eyes, self.stage.GetTimeCodesPerSecond() or 1.0)
         ends = [each.seen_by(View(cameras[eye], window)) for each, eye in zip(depths, eyes, strict=False)]
@@ -353,7 +392,7 @@ class Shot:
         Parameters
         ----------
         frame
-            Frame number; None is the stage's start or default time. What moves is where it is as the shutter opens.
+            Frame number; None is the stage's start or default time. What moves is where it is at that time.
         view
             "left" or "right" for one of two eyes.
         **settings
@@ -403,7 +442,7 @@ class Shot:
         return frame_number(self.time(frame))
 
     def _warn(self, text: str) -> None:
-        """Warn once of what is not the stage's."""
+        """Warn once of what is not a prim's."""
         if text not in self._warned:
             self._warned.add(text)
             LOG.warning("%s", text)

@@ -5,10 +5,11 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Iterable, Iterator
+from itertools import pairwise
 from math import isfinite
 from typing import Any
 
-from pxr import Ar, Gf, Pcp, Sdf, Tf, Usd, UsdGeom, UsdUtils
+from pxr import Ar, Gf, Pcp, Sdf, Tf, Ts, Usd, UsdGeom, UsdUtils
 
 from ..scene import SceneError
 from . import schemas as schemas
@@ -69,12 +70,35 @@ def default_time(stage: Usd.Stage) -> Usd.TimeCode:
 
 
 def sample_times(stage: Usd.Stage, most: int) -> list[float]:
-    """Return the time codes of all time samples on a stage, in order; of more than so many, evenly some."""
-    times = {time for attribute in varying_attributes(stage) for time in attribute.GetTimeSamples()}
+    """Return the time codes of all time samples on a stage and some along its splines, in order.
+
+    Of more than `most`, evenly some.
+    """
+    times: set[float] = set()
+    for attribute in varying_attributes(stage):
+        times.update(attribute.GetTimeSamples())
+        if attribute.HasSpline():
+            times.update(_spline_times(attribute.GetSpline(), stage))
     found = sorted(filter(isfinite, times))
     if len(found) <= most:
         return found
     return [found[round(k * (len(found) - 1) / (most - 1))] for k in range(most)]
+
+
+_BETWEEN = 3  # times between two knots: a curve goes beyond both
+
+
+def _spline_times(spline: Ts.Spline, stage: Usd.Stage) -> list[float]:
+    """Return times at which a spline has knots, some in between, and the ends of the stage, to which it goes on."""
+    ends = [stage.GetStartTimeCode(), stage.GetEndTimeCode()] if stage.HasAuthoredTimeCodeRange() else []
+    ends = [code for code in ends if isfinite(code)]
+    knots = {float(code) for code in spline.GetKnots().keys()}  # noqa: SIM118 (it is no mapping)
+    if spline.HasLoops() and len(ends) == 2 and ends[0] < ends[1]:
+        baked = spline.GetKnotsWithLoopsBaked(Gf.Interval(*ends)).keys()
+        knots |= {float(code) for code in baked if ends[0] < code < ends[1]}
+    corners = sorted({*knots, *ends})
+    between = [a + (b - a) * step / (_BETWEEN + 1) for a, b in pairwise(corners) for step in range(1, _BETWEEN + 1)]
+    return corners + between
 
 
 def extent_varies(stage: Usd.Stage) -> bool:
@@ -146,6 +170,8 @@ def _override(stage: Usd.Stage, text: str) -> None:
     prim = stage.GetPrimAtPath(path.GetPrimPath())
     if not prim:
         raise SceneError(f"cannot set '{text}': {file_of(stage)} has no prim {path.GetPrimPath()}")
+    if prim.IsInstanceProxy():
+        raise SceneError(f"cannot set '{text}': {_instance(prim)}")
     if _is_relationship(prim, path.name):
         with Usd.EditContext(stage, stage.GetSessionLayer()):
             prim.CreateRelationship(path.name).SetTargets(_targets(value.strip(), text))
@@ -155,6 +181,19 @@ def _override(stage: Usd.Stage, text: str) -> None:
         raise SceneError(f"cannot set '{text}': {path.GetPrimPath()} has no attribute {path.name}")
     with Usd.EditContext(stage, stage.GetSessionLayer()):
         prim.CreateAttribute(path.name, kind).Set(_parsed(value.strip(), kind, text))
+
+
+def _instance(prim: Usd.Prim) -> str:
+    """Return what is wrong with setting a value inside an instance, and which prim of the stage all of them repeat."""
+    root = prim
+    while not root.IsInstance():
+        root = root.GetParent()
+    stage = prim.GetStage()
+    layers = stage.GetLayerStack()
+    sources = [each.path for each in prim.GetPrimStack() if each.layer in layers]
+    found = next((path for path in sources if (own := stage.GetPrimAtPath(path)) and not own.IsInstanceProxy()), None)
+    expected = "a prim outside of instances" if found is None else f"{found}, which all its instances repeat"
+    return f"{prim.GetPath()} is inside the instance {root.GetPath()}: expected {expected}"
 
 
 def _type_of(prim: Usd.Prim, name: str) -> Sdf.ValueTypeName | None:

@@ -1,0 +1,98 @@
+"""What makes beams in a shot at any time, and its light groups: every frame of a film has the same layers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cache, partial
+
+from pxr import Usd, UsdGeom
+
+from .contents import PROTOTYPE_PRIMS, shown_in_prototype
+from .curves import is_drawn
+from .lights import is_light, makes_beams
+from .links import lights_fog
+from .medium import is_medium
+from .reading import Reading, prims_under, visible
+
+
+def groups_at_all_times(stage: Usd.Stage) -> frozenset[str]:
+    """Return the groups of all lights and drawn curves on a stage that make beams at some time.
+
+    Prims are looked at and not read, which would take long for all times of a film. What hides a prim or switches it
+    off are tokens and flags: they hold from one time sample to the next, and so these times tell all.
+    """
+    at = cache(partial(Reading, stage))
+    fog = next(filter(is_medium, prims_under(stage.GetPseudoRoot())), None)
+    found: set[str] = set()
+    for maker in _makers(stage.GetPseudoRoot()):
+        for code in maker.times():
+            reading = at(code)
+            group = str(reading.value(maker.prim, "photonbeams:lightGroup", ""))
+            if group not in found and maker.seen(reading) and _makes_beams(reading, maker.prim, fog):
+                found.add(group)
+    return frozenset(found)
+
+
+def makers_at_all_times(stage: Usd.Stage) -> set[str]:
+    """Return the paths of all lights and drawn curves on a stage, hidden ones too, and of the looks that they name."""
+    prims = [maker.prim for maker in _makers(stage.GetPseudoRoot())]
+    looks = (prim.GetRelationship("photonbeams:look") for prim in prims)
+    paths = [path for look in looks if look for path in look.GetForwardedTargets()]
+    return {str(path) for path in (*paths, *(prim.GetPath() for prim in prims))}
+
+
+@dataclass(frozen=True)
+class _Maker:
+    """A prim of which beams may come: it is below `root`, a prototype of `instancer` or, without, the whole stage."""
+
+    prim: Usd.Prim
+    root: Usd.Prim
+    instancer: _Maker | None
+
+    def seen(self, reading: Reading) -> bool:
+        """Return whether the prim is to be rendered at a time."""
+        if self.instancer is None:
+            return visible(self.prim, reading.time)
+        return self.instancer.seen(reading) and all(shown_in_prototype(reading, each) for each in self._path())
+
+    def times(self) -> list[float | None]:
+        """Return the time codes at which it may appear, vanish or change its group; one is enough where it cannot."""
+        own = (self.prim.GetAttribute(f"photonbeams:{name}") for name in ("enabled", "lightGroup"))
+        attributes = [*own, *self._hiding()]
+        return sorted({code for each in attributes if each for code in each.GetTimeSamples()}) or [None]
+
+    def _hiding(self) -> Iterator[Usd.Attribute]:
+        yield from (each.GetAttribute("visibility") for each in self._path())
+        if self.instancer is not None:
+            yield from self.instancer._hiding()
+
+    def _path(self) -> Iterator[Usd.Prim]:
+        """Return the prim and those above it, up to the root."""
+        prim = self.prim
+        while not prim.IsPseudoRoot():
+            yield prim
+            if prim == self.root:
+                return
+            prim = prim.GetParent()
+
+
+def _makers(root: Usd.Prim, instancer: _Maker | None = None) -> Iterator[_Maker]:
+    """Return the lights and drawn curves at and below a prim, those of instancers' prototypes with them."""
+    predicate = Usd.PrimDefaultPredicate if instancer is None else PROTOTYPE_PRIMS
+    walk = iter(Usd.PrimRange(root, Usd.TraverseInstanceProxies(predicate)))
+    for prim in walk:
+        maker = _Maker(prim, root, instancer)
+        if prim.IsA(UsdGeom.PointInstancer):
+            walk.PruneChildren()  # as `contents` does: prototypes are where the instancer puts them
+            for path in prim.GetRelationship("prototypes").GetForwardedTargets():
+                if target := prim.GetStage().GetPrimAtPath(path):
+                    yield from _makers(target, maker)
+        elif is_light(prim) or (prim.IsA(UsdGeom.BasisCurves) and is_drawn(prim)):
+            yield maker
+
+
+def _makes_beams(reading: Reading, prim: Usd.Prim, fog: Usd.Prim | None) -> bool:
+    if is_light(prim):
+        return makes_beams(reading, prim) and lights_fog(reading, prim, fog)
+    return bool(prim.GetAttribute("points").HasAuthoredValue())
