@@ -126,18 +126,36 @@ def _settings(properties: Any) -> Any:
 
     plain = Settings()
     given: dict[str, Any] = {
-        name: properties.get(name, getattr(plain, name))
+        name: _value(properties, name, getattr(plain, name))
         for name in ("rr_depth", "hide_emitters", "paths", "overlap", "alpha", "guiding", "estimator")
     }
-    depth = properties.get("max_depth", -1)
-    kind = properties.get("beams", "long")
+    depth = _value(properties, "max_depth", -1)
+    kind = _value(properties, "beams", "long")
     if kind not in ("long", "short"):
         raise ValueError(f'{NAME}: beams is "{kind}": expected "long" or "short"')
-    radii: dict[str, Any] = {name: properties.get(name, 0.0) or None for name in ("radius", "min_radius", "max_radius")}
+    radii: dict[str, Any] = {
+        name: _value(properties, name, 0.0) or None for name in ("radius", "min_radius", "max_radius")
+    }
     return Settings(
         **given, **radii, max_depth=None if depth == -1 else depth, short=kind == "short",
-        rule=gauss_legendre(properties.get("order", 6)),
+        rule=gauss_legendre(_value(properties, "order", 6)),
     )  # fmt: skip
+
+
+def _value(properties: Any, name: str, default: Any) -> Any:
+    """Return a parameter; raises ValueError where it is not of its default's type, which nobody else checks."""
+    value, kind = properties.get(name, default), type(default)
+    exact = type(value) is kind  # and no bool for an int
+    if not exact and kind in (int, float) and type(value) in (int, float):
+        exact = kind is float or float(value).is_integer()
+    if not exact:
+        expected = {bool: "true or false", int: "a whole number", float: "a number", str: "a string"}[kind]
+        raise ValueError(f"{NAME}: {name} is {_shown(value)}: expected {expected}")
+    return kind(value)
+
+
+def _shown(value: Any) -> str:
+    return f'"{value}"' if isinstance(value, str) else str(value)
 
 
 def _integrator(mi: Any, variant: str) -> type:
@@ -151,7 +169,7 @@ def _integrator(mi: Any, variant: str) -> type:
 
         def __init__(self, properties: Any) -> None:
             settings = _settings(properties)
-            self._layers = properties.get("layers", False)
+            self._layers = _value(properties, "layers", False)
             super().__init__(properties)
             self.settings = settings
 
