@@ -199,6 +199,13 @@ def _integrator(mi: Any, variant: str) -> type:
                     dr.eval(image)
                 return image
 
+        def sample(self, *_: Any, **__: Any) -> Any:
+            """Refuse: integrators around this one, as `aov` and `moment`, ask for single rays."""
+            raise NotImplementedError(
+                f"{NAME}: gathers beams for a whole picture, not along single rays as aov and moment would have it: "
+                "expected it not to be within another integrator (layers=true gives the layers that it has)"
+            )
+
         def render_forward(self, *_: Any, **__: Any) -> Any:
             """Refuse: see `render_backward`."""
             return self.render_backward()

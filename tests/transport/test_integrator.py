@@ -100,6 +100,16 @@ def test_layers_add_up_to_the_picture():
     assert plugin(layers=True).aov_names()[0] == "beams.R" and plugin().aov_names() == []
 
 
+@pytest.mark.parametrize("kind", ["aov", "moment"])
+def test_integrators_around_it_are_refused(kind):
+    channels = {"aovs": "depth:depth"} if kind == "aov" else {}
+    around = mi.load_dict({"type": kind, "image": plugin(), **channels})
+    with pytest.raises(RuntimeError) as caught:
+        mi.render(scene(), integrator=around, spp=1)
+    sentence = str(caught.value.__cause__)
+    assert sentence.startswith("photon_beams: ") and kind in sentence and "layers" in sentence
+
+
 def test_a_seed_is_a_picture():
     a, b, c = (picture(scene(), seed) for seed in (1, 1, 2))
     assert np.array_equal(a, b) and not np.array_equal(a, c)
