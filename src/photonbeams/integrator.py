@@ -172,6 +172,7 @@ def _integrator(mi: Any, variant: str) -> type:
             self._layers = _value(properties, "layers", False)
             super().__init__(properties)
             self.settings = settings
+            self._warned: set[str] = set()
 
         def aov_names(self) -> list[str]:
             """Return the names of the layers' channels."""
@@ -188,7 +189,7 @@ def _integrator(mi: Any, variant: str) -> type:
             sensor = scene.sensors()[sensor] if isinstance(sensor, int) else sensor
             settings = replace(self.settings, passes=spp or int(sensor.sampler().sample_count()), seed=_number(seed))
             with dr.suspend_grad():
-                frame = render(scene, sensor, settings)
+                frame = render(scene, sensor, settings, warned=self._warned)
                 film = sensor.film()
                 film.prepare(self.aov_names())
                 film.put_block(_block(mi, film, frame.layers(), self._layers))

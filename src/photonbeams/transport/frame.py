@@ -19,7 +19,7 @@ from ..estimators.estimate import DEFAULT_RULE, check_estimator
 from ..estimators.points import Points
 from ..quadrature import Rule
 from ..render.passes import OVERLAP, Statistics, accumulate, subpixel
-from . import eye, paths
+from . import doubts, eye, paths
 from .beams import Lit, lit
 from .emission import Emitted, Emitters
 from .footprints import Limits
@@ -108,9 +108,9 @@ class Settings:
 
 
 class Frame:
-    """The sums over the passes of one sensor's picture."""
+    """The sums over the passes of one sensor's picture; `warned` is what `doubts.warn` has said of the scene."""
 
-    def __init__(self, plugin: Any, sensor: Any, settings: Settings) -> None:
+    def __init__(self, plugin: Any, sensor: Any, settings: Settings, warned: set[str] | None = None) -> None:
         self.settings, self.statistics = settings, Statistics()
         self._plugin, self.sensor = plugin, Sensor(sensor)
         with self.statistics.phase("build"):
@@ -118,7 +118,9 @@ class Frame:
             if settings.short:
                 self._volumes.all = tuple(each.ending() for each in self._volumes.all)
             self._emitters = Emitters(plugin, settings.seed)
-        self._otherwise = dr.opaque(UInt32, number(_everywhere(plugin, sensor)))
+        everywhere = _everywhere(plugin, sensor)
+        doubts.warn(plugin, everywhere, set() if warned is None else warned)
+        self._otherwise = dr.opaque(UInt32, number(everywhere))
         self._radius = _radius(plugin)
         self._reach = min(_reach(plugin), self._radius)
         if settings.guiding and self.sensor.view is not None:
@@ -258,6 +260,7 @@ def render(
     settings: Settings = Settings(),
     progress: Callable[[int, Frame], None] | None = None,
     state: Mapping[str, np.ndarray] | None = None,
+    warned: set[str] | None = None,
 ) -> Frame:
     """Render a Mitsuba scene from one of its sensors.
 
@@ -271,6 +274,8 @@ def render(
         Called with the number of finished passes, before the first and after each.
     state
         Of a frame that was not finished, to go on from: see `Frame.state`.
+    warned
+        Texts of warnings that were given, and are not given again.
 
     Raises
     ------
@@ -279,7 +284,7 @@ def render(
     """
 
     def begin() -> Frame:
-        frame = Frame(plugin, sensor, settings)
+        frame = Frame(plugin, sensor, settings, warned)
         if state is not None:
             frame.restore(state)
         return frame
