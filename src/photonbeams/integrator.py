@@ -121,7 +121,7 @@ def _register(mitsuba: Any, variant: str) -> None:
 
 def _settings(properties: Any) -> Any:
     """Return the plug-in's parameters as settings; those that are not asked for, Mitsuba complains of."""
-    from .quadrature import gauss_legendre
+    from .quadrature import MOST_POINTS, gauss_legendre
     from .transport.frame import Settings
 
     plain = Settings()
@@ -136,9 +136,12 @@ def _settings(properties: Any) -> Any:
     radii: dict[str, Any] = {
         name: _value(properties, name, 0.0) or None for name in ("radius", "min_radius", "max_radius")
     }
+    order = _value(properties, "order", 6)
+    if not 1 <= order <= MOST_POINTS:
+        raise ValueError(f"{NAME}: order is {order}: expected 1 to {MOST_POINTS} points")
     return Settings(
         **given, **radii, max_depth=None if depth == -1 else depth, short=kind == "short",
-        rule=gauss_legendre(_value(properties, "order", 6)),
+        rule=gauss_legendre(order),
     )  # fmt: skip
 
 

@@ -98,6 +98,8 @@ class Settings:
             value = getattr(self, name)
             if value is not None and not (np.isfinite(value) and value > 0):
                 raise scene.SceneError(f"{name} is {value}: expected a number above 0")
+        if None not in (self.min_radius, self.max_radius) and self.min_radius > self.max_radius:  # type: ignore[operator]
+            raise scene.SceneError(f"min_radius is {self.min_radius}: expected max_radius, {self.max_radius}, at most")
         if not 0 < self.alpha <= 1:
             raise scene.SceneError(f"alpha is {self.alpha}: expected a number above 0, of at most 1")
 
