@@ -113,7 +113,10 @@ def test_cameras_are_listed_and_chosen(render, scene, out):
     for name in ("side", "1"):
         assert render(scene(), "-o", out / "a.exr", "-cam", name)[0] == 0
         assert header(out / "a.exr")["camera"] == "side"
-    fails(render(scene(), "-o", out / "b.exr", "-cam", "top"), 1, "has no sensor 'top'", "front, side")
+    fails(render(scene(), "-o", out / "b.exr", "-cam", "top"), 1,
+          "has no sensor 'top': expected one of front, side, or its number, 0 to 1")  # fmt: skip
+    fails(render(scene(SIDE, ""), "-o", out / "b.exr", "-cam", "1"), 1,
+          "has no sensor '1': expected front, or its number, 0")  # fmt: skip
 
 
 def scattered_once(density, count=1 << 16):
