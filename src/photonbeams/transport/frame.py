@@ -22,6 +22,7 @@ from ..render.passes import OVERLAP, Statistics, accumulate, subpixel
 from . import doubts, eye, paths
 from .beams import Lit, lit
 from .emission import Emitted, Emitters
+from .events import perturbs
 from .footprints import Limits
 from .gathering import Gathering
 from .guiding import Watch
@@ -98,7 +99,7 @@ class Settings:
             value = getattr(self, name)
             if value is not None and not (np.isfinite(value) and value > 0):
                 raise scene.SceneError(f"{name} is {value}: expected a number above 0")
-        if None not in (self.min_radius, self.max_radius) and self.min_radius > self.max_radius:  # type: ignore[operator]
+        if self.min_radius and self.max_radius and self.min_radius > self.max_radius:
             raise scene.SceneError(f"min_radius is {self.min_radius}: expected max_radius, {self.max_radius}, at most")
         if not 0 < self.alpha <= 1:
             raise scene.SceneError(f"alpha is {self.alpha}: expected a number above 0, of at most 1")
@@ -123,7 +124,7 @@ class Frame:
         everywhere = _everywhere(plugin, sensor)
         doubts.warn(plugin, everywhere, set() if warned is None else warned)
         self._otherwise = dr.opaque(UInt32, number(everywhere))
-        self._radius = _radius(plugin)
+        self._radius, self._perturbed = _radius(plugin), perturbs(plugin)
         self._reach = min(_reach(plugin), self._radius)
         if settings.guiding and self.sensor.view is not None:
             with self.statistics.phase("guide"):
@@ -200,6 +201,7 @@ class Frame:
         return paths.Tracing(
             self._plugin, self._volumes, settings.max_events, settings.rr_depth, settings.overlap, self._reach,
             settings.paths, float(self._emitters.power.max()), scene.ESCAPE * self._radius, settings.short,
+            self._perturbed,
         )  # fmt: skip
 
     def simulated(self, number: int) -> tuple[dict[int, Lit], list[paths.Landed], Limits]:
