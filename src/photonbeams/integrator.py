@@ -122,23 +122,44 @@ def _register(mitsuba: Any, variant: str) -> None:
 
 def _settings(properties: Any) -> Any:
     """Return the plug-in's parameters as settings; those that are not asked for, Mitsuba complains of."""
-    from .quadrature import gauss_legendre
+    from .quadrature import MOST_POINTS, gauss_legendre
     from .transport.frame import Settings
 
     plain = Settings()
     given: dict[str, Any] = {
-        name: properties.get(name, getattr(plain, name))
+        name: _value(properties, name, getattr(plain, name))
         for name in ("rr_depth", "hide_emitters", "paths", "overlap", "alpha", "guiding", "estimator")
     }
-    depth = properties.get("max_depth", -1)
-    kind = properties.get("beams", "long")
+    depth = _value(properties, "max_depth", -1)
+    kind = _value(properties, "beams", "long")
     if kind not in ("long", "short"):
         raise ValueError(f'{NAME}: beams is "{kind}": expected "long" or "short"')
-    radii: dict[str, Any] = {name: properties.get(name, 0.0) or None for name in ("radius", "min_radius", "max_radius")}
+    radii: dict[str, Any] = {
+        name: _value(properties, name, 0.0) or None for name in ("radius", "min_radius", "max_radius")
+    }
+    order = _value(properties, "order", 6)
+    if not 1 <= order <= MOST_POINTS:
+        raise ValueError(f"{NAME}: order is {order}: expected 1 to {MOST_POINTS} points")
     return Settings(
         **given, **radii, max_depth=None if depth == -1 else depth, short=kind == "short",
-        rule=gauss_legendre(properties.get("order", 6)),
+        rule=gauss_legendre(order),
     )  # fmt: skip
+
+
+def _value(properties: Any, name: str, default: Any) -> Any:
+    """Return a parameter; raises ValueError where it is not of its default's type, which nobody else checks."""
+    value, kind = properties.get(name, default), type(default)
+    exact = type(value) is kind  # and no bool for an int
+    if not exact and kind in (int, float) and type(value) in (int, float):
+        exact = kind is float or float(value).is_integer()
+    if not exact:
+        expected = {bool: "true or false", int: "a whole number", float: "a number", str: "a string"}[kind]
+        raise ValueError(f"{NAME}: {name} is {_shown(value)}: expected {expected}")
+    return kind(value)
+
+
+def _shown(value: Any) -> str:
+    return f'"{value}"' if isinstance(value, str) else str(value)
 
 
 def _integrator(mi: Any, variant: str) -> type:
@@ -152,9 +173,10 @@ def _integrator(mi: Any, variant: str) -> type:
 
         def __init__(self, properties: Any) -> None:
             settings = _settings(properties)
-            self._layers = properties.get("layers", False)
+            self._layers = _value(properties, "layers", False)
             super().__init__(properties)
             self.settings = settings
+            self._warned: set[str] = set()
 
         def aov_names(self) -> list[str]:
             """Return the names of the layers' channels."""
@@ -171,7 +193,7 @@ def _integrator(mi: Any, variant: str) -> type:
             sensor = scene.sensors()[sensor] if isinstance(sensor, int) else sensor
             settings = replace(self.settings, passes=spp or int(sensor.sampler().sample_count()), seed=_number(seed))
             with dr.suspend_grad():
-                frame = render(scene, sensor, settings)
+                frame = render(scene, sensor, settings, warned=self._warned)
                 film = sensor.film()
                 film.prepare(self.aov_names())
                 film.put_block(_block(mi, film, frame.layers(), self._layers))
@@ -181,6 +203,13 @@ def _integrator(mi: Any, variant: str) -> type:
                 if evaluate:
                     dr.eval(image)
                 return image
+
+        def sample(self, *_: Any, **__: Any) -> Any:
+            """Refuse: integrators around this one, as `aov` and `moment`, ask for single rays."""
+            raise NotImplementedError(
+                f"{NAME}: gathers beams for a whole picture, not along single rays as aov and moment would have it: "
+                "expected it not to be within another integrator (layers=true gives the layers that it has)"
+            )
 
         def render_forward(self, *_: Any, **__: Any) -> Any:
             """Refuse: see `render_backward`."""

@@ -113,7 +113,10 @@ def test_cameras_are_listed_and_chosen(render, scene, out):
     for name in ("side", "1"):
         assert render(scene(), "-o", out / "a.exr", "-cam", name)[0] == 0
         assert header(out / "a.exr")["camera"] == "side"
-    fails(render(scene(), "-o", out / "b.exr", "-cam", "top"), 1, "has no sensor 'top'", "front, side")
+    fails(render(scene(), "-o", out / "b.exr", "-cam", "top"), 1,
+          "has no sensor 'top': expected one of front, side, or its number, 0 to 1")  # fmt: skip
+    fails(render(scene(SIDE, ""), "-o", out / "b.exr", "-cam", "1"), 1,
+          "has no sensor '1': expected front, or its number, 0")  # fmt: skip
 
 
 def scattered_once(density, count=1 << 16):
@@ -290,6 +293,10 @@ def test_resume_is_for_mitsuba_scenes(render, tmp_path, out):
         ('value="300"', 'value="-1"', ('"photon_beams": paths is -1: expected 1 to 100000000',)),
         ('<integer name="paths" value="300"/>', '<string name="beams" value="medium"/>',
          ('beams is "medium": expected "long" or "short"',)),
+        ('<integer name="paths" value="300"/>', '<float name="paths" value="2048.5"/>',
+         ("paths is 2048.5: expected a whole number",)),
+        ('<integer name="paths" value="300"/>', '<string name="guiding" value="false"/>',
+         ('guiding is "false": expected true or false',)),
         ('value="$density"', 'value="-1"', ("medium", "sigma_t.value.value has numbers below 0")),
         ('value="0.001"', 'value="1e-30"', ("sensor front", "not finite")),
     ],

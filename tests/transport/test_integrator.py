@@ -63,6 +63,18 @@ def test_other_variants_are_refused(variant):
         ({"paths": 0}, "paths is 0: expected 1 to 100000000"),
         ({"alpha": 2.0}, "alpha is 2.0"),
         ({"estimator": "best"}, "best"),
+        ({"order": 0}, "order is 0: expected 1 to 256 points"),
+        ({"min_radius": 0.2, "max_radius": 0.1}, "min_radius is 0.2: expected max_radius, 0.1, at most"),
+        ({"paths": 2048.5}, "paths is 2048.5: expected a whole number"),
+        ({"max_depth": 3.5}, "max_depth is 3.5: expected a whole number"),
+        ({"rr_depth": True}, "rr_depth is True: expected a whole number"),
+        ({"order": float("nan")}, "order is nan: expected a whole number"),
+        ({"paths": float("inf")}, "paths is inf: expected a whole number"),
+        ({"radius": "wide"}, 'radius is "wide": expected a number'),
+        ({"guiding": "false"}, 'guiding is "false": expected true or false'),
+        ({"hide_emitters": 1}, "hide_emitters is 1: expected true or false"),
+        ({"layers": "x"}, 'layers is "x": expected true or false'),
+        ({"estimator": 3}, "estimator is 3: expected a string"),
     ],
 )
 def test_wrong_parameters_are_refused(parameters, message):
@@ -70,10 +82,15 @@ def test_wrong_parameters_are_refused(parameters, message):
         plugin(**parameters)
 
 
+def test_numbers_may_be_of_the_other_type_where_nothing_is_lost():
+    made = plugin(paths=2048.0, max_depth=4.0, radius=1).settings
+    assert (repr(made.paths), repr(made.max_depth), repr(made.radius)) == ("2048", "4", "1.0")
+
+
 def test_the_documentation_lists_every_parameter():
     listed = re.findall(r"^ \* - ([\w, ]+)$", type(plugin()).__doc__, re.MULTILINE)
     source = inspect.getsource(integrator._settings) + inspect.getsource(integrator._integrator)
-    names = {*re.findall(r'properties\.get\("(\w+)"', source)}
+    names = {*re.findall(r'_value\(properties, "(\w+)"', source)}
     names |= {
         name for group in re.findall(r"for name in \(([^)]*)\)", source) for name in re.findall(r'"(\w+)"', group)
     }
@@ -86,6 +103,16 @@ def test_layers_add_up_to_the_picture():
     assert found.shape == (8, 8, 10)
     np.testing.assert_allclose(found[..., :3], found[..., 4:7] + found[..., 7:], rtol=1e-4, atol=1e-6)
     assert plugin(layers=True).aov_names()[0] == "beams.R" and plugin().aov_names() == []
+
+
+@pytest.mark.parametrize("kind", ["aov", "moment"])
+def test_integrators_around_it_are_refused(kind):
+    channels = {"aovs": "depth:depth"} if kind == "aov" else {}
+    around = mi.load_dict({"type": kind, "image": plugin(), **channels})
+    with pytest.raises(RuntimeError) as caught:
+        mi.render(scene(), integrator=around, spp=1)
+    sentence = str(caught.value.__cause__)
+    assert sentence.startswith("photon_beams: ") and kind in sentence and "layers" in sentence
 
 
 def test_a_seed_is_a_picture():

@@ -9,7 +9,7 @@ from photonbeams.device import Array3f, Bool, UInt32, mitsuba
 from photonbeams.scene import SceneError
 from photonbeams.transport.frame import Settings, render
 from photonbeams.transport.volumes import Volumes, medium_at, number
-from transport.scenes import T, camera, cloud, cube_of, fog, load
+from transport.scenes import T, camera, cloud, cube_of, fog, load, rgb
 
 mi = mitsuba()
 
@@ -68,11 +68,16 @@ def test_a_grid_with_numbers_that_are_none_is_refused():
         Volumes([mi.load_dict({**medium, "id": "dust"})])
 
 
-def test_flakes_are_refused():
-    volume = {"type": "gridvolume", "grid": mi.VolumeGrid(np.ones((2, 2, 2, 6), dtype=np.float32)), "raw": True}
-    medium = fog(phase={"type": "sggx", "S": volume})
+@pytest.mark.parametrize("channels", [1, 3, 6])
+def test_flakes_are_refused(channels):
+    """Whatever Mitsuba then says of their volume: it evaluates none that has not six channels."""
+    grid = mi.VolumeGrid(np.ones((2, 2, 2, channels), dtype=np.float32))
+    volume = {"type": "gridvolume", "grid": grid, "raw": True}
+    if channels == 3:
+        volume = {"type": "constvolume", "value": rgb(1.0)}
+    plain, flakes = mi.load_dict(fog()), mi.load_dict(fog(phase={"type": "sggx", "S": volume}))
     with pytest.raises(SceneError, match="depends on where its flakes look"):
-        Volumes([mi.load_dict(medium)])
+        Volumes([plain, flakes])
 
 
 def test_a_grid_that_is_smaller_than_its_shape_ends_at_its_own_border():

@@ -66,7 +66,9 @@ class MitsubaScene:
         names = {**{str(index): index for index in range(len(self.cameras))},
                  **{name: index for index, name in enumerate(self.cameras)}}  # fmt: skip
         if camera not in names:
-            raise SceneError(f"{self.path}: has no sensor '{camera}': expected one of {', '.join(self.cameras)}")
+            numbers = " or its number, 0" + (f" to {len(self.cameras) - 1}" if self.cameras[1:] else "")
+            expected = f"{'one of ' if self.cameras[1:] else ''}{', '.join(self.cameras)},{numbers}"
+            raise SceneError(f"{self.path}: has no sensor '{camera}': expected {expected}")
         return names[camera]
 
     def content(self) -> str:

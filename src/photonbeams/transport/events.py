@@ -10,7 +10,7 @@ from ..device import Array3f, Bool, Float, UInt32, mitsuba
 from ..hashing import hash32, unit_float
 from ..sampling import pixel_sample
 from .tracking import free_flight
-from .volumes import Volumes, pointers
+from .volumes import Volumes, parts, pointers
 
 if TYPE_CHECKING:
     from .paths import Paths, Tracing
@@ -105,22 +105,47 @@ class Scatter:
         self.delta, self.null, self.medium, self.chance = delta, null, medium, chance
 
 
-def reflect(volumes: Volumes, hit: Any, active: Any, medium: UInt32, index: UInt32, stream: UInt32) -> Scatter:
+def reflect(tracing: Tracing, hit: Any, active: Any, medium: UInt32, index: UInt32, stream: UInt32) -> Scatter:
     """Return a sample of the BSDF for light that comes through `medium` (Veach 1997, section 5.3: shading normals)."""
     sample, weight = sampled(hit, active, index, stream)
     direction = hit.to_world(sample.wo)
     incoming = hit.to_world(hit.wi)
+    kind = sample.sampled_type
+    delta, null = mi.has_flag(kind, mi.BSDFFlags.Delta), mi.has_flag(kind, mi.BSDFFlags.Null)
     geometric_in, geometric_out = dr.dot(hit.n, incoming), dr.dot(hit.n, direction)
     shading_in, shading_out = dr.dot(hit.sh_frame.n, incoming), dr.dot(hit.sh_frame.n, direction)
     leak = (geometric_in * shading_in <= 0) | (geometric_out * shading_out <= 0)
     value = Array3f(weight) * dr.abs(shading_in * geometric_out * dr.rcp(shading_out * geometric_in))
+    if tracing.perturbed:
+        turned = _of_own_normal(hit, sample, weight, delta & ~null, active)
+        value = dr.select(null, value, turned * dr.abs(geometric_out * dr.rcp(geometric_in)))
     good = active & (sample.pdf > 0) & ~leak & dr.isfinite(dr.sum(value))
-    kind = sample.sampled_type
-    delta, null = mi.has_flag(kind, mi.BSDFFlags.Delta), mi.has_flag(kind, mi.BSDFFlags.Null)
     origin = Array3f(hit.spawn_ray(direction).o)
     chance = dr.select(good & (delta | null), dr.clip(sample.pdf, 1e-4, 1), 1)
-    entered = volumes.beyond(hit, direction, medium, good)
+    entered = tracing.volumes.beyond(hit, direction, medium, good)
     return Scatter(origin, Array3f(direction), dr.select(good, value, 0), delta | null, null, entered, chance)
+
+
+def perturbs(plugin: Any) -> bool:
+    """Return whether a scene has BSDFs that turn the normal and do not tell how: `reflect` then has more to do."""
+    return any(each.class_name() in ("NormalMap", "BumpMap") for each in parts(plugin, mi.BSDF))
+
+
+def _of_own_normal(hit: Any, sample: Any, weight: Any, ideal: Any, active: Any) -> Array3f:
+    """Return the weight of a sample, but for the cosines to the geometric normal, where a BSDF has its own normal N.
+
+    For light, Mitsuba's BSDFs have the cosine of the way out to N where the way in belongs. What the camera would see
+    by the reverse way has the right one, over the chance of the sample. An ideal lobe has no value there; but its N is
+    known, for reflection and refraction mean that the way in and η times the way out add up to a multiple of N.
+    """
+    seen = type(hit)(hit)
+    seen.wi = sample.wo
+    bsdf = hit.bsdf()
+    value = Array3f(bsdf.eval(mi.BSDFContext(), seen, hit.wi, active))
+    chance = bsdf.pdf(mi.BSDFContext(mi.TransportMode.Importance), hit, sample.wo, active)
+    normal = hit.wi + sample.eta * sample.wo
+    ratio = dr.abs(dr.dot(normal, hit.wi) * dr.rcp(dr.dot(normal, sample.wo)))
+    return dr.select(ideal, Array3f(weight) * ratio, dr.select(chance > 0, value * dr.rcp(chance), 0))
 
 
 def sampled(hit: Any, active: Any, index: UInt32, stream: UInt32) -> Any:

@@ -19,9 +19,10 @@ from ..estimators.estimate import DEFAULT_RULE, check_estimator
 from ..estimators.points import Points
 from ..quadrature import Rule
 from ..render.passes import OVERLAP, Statistics, accumulate, subpixel
-from . import eye, paths
+from . import doubts, eye, paths
 from .beams import Lit, lit
 from .emission import Emitted, Emitters
+from .events import perturbs
 from .footprints import Limits
 from .gathering import Gathering
 from .guiding import Watch
@@ -100,6 +101,8 @@ class Settings:
             value = getattr(self, name)
             if value is not None and not (np.isfinite(value) and value > 0):
                 raise scene.SceneError(f"{name} is {value}: expected a number above 0")
+        if self.min_radius and self.max_radius and self.min_radius > self.max_radius:
+            raise scene.SceneError(f"min_radius is {self.min_radius}: expected max_radius, {self.max_radius}, at most")
         if not 0 < self.alpha <= 1:
             raise scene.SceneError(f"alpha is {self.alpha}: expected a number above 0, of at most 1")
 
@@ -110,9 +113,9 @@ class Settings:
 
 
 class Frame:
-    """The sums over the passes of one sensor's picture."""
+    """The sums over the passes of one sensor's picture; `warned` is what `doubts.warn` has said of the scene."""
 
-    def __init__(self, plugin: Any, sensor: Any, settings: Settings) -> None:
+    def __init__(self, plugin: Any, sensor: Any, settings: Settings, warned: set[str] | None = None) -> None:
         self.settings, self.statistics = settings, Statistics()
         self._plugin, self.sensor = plugin, Sensor(sensor)
         with self.statistics.phase("build"):
@@ -120,8 +123,10 @@ class Frame:
             if settings.short:
                 self._volumes.all = tuple(each.ending() for each in self._volumes.all)
             self._emitters = Emitters(plugin, settings.seed)
-        self._otherwise = dr.opaque(UInt32, number(_everywhere(plugin, sensor)))
-        self._radius = _radius(plugin)
+        everywhere = _everywhere(plugin, sensor)
+        doubts.warn(plugin, everywhere, set() if warned is None else warned)
+        self._otherwise = dr.opaque(UInt32, number(everywhere))
+        self._radius, self._perturbed = _radius(plugin), perturbs(plugin)
         self._sizes = _sizes(plugin)
         self._reach = min(max(self._sizes.values(), default=np.inf), self._radius)
         if settings.guiding and self.sensor.view is not None:
@@ -199,6 +204,7 @@ class Frame:
         return paths.Tracing(
             self._plugin, self._volumes, settings.max_events, settings.rr_depth, settings.overlap, self._reach,
             settings.paths, float(self._emitters.power.max()), scene.ESCAPE * self._radius, settings.short,
+            self._perturbed,
         )  # fmt: skip
 
     def simulated(self, number: int) -> tuple[dict[int, Lit], list[paths.Landed], Limits]:
@@ -270,6 +276,7 @@ def render(
     settings: Settings = Settings(),
     progress: Callable[[int, Frame], None] | None = None,
     state: Mapping[str, np.ndarray] | None = None,
+    warned: set[str] | None = None,
 ) -> Frame:
     """Render a Mitsuba scene from one of its sensors.
 
@@ -283,6 +290,8 @@ def render(
         Called with the number of finished passes, before the first and after each.
     state
         Of a frame that was not finished, to go on from: see `Frame.state`.
+    warned
+        Texts of warnings that were given, and are not given again.
 
     Raises
     ------
@@ -291,7 +300,7 @@ def render(
     """
 
     def begin() -> Frame:
-        frame = Frame(plugin, sensor, settings)
+        frame = Frame(plugin, sensor, settings, warned)
         if state is not None:
             frame.restore(state)
         return frame

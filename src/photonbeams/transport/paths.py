@@ -126,6 +126,8 @@ class Tracing:
         Length of segments that meet no surface.
     short
         Whether beams end at the path's next event; in media that vary they always do.
+    perturbed
+        Whether BSDFs may have normals of their own, as `events.perturbs` tells.
     """
 
     plugin: Any
@@ -138,6 +140,7 @@ class Tracing:
     power: float
     escape: float
     short: bool = False
+    perturbed: bool = False
 
 
 def begin(tracing: Tracing, emitted: list[Emitted], otherwise: Any) -> Paths | None:
@@ -217,7 +220,7 @@ def _step(tracing: Tracing, paths: Paths, seed: Any, first: Any, step: int) -> t
     hit = tracing.plugin.ray_intersect(ray_of(paths.origin, paths.direction))
     event = Event(tracing, paths, hit, index, stream)
     segments = _segments(tracing, paths, event)
-    scatter = reflect(tracing.volumes, hit, event.on_surface, paths.medium, index, stream)
+    scatter = reflect(tracing, hit, event.on_surface, paths.medium, index, stream)
     following = _following(tracing, paths, event, scatter, index, stream)
     landed = _landed(paths, event, segments.width)
     in_medium = (paths.medium > 0) & (event.length > 0) & (paths.fate != SCATTERS)

@@ -144,6 +144,8 @@ class Volumes:
 
     def __init__(self, plugins: Iterable[Any], around: Any = None) -> None:
         found = {number(plugin): plugin for plugin in plugins if plugin is not None}
+        for each in found.values():  # all of them first: Mitsuba calls all phase functions where it calls one
+            _check_phase(each)
         # In the order of the scene: numbers differ from one process to the next, and so would the sums of light.
         self.all = tuple(_volume(each, found[each]) for each in found)
         size = max(found, default=0) + 2  # a gather from an array of one is a broadcast, hence another kernel
@@ -307,6 +309,17 @@ def _volume(own: int, plugin: Any) -> Volume:
     return Volume(own, plugin, medium, look, tracked, _has_color(plugin))
 
 
+def _check_phase(plugin: Any) -> None:
+    """Raise SceneError where a medium's phase function depends on more than the angle."""
+    phase = plugin.phase_function()
+    if mi.has_flag(phase.flags(), mi.PhaseFunctionFlags.Microflake):
+        name = plugin.id() or plugin.class_name()
+        raise scene.SceneError(
+            f"medium {name}: its phase function {phase.class_name()} depends on where its flakes look: "
+            "expected one that depends on the angle alone"
+        )
+
+
 def _check_numbers(plugin: Any, name: str) -> None:
     """Raise SceneError where a number of a medium is not finite, or none that such a coefficient may have."""
     check_finite(plugin, f"medium {name}")
@@ -351,10 +364,4 @@ def _scattering(plugin: Any) -> tuple[float, Look]:
         g = float(np.ravel(mi.traverse(phase)["g"])[0])
         if abs(g) <= 0.99:
             return g, Look()
-    if mi.has_flag(phase.flags(), mi.PhaseFunctionFlags.Microflake):
-        name = plugin.id() or plugin.class_name()
-        raise scene.SceneError(
-            f"medium {name}: its phase function {phase.class_name()} depends on where its flakes look: "
-            "expected one that depends on the angle alone"
-        )
     return 0.0, Look(angle=Scattering(plugin))
