@@ -6,7 +6,7 @@ import logging
 from typing import Any
 
 from ..device import mitsuba
-from .volumes import number, parts
+from .volumes import boxes, number, parts
 
 mi = mitsuba()
 
@@ -45,13 +45,11 @@ def _holes(plugin: Any, everywhere: Any) -> list[Any]:
     Where media are is only known from the shapes that bound them, so the boxes around these have to do.
     """
     shapes = [each for each in parts(plugin, mi.Shape) if each.interior_medium() is not None]
-    boxes: dict[int, Any] = {}
-    for each in shapes:
-        boxes.setdefault(number(each.interior_medium()), mi.ScalarBoundingBox3f()).expand(each.bbox())
+    found = boxes(shapes)
     result = []
     for each in shapes:
         own, box = number(each.interior_medium()), each.bbox()
-        around = any(other.contains(box) and other != box for medium, other in boxes.items() if medium != own)
+        around = any(other.contains(box) and other != box for medium, other in found.items() if medium != own)
         if each.exterior_medium() is None and (everywhere is not None or around):
             result.append(each)
     return result

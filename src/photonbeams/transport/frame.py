@@ -30,7 +30,7 @@ from .photons import Arrived, translucent
 from .picture import Picture, Sums
 from .samples import Samples
 from .sensors import Sensor
-from .volumes import Volume, Volumes, number, parts
+from .volumes import Volume, Volumes, boxes, number, parts
 
 mi = mitsuba()
 
@@ -244,11 +244,8 @@ class Frame:
 
 def _sizes(plugin: Any) -> dict[int, float]:
     """Return the radius of a ball around all shapes that hold a medium, by the numbers of media."""
-    boxes: dict[int, Any] = {}
-    for shape in parts(plugin, mi.Shape):
-        if shape.interior_medium() is not None:
-            boxes.setdefault(number(shape.interior_medium()), mi.ScalarBoundingBox3f()).expand(shape.bbox())
-    return {own: float(np.linalg.norm(np.ravel(box.extents()))) / 2 or np.inf for own, box in boxes.items()}
+    found = boxes(parts(plugin, mi.Shape))
+    return {own: float(np.linalg.norm(np.ravel(box.extents()))) / 2 or np.inf for own, box in found.items()}
 
 
 def _radius(plugin: Any) -> float:

@@ -239,6 +239,15 @@ def parts(plugin: Any, kind: type) -> list[Any]:
     return [each for each in found if isinstance(each, kind)]
 
 
+def boxes(shapes: Iterable[Any]) -> dict[int, Any]:
+    """Return the box around all shapes that hold a medium, by the numbers of media."""
+    result: dict[int, Any] = {}
+    for shape in shapes:
+        if shape.interior_medium() is not None:
+            result.setdefault(number(shape.interior_medium()), mi.ScalarBoundingBox3f()).expand(shape.bbox())
+    return result
+
+
 def number(plugin: Any) -> int:
     """Return the number of a medium, 0 for None."""
     return 0 if plugin is None else int(numbers(mi.MediumPtr(plugin))[0])
