@@ -32,8 +32,8 @@ def warn(plugin: Any, everywhere: Any, warned: set[str]) -> None:
 
 def _doubts(plugin: Any, everywhere: Any) -> list[str]:
     result = [
-        f"shape {each.id() or each.class_name()}: stands in a medium and has none but an interior, so that light which "
-        "meets it comes through empty space: expected that medium as its exterior"
+        f"shape {each.id() or each.class_name()}: stands in a medium, but names no exterior, so that the space around "
+        "it counts as empty: expected that medium as its exterior"
         for each in _holes(plugin, everywhere)
     ]
     return result if plugin.emitters() else [*result, "the scene has no emitter and will be black: expected one"]
