@@ -38,3 +38,11 @@ def test_a_trial_leaves_no_trace(tmp_path):
     (tmp_path / "a.npz").mkdir()
     with pytest.raises(IsADirectoryError):
         try_path(tmp_path / "a.npz")
+
+
+def test_a_link_stays_one_and_its_file_is_written(tmp_path):
+    (tmp_path / "link.txt").symlink_to(tmp_path / "published" / "real.txt")
+    with atomic_path(tmp_path / "link.txt") as beside:
+        beside.write_text("new")
+    assert (tmp_path / "link.txt").is_symlink()
+    assert (tmp_path / "published" / "real.txt").read_text() == "new"

@@ -21,7 +21,7 @@ PathLike = str | os.PathLike[str]
 def atomic_path(path: PathLike) -> Iterator[Path]:
     """Give a path beside `path`, with its suffix, to write to; rename it to `path` at the end, remove it on failure.
 
-    Makes the folder if there is none.
+    Makes the folder if there is none. Where `path` is a symbolic link, the file that it names is written.
 
     Raises
     ------
@@ -29,19 +29,21 @@ def atomic_path(path: PathLike) -> Iterator[Path]:
         What kept the file from being written, with `path` as its file name.
     """
     path = Path(path)
+    target = Path(os.path.realpath(path))
     # Short enough for any name that is allowed itself, and never the name of a picture that someone globs for.
-    beside = path.parent / f".{path.stem[:40]}.{secrets.token_hex(6)}.tmp{path.suffix}"
+    beside = target.parent / f".{path.stem[:40]}.{secrets.token_hex(6)}.tmp{path.suffix}"
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
+        target.parent.mkdir(parents=True, exist_ok=True)
         if path.is_dir():
             raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
         # Mode 666 under the user's umask, which a temporary file would not have.
         os.close(os.open(beside, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666))
         yield beside
         _flush(beside)
-        os.replace(beside, path)
+        os.replace(beside, target)
     except OSError as error:
-        if error.filename is not None and Path(os.fsdecode(error.filename)) not in (beside, path, path.parent):
+        ours = (beside, path, path.parent, target, target.parent)
+        if error.filename is not None and Path(os.fsdecode(error.filename)) not in ours:
             raise  # some other file, that the writer needed
         if isinstance(error, FileExistsError):  # what `mkdir` says where a file has the folder's name
             error = NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR))

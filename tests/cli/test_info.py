@@ -93,6 +93,27 @@ def test_a_stage_from_blender_says_what_it_lacks(capsys):
     assert any(line.startswith("and ") and " more " in line for line in found)
 
 
+def test_lights_that_are_hidden_at_first_are_told(tmp_path, capsys):
+    (tmp_path / "a.usda").write_text(
+        """#usda 1.0
+(
+    startTimeCode = 1
+    endTimeCode = 4
+)
+def Xform "G" {
+    token visibility.timeSamples = { 1: "invisible", 3: "inherited" }
+    def SphereLight "Key" {
+    }
+}
+def SphereLight "Fill" {
+}
+"""
+    )
+    found = lines(capsys, tmp_path / "a.usda")
+    assert "/G/Key hidden at first" in found
+    assert sum(line.startswith("/Fill ") for line in found) == 1
+
+
 def test_what_is_neither_stage_nor_image_is_named(tmp_path):
     (tmp_path / "a.txt").write_text("hello")
     with pytest.raises(SceneError, match=r"a\.txt cannot be read: expected an image"):

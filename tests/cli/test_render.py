@@ -396,6 +396,10 @@ def lamp(body):
         # meshes
         ((FOG, CAMERA, LAMP, with_(FLOOR, "0, 1, 2, 3", "0, 1, 2, 30")), ("/Floor.faceVertexIndices", "30", "0 to 3")),
         ((FOG, CAMERA, LAMP, 'def Cone "C" {\n    uniform token axis = "W"\n}\n'), ("/C.axis is 'W'", "X, Y or Z")),
+        (
+            (FOG, CAMERA, LAMP, 'def Xform "X" {\n    uniform token[] xformOpOrder = ["xformOp:nope"]\n}\n'),
+            ("/X.xformOpOrder names what is no transform", "expected xformOps"),
+        ),
         ((FOG, CAMERA, LAMP, with_(FLOOR, "[4]", "[4, 4]")), ("/Floor.faceVertexIndices has 4", "expected 8")),
         ((FOG, CAMERA, LAMP, with_(FLOOR, "[4]", "[5, -1]")), ("/Floor.faceVertexCounts holds -1",)),
         ((FOG, CAMERA, LAMP, with_(FLOOR, "(2, -1, -2)", "(nan, 0, 0)")), ("/Floor.points[2] is (nan", "finite")),

@@ -173,6 +173,9 @@ def test_rates_of_ntsc_are_thousands_over_1001(rate, expected):
         ({"frame": "4"}, "frame is '4': expected a finite number"),
         ({"width": 64.0}, "width is 64.0: expected a whole number of pixels"),
         ({"height": "32"}, "height is '32': expected a whole number of pixels"),
+        ({"rule": 6}, "rule is 6: expected a Rule, such as gauss_legendre(6)"),
+        ({"crop": "abcd"}, "the crop is 'abcd': expected four numbers, x0, y0, x1, y1"),
+        ({"crop": 0.5}, "the crop is 0.5: expected four numbers, x0, y0, x1, y1"),
     ],
 )
 def test_arguments_of_another_kind_are_told_in_a_sentence(shot, arguments, sentence):
@@ -184,6 +187,26 @@ def test_arguments_of_another_kind_are_told_in_a_sentence(shot, arguments, sente
 def test_numbers_of_numpy_are_numbers(shot):
     frame = shot.render(np.float32(0), np.int64(1), width=np.int32(8), beams=np.uint16(16), overlap=np.float32(2))
     assert frame.statistics.passes == 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        ({"looks": [1]}, "looks is [1]: expected a Look, or Looks by the names of lights"),
+        ({"medium": "x"}, "medium is 'x': expected a Medium, or a function of the stage's own"),
+        ({"emit": "a.py:x"}, "emit is 'a.py:x': expected a function"),
+        ({"simulate": 1}, "simulate is 1: expected a function"),
+    ],
+)
+def test_a_shot_refuses_what_it_could_not_render_with(shot, arguments, sentence):
+    with pytest.raises(pb.scene.SceneError) as error:
+        pb.Shot(shot.stage, **arguments)
+    assert str(error.value) == sentence
+
+
+def test_a_shot_is_of_a_stage_and_opened_from_a_file():
+    with pytest.raises(pb.scene.SceneError, match=r"stage is 'a.usda': expected a Usd.Stage; Shot.open takes a file"):
+        pb.Shot("a.usda")
 
 
 def test_stereo_is_a_stereo():

@@ -128,7 +128,7 @@ def _show_stage(console: Console, path: Path, layers: Sequence[Path]) -> None:
     ]
     tables: list[list[tuple[str, ...]]] = [
         _camera_rows(stage, stages.default_time(stage)),
-        [_light_row(light) for light in scene.lights],
+        [_light_row(light) for light in scene.lights] + _hidden_rows(stage),
         _mesh_rows(scene.meshes),
         [(each.name, f"{len(each.start):,}", each.group, _name(each.look)) for each in scene.drawn],
         list(_look_rows(scene)),
@@ -137,6 +137,14 @@ def _show_stage(console: Console, path: Path, layers: Sequence[Path]) -> None:
         if rows:
             console.print()
             console.print(_table(columns, rows))
+
+
+def _hidden_rows(stage: Usd.Stage) -> list[tuple[str, ...]]:
+    """Return rows of the lights that are hidden as the stage starts: a film may show them later."""
+    from ..shot.groups import hidden_lights
+    from ..shot.stage import default_time
+
+    return [(path, "hidden at first", "", "", "", "", "") for path in hidden_lights(stage, default_time(stage))]
 
 
 def _stage_rows(stage: Usd.Stage, scene: Scene) -> Iterable[tuple[str, str]]:

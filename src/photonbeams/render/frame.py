@@ -71,6 +71,8 @@ class Settings:
         for name in ("passes", "beams", "seed"):
             object.__setattr__(self, name, scene.whole(getattr(self, name), name))
         object.__setattr__(self, "overlap", scene.real(self.overlap, "overlap", above=0.0))
+        if not isinstance(self.rule, Rule):
+            raise scene.SceneError(f"rule is {self.rule!r}: expected a Rule, such as gauss_legendre(6)")
         if self.passes < 1:
             raise scene.SceneError(f"passes is {self.passes}: expected at least 1")
         if not 1 <= self.beams <= scene.MOST_BEAMS:

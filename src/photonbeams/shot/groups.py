@@ -42,6 +42,12 @@ def makers_at_all_times(stage: Usd.Stage) -> set[str]:
     return {str(path) for path in (*paths, *(prim.GetPath() for prim in prims))}
 
 
+def hidden_lights(stage: Usd.Stage, time: Usd.TimeCode) -> list[str]:
+    """Return the paths of the lights on a stage that are not seen at a time."""
+    lights = (maker.prim for maker in _makers(stage.GetPseudoRoot()) if maker.instancer is None)
+    return [str(prim.GetPath()) for prim in lights if is_light(prim) and not visible(prim, time)]
+
+
 @dataclass(frozen=True)
 class _Maker:
     """A prim of which beams may come: it is below `root`, a prototype of `instancer` or, without, the whole stage."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from pxr import Gf, Usd, UsdGeom
+from pxr import Gf, Tf, Usd, UsdGeom
 
 from ..scene import FARTHEST, Array, Color, SceneError, color, number
 
@@ -120,7 +120,10 @@ class Reading:
 
     def to_world(self, prim: Usd.Prim) -> Array:
         """Return a prim's (4, 4) transform to world space, for column vectors."""
-        return self.matrix(prim, self.xforms.GetLocalToWorldTransform(prim))
+        try:
+            return self.matrix(prim, self.xforms.GetLocalToWorldTransform(prim))
+        except Tf.ErrorException:  # of the prim, or of one above it
+            raise self.fail(prim, "xformOpOrder", "names what is no transform: expected xformOps") from None
 
     def matrix(self, prim: Usd.Prim, matrix: Gf.Matrix4d) -> Array:
         """Return USD's row-vector matrix as a finite (4, 4) for column vectors."""

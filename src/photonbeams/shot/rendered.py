@@ -9,6 +9,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from pxr import Usd
 
 from ..files import PathLike
@@ -79,6 +80,8 @@ def pixels_of(crop: Sequence[float] | None, width: int, height: int) -> tuple[in
     """Return the pixels of a crop window, at least one; SceneError where it is no part of the picture."""
     if crop is None:
         return (0, 0, width, height)
+    if isinstance(crop, str) or np.shape(crop) != (4,):
+        raise SceneError(f"the crop is {crop!r}: expected four numbers, x0, y0, x1, y1")
     x0, y0, x1, y1 = crop
     if not (0 <= x0 < x1 <= 1 and 0 <= y0 < y1 <= 1):
         raise SceneError(f"the crop is {tuple(crop)}: expected 0 <= x0 < x1 <= 1 and 0 <= y0 < y1 <= 1")

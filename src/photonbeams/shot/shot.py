@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import weakref
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
@@ -59,6 +60,15 @@ class Shot:
         emit: Emitter | None = None,
         looks: Look | Mapping[str, Look] | None = None,
     ) -> None:
+        if not isinstance(stage, Usd.Stage):
+            raise scene.SceneError(f"stage is {stage!r}: expected a Usd.Stage; Shot.open takes a file")
+        if not (looks is None or isinstance(looks, Mapping) or hasattr(looks, "bind")):
+            raise scene.SceneError(f"looks is {looks!r}: expected a Look, or Looks by the names of lights")
+        if not (medium is None or callable(medium) or isinstance(medium, scene.Medium)):
+            raise scene.SceneError(f"medium is {medium!r}: expected a Medium, or a function of the stage's own")
+        for name, function in (("simulate", simulate), ("emit", emit)):
+            if function is not None and not callable(function):
+                raise scene.SceneError(f"{name} is {function!r}: expected a function")
         if stereo is not None and not isinstance(stereo, Stereo):
             text = "expected a Stereo, such as Stereo(interaxial=0.065, convergence=3)"
             raise scene.SceneError(f"stereo is {stereo!r}: {text}")
@@ -92,8 +102,8 @@ class Shot:
         simulate: Modifier | None = None,
         emit: Emitter | None = None,
         looks: Look | Mapping[str, Look] | None = None,
-        session_layers: Iterable[PathLike] = (),
-        overrides: Iterable[str] = (),
+        session_layers: PathLike | Iterable[PathLike] = (),
+        overrides: str | Iterable[str] = (),
     ) -> Shot:
         """Open a USD stage.
 
@@ -115,13 +125,15 @@ class Shot:
             Looks of your own instead of the stage's: one for all beams, or by the path or the name of a light, of
             drawn curves, or of the PhotonBeamsLook that they name.
         session_layers, overrides
-            Layers over the stage, and values "/prim.attribute=value" over those.
+            Layers over the stage, and values "/prim.attribute=value" over those; one, or several.
 
         Raises
         ------
         SceneError
             What cannot be read, in one sentence.
         """
+        session_layers = [session_layers] if isinstance(session_layers, str | os.PathLike) else session_layers
+        overrides = [overrides] if isinstance(overrides, str) else overrides
         shot = cls(stages.open_stage(path, session_layers, overrides), camera, medium, stereo, simulate, emit, looks)
         shot.cameras()  # a wrong name is an error now, not after a long read
         return shot
@@ -225,22 +237,27 @@ class Shot:
 
         Warns once where nothing makes beams now, or what does has no light: a light that fades out must not end a film.
         """
-        from ..render.frame import black, check, layer_names, makers
+        from ..render.frame import check, layer_names
 
         try:
             check(content)
         except scene.SceneError as error:
             raise scene.SceneError(f"{file_of(self.stage)}: {error}") from None
+        self._warn_of_darkness(content, frame)
+        return layer_names(content)
+
+    def _warn_of_darkness(self, content: scene.Scene, frame: float | None) -> None:
+        from ..render.frame import black, makers
+
         names = ", ".join(black(content))
         if names:
             self._warn(f"{file_of(self.stage)}: no beams have any light: expected some of {names} to shine")
         elif not makers(content) and _NOTHING not in self._warned:
             self._warned.add(_NOTHING)
             LOG.warning(
-                "%s: %s at frame %.10g: expected a light that is on; where none is, beams are black",
+                "%s: %s at frame %.10g: expected a light that is on; where none is, there are no beams",
                 file_of(self.stage), _NOTHING, self._number(frame),
             )  # fmt: skip
-        return layer_names(content)
 
     def _look(self, owner: str, spec: Any) -> Any:
         """Return the look of a light or of curves: the user's, or that of a spec.
@@ -402,6 +419,7 @@ class Shot:
         from ..render.frame import Settings, simulate
 
         exposure = self.exposure(frame, blur=False, lens=False)
+        self._warn_of_darkness(exposure(0.0)[0], frame)
         size = self.resolution(128, None, frame)
         eyes = [EYES.index(name) if name else 0 for name in views_of(self.stereo, view)]
         settings.setdefault("program", self._program(frame, exposure))
