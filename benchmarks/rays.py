@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from functools import partial
 from time import perf_counter
 from typing import Any
 
@@ -14,7 +15,7 @@ from rich.table import Table
 import photonbeams as pb
 from photonbeams.arrays import to_float, to_vectors
 from photonbeams.device import Array3f, UInt32
-from photonbeams.estimators.cells import batches
+from photonbeams.estimators.cells import Sorting, batches
 from photonbeams.estimators.estimate import ENDLESS, bind
 from photonbeams.estimators.geometry import Rays
 from photonbeams.estimators.grid import build, sum_over_grid, walk
@@ -93,7 +94,7 @@ def grid_tests(beams: pb.Beams, rays: Rays) -> int:
     if built is None:
         return 0
     grid, marks, span = built
-    parts = batches(grid.cells, marks.visit, len(beams))
+    parts = batches(partial(Sorting, grid.cells, marks.visit), len(beams))
     counts = (walk(rays, span, grid, part, lambda total, *_: total + 1, UInt32(0)) for part in parts)
     return sum(int(np.asarray(each, dtype=np.int64).sum()) for each in counts)
 
@@ -103,7 +104,7 @@ def _lists(beams: pb.Beams, rays: Rays) -> tuple[Any, Any, Iterator[Any]]:
     built = build(beams, None, rays)
     assert built is not None
     grid, marks, span = built
-    return grid, span, batches(grid.cells, marks.visit, len(beams))
+    return grid, span, batches(partial(Sorting, grid.cells, marks.visit), len(beams))
 
 
 def _timed(run: Callable[[], Any], width: int | None = None) -> tuple[float, float]:
