@@ -117,7 +117,8 @@ def _show_stage(console: Console, path: Path, layers: Sequence[Path]) -> None:
     from ..shot import stage as stages
 
     stage = stages.open_stage(path, layers)
-    scene = stages.read_scene(stage, stages.default_time(stage))
+    time = stages.default_time(stage)
+    scene = stages.read_scene(stage, time)
     console.print(_table(None, _stage_rows(stage, scene)))
     sections = [
         ("camera", "lens", "aperture", "position"),
@@ -127,8 +128,8 @@ def _show_stage(console: Console, path: Path, layers: Sequence[Path]) -> None:
         ("look", "along", "across", "eye", "angle"),
     ]
     tables: list[list[tuple[str, ...]]] = [
-        _camera_rows(stage, stages.default_time(stage)),
-        [_light_row(light) for light in scene.lights] + _hidden_rows(stage),
+        _camera_rows(stage, time),
+        [_light_row(light) for light in scene.lights] + _hidden_rows(stage, time),
         _mesh_rows(scene.meshes),
         [(each.name, f"{len(each.start):,}", each.group, _name(each.look)) for each in scene.drawn],
         list(_look_rows(scene)),
@@ -139,12 +140,11 @@ def _show_stage(console: Console, path: Path, layers: Sequence[Path]) -> None:
             console.print(_table(columns, rows))
 
 
-def _hidden_rows(stage: Usd.Stage) -> list[tuple[str, ...]]:
+def _hidden_rows(stage: Usd.Stage, time: Usd.TimeCode) -> list[tuple[str, ...]]:
     """Return rows of the lights that are hidden as the stage starts: a film may show them later."""
     from ..shot.groups import hidden_lights
-    from ..shot.stage import default_time
 
-    return [(path, "hidden at first", "", "", "", "", "") for path in hidden_lights(stage, default_time(stage))]
+    return [(path, "hidden at first", "", "", "", "", "") for path in hidden_lights(stage, time)]
 
 
 def _stage_rows(stage: Usd.Stage, scene: Scene) -> Iterable[tuple[str, str]]:

@@ -15,7 +15,8 @@ import drjit as dr
 import numpy as np
 import numpy.typing as npt
 
-from ..device import Array3f, Float, Int32, UInt32
+from ..arrays import opaque
+from ..device import Float, Int32, UInt32
 
 #: Most cells of a grid, and most along an axis: float32 still holds a place within a cell to 1/8192 of it.
 MOST_CELLS, MOST_ALONG = 1 << 21, 1 << 10
@@ -54,7 +55,7 @@ class Grid:
         """
         size, counts = fitting(high - low, size)
         return cls(
-            dr.opaque(Array3f, low.tolist()), dr.opaque(Float, size), dr.opaque(Float, 1 / size),
+            opaque(low), dr.opaque(Float, size), dr.opaque(Float, 1 / size),
             tuple(dr.opaque(Int32, int(count)) for count in counts), int(np.prod(counts)),
             dr.opaque(Float, rounding / size + BORDER),
         )  # fmt: skip

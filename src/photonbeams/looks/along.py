@@ -12,7 +12,8 @@ import drjit as dr
 import numpy as np
 import numpy.typing as npt
 
-from ..device import Array3f, Float
+from ..arrays import opaque
+from ..device import Float
 from .at import At
 from .factors import Corner, Decay, Factor
 from .ramp import RESOLUTION, Interpolation, ramp_table
@@ -42,7 +43,7 @@ class Exponential(Decay):
 
     def __init__(self, length: float | Sequence[float]) -> None:
         lengths = _positive(length, "an exponential falloff's length")
-        self._rate = dr.opaque(Array3f, (1 / lengths).tolist())
+        self._rate = opaque(1 / lengths)
 
     def exponent(self, at: At) -> Any:
         """Return minus the distance in lengths, per channel."""
@@ -93,7 +94,7 @@ class Polynomial(Factor):
         if numbers.ndim not in (1, 2) or not len(numbers) or not np.all(np.isfinite(numbers)):
             raise ValueError("a polynomial falloff expects finite coefficients, (M,) or (M, 3)")
         rows = np.broadcast_to(numbers.reshape(len(numbers), -1), (len(numbers), 3))
-        self._coefficients = [dr.opaque(Array3f, row.tolist()) for row in rows]
+        self._coefficients = [opaque(row) for row in rows]
         self._interval = _Interval(begin, end, space)
         self.corners = self._interval.corners((0.0, 1.0))
 

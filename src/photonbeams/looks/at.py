@@ -9,6 +9,7 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
+from ..arrays import opaque
 from ..device import Array3f, Float
 from ..scene import Medium, SceneError
 from .vocabulary import NAMES
@@ -29,8 +30,8 @@ class Fog:
     """
 
     def __init__(self, medium: Medium) -> None:
-        self.extinction = dr.opaque(Array3f, list(medium.extinction))
-        self.scattering = dr.opaque(Array3f, list(medium.scattering))
+        self.extinction = opaque(medium.extinction)
+        self.scattering = opaque(medium.scattering)
         self.anisotropy = dr.opaque(Float, medium.anisotropy)
 
 
@@ -51,8 +52,8 @@ class Context:
         self.frame, self.time = dr.opaque(Float, float(frame)), dr.opaque(Float, float(time))
         self.light = dr.opaque(Float, float(light))
         matrix = np.eye(4) if to_world is None else np.linalg.inv(np.asarray(to_world, dtype=np.float64))
-        self._rows = [dr.opaque(Array3f, row.tolist()) for row in matrix[:3, :3]]
-        self._shift = dr.opaque(Array3f, matrix[:3, 3].tolist())
+        self._rows = [opaque(row) for row in matrix[:3, :3]]
+        self._shift = opaque(matrix[:3, 3])
 
     def to_local(self, point: Any) -> Any:
         """Return a point of the world in the light's space."""

@@ -15,6 +15,7 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
+from ..arrays import opaque
 from ..device import Array3f, Float
 from ..scene import SceneError
 from .at import INPUTS, At
@@ -167,7 +168,7 @@ class Constant(Factor):
         numbers = np.asarray(value, dtype=np.float64)
         if numbers.shape not in ((), (3,)) or not np.all(np.isfinite(numbers)):
             raise ValueError(f"a constant factor is {value}: expected a finite number or three")
-        self._value = dr.opaque(Array3f, numbers.tolist()) if numbers.shape else dr.opaque(Float, float(numbers))
+        self._value = opaque(numbers)
         self.wild = bool(np.any(numbers < 0))
 
     def evaluate(self, at: At) -> Any:

@@ -8,7 +8,8 @@ from typing import Any, Literal, get_args
 import drjit as dr
 import numpy as np
 
-from ..device import Array3f, Float
+from ..arrays import opaque
+from ..device import Float
 from .at import INPUTS, At
 from .expression import parse
 from .factors import Factor
@@ -84,7 +85,7 @@ class Noise(Factor):
         if space not in get_args(NoiseSpace):
             raise ValueError(f"noise has space {space!r}: expected one of {', '.join(get_args(NoiseSpace))}")
         self._gain, self._rate = dr.opaque(Float, amount * contrast), dr.opaque(Float, 1 / scale)
-        self._drift, self._evolution = dr.opaque(Array3f, [float(x) for x in drift]), dr.opaque(Float, evolution)
+        self._drift, self._evolution = opaque(drift), dr.opaque(Float, evolution)
         self._octaves, self._space = int(octaves), space
         self._still = evolution == 0
 

@@ -268,7 +268,7 @@ class _Frame:
                 self._window,
                 cameras[-1] if cameras[-1] is not cameras[0] else None,
             )
-            sums.exposure = dr.opaque(Float, view.camera.exposure_scale)
+            exposure = dr.opaque(Float, view.camera.exposure_scale)
             film = view.film or any(each.close is not None for each in sets)
             with statistics.phase("surfaces"):
                 sample = self._samples(number) if film else None
@@ -281,12 +281,13 @@ class _Frame:
                     shaded = self._shade(middle, sums.order, rays, number)
                     if number == 0:
                         sums.depth = self._depth(eye, sums) if film else rays.facing * shaded.depth
-                sums.add_surfaces(shaded)
+                sums.add_surfaces(shaded, exposure)
             pixels = _pixel_rays(middle, rays, shaded.depth)
             with statistics.phase("beams"):
                 for each in sets:
                     context = Context(*clock, each.light, each.to_world)
-                    self._add_beams(each, view, pixels, sums, between.scene.medium, context)
+                    radiance = self._radiance(each, view, pixels, between.scene.medium, context)
+                    sums.add_beams(each.group, radiance, exposure)
                 dr.eval(sums.groups)
         statistics.passes += 1
 
@@ -352,9 +353,9 @@ class _Frame:
         sharp = View(replace(moment.cameras[eye], lens_radius=0.0), self._window).rays(subpixel(0))
         return sharp.facing * self._shade(self._world(moment), sums.order, sharp, 0).depth
 
-    def _add_beams(
-        self, each: BeamSet, view: View, pixels: PixelRays, sums: _Sums, medium: scene.Medium | None, context: Context
-    ) -> None:
+    def _radiance(
+        self, each: BeamSet, view: View, pixels: PixelRays, medium: scene.Medium | None, context: Context
+    ) -> Any:
         look = each.look or self._default_look
         try:
             part = estimate_image(
@@ -363,8 +364,8 @@ class _Frame:
             )  # fmt: skip
         except scene.SceneError as error:  # of a look: whose it is, only this one knows
             raise scene.SceneError(f"{each.name}: {error}") from error
-        sums.groups[each.group] = sums.groups.get(each.group, 0) + part.radiance * sums.exposure
         self.statistics.tests += part.billboard_tests + part.frustum_tests
+        return part.radiance
 
     def views(self) -> list[dict[str, np.ndarray]]:
         """Return the layers of each view, means over the passes."""
@@ -382,12 +383,15 @@ class _Sums:
         self.surface, self.transmittance = dr.zeros(Array3f, count), dr.zeros(Array3f, count)
         self.alpha, self.depth = dr.zeros(Float, count), dr.zeros(Float, count)
         self.groups: dict[str, Any] = {}
-        self.exposure = dr.opaque(Float, 1.0)  # of the pass that is added: light alone is multiplied with it
         dr.eval(self.order)
 
-    def add_surfaces(self, shaded: Any) -> None:
-        """Add what a pass sees of surfaces."""
-        self.surface += shaded.radiance * self.exposure
+    def add_beams(self, group: str, radiance: Any, exposure: Float) -> None:
+        """Add the radiance of beams of a light group."""
+        self.groups[group] = self.groups.get(group, 0) + radiance * exposure
+
+    def add_surfaces(self, shaded: Any, exposure: Float) -> None:
+        """Add what a pass sees of surfaces; the camera's exposure multiplies their light alone."""
+        self.surface += shaded.radiance * exposure
         self.transmittance += shaded.transmittance
         self.alpha += shaded.alpha
         dr.eval(self.surface, self.transmittance, self.alpha, self.depth)

@@ -6,9 +6,9 @@ from typing import Any, ClassVar
 
 import drjit as dr
 
-from ..arrays import compressed, joined, taken
+from ..arrays import compressed, joined, opaque, taken
 from ..beams import Beams
-from ..device import Array3f, UInt32
+from ..device import UInt32
 from .footprints import Limits
 from .paths import Segments
 from .volumes import Volume, ended
@@ -59,7 +59,7 @@ def _cut(segments: Segments, limits: Limits, volume: Volume, short: bool) -> lis
     result = [Lit(near, segments.events)]
     index: Any = dr.compress(cut)
     if len(index):
-        left = dr.exp(-dr.opaque(Array3f, list(volume.medium.extinction)) * middle)
+        left = dr.exp(-opaque(volume.medium.extinction) * middle)
         if short:
             left = ended(left, segments.flux)
         flux = segments.flux if volume.tracked is not None else segments.flux * left
