@@ -13,14 +13,14 @@ from rich.console import Console
 from rich.table import Table
 
 import photonbeams as pb
-from photonbeams.arrays import to_float, to_vectors
-from photonbeams.device import Array3f, UInt32
 from photonbeams.estimators.cells import Sorting, batches
 from photonbeams.estimators.estimate import ENDLESS, bind
 from photonbeams.estimators.geometry import Rays
 from photonbeams.estimators.grid import build, sum_over_grid, walk
 from photonbeams.estimators.points import Points
 from photonbeams.estimators.records import pack
+from photonbeams.numerics.arrays import to_float, to_vectors
+from photonbeams.runtime.device import Array3f, UInt32
 
 from .scenes import HEIGHT, MEDIUM, RAMP, WIDTH, Fan
 from .yardstick import Yardstick

@@ -11,11 +11,11 @@ import numpy.typing as npt
 
 import photonbeams as pb
 from photonbeams import scene
-from photonbeams.device import Float
 from photonbeams.estimators.estimate import ENDLESS
 from photonbeams.estimators.image import Estimate, PixelRays, estimate_image
 from photonbeams.estimators.points import Points
-from photonbeams.render.camera import View, Window
+from photonbeams.runtime.device import Float
+from photonbeams.world.cameras import View, Window
 
 WIDTH, HEIGHT = 1280, 720
 RADIUS = 0.003  # a beam is two to three pixels wide

@@ -20,10 +20,10 @@ from rich.table import Table
 from tests.comparison import lit, single_scattering
 from tests.transport.scenes import comparison, rgb
 
-from photonbeams.device import mitsuba
 from photonbeams.estimators import image as images
-from photonbeams.transport import gathering as gatherings
-from photonbeams.transport.frame import Frame, Settings, render
+from photonbeams.render import gathering as gatherings
+from photonbeams.render.mitsuba_frame import Frame, Settings, render
+from photonbeams.runtime.device import mitsuba
 
 from .rays import grid_tests
 

@@ -12,7 +12,7 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
-from photonbeams.device import Array2f, Array3f, Array4f, Float, Int32, UInt32
+from photonbeams.runtime.device import Array2f, Array3f, Array4f, Float, Int32, UInt32
 
 from .scenes import HEIGHT, RADIUS, WIDTH, Fan
 

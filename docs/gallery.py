@@ -40,9 +40,9 @@ def main() -> None:
 
 def pair(name: str) -> tuple[float, int, float, int]:
     """Write two pictures of a scene; return seconds and passes of ours, seconds and samples of Mitsuba's."""
-    from photonbeams.device import mitsuba
-    from photonbeams.shot.xml import MitsubaScene
-    from photonbeams.transport.frame import render
+    from photonbeams.render.mitsuba_frame import render
+    from photonbeams.runtime.device import mitsuba
+    from photonbeams.shot.mitsuba import MitsubaScene
 
     mi = mitsuba()
     width, height, limit, exposure = SCENES[name]
@@ -77,7 +77,7 @@ def write(name: str, pixels: Any, exposure: float) -> None:
     """Write a small picture."""
     from renders import write_small
 
-    from photonbeams.display import srgb_encoded, tone_mapped
+    from photonbeams.images.display import srgb_encoded, tone_mapped
 
     levels = 255 * srgb_encoded(tone_mapped(np.nan_to_num(pixels) * 2.0**exposure))
     write_small(PICTURES / f"{name}.png", levels, MOST)

@@ -25,9 +25,9 @@ from pages import ROOT
 import photonbeams as pb
 from photonbeams.cli import main as photonbeams
 from photonbeams.cli.quadrature import quadrature
-from photonbeams.device import Array3f, Float
-from photonbeams.files import atomic_path
-from photonbeams.swatches import FOG, picture, plot_colors
+from photonbeams.images.swatches import FOG, picture, plot_colors
+from photonbeams.runtime.device import Array3f, Float
+from photonbeams.runtime.files import atomic_path
 
 PICTURES = Path(__file__).parent / "pictures"
 WIDTH, HEIGHT, DPI = 6.0, 1.25, 150  # inches, dots an inch

@@ -79,8 +79,8 @@ def sheet(folder: Path, arguments: tuple[str, ...], name: str, columns: int, thu
 
 def example(folder: Path, stage: str) -> None:
     """Write the picture of an example: what its command renders, but smaller and of more passes."""
-    from photonbeams.display import srgb_encoded, tone_mapped
-    from photonbeams.shot.images import read_layers
+    from photonbeams.images.display import srgb_encoded, tone_mapped
+    from photonbeams.images.files import read_layers
 
     flags = ["--passes", "32", "--res", "960", "0", "-q", "-o", "example.exr", "--layers", "rgba"]
     photonbeams(folder, "render", stage, *flags)
@@ -109,7 +109,7 @@ def write_levels(path: Path, levels: Any) -> None:
 
 def plate(folder: Path) -> None:
     """Write Cycles' plate as it is, and with beams over it, both of the plate's own size."""
-    from photonbeams.shot.images import read_layers, write_png
+    from photonbeams.images.files import read_layers, write_png
 
     write_png(PICTURES / "attic-plate.png", read_layers(ROOT / PLATE)["ViewLayer.Combined"], exposure=1.0)
     flags = [f"--picture=rgba={PICTURES / 'attic-over'}.png", "-q"]

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from photonbeams import device
-from photonbeams.arrays import to_float, to_uint, to_vectors
+from photonbeams.numerics.arrays import to_float, to_uint, to_vectors
+from photonbeams.runtime import device
 
 
 @pytest.mark.parametrize("count", [1, 3, 17, 1000])

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import photonbeams as pb
-from photonbeams.device import Array3f, Float, UInt32
+from photonbeams.runtime.device import Array3f, Float, UInt32
 from photonbeams.scene import SceneError
 
 COUNT = 5

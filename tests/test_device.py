@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from photonbeams import device, libllvm
-from photonbeams.device import DeviceError
+from photonbeams.runtime import device, libllvm
+from photonbeams.runtime.device import DeviceError
 
 needs_llvm = pytest.mark.skipif(libllvm.newest() is None, reason="no libLLVM that works is installed")
 
@@ -82,11 +82,11 @@ def test_links_to_one_library_count_once(machine):
 
 def test_a_machine_without_libllvm_is_told_what_to_install():
     code = """if True:
-    from photonbeams import libllvm
+    from photonbeams.runtime import libllvm
     import sys, photonbeams, os
     libllvm.candidates = lambda: ()
     os.environ.pop("DRJIT_LIBLLVM_PATH", None)
-    photonbeams.device.select("cpu")
+    photonbeams.runtime.device.select("cpu")
     """
     sentence = run(code)
     assert "no libLLVM that works was found" in sentence and "apt-get install libllvm19" in sentence
@@ -110,7 +110,9 @@ def test_a_library_that_the_user_names_wins():
 
 
 def test_a_named_library_that_is_not_there_is_one_sentence():
-    sentence = run("from photonbeams.device import Float", DRJIT_LIBLLVM_PATH="/nowhere", PHOTONBEAMS_DEVICE="cpu")
+    sentence = run(
+        "from photonbeams.runtime.device import Float", DRJIT_LIBLLVM_PATH="/nowhere", PHOTONBEAMS_DEVICE="cpu"
+    )
     assert "DRJIT_LIBLLVM_PATH names /nowhere, which Dr.Jit could not start" in sentence
 
 
@@ -127,7 +129,7 @@ def test_dr_jit_that_was_started_with_an_old_llvm_is_refused():
 def test_dr_jit_that_does_not_load_is_one_sentence(tmp_path):
     # As it fails where libatomic is missing.
     (tmp_path / "drjit.py").write_text("try:\n    raise ImportError('libatomic.so.1: gone')\nexcept ImportError: ext\n")
-    sentence = run("from photonbeams.device import Float", PYTHONPATH=str(tmp_path), PHOTONBEAMS_DEVICE="cpu")
+    sentence = run("from photonbeams.runtime.device import Float", PYTHONPATH=str(tmp_path), PHOTONBEAMS_DEVICE="cpu")
     assert "Dr.Jit does not load (libatomic.so.1: gone)" in sentence
 
 
@@ -151,8 +153,8 @@ def test_auto_follows_the_variant_that_mitsuba_already_has():
     code = """if True:
     import photonbeams, mitsuba
     mitsuba.set_variant("llvm_ad_rgb")
-    photonbeams.device._cuda_problem = lambda: None
-    print(photonbeams.device.backend())
+    photonbeams.runtime.device._cuda_problem = lambda: None
+    print(photonbeams.runtime.device.backend())
     """
     assert run(code) == "llvm"
 
@@ -180,7 +182,7 @@ def test_another_device_than_the_running_one_is_refused(monkeypatch):
 @pytest.mark.skipif(device._cuda_problem() is None, reason="this machine has CUDA")
 def test_cuda_on_a_machine_without_it_is_one_sentence():
     sentence = run("from photonbeams import device; device.select('cuda')")
-    assert sentence.startswith("photonbeams.device.DeviceError: device is cuda, but")
+    assert sentence.startswith("photonbeams.runtime.device.DeviceError: device is cuda, but")
 
 
 def test_a_device_of_another_name_is_refused():

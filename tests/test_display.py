@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from photonbeams import display
+from photonbeams.images import display
 
 
 def test_the_view_changes_nothing_below_its_shoulder_and_never_leaves_0_to_1():

@@ -7,7 +7,7 @@ import sys
 import pytest
 
 from photonbeams import cli
-from photonbeams.device import DeviceError
+from photonbeams.runtime.device import DeviceError
 from photonbeams.scene import SceneError
 
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from photonbeams.files import atomic_path, try_path
+from photonbeams.runtime.files import atomic_path, try_path
 
 
 def test_a_failed_writer_leaves_the_old_file_and_nothing_else(tmp_path):

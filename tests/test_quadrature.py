@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from photonbeams.device import Array3f, Float
 from photonbeams.quadrature import MOST_POINTS, Rule, gauss_legendre, riemann
+from photonbeams.runtime.device import Array3f, Float
 
 EPSILON32 = float(np.finfo(np.float32).eps)
 

@@ -4,8 +4,8 @@ import drjit as dr
 import numpy as np
 import pytest
 
-from photonbeams import sampling
-from photonbeams.device import Array2f, Array3f, Float, UInt32
+from photonbeams.numerics import sampling
+from photonbeams.runtime.device import Array2f, Array3f, Float, UInt32
 
 POINTS = 1 << 14
 

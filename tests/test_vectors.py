@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from photonbeams.vectors import FLAT, plane_of, unit
+from photonbeams.scene.vectors import FLAT, plane_of, unit
 
 
 def test_unit_vectors_have_the_length_1_but_for_zeros():

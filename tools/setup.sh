@@ -71,7 +71,7 @@ install_libatomic() {
 
 has_libllvm() {
     [ -n "${DRJIT_LIBLLVM_PATH:-}" ] ||
-        PYTHONPATH=src "$venv/bin/python" -c 'import sys; from photonbeams import libllvm; sys.exit(libllvm.newest() is None)'
+        PYTHONPATH=src/photonbeams/runtime "$venv/bin/python" -c 'import sys, libllvm; sys.exit(libllvm.newest() is None)'
 }
 
 install_libllvm() {

@@ -44,8 +44,8 @@ def main() -> None:
 
 def painted(path: Path) -> np.ndarray:
     """Return a picture's linear colours, (H, W, 3), WIDTH pixels wide."""
-    from photonbeams.display import srgb_decoded
-    from photonbeams.shot.images import read_image
+    from photonbeams.images.display import srgb_decoded
+    from photonbeams.images.files import read_image
 
     pixels = srgb_decoded(read_image(path)[..., :3])
     step = max(1, pixels.shape[1] // WIDTH)
@@ -58,8 +58,8 @@ class Fit:
     """The beams of a shot toward the pixels of its camera."""
 
     def __init__(self, shot: pb.Shot, width: int, height: int, beams: int = BEAMS) -> None:
-        from photonbeams.device import Float
-        from photonbeams.render.camera import View, Window
+        from photonbeams.runtime.device import Float
+        from photonbeams.world.cameras import View, Window
 
         scene, camera = shot.read()
         self._medium, self._shape = scene.medium, (height, width)
@@ -85,7 +85,7 @@ class Fit:
         import drjit as dr
         import mitsuba as mi
 
-        from photonbeams.device import Array3f, Float
+        from photonbeams.runtime.device import Array3f, Float
 
         wanted = Array3f(*(Float(np.ascontiguousarray(target[..., each].ravel())) for each in range(3)))
         optimizer = mi.ad.Adam(lr=RATE)
@@ -120,7 +120,7 @@ def write_layer(path: Path, shot: pb.Shot, lights: list[str], colors: np.ndarray
 
 def write_strip(path: Path, *pictures: np.ndarray) -> None:
     """Write pictures side by side."""
-    from photonbeams.shot.images import write_png
+    from photonbeams.images.files import write_png
 
     gap = np.ones((pictures[0].shape[0], 4, 3), dtype=np.float32)
     row = [part for picture in pictures for part in (picture.astype(np.float32), gap)][:-1]

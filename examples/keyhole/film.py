@@ -16,8 +16,8 @@ import numpy as np
 import OpenImageIO
 from rich.progress import track
 
-from photonbeams.display import srgb_encoded, tone_mapped
-from photonbeams.shot.images import read_layers, write_png
+from photonbeams.images.display import srgb_encoded, tone_mapped
+from photonbeams.images.files import read_layers, write_png
 
 RATE, COLUMNS, ROWS, THUMB = 24, 5, 4, 320
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from scipy.ndimage import zoom
 
-from photonbeams.device import mitsuba
+from photonbeams.runtime.device import mitsuba
 
 SIZE = (32, 32, 64)  # z, y, x, over a box of 1.6 × 1.6 × 3.2
 PUFFS = 26

@@ -8,12 +8,14 @@ from typing import TYPE_CHECKING, Any
 
 import wrapt
 
-from . import device, integrator
+from . import integrator
+from .runtime import device
 
 if TYPE_CHECKING:
     from .beams import Beams
-    from .chains import curved
-    from .colors import colors_of_medium, medium_of_colors
+    from .beams.curves import curved
+    from .beams.modify import aim, bend, clamp, recolour, thin
+    from .beams.programs import PassContext, chain
     from .estimators.estimate import estimate
     from .looks import (
         Across,
@@ -54,8 +56,7 @@ if TYPE_CHECKING:
     from .quadrature import Rule, gauss_legendre, riemann
     from .scene import DrawnBeams, Medium, SceneError
     from .shot import Holdout, Plate, Shot, Stereo
-    from .simulation.modify import aim, bend, clamp, recolour, thin
-    from .simulation.programmed import PassContext, chain
+    from .world.medium_colors import colors_of_medium, medium_of_colors
 
     __version__: str
 
@@ -126,15 +127,17 @@ device.prepare()
 wrapt.when_imported("mitsuba")(integrator.announce)
 
 _HOMES = {
-    "beams": ("Beams",),
-    "chains": ("curved",),
-    "colors": ("colors_of_medium", "medium_of_colors"),
+    "beams.beams": ("Beams",),
+    "beams.curves": ("curved",),
+    "beams.modify": ("aim", "bend", "clamp", "recolour", "thin"),
+    "beams.programs": ("PassContext", "chain"),
     "estimators": ("estimate",),
+    "images.plates": ("Holdout", "Plate"),
     "quadrature": ("Rule", "gauss_legendre", "riemann"),
     "scene": ("DrawnBeams", "Medium", "SceneError"),
-    "shot": ("Holdout", "Plate", "Shot", "Stereo"),
-    "simulation.modify": ("aim", "bend", "clamp", "recolour", "thin"),
-    "simulation.programmed": ("PassContext", "chain"),
+    "shot": ("Shot",),
+    "usd.stereo": ("Stereo",),
+    "world.medium_colors": ("colors_of_medium", "medium_of_colors"),
 }
 _HOME = dict.fromkeys(__all__, "looks") | {name: module for module, names in _HOMES.items() for name in names}
 

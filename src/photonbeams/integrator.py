@@ -123,7 +123,7 @@ def _register(mitsuba: Any, variant: str) -> None:
 def _settings(properties: Any) -> Any:
     """Return the plug-in's parameters as settings; those that are not asked for, Mitsuba complains of."""
     from .quadrature import MOST_POINTS, gauss_legendre
-    from .transport.frame import Settings
+    from .render.mitsuba_frame import Settings
 
     plain = Settings()
     given: dict[str, Any] = {
@@ -164,7 +164,7 @@ def _shown(value: Any) -> str:
 
 def _integrator(mi: Any, variant: str) -> type:
     """Return the plug-in's class for a variant; Mitsuba has a base class for each."""
-    from . import device
+    from .runtime import device
 
     device.select("cuda" if variant.startswith("cuda") else "cpu")
 
@@ -188,7 +188,7 @@ def _integrator(mi: Any, variant: str) -> type:
             """Render the scene; `spp` is the number of passes."""
             import drjit as dr
 
-            from .transport.frame import render
+            from .render.mitsuba_frame import render
 
             sensor = scene.sensors()[sensor] if isinstance(sensor, int) else sensor
             settings = replace(self.settings, passes=spp or int(sensor.sampler().sample_count()), seed=_number(seed))

@@ -10,8 +10,8 @@ import OpenImageIO
 import pytest
 
 from photonbeams import Shot
+from photonbeams.images.files import read_image, read_layers
 from photonbeams.scene import SceneError
-from photonbeams.shot.images import read_image, read_layers
 
 STAGE = """#usda 1.0
 (

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from photonbeams.cli.info import info, statistics
+from photonbeams.images.files import write_frame
 from photonbeams.scene import SceneError
-from photonbeams.shot.images import write_frame
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 

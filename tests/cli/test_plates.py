@@ -8,7 +8,7 @@ import OpenEXR
 import pytest
 from pxr import Usd
 
-from photonbeams.shot.images import read_image, read_layers
+from photonbeams.images.files import read_image, read_layers
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples" / "blender"
 ATTIC, PLATE = EXAMPLES / "attic.usda", EXAMPLES / "plate.exr"

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import photonbeams as pb
-from photonbeams import cli, convergence
+from photonbeams import cli
+from photonbeams.estimators import convergence
 from photonbeams.looks import Attenuation, ColorRamp, Epanechnikov, Smoothstep, Tabulated, Uniform
 
 LENGTH, RADII, MEDIUM = 4.0, (0.3, 0.9), pb.Medium((0.2, 0.35, 0.6), (0.03, 0.03, 0.03))

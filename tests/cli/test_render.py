@@ -16,9 +16,9 @@ import typer
 
 from cli.results import fails, untouched
 from photonbeams import cli
+from photonbeams.images.files import read_image, read_layers
 from photonbeams.render import frame
-from photonbeams.shot.images import read_image, read_layers
-from photonbeams.transport import frame as transport
+from photonbeams.render import mitsuba_frame as transport
 
 FOG = """def Scope "Fog" (prepend apiSchemas = ["PhotonBeamsMediumAPI"]) {
     color3f photonbeams:scattering = (0.1, 0.1, 0.1)
@@ -563,7 +563,7 @@ def test_ctrl_c_ends_with_130_and_nothing_written(stage, out):
 
 
 def test_ctrl_c_while_libraries_are_imported_is_held_back(render, stage, out, monkeypatch):
-    monkeypatch.setattr("photonbeams.device.select", lambda _: os.kill(os.getpid(), signal.SIGINT))
+    monkeypatch.setattr("photonbeams.runtime.device.select", lambda _: os.kill(os.getpid(), signal.SIGINT))
     assert render(stage(), "-o", out / "old.exr") == (130, "", "Interrupted; nothing was written\n")
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
     assert untouched(out)

@@ -7,8 +7,8 @@ import pytest
 
 import photonbeams as pb
 from photonbeams.cli import main
-from photonbeams.shot.images import read_parts
-from photonbeams.swatches import FOG, Specimen, cross_section, curves, from_the_side
+from photonbeams.images.files import read_parts
+from photonbeams.images.swatches import FOG, Specimen, cross_section, curves, from_the_side
 
 LIBRARY = Path(__file__).resolve().parents[2] / "examples" / "looks" / "looks.usda"
 STAGE = """#usda 1.0

@@ -13,9 +13,9 @@ import pytest
 from cli.results import fails, untouched
 from photonbeams import cli
 from photonbeams.cli.animation import FrameError
-from photonbeams.shot import xml
-from photonbeams.shot.images import read_image, read_layers
-from photonbeams.transport import frame
+from photonbeams.images.files import read_image, read_layers
+from photonbeams.render import mitsuba_frame as frame
+from photonbeams.shot import mitsuba as xml
 
 SENSOR = """<sensor type="perspective" id="{name}">
         <float name="fov" value="40"/>

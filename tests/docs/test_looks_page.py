@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from photonbeams.looks.expression import FUNCTIONS, NAMES
-from photonbeams.shot import stage as stages
-from photonbeams.shot.looks import LookSpec
+from photonbeams.usd import stage as stages
+from photonbeams.usd.looks import LookSpec
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "docs" / "looks.md").read_text()
-SCHEMA = (ROOT / "src/photonbeams/shot/schema/schema.usda").read_text().split('class PhotonBeamsLook "')[1]
+SCHEMA = (ROOT / "src/photonbeams/usd/schema/schema.usda").read_text().split('class PhotonBeamsLook "')[1]
 
 
 def blocks(language):

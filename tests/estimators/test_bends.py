@@ -18,7 +18,7 @@ from estimators.test_estimate import (
     random_beam,
     random_rays,
 )
-from photonbeams.chains import SHARPEST, curved, segments, tangents
+from photonbeams.beams.curves import SHARPEST, curved, segments, tangents
 from photonbeams.scene import SceneError
 
 EXTINCTION = np.array(MEDIUM.extinction)

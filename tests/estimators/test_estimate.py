@@ -7,8 +7,8 @@ import pytest
 import photonbeams as pb
 from estimators import twin
 from estimators.twin import Beam, TwinLook
-from photonbeams.device import Array3f
 from photonbeams.estimators import estimate
+from photonbeams.runtime.device import Array3f
 
 EPSILON32 = float(np.finfo(np.float32).eps)
 CONVERGED = pb.gauss_legendre(64)

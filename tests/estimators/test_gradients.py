@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 import photonbeams as pb
-from photonbeams.device import Array3f, Float
 from photonbeams.estimators import gradients
+from photonbeams.runtime.device import Array3f, Float
 from photonbeams.scene import SceneError
 
 FOG = pb.Medium((0.3, 0.2, 0.1), (0.05, 0.1, 0.2), 0.3)

@@ -8,15 +8,15 @@ import pytest
 
 import photonbeams as pb
 from photonbeams import scene
-from photonbeams.arrays import to_float
-from photonbeams.device import Array2f, Float, UInt32
 from photonbeams.estimators import cells
 from photonbeams.estimators.estimate import ENDLESS
 from photonbeams.estimators.image import PixelRays, estimate_image, lane_of
 from photonbeams.estimators.points import Points
 from photonbeams.estimators.tiles import TILE, Bins, footprints
-from photonbeams.hashing import hash32, unit_float
-from photonbeams.render.camera import View, Window
+from photonbeams.numerics.arrays import to_float
+from photonbeams.numerics.hashing import hash32, unit_float
+from photonbeams.runtime.device import Array2f, Float, UInt32
+from photonbeams.world.cameras import View, Window
 
 EPSILON32 = float(np.finfo(np.float32).eps)
 MEDIUM = pb.Medium((0.3, 0.2, 0.1), (0.05, 0.1, 0.2), 0.4)

@@ -4,9 +4,9 @@ import drjit as dr
 import numpy as np
 import pytest
 
-from photonbeams.arrays import to_float, to_vectors
-from photonbeams.device import Array3f
 from photonbeams.estimators.photons import FACING, THICKNESS, PhotonMap, Photons
+from photonbeams.numerics.arrays import to_float, to_vectors
+from photonbeams.runtime.device import Array3f
 
 EPSILON32 = float(np.finfo(np.float32).eps)
 

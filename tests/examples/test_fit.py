@@ -9,7 +9,7 @@ import pytest
 
 import photonbeams as pb
 from photonbeams.cli import main
-from photonbeams.shot.images import read_image
+from photonbeams.images.files import read_image
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 STAGE = EXAMPLES / "shaft" / "physical.usda"

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from photonbeams import cli
-from photonbeams.shot.images import read_layers
+from photonbeams.images.files import read_layers
 
 SCENES = sorted((Path(__file__).parents[2] / "examples" / "mitsuba").glob("*.xml"))
 

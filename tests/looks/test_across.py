@@ -5,8 +5,8 @@ import pytest
 
 import photonbeams as pb
 from estimators.twin import k1
-from photonbeams.device import Float
 from photonbeams.looks.across import AcrossFunction, across
+from photonbeams.runtime.device import Float
 
 EPSILON32 = float(np.finfo(np.float32).eps)
 # A linear table of 1024 entries errs by 1/8 of the second derivative over 1023²: profiles below have up to some 50

@@ -11,9 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from looks import noise_twin
-from photonbeams.device import Array3f, Float, UInt32
 from photonbeams.looks import expression, guarded
 from photonbeams.looks.expression import FUNCTIONS, NAMES, Expression, ExpressionError, parse
+from photonbeams.runtime.device import Array3f, Float, UInt32
 
 EPSILON = float(np.finfo(np.float64).eps)
 EPSILON32 = float(np.finfo(np.float32).eps)

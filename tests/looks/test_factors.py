@@ -6,9 +6,9 @@ import pytest
 from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
 
 import photonbeams as pb
-from photonbeams.device import Array3f, Float
 from photonbeams.looks.along import Texture
 from photonbeams.looks.ramp import RESOLUTION, interpolate
+from photonbeams.runtime.device import Array3f, Float
 
 EPSILON32 = float(np.finfo(np.float32).eps)
 MEDIUM = pb.Medium((0.3, 0.2, 0.1), (0.05, 0.1, 0.2), 0.4)

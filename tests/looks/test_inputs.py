@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 import photonbeams as pb
-from photonbeams.device import Array3f, Float
-from photonbeams.hashing import hash32
 from photonbeams.looks.at import INPUTS
+from photonbeams.numerics.hashing import hash32
+from photonbeams.runtime.device import Array3f, Float
 from photonbeams.scene import SceneError
 
 MEDIUM = pb.Medium((0.2, 0.1, 0.1))

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from looks import noise_twin as twin
-from photonbeams.device import Array2f, Array3f, Float
 from photonbeams.looks import noise
+from photonbeams.runtime.device import Array2f, Array3f, Float
 
 EPSILON32 = float(np.finfo(np.float32).eps)
 DIMENSIONS = [1, 2, 3, 4]

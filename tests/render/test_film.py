@@ -10,10 +10,10 @@ from scipy.stats import t as student
 import photonbeams as pb
 from comparison import quad
 from photonbeams import scene
-from photonbeams.render.camera import Window
 from photonbeams.render.frame import Settings, render
 from photonbeams.render.passes import Statistics
-from photonbeams.render.shutter import Moment, Shutter, slice_of
+from photonbeams.world.cameras import Window
+from photonbeams.world.shutter import Moment, Shutter, slice_of
 
 WIDTH, HEIGHT = 48, 32
 WINDOW = Window.full(WIDTH, HEIGHT)

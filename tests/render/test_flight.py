@@ -6,13 +6,13 @@ import drjit as dr
 import numpy as np
 
 import photonbeams as pb
-from photonbeams.device import Bool, Float, UInt32
 from photonbeams.estimators.estimate import ENDLESS
 from photonbeams.estimators.image import PixelRays, estimate_image
 from photonbeams.estimators.points import Points
-from photonbeams.render.camera import View, Window
-from photonbeams.render.world import World
-from photonbeams.simulation.trace import trace
+from photonbeams.runtime.device import Bool, Float, UInt32
+from photonbeams.transport.stage_paths import trace
+from photonbeams.world.cameras import View, Window
+from photonbeams.world.world import World
 
 STAGE = Path(__file__).parents[2] / "examples" / "keyhole" / "keyhole.usda"
 FRAMES = range(1, 102)

@@ -7,10 +7,10 @@ import pytest
 
 from comparison import quad
 from photonbeams import scene
-from photonbeams.render.camera import View, Window
 from photonbeams.render.frame import Settings, render
 from photonbeams.render.holdouts import Held, slopes
-from photonbeams.render.shutter import Moment, Shutter
+from photonbeams.world.cameras import View, Window
+from photonbeams.world.shutter import Moment, Shutter
 
 WIDTH, HEIGHT = 40, 24
 WINDOW = Window.full(WIDTH, HEIGHT)

@@ -8,11 +8,11 @@ import pytest
 
 from comparison import box, quad
 from photonbeams import scene
-from photonbeams.arrays import to_vectors
-from photonbeams.device import Array3f, Bool, UInt32, mitsuba
+from photonbeams.numerics.arrays import to_vectors
 from photonbeams.render.surfaces import shade
-from photonbeams.render.world import World
-from photonbeams.simulation import trace
+from photonbeams.runtime.device import Array3f, Bool, UInt32, mitsuba
+from photonbeams.transport import stage_paths as trace
+from photonbeams.world.world import World
 
 DIFFUSE = scene.Material(diffuse=(0.6, 0.5, 0.4), roughness=1.0, ior=1.001)
 GLOSSY = scene.Material(diffuse=(0.2, 0.3, 0.4), roughness=0.25, metallic=0.3, clearcoat=0.5)

@@ -8,8 +8,8 @@ import pytest
 
 from comparison import box, comparison_scene, quad
 from photonbeams import scene
-from photonbeams.device import Array3f, Bool, Float, UInt32
-from photonbeams.render.world import World
+from photonbeams.runtime.device import Array3f, Bool, Float, UInt32
+from photonbeams.world.world import World
 
 CUBE = box("/fog", [-1, -1, -1], [1, 1, 1])
 
@@ -85,7 +85,7 @@ def test_materials_of_every_kind_become_surfaces():
 
 
 def _ray(origin):
-    from photonbeams.device import mitsuba
+    from photonbeams.runtime.device import mitsuba
 
     mi = mitsuba()
     return mi.Ray3f(mi.Point3f(origin), mi.Vector3f(0, 0, -1))

@@ -9,7 +9,7 @@ import pytest
 from pxr import Usd
 
 from photonbeams.scene import Scene
-from photonbeams.shot.stage import default_time, open_stage, read_scene
+from photonbeams.usd.stage import default_time, open_stage, read_scene
 
 Opener = Callable[..., Usd.Stage]
 

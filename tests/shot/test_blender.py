@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from photonbeams.shot.stage import open_stage, read_camera, read_scene
+from photonbeams.usd.stage import open_stage, read_camera, read_scene
 
 STAGE = Path(__file__).parent / "data" / "blender" / "blender.usda"
 

@@ -5,7 +5,7 @@ import pytest
 from pxr import Gf, UsdGeom
 
 from photonbeams.scene import SceneError
-from photonbeams.shot.stage import list_cameras, read_camera
+from photonbeams.usd.stage import list_cameras, read_camera
 
 PLACED = """
     double3 xformOp:translate = (1, 2, 3)

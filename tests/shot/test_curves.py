@@ -9,9 +9,9 @@ from scipy.interpolate import BSpline, CubicHermiteSpline
 
 import photonbeams as pb
 from photonbeams.scene import DrawnBeams, SceneError
-from photonbeams.shot.export import write_beams
-from photonbeams.shot.splines import BASES, CHORD_ERROR, MOST_TURN, Spans, varying_counts
-from photonbeams.shot.stage import open_stage, read_scene
+from photonbeams.usd.export import write_beams
+from photonbeams.usd.splines import BASES, CHORD_ERROR, MOST_TURN, Spans, varying_counts
+from photonbeams.usd.stage import open_stage, read_scene
 
 API = '(prepend apiSchemas = ["PhotonBeamsCurvesAPI"])'
 

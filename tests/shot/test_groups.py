@@ -2,7 +2,7 @@
 
 import pytest
 
-from photonbeams.shot.groups import groups_at_all_times
+from photonbeams.usd.groups import groups_at_all_times
 
 LIGHT = """def %s "%s" (prepend apiSchemas = ["PhotonBeamsLightAPI"]) {
     token photonbeams:lightGroup = "%s"

@@ -12,9 +12,9 @@ import OpenEXR
 import OpenImageIO
 import pytest
 
-from photonbeams import display
+from photonbeams.images import display
+from photonbeams.images import files as images
 from photonbeams.scene import SceneError
-from photonbeams.shot import images
 
 SIZE = (30, 44)
 
@@ -356,7 +356,7 @@ def test_a_file_in_the_folders_place_is_an_error(tmp_path, layers):
 FULL_DISK = """
 import resource, signal, sys
 import numpy as np
-from photonbeams.shot import images
+from photonbeams.images import files as images
 path, limit = sys.argv[1], int(sys.argv[2])
 pixels = np.random.default_rng(1).uniform(0, 1, (150, 200, 3)).astype(np.float32)
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)

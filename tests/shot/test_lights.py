@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from photonbeams.scene import BLACK, DistantLight, DomeLight, FlatLight, SceneError, SphereLight
-from photonbeams.shot.stage import read_scene
+from photonbeams.usd.stage import read_scene
 
 SCALED = """
     double3 xformOp:translate = (1, 2, 3)

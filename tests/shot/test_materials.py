@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from photonbeams.scene import Material, SceneError, Texture
-from photonbeams.shot.stage import open_stage, read_scene
+from photonbeams.usd.stage import open_stage, read_scene
 
 # Two rows: the upper red and half transparent, the lower a grey of which sRGB's 0.5 is 0.214.
 ROWS = [[[1, 0, 0, 0.5]], [[0.5, 0.5, 0.5, 1]]]

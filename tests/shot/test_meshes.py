@@ -7,7 +7,7 @@ import pytest
 from pxr import Usd, UsdGeom
 
 from photonbeams.scene import SceneError
-from photonbeams.shot.stage import read_scene
+from photonbeams.usd.stage import read_scene
 
 QUAD = """
     int[] faceVertexCounts = [4]

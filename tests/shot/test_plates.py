@@ -13,10 +13,10 @@ import pytest
 from scipy.ndimage import binary_dilation
 
 import photonbeams as pb
-from photonbeams.render.camera import View, Window
+from photonbeams.images.files import read_layers
+from photonbeams.images.plates import Holdout, Plate
 from photonbeams.scene import Camera
-from photonbeams.shot.images import read_layers
-from photonbeams.shot.plates import Holdout, Plate
+from photonbeams.world.cameras import View, Window
 
 ATTIC = Path(__file__).resolve().parents[2] / "examples" / "blender" / "attic.usda"
 PLATE = ATTIC.with_name("plate.exr")

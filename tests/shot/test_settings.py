@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from photonbeams.scene import SceneError
-from photonbeams.shot.settings import Product, RenderSettings, product_file, read_settings
+from photonbeams.usd.settings import Product, RenderSettings, product_file, read_settings
 
 CAMERAS = 'def Camera "A" {\n}\ndef Camera "B" {\n}\n'
 METADATA = 'renderSettingsPrimPath = "/S"'

@@ -12,9 +12,9 @@ from pxr import Sdf, UsdGeom
 
 import photonbeams as pb
 from comparison import lit, single_scattering
-from photonbeams import device
-from photonbeams.shot.rendered import frame_rate
-from photonbeams.shot.stage import open_stage, read_scene
+from photonbeams.runtime import device
+from photonbeams.usd.header import frame_rate
+from photonbeams.usd.stage import open_stage, read_scene
 
 STAGE = Path(__file__).parent / "data" / "comparison.usda"
 CAMERA = "/World/Camera"
@@ -133,7 +133,7 @@ def test_a_crop_is_a_part_of_the_whole_picture(shot, frame):
 
 
 def test_a_frame_writes_its_layers_and_headers(frame, tmp_path):
-    from photonbeams.shot.images import read_layers
+    from photonbeams.images.files import read_layers
 
     frame.write(tmp_path / "frame.exr")
     layers = read_layers(tmp_path / "frame.exr")

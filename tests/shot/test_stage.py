@@ -8,7 +8,7 @@ import pytest
 from pxr import Usd
 
 from photonbeams.scene import SceneError
-from photonbeams.shot.stage import default_time, extent_varies, open_stage, read_scene, sample_times
+from photonbeams.usd.stage import default_time, extent_varies, open_stage, read_scene, sample_times
 
 LAMP = """#usda 1.0
 def SphereLight "Lamp" {

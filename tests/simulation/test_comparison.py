@@ -5,8 +5,8 @@ import pytest
 
 from comparison import camera_rays, comparison_scene, lit, single_scattering, wall_distance
 from photonbeams.estimators.estimate import estimate
-from photonbeams.render.world import World
-from photonbeams.simulation import trace
+from photonbeams.transport import stage_paths as trace
+from photonbeams.world.world import World
 
 
 @pytest.fixture(scope="module")

@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 
 from photonbeams import scene
-from photonbeams.device import Array3f, Float
-from photonbeams.render.world import World
-from photonbeams.sampling import sobol_block
-from photonbeams.simulation import lights
-from photonbeams.simulation.emission import emit, emit_through
+from photonbeams.numerics.sampling import sobol_block
+from photonbeams.runtime.device import Array3f, Float
+from photonbeams.transport.stage_emission import emit, emit_through
+from photonbeams.world import lights
+from photonbeams.world.world import World
 
 RADIANCE = (3.0, 2.0, 1.0)
 COUNT = 1 << 14

@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 
 from photonbeams import scene
-from photonbeams.arrays import to_vectors
-from photonbeams.device import Array2f, Array3f, Float, UInt32
-from photonbeams.render.world import World
-from photonbeams.sampling import sobol_block
-from photonbeams.simulation import gobos, trace
-from photonbeams.simulation.emission import emit, emit_through
+from photonbeams.numerics.arrays import to_vectors
+from photonbeams.numerics.sampling import sobol_block
+from photonbeams.runtime.device import Array2f, Array3f, Float, UInt32
+from photonbeams.transport import stage_paths as trace
+from photonbeams.transport.stage_emission import emit, emit_through
+from photonbeams.world import gobos
+from photonbeams.world.world import World
 
 RADIANCE = (3.0, 2.0, 1.0)
 COUNT = 1 << 16

@@ -8,12 +8,12 @@ import pytest
 
 import photonbeams as pb
 from photonbeams import scene
-from photonbeams.render.world import World
+from photonbeams.beams.guides import Guide, led, pieces_along
+from photonbeams.beams.modify import bend
+from photonbeams.beams.programs import PassContext
 from photonbeams.scene import SceneError
-from photonbeams.simulation import trace
-from photonbeams.simulation.guides import Guide, led, pieces_along
-from photonbeams.simulation.modify import bend
-from photonbeams.simulation.programmed import PassContext
+from photonbeams.transport import stage_paths as trace
+from photonbeams.world.world import World
 
 QUARTER = np.linspace(0, np.pi / 2, 200)
 #: From the origin along +x, then turning toward +y on a circle of radius 2 about (0, 2, 0).

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 from photonbeams import scene
-from photonbeams.device import Array3f, Float, UInt32
-from photonbeams.sampling import sobol_block
-from photonbeams.simulation import lights
+from photonbeams.numerics.sampling import sobol_block
+from photonbeams.runtime.device import Array3f, Float, UInt32
+from photonbeams.world import lights
 
 POINTS = 1 << 14
 AXIS = np.array([0.6, 0.0, -0.8])

@@ -9,16 +9,16 @@ import pytest
 import photonbeams as pb
 from comparison import comparison_scene
 from photonbeams import scene
-from photonbeams.device import Array3f, Float
-from photonbeams.render.camera import Window
+from photonbeams.beams.modify import aim, bend, clamp, recolour, thin
+from photonbeams.beams.programs import PassContext, Program, chain, emitted
+from photonbeams.beams.sets import BeamSet
 from photonbeams.render.frame import Settings, render, simulate
-from photonbeams.render.shutter import Moment, Shutter
-from photonbeams.render.world import World
+from photonbeams.runtime.device import Array3f, Float
 from photonbeams.scene import SceneError
-from photonbeams.simulation import trace
-from photonbeams.simulation.modify import aim, bend, clamp, recolour, thin
-from photonbeams.simulation.programmed import PassContext, Program, chain, emitted
-from photonbeams.simulation.trace import BeamSet
+from photonbeams.transport import stage_paths as trace
+from photonbeams.world.cameras import Window
+from photonbeams.world.shutter import Moment, Shutter
+from photonbeams.world.world import World
 
 EYE = (0.0, 1.5, 1.95)
 CONTEXT = PassContext("/light")

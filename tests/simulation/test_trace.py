@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 
 from comparison import HOLE_X, across_x, box, comparison_scene, quad
-from photonbeams import device, scene
-from photonbeams.arrays import to_vectors
-from photonbeams.device import Array3f, Bool, UInt32
-from photonbeams.render.world import World
-from photonbeams.simulation import trace
-from photonbeams.simulation.sides import lights_seen
+from photonbeams import scene
+from photonbeams.numerics.arrays import to_vectors
+from photonbeams.runtime import device
+from photonbeams.runtime.device import Array3f, Bool, UInt32
+from photonbeams.transport import stage_paths as trace
+from photonbeams.transport.portal_visibility import lights_seen
+from photonbeams.world.world import World
 
 EYE = (0.0, 1.5, 1.95)
 

@@ -3,7 +3,7 @@
 import numpy as np
 from tests.comparison import ABSORPTION, BOX, EYE, HOLE_X, HOLE_Y, HOLE_Z, SCATTERING, comparison_scene
 
-from photonbeams.device import mitsuba
+from photonbeams.runtime.device import mitsuba
 
 mi = mitsuba()
 T = mi.ScalarTransform4f

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from photonbeams.device import Float, UInt32, mitsuba
-from photonbeams.transport.frame import Settings, render
+from photonbeams.render.mitsuba_frame import Settings, render
+from photonbeams.runtime.device import Float, UInt32, mitsuba
 from transport.scenes import T, camera, fog, load, rgb, volpath
 
 mi = mitsuba()

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from photonbeams.device import mitsuba
-from photonbeams.transport.frame import Settings, render
+from photonbeams.render.mitsuba_frame import Settings, render
+from photonbeams.runtime.device import mitsuba
 from transport.scenes import T, camera, fog, load, rgb
 
 mi = mitsuba()
@@ -58,7 +58,7 @@ def test_the_mean_of_passes_converges_while_radii_shrink(scene):
 
 def test_radii_shrink_by_the_schedule(scene):
     """R_{i+1} / R_i = (i + α) / (i + 1), from the first pass on."""
-    from photonbeams.transport.frame import Frame
+    from photonbeams.render.mitsuba_frame import Frame
 
     frame = Frame(scene, scene.sensors()[0], Settings(paths=64, radius=0.1, alpha=0.7, max_depth=2))
     radii = []

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from photonbeams.device import mitsuba
-from photonbeams.transport.frame import Frame, Settings
+from photonbeams.render.mitsuba_frame import Frame, Settings
+from photonbeams.runtime.device import mitsuba
 from transport.scenes import T, camera, cube_of, fog, load, rgb
 
 mi = mitsuba()

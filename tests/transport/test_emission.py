@@ -4,8 +4,8 @@ import drjit as dr
 import numpy as np
 import pytest
 
-from photonbeams.device import Float, mitsuba
-from photonbeams.sampling import sobol_block
+from photonbeams.numerics.sampling import sobol_block
+from photonbeams.runtime.device import Float, mitsuba
 from photonbeams.transport.emission import Emitters
 
 mi = mitsuba()

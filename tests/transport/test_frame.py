@@ -4,10 +4,10 @@ import drjit as dr
 import numpy as np
 import pytest
 
-from photonbeams import device
-from photonbeams.device import mitsuba
+from photonbeams.render.mitsuba_frame import CEILING, FREE_PATHS, Frame, Settings, render
+from photonbeams.runtime import device
+from photonbeams.runtime.device import mitsuba
 from photonbeams.scene import SceneError
-from photonbeams.transport.frame import CEILING, FREE_PATHS, Frame, Settings, render
 from transport.scenes import T, camera, cloud, comparison, cube_of, fog, load, rgb, volpath
 
 mi = mitsuba()

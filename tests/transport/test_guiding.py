@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from photonbeams.sampling import sobol_points
-from photonbeams.transport.frame import Settings, render
+from photonbeams.numerics.sampling import sobol_points
+from photonbeams.render.mitsuba_frame import Settings, render
 from photonbeams.transport.guiding import Guide, learn
 from transport.scenes import camera, comparison, cube_of, fog, load, rgb
 
@@ -79,7 +79,7 @@ def test_lights_that_are_not_seen_get_fewer_paths():
         for name, place in (("seen", [0, 0, 0]), ("behind", [0, 0, 50]))
     }
     scene = load(fog=cube_of(fog(0.5)), sensor=camera(), **lights)
-    from photonbeams.transport.frame import Frame
+    from photonbeams.render.mitsuba_frame import Frame
 
     frame = Frame(scene, scene.sensors()[0], Settings())
     shares = {tuple(np.round(np.array(plugin.bbox().center()).ravel())): share

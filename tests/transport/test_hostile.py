@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from photonbeams.device import mitsuba
+from photonbeams.render.mitsuba_frame import Settings, render
+from photonbeams.runtime.device import mitsuba
 from photonbeams.scene import SceneError
-from photonbeams.transport.frame import Settings, render
 from transport.hostile import LOBES, Maker
 from transport.scenes import T, camera, cloud, cube_of, fog, load, rgb, volpath
 from transport.test_frame import INSIDE, LAMP, SMALL, agree, pictures

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from photonbeams import integrator
-from photonbeams.device import mitsuba
-from photonbeams.transport.frame import render
+from photonbeams.render.mitsuba_frame import render
+from photonbeams.runtime.device import mitsuba
 from transport.scenes import camera, cube_of, fog, load, rgb
 
 mi = mitsuba()

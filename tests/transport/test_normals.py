@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from photonbeams.device import mitsuba
+from photonbeams.render.mitsuba_frame import Settings, render
+from photonbeams.runtime.device import mitsuba
 from photonbeams.transport.events import perturbs
-from photonbeams.transport.frame import Settings, render
 from transport.scenes import T, camera, load, rgb, volpath
 
 mi = mitsuba()

@@ -6,11 +6,11 @@ import drjit as dr
 import numpy as np
 import pytest
 
-from photonbeams.device import Array3f, Float, UInt32, mitsuba
-from photonbeams.sampling import sobol_block
+from photonbeams.numerics.sampling import sobol_block
+from photonbeams.runtime.device import Array3f, Float, UInt32, mitsuba
 from photonbeams.transport import paths
 from photonbeams.transport.emission import Emitters
-from photonbeams.transport.volumes import Volumes, number
+from photonbeams.world.media import Volumes, number
 from transport.scenes import T, cube_of, fog, load, rgb
 
 mi = mitsuba()

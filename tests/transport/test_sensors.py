@@ -4,9 +4,9 @@ import drjit as dr
 import numpy as np
 import pytest
 
-from photonbeams.device import Float, UInt32, mitsuba
-from photonbeams.transport.samples import Samples
-from photonbeams.transport.sensors import Sensor
+from photonbeams.numerics.samples import Samples
+from photonbeams.runtime.device import Float, UInt32, mitsuba
+from photonbeams.world.sensors import Sensor
 from transport.scenes import T, camera, load
 
 mi = mitsuba()

@@ -4,10 +4,10 @@ import drjit as dr
 import numpy as np
 import pytest
 
-from photonbeams.device import Array3f, Bool, Float, UInt32, mitsuba
-from photonbeams.hashing import hash32
-from photonbeams.transport.tracking import Track, free_flight, walk
-from photonbeams.transport.volumes import Volumes, pointers
+from photonbeams.numerics.hashing import hash32
+from photonbeams.runtime.device import Array3f, Bool, Float, UInt32, mitsuba
+from photonbeams.world.media import Volumes, pointers
+from photonbeams.world.tracking import Track, free_flight, walk
 from transport.scenes import cloud
 
 mi = mitsuba()

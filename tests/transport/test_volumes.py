@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from photonbeams.device import Array3f, Bool, UInt32, mitsuba
+from photonbeams.render.mitsuba_frame import Settings, render
+from photonbeams.runtime.device import Array3f, Bool, UInt32, mitsuba
 from photonbeams.scene import SceneError
-from photonbeams.transport.frame import Settings, render
-from photonbeams.transport.volumes import Volumes, medium_at, number
+from photonbeams.world.media import Volumes, medium_at, number
 from transport.scenes import T, camera, cloud, cube_of, fog, load, rgb
 
 mi = mitsuba()

@@ -51,7 +51,7 @@ app = typer.Typer(cls=_Commands, add_completion=False, pretty_exceptions_enable=
 
 def _print_version(wanted: bool) -> None:
     if wanted:
-        from photonbeams import __version__
+        from .. import __version__
 
         typer.echo(f"photonbeams {__version__}")
         raise typer.Exit
@@ -117,9 +117,9 @@ def _usage(error: TyperException) -> str:
 
 def _sentence(error: Exception) -> str | None:
     """Return what to tell the user of an error, or None if it is a fault of the program."""
-    from photonbeams.cli.animation import FrameError
-    from photonbeams.device import DeviceError
-    from photonbeams.scene import SceneError
+    from ..runtime.device import DeviceError
+    from ..scene import SceneError
+    from .animation import FrameError
 
     if isinstance(error, FrameError):
         cause = error.__cause__

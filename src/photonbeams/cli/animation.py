@@ -18,7 +18,7 @@ from .progress import Progress, bar, counted, frame_line, report_line, summary_l
 if TYPE_CHECKING:
     from ..render.passes import Statistics
     from ..shot import Shot
-    from ..shot.settings import Product
+    from ..usd.settings import Product
 
 
 class FrameError(Exception):
@@ -64,7 +64,7 @@ Finish = Callable[[Task, Callable[..., None]], "Statistics"]
 def frame_numbers(text: str | None, outputs: Sequence[Output]) -> list[float | None]:
     """Return the frames that are asked for, None for the stage's start; the outputs' names can tell them apart."""
     from ..scene import SceneError
-    from ..shot.frames import decimals, parse_frames
+    from ..usd.frames import decimals, parse_frames
 
     if text is None:
         return [None]
@@ -80,7 +80,7 @@ def tasks_of(
     shot: Shot, numbers: Iterable[float | None], outputs: Sequence[Output], products: Sequence[Product]
 ) -> list[Task]:
     """Return what is to be done: each frame with the files that flags name or, without them, render products."""
-    from ..shot.settings import product_file
+    from ..usd.settings import product_file
 
     tasks = []
     owners: dict[Path, str] = {}

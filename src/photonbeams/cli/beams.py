@@ -63,9 +63,9 @@ def beams(
     with messages(quiet, verbose), held_interrupt() as check:
         start_device(device, threads)
         from ..shot import Shot
-        from ..shot.export import check_path
-        from ..shot.frames import check_frames
-        from ..shot.stage import check_not_read, open_stage
+        from ..usd.export import check_path
+        from ..usd.frames import check_frames
+        from ..usd.stage import check_not_read, open_stage
 
         numbers = frame_numbers(frames, [target])
         stage = open_stage(scene, session_layer or (), overrides or ())

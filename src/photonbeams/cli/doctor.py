@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import typer
 
 if TYPE_CHECKING:
-    from ..device import Description
+    from ..runtime.device import Description
 
 # Traces one ray against a sphere, 2 away, and ends in the maximum that LLVM 15 cannot compile for AVX-512.
 # A home of its own makes Dr.Jit compile the kernel instead of loading it from its cache.
@@ -40,7 +40,7 @@ def doctor() -> None:
     from rich.console import Console
     from rich.table import Table
 
-    from .. import device
+    from ..runtime import device
 
     problem, crashed = trial()
     # A library that has just killed a child process must not be loaded into this one.
@@ -70,7 +70,7 @@ def trial() -> tuple[str | None, bool]:
         return None, False
     if child.returncode > 0:
         reason = (child.stderr.strip().splitlines() or ["no reason given"])[-1]
-        return f"the test kernel failed: {reason.removeprefix('photonbeams.device.DeviceError: ')}", False
+        return f"the test kernel failed: {reason.removeprefix('photonbeams.runtime.device.DeviceError: ')}", False
     library = os.environ.get("DRJIT_LIBLLVM_PATH", "libLLVM")
     ending = signal.Signals(-child.returncode).name
     return f"the test kernel ended in {ending} with {library}: set DRJIT_LIBLLVM_PATH to another libLLVM", True

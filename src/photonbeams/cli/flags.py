@@ -146,7 +146,7 @@ class Fog:
 
 def start_device(device: Device, threads: int | None) -> None:
     """Start the device on so many threads."""
-    from .. import device as devices
+    from ..runtime import device as devices
 
     devices.select(device.value)
     if threads is not None:

@@ -47,7 +47,7 @@ def info(
 
 
 def _show_image(console: Console, path: Path) -> None:
-    from ..shot.images import read_parts
+    from ..images.files import read_parts
 
     parts = read_parts(path)
     stereo = any(part.view for part in parts)
@@ -114,7 +114,7 @@ def _text(value: Any) -> str:
 
 
 def _show_stage(console: Console, path: Path, layers: Sequence[Path]) -> None:
-    from ..shot import stage as stages
+    from ..usd import stage as stages
 
     stage = stages.open_stage(path, layers)
     time = stages.default_time(stage)
@@ -142,7 +142,7 @@ def _show_stage(console: Console, path: Path, layers: Sequence[Path]) -> None:
 
 def _hidden_rows(stage: Usd.Stage, time: Usd.TimeCode) -> list[tuple[str, ...]]:
     """Return rows of the lights that are hidden as the stage starts: a film may show them later."""
-    from ..shot.groups import hidden_lights
+    from ..usd.groups import hidden_lights
 
     return [(path, "hidden at first", "", "", "", "", "") for path in hidden_lights(stage, time)]
 
@@ -150,7 +150,7 @@ def _hidden_rows(stage: Usd.Stage, time: Usd.TimeCode) -> list[tuple[str, ...]]:
 def _stage_rows(stage: Usd.Stage, scene: Scene) -> Iterable[tuple[str, str]]:
     from pxr import UsdGeom
 
-    from ..colors import colors_of_medium
+    from ..world.medium_colors import colors_of_medium
 
     yield "up axis", str(UsdGeom.GetStageUpAxis(stage))
     yield "unit", f"{UsdGeom.GetStageMetersPerUnit(stage):g} m"
@@ -173,7 +173,7 @@ def _stage_rows(stage: Usd.Stage, scene: Scene) -> Iterable[tuple[str, str]]:
 
 
 def _camera_rows(stage: Usd.Stage, time: Usd.TimeCode) -> list[tuple[str, ...]]:
-    from ..shot import stage as stages
+    from ..usd import stage as stages
 
     rows: list[tuple[str, ...]] = []
     for name in stages.list_cameras(stage):

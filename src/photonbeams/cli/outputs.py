@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from ..numbering import PLACEHOLDER, numbered
+from ..images.numbering import PLACEHOLDER, numbered
 
 if TYPE_CHECKING:
     from ..scene import Array
@@ -137,7 +137,7 @@ def _check_pictures(outputs: Iterable[Output], names: Collection[str]) -> None:
 
 def prepare_outputs(outputs: Iterable[Output]) -> None:
     """Raise OSError, before hours of rendering, for a file that could not be written; leave no trace."""
-    from ..shot.images import prepare_output
+    from ..images.files import prepare_output
 
     for output in outputs:
         prepare_output(output.path)
@@ -151,7 +151,7 @@ def write_outputs(
     An .exr holds `layers` and, unless the user has chosen those, others that this frame has; of a render product, no
     more than it asks for.
     """
-    from ..files import atomic_path
+    from ..runtime.files import atomic_path
 
     names = layers if chosen else [*dict.fromkeys([*layers, *frame.layers])]
 

@@ -13,7 +13,7 @@ from .console import standard_output
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from ..convergence import Curve
+    from ..estimators.convergence import Curve
 
 _COLUMNS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256)
 _WIDE = 150  # terminal columns from which a row is one line
@@ -50,7 +50,7 @@ def quadrature(
     )
     console.print(claim(everything))
     if plot is not None:
-        from ..files import atomic_path
+        from ..runtime.files import atomic_path
 
         with atomic_path(plot) as path:
             draw(found, max_order, path)
@@ -59,7 +59,7 @@ def quadrature(
 
 def _check(plot: Path) -> None:
     """Stop, before anything is computed, where the picture could not be written."""
-    from ..shot.images import prepare_output
+    from ..images.files import prepare_output
 
     if plot.suffix.lower() != ".png":
         raise typer.BadParameter(f"{plot} is no name of a picture: expected FILE.png", param_hint="'--plot'")
@@ -71,7 +71,7 @@ def _study(rays: int, max_order: int, seed: int) -> dict[str, list[Curve]]:
     from rich.console import Console
     from rich.progress import Progress
 
-    from .. import convergence
+    from ..estimators import convergence
 
     cases = {
         "Profiles across a beam of physical falloff": convergence.profiles(),
@@ -95,7 +95,7 @@ def table(curves: Sequence[Curve], max_order: int, narrow: bool = False) -> Tabl
     """
     from rich.table import Table
 
-    from ..convergence import GAUSS_POINTS
+    from ..estimators.convergence import GAUSS_POINTS
 
     result = Table(box=None, pad_edge=False, padding=(0, 1 if narrow else 2, 0, 0), header_style="bold")
     for _ in range(1 if narrow else 2):
@@ -121,7 +121,7 @@ def _row(
 
 def claim(curves: Sequence[Curve]) -> str:
     """Return what the Talk says, and what was found, worst rays counting."""
-    from ..convergence import GAUSS_POINTS
+    from ..estimators.convergence import GAUSS_POINTS
 
     needed = [curve.gauss_needed() for curve in curves]
     riemann = _range([curve.riemann_needed() for curve in curves])
@@ -155,7 +155,7 @@ def _range(counts: Sequence[int | None]) -> str:
 
 
 def _ratio(count: int | None) -> str:
-    from ..convergence import GAUSS_POINTS
+    from ..estimators.convergence import GAUSS_POINTS
     from ..quadrature import MOST_POINTS
 
     return f"over {MOST_POINTS / GAUSS_POINTS:.0f} times" if count is None else f"{count / GAUSS_POINTS:.2g} times"

@@ -21,8 +21,8 @@ from .xml import Asked, check_given, render_xml
 if TYPE_CHECKING:
     from ..render.passes import Statistics
     from ..shot import Holdout, Plate, Shot
-    from ..shot.settings import RenderSettings
-    from ..shot.stereo import Stereo
+    from ..usd.settings import RenderSettings
+    from ..usd.stereo import Stereo
 
 
 class Eye(StrEnum):
@@ -233,9 +233,9 @@ def render(
     with messages(quiet, verbose), held_interrupt() as check:
         start_device(device, threads)
         from ..shot import Holdout, Plate, Shot
-        from ..shot.frames import check_frames
-        from ..shot.stage import list_cameras as cameras_of
-        from ..shot.stage import open_stage
+        from ..usd.frames import check_frames
+        from ..usd.stage import list_cameras as cameras_of
+        from ..usd.stage import open_stage
 
         numbers = frame_numbers(frames, outputs)
         check()
@@ -314,7 +314,7 @@ def _settings(
     outputs: Sequence[Output],
 ) -> RenderSettings:
     """Return the render settings, where flags leave them something to say."""
-    from ..shot.settings import read_settings
+    from ..usd.settings import read_settings
 
     flags = {"camera": camera, "resolution": any(res), "dataWindowNDC": crop, "products": outputs}
     return read_settings(stage, path, [name for name, value in flags.items() if value])
@@ -329,7 +329,7 @@ def _stereo(stereo: bool, interaxial: float | None, convergence: float | None, v
     if not stereo:
         return None
     from ..scene import SceneError
-    from ..shot.stereo import Stereo
+    from ..usd.stereo import Stereo
 
     try:
         return Stereo(interaxial, convergence)

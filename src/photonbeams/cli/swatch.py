@@ -39,8 +39,8 @@ def swatch(
 
     Examples: photonbeams swatch look.usda -o look.png, or photonbeams swatch shot.usda --look Ember -o ember.png
     """
-    from ..files import atomic_path
-    from ..shot.images import prepare_output
+    from ..images.files import prepare_output
+    from ..runtime.files import atomic_path
 
     if output.suffix.lower() != ".png":
         raise typer.BadParameter(f"{output} is no name of a picture: expected FILE.png")
@@ -48,14 +48,14 @@ def swatch(
         raise typer.BadParameter(f"--radius is {radius[0]:g} {radius[1]:g}: expected radii of at least 0, not both 0")
     prepare_output(output)
     with messages(quiet=False, verbose=False):
-        from ..shot.looks import find_looks
-        from ..shot.stage import open_stage
+        from ..usd.looks import find_looks
+        from ..usd.stage import open_stage
 
         stage = open_stage(scene, session_layer or (), overrides or ())
         found, medium, seconds = find_looks(stage, look or (), frame)
+    from ..images.swatches import FOG, Specimen, sheet
     from ..looks import Context
-    from ..shot.shading import build_look
-    from ..swatches import FOG, Specimen, sheet
+    from ..usd.shading import build_look
 
     specimen = Specimen(medium or FOG, length, *radius, context=Context(frame or 0.0, seconds))
     figure = sheet([(spec.name, build_look(spec), specimen) for spec in found])

@@ -16,9 +16,9 @@ from .outputs import Output, check_outputs, chosen_layers, prepare_outputs, writ
 from .progress import Progress, counted, error_note, held_interrupt, messages
 
 if TYPE_CHECKING:
+    from ..render.mitsuba_frame import Frame, Settings
     from ..render.passes import Statistics
-    from ..shot.xml import MitsubaScene
-    from ..transport.frame import Frame, Settings
+    from ..shot.mitsuba import MitsubaScene
 
 LAYERS = ("rgba", "surface", "beams", "depth")
 
@@ -78,7 +78,7 @@ def render_xml(asked: Asked, start: Callable[[], None]) -> None:
         raise typer.BadParameter(f"--checkpoint is {asked.checkpoint}: expected a positive number of seconds")
     with messages(asked.quiet, asked.verbose), held_interrupt() as check:
         start()
-        from ..shot.xml import MitsubaScene
+        from ..shot.mitsuba import MitsubaScene
 
         scene = MitsubaScene(asked.path, asked.camera, _parameters(asked.parameters))
         if asked.list_cameras:
@@ -124,7 +124,7 @@ def _settings(own: Settings, quality: Quality) -> Settings:
 
 def _render(scene: MitsubaScene, settings: Settings, asked: Asked, advance: Callable[..., None]) -> Any:
     """Return the frame, having written checkpoints on the way, the last one when Ctrl-C is pressed."""
-    from ..shot.xml import load_checkpoint, save_checkpoint
+    from ..shot.mitsuba import load_checkpoint, save_checkpoint
 
     path = checkpoint_of(asked.outputs)
     state = load_checkpoint(path, scene, settings) if asked.resume else None

@@ -13,8 +13,8 @@ from typing import Any
 
 import drjit as dr
 
-from ..device import Array3f, Bool, Float, UInt32
 from ..looks import BoundLook
+from ..runtime.device import Array3f, Bool, Float, UInt32
 from .blend import NARROW, frustum_weight, need, touched
 from .geometry import Approach, Rays, passing
 from .points import Points

@@ -15,8 +15,8 @@ import drjit as dr
 import numpy as np
 import numpy.typing as npt
 
-from ..arrays import opaque
-from ..device import Float, Int32, UInt32
+from ..numerics.arrays import opaque
+from ..runtime.device import Float, Int32, UInt32
 
 #: Most cells of a grid, and most along an axis: float32 still holds a place within a cell to 1/8192 of it.
 MOST_CELLS, MOST_ALONG = 1 << 21, 1 << 10

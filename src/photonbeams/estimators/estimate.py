@@ -7,11 +7,11 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
-from ..arrays import to_float, to_vectors
 from ..beams import Beams
-from ..device import Array3f, Bool, Float, UInt32
 from ..looks import BoundLook, Context, Fog, Look
+from ..numerics.arrays import to_float, to_vectors
 from ..quadrature import Rule, gauss_legendre
+from ..runtime.device import Array3f, Bool, Float, UInt32
 from ..scene import Medium
 from . import gradients
 from .billboard import billboard_sum

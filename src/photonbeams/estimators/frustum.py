@@ -14,8 +14,8 @@ from typing import Any
 
 import drjit as dr
 
-from ..device import Array3f, Float, UInt32
 from ..looks.look import MOST_CORNERS, BoundLook
+from ..runtime.device import Array3f, Float, UInt32
 from .blend import change_rate, frustum_weight, need
 from .geometry import Chord, Rays, chord, closest_approach
 from .points import Points

@@ -25,7 +25,7 @@ from typing import Any
 
 import drjit as dr
 
-from ..device import Float
+from ..runtime.device import Float
 from .records import Record
 
 

@@ -11,9 +11,9 @@ from typing import Any
 
 import drjit as dr
 
-from ..device import Array3f, Float, UInt32
 from ..looks import BoundLook
 from ..quadrature import Rule, gauss_legendre
+from ..runtime.device import Array3f, Float, UInt32
 from ..scene import SceneError
 from .frustum import integrand, unchanging
 from .geometry import Rays, chord

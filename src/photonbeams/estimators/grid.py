@@ -20,10 +20,10 @@ import drjit as dr
 import numpy as np
 import numpy.typing as npt
 
-from ..arrays import opaque
 from ..beams import Beams
-from ..device import Array3f, Array4f, Bool, Float, Int32, UInt32
 from ..looks import BoundLook
+from ..numerics.arrays import opaque
+from ..runtime.device import Array3f, Array4f, Bool, Float, Int32, UInt32
 from .billboard import billboard
 from .cells import ROUNDING, Grid, Lists, Sorting, batches, fitting
 from .cones import around, half_line

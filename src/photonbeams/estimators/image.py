@@ -13,8 +13,8 @@ from typing import Any
 import drjit as dr
 
 from ..beams import Beams
-from ..device import Array3f, Bool, Float, UInt32
 from ..looks import Context, Look
+from ..runtime.device import Array3f, Bool, Float, UInt32
 from ..scene import Medium
 from .billboard import billboard_sum
 from .cells import batches

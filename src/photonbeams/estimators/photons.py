@@ -15,8 +15,8 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
-from ..device import Array3f, Array4f, Bool, Float, Int32, UInt32
 from ..looks.across import Epanechnikov
+from ..runtime.device import Array3f, Array4f, Bool, Float, Int32, UInt32
 from .cells import ENTRIES, ROUNDING, Grid, Lists, Sorting
 
 #: A disc's half thickness, in radii, and the least cosine between its normal and that of a point that it lights: what

@@ -7,9 +7,9 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
-from ..arrays import to_float
-from ..device import Array2f, UInt32
+from ..numerics.arrays import to_float
 from ..quadrature import Rule
+from ..runtime.device import Array2f, UInt32
 
 
 class Points:

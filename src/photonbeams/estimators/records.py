@@ -11,7 +11,7 @@ from typing import Any
 import drjit as dr
 
 from ..beams import Beams
-from ..device import Array3f, Array4f, Float, UInt32
+from ..runtime.device import Array3f, Array4f, Float, UInt32
 
 #: Shorter beams have no direction that float32 could hold; they carry no visible light.
 SHORTEST = 1e-12

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import drjit as dr
 
 from ..beams import Beams
-from ..device import Array2f, Array3f, Array4f, Bool, Float, Int32, UInt32
+from ..runtime.device import Array2f, Array3f, Array4f, Bool, Float, Int32, UInt32
 from .cones import Cone, around, half_line
 
 #: Width and height of a tile in pixels.

@@ -20,9 +20,9 @@ import drjit as dr
 import numpy as np
 import numpy.typing as npt
 
-from ..arrays import to_float
-from ..device import Float
+from ..numerics.arrays import to_float
 from ..quadrature import gauss_legendre
+from ..runtime.device import Float
 from .factors import Factor, Function, factor
 from .table import Table
 

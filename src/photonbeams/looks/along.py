@@ -12,8 +12,8 @@ import drjit as dr
 import numpy as np
 import numpy.typing as npt
 
-from ..arrays import opaque
-from ..device import Float
+from ..numerics.arrays import opaque
+from ..runtime.device import Float
 from .at import At
 from .factors import Corner, Decay, Factor
 from .ramp import RESOLUTION, Interpolation, ramp_table

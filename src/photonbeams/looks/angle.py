@@ -6,7 +6,7 @@ from typing import Any
 
 import drjit as dr
 
-from ..device import Float
+from ..runtime.device import Float
 from .at import At
 from .factors import Factor
 

@@ -26,7 +26,7 @@ from typing import Any, NamedTuple, NoReturn
 
 import drjit as dr
 
-from ..device import Float
+from ..runtime.device import Float
 from . import guarded
 from .guarded import divided, power, times, truth, vector_type
 from .syntax import DEEPEST, EXPECTED, LONGEST, ExpressionError, excerpt, too_deep, tree

@@ -15,8 +15,8 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
-from ..arrays import opaque
-from ..device import Array3f, Float
+from ..numerics.arrays import opaque
+from ..runtime.device import Array3f, Float
 from ..scene import SceneError
 from .at import INPUTS, At
 

@@ -16,7 +16,7 @@ from typing import Any
 
 import drjit as dr
 
-from ..device import Array3f
+from ..runtime.device import Array3f
 
 LARGEST = 1e18
 SMALLEST = 1e-18

@@ -8,8 +8,8 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
-from ..arrays import to_float, to_vectors
-from ..device import Array3f, Float
+from ..numerics.arrays import to_float, to_vectors
+from ..runtime.device import Array3f, Float
 from ..scene import Medium, SceneError
 from .across import Across, Epanechnikov, Modulated, across
 from .along import Attenuation

@@ -8,8 +8,8 @@ from typing import Any, Literal, get_args
 import drjit as dr
 import numpy as np
 
-from ..arrays import opaque
-from ..device import Float
+from ..numerics.arrays import opaque
+from ..runtime.device import Float
 from .at import INPUTS, At
 from .expression import parse
 from .factors import Factor

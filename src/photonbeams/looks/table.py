@@ -7,8 +7,8 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
-from ..arrays import to_float
-from ..device import Array2f, Array3f, Array4f, Float, UInt32
+from ..numerics.arrays import to_float
+from ..runtime.device import Array2f, Array3f, Array4f, Float, UInt32
 
 
 class Table:

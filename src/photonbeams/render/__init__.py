@@ -1,1 +1,1 @@
-"""One frame of a shot: camera rays, surfaces through fog, passes, layers."""
+"""Pictures from beams: camera paths, surfaces, gathering, passes and layers."""

@@ -15,24 +15,26 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
-from .. import device, scene
-from ..device import Array3f, Bool, Float, UInt32
+from .. import scene
+from ..beams.programs import Program
+from ..beams.sets import BeamSet
 from ..estimators.estimate import DEFAULT_RULE, ENDLESS, check_estimator
 from ..estimators.image import PixelRays, estimate_image
 from ..estimators.points import Points
-from ..hashing import hash32
 from ..looks import Context, Look
+from ..numerics.hashing import hash32
+from ..numerics.sampling import pixel_sample, z_order
 from ..quadrature import Rule
-from ..sampling import pixel_sample, z_order
-from ..simulation.programmed import Program
-from ..simulation.sides import lights_seen
-from ..simulation.trace import BeamSet, pieces_of, trace
-from .camera import CameraRays, View, Window
+from ..runtime import device
+from ..runtime.device import Array3f, Bool, Float, UInt32
+from ..transport.portal_visibility import lights_seen
+from ..transport.stage_paths import pieces_of, trace
+from ..world.cameras import CameraRays, View, Window
+from ..world.shutter import Moment, Shutter, slice_of, turn, with_lens
+from ..world.world import World
 from .holdouts import Held
 from .passes import OVERLAP, SHRINKAGE, Statistics, accumulate, subpixel, to_picture
-from .shutter import Moment, Shutter, slice_of, turn, with_lens
 from .surfaces import shade
-from .world import World
 
 DEFAULT_PASSES = 16
 # Bytes at the peak of a pass on the CPU: resident memory of renders of 2 to 20 million pixels and 1 to 3 million beams.

@@ -15,13 +15,13 @@ import drjit as dr
 import numpy as np
 
 from .. import scene
-from ..arrays import to_float
-from ..device import Array3f, Float
-from .camera import CameraRays, View, Window
+from ..numerics.arrays import to_float
+from ..runtime.device import Array3f, Float
+from ..world.cameras import CameraRays, View, Window
 from .surfaces import Shaded
 
 if TYPE_CHECKING:
-    from .world import World
+    from ..world.world import World
 
 
 class Held:

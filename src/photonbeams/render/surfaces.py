@@ -14,13 +14,13 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import drjit as dr
 
-from ..device import Array3f, Bool, Float, UInt32, mitsuba
-from ..hashing import hash32, unit_float
-from ..sampling import pixel_sample, power_heuristic
-from ..simulation.lights import Sight
+from ..numerics.hashing import hash32, unit_float
+from ..numerics.sampling import pixel_sample, power_heuristic
+from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
+from ..world.lights import Sight
 
 if TYPE_CHECKING:
-    from .world import Lamps, Links, World
+    from ..world.world import Lamps, Links, World
 
 mi = mitsuba()
 

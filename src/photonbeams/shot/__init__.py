@@ -1,8 +1,8 @@
-"""Shots: USD in, EXR out. `Shot` opens a stage, renders frames of it, and the frames write themselves."""
+"""Shots: a stage or a Mitsuba scene and a camera, rendered into frames that write themselves."""
 
-from .plates import Holdout, Plate
-from .rendered import Frame
+from ..images.frame import Frame
+from ..images.plates import Holdout, Plate
+from ..usd.stereo import Stereo
 from .shot import Shot
-from .stereo import Stereo
 
 __all__ = ["Frame", "Holdout", "Plate", "Shot", "Stereo"]

@@ -11,25 +11,26 @@ from typing import TYPE_CHECKING, Any
 from pxr import Tf, Usd
 
 from .. import scene
-from ..files import PathLike
-from . import stage as stages
-from .bounds import bounds_at_all_times
-from .camera import read_shutter
-from .export import write_beams
-from .groups import groups_at_all_times, makers_at_all_times
-from .looks import LookSpec
-from .motion import Exposure
-from .plates import Holdout, Plate, part_of
-from .reading import LOG, file_of, frame_number
-from .rendered import Frame, header, pixels_of
-from .stereo import EYES, Stereo, read_eyes, views_of
+from ..images.frame import Frame, pixels_of
+from ..images.plates import Holdout, Plate, part_of
+from ..runtime.files import PathLike
+from ..usd import stage as stages
+from ..usd.bounds import bounds_at_all_times
+from ..usd.camera import read_shutter
+from ..usd.export import write_beams
+from ..usd.groups import groups_at_all_times, makers_at_all_times
+from ..usd.header import header
+from ..usd.looks import LookSpec
+from ..usd.motion import Exposure
+from ..usd.reading import LOG, file_of, frame_number
+from ..usd.stereo import EYES, Stereo, read_eyes, views_of
 
 if TYPE_CHECKING:
+    from ..beams.programs import Emitter, Modifier, Program
+    from ..beams.sets import BeamSet
     from ..looks import Look
     from ..render.passes import Statistics
     from ..scene import Array
-    from ..simulation.programmed import Emitter, Modifier, Program
-    from ..simulation.trace import BeamSet
 
 DEFAULT_WIDTH = 1280
 
@@ -180,7 +181,7 @@ class Shot:
 
     def _emitted(self, emit: Emitter, frame: float | None, medium: scene.Medium | None) -> list[scene.DrawnBeams]:
         """Return the beams that the shot's function makes from nothing, at a time."""
-        from ..simulation.programmed import PassContext, emitted
+        from ..beams.programs import PassContext, emitted
 
         return emitted(emit, PassContext(frame=frame, time=self._number(frame), medium=medium))
 
@@ -275,7 +276,7 @@ class Shot:
             return spec
         known = self._looks.get(spec.name)
         if known is None or repr(known[0]) != repr(spec):
-            from .shading import build_look  # starts Dr.Jit, which readers do not need
+            from ..usd.shading import build_look  # starts Dr.Jit, which readers do not need
 
             known = self._looks[spec.name] = (spec, build_look(spec))
         return known[1]
@@ -367,8 +368,8 @@ class Shot:
         OSError
             A holdout or a plate that is not there, or may not be read.
         """
-        from ..render.camera import View, Window
         from ..render.frame import Settings, render
+        from ..world.cameras import View, Window
 
         if passes is not None:
             settings["passes"] = passes
@@ -415,8 +416,8 @@ class Shot:
         **settings
             As for `render`: beams, seed, overlap.
         """
-        from ..render.camera import Window
         from ..render.frame import Settings, simulate
+        from ..world.cameras import Window
 
         exposure = self.exposure(frame, blur=False, lens=False)
         self._warn_of_darkness(exposure(0.0)[0], frame)
@@ -444,7 +445,7 @@ class Shot:
     def _program(self, frame: float | None, exposure: Exposure) -> Program | None:
         if self.simulate is None:
             return None
-        from ..simulation.programmed import Program
+        from ..beams.programs import Program
 
         return Program(self.simulate, frame, exposure.code)
 

@@ -1,1 +1,1 @@
-"""Light transport through any Mitsuba scene: light paths as photon beams, and camera paths that meet them."""
+"""Light paths: emission, guiding, interactions, radii, and the beams that they leave."""

@@ -6,12 +6,12 @@ from typing import Any, ClassVar
 
 import drjit as dr
 
-from ..arrays import compressed, joined, opaque, taken
 from ..beams import Beams
-from ..device import UInt32
-from .footprints import Limits
+from ..numerics.arrays import compressed, joined, opaque, taken
+from ..runtime.device import UInt32
+from ..world.media import Volume, ended
 from .paths import Segments
-from .volumes import Volume, ended
+from .radii import Limits
 
 # A segment is cut at its focus where it is narrower there, by this factor, than a straight cone would be.
 _WAIST = 0.8

@@ -14,11 +14,11 @@ from typing import Any, ClassVar
 import drjit as dr
 import numpy as np
 
-from ..arrays import to_float
-from ..device import Array2f, Array3f, Float, UInt32, mitsuba
-from ..sampling import pairs, sobol_block, sobol_points
+from ..numerics.arrays import to_float
+from ..numerics.sampling import pairs, sobol_block, sobol_points
+from ..runtime.device import Array2f, Array3f, Float, UInt32, mitsuba
+from ..world.media import check_finite
 from .guiding import PILOT, Guide, Numbers, learn
-from .volumes import check_finite
 
 mi = mitsuba()
 

@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING, Any
 
 import drjit as dr
 
-from ..device import Array3f, Bool, Float, UInt32, mitsuba
-from ..hashing import hash32, unit_float
-from ..sampling import pixel_sample
-from .tracking import free_flight
-from .volumes import Volumes, parts, pointers
+from ..numerics.hashing import hash32, unit_float
+from ..numerics.sampling import pixel_sample
+from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
+from ..world.media import Volumes, parts, pointers
+from ..world.tracking import free_flight
 
 if TYPE_CHECKING:
     from .paths import Paths, Tracing

@@ -18,10 +18,10 @@ import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import uniform_filter
 
-from ..device import Array3f, Bool, Float, UInt32, mitsuba
-from ..hashing import hash32
-from .surfaces import through
-from .volumes import Volumes
+from ..numerics.hashing import hash32
+from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
+from ..world.media import Volumes
+from ..world.visibility import through
 
 mi = mitsuba()
 

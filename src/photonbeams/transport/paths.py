@@ -15,14 +15,14 @@ from typing import Any, ClassVar
 import drjit as dr
 import numpy as np
 
-from ..arrays import compressed, joined
-from ..device import Array3f, Bool, Float, UInt32, mitsuba
-from ..hashing import hash32, unit_float
-from ..sampling import pixel_sample
+from ..numerics.arrays import compressed, joined
+from ..numerics.hashing import hash32, unit_float
+from ..numerics.sampling import pixel_sample
+from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
+from ..world.media import Volumes, medium_at, pointers
 from .emission import Emitted, Tangents, copies, differentiate, of_copies
 from .events import CHANCE, LOBE, PASSES, SCATTERS, TURN, Event, Scatter, ray_of, reflect, sampled
-from .footprints import Width, width
-from .volumes import Volumes, medium_at, pointers
+from .radii import Width, width
 
 mi = mitsuba()
 

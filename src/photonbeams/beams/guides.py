@@ -1,0 +1,209 @@
+"""Beams led along guide curves.
+
+A guide bends the space along the line that it leaves its first point on. A place at the distance s along that line,
+and u and v beside it, comes to lie at the guide's point at the arc length s, u and v beside it, in a frame that goes
+with the guide without turning about it (parallel transport; Bishop 1975, by the double reflection of Wang et al. 2008).
+So a parallel bundle becomes a bent tube, and a straight guide changes nothing. Before its first point nothing is bent;
+beyond its last it goes straight on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import drjit as dr
+import numpy as np
+import numpy.typing as npt
+
+from ..numerics.arrays import opaque, to_float, to_vectors
+from ..runtime.device import Array3f, Float, UInt32
+from ..scene import Array, SceneError
+from ..scene.vectors import unit
+from . import Beams
+from .bending import Paths, bent_length, pieces
+
+_ROWS = 512  # of a guide's table
+_SMOOTH = float(np.cos(np.radians(10)))  # a polyline that turns less, half of it at a point, is a smooth curve
+# Pieces of a beam along a guide: one for each of these degrees of the guide's turns, but no more than so many.
+_DEGREES, _MOST_PIECES = 4.0, 96
+
+
+@dataclass(frozen=True)
+class Guide:
+    """A guide as tables over its arc length, which are (ROWS, 3): its points, and the frame that goes with it."""
+
+    points: Array
+    tangents: Array
+    sides: Array
+    length: float
+
+    @classmethod
+    def through(cls, points: npt.ArrayLike) -> Guide:
+        """Return the guide through points (M, 3) of a smooth curve, in order; SceneError where it has no length."""
+        given = np.asarray(points, dtype=np.float64).reshape(-1, 3)
+        given = given[np.append(True, np.any(np.diff(given, axis=0) != 0, axis=1))]
+        if len(given) < 2:
+            raise SceneError("a guide has fewer than two different points: expected a curve with a length")
+        at = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(given, axis=0), axis=1)))
+        s = np.linspace(0, at[-1], _ROWS)
+        table = np.stack([np.interp(s, at, axis) for axis in given.T], axis=1)
+        edges = np.diff(given, axis=0) / np.diff(at)[:, None]
+        # The polyline's direction at its points is that between its edges, and linear from point to point.
+        between = unit(edges[1:] + edges[:-1])
+        directions = np.concatenate([_at_end(edges[:1], between[:1]), between, _at_end(edges[-1:], between[-1:])])
+        tangents = unit(np.stack([np.interp(s, at, axis) for axis in directions.T], axis=1))
+        return cls(table, tangents, _transported(table, tangents), float(at[-1]))
+
+    @property
+    def turn(self) -> float:
+        """How far it turns altogether, in degrees."""
+        cosine = np.clip(np.sum(self.tangents[1:] * self.tangents[:-1], axis=1), -1, 1)
+        return float(np.degrees(np.arccos(cosine)).sum())
+
+
+def _at_end(edge: Array, inner: Array) -> Array:
+    """Return a curve's direction at its end, from its last edge and its direction before that.
+
+    It turns on as it did; but where it has a corner, the edge is meant.
+    """
+    if len(inner) and float(edge[0] @ inner[0]) > _SMOOTH:
+        return 2 * (edge @ inner.T) * edge - inner
+    return edge
+
+
+def _transported(points: Array, tangents: Array) -> Array:
+    """Return a direction across each tangent, carried along without turning about it, by double reflection."""
+    first = tangents[0]
+    side = np.eye(3)[np.argmin(np.abs(first))]
+    sides = [unit(side - side @ first * first)]
+    for here, there, tangent, following in zip(points, points[1:], tangents, tangents[1:], strict=False):
+        step = there - here
+        squared = max(float(step @ step), 1e-30)
+        left = sides[-1] - 2 / squared * (step @ sides[-1]) * step
+        turned = tangent - 2 / squared * (step @ tangent) * step
+        second = following - turned
+        squared = float(second @ second)
+        carried = left if squared < 1e-30 else left - 2 / squared * (second @ left) * second
+        sides.append(unit(carried - carried @ following * following))
+    return np.array(sides)
+
+
+def pieces_along(guides: Sequence[Guide]) -> int:
+    """Return how many pieces beams need beside guides."""
+    turn = max((guide.turn for guide in guides), default=0.0)
+    return int(np.clip(np.ceil(turn / _DEGREES), 1, _MOST_PIECES))
+
+
+@lru_cache(maxsize=64)
+def _known(points: bytes) -> Guide:
+    return Guide.through(np.frombuffer(points, dtype=np.float64))
+
+
+def known_guides(curves: Sequence[Array]) -> list[Guide]:
+    """Return the guides through the points of curves, which are not made again for each pass."""
+    return [_known(np.ascontiguousarray(points, dtype=np.float64).tobytes()) for points in curves]
+
+
+def led(beams: Beams, guides: Sequence[Guide], inner: int | None = None) -> Beams:
+    """Return beams bent along guides: each light path along the one whose first point is nearest to its beginning.
+
+    `inner` is the number of pieces beside the guide, `pieces_along` unless given.
+    """
+    if not guides or not len(beams):
+        return beams
+    inner = pieces_along(guides) if inner is None else inner
+    paths = Paths(beams, "guides")
+    table = _Table(guides, paths.origin)
+    steps = inner + 2  # one piece before the guide, and one beyond it
+    way, _ = _nodes(table, paths, dr.zeros(Float, len(beams)), paths.offset, inner)
+    points, places = _nodes(table, paths, paths.offset, paths.length, inner)
+    ends = tuple(
+        table.bent(paths.origin + at * paths.direction, paths.direction)[1]
+        for at in (paths.offset, paths.offset + paths.length)
+    )
+    dr.eval(ends)
+    return pieces(beams, paths, points, places, (ends[0], ends[1]), bent_length(way, len(beams), steps), steps)
+
+
+def _nodes(table: _Table, paths: Paths, begin: Any, length: Any, inner: int) -> tuple[Any, Any]:
+    """Return where nodes of paths come to lie, and how far from `begin` they were; of the part `length` long.
+
+    The first and the last are its ends; the others are spread over what of it lies beside the guide.
+    """
+    count, each = dr.opaque(UInt32, inner + 2), dr.width(length)
+    node = dr.arange(UInt32, each * (inner + 3))
+    path, number = node // (count + 1), node % (count + 1)
+    low, high = (dr.gather(Float, value, path) for value in table.within(paths, begin, length))
+    share = (Float(number) - 1) * dr.rcp(Float(dr.opaque(UInt32, inner)))
+    end = dr.gather(Float, length, path)
+    place = dr.select(number == 0, 0, dr.select(number == count, end, dr.lerp(low, high, share)))
+    origin, direction = (dr.gather(Array3f, value, path) for value in (paths.origin, paths.direction))
+    begun = dr.gather(Float, begin, path)
+    points, _ = table.of_paths(path).bent(origin + (begun + place) * direction, direction)
+    dr.eval(points, place)
+    return points, place
+
+
+class _Table:
+    """The guides' tables one after the other in device memory, and which of them each path follows."""
+
+    def __init__(self, guides: Sequence[Guide], origin: Array3f) -> None:
+        columns = [
+            np.concatenate([getattr(guide, name) for guide in guides]) for name in ("points", "tangents", "sides")
+        ]
+        self._rows = [to_vectors(column) for column in columns]
+        self._lengths = to_float([guide.length for guide in guides] + [0.0])  # a gather from one entry is a broadcast
+        nearest, distance = dr.zeros(UInt32, dr.width(origin)), dr.full(Float, dr.inf, dr.width(origin))
+        for index, guide in enumerate(guides):
+            away = dr.squared_norm(origin - opaque(guide.points[0]))
+            nearest = dr.select(away < distance, dr.opaque(UInt32, index), nearest)
+            distance = dr.minimum(away, distance)
+        self.chosen = nearest
+        dr.eval(self.chosen)
+
+    def of_paths(self, path: UInt32) -> _Table:
+        """Return the tables for lanes of these paths."""
+        result = object.__new__(_Table)
+        result._rows, result._lengths = self._rows, self._lengths
+        result.chosen = dr.gather(UInt32, self.chosen, path)
+        return result
+
+    def _row(self, column: int, row: UInt32) -> Array3f:
+        return dr.gather(Array3f, self._rows[column], self.chosen * _ROWS + row)
+
+    def within(self, paths: Paths, begin: Any, length: Any) -> tuple[Float, Float]:
+        """Return what lies beside the guide of paths from `begin` on, `length` long, as distances from `begin`."""
+        start, axis = self._row(0, UInt32(0)), self._row(1, UInt32(0))
+        rate = dr.dot(paths.direction, axis)
+        here = dr.dot(paths.origin - start, axis) + begin * rate
+        inv = dr.rcp(dr.select(dr.abs(rate) < 1e-6, dr.copysign(1e-6, rate), rate))
+        stop = dr.gather(Float, self._lengths, self.chosen)
+        ends = [dr.clip(each * inv, 0, length) for each in (-here, stop - here)]
+        low, high = dr.minimum(*ends), dr.maximum(*ends)
+        dr.eval(low, high)
+        return low, high
+
+    def bent(self, point: Array3f, direction: Array3f) -> tuple[Array3f, Array3f]:
+        """Return where a place and a direction come to lie."""
+        start, axis, side = (self._row(column, UInt32(0)) for column in range(3))
+        other = dr.cross(axis, side)
+        apart = point - start
+        s, u, v = dr.dot(apart, axis), dr.dot(apart, side), dr.dot(apart, other)
+        length = dr.gather(Float, self._lengths, self.chosen)
+        place = dr.clip(s * dr.rcp(length), 0, 1) * (_ROWS - 1)
+        row = dr.minimum(UInt32(place), _ROWS - 2)
+        weight = place - Float(row)
+        middle, tangent, across = (dr.lerp(self._row(c, row), self._row(c, row + 1), weight) for c in range(3))
+        tangent = dr.normalize(tangent)
+        across = dr.normalize(across - dr.dot(across, tangent) * tangent)
+        beside = dr.cross(tangent, across)
+        beyond = s - dr.clip(s, 0, length)
+        turned = _combined(direction, (axis, side, other), (tangent, across, beside))
+        return middle + beyond * tangent + u * across + v * beside, dr.normalize(turned)
+
+
+def _combined(vector: Array3f, old: Sequence[Array3f], new: Sequence[Array3f]) -> Any:
+    return sum((dr.dot(vector, a) * b for a, b in zip(old, new, strict=True)), start=Array3f(0))

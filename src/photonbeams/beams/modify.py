@@ -1,0 +1,247 @@
+"""Ready-made functions that change beams: each returns a modifier, and `chain` makes one of several.
+
+shot = pb.Shot.open("shot.usda", simulate=pb.chain(pb.aim((0, 1, 0), 0.5), pb.thin(0.25)))
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import drjit as dr
+import numpy as np
+import numpy.typing as npt
+
+from .. import scene
+from ..numerics.arrays import opaque
+from ..numerics.hashing import hash32, unit_float
+from ..runtime.device import Array3f, Float, UInt32
+from ..scene import SceneError
+from . import Beams
+from .bending import Paths, bent_length, pieces
+from .guides import Guide, led
+from .programs import Modifier, PassContext
+
+# k1 on the axis of the default profile (Epanechnikov), times the radius.
+_PEAK = 8 / (3 * np.pi)
+
+
+def aim(target: Sequence[float], amount: float = 1.0) -> Modifier:
+    """Turn light paths toward a point.
+
+    Parameters
+    ----------
+    target
+        The point, in world space.
+    amount
+        0 leaves the paths as they are, at 1 all of them pass the target.
+
+    Raises
+    ------
+    SceneError
+        A target that is not three finite numbers, an amount that is not 0 to 1.
+
+    Notes
+    -----
+    A path turns about its beginning and keeps its length. Surfaces in its new way do not stop it.
+    """
+    place = _numbers(target, 3, "aim: target")
+    amount = scene.number(amount, "aim: amount", 0, 1)
+
+    def aimed(beams: Beams, _: PassContext) -> Beams:
+        paths = Paths(beams, "aim")
+        to = opaque(place) - paths.origin
+        to = to * dr.rsqrt(dr.maximum(dr.squared_norm(to), 1e-30))
+        mixed = dr.lerp(paths.direction, to, dr.opaque(Float, amount))
+        direction = dr.select(dr.squared_norm(mixed) > 1e-12, dr.normalize(mixed), paths.direction)
+        result = _copy(beams)
+        result.start = paths.origin + paths.offset * direction
+        result.end = paths.origin + (paths.offset + paths.length) * direction
+        if beams.end_normal is not None:
+            result.end_normal = -direction
+        return result
+
+    return aimed
+
+
+def bend(field: Callable[[Any], Any] | Sequence[npt.ArrayLike], steps: int = 32) -> Modifier:
+    """Bend beams by a vector field, or along guide curves.
+
+    Parameters
+    ----------
+    field
+        A function of positions (an `Array3f`) that returns how much beams curve there, as a vector: they turn toward
+        it, and its length across the beam is the curvature, 1 / the radius of the bend in scene units. Zero is
+        straight. Or guides, as (M, 3) points each: see `beams.guides`.
+    steps
+        Pieces of each beam, by a field; guides need as many as they turn.
+
+    Raises
+    ------
+    SceneError
+        Steps that are not 1 to 4096, or guides that are no lines of points.
+
+    Notes
+    -----
+    Each path keeps its power and radii, falloffs run along it. Surfaces in its new way do not stop it.
+    """
+    if callable(field):
+        steps = int(scene.number(steps, "bend: steps", 1, 4096))
+        return lambda beams, _: _along_field(beams, field, steps)
+    guides = [Guide.through(points) for points in field]
+    return lambda beams, _: led(beams, guides)
+
+
+def _along_field(beams: Beams, field: Callable[[Any], Any], steps: int) -> Beams:
+    """Return beams that follow ds: x' = d, d' = the field's part across d; by the midpoint rule."""
+    paths = Paths(beams, "bend")
+    count, width = dr.opaque(UInt32, steps), len(beams)
+    inv = dr.rcp(Float(count))
+    number = dr.arange(UInt32, width)
+
+    def turned(direction: Any, place: Any, along: Any, length: Any) -> Any:
+        pull = Array3f(field(place))
+        return dr.normalize(direction + length * (pull - dr.dot(pull, along) * along))
+
+    def step(position: Any, direction: Any, length: Any) -> tuple[Any, Any]:
+        half = 0.5 * length
+        between = turned(direction, position, direction, half)
+        middle = position + half * direction
+        return position + length * between, turned(direction, middle, between, length)
+
+    def walked(position: Any, direction: Any, distance: Any) -> tuple[Any, Any, Any]:
+        points, length = dr.zeros(Array3f, width * (steps + 1)), distance * inv
+        dr.scatter(points, position, number * (count + 1))
+
+        def body(i: Any, position: Any, direction: Any) -> tuple[Any, Any, Any]:
+            position, direction = step(position, direction, length)
+            dr.scatter(points, position, number * (count + 1) + i + 1)
+            return i + 1, position, direction
+
+        state = (UInt32(0), Array3f(position), Array3f(direction))
+        _, position, direction = dr.while_loop(state, lambda i, *_: i < count, body, label="bend")
+        dr.eval(points, position, direction)
+        return points, position, direction
+
+    # From the light on, so that what passes a portal is bent alike on both sides of it.
+    way, start, begin = walked(paths.origin, paths.direction, paths.offset)
+    points, _, stop = walked(start, begin, paths.length)
+    node = dr.arange(UInt32, width * (steps + 1))
+    places = dr.gather(Float, paths.length, node // (count + 1)) * inv * Float(node % (count + 1))
+    return pieces(beams, paths, points, places, (begin, stop), bent_length(way, width, steps), steps)
+
+
+def thin(fraction: float, keep_light: bool = True) -> Modifier:
+    """Leave a part of the beams, the same ones in each frame.
+
+    Parameters
+    ----------
+    fraction
+        Which part, above 0 and up to 1.
+    keep_light
+        Whether those that are left take over the power of the others, so that the picture keeps its brightness.
+
+    Raises
+    ------
+    SceneError
+        A fraction that is not above 0 and up to 1.
+    """
+    fraction = scene.number(fraction, "thin: fraction", 0, 1)
+    if fraction == 0:
+        raise SceneError("thin: fraction is 0: expected more than 0, up to 1")
+
+    def thinned(beams: Beams, context: PassContext) -> Beams:
+        seeds = (context.seed, context.pass_index, zlib.crc32(context.name.encode()))
+        bits = hash32(beams.numbers(), *(dr.opaque(UInt32, each & 0xFFFFFFFF) for each in seeds))
+        index: Any = dr.compress(unit_float(bits) < dr.opaque(Float, fraction))
+        result = beams.take(index)
+        return _scaled(result, dr.opaque(Float, 1 / fraction)) if keep_light else result
+
+    return thinned
+
+
+def recolour(colour: Sequence[float] | Callable[[Beams], Any]) -> Modifier:
+    """Give beams another colour: the mean of their power's channels times `colour`.
+
+    Parameters
+    ----------
+    colour
+        One colour for all, or a function of `Beams` that returns one for each (an `Array3f`).
+
+    Raises
+    ------
+    SceneError
+        A colour that is not three finite numbers.
+    """
+    fixed = None if callable(colour) else _numbers(colour, 3, "recolour: colour")
+
+    def recoloured(beams: Beams, _: PassContext) -> Beams:
+        tint = Array3f(colour(beams)) if callable(colour) else opaque(fixed)
+        result = _copy(beams)
+        result.power = _mean(beams.power) * tint
+        if beams.power_end is not None:
+            result.power_end = _mean(beams.power_end) * tint
+        return result
+
+    return recoloured
+
+
+def _mean(colour: Any) -> Any:
+    # Not by dr.mean, which makes the number of beams a part of its kernel.
+    return (colour.x + colour.y + colour.z) * (1 / 3)
+
+
+def clamp(power: float | None = None, radiance: float | None = None) -> Modifier:
+    """Dim the brightest beams, in their own colour, to no more than a limit.
+
+    Parameters
+    ----------
+    power
+        Greatest power of any channel.
+    radiance
+        Greatest brightness of any channel: that of a beam seen from beside, through its axis in its middle, before fog
+        and shading; 8 / (3π) of its power over its radius there.
+
+    Raises
+    ------
+    SceneError
+        No limit at all, or a negative one.
+    """
+    most = None if power is None else scene.number(power, "clamp: power", 0)
+    brightest = None if radiance is None else scene.number(radiance, "clamp: radiance", 0)
+    if most is None and brightest is None:
+        raise SceneError("clamp has no limit: expected power, radiance, or both")
+
+    def clamped(beams: Beams, _: PassContext) -> Beams:
+        last = beams.power if beams.power_end is None else beams.power_end
+        peak = dr.maximum(dr.max(beams.power), dr.max(last))
+        limit = dr.full(Float, dr.inf, len(beams)) if most is None else Float(dr.opaque(Float, most))
+        if brightest is not None:
+            middle = 0.5 * (beams.radius_start + beams.radius_end)
+            limit = dr.minimum(limit, dr.opaque(Float, brightest / _PEAK) * middle)
+        return _scaled(beams, dr.minimum(1, limit * dr.rcp(dr.maximum(peak, 1e-30))))
+
+    return clamped
+
+
+def _scaled(beams: Beams, factor: Any) -> Beams:
+    result = _copy(beams)
+    result.power = beams.power * factor
+    if beams.power_end is not None:
+        result.power_end = beams.power_end * factor
+    return result
+
+
+def _copy(beams: Beams) -> Beams:
+    result = Beams()
+    for name in Beams.DRJIT_STRUCT:
+        setattr(result, name, getattr(beams, name))
+    return result
+
+
+def _numbers(values: Sequence[float], count: int, name: str) -> list[float]:
+    found = np.asarray(values, dtype=np.float64)
+    if found.shape != (count,) or not np.all(np.isfinite(found)):
+        raise SceneError(f"{name} is {values}: expected {count} finite numbers")
+    return [float(each) for each in found]

@@ -1,0 +1,1 @@
+"""Pictures: layered EXR and PNG, plates and holdouts, display, swatches of looks."""

@@ -1,0 +1,219 @@
+"""The channels of other renderers' images: which of them are a depth or a picture, and their pixels.
+
+A file holds parts, and parts hold channels. What a channel is called differs from renderer to renderer, and is found by
+what the names have in common; parts, views and data windows are read as OpenEXR means them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..runtime.files import PathLike
+from ..scene import Array, SceneError
+from .files import REC709, opened, unreadable
+from .numbering import numbered
+
+Warn = Callable[[str], None]
+Size = tuple[int, int]  # width and height
+Layer = tuple[int, str]  # a part, and the name that its channels share
+
+# Names of layers that are a picture, the one that is meant first; a layer without a name comes before all.
+_PICTURES = ("rgba", "combined", "beauty", "c", "color", "main")
+_COLORS = (("r", "red"), ("g", "green"), ("b", "blue"))
+
+
+@dataclass(frozen=True)
+class Channel:
+    """A channel: its part and place in the file, its name with the layer's in front, its type and its view."""
+
+    part: int
+    index: int
+    name: str
+    kind: str
+    view: str
+
+    @property
+    def words(self) -> list[str]:
+        """The parts of the name."""
+        return self.name.lower().split(".")
+
+    @property
+    def layer(self) -> Layer:
+        """Where its siblings are: the part, and the name without the last word."""
+        return self.part, self.name.lower().rpartition(".")[0]
+
+
+def channels_named(channels: Sequence[Channel], name: str) -> list[Channel]:
+    """Return the channels of a name, or whose name ends or begins with it; the first are the likeliest."""
+    wanted = name.lower()
+    tests: tuple[Callable[[str], bool], ...] = (
+        lambda found: found == wanted,
+        lambda found: found.endswith(f".{wanted}"),
+        lambda found: found.startswith(f"{wanted}."),
+    )
+    return [each for test in tests for each in channels if test(each.name.lower())]
+
+
+def depth_channels(channels: Sequence[Channel]) -> list[Channel]:
+    """Return the channels whose names are most that of a depth; of a file with one channel, that."""
+    vectors = {each.layer for each in channels if each.words[-1] == "x"}
+    ranks = [(_depth_rank(each, vectors), each) for each in channels]
+    least = min((found for found, _ in ranks if found is not None), default=None)
+    if least is None and len(channels) == 1:
+        return list(channels)  # a picture of one channel is what it is
+    return [each for found, each in ranks if found is not None and found == least]
+
+
+def _depth_rank(channel: Channel, vectors: set[Layer]) -> int | None:
+    """Return how much a channel's name is that of a depth, 0 the most; None: not at all.
+
+    A Z beside an X is that of a vector: of a normal, a position or a motion.
+    """
+    *layers, last = channel.words
+    layer = layers[-1] if layers else ""
+    vector = channel.layer in vectors
+    if last == "z" and not vector:
+        return 0 if not layers or _is_depth(layer) else 2
+    if last != "z" and _is_depth(last):
+        return 1
+    if _is_depth(layer) and last in ("r", "y", "v"):
+        return 3
+    return 4 if last == "t" and not vector else None  # Mitsuba's
+
+
+def _is_depth(word: str) -> bool:
+    return word == "z" or word.endswith(("pz", "dist")) or "depth" in word or "distance" in word
+
+
+def says_distance(channel: Channel) -> bool:
+    """Return whether a depth's name is that of a distance from the camera."""
+    return channel.words[-1] == "t" or any(word.endswith("dist") or "distance" in word for word in channel.words)
+
+
+def picture_channels(file: ImageFile, channels: Sequence[Channel], warn: Warn) -> list[Channel]:
+    """Return red, green, blue, and alpha if there is one, of the layer that is the picture; SceneError without one."""
+    layers: dict[Layer, dict[str, Channel]] = {}
+    for each in channels:
+        layers.setdefault(each.layer, {})[each.words[-1]] = each
+    found = {}
+    for layer, named in layers.items():
+        colors = [next((named[name] for name in names if name in named), None) for names in _COLORS]
+        if all(colors):
+            found[layer] = [each for each in (*colors, named.get("a", named.get("alpha"))) if each is not None]
+    if not found:
+        raise SceneError(f"{file} has no red, green and blue: expected a picture")
+
+    def rank(layer: Layer) -> int:
+        word = layer[1].rpartition(".")[2]
+        return _PICTURES.index(word) + 1 if word in _PICTURES else len(_PICTURES) + 1 if word else 0
+
+    best = min(found, key=rank)
+    equal = [each for each in found if rank(each) == rank(best)]
+    if len(equal) > 1:
+        names = ", ".join(found[each][0].name.rpartition(".")[0] for each in equal)
+        warn(f"{file} has the pictures {names}: the first is taken, expected one that is called {_PICTURES[0]}")
+    return found[best]
+
+
+class ImageFile:
+    """The headers of an image file, and its channels over all of its display window.
+
+    `apart` is whether its name says the view.
+
+    Raises
+    ------
+    OSError, SceneError
+        No such file, or none that may be read; no image, or a deep one.
+    """
+
+    def __init__(self, path: Path, apart: bool) -> None:
+        self._path, self._apart = path, apart
+        self._specs: list[Any] = []
+        with opened(path) as file:
+            while file.seek_subimage(len(self._specs), 0):
+                self._specs.append(file.spec())
+        if any(spec.deep for spec in self._specs):
+            raise SceneError(f"{path} is a deep image: expected a flat one, with one value a pixel")
+
+    def __str__(self) -> str:
+        return str(self._path)
+
+    @property
+    def size(self) -> Size:
+        """Width and height of the display window, which OpenEXR wants alike in all parts."""
+        return self._specs[0].full_width, self._specs[0].full_height
+
+    @cached_property
+    def _channels(self) -> list[Channel]:
+        several = len(self._specs) > 1
+        return [each for part, spec in enumerate(self._specs) for each in _channels_of(part, spec, several)]
+
+    def channels_of(self, view: str, views: Sequence[str]) -> list[Channel]:
+        """Return the channels of one view of the frame's; where that is "", those of the file's first view.
+
+        Raises SceneError where the file has not that view, or none of two.
+        """
+        own = list(dict.fromkeys(each.view for each in self._channels if each.view))
+        if len(views) > 1 and not own and not self._apart:
+            wanted = f"expected parts of the views {' and '.join(views)}, or a name with %V for the view"
+            raise SceneError(f"{self} has no views, and the frame has two: {wanted}")
+        if view and own and view not in own:
+            raise SceneError(f"{self} has no view '{view}': its views are {', '.join(own)}")
+        chosen = view or (own[0] if own else "")
+        return [each for each in self._channels if each.view in ("", chosen)]
+
+    def pixels(self, channels: Sequence[Channel], outside: float) -> Array:
+        """Return channels of one part, (H, W, C) float32; beyond the data window they are `outside`."""
+        part = channels[0].part
+        spec = self._specs[part]
+        with opened(self._path) as file:
+            data = file.read_image(part, 0, 0, spec.nchannels, "float")
+            message = file.geterror()
+        if data is None or message:
+            raise unreadable(self._path, message)
+        data = np.asarray(data, np.float32).reshape(spec.height, spec.width, spec.nchannels)
+        left, top = spec.x - spec.full_x, spec.y - spec.full_y
+        x0, y0 = max(left, 0), max(top, 0)
+        x1, y1 = max(min(left + spec.width, self.size[0]), x0), max(min(top + spec.height, self.size[1]), y0)
+        result = np.full((self.size[1], self.size[0], len(channels)), outside, np.float32)
+        result[y0:y1, x0:x1] = data[y0 - top : y1 - top, x0 - left : x1 - left, [each.index for each in channels]]
+        return result
+
+    def warn_of_primaries(self, part: int, warn: Warn) -> None:
+        """Warn of colours that are not those of the beams: the sum is then neither's."""
+        found = self._specs[part].getattribute("chromaticities") or self._specs[0].getattribute("chromaticities")
+        if found is not None and not np.allclose(found, REC709, atol=2e-3):
+            numbers = " ".join(f"{value:.4g}" for value in found)
+            warn(f"{self} has the chromaticities {numbers}: expected Rec. 709, which is what the beams are")
+
+
+def _channels_of(part: int, spec: Any, several: bool) -> Iterator[Channel]:
+    """Yield a part's channels, views taken out of their names; of `several` parts, each is a layer of its name."""
+    view = spec.get_string_attribute("view")
+    layer = spec.get_string_attribute("oiio:subimagename")
+    layer = layer.removesuffix(f".{view}") if view else layer
+    # OpenEXR's older form, one part for all views: Z and depth.Z of the first, right.Z and depth.right.Z.
+    views = spec.getattribute("multiView") or ()
+    for index, name in enumerate(spec.channelnames):
+        words = name.split(".")
+        own = next((word for word in words[:-1] if word in views), "")
+        name = ".".join(word for word in words if not own or word != own)
+        if several and layer and not name.lower().startswith(f"{layer.lower()}."):
+            name = f"{layer}.{name}"
+        yield Channel(part, index, name, str(spec.channelformat(index)), view or own or (views[0] if views else ""))
+
+
+def image_files(place: PathLike | Array, frame: float, views: Sequence[str]) -> Iterator[tuple[ImageFile, str]]:
+    """Yield the file of each view of a frame, and the view; none where there are pixels."""
+    if isinstance(place, np.ndarray):
+        return
+    path = numbered(Path(place), frame)
+    for view in views:
+        apart = bool(view) and "%V" in path.name
+        yield ImageFile(path.with_name(path.name.replace("%V", view)) if apart else path, apart), view

@@ -1,0 +1,392 @@
+"""Image files: layered EXR and tone-mapped PNG out, layers and pictures back in.
+
+Nothing is half written: see `files`.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import OpenEXR
+import OpenImageIO
+
+from ..runtime.files import PathLike, atomic_path, try_path
+from ..scene import Array, SceneError
+from .display import dithered, is_encoded, srgb_decoded, srgb_encoded, tone_mapped
+
+Views = Mapping[str, tuple[Mapping[str, Array], Mapping[str, Any]]]  # view to its layers and metadata
+
+HALF_MAX = 65504.0  # the largest finite half
+REC709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)  # red, green, blue, white: the `chromaticities` of EXR
+SHARED = ("displayWindow", "chromaticities")  # of those that OpenEXR wants alike in all parts, what a frame gives
+PNG_END = b"IEND\xaeB`\x82"  # the last chunk of a whole PNG
+
+
+# -- files -----------------------------------------------------------------------------------------------------------
+
+
+def prepare_output(path: PathLike) -> Path:
+    """Return `path`, having checked, before hours of rendering, that a picture can be written there.
+
+    The trial leaves no trace; writing makes the folder if there is none, as usdrecord does.
+
+    Raises
+    ------
+    SceneError
+        Neither .exr nor .png.
+    OSError
+        The folder cannot be made or written to, or a folder bears the file's name.
+    """
+    path = _picture_path(path)
+    try_path(path)
+    return path
+
+
+def _failed(path: Path, message: str) -> OSError:
+    """Return the system's error behind a library's failure to write `path`, which the library tells in words, if so."""
+    try:
+        with path.open("ab") as file:  # what stopped the library stops this, and Python asks the system why
+            file.write(bytes(1 << 16))
+            file.flush()
+            os.fsync(file)
+    except OSError as error:
+        return error
+    return OSError(errno.EIO, f"cannot be written ({message.strip().partition(chr(10))[0] or 'for no reason given'})")
+
+
+def _picture_path(path: PathLike) -> Path:
+    path = Path(path)
+    if path.suffix.lower() not in (".exr", ".png"):
+        raise SceneError(f"cannot write {path}: expected a name that ends in .exr (layers) or .png (a picture)")
+    return path
+
+
+# -- out -------------------------------------------------------------------------------------------------------------
+
+
+def write_frame(
+    path: PathLike,
+    layers: Mapping[str, Array],
+    metadata: Mapping[str, Any] | None = None,
+    layer: str = "rgba",
+    exposure: float = 0.0,
+    views: Views | None = None,
+) -> None:
+    """Write a frame as its name says: all layers to an .exr, or the tone-mapped picture of one `layer` to a .png.
+
+    Parameters
+    ----------
+    views
+        As in `write_exr`; a .png shows them side by side, the first on the left, each at its full size.
+
+    Raises
+    ------
+    SceneError
+        Another suffix, no such layer, or a picture of one without colours, such as `depth`.
+    ValueError
+        As `write_exr` and `write_png`.
+    OSError
+        As `atomic_path`.
+    """
+    path = _picture_path(path)
+    if path.suffix.lower() == ".exr":
+        write_exr(path, layers, metadata, views)
+        return
+    eyes = [each for each, _ in views.values()] if views else [layers]
+    for each in eyes:
+        if layer not in each:
+            raise SceneError(f"cannot write {path}: there is no layer '{layer}', only {', '.join(each)}")
+        if each[layer].shape[2] < 3:
+            raise SceneError(f"cannot write {path}: '{layer}' is no picture: expected a layer of colours, or an .exr")
+    write_png(path, *(each[layer] for each in eyes), exposure=exposure)
+
+
+def write_exr(
+    path: PathLike,
+    layers: Mapping[str, Array],
+    metadata: Mapping[str, Any] | None = None,
+    views: Views | None = None,
+) -> None:
+    """Write a multi-part EXR, a part for each layer, `rgba` first; ZIP, half for colour, float for depth.
+
+    Parameters
+    ----------
+    path
+        Its folder is made if there is none.
+    layers
+        Name to pixels, all of one size, first row on top: (H, W, 4) and (H, W, 3) become R, G, B(, A), (H, W) or
+        (H, W, 1) becomes Z. Colours beyond ±65504 are clamped to that, the largest half; infinite depth stays.
+    metadata
+        Header attributes for every part: str, int, float, `Fraction` (framesPerSecond), lists of str, and (4, 4)
+        arrays. The matrices worldToCamera and worldToNDC are for row vectors, as Imath and USD have them. For a
+        cropped frame, `dataWindow` and `displayWindow` are (x0, y0, x1, y1), the last pixel included. Chromaticities
+        are Rec.709 unless given.
+    views
+        Layers and metadata of each view, in place of `layers` and `metadata`: "left" and "right", the default one
+        first. Each part says its `view`, and where there are several has it at the end of its name, as in beams.left,
+        since names are unique: https://openexr.com/en/latest/MultiViewOpenEXR.html, of whose two forms this is the
+        preferred one.
+
+    Raises
+    ------
+    ValueError
+        Layers of several sizes or of other shapes, metadata that EXR has no type for, views of unlike display windows
+        or chromaticities, or one without a name among several.
+    OSError
+        As `atomic_path`.
+    """
+    views = views or {"": (layers, metadata or {})}
+    views = {
+        view: (seen, {"chromaticities": REC709, **about, **({"view": view} if view else {})})
+        for view, (seen, about) in views.items()
+    }
+    _check_views(path, views)
+    parts = [
+        OpenEXR.Part(_header(about), _channels(name, seen[name]), _part_name(name, view, views))
+        for view, (seen, about) in views.items()
+        for name in sorted(seen, key=lambda name: name != "rgba")  # stable: the others keep their order
+    ]
+    with atomic_path(path) as beside:
+        try:
+            OpenEXR.File(parts).write(str(beside))
+        except RuntimeError as error:  # OpenEXR's only one
+            raise _failed(beside, str(error)) from error
+
+
+def _part_name(layer: str, view: str, views: Views) -> str:
+    return f"{layer}.{view}" if len(views) > 1 else layer
+
+
+def _check_views(path: PathLike, views: Views) -> None:
+    """Raise ValueError for what the views of one file cannot be: OpenEXR would blame the file, or write it."""
+    if len(views) > 1 and "" in views:
+        raise ValueError(f"while writing {path}, got views {', '.join(map(repr, views))}: expected a name for each")
+    for name in SHARED:
+        values = {view: tuple(about.get(name, ())) for view, (_, about) in views.items()}
+        if len(set(values.values())) > 1:
+            text = " and ".join(f"{value} for {view}" for view, value in values.items())
+            raise ValueError(f"while writing {path}, got {name} {text}: expected one for all views")
+    shapes = {
+        _part_name(name, view, views): np.shape(pixels)
+        for view, (seen, _) in views.items()
+        for name, pixels in seen.items()
+    }
+    if not all(seen for seen, _ in views.values()) or len({shape[:2] for shape in shapes.values()}) > 1:
+        text = ", ".join(f"{name} {shape}" for name, shape in shapes.items()) or "none"
+        raise ValueError(f"while writing {path}, got layers {text}: expected some for each view, all of one size")
+
+
+def _header(metadata: Mapping[str, Any]) -> dict[str, Any]:
+    """Return attributes of the types that the OpenEXR module takes."""
+    result: dict[str, Any] = {"type": OpenEXR.scanlineimage, "compression": OpenEXR.ZIP_COMPRESSION}
+    for name, value in metadata.items():
+        if name in ("dataWindow", "displayWindow"):
+            x0, y0, x1, y1 = value
+            result[name] = (np.array([x0, y0], np.int32), np.array([x1, y1], np.int32))
+        elif isinstance(value, np.ndarray) and value.shape == (4, 4):
+            result[name] = np.ascontiguousarray(value, dtype=np.float32)
+        elif isinstance(value, str | Fraction | tuple) or (isinstance(value, list) and _all_text(value)):
+            result[name] = value
+        elif isinstance(value, int | np.integer):
+            number = int(value)
+            result[name] = number if abs(number) < 2**31 else str(number)  # EXR's int has 32 bits
+        elif isinstance(value, float | np.floating):
+            result[name] = float(value)
+        else:
+            raise ValueError(f"while writing an EXR header, got {name} = {value!r}: no attribute type fits it")
+    return result
+
+
+def _all_text(values: list[Any]) -> bool:
+    return bool(values) and all(isinstance(each, str) for each in values)
+
+
+def _channels(name: str, pixels: Array) -> dict[str, Array]:
+    """Return the layer's channels by the name that OpenEXR gives to an interleaved array."""
+    pixels = np.asarray(pixels)
+    if pixels.ndim == 3 and pixels.shape[2] in (3, 4):
+        key = "RGBA" if pixels.shape[2] == 4 else "RGB"
+        return {key: np.ascontiguousarray(np.clip(pixels, -HALF_MAX, HALF_MAX), dtype=np.float16)}
+    if pixels.ndim == 2 or (pixels.ndim == 3 and pixels.shape[2] == 1):
+        return {"Z": np.ascontiguousarray(pixels.reshape(pixels.shape[:2]), dtype=np.float32)}
+    raise ValueError(f"while writing layer {name}, got shape {pixels.shape}: expected (H, W), (H, W, 3) or (H, W, 4)")
+
+
+def write_png(path: PathLike, *eyes: Array, exposure: float = 0.0) -> None:
+    """Write scene-linear colours (H, W, 3 or 4), premultiplied, as an opaque 8-bit sRGB picture over black.
+
+    Several are set side by side, the first on the left; each is, to the bit, what it would be alone.
+
+    Alpha is left out: beams add light where alpha is zero, which PNG's alpha cannot say.
+
+    Parameters
+    ----------
+    exposure
+        In stops: the colours are multiplied by 2^exposure.
+
+    Raises
+    ------
+    ValueError
+        Eyes of several heights.
+    OSError
+        As `atomic_path`.
+    """
+    heights = [np.shape(eye)[0] for eye in eyes]
+    if len(set(heights)) != 1:
+        raise ValueError(f"while writing {path}, got eyes {heights} pixels high: expected one height")
+    picture = np.hstack([dithered(srgb_encoded(tone_mapped(np.asarray(eye)[..., :3], exposure))) for eye in eyes])
+    spec = OpenImageIO.ImageSpec(picture.shape[1], picture.shape[0], 3, "uint8")
+    spec.attribute("oiio:ColorSpace", "srgb_rec709_scene")
+    with atomic_path(path) as beside:
+        file: Any = OpenImageIO.ImageOutput.create("png")
+        done = file.open(str(beside), spec) and file.write_image(picture)
+        file.close()
+        # On a full disk every call says True: the error text tells, and for the last few bytes only the file itself.
+        message = file.geterror()
+        if message or not done or not beside.read_bytes().endswith(PNG_END):
+            raise _failed(beside, message)
+
+
+# -- in --------------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Part:
+    """A part of an EXR, or another image as a whole.
+
+    Attributes
+    ----------
+    name
+        "rgba" for a part without a name; parts of one name are told apart by their view, or by their number.
+    channels, types
+        The channels' names, and how they are stored: half, float, uint8, ...
+    pixels
+        (H, W, C) float32 as stored, no colour converted, first row on top.
+    view
+        "left", "right", or what else the file says; empty where it says none.
+    """
+
+    name: str
+    channels: tuple[str, ...]
+    types: tuple[str, ...]
+    pixels: Array
+    view: str = ""
+
+    @property
+    def layer(self) -> str:
+        """The name without the view at its end."""
+        return self.name.removesuffix(f".{self.view}") if self.view else self.name
+
+
+def read_parts(path: PathLike) -> list[Part]:
+    """Return all parts of an image file, in its order.
+
+    Raises
+    ------
+    OSError
+        No such file, or it may not be read.
+    SceneError
+        No image, or a broken one.
+    """
+    parts: list[Part] = []
+    for index, (spec, pixels) in enumerate(_subimages(path)):
+        name = spec.get_string_attribute("oiio:subimagename") or "rgba"
+        view = spec.get_string_attribute("view")
+        if name in {part.name for part in parts}:
+            name = f"{name}.{view or index}"
+        types = tuple(str(spec.channelformat(channel)) for channel in range(spec.nchannels))
+        parts.append(Part(name, tuple(spec.channelnames), types, pixels, view))
+    return parts
+
+
+def read_layers(path: PathLike, view: str | None = None) -> dict[str, Array]:
+    """Return the pixels of `read_parts` by name, (H, W, C), or (H, W) where there is one channel.
+
+    With a `view`, its layers only, under names that leave it out.
+
+    Raises
+    ------
+    OSError
+        As `read_parts`.
+    SceneError
+        As `read_parts`, or no such view.
+    """
+    parts = read_parts(path)
+    if view is not None and view not in {part.view for part in parts}:
+        views = ", ".join(dict.fromkeys(part.view for part in parts if part.view)) or "none"
+        raise SceneError(f"{path} has no view '{view}': its views are {views}")
+    return {
+        part.name if view is None else part.layer: part.pixels[..., 0] if len(part.channels) == 1 else part.pixels
+        for part in parts
+        if view is None or part.view == view
+    }
+
+
+def read_image(path: PathLike) -> Array:
+    """Return an image file's (first) picture as scene-linear float32, (H, W, C), first row on top.
+
+    8-bit images of three or four channels are taken as sRGB, others as linear.
+
+    Raises
+    ------
+    OSError, SceneError
+        As `read_parts`.
+    """
+    spec, pixels = next(_subimages(path))
+    if is_encoded(str(spec.format), pixels.shape[2]):
+        pixels[..., :3] = srgb_decoded(pixels[..., :3])
+    return pixels
+
+
+@contextmanager
+def opened(path: PathLike) -> Iterator[Any]:
+    """Give an image file as OpenImageIO's input.
+
+    Raises
+    ------
+    OSError, SceneError
+        As `read_parts`.
+    """
+    path = Path(path)
+    with path.open("rb"):  # for the system's own words where there is no file, or no right to it
+        pass
+    file: Any = OpenImageIO.ImageInput.open(str(path))
+    if not file:
+        raise unreadable(path, OpenImageIO.geterror())
+    try:
+        yield file
+        file.geterror()  # seeking past the last part is no error
+    finally:
+        file.close()
+
+
+def _subimages(path: PathLike) -> Iterator[tuple[Any, Array]]:
+    """Yield each subimage's description and its pixels, (H, W, C) float32."""
+    with opened(path) as file:
+        index = 0
+        while file.seek_subimage(index, 0):
+            spec = file.spec()
+            pixels = file.read_image(index, 0, 0, spec.nchannels, "float")
+            message = file.geterror()
+            if pixels is None or message:
+                raise unreadable(path, message)
+            yield spec, np.asarray(pixels, dtype=np.float32).reshape(spec.height, spec.width, spec.nchannels)
+            index += 1
+
+
+def unreadable(path: PathLike, message: str) -> SceneError:
+    """Return (for raising) the error of an image that cannot be decoded."""
+    return SceneError(f"{path} cannot be read: expected an image ({reason(message)})")
+
+
+def reason(message: str) -> str:
+    """Return the first line of what the decoder complained of, if it did."""
+    return message.strip().splitlines()[0] if message.strip() else "unknown format"

@@ -1,0 +1,56 @@
+"""A rendered frame, and what its file says of it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..runtime.files import PathLike
+from ..scene import Array, SceneError
+from .files import write_frame
+
+if TYPE_CHECKING:
+    from ..render.passes import Statistics
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A rendered frame.
+
+    Attributes
+    ----------
+    layers
+        Name to (H, W, C) float32: rgba, surface, beams, beams_<group>, transmittance, depth.
+    metadata
+        What the EXR's header says.
+    statistics
+        Passes, beams, seconds by phase, kernels compiled.
+    views
+        Of a stereo frame, layers and metadata of each eye, "left" before "right"; `layers` and `metadata` are those of
+        the first.
+    """
+
+    layers: dict[str, Array]
+    metadata: dict[str, Any]
+    statistics: Statistics
+    views: dict[str, tuple[dict[str, Array], dict[str, Any]]] = field(default_factory=dict)
+
+    def write(self, path: PathLike, layer: str = "rgba", exposure: float = 0.0) -> None:
+        """Write a layered EXR, or one layer as a tone-mapped PNG, by the suffix; whole or not at all."""
+        write_frame(path, self.layers, self.metadata, layer=layer, exposure=exposure, views=self.views)
+
+
+def pixels_of(crop: Sequence[float] | None, width: int, height: int) -> tuple[int, int, int, int]:
+    """Return the pixels of a crop window, at least one; SceneError where it is no part of the picture."""
+    if crop is None:
+        return (0, 0, width, height)
+    if isinstance(crop, str) or np.shape(crop) != (4,):
+        raise SceneError(f"the crop is {crop!r}: expected four numbers, x0, y0, x1, y1")
+    x0, y0, x1, y1 = crop
+    if not (0 <= x0 < x1 <= 1 and 0 <= y0 < y1 <= 1):
+        raise SceneError(f"the crop is {tuple(crop)}: expected 0 <= x0 < x1 <= 1 and 0 <= y0 < y1 <= 1")
+    left, top = int(x0 * width), int(y0 * height)
+    return (left, top, max(left + 1, round(x1 * width)), max(top + 1, round(y1 * height)))

@@ -1,0 +1,285 @@
+"""Pictures of other renderers: their depth, at which beams end, and the plate that beams are added to."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..runtime.files import PathLike
+from ..scene import FARTHEST, Array, SceneError
+from .channels import (
+    Channel,
+    ImageFile,
+    Size,
+    Warn,
+    channels_named,
+    depth_channels,
+    image_files,
+    picture_channels,
+    says_distance,
+)
+from .display import is_encoded, srgb_decoded
+from .files import HALF_MAX
+
+if TYPE_CHECKING:
+    from ..render.holdouts import Held
+    from ..world.cameras import View, Window
+
+KINDS = ("auto", "planar", "distance")
+# From here on a depth means that there is nothing: Blender writes 1e10.
+NOTHING = 1e10 * (1 - 1e-6)
+_MOST_NAMES = 24
+
+
+@dataclass(frozen=True)
+class Depth:
+    """Depths of one view's whole picture.
+
+    Attributes
+    ----------
+    values
+        (H, W) float32, in scene units, infinite where there is nothing.
+    distance
+        Whether they are distances from the camera, not along its axis.
+    place
+        Where in each pixel they are, 0 to 1 both ways.
+    """
+
+    values: Array
+    distance: bool = False
+    place: float = 0.5
+
+    def seen_by(self, view: View) -> Held:
+        """Return where beams end in what a view's window shows."""
+        from ..render.holdouts import Held
+
+        values, place = part_of(self.values, view.window), (self.place, self.place)
+        # A lens, if there is one, is around the camera's place, from which distances are.
+        return Held(values * view.cosines(place) if self.distance else values, view.window, place)
+
+
+@dataclass(frozen=True)
+class Holdout:
+    """Another renderer's depth, at which beams end.
+
+    Attributes
+    ----------
+    file
+        An image, in whose name a run of # is the frame number and %V the view, "left" or "right"; or the depths
+        themselves, (H, W) of the whole picture, for two eyes (2, H, W).
+    channel
+        Name of the channel or of its layer; None: found by its name, such as Z, ViewLayer.Depth.Z or distance.
+    kind
+        "planar", along the camera's axis; "distance", from the camera; "auto": planar unless the channel's name says
+        otherwise, as `distance` and Mitsuba's `.T` do.
+    scale
+        Scene units in one unit of the file.
+
+    Raises
+    ------
+    SceneError
+        Another kind, or a scale that is not above 0, or beyond 1e12.
+    """
+
+    file: PathLike | Array
+    channel: str | None = None
+    kind: str = "auto"
+    scale: float = 1.0
+
+    def __post_init__(self) -> None:
+        if self.kind not in KINDS:
+            raise SceneError(f"holdout-depth is {self.kind}: expected one of {', '.join(KINDS)}")
+        if not 0 < self.scale <= FARTHEST:
+            raise SceneError(f"holdout-scale is {self.scale}: expected more than 0 and no more than {FARTHEST:g}")
+
+    @classmethod
+    def of(cls, given: PathLike | Array | Holdout | None) -> Holdout | None:
+        """Return the holdout that a file's path, planar depths or a holdout describe."""
+        return given if given is None or isinstance(given, Holdout) else cls(_path_or_pixels(given))
+
+    def size(self, frame: float, views: Sequence[str]) -> Size:
+        """Return width and height of the picture that the depths are of; parameters and errors as in `read`."""
+        return _size(self.file, frame, views, axes=2)
+
+    def check(self, frame: float, views: Sequence[str], size: Size) -> None:
+        """Raise what `read` would raise, as far as headers tell."""
+        for file, view in image_files(self.file, frame, views):
+            _factor(file, file.size, size)
+            self._channel(file, file.channels_of(view, views), _in_silence)
+
+    def read(self, frame: float, views: Sequence[str], size: Size, warn: Warn) -> list[Depth]:
+        """Return the depths of each view.
+
+        There is nothing where the file says 0 or less, NaN, infinity, 1e10 or more, or the largest half.
+
+        Parameters
+        ----------
+        frame, views, size
+            Number of the frame; its views, one "" for a camera that is none of two eyes; width and height.
+        warn
+            Called with each warning.
+
+        Raises
+        ------
+        OSError, SceneError
+            No such file; no image; no depth in it, no such channel, or no such view; a size that is neither the
+            picture's nor a whole multiple of it.
+        """
+        if isinstance(self.file, np.ndarray):
+            depths = _arrays(self.file, 2, views, "the holdout", "(H, W)")
+            return [self._depth(each, "float", size, "the holdout", self.kind == "distance") for each in depths]
+        result = []
+        for file, view in image_files(self.file, frame, views):
+            channel = self._channel(file, file.channels_of(view, views), warn)
+            distance = self.kind == "distance" or (self.kind == "auto" and says_distance(channel))
+            depth = self._depth(file.pixels([channel], np.inf)[..., 0], channel.kind, size, file, distance)
+            if not np.isfinite(depth.values).any():
+                warn(f"{file}: {channel.name} holds no depth, and no beam ends: expected some pixels from 0 to 1e10")
+            result.append(depth)
+        return result
+
+    def _channel(self, file: ImageFile, channels: Sequence[Channel], warn: Warn) -> Channel:
+        """Return the channel that holds the depth."""
+        found = channels_named(channels, self.channel) if self.channel is not None else depth_channels(channels)
+        if not found:
+            wanted = f"no channel '{self.channel}'" if self.channel is not None else "no channel that is called a depth"
+            names = ", ".join(each.name for each in channels[:_MOST_NAMES])
+            more = ", ..." if len(channels) > _MOST_NAMES else ""
+            chosen = "" if self.channel is not None else ", chosen by --holdout-channel"
+            raise SceneError(f"{file} has {wanted}: expected one of {names}{more}{chosen}")
+        if len(found) > 1 and self.channel is None:
+            names = ", ".join(each.name for each in found)
+            warn(f"{file} has the depths {names}: the first is taken, --holdout-channel chooses another")
+        if found[0].kind not in ("half", "float", "double"):
+            text = f"{file} holds {found[0].name} as {found[0].kind}"
+            raise SceneError(f"{text}: expected a depth of half or single precision")
+        return found[0]
+
+    def _depth(self, values: Array, stored: str, size: Size, where: Any, distance: bool) -> Depth:
+        """Return depths of the picture's size in scene units."""
+        factor = _factor(where, (values.shape[1], values.shape[0]), size)
+        # One of the pixels that come together, never their mean: between a near and a far surface there is none.
+        middle = factor // 2
+        values = np.asarray(values[middle::factor, middle::factor], dtype=np.float64)
+        there = (values > 0) & (values < (HALF_MAX if stored == "half" else NOTHING))
+        values = np.where(there, values * self.scale, np.inf).astype(np.float32)
+        return Depth(values, distance, (middle + 0.5) / factor)
+
+
+@dataclass(frozen=True)
+class Plate:
+    """A picture that beams are added to.
+
+    Attributes
+    ----------
+    file
+        An image, named as in `Holdout`, sRGB where it has 8 bits and else scene-linear; or its pixels, (H, W, 3 or 4)
+        of the whole picture, for two eyes (2, H, W, 3 or 4).
+    fog
+        Whether the fog dims it, too.
+    """
+
+    file: PathLike | Array
+    fog: bool = False
+
+    @classmethod
+    def of(cls, given: PathLike | Array | Plate | None) -> Plate | None:
+        """Return the plate that a file's path, pixels or a plate describe."""
+        return given if given is None or isinstance(given, Plate) else cls(_path_or_pixels(given))
+
+    def size(self, frame: float, views: Sequence[str]) -> Size:
+        """Return width and height; parameters and errors as in `Holdout.read`."""
+        return _size(self.file, frame, views, axes=3)
+
+    def check(self, frame: float, views: Sequence[str], size: Size) -> None:
+        """Raise what `read` would raise, as far as headers tell."""
+        for file, view in image_files(self.file, frame, views):
+            _factor(file, file.size, size)
+            picture_channels(file, file.channels_of(view, views), _in_silence)
+
+    def read(self, frame: float, views: Sequence[str], size: Size, warn: Warn) -> list[Array]:
+        """Return for each view the pixels, (H, W, 4) float32, scene-linear; parameters and errors as `Holdout.read`."""
+        if isinstance(self.file, np.ndarray):
+            plates = _arrays(self.file, 3, views, "the plate", "(H, W, 3) or (H, W, 4)")
+            return [_shrunk(each, size, "the plate") for each in plates]
+        result = []
+        for file, view in image_files(self.file, frame, views):
+            channels = picture_channels(file, file.channels_of(view, views), warn)
+            _factor(file, file.size, size)
+            file.warn_of_primaries(channels[0].part, warn)
+            pixels = file.pixels(channels, 0.0)
+            if is_encoded(channels[0].kind, len(channels)):
+                pixels[..., :3] = srgb_decoded(pixels[..., :3])
+            result.append(_shrunk(pixels, size, file))
+        return result
+
+    def read_whole(self, frame: float, views: Sequence[str], size: Size, warn: Warn) -> list[Array]:
+        """Return what `read` does; of a file that breaks off nothing, with a warning: beams are beams without it."""
+        self.check(frame, views, size)
+        try:
+            return self.read(frame, views, size, warn)
+        except SceneError as error:
+            warn(f"{error}; rgba is what it is without a plate")
+            return []
+
+    def under(self, layers: dict[str, Array], pixels: Array) -> Array:
+        """Return plate + beams, or plate · transmittance + beams, (H, W, 4), with the plate's alpha."""
+        color = pixels[..., :3] * layers["transmittance"] if self.fog else pixels[..., :3]
+        return np.concatenate([color + layers["beams"], pixels[..., 3:]], axis=2)
+
+
+def part_of(pixels: Array, window: Window) -> Array:
+    """Return what a window shows of a whole picture."""
+    x0, y0, x1, y1 = window.crop
+    return pixels[y0:y1, x0:x1]
+
+
+def _shrunk(pixels: Array, size: Size, where: Any) -> Array:
+    """Return colours at the picture's size, means of the pixels that come together, with an alpha."""
+    factor = _factor(where, (pixels.shape[1], pixels.shape[0]), size)
+    pixels = np.asarray(pixels, dtype=np.float32)
+    if factor > 1:
+        pixels = pixels.reshape(size[1], factor, size[0], factor, -1).mean(axis=(1, 3))
+    alpha = pixels[..., 3:] if pixels.shape[2] > 3 else np.ones_like(pixels[..., :1])
+    return np.concatenate([pixels[..., :3], alpha], axis=2)
+
+
+def _arrays(pixels: Array, axes: int, views: Sequence[str], what: str, shape: str) -> list[Array]:
+    """Return the pixels of each view."""
+    each = [pixels] if pixels.ndim == axes and len(views) == 1 else list(pixels) if pixels.ndim == axes + 1 else []
+    if len(each) != len(views) or (axes == 3 and pixels.shape[-1] not in (3, 4)):
+        expected = shape if len(views) == 1 else f"{len(views)} of {shape}"
+        raise SceneError(f"{what} is of shape {pixels.shape}: expected {expected}")
+    return each
+
+
+def _factor(where: Any, found: Size, size: Size) -> int:
+    """Return how many pixels of a file, each way, come to one of the picture; SceneError where that is no number."""
+    factor = found[0] // size[0]
+    if factor and found == (factor * size[0], factor * size[1]):
+        return factor
+    raise SceneError(
+        f"{where} is {found[0]} x {found[1]} pixels, and the picture {size[0]} x {size[1]}: expected one size, or a "
+        f"whole multiple (--res {found[0]} {found[1]} would do)"
+    )
+
+
+def _size(file: PathLike | Array, frame: float, views: Sequence[str], axes: int) -> Size:
+    if not isinstance(file, np.ndarray):
+        return next(image_files(file, frame, views))[0].size
+    if file.ndim < axes:
+        raise SceneError(f"the pixels are of shape {file.shape}: expected at least {axes} axes")
+    height, width = file.shape[-axes:][:2]
+    return (int(width), int(height))
+
+
+def _path_or_pixels(given: Any) -> PathLike | Array:
+    return given if isinstance(given, str | os.PathLike) else np.asarray(given)
+
+
+def _in_silence(_: str) -> None:
+    """Leave a warning for when pixels are read."""

@@ -1,0 +1,1 @@
+"""Arrays, hashes and sample sequences in Dr.Jit."""

@@ -1,0 +1,92 @@
+"""NumPy's numbers as Dr.Jit arrays, in memory of their own, and arrays of one length made into those of another.
+
+Dr.Jit wraps NumPy's memory as it is, and whether an input is aligned is part of a kernel: kernels would be compiled
+again by the chance of an address.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import drjit as dr
+import numpy as np
+import numpy.typing as npt
+
+from ..runtime.device import Array3f, Float, UInt32
+
+_ALIGNMENT = 64  # bytes: a vector register
+
+
+def to_float(numbers: npt.ArrayLike) -> Any:
+    """Return numbers, flattened, as a Float."""
+    return Float(_aligned(numbers, np.float32))
+
+
+def to_uint(numbers: npt.ArrayLike) -> Any:
+    """Return numbers, flattened, as a UInt32."""
+    return UInt32(_aligned(numbers, np.uint32))
+
+
+def to_vectors(numbers: npt.ArrayLike) -> Any:
+    """Return (N, 3) numbers as an Array3f."""
+    return Array3f(*(to_float(axis) for axis in np.asarray(numbers).T))
+
+
+def opaque(value: Any) -> Any:
+    """Return numbers as an opaque Float or Array3f: an input of kernels, not a literal in them."""
+    numbers = np.asarray(value, dtype=np.float64)
+    if numbers.ndim == 0:
+        return dr.opaque(Float, float(numbers))
+    return Array3f(*(dr.opaque(Float, float(number)) for number in numbers))
+
+
+def _aligned(numbers: npt.ArrayLike, kind: type) -> npt.NDArray[Any]:
+    given = np.ravel(numbers)
+    memory = np.empty(given.size * np.dtype(kind).itemsize + _ALIGNMENT, dtype=np.uint8)
+    first = -memory.ctypes.data % _ALIGNMENT
+    result: npt.NDArray[Any] = memory[first : first + given.size * np.dtype(kind).itemsize].view(kind)
+    result[:] = given
+    return result
+
+
+def taken(value: Any, index: Any) -> Any:
+    """Return the entries of these numbers of an array, or of all arrays in a struct; None stays None."""
+    return _each(lambda array: dr.gather(type(array), array, index), value)
+
+
+def compressed(keep: Any, *values: Any) -> list[Any]:
+    """Return the entries of arrays and structs where `keep`, in order; an empty list if there is none.
+
+    Everything is made opaque, also what happens to be constant: kernels would differ between frames.
+    """
+    dr.make_opaque(keep, values)
+    index: Any = dr.compress(keep)
+    return [taken(value, index) for value in values] if len(index) else []
+
+
+def joined(pieces: list[Any]) -> Any:
+    """Return all arrays, or structs of them, as one, in order.
+
+    Not by `dr.concat`, which makes the lengths a part of its kernels: every pass has others.
+    """
+    return pieces[0] if len(pieces) == 1 else _each(_concatenated, *pieces)
+
+
+def _concatenated(*arrays: Any) -> Any:
+    widths = [dr.width(array) for array in arrays]
+    result, first = dr.zeros(type(arrays[0]), sum(widths)), 0
+    for array, width in zip(arrays, widths, strict=True):
+        dr.scatter(result, array, dr.arange(UInt32, width) + dr.opaque(UInt32, first))
+        first += width
+    return result
+
+
+def _each(function: Any, *values: Any) -> Any:
+    """Return a function of arrays, applied to all arrays of structs of one kind."""
+    names = getattr(type(values[0]), "DRJIT_STRUCT", None)
+    if values[0] is None or names is None:
+        return None if values[0] is None else function(*values)
+    result = type(values[0])()
+    for name in names:
+        setattr(result, name, _each(function, *(getattr(value, name) for value in values)))
+    return result

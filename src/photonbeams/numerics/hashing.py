@@ -1,0 +1,23 @@
+"""Hashes of integers in kernels, and the random numbers that they make."""
+
+from __future__ import annotations
+
+from ..runtime.device import Float, UInt32
+
+
+def hash32(*values: UInt32) -> UInt32:
+    """Return a hash of integers (the finaliser of "lowbias32", Wellons 2018, applied value by value)."""
+    state = UInt32(0x9E3779B9)
+    for value in values:
+        state = (state ^ value) * 0x85EBCA6B + 0x68BC21EB
+        state ^= state >> 16
+        state *= 0x21F0AAAD
+        state ^= state >> 15
+        state *= 0xD35A2D97
+        state ^= state >> 15
+    return state
+
+
+def unit_float(bits: UInt32) -> Float:
+    """Return the upper 24 bits as a number in [0, 1)."""
+    return Float(bits >> 8) * 2.0**-24

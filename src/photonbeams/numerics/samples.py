@@ -1,0 +1,44 @@
+"""Random numbers of pixels: low-discrepancy over the passes of each pixel and over its neighbours."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import drjit as dr
+
+from ..runtime.device import Array2f, Float, UInt32
+from .hashing import hash32, unit_float
+from .sampling import pixel_sample
+
+# Of the 32 bits of a place in a sequence these are of the pass, the others of the pixel.
+_BITS = 16
+
+
+class Samples:
+    """Samples of one pass, by the numbers of pixels (or of anything else) and by names of what they are used for.
+
+    Passes of a pixel stand next to each other in one sequence. Pixels and passes of which there are more than 2¹⁶ begin
+    others. All numbers are opaque.
+    """
+
+    def __init__(self, seed: int, number: int) -> None:
+        self.seed = dr.opaque(UInt32, (seed + 0x9E3779B9 * (number >> _BITS)) & 0xFFFFFFFF)
+        self._number = dr.opaque(UInt32, number & ((1 << _BITS) - 1))
+
+    def _place(self, index: Any) -> Any:
+        return (index << _BITS) + self._number
+
+    def _key(self, index: Any, names: tuple[Any, ...]) -> UInt32:
+        return hash32(self.seed, index >> (32 - _BITS), *(UInt32(name) for name in names))
+
+    def pair(self, index: Any, *names: Any) -> Array2f:
+        """Return a point of the unit square for each index."""
+        return pixel_sample(self._place(index), self._key(index, names))
+
+    def bits(self, index: Any, *names: Any) -> UInt32:
+        """Return a random integer for each index."""
+        return hash32(self._place(index), self._key(index, names))
+
+    def single(self, index: Any, *names: Any) -> Float:
+        """Return a number in [0, 1) for each index."""
+        return unit_float(self.bits(index, *names))

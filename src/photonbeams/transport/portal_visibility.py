@@ -1,0 +1,97 @@
+"""Which lights' own side of their portal the camera sees.
+
+A portal's beams light only what lies behind it. Where the camera looks through the portal, or past it, at fog that the
+light reaches without passing the portal, the other paths of the light are needed too.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import drjit as dr
+import numpy as np
+
+from .. import scene
+from ..numerics.arrays import opaque
+from ..numerics.hashing import hash32
+from ..numerics.sampling import pixel_sample, sobol_block
+from ..runtime.device import Array2f, Array3f, Bool, Float, UInt32
+from ..world.portals import Portal
+
+if TYPE_CHECKING:
+    from ..world.world import World
+
+_POINTS = 12  # along each ray
+_AIMED = 1024  # rays at points of the portal
+_NUDGE = 1e-4  # of the world's radius: keeps the points at a ray's end off the surface
+
+
+def lights_seen(world: World, origin: Array3f, direction: Array3f) -> frozenset[str]:
+    """Return the names of the lights whose paths that miss their portal the camera sees lit fog of.
+
+    Parameters
+    ----------
+    world
+        The shot.
+    origin, direction
+        Camera rays, a coarse grid of them (128 × 72 suffices). Rays from the same origins at points of the portal are
+        added, so that no hole is too small to be seen through.
+
+    Notes
+    -----
+    On each ray, up to its first surface, points are tested against points of the light: seen if a straight line between
+    them is free, does not pass the portal and carries light.
+    """
+    return frozenset(
+        light.name
+        for light, source in zip(world.description.lights, world.sources, strict=True)
+        if light.name in world.portals and _sees(world, light, source, origin, direction)
+    )
+
+
+def _sees(world: World, light: scene.Light, source: Any, origin: Array3f, direction: Array3f) -> bool:
+    portal, stopping = world.portals[light.name], world.stopping(light)
+    rays = ((origin, direction), _aimed(portal, origin))
+    return any(_any_lit(world, stopping, source, portal, *each) for each in rays)
+
+
+def _aimed(portal: Portal, origin: Array3f) -> tuple[Array3f, Array3f]:
+    """Return rays from the given origins at points of the portal."""
+    u, _ = sobol_block(_AIMED, 0, (0,))
+    point, _, on_portal = portal.sample(u)
+    index: Any = dr.compress(on_portal)
+    if not len(index):
+        return dr.zeros(Array3f, 1), Array3f(0, 0, 1) + dr.zeros(Float, 1)
+    point = dr.gather(Array3f, point, index)
+    number = dr.arange(UInt32, len(index))
+    eye = dr.gather(Array3f, origin + dr.zeros(Float, dr.width(origin)), number % dr.width(origin))
+    return eye, dr.normalize(point - eye)
+
+
+def _any_lit(world: World, stopping: World, source: Any, portal: Portal, origin: Array3f, direction: Array3f) -> bool:
+    """Return whether any point on the rays is lit past the portal, with the surfaces that are `stopping` the light."""
+    width = max(dr.width(origin), dr.width(direction))
+    number = dr.arange(UInt32, width)
+    always = dr.full(Bool, True, width)
+    hit = world.intersect(origin, direction, always, number)
+    near, far = Float(0), dr.select(hit.is_valid(), hit.t, world.bounds.exit(origin, direction))
+    if world.fog is not None:
+        enter, leave, _ = world.fog.interval(origin, direction)
+        near, far = enter, dr.minimum(far, leave)
+    far = far - opaque(_NUDGE * world.radius)
+    lit = dr.full(Bool, False, width)
+    for step in np.linspace(0.5, _POINTS - 0.5, _POINTS) / _POINTS:
+        seed = hash32(number, dr.opaque(UInt32, int(step * 1e6)))
+        point = origin + (near + opaque(step) * (far - near)) * direction
+        lit |= (far > near) & _lit(stopping, source, portal, point, pixel_sample(number, seed), seed)
+        dr.eval(lit)
+    return bool(dr.any(lit))
+
+
+def _lit(world: World, source: Any, portal: Portal, point: Array3f, u: Array2f, seed: UInt32) -> Bool:
+    """Return which points the light reaches by a free line that does not pass the portal."""
+    sample = source.illuminate(point, u)
+    carries = dr.max(sample.weight) > 0
+    distance = dr.minimum(sample.distance, dr.largest(Float)) * (1 - 1e-4)
+    free = ~world.blocked(point, sample.direction, distance, carries, seed)
+    return carries & free & ~portal.crosses(point, sample.direction, distance)

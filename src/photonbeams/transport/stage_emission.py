@@ -1,0 +1,165 @@
+"""Where the light paths of a light begin: measure-preserving maps from the 4D unit cube, without and with a portal.
+
+A sample has two 2D factors: u, on the light's extent, and v, over the directions or over the portal. Along with each
+path goes how a cell of either factor widens it, from which `footprints` makes radii. The flux of a path is radiance ·
+area · solid angle / samples, with the cosines of the geometry (radiometry; Jarosz et al. 2008 for photons).
+"""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+import drjit as dr
+import numpy as np
+
+from .. import scene
+from ..numerics.arrays import opaque
+from ..runtime.device import Array2f, Array3f, Bool, Float
+from ..world.bounds import Bounds
+from ..world.gobos import Masked, bare, spread
+from ..world.lights import DistantSource, DomeSource, FlatSource, SphereSource
+from ..world.portals import Portal
+from ..world.warp import disk, perpendicular, power_cone, sphere
+
+_WIDE = 2 * np.pi / 3  # a cone wider than this is sampled as part of the whole sphere, which distorts less
+_GRAZING = 0.02  # the least cosine for a footprint: a beam along a surface would be infinitely wide
+
+
+class Emission:
+    """Light paths at the light.
+
+    `flux` is the power of each, `portal` the distance at which it passes the portal (infinite: none), `valid` which are
+    there at all. At distance s from the light, a shift by x over the light's extent and by y over the other factor
+    moves the path by x (x0 + x1 s) + y (y0 + y1 s); `extent_x` and `extent_y` are the square roots of the factors'
+    measures, 1 / density.
+    """
+
+    DRJIT_STRUCT: ClassVar[dict[str, Any]] = {
+        "origin": Array3f, "direction": Array3f, "flux": Array3f, "portal": Float, "valid": Bool, "extent_x": Float,
+        "extent_y": Float, "x0": Float, "x1": Float, "y0": Float, "y1": Float,
+    }  # fmt: skip
+
+    origin: Any
+    direction: Any
+    flux: Any
+    portal: Any
+    valid: Any
+    extent_x: Any
+    extent_y: Any
+    x0: Any
+    x1: Any
+    y0: Any
+    y1: Any
+
+
+def emit(light: scene.Light, source: Any, bounds: Bounds, u: Array2f, v: Array2f, count: int) -> Emission:
+    """Return `count` light paths in all directions of a light: u places them on the light, v directs them."""
+    lamp = bare(source)
+    if isinstance(lamp, SphereSource):
+        result = _emit_sphere(light, lamp, u, v)
+    elif isinstance(lamp, FlatSource):
+        result = _emit_flat(light, lamp, u, v)
+    else:
+        result = _emit_from_infinity(lamp, bounds, u, v)
+    if isinstance(source, Masked):
+        result.flux = result.flux * source.tint(result.origin, result.direction)
+    result.flux *= opaque(light.beam_scale / count)
+    result.portal = dr.full(Float, dr.inf, dr.width(u))
+    result.valid = dr.full(Bool, True, dr.width(u))
+    return result
+
+
+def emit_through(
+    light: scene.Light, source: Any, portal: Portal, bounds: Bounds, u: Array2f, v: Array2f, count: int
+) -> Emission:
+    """Return light paths through a portal: v places them on the portal, u picks the point or direction of the light.
+
+    Flux = (radiance / pdf) · |cos θ| · area / count, where θ is the angle at the portal. `count` is the number of
+    candidates; those that miss the portal are not valid.
+    """
+    result = Emission()
+    point, normal, result.valid = portal.sample(v)
+    light_sample = source.before_pane(point, u) if isinstance(source, Masked) else source.illuminate(point, u)
+    cosine = dr.abs(dr.dot(normal, light_sample.direction))
+    area = opaque(portal.area)
+    infinite = isinstance(bare(source), DistantSource | DomeSource)
+    result.direction = -light_sample.direction
+    result.portal = bounds.behind(point, result.direction) if infinite else light_sample.distance
+    result.origin = point - result.portal * result.direction
+    result.flux = light_sample.weight * (cosine * area * opaque(light.beam_scale / count))
+    if isinstance(source, Masked):
+        result.flux = result.flux * source.pane_color(point)
+    result.extent_x = dr.select(light_sample.pdf > 0, dr.rsqrt(dr.maximum(light_sample.pdf, 1e-30)), 0)
+    result.extent_y = dr.sqrt(area * dr.maximum(cosine, _GRAZING))
+    # From a light at distance d: x d |1 - s/d| + y s/d, with x an angle at the portal. From infinity: x |s - d| + y.
+    result.x0, result.x1 = result.portal, dr.full(Float, -1, dr.width(u))
+    result.y0 = dr.full(Float, 1 if infinite else 0, dr.width(u))
+    result.y1 = dr.full(Float, 0, dr.width(u)) if infinite else dr.rcp(result.portal)
+    return result
+
+
+def _emit_sphere(light: scene.Light, source: SphereSource, u: Array2f, v: Array2f) -> Emission:
+    result = Emission()
+    result.direction, density = _directions(light, source.axis, v, flat=False)
+    s, t = perpendicular(result.direction)
+    offset = disk(u)
+    lift = dr.safe_sqrt(1 - dr.squared_norm(offset))
+    result.origin = source.center + source.radius * (s * offset.x + t * offset.y + result.direction * lift)
+    area = dr.pi * source.radius * source.radius
+    result.flux = source.emitted(result.direction) * (dr.select(source.radius > 0, area, 1) / density)
+    result.extent_x = dr.sqrt(area) + 0 * u.x
+    _spread(result, density)
+    return result
+
+
+def _emit_flat(light: scene.Light, source: FlatSource, u: Array2f, v: Array2f) -> Emission:
+    result = Emission()
+    result.direction, density = _directions(light, source.axis, v, flat=True)
+    cosine = dr.dot(result.direction, source.axis)
+    result.origin = source.position(u)
+    result.flux = source.emitted(result.direction) * (cosine * source.area / dr.maximum(density, 1e-30))
+    result.extent_x = dr.sqrt(source.area * dr.maximum(cosine, _GRAZING))
+    _spread(result, dr.maximum(density, _GRAZING / dr.pi))
+    return result
+
+
+def _emit_from_infinity(source: Any, bounds: Bounds, u: Array2f, v: Array2f) -> Emission:
+    """Return paths that begin on the disc which touches the bounding sphere and covers it."""
+    result = Emission()
+    light_sample = source.illuminate(dr.zeros(Array3f, dr.width(u)), v)
+    result.direction = -light_sample.direction
+    s, t = perpendicular(result.direction)
+    offset = disk(u)
+    result.origin = bounds.center + bounds.radius * (s * offset.x + t * offset.y - result.direction)
+    area = dr.pi * bounds.radius * bounds.radius
+    result.flux = light_sample.weight * area
+    result.extent_x = dr.sqrt(area) + 0 * u.x
+    _spread(result, dr.select(light_sample.pdf > 0, light_sample.pdf, dr.inf))
+    return result
+
+
+def _spread(result: Emission, density: Float) -> None:
+    """Note that positions stay apart as they are and that directions, of this density, fan out."""
+    width = dr.width(result.origin)
+    result.extent_y = dr.rsqrt(density)
+    result.x0, result.x1 = dr.full(Float, 1, width), dr.full(Float, 0, width)
+    result.y0, result.y1 = dr.full(Float, 0, width), dr.full(Float, 1, width)
+
+
+def _directions(light: scene.Light, axis: Array3f, v: Array2f, flat: bool) -> tuple[Array3f, Float]:
+    """Return directions within the light's cone and their density per solid angle.
+
+    The density follows what the light radiates: cos θ of a flat light, and the focus where that darkens the rest.
+    """
+    shaping = light.shaping or scene.Shaping(cone_angle=180.0)
+    focused = shaping.focus > 0 and max(shaping.focus_tint) == 0
+    widest = np.pi / 2 if flat or focused else np.pi
+    cutoff = min(np.radians(shaping.cone_angle), widest if flat else min(widest, spread(light)))
+    power = (1.0 if flat else 0.0) + (shaping.focus if focused else 0.0)
+    if cutoff > _WIDE:
+        return sphere(v), dr.full(Float, 1 / (4 * np.pi), dr.width(v))
+    if power == 0:
+        q = 2 * np.sin(cutoff / 2) ** 2
+    else:
+        q = -np.expm1((power + 1) * np.log(np.cos(cutoff))) if cutoff < np.pi / 2 else 1.0
+    return power_cone(v, axis, opaque(power), opaque(q))

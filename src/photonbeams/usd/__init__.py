@@ -1,0 +1,1 @@
+"""USD stages in, beams out, and the schemas."""

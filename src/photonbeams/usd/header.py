@@ -1,0 +1,40 @@
+"""What an EXR's header says of a frame of a stage."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from pxr import Usd
+
+_NTSC_ROUNDING = 2e-4  # of a rate of frames with two digits; the next whole number is five times as far
+
+
+_FASTEST_NTSC = 250.0
+
+
+def header(stage: Usd.Stage, time: Usd.TimeCode, duration: float) -> dict[str, Any]:
+    """Return what an EXR's header says of a frame's time; the shutter is open for `duration` time codes."""
+    about: dict[str, Any] = {
+        "software": f"photonbeams {version('photonbeams')}",
+        "framesPerSecond": frame_rate(stage.GetFramesPerSecond()),
+        "expTime": duration / stage.GetTimeCodesPerSecond(),
+        "scene": Path(stage.GetRootLayer().identifier).name,
+    }
+    if not time.IsDefault():
+        about["frame"] = float(time.GetValue())
+    return about
+
+
+def frame_rate(rate: float) -> Fraction:
+    """Return a number of frames a second as a header has it, a fraction of two 32-bit integers.
+
+    Those of NTSC are multiples of 1000/1001, whatever they were rounded to: 23.976 and 23.98 are 24000/1001.
+    """
+    rate = min(max(rate, 0.0), 1e6)
+    ntsc = Fraction(1000 * round(rate * 1.001), 1001)
+    if rate < _FASTEST_NTSC and rate != round(rate) and abs(rate - ntsc) < _NTSC_ROUNDING * rate:
+        return ntsc
+    return Fraction(rate).limit_denominator(1001)

@@ -1,0 +1,261 @@
+"""UsdLux lights: radiance, size and place, and what `PhotonBeamsLightAPI` says of their beams.
+
+The formulas are those of UsdLuxLightAPI's documentation: radiance = intensity · 2^exposure · color · temperature,
+divided by the light's size in world space where `normalize` is on. Blender's power needs no factor: a point, spot or
+area light of W watts is exported with intensity W/π and normalize on, so that an emitter of area A has radiance
+W/(π A) and flux W; of a sphere the radiant intensity is W/(4π), and it stays so as the radius goes to 0.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from pxr import Sdf, Usd, UsdGeom, UsdLux
+
+from ..scene import MOST_BEAMS, Array, Color, DistantLight, DomeLight, FlatLight, Light, Mesh, Shaping, SphereLight, rgb
+from ..scene.vectors import unit
+from . import blender
+from .gobos import read_gobo, read_pane, read_texture
+from .looks import read_look
+from .meshes import is_gprim, read_solid
+from .reading import Reading
+from .textures import read_image
+
+# The black body of UsdLux is normalized to luminance, yet its documentation has 6500 K result in white: without this
+# division every light of Blender's, which writes 6500 K on all of them, would be slightly magenta.
+_WHITE_KELVIN = 6500.0
+# A normalized sphere of a smaller radius is a point: its radiance would exceed single precision.
+_POINT = 1e-12
+
+
+def is_light(prim: Usd.Prim) -> bool:
+    """Return whether a prim is a light, of a supported kind or another."""
+    return bool(prim.HasAPI(UsdLux.LightAPI))
+
+
+def read_light(reading: Reading, prim: Usd.Prim, to_world: Array, name: str) -> Light | None:
+    """Return a light, or None (with a warning) where its kind or its size cannot be rendered."""
+    kind = str(prim.GetTypeName())
+    if kind not in _READERS:
+        reading.warn(prim, f"is a light of kind {kind}, which is not rendered: it is skipped")
+        return None
+    if kind not in _DOMES and abs(np.linalg.det(to_world[:3, :3])) < 1e-30:
+        reading.warn(prim, "is scaled to nothing: it is skipped")
+        return None
+    _warn_of_filters(reading, prim)
+    shared = {"name": name, **_beam_settings(reading, prim), "shaping": _shaping(reading, prim)}
+    shared["lights_surfaces"] = any(reading.number(prim, f"inputs:{key}", 1.0) > 0 for key in ("diffuse", "specular"))
+    shared |= {"gobo": read_gobo(reading, prim), "portal_gobo": read_pane(reading, prim, shared["portal"])}
+    light = _READERS[kind](reading, prim, to_world, shared)
+    return replace(light, frame=_frame(to_world, getattr(light, "axis", None)))
+
+
+def makes_beams(reading: Reading, prim: Usd.Prim) -> bool:
+    """Return whether a light makes beams, as far as the light itself says: it is of a kind that can, and switched on.
+
+    A dome is off until it is told otherwise: fog lit from everywhere is haze, has no shafts, and costs the most beams.
+    """
+    kind = str(prim.GetTypeName())
+    authored = prim.GetAttribute("photonbeams:enabled").HasAuthoredValue()
+    return kind in _READERS and (kind not in _DOMES or authored) and reading.flag(prim, "photonbeams:enabled", True)
+
+
+def portal_paths(reading: Reading, prim: Usd.Prim) -> list[Sdf.Path]:
+    """Return the paths of a light's portals, which are no surfaces."""
+    return [target.GetPath() for target in reading.targets(prim, "photonbeams:portal")]
+
+
+def _value(reading: Reading, prim: Usd.Prim) -> Array:
+    """Return intensity · 2^exposure · color · temperature, (3,)."""
+    intensity = reading.number(prim, "inputs:intensity", 1.0, minimum=0.0)
+    exposure = reading.number(prim, "inputs:exposure", 0.0, -100.0, 100.0)
+    result = intensity * 2.0**exposure * np.asarray(reading.color(prim, "inputs:color", (1, 1, 1)))
+    if reading.flag(prim, "inputs:enableColorTemperature", False):
+        kelvin = reading.number(prim, "inputs:colorTemperature", _WHITE_KELVIN, minimum=0.0)
+        black_body, white = (np.array(UsdLux.BlackbodyTemperatureAsRgb(k)) for k in (kelvin, _WHITE_KELVIN))
+        result = result * black_body / white
+    return np.asarray(result)
+
+
+def _rgb(value: Array) -> Color:
+    return (float(value[0]), float(value[1]), float(value[2]))
+
+
+def _normalized(reading: Reading, prim: Usd.Prim) -> bool:
+    return reading.flag(prim, "inputs:normalize", False)
+
+
+def _sphere(reading: Reading, prim: Usd.Prim, to_world: Array, shared: dict[str, Any]) -> Light:
+    linear = to_world[:3, :3]
+    radius = reading.number(prim, "inputs:radius", 0.5, minimum=0.0) * float(np.linalg.norm(linear, axis=0).mean())
+    reading.within_reach(prim, radius)
+    value = _value(reading, prim)
+    normalized = _normalized(reading, prim)
+    if reading.flag(prim, "treatAsPoint", False) or radius == 0 or (normalized and radius < _POINT):
+        # π r² times the normalized radiance value/(4π r²), whatever r: the radiant intensity of every such sphere.
+        radiance, radius = value / 4, 0.0
+    else:
+        radiance = value / (4 * np.pi * radius**2) if normalized else value
+    return SphereLight(
+        **shared, radiance=_rgb(radiance), center=to_world[:3, 3], radius=radius, axis=unit(linear @ [0.0, 0.0, -1.0])
+    )
+
+
+def _flat(reading: Reading, prim: Usd.Prim, to_world: Array, shared: dict[str, Any]) -> Light:
+    disk = prim.GetTypeName() == "DiskLight"
+    sides = (("radius", 0.5, 1.0),) * 2 if disk else (("width", 1.0, 0.5), ("height", 1.0, 0.5))
+    half = [scale * reading.number(prim, f"inputs:{key}", default, 0.0) for key, default, scale in sides]
+    for size, (key, _, _) in zip(half, sides, strict=True):
+        if size == 0:
+            raise reading.fail(prim, f"inputs:{key}", "is 0: expected a positive number")
+    if not disk and shared["gobo"] is None:
+        shared["gobo"] = read_texture(reading, prim)
+    linear = to_world[:3, :3]
+    half_x, half_y = linear[:, 0] * half[0], linear[:, 1] * half[1]
+    reading.within_reach(prim, [half_x, half_y])
+    # A normal goes by the inverse transpose: it stays square to a sheared light.
+    axis = unit(np.linalg.solve(linear.T, [0.0, 0.0, -1.0]))
+    if np.cross(half_x, half_y) @ axis > 0:  # mirrored: the rectangle is the same with half_x turned round
+        half_x = -half_x
+    light = FlatLight(
+        **shared, radiance=(0, 0, 0), center=to_world[:3, 3], half_x=half_x, half_y=half_y, axis=axis, disk=disk
+    )
+    radiance = _value(reading, prim) / (light.area if _normalized(reading, prim) else 1.0)
+    return replace(light, radiance=_rgb(radiance))
+
+
+def _distant(reading: Reading, prim: Usd.Prim, to_world: Array, shared: dict[str, Any]) -> Light:
+    angle = reading.number(prim, "inputs:angle", 0.53, 0.0, 360.0)
+    value = _value(reading, prim)
+    if blender.wrote(prim):
+        angle, value = blender.sun(angle, value)
+    half = np.radians(angle / 2)
+    if angle > 0 and _normalized(reading, prim):
+        square = np.sin(half) ** 2
+        value = value / (np.pi * (square if half <= np.pi / 2 else 2 - square))
+    axis = unit(to_world[:3, :3] @ [0.0, 0.0, -1.0])
+    return DistantLight(**shared, radiance=_rgb(value), axis=axis, angle=angle)
+
+
+def _dome(reading: Reading, prim: Usd.Prim, to_world: Array, shared: dict[str, Any]) -> Light:
+    form = str(reading.value(prim, "inputs:texture:format", "automatic"))
+    image = None
+    if form in ("automatic", "latlong"):
+        image = read_image(reading, prim, "inputs:texture:file")
+    else:
+        reading.warn(prim, f"is '{form}', which is not rendered: the light has one colour", "inputs:texture:format")
+    if image is not None:
+        image = rgb(image)
+    rotation = _rotation(to_world) @ _pole(reading, prim)
+    return DomeLight(**shared, radiance=_rgb(_value(reading, prim)), image=image, to_world=rotation)
+
+
+def _pole(reading: Reading, prim: Usd.Prim) -> Array:
+    """Return the rotation that takes the image's pole, +Y, to where the light's kind has it."""
+    # UsdLuxDomeLight_1: with the pole on Z, the image's middle looks along −Y.
+    y_to_z = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+    if prim.GetTypeName() == "DomeLight_1":
+        axis = str(reading.value(prim, "poleAxis", "scene"))
+        axis = str(UsdGeom.GetStageUpAxis(reading.stage)) if axis == "scene" else axis
+        return y_to_z if axis == "Z" else np.eye(3)
+    return blender.world() if blender.lost_world_rotation(prim, reading.time) else np.eye(3)
+
+
+def _frame(to_world: Array, axis: Array | None) -> Array:
+    """Return a light's frame: along `axis`, where it shines (None: local −Z), and as upright as the light."""
+    linear = to_world[:3, :3]
+    if abs(np.linalg.det(linear)) < 1e-30:  # of a dome alone: other lights are skipped
+        return np.eye(4)
+    back = -unit(linear @ [0.0, 0.0, -1.0] if axis is None else axis)
+    up = unit(linear[:, 1] - (linear[:, 1] @ back) * back)
+    side = np.cross(up, back) * np.sign(np.linalg.det(linear))
+    result = np.eye(4)
+    result[:3] = np.column_stack([side, up, back, to_world[:3, 3]])
+    return result
+
+
+def _rotation(to_world: Array) -> Array:
+    """Return the nearest rotation (or mirrored rotation) to a transform's linear part."""
+    left, _, right = np.linalg.svd(to_world[:3, :3])
+    return np.asarray(left @ right)
+
+
+def _shaping(reading: Reading, prim: Usd.Prim) -> Shaping | None:
+    names = [name for name in prim.GetAuthoredPropertyNames() if name.startswith("inputs:shaping:")]
+    if not names:
+        return None
+    if reading.value(prim, "inputs:shaping:ies:file") not in (None, Sdf.AssetPath()):
+        reading.warn(prim, "is not rendered: the light shines without its IES profile", "inputs:shaping:ies:file")
+    return Shaping(
+        cone_angle=reading.number(prim, "inputs:shaping:cone:angle", 90.0, 0.0, 180.0),
+        cone_softness=min(max(reading.number(prim, "inputs:shaping:cone:softness", 0.0), 0.0), 1.0),
+        focus=reading.number(prim, "inputs:shaping:focus", 0.0, minimum=0.0),
+        focus_tint=reading.color(prim, "inputs:shaping:focusTint", (0, 0, 0)),
+    )
+
+
+def _beam_settings(reading: Reading, prim: Usd.Prim) -> dict[str, Any]:
+    """Return the fields that PhotonBeamsLightAPI sets, applied formally or not."""
+    count = reading.value(prim, "photonbeams:count")
+    if count is not None and not (isinstance(count, int) and 1 <= count <= MOST_BEAMS):
+        raise reading.fail(prim, "photonbeams:count", f"is {count}: expected a number from 1 to {MOST_BEAMS:,}")
+    group = str(reading.value(prim, "photonbeams:lightGroup", ""))
+    check_group(reading, prim, group)
+    looks = reading.targets(prim, "photonbeams:look")
+    return {
+        "group": group,
+        "emits_beams": makes_beams(reading, prim),
+        "beam_count": None if count is None else int(count),
+        "beam_scale": reading.number(prim, "photonbeams:intensity", 1.0, minimum=0.0),
+        "seed": int(reading.number(prim, "photonbeams:seed", 0)),
+        "portal": _portal(reading, prim),
+        "look": read_look(reading, prim, looks[0]) if looks else None,
+    }
+
+
+def check_group(reading: Reading, prim: Usd.Prim, group: str) -> None:
+    """Raise SceneError for a light group that cannot name a layer."""
+    if not re.fullmatch(r"[A-Za-z0-9_-]*", group):
+        raise reading.fail(prim, "photonbeams:lightGroup", f"is '{group}': expected letters, digits, _ and - alone")
+
+
+def _portal(reading: Reading, prim: Usd.Prim) -> Mesh | None:
+    """Return the gprims that the light reaches the shot through, as one mesh."""
+    name = "photonbeams:portal"
+    meshes = []
+    for target in reading.targets(prim, name):
+        if not is_gprim(target):
+            kind = target.GetTypeName() or "prim without a type"
+            raise reading.fail(prim, name, f"names {target.GetPath()}, a {kind}: expected a mesh or another gprim")
+        mesh = read_solid(reading, target, reading.to_world(target))
+        if mesh.area <= 0:
+            raise reading.fail(prim, name, f"names {target.GetPath()}, which has no area: expected a surface")
+        meshes.append(mesh)
+    if len(meshes) < 2:
+        return meshes[0] if meshes else None
+    starts = np.cumsum([0] + [len(mesh.points) for mesh in meshes[:-1]])
+    return Mesh(
+        name=" ".join(mesh.name for mesh in meshes),
+        points=np.concatenate([mesh.points for mesh in meshes]),
+        faces=np.concatenate([mesh.faces + start for mesh, start in zip(meshes, starts, strict=True)]),
+    )
+
+
+def _warn_of_filters(reading: Reading, prim: Usd.Prim) -> None:
+    if prim.GetRelationship("light:filters").GetTargets():
+        reading.warn(prim, "are not rendered: the light shines without them", "light:filters")
+
+
+_DOMES = ("DomeLight", "DomeLight_1")
+_READERS: dict[str, Callable[[Reading, Usd.Prim, Array, dict[str, Any]], Light]] = {
+    "SphereLight": _sphere,
+    "DiskLight": _flat,
+    "RectLight": _flat,
+    "DistantLight": _distant,
+    "DomeLight": _dome,
+    "DomeLight_1": _dome,
+}

@@ -1,0 +1,165 @@
+"""A shot while its shutter is open: the stage read at any fraction of it, and what is at rest kept as it was."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import fields, is_dataclass, replace
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import numpy as np
+
+from ..scene import Camera, Scene, SceneError
+
+if TYPE_CHECKING:
+    from ..world.shutter import Shutter
+
+T = TypeVar("T")
+
+_ROUNDING = 1e-9  # of float64 positions, between two keys of one value
+
+
+def followed(first: Scene, later: Scene) -> Scene:
+    """Return a later state of a scene with the prims of the first one, in their order, for beams to be followed.
+
+    What is equal is the same object in both, by which the renderer knows what is at rest. A prim that is not there
+    later stays as it was; one that is new is left for the next frame.
+    """
+    parts: dict[str, Any] = {
+        name: _matched(getattr(first, name), getattr(later, name)) for name in ("meshes", "lights", "drawn")
+    }
+    medium = first.medium if later.medium is None or equal(first.medium, later.medium) else later.medium
+    if medium is first.medium and all(parts[name] is getattr(first, name) for name in parts):
+        return first
+    return replace(later, **parts, medium=medium, bounds=first.bounds)
+
+
+def _matched(first: Sequence[T], later: Sequence[T]) -> Sequence[T]:
+    by_name = {item.name: item for item in later}  # type: ignore[attr-defined]
+    result = tuple(same(item, by_name.get(item.name, item)) for item in first)  # type: ignore[attr-defined]
+    return first if all(a is b for a, b in zip(first, result, strict=True)) else result
+
+
+def same(first: T, later: T) -> T:
+    """Return the first of two values where they are equal, else the later with what is equal in it from the first."""
+    if equal(first, later):
+        return first
+    if is_dataclass(first) and type(first) is type(later):
+        parts = {each.name: same(getattr(first, each.name), getattr(later, each.name)) for each in fields(first)}
+        return replace(later, **parts)  # type: ignore[type-var]
+    return later
+
+
+def equal(a: Any, b: Any) -> bool:
+    """Return whether two values are equal, to the rounding of interpolated keys; arrays and what holds them too."""
+    if a is b:
+        return True
+    if is_dataclass(a) and type(a) is type(b):
+        return all(equal(getattr(a, field.name), getattr(b, field.name)) for field in fields(a))
+    if isinstance(a, float | np.ndarray) and isinstance(b, float | np.ndarray):
+        return np.shape(a) == np.shape(b) and np.allclose(a, b, rtol=_ROUNDING, atol=0)
+    if isinstance(a, tuple) and isinstance(b, tuple):
+        return len(a) == len(b) and all(map(equal, a, b))
+    return bool(type(a) is type(b) and a == b)
+
+
+# Fractions of the shutter at which a scene is looked at, beside its end and its time samples, to learn whether it
+# moves: between two of its keys something may be as it was at both, but not at these.
+_PROBES = (0.29, 0.71)
+_MOST_PROBES = 16
+
+
+_KEPT = 8
+
+_NEAREST = 1e-9  # time codes before a sample, at which what it changes at once is still as it was
+
+
+class Exposure:
+    """What `render.shutter.Shutter` asks: scene and cameras at fractions of the shutter, the last few kept.
+
+    Parameters
+    ----------
+    read_scene, read_cameras
+        Return the scene, and the cameras, at a time code.
+    start, stop, keys
+        Time codes of shutter open and shutter close, and of time samples after the first and up to the second.
+
+    Attributes
+    ----------
+    duration
+        Time codes that the shutter is open.
+    moving
+        Whether anything moves meanwhile.
+    """
+
+    def __init__(
+        self,
+        read_scene: Callable[[float], Scene],
+        read_cameras: Callable[[float], tuple[Camera, ...]],
+        start: float,
+        stop: float,
+        keys: Sequence[float] = (),
+    ) -> None:
+        self._read_scene, self._read_cameras = read_scene, read_cameras
+        self._start, self.duration = start, stop - start
+        self._first = read_scene(start), read_cameras(start)
+        self._known = {start: self._first}  # and what was asked for last: a pass asks for three, some of them twice
+        self._keys = np.asarray(keys, dtype=np.float64)
+        # Reading a scene takes long: what stands still at these times is taken to stand still in between.
+        step = max(1, len(keys) // _MOST_PROBES)
+        probes = [*map(self.code, _PROBES), self._closing(1.0), *(key for key in keys[::step] if key < stop)]
+        self._still = not self.duration or all(self._scene(each) is self._first[0] for each in probes)
+        self.moving = bool(self.duration) and (not self._still or any(self._eyes_moved(each) for each in probes))
+
+    def __call__(self, fraction: float) -> tuple[Scene, tuple[Camera, ...]]:
+        """Return scene and cameras at a fraction of the shutter, 0 to 1."""
+        return self._moment(self.code(fraction))
+
+    def closing(self, fraction: float) -> tuple[Scene, tuple[Camera, ...]]:
+        """Return scene and cameras at a fraction at which a slice closes.
+
+        What is held until a time sample there (an asset, a token, a bool, a string) has not jumped yet: a slice is half
+        open, or its beams, which go from one end of it to the other, would have a share of what comes after it.
+        """
+        return self._moment(self._closing(fraction))
+
+    def _closing(self, fraction: float) -> float:
+        code = self.code(fraction)
+        step = max(_NEAREST, 4 * np.spacing(abs(code)))
+        return float(code - step) if np.any(np.abs(self._keys - code) < 0.5 * step) else code
+
+    def _moment(self, code: float) -> tuple[Scene, tuple[Camera, ...]]:
+        if code not in self._known:
+            content = self._first[0] if self._still else self._scene(code)
+            for old in list(self._known)[1 : max(1, len(self._known) - _KEPT + 1)]:
+                del self._known[old]
+            self._known[code] = content, self._eyes(code)
+        return self._known[code]
+
+    def shutter(self, eyes: Sequence[int], rate: float = 1.0) -> Shutter:
+        """Return what the renderer asks, for these of the cameras; `rate` is in time codes a second."""
+        from ..world.shutter import Moment, Shutter
+
+        def seen(moment: tuple[Scene, tuple[Camera, ...]]) -> Moment:
+            return Moment(moment[0], tuple(moment[1][eye] for eye in eyes))
+
+        def clock(fraction: float) -> tuple[float, float]:
+            code = self.code(fraction)
+            return code, code / rate
+
+        return Shutter(lambda at: seen(self(at)), self.moving, clock, lambda at: seen(self.closing(at)))
+
+    def code(self, fraction: float) -> float:
+        """Return the time code of a fraction of the shutter."""
+        return self._start + fraction * self.duration
+
+    def _scene(self, code: float) -> Scene:
+        try:
+            return followed(self._first[0], self._read_scene(code))
+        except SceneError as error:
+            raise SceneError(f"{error} (at time {code:g}, while the shutter is open)") from None
+
+    def _eyes(self, code: float) -> tuple[Camera, ...]:
+        return tuple(map(same, self._first[1], self._read_cameras(code)))
+
+    def _eyes_moved(self, code: float) -> bool:
+        return any(a is not b for a, b in zip(self._eyes(code), self._first[1], strict=True))

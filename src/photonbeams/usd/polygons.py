@@ -1,0 +1,131 @@
+"""Polygons in a prim's own space, and the triangles made of them: the step between USD's meshes and the renderer's."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..scene import Array
+from ..scene.vectors import unit
+from .triangles import triangulate
+
+
+@dataclass(frozen=True)
+class Values:
+    """A primvar, flattened: `values` (K, d) by `interpolation`, as UsdGeom names it."""
+
+    values: Array
+    interpolation: str
+
+    def expected(self, polygons: Polygons) -> int:
+        """Return the number of values that the interpolation asks for."""
+        lengths = {"constant": 1, "uniform": len(polygons.counts), "faceVarying": len(polygons.indices)}
+        return lengths.get(self.interpolation, len(polygons.points))
+
+    @property
+    def per_point(self) -> bool:
+        """Whether all corners at a point have the same value."""
+        return self.interpolation in ("constant", "vertex", "varying")
+
+    def at(self, corners: Array, faces: Array, indices: Array) -> Array:
+        """Return the value at each triangle corner, (T, 3, d)."""
+        if self.interpolation == "constant":
+            return np.broadcast_to(self.values[0], (*corners.shape, self.values.shape[1]))
+        if self.interpolation == "uniform":
+            return np.repeat(self.values[faces][:, None], 3, axis=1)
+        return self.values[corners if self.interpolation == "faceVarying" else indices[corners]]
+
+
+@dataclass(frozen=True)
+class Polygons:
+    """A polygon mesh in local space, faces counter-clockwise around the outward normal unless `left_handed`."""
+
+    points: Array  # (P, 3)
+    counts: Array  # (F,)
+    indices: Array  # (sum of counts,)
+    normals: Values | None = None
+    uvs: Values | None = None
+    left_handed: bool = False
+    smooth: bool = False  # normals are to be made, if there are none
+
+
+@dataclass(frozen=True)
+class Triangles:
+    """Triangles in local space: vertices split wherever a normal or UV is not shared, and each triangle's face."""
+
+    points: Array  # (V, 3)
+    vertices: Array  # (T, 3) indices of points
+    faces: Array  # (T,) the polygon that each triangle is of
+    normals: Array | None  # (V, 3)
+    uvs: Array | None  # (V, 2)
+    dropped: int = 0  # faces without area
+
+
+def triangles_of(polygons: Polygons) -> Triangles:
+    """Triangulate, look up normals and UVs, and weld what is shared."""
+    corners, faces, dropped = triangulate(polygons.counts, polygons.indices, polygons.points)
+    if polygons.left_handed:
+        corners = corners[:, ::-1]
+    positions = polygons.indices[corners]  # (T, 3)
+    normals = None
+    if polygons.normals is not None:
+        normals = _mended(polygons.normals.at(corners, faces, polygons.indices), polygons.points[positions])
+    elif polygons.smooth and len(corners):
+        normals = vertex_normals(polygons.points, positions)[positions]
+    uvs = None if polygons.uvs is None else polygons.uvs.at(corners, faces, polygons.indices)
+    split = [
+        values
+        for source, values in ((polygons.normals, normals), (polygons.uvs, uvs))
+        if source is not None and values is not None and not source.per_point
+    ]
+    vertices, kept = _welded(positions, split)
+    return Triangles(
+        points=polygons.points[positions.reshape(-1)[kept]],
+        vertices=vertices,
+        faces=faces,
+        normals=None if normals is None else normals.reshape(-1, 3)[kept],
+        uvs=None if uvs is None else uvs.reshape(-1, 2)[kept],
+        dropped=dropped,
+    )
+
+
+def vertex_normals(points: Array, vertices: Array) -> Array:
+    """Return normals (P, 3): the mean of the triangles at each point; zero where there is none.
+
+    Weights are the angles at the point (Thürmer and Wüthrich 1998): the mean does not depend on which way the polygons
+    were cut.
+    """
+    corners = points[vertices]  # (T, 3, 3)
+    ahead = unit(np.roll(corners, -1, axis=1) - corners)
+    behind = unit(np.roll(corners, 1, axis=1) - corners)
+    angles = np.arccos(np.clip(np.sum(ahead * behind, axis=2), -1.0, 1.0))  # (T, 3)
+    faces = unit(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
+    weighted = (angles[..., None] * faces[:, None]).reshape(-1, 3)
+    flat = vertices.reshape(-1)
+    sums = np.stack([np.bincount(flat, weighted[:, axis], len(points)) for axis in range(3)], axis=1)
+    return unit(sums)
+
+
+def _mended(normals: Array, triangles: Array) -> Array:
+    """Return unit normals (T, 3, 3), with the triangle's own where an exporter wrote zero."""
+    missing = ~np.any(normals, axis=-1)
+    if missing.any():
+        flat = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+        normals = np.where(missing[..., None], flat[:, None], normals)
+    return unit(normals)
+
+
+def _welded(positions: Array, values: list[Array]) -> tuple[Array, Array]:
+    """Return new vertex indices (T, 3), and for each new vertex the flat corner that it is taken from.
+
+    Corners are one vertex if they are of one point and agree in the `values` (T, 3, d) that can differ there.
+    """
+    identity = positions.reshape(-1).astype(np.int64)
+    for each in values:
+        for column in each.reshape(-1, each.shape[-1]).T:
+            # Ranks of columns, combined two at a time, stay small integers: sorting those is quicker than rows.
+            _, rank = np.unique(column, return_inverse=True)
+            _, identity = np.unique(identity * (int(rank.max(initial=0)) + 1) + rank, return_inverse=True)
+    _, kept, inverse = np.unique(identity, return_index=True, return_inverse=True)
+    return inverse.reshape(-1, 3), kept

@@ -1,0 +1,250 @@
+"""Render settings and products, by UsdRender: what a stage says about its pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection
+from dataclasses import dataclass
+from math import ceil, isfinite
+from pathlib import Path
+from typing import Any
+
+from pxr import Sdf, Usd, UsdGeom, UsdRender
+
+from ..images.numbering import PLACEHOLDER
+from ..scene import MOST_PIXELS, SceneError
+from .reading import LOG, Reading, file_of
+
+SUFFIXES = (".exr", ".png")
+# Names that other renderers' variables have, lower case.
+_ALIASES = {"color": "rgba", "beauty": "rgba", "ci": "rgba", "c": "rgba", "z": "depth"}
+_EDGE = 1e-4  # of a pixel: dataWindowNDC is in single precision
+
+Window = tuple[float, float, float, float]
+
+
+@dataclass(frozen=True)
+class Product:
+    """A RenderProduct: its prim's path, and the layers that its orderedVars name, if any."""
+
+    path: str
+    variables: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class RenderSettings:
+    """What a RenderSettings prim and its products say; None where nothing is authored.
+
+    Attributes
+    ----------
+    path
+        The prim's path.
+    camera, resolution
+        Path of the camera, and (width, height) in pixels.
+    data_window
+        x0, y0, x1, y1 of the part to render, in fractions of the picture from the lower left.
+    disable_motion_blur, disable_depth_of_field
+        Whether all is to be sharp, as it is at the frame's own time; instantaneousShutter is the old name of the
+        first.
+    products
+        The raster products.
+    """
+
+    path: str | None = None
+    camera: str | None = None
+    resolution: tuple[int, int] | None = None
+    data_window: Window | None = None
+    disable_motion_blur: bool | None = None
+    disable_depth_of_field: bool | None = None
+    products: tuple[Product, ...] = ()
+
+    def crop(self, width: int, height: int) -> Window | None:
+        """Return the data window from the top left, on the edges of the pixels whose centres it holds; at least one."""
+        if self.data_window is None:
+            return None
+        x0, y0, x1, y1 = self.data_window
+        left, right = _pixels(x0, x1, width)
+        top, bottom = _pixels(1 - y1, 1 - y0, height)
+        return (left, top, right, bottom)
+
+
+def _pixels(begin: float, end: float, count: int) -> tuple[float, float]:
+    """Return fractions that name the pixels with centres from `begin` to `end`, robust to rounding down."""
+    first = min(max(ceil(begin * count - 0.5 - _EDGE), 0), count - 1)
+    last = min(max(ceil(end * count - 0.5 - _EDGE), first + 1), count)
+    return (first + _EDGE) / count, min((last + _EDGE) / count, 1.0)
+
+
+def read_settings(stage: Usd.Stage, path: str | None = None, given: Collection[str] = ()) -> RenderSettings:
+    """Return the render settings at a path, or those that the stage's metadata names; without any, empty ones.
+
+    Parameters
+    ----------
+    stage, path
+        Where to look.
+    given
+        Names of what is given otherwise, such as "camera", "resolution" or "products": it is not read, so that it may
+        be wrong.
+
+    Raises
+    ------
+    SceneError
+        No settings at that path, products that are none, or values that make no picture.
+    """
+    reading = Reading(stage)
+    settings = _settings(reading, path)
+    if settings is None:
+        return RenderSettings()
+    prim = settings.GetPrim()
+    rasters = [] if "products" in given else _rasters(reading, prim)
+    values = {
+        name: None if name in given else _agreed(reading, prim, rasters, name, read) for name, read in _READERS.items()
+    }
+    instantaneous = values.pop("instantaneousShutter")
+    still = values["disableMotionBlur"] if instantaneous is None else instantaneous or bool(values["disableMotionBlur"])
+    return RenderSettings(
+        path=str(prim.GetPath()),
+        camera=values["camera"],
+        resolution=values["resolution"],
+        data_window=values["dataWindowNDC"],
+        disable_motion_blur=still,
+        disable_depth_of_field=values["disableDepthOfField"],
+        products=tuple(Product(str(raster.GetPath()), _variables(reading, raster)) for raster in rasters),
+    )
+
+
+def product_file(stage: Usd.Stage, product: Product, time: Any = None) -> Path:
+    """Return the file that a product names at a time: names may be animated.
+
+    Raises
+    ------
+    SceneError
+        It names none, or one that is no picture.
+    """
+    reading = Reading(stage, time)
+    prim = stage.GetPrimAtPath(product.path)
+    name = str(reading.value(prim, "productName", ""))
+    if not name.lower().endswith(SUFFIXES):
+        raise reading.fail(prim, "productName", f"is '{name}': expected a name that ends in {' or '.join(SUFFIXES)}")
+    if len(PLACEHOLDER.findall(Path(name).name)) > 1:
+        raise reading.fail(prim, "productName", f"is '{name}': expected one run of # for the frame number")
+    return Path(name)
+
+
+def _settings(reading: Reading, path: str | None) -> UsdRender.Settings | None:
+    stage = reading.stage
+    if path is None:
+        path = str(stage.GetMetadata("renderSettingsPrimPath") or "")
+        settings = UsdRender.Settings.GetStageRenderSettings(stage)
+        if path and not settings:
+            LOG.warning("%s: renderSettingsPrimPath is %s, which is no RenderSettings: ignored", file_of(stage), path)
+        return settings if settings else None
+    valid = Sdf.Path.IsValidPathString(path) and Sdf.Path(path).IsAbsoluteRootOrPrimPath()
+    settings = UsdRender.Settings(stage.GetPrimAtPath(path)) if valid else None
+    if not settings:
+        names = [str(prim.GetPath()) for prim in stage.Traverse() if prim.IsA(UsdRender.Settings)]
+        expected = f"one of {', '.join(names)}" if names else "a RenderSettings prim"
+        raise SceneError(f"{file_of(stage)} has no render settings '{path}': expected {expected}")
+    return settings
+
+
+def _rasters(reading: Reading, settings: Usd.Prim) -> list[Usd.Prim]:
+    """Return the products of settings that can be rendered."""
+    rasters = []
+    for prim in reading.targets(settings, "products"):
+        if not prim.IsA(UsdRender.Product):
+            raise reading.fail(settings, "products", f"names {prim.GetPath()}: expected a RenderProduct")
+        kind = str(reading.value(prim, "productType", "raster"))
+        if kind == "raster":
+            rasters.append(prim)
+        else:
+            reading.warn(prim, f"is '{kind}': it is skipped, for rasters alone are rendered", "productType")
+    return rasters
+
+
+def _agreed(
+    reading: Reading, settings: Usd.Prim, products: list[Usd.Prim], name: str, read: Callable[[Reading, Usd.Prim], Any]
+) -> Any:
+    """Return what the first product says, else the settings; warn of products that say otherwise: there is one picture.
+
+    A product's opinion is stronger than that of its settings.
+    """
+    own = read(reading, settings) if _authored(settings, name) else None
+    values = [read(reading, prim) if _authored(prim, name) else own for prim in products] or [own]
+    for prim, value in zip(products, values, strict=False):
+        if value != values[0]:
+            reading.warn(prim, f"differs from that of {products[0].GetPath()}, which is used for all products", name)
+    return values[0]
+
+
+def _authored(prim: Usd.Prim, name: str) -> bool:
+    if name == "camera":
+        return bool(prim.GetRelationship(name).GetForwardedTargets())
+    attribute = prim.GetAttribute(name)
+    return bool(attribute and attribute.HasAuthoredValue())
+
+
+def _camera(reading: Reading, prim: Usd.Prim) -> str:
+    camera = reading.targets(prim, "camera")[0]
+    if not camera.IsA(UsdGeom.Camera):
+        raise reading.fail(prim, "camera", f"names {camera.GetPath()}: expected a Camera")
+    return str(camera.GetPath())
+
+
+def _resolution(reading: Reading, prim: Usd.Prim) -> tuple[int, int]:
+    width, height = reading.value(prim, "resolution")
+    if not (1 <= width <= MOST_PIXELS and 1 <= height <= MOST_PIXELS):
+        raise reading.fail(prim, "resolution", f"is {width} x {height}: expected 1 to {MOST_PIXELS} pixels each way")
+    return int(width), int(height)
+
+
+def _pixel_aspect_ratio(reading: Reading, prim: Usd.Prim) -> float:
+    ratio = reading.number(prim, "pixelAspectRatio", 1.0)
+    if ratio != 1:
+        reading.warn(prim, f"is {ratio:g}: pixels are square here", "pixelAspectRatio")
+    return ratio
+
+
+def _conform_policy(reading: Reading, prim: Usd.Prim) -> str:
+    policy = str(reading.value(prim, "aspectRatioConformPolicy"))
+    if policy != "expandAperture":
+        reading.warn(prim, f"is '{policy}': the aperture is expanded, as by expandAperture", "aspectRatioConformPolicy")
+    return policy
+
+
+def _data_window(reading: Reading, prim: Usd.Prim) -> Window:
+    x0, y0, x1, y1 = window = tuple(float(each) for each in reading.value(prim, "dataWindowNDC"))
+    text = f"is ({', '.join(f'{each:g}' for each in window)})"
+    inside = (max(x0, 0.0), max(y0, 0.0), min(x1, 1.0), min(y1, 1.0))
+    if not (all(map(isfinite, window)) and inside[0] < inside[2] and inside[1] < inside[3]):
+        raise reading.fail(prim, "dataWindowNDC", f"{text}: expected x0 < x1 and y0 < y1, and a part of the picture")
+    if inside != window:
+        reading.warn(prim, f"{text}: what is outside the picture is not rendered", "dataWindowNDC")
+    return inside
+
+
+def _flag(name: str) -> Callable[[Reading, Usd.Prim], bool]:
+    return lambda reading, prim: reading.flag(prim, name, False)
+
+
+_READERS: dict[str, Callable[[Reading, Usd.Prim], Any]] = {
+    "camera": _camera,
+    "resolution": _resolution,
+    # These two are read for their errors and warnings alone.
+    "pixelAspectRatio": _pixel_aspect_ratio,
+    "aspectRatioConformPolicy": _conform_policy,
+    "dataWindowNDC": _data_window,
+    "instantaneousShutter": _flag("instantaneousShutter"),
+    "disableMotionBlur": _flag("disableMotionBlur"),
+    "disableDepthOfField": _flag("disableDepthOfField"),
+}
+
+
+def _variables(reading: Reading, product: Usd.Prim) -> tuple[str, ...]:
+    """Return the layers that a product's variables mean, by what the renderer is to look for, else by their names."""
+    names = []
+    for prim in reading.targets(product, "orderedVars"):
+        if not prim.IsA(UsdRender.Var):
+            raise reading.fail(product, "orderedVars", f"names {prim.GetPath()}: expected a RenderVar")
+        name = str(reading.value(prim, "sourceName", "")) or prim.GetName()
+        names.append(_ALIASES.get(name.lower(), name))
+    return tuple(dict.fromkeys(names))

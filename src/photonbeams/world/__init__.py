@@ -1,0 +1,1 @@
+"""What rays meet: shapes, media, emitters, portals, cameras and the shutter."""

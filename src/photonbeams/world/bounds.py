@@ -1,0 +1,62 @@
+"""The sphere around a scene, which light from infinity enters."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import drjit as dr
+import numpy as np
+
+from .. import scene
+from ..numerics.arrays import opaque
+from ..runtime.device import Array3f, Float
+
+
+class Bounds:
+    """The world's bounding sphere, which light from infinity enters; `center` and `radius` are opaque."""
+
+    def __init__(self, center: Any, radius: float) -> None:
+        self.center = opaque(center)
+        self.radius = opaque(radius)
+
+    def behind(self, point: Array3f, direction: Array3f) -> Float:
+        """Return how far back along `direction` from a point the plane is that touches the sphere."""
+        return dr.dot(point - self.center, direction) + self.radius
+
+    def exit(self, origin: Array3f, direction: Array3f, scale: float = 1.0) -> Float:
+        """Return where a ray leaves the sphere of `scale` times the radius; not less than a radius away."""
+        to = self.center - origin
+        along = dr.dot(to, direction)
+        radius = scale * self.radius
+        room = radius * radius - dr.squared_norm(to - along * direction)
+        return dr.maximum(along + dr.safe_sqrt(room), self.radius)
+
+
+def bounding_sphere(states: Sequence[scene.Scene], viewpoints: Sequence[Any]) -> tuple[np.ndarray, float]:
+    """Return centre and radius of a sphere around all states of a scene, and the viewpoints."""
+    clouds = [cloud for state in states for cloud in _clouds(state)] + [np.asarray(point) for point in viewpoints]
+    points = np.concatenate([np.asarray(cloud, dtype=np.float64).reshape(-1, 3) for cloud in [*clouds, np.empty(0)]])
+    if not len(points):
+        return np.zeros(3), 1.0
+    center = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    radius = 1.001 * float(np.linalg.norm(points - center, axis=1).max())
+    return center, radius or 1.0
+
+
+def _clouds(description: scene.Scene) -> list[Any]:
+    """Return points around surfaces, finite lights, portals, fog and drawn beams."""
+    clouds: list[Any] = [mesh.points for mesh in description.meshes]
+    for light in description.lights:
+        if isinstance(light, scene.SphereLight):
+            clouds.append(np.asarray(light.center) + light.radius * np.concatenate([np.eye(3), -np.eye(3)]))
+        if isinstance(light, scene.FlatLight):
+            signs = np.array([[1, 1], [1, -1], [-1, 1], [-1, -1]])
+            clouds.append(light.center + signs @ np.array([light.half_x, light.half_y]))
+        if light.portal is not None:
+            clouds.append(light.portal.points)
+    if description.medium is not None and description.medium.mesh is not None:
+        clouds.append(description.medium.mesh.points)
+    for drawn in description.drawn:
+        clouds += [drawn.start, drawn.end]
+    return clouds

@@ -1,0 +1,226 @@
+"""Cameras: pinhole and orthographic, as UsdGeomCamera has them, as rays and as the screen that tiles are laid on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import drjit as dr
+import numpy as np
+
+from .. import scene
+from ..estimators.image import lane_of, lanes
+from ..estimators.tiles import Pose, Projection
+from ..numerics.arrays import opaque
+from ..runtime.device import Array2f, Array3f, Float, UInt32
+from .warp import disk
+
+
+@dataclass(frozen=True)
+class Window:
+    """The picture: its full size in pixels, and the part of it (x0, y0, x1, y1) that is rendered."""
+
+    width: int
+    height: int
+    crop: tuple[int, int, int, int]
+
+    @classmethod
+    def full(cls, width: int, height: int) -> Window:
+        """Return the window of a whole picture."""
+        return cls(width, height, (0, 0, width, height))
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Height and width of the rendered part."""
+        return self.crop[3] - self.crop[1], self.crop[2] - self.crop[0]
+
+
+class CameraRays(NamedTuple):
+    """A ray a pixel: origins (1 or W · H), unit directions, planar depth per unit of t, and what groups share.
+
+    `lanes` are the origins and times of those groups (`estimators.image.lane_of`), where there is a lens or motion.
+    """
+
+    origin: Any
+    direction: Any
+    facing: Any
+    lanes: tuple[Any, Any] | None = None
+
+
+class View:
+    """A camera that looks at a window: its rays and its projection. All its numbers are opaque to kernels.
+
+    Where the picture's aspect is not the aperture's, the aperture is expanded, as UsdRenderSettings does by default.
+
+    Parameters
+    ----------
+    camera, window
+        The camera, and the picture's size.
+    close
+        The camera at the end of the time that is looked at, where it moves; its lens is that of `camera`. In between,
+        its transform from world to camera space is interpolated linearly, so that what is at rest moves linearly
+        through the picture's space, and tiles know where.
+    """
+
+    def __init__(self, camera: scene.Camera, window: Window, close: scene.Camera | None = None) -> None:
+        self.camera, self.window = camera, window
+        aspect = window.width / window.height
+        apertures = max(camera.horizontal_aperture, camera.vertical_aperture * aspect)
+        self.aperture = np.array([apertures, apertures / aspect])
+        depth = 1.0 if camera.orthographic else camera.focal_length
+        scale = np.array([window.width, window.height]) * depth / self.aperture
+        offset = np.array([camera.horizontal_offset, camera.vertical_offset]) / depth * scale
+        center = np.array([window.width, window.height]) / 2 + np.array([-1, 1]) * offset
+        center = center - np.array(window.crop[:2])
+        height, width = window.shape
+        corners = np.abs(np.array([[0, 0], [width, height]]) - center) / scale
+        edge_x, edge_y = corners.max(axis=0).tolist()
+        self.projection = Projection(
+            poses=tuple(_pose(each) for each in (camera, close) if each is not None),
+            scale=(dr.opaque(Float, scale[0]), dr.opaque(Float, scale[1])),
+            center=(dr.opaque(Float, center[0]), dr.opaque(Float, center[1])),
+            width=width,
+            height=height,
+            orthographic=camera.orthographic,
+            edge_x=dr.opaque(Float, edge_x),
+            edge_y=dr.opaque(Float, edge_y),
+            lens=_lens(camera),
+        )
+
+    @property
+    def film(self) -> bool:
+        """Whether rays have a place on a lens, or a time."""
+        return self.projection.lens is not None or len(self.projection.poses) > 1
+
+    def rays(self, offset: tuple[float, float], sample: Callable[[Any], tuple[Any, Any]] | None = None) -> CameraRays:
+        """Return a ray through each pixel at `offset` in [0, 1)².
+
+        `sample` gives groups of pixels, by their numbers, a place in the unit square for the lens and a time in [0, 1]:
+        it is asked where there is a lens or motion (of the camera, or of anything else, as its giver knows).
+        """
+        (column, row), view = self.pixels(), self.projection
+        x, y = Float(column) + dr.opaque(Float, offset[0]), Float(row) + dr.opaque(Float, offset[1])
+        if sample is None:
+            origin, direction = self._through(x, y)
+            return CameraRays(origin, direction, self._facing(direction))
+        square, time = sample(dr.arange(UInt32, lanes(view)))
+        own, _, _ = self._film(Float(view.center[0]), Float(view.center[1]), square, time)
+        own, time = own + dr.zeros(Array3f, lanes(view)), time + dr.zeros(Float, lanes(view))
+        group = lane_of(column, row, dr.opaque(UInt32, view.columns))
+        origin, direction, facing = self._film(x, y, *sample(group))
+        dr.eval(own, time, origin, direction, facing)
+        return CameraRays(origin, direction, facing, (own, time))
+
+    def _film(self, x: Any, y: Any, square: Any, time: Any) -> tuple[Any, Any, Any]:
+        """Return origin, direction and planar depth per unit of t of rays that have a place on the lens and a time."""
+        view = self.projection
+        right, up = (x - view.center[0]) / view.scale[0], (view.center[1] - y) / view.scale[1]
+        place, toward = Array3f(0), Array3f(right, up, 1)
+        if view.orthographic:
+            place, toward = Array3f(right, up, 0), Array3f(0, 0, 1)
+        elif view.lens is not None:
+            radius, focus = view.lens
+            on_lens = disk(Array2f(square)) * radius
+            place = Array3f(on_lens.x, on_lens.y, 0)
+            toward -= place / focus
+        origin, columns = _inverse(view.poses, time)
+        origin = origin + columns[0] * place.x + columns[1] * place.y + columns[2] * place.z
+        direction = columns[0] * toward.x + columns[1] * toward.y + columns[2] * toward.z
+        inv = dr.rsqrt(dr.squared_norm(direction))
+        return origin, direction * inv, inv
+
+    def on_lens(self, sample: Callable[[Any], tuple[Any, Any]] | None) -> tuple[Any, Any] | None:
+        """Return where on the lens the rays of `rays` begin, to the right and up; None where there is none."""
+        lens = self.projection.lens
+        if lens is None or sample is None:
+            return None
+        group = lane_of(*self.pixels(), dr.opaque(UInt32, self.projection.columns))
+        place = disk(Array2f(sample(group)[0])) * lens[0]
+        return place.x, place.y
+
+    def pixels(self) -> tuple[Any, Any]:
+        """Return column and row of each pixel of the window, row by row."""
+        height, width = self.window.shape
+        index, columns = dr.arange(UInt32, width * height), dr.opaque(UInt32, width)
+        return index % columns, index // columns
+
+    def coarse_rays(self, columns: int, rows: int) -> tuple[Any, Any]:
+        """Return rays on a coarse grid over the window."""
+        height, width = self.window.shape
+        index, across = dr.arange(UInt32, columns * rows), dr.opaque(UInt32, columns)
+        x = (Float(index % across) + 0.5) * dr.opaque(Float, width / columns)
+        y = (Float(index // across) + 0.5) * dr.opaque(Float, height / rows)
+        return self._through(x, y)
+
+    def _through(self, x: Any, y: Any) -> tuple[Any, Any]:
+        view, pose = self.projection, self.projection.poses[0]
+        right = (x - view.center[0]) / view.scale[0]
+        up = (view.center[1] - y) / view.scale[1]
+        if view.orthographic:
+            origin = pose.origin + pose.right * right + pose.up * up
+            direction = pose.forward + 0 * origin
+        else:
+            origin, direction = pose.origin, dr.normalize(pose.right * right + pose.up * up + pose.forward)
+        dr.eval(origin, direction)
+        return origin, direction
+
+    def _facing(self, direction: Any) -> Any:
+        facing = dr.dot(direction, self.projection.poses[0].forward)
+        dr.eval(facing)
+        return facing
+
+    def cosines(self, offset: tuple[float, float]) -> np.ndarray:
+        """Return (H, W) planar depth per unit of distance from the camera, at `offset` in [0, 1)² of each pixel."""
+        x, y = self.pixels()
+        _, direction = self._through(Float(x) + dr.opaque(Float, offset[0]), Float(y) + dr.opaque(Float, offset[1]))
+        result: np.ndarray = self._facing(direction).numpy().reshape(self.window.shape)
+        return result
+
+    def matrices(self) -> dict[str, np.ndarray]:
+        """Return worldToCamera and worldToNDC for row vectors, as EXR headers have them."""
+        world = np.linalg.inv(np.asarray(self.camera.to_world, dtype=np.float64))
+        near, far = self.camera.clipping
+        (w, h), camera = self.aperture, self.camera
+        depth = 1.0 if camera.orthographic else camera.focal_length
+        shift = 2 * np.array([camera.horizontal_offset, camera.vertical_offset]) / np.array([w, h])
+        project = np.zeros((4, 4))
+        project[0, 0], project[1, 1] = 2 * depth / w, 2 * depth / h
+        if camera.orthographic:
+            project[2, 2], project[2, 3], project[3, 3] = -2 / (far - near), -(far + near) / (far - near), 1
+            project[0, 3], project[1, 3] = -shift
+        else:
+            project[0, 2], project[1, 2] = shift
+            project[2, 2], project[2, 3] = -(far + near) / (far - near), -2 * far * near / (far - near)
+            project[3, 2] = -1
+        screen = np.array([[0.5, 0, 0, 0.5], [0, 0.5, 0, 0.5], [0, 0, 1, 0], [0, 0, 0, 1]])
+        return {"worldToCamera": world.T, "worldToNDC": (screen @ project @ world).T}
+
+
+def _pose(camera: scene.Camera) -> Pose:
+    matrix = np.asarray(camera.to_world, dtype=np.float64)
+    return Pose(opaque(matrix[:3, 3]), opaque(matrix[:3, 0]), opaque(matrix[:3, 1]), opaque(-matrix[:3, 2]))
+
+
+def _lens(camera: scene.Camera) -> tuple[Any, Any] | None:
+    if camera.orthographic or camera.lens_radius == 0:
+        return None
+    return dr.opaque(Float, camera.lens_radius), dr.opaque(Float, camera.focus_distance)
+
+
+def _inverse(poses: tuple[Pose, ...], time: Any) -> tuple[Any, list[Any]]:
+    """Return the position of the camera at a time, and the columns of its transform from camera to world space."""
+    first = poses[0]
+    if len(poses) == 1:
+        return first.origin, [first.right, first.up, first.forward]
+    last = poses[1]
+    rows = [
+        dr.lerp(a, b, time) for a, b in ((first.right, last.right), (first.up, last.up), (first.forward, last.forward))
+    ]
+    # Camera space of a world point p is rows · (p − first origin) − shift.
+    shift = last.origin - first.origin
+    moved = [dr.dot(row, shift) * time for row in (last.right, last.up, last.forward)]
+    crossed = [dr.cross(rows[1], rows[2]), dr.cross(rows[2], rows[0]), dr.cross(rows[0], rows[1])]
+    inv = dr.rcp(dr.dot(rows[0], crossed[0]))
+    columns = [column * inv for column in crossed]
+    return first.origin + columns[0] * moved[0] + columns[1] * moved[1] + columns[2] * moved[2], columns

@@ -1,0 +1,311 @@
+"""Gobos: images that a light shines through, and images on its portal.
+
+A gobo is a rectangle in a plane, and a light path has the colour of the image where its line crosses that plane. What
+differs between lights is where the rectangle lies: in front of a point, a spot or a sphere it is a slide whose picture
+goes out from the light's centre; on a rectangle or a disc it is the light's own face; of a distant light it is a slide
+square to the light, as wide as is asked; on a portal it is the portal's bounding rectangle.
+
+A light with images is a source of its own kind, made of the bare one, so that lights without images cost what they did.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cache
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import drjit as dr
+import numpy as np
+
+from .. import scene
+from ..numerics.arrays import opaque, to_uint, to_vectors
+from ..runtime.device import Array2f, Array3f, Bool, Float, UInt32
+from .lights import DomeSource, Illumination, Sight, SphereSource, pack
+
+if TYPE_CHECKING:
+    from .portals import Portal
+
+_WIDEST_CONE = 85.0  # degrees from the axis: a wider cone has no slide that covers it
+_WIDE_SLIDE = 90.0  # degrees: the width of a slide before a light without a narrower cone
+
+#: Device images by the identity of the host's, which are kept along, so that their identities stay theirs.
+Images = dict[int, tuple[Any, Any]]
+
+
+class Slide:
+    """An image in a rectangle; `first` is the place of its first pixel among the pixels of many.
+
+    A place q has the coordinates u = (q − center) · dual_x + ½ and v likewise, from 0 to 1 over the image, with its
+    first row at v = 1. `normal` is the direction in which light passes it.
+    """
+
+    DRJIT_STRUCT: ClassVar[dict[str, Any]] = {
+        "center": Array3f, "dual_x": Array3f, "dual_y": Array3f, "normal": Array3f, "first": UInt32, "columns": Float,
+        "rows": Float, "repeat": Float,
+    }  # fmt: skip
+
+    center: Any
+    dual_x: Any
+    dual_y: Any
+    normal: Any
+    first: Any
+    columns: Any
+    rows: Any
+    repeat: Any
+
+    @classmethod
+    def of(cls, gobo: scene.Gobo, center: Any, edge_x: Any, edge_y: Any, normal: Any) -> Slide:
+        """Return a slide whose image goes along `edge_x` and, upward, along `edge_y`."""
+        result = cls()
+        dual = np.linalg.pinv(np.array([edge_x, edge_y], dtype=np.float64))
+        result.center, result.normal = opaque(center), opaque(normal)
+        result.dual_x, result.dual_y = opaque(dual[:, 0]), opaque(dual[:, 1])
+        rows, columns = np.shape(gobo.image)[:2]
+        result.first = dr.opaque(UInt32, 0)
+        result.columns, result.rows = opaque(columns), opaque(rows)
+        result.repeat = opaque(1.0 if gobo.repeat else 0.0)
+        return result
+
+    def crossing(self, origin: Array3f, direction: Array3f) -> tuple[Float, Array2f]:
+        """Return how far along a line the slide's plane is, and its coordinates there."""
+        cosine = dr.dot(direction, self.normal)
+        cosine = dr.copysign(dr.maximum(dr.abs(cosine), 1e-9), cosine)
+        distance = dr.dot(self.center - origin, self.normal) / cosine
+        offset = origin + distance * direction - self.center
+        return distance, Array2f(dr.dot(offset, self.dual_x) + 0.5, dr.dot(offset, self.dual_y) + 0.5)
+
+    def within(self, place: Array2f) -> Bool:
+        """Return whether coordinates are on the image."""
+        return (dr.minimum(place.x, place.y) >= 0) & (dr.maximum(place.x, place.y) <= 1)
+
+    def color(self, place: Array2f, pixels: Array3f) -> Array3f:
+        """Return the image at coordinates, linear between the pixels' centres; black around it, or repeated."""
+        again = self.repeat > 0
+        u = dr.select(again, place.x - dr.floor(place.x), dr.clip(place.x, 0, 1))
+        v = dr.select(again, place.y - dr.floor(place.y), dr.clip(place.y, 0, 1))
+        x, y = u * self.columns - 0.5, (1 - v) * self.rows - 0.5
+        left, top = dr.floor(x), dr.floor(y)
+
+        def pixel(column: Float, row: Float) -> Array3f:
+            index = self._wrapped(row, self.rows) * UInt32(self.columns) + self._wrapped(column, self.columns)
+            return dr.gather(Array3f, pixels, self.first + index, self.within(place) | again)
+
+        upper = dr.lerp(pixel(left, top), pixel(left + 1, top), x - left)
+        lower = dr.lerp(pixel(left, top + 1), pixel(left + 1, top + 1), x - left)
+        return dr.lerp(upper, lower, y - top)
+
+    def _wrapped(self, index: Float, count: Float) -> UInt32:
+        around = dr.select(index < 0, index + count, dr.select(index >= count, index - count, index))
+        return UInt32(dr.select(self.repeat > 0, around, dr.clip(index, 0, count - 1)))
+
+
+class Masked:
+    """A light behind a slide, or with a pane in its portal, or both. `masked` makes the class for each kind of light.
+
+    Attributes
+    ----------
+    bare
+        The light without them.
+    slide, pane
+        Where the images lie; one that the light does not have (`has_slide`, `has_pane`) is not there.
+    pixels
+        The images of both; not a part of the struct, for it is the same for all lights of a kind.
+    images
+        What they were made of.
+    lit
+        By whether they go through the portal: which part of the light's paths passes the images, once it is known.
+    """
+
+    DRJIT_STRUCT: ClassVar[dict[str, Any]] = {}
+    has_slide: ClassVar[bool] = False
+    has_pane: ClassVar[bool] = False
+
+    bare: Any
+    slide: Any
+    pane: Any
+    pixels: dict[str, Any]
+    images: dict[str, scene.Gobo]
+    lit: dict[bool, float]
+
+    def with_pixels(self, pixels: dict[str, Any]) -> Masked:
+        """Return the light itself, which has now these images."""
+        self.pixels = pixels
+        return self
+
+    def illuminate(self, point: Array3f, u: Array2f) -> Illumination:
+        """Return a sample of the light, in the colours of what it passes."""
+        sample = self.before_pane(point, u)
+        sample.weight = sample.weight * self._passing(point, sample.direction, sample.distance)
+        return sample
+
+    def before_pane(self, point: Array3f, u: Array2f) -> Illumination:
+        """Return a sample of the light as if there were no image on its portal."""
+        sample = self.bare.illuminate(point, u)
+        sample.weight = sample.weight * self.tint(point, -sample.direction)
+        return sample
+
+    def see(self, origin: Array3f, direction: Array3f) -> Sight:
+        """Return what a ray sees of the light."""
+        sight = self.bare.see(origin, direction)
+        factor = self.tint(origin, -direction) * self._passing(origin, direction, sight.distance)
+        sight.radiance = sight.radiance * factor
+        return sight
+
+    def tint(self, point: Array3f, direction: Array3f) -> Array3f:
+        """Return the slide's colour for the light that passes a point along a direction."""
+        if not self.has_slide:
+            return Array3f(1)
+        if isinstance(self.bare, SphereSource):
+            point = self.bare.center  # the picture goes out from there, also of the light beside it
+        _, place = self.slide.crossing(point, direction)
+        color = self.slide.color(place, self.pixels["slide"])
+        return dr.select(dr.dot(direction, self.slide.normal) > 0, color, 0)
+
+    def pane_color(self, point: Array3f) -> Array3f:
+        """Return the colour of the portal at a point of it."""
+        if not self.has_pane:
+            return Array3f(1)
+        _, place = self.pane.crossing(point, self.pane.normal)
+        return self.pane.color(place, self.pixels["pane"])
+
+    def _passing(self, origin: Array3f, direction: Array3f, distance: Float) -> Array3f:
+        """Return the portal's colour on a stretch that passes its rectangle, else 1."""
+        if not self.has_pane:
+            return Array3f(1)
+        crossing, place = self.pane.crossing(origin, direction)
+        passes = (crossing > 0) & (crossing < distance) & self.pane.within(place)
+        return dr.select(passes, self.pane.color(place, self.pixels["pane"]), 1)
+
+
+@cache
+def _kind(bare: type, slide: bool, pane: bool) -> type[Masked]:
+    """Return the class of masked lights of a kind."""
+    parts = {"bare": bare} | ({"slide": Slide} if slide else {}) | ({"pane": Slide} if pane else {})
+    name = f"{'Slide' if slide else ''}{'Pane' if pane else ''}{bare.__name__}"
+    return type(name, (Masked,), {"DRJIT_STRUCT": parts, "has_slide": slide, "has_pane": pane})
+
+
+def masked(bare: Any, light: scene.Light, portal: Portal | None, images: Images) -> Any:
+    """Return a light's source behind its images, or as it is where it has none.
+
+    Parameters
+    ----------
+    bare, portal
+        The light and its portal as Dr.Jit sees them.
+    images
+        Images that are on the device already; new ones are added.
+
+    Raises
+    ------
+    SceneError
+        An image on a portal that is not flat.
+    """
+    slide = None if isinstance(bare, DomeSource) else light.gobo
+    pane = light.portal_gobo if portal is not None else None
+    if slide is None and pane is None:
+        return bare
+    kind: Any = type(bare)
+    result = _kind(kind, slide is not None, pane is not None)()
+    result.bare, result.lit = bare, {}
+    result.images = {name: gobo for name, gobo in (("slide", slide), ("pane", pane)) if gobo is not None}
+    result.pixels = {name: _on_device(gobo, images) for name, gobo in result.images.items()}
+    if slide is not None:
+        result.slide = _slide(light, slide)
+    if pane is not None and portal is not None:
+        result.pane = _pane(light, pane, portal)
+    return result
+
+
+def pack_masked(sources: Sequence[Any]) -> tuple[Any, dict[str, Any]]:
+    """Return masked lights of one kind as one struct of arrays, and their images in a row."""
+    packed = pack(sources)
+    if len(sources) == 1:
+        return packed, sources[0].pixels
+    pixels = {}
+    for name in sources[0].pixels:
+        images = [_padded(source.images[name]) for source in sources]
+        first = np.cumsum([0] + [len(image) for image in images])
+        getattr(packed, name).first = to_uint([*first[:-1], first[-2]])  # the last light is there twice
+        pixels[name] = to_vectors(np.concatenate(images))
+    return packed, pixels
+
+
+def bare(source: Any) -> Any:
+    """Return a light without its images."""
+    return source.bare if isinstance(source, Masked) else source
+
+
+def _on_device(gobo: scene.Gobo, images: Images) -> Any:
+    key = id(gobo.image)
+    if key not in images:
+        images[key] = gobo.image, to_vectors(_padded(gobo))
+    return images[key][1]
+
+
+def _padded(gobo: scene.Gobo) -> Any:
+    """Return an image's pixels, (N, 3), and one more: a gather from an array of one is another kernel."""
+    flat = gobo.colors.reshape(-1, 3)
+    return np.concatenate([flat, flat[-1:]])
+
+
+def slide_angle(light: scene.Light) -> float:
+    """Return the angle, in degrees, that the width of a slide before a light covers: its own, or the light's cone."""
+    if light.gobo is not None and light.gobo.angle is not None:
+        return light.gobo.angle
+    cone = light.shaping.cone_angle if light.shaping is not None else np.inf
+    return 2 * cone if 0 < cone < _WIDEST_CONE else _WIDE_SLIDE
+
+
+def spread(light: scene.Light) -> float:
+    """Return the angle from the axis, in radians, beyond which a light's slide is black."""
+    if light.gobo is None:
+        return np.pi
+    if light.gobo.repeat:
+        return np.pi / 2
+    half = np.tan(np.radians(slide_angle(light)) / 2)
+    return float(np.arctan(half * np.hypot(1.0, light.gobo.aspect)))
+
+
+def _slide(light: scene.Light, gobo: scene.Gobo) -> Slide:
+    """Return where a light's own image lies."""
+    side, up, ahead = _axes(light)
+    if isinstance(light, scene.FlatLight):
+        # As one sees it who faces the light, hence from +X: so UsdLux has the texture of a rectangle.
+        x = light.half_x if np.dot(light.half_x, side) < 0 else -np.asarray(light.half_x)
+        y = light.half_y if np.dot(light.half_y, up) > 0 else -np.asarray(light.half_y)
+        return Slide.of(gobo, light.center, 2 * x, 2 * y, ahead)
+    if isinstance(light, scene.DistantLight):
+        return Slide.of(gobo, light.frame[:3, 3], gobo.width * side, gobo.width * gobo.aspect * up, ahead)
+    assert isinstance(light, scene.SphereLight)
+    width = 2 * np.tan(np.radians(slide_angle(light)) / 2)
+    return Slide.of(gobo, light.center + ahead, width * side, width * gobo.aspect * up, ahead)
+
+
+def _axes(light: Any) -> tuple[Any, Any, Any]:
+    """Return side, up and direction of a light: those of its frame, square to where it shines."""
+    ahead = np.asarray(light.axis, dtype=np.float64) / np.linalg.norm(light.axis)
+    frame = np.asarray(light.frame, dtype=np.float64)[:3, :3]
+    up = frame[:, 1] - (frame[:, 1] @ ahead) * ahead
+    if np.linalg.norm(up) < 1e-6:
+        up = -frame[:, 2] + (frame[:, 2] @ ahead) * ahead
+    up /= np.linalg.norm(up)
+    return np.cross(ahead, up) * np.sign(np.linalg.det(frame)), up, ahead
+
+
+def _pane(light: scene.Light, gobo: scene.Gobo, portal: Portal) -> Slide:
+    """Return the image over a portal's bounding rectangle, upright, as one sees it who faces the light."""
+    if portal.sides is None:
+        text = f"{light.name}: the portal is not flat: expected a planar one to hold the image photonbeams:portal:gobo"
+        raise scene.SceneError(text)
+    corner, *edges = portal.sides
+    center = corner + 0.5 * (edges[0] + edges[1])
+    steep = [abs(edge @ gobo.up) / np.linalg.norm(edge) for edge in edges]
+    y, x = (edges[0], edges[1]) if steep[0] > steep[1] else (edges[1], edges[0])
+    y = y if y @ gobo.up >= 0 else -y
+    normal = np.cross(x, y) / np.linalg.norm(np.cross(x, y))
+    place = getattr(light, "center", None)
+    axis = getattr(light, "axis", None)
+    ahead = center - place if place is not None else np.asarray(axis) if axis is not None else normal
+    if normal @ ahead < 0:  # x to the right and y up: x × y points at who looks, as the light does
+        x, normal = -x, -normal
+    return Slide.of(gobo, center, x, y, normal)

@@ -1,0 +1,336 @@
+"""Lights in Dr.Jit: what reaches a point from a light, and what a ray that meets it sees.
+
+One place for surfaces and for beams: a beam through a portal *is* the light that `illuminate` finds at a point of the
+portal, so the two cannot disagree. Formulas of shaping: UsdLuxShapingAPI and hdEmbree's reference code.
+
+The parameters of a light are opaque Dr.Jit values, one struct for each kind. Structs of one kind can be packed into
+arrays and gathered in a loop, so that a kernel neither depends on the number of lights nor on their values.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, ClassVar, TypeVar
+
+import drjit as dr
+import numpy as np
+
+from .. import scene
+from ..numerics.arrays import opaque, to_float, to_uint, to_vectors
+from ..runtime.device import Array2f, Array3f, Bool, Float, UInt32, mitsuba
+from .warp import cone, disk
+
+mi = mitsuba()
+
+T = TypeVar("T")
+_UNSHAPED = 10.0  # an angle beyond 180 degrees: no cutoff
+
+
+class Illumination:
+    """Light that arrives at a point from one sample of a light.
+
+    `direction` points to the light, `distance` may be infinite; `weight` is radiance / `pdf` per solid angle. `pdf` is
+    0 for a light of no extent, which a ray cannot meet: `weight` is then the irradiance it casts on a plane that
+    faces it.
+    """
+
+    DRJIT_STRUCT: ClassVar[dict[str, Any]] = {
+        "direction": Array3f, "distance": Float, "weight": Array3f, "pdf": Float,
+    }  # fmt: skip
+
+    def __init__(self, direction: Any = None, distance: Any = None, weight: Any = None, pdf: Any = None) -> None:
+        self.direction: Any = direction
+        self.distance: Any = distance
+        self.weight: Any = weight
+        self.pdf: Any = pdf
+
+
+class Sight:
+    """What a ray sees of a light: `distance` (infinite where it misses), `radiance`, and the pdf of `illuminate`."""
+
+    DRJIT_STRUCT: ClassVar[dict[str, Any]] = {"hit": Bool, "distance": Float, "radiance": Array3f, "pdf": Float}
+
+    def __init__(self, hit: Any = None, distance: Any = None, radiance: Any = None, pdf: Any = None) -> None:
+        self.hit: Any = hit
+        self.distance: Any = distance
+        self.radiance: Any = radiance
+        self.pdf: Any = pdf
+
+
+class Shaping:
+    """A light's cone and focus: a factor on its radiance as a function of the angle from its axis."""
+
+    DRJIT_STRUCT: ClassVar[dict[str, Any]] = {"start": Float, "cutoff": Float, "focus": Float, "tint": Array3f}
+
+    start: Any
+    cutoff: Any
+    focus: Any
+    tint: Any
+
+    @classmethod
+    def of(cls, shaping: scene.Shaping | None) -> Shaping:
+        """Return the shaping of a light; None has no effect."""
+        result = cls()
+        given = shaping or scene.Shaping()
+        cutoff = float(np.radians(given.cone_angle)) if shaping else _UNSHAPED
+        result.start = opaque(cutoff * (1 - min(max(given.cone_softness, 0.0), 1.0)))
+        result.cutoff = opaque(cutoff)
+        result.focus = opaque(given.focus if shaping else 0.0)
+        result.tint = opaque(given.focus_tint)
+        return result
+
+    def factor(self, cosine: Float) -> Array3f:
+        """Return the factor at the angle with this cosine from the axis.
+
+        lerp(focusTint, 1, max(cos, 0)^focus) · (1 − smoothstep(start, cutoff, angle)), start = lerp(softness, cutoff,
+        0). A soft cone of no width is a hard edge.
+        """
+        focus = dr.select(self.focus > 0, dr.power(dr.maximum(cosine, 1e-20), self.focus), 1)
+        angle = dr.safe_acos(cosine)
+        x = dr.clip((angle - self.start) / dr.maximum(self.cutoff - self.start, 1e-6), 0, 1)
+        return dr.lerp(self.tint, Array3f(1), focus) * (1 - x * x * (3 - 2 * x))
+
+
+class SphereSource:
+    """A sphere that radiates evenly, or, with radius 0, a point whose `radiance` is a radiant intensity."""
+
+    DRJIT_STRUCT: ClassVar[dict[str, Any]] = {
+        "radiance": Array3f, "center": Array3f, "radius": Float, "axis": Array3f, "shaping": Shaping,
+    }  # fmt: skip
+
+    radiance: Any
+    center: Any
+    radius: Any
+    axis: Any
+    shaping: Any
+
+    @classmethod
+    def of(cls, light: scene.SphereLight) -> SphereSource:
+        """Return the light's parameters, opaque."""
+        result = cls()
+        result.radiance, result.center = opaque(light.radiance), opaque(light.center)
+        result.radius, result.axis = opaque(light.radius), opaque(_unit(light.axis))
+        result.shaping = Shaping.of(light.shaping)
+        return result
+
+    def emitted(self, direction: Array3f) -> Array3f:
+        """Return the radiance (of a point: the intensity) that leaves along `direction`."""
+        return self.radiance * self.shaping.factor(dr.dot(direction, self.axis))
+
+    def illuminate(self, point: Array3f, u: Array2f) -> Illumination:
+        """Return a direction in the cone that the sphere subtends, uniform in solid angle."""
+        to = self.center - point
+        squared = dr.squared_norm(to)
+        axis = to * dr.rsqrt(squared)
+        one_minus_cos, outside = self._subtended(squared)
+        towards = dr.select(self.radius > 0, cone(u, axis, one_minus_cos), axis)
+        along = dr.dot(to, towards)
+        across = dr.squared_norm(to - along * towards)
+        distance = along - dr.safe_sqrt(self.radius * self.radius - across)
+        pdf = dr.select(self.radius > 0, dr.rcp(dr.two_pi * one_minus_cos), 0)
+        scale = dr.select(self.radius > 0, dr.two_pi * one_minus_cos, dr.rcp(squared))
+        weight = dr.select(outside, self.emitted(-towards) * scale, 0)
+        return Illumination(towards, distance, weight, pdf)
+
+    def see(self, origin: Array3f, direction: Array3f) -> Sight:
+        """Return what a ray sees of the sphere; a point is not seen."""
+        to = self.center - origin
+        along = dr.dot(to, direction)
+        room = self.radius * self.radius - dr.squared_norm(to - along * direction)
+        distance = along - dr.safe_sqrt(room)
+        one_minus_cos, outside = self._subtended(dr.squared_norm(to))
+        hit = (self.radius > 0) & outside & (room >= 0) & (distance > 0)
+        radiance = dr.select(hit, self.emitted(-direction), 0)
+        return Sight(hit, dr.select(hit, distance, dr.inf), radiance, dr.rcp(dr.two_pi * one_minus_cos))
+
+    def _subtended(self, squared_distance: Float) -> tuple[Float, Any]:
+        """Return 1 − cos of the cone that the sphere subtends, and whether the point is outside."""
+        sine2 = self.radius * self.radius / squared_distance
+        outside = sine2 < 1
+        sine2 = dr.select(outside, sine2, 1)
+        return dr.maximum(sine2 / (1 + dr.safe_sqrt(1 - sine2)), 1e-30), outside
+
+
+class FlatSource:
+    """A rectangle or ellipse that radiates to one side, along `axis`."""
+
+    DRJIT_STRUCT: ClassVar[dict[str, Any]] = {
+        "radiance": Array3f, "center": Array3f, "half_x": Array3f, "half_y": Array3f, "dual_x": Array3f,
+        "dual_y": Array3f, "axis": Array3f, "area": Float, "disk": Float, "shaping": Shaping,
+    }  # fmt: skip
+
+    radiance: Any
+    center: Any
+    half_x: Any
+    half_y: Any
+    dual_x: Any
+    dual_y: Any
+    axis: Any
+    area: Any
+    disk: Any
+    shaping: Any
+
+    @classmethod
+    def of(cls, light: scene.FlatLight) -> FlatSource:
+        """Return the light's parameters, opaque."""
+        result = cls()
+        halves = np.array([light.half_x, light.half_y], dtype=np.float64)
+        dual = np.linalg.pinv(halves)  # its columns are 1 along one half axis and 0 along the other
+        result.radiance, result.center = opaque(light.radiance), opaque(light.center)
+        result.half_x, result.half_y = opaque(halves[0]), opaque(halves[1])
+        result.dual_x, result.dual_y = opaque(dual[:, 0]), opaque(dual[:, 1])
+        result.axis, result.area = opaque(_unit(light.axis)), opaque(light.area)
+        result.disk = opaque(1.0 if light.disk else 0.0)
+        result.shaping = Shaping.of(light.shaping)
+        return result
+
+    def emitted(self, direction: Array3f) -> Array3f:
+        """Return the radiance that leaves along `direction`; none leaves to the back."""
+        cosine = dr.dot(direction, self.axis)
+        return dr.select(cosine > 0, self.radiance * self.shaping.factor(cosine), 0)
+
+    def position(self, u: Array2f) -> Array3f:
+        """Return a point of the light, uniform in area."""
+        local = dr.select(self.disk > 0, disk(u), 2 * u - 1)
+        return self.center + self.half_x * local.x + self.half_y * local.y
+
+    def illuminate(self, point: Array3f, u: Array2f) -> Illumination:
+        """Return the direction to a point of the light, uniform in area: weight L cos θ A / d²."""
+        to = self.position(u) - point
+        squared = dr.maximum(dr.squared_norm(to), 1e-30)
+        distance = dr.sqrt(squared)
+        towards = to / distance
+        cosine = dr.maximum(-dr.dot(towards, self.axis), 0)
+        weight = self.emitted(-towards) * (cosine * self.area / squared)
+        return Illumination(towards, distance, weight, squared / dr.maximum(cosine * self.area, 1e-30))
+
+    def see(self, origin: Array3f, direction: Array3f) -> Sight:
+        """Return what a ray sees of the light's front."""
+        cosine = -dr.dot(direction, self.axis)
+        distance = dr.dot(origin - self.center, self.axis) / dr.select(cosine > 0, cosine, 1)
+        offset = origin + distance * direction - self.center
+        x, y = dr.dot(offset, self.dual_x), dr.dot(offset, self.dual_y)
+        inside = dr.select(self.disk > 0, x * x + y * y, dr.square(dr.maximum(dr.abs(x), dr.abs(y)))) <= 1
+        hit = (cosine > 0) & (distance > 0) & inside & (self.area > 0)
+        radiance = dr.select(hit, self.emitted(-direction), 0)
+        pdf = distance * distance / dr.maximum(cosine * self.area, 1e-30)
+        return Sight(hit, dr.select(hit, distance, dr.inf), radiance, pdf)
+
+
+class DistantSource:
+    """Light from a cone of directions around −`axis`; with no angle `radiance` is an irradiance."""
+
+    DRJIT_STRUCT: ClassVar[dict[str, Any]] = {"radiance": Array3f, "axis": Array3f, "one_minus_cos": Float}
+
+    radiance: Any
+    axis: Any
+    one_minus_cos: Any
+
+    @classmethod
+    def of(cls, light: scene.DistantLight) -> DistantSource:
+        """Return the light's parameters, opaque."""
+        result = cls()
+        result.radiance, result.axis = opaque(light.radiance), opaque(_unit(light.axis))
+        result.one_minus_cos = opaque(2 * np.sin(np.radians(light.angle) / 4) ** 2)  # of half the angle
+        return result
+
+    def illuminate(self, point: Array3f, u: Array2f) -> Illumination:
+        """Return a direction in the light's cone, uniform in solid angle."""
+        wide = self.one_minus_cos > 0
+        towards = dr.select(wide, cone(u, -self.axis, self.one_minus_cos), -self.axis)
+        solid_angle = dr.two_pi * self.one_minus_cos
+        weight = self.radiance * dr.select(wide, solid_angle, 1)
+        nowhere = 0 * point.x  # as wide as the points
+        return Illumination(
+            towards + nowhere, dr.inf + nowhere, weight + nowhere, dr.select(wide, dr.rcp(solid_angle), 0) + nowhere
+        )
+
+    def see(self, origin: Array3f, direction: Array3f) -> Sight:
+        """Return what a ray sees of the light, at infinity."""
+        hit = dr.squared_norm(direction + self.axis) < 2 * self.one_minus_cos  # chord² = 2 (1 − cos)
+        pdf = dr.rcp(dr.maximum(dr.two_pi * self.one_minus_cos, 1e-30))
+        return Sight(hit, dr.inf + 0 * origin.x, dr.select(hit, self.radiance, 0), pdf + 0 * origin.x)
+
+
+class DomeSource:
+    """An environment, sampled by its brightness through Mitsuba's emitters.
+
+    Mitsuba's `envmap` has the convention of UsdLuxDomeLight's latlong format: +Y is up, the middle of the image looks
+    along +Z and its first quarter along +X, so the light's own rotation is all there is. Mitsuba puts the first and the
+    last row at the poles themselves, not half a row from them: up to half a pixel of latitude, which is left at that.
+    """
+
+    def __init__(self, light: scene.DomeLight) -> None:
+        radiance = np.asarray(light.radiance, dtype=np.float64)
+        if light.image is None:
+            plugin = {"type": "constant", "radiance": {"type": "rgb", "value": [float(c) for c in radiance]}}
+        else:
+            to_world = np.eye(4)
+            to_world[:3, :3] = light.to_world
+            pixels = np.ascontiguousarray(np.asarray(light.image)[..., :3] * radiance, dtype=np.float32)
+            plugin = {
+                "type": "envmap",
+                "bitmap": mi.Bitmap(pixels),
+                "to_world": mi.ScalarTransform4f(to_world),
+            }
+        self.emitter = mi.load_dict(plugin)
+
+    def illuminate(self, point: Array3f, u: Array2f) -> Illumination:
+        """Return a direction with a density like the environment's brightness."""
+        interaction = dr.zeros(mi.SurfaceInteraction3f)
+        interaction.p = mi.Point3f(point)
+        sample, weight = self.emitter.sample_direction(interaction, mi.Point2f(u))
+        nowhere = 0 * point.x
+        weight = dr.select(sample.pdf > 0, Array3f(weight), 0)
+        return Illumination(Array3f(sample.d), dr.inf + nowhere, weight + nowhere, sample.pdf + nowhere)
+
+    def see(self, origin: Array3f, direction: Array3f) -> Sight:
+        """Return what a ray sees that meets nothing."""
+        interaction = dr.zeros(mi.SurfaceInteraction3f)
+        interaction.wi = mi.Vector3f(-direction)
+        sample = dr.zeros(mi.DirectionSample3f)
+        sample.d = mi.Vector3f(direction)
+        radiance = Array3f(self.emitter.eval(interaction))
+        nowhere = 0 * origin.x
+        pdf = self.emitter.pdf_direction(interaction, sample) + nowhere
+        return Sight(nowhere == 0, dr.inf + nowhere, radiance + nowhere, pdf)
+
+
+Source = SphereSource | FlatSource | DistantSource | DomeSource
+
+
+def source(light: scene.Light) -> Source:
+    """Return a light as Dr.Jit sees it."""
+    if isinstance(light, scene.SphereLight):
+        return SphereSource.of(light)
+    if isinstance(light, scene.FlatLight):
+        return FlatSource.of(light)
+    if isinstance(light, scene.DistantLight):
+        return DistantSource.of(light)
+    if isinstance(light, scene.DomeLight):
+        return DomeSource(light)
+    raise scene.SceneError(f"{light.name}: a {type(light).__name__} cannot be sampled")
+
+
+def pack(sources: Sequence[T]) -> T:
+    """Return structs of one kind as one struct of arrays, for `dr.gather` in a loop over lights.
+
+    The last entry is there twice: a gather from an array of one is a broadcast in Dr.Jit, hence another kernel.
+    """
+    result = type(sources[0])()
+    for name, kind in result.DRJIT_STRUCT.items():  # type: ignore[attr-defined]
+        values = [getattr(item, name) for item in [*sources, sources[-1]]]
+        if hasattr(kind, "DRJIT_STRUCT"):
+            packed: Any = pack(values[:-1])
+        elif kind is UInt32:
+            packed = to_uint([value.numpy()[0] for value in values])
+        else:
+            rows = np.array([np.ravel(value.numpy()) for value in values]).T
+            packed = to_float(rows[0]) if kind is Float else to_vectors(rows.T)
+        setattr(result, name, packed)
+    return result
+
+
+def _unit(vector: Any) -> np.ndarray:
+    numbers = np.asarray(vector, dtype=np.float64)
+    return numbers / np.linalg.norm(numbers)

@@ -1,0 +1,376 @@
+"""The media of a Mitsuba scene, and which of them is where.
+
+Mitsuba's own integrators follow media from the sensor on, over the surfaces that a path passes, and believe what sensor
+and emitters say. Light paths begin at emitters, which seldom say anything. So we ask the geometry: the first surface
+between two media that a ray from a point meets tells in which of them the point is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import drjit as dr
+import numpy as np
+
+from .. import scene
+from ..looks import Look
+from ..looks.at import At
+from ..looks.factors import Factor
+from ..numerics.arrays import to_vectors
+from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
+from .tracking import Track, Tracked, Way, walk
+
+mi = mitsuba()
+
+# Surfaces that a ray may pass on its way to the border of a medium.
+_LAYERS = 64
+
+
+class Scattering(Factor):
+    """σs · phase(cos θ) of a Mitsuba medium that varies, or whose phase function is none of Henyey and Greenstein's."""
+
+    def __init__(self, plugin: Any) -> None:
+        self._plugin, self._phase = plugin, plugin.phase_function()
+        self.rough = not plugin.is_homogeneous()
+
+    def evaluate(self, at: At) -> Any:
+        """Return scattering coefficient times phase function; it turns with the light, so any direction does for it."""
+        place = dr.zeros(mi.MediumInteraction3f)
+        place.p = mi.Point3f(at.position)
+        light = mi.Vector3f(0, 0, 1)
+        place.wi, place.sh_frame = -light, mi.Frame3f(light)
+        cosine = dr.clip(at.cosine, -1, 1)
+        value, _ = self._phase.eval_pdf(
+            mi.PhaseFunctionContext(), place, mi.Vector3f(dr.safe_sqrt(1 - cosine * cosine), 0, cosine), True
+        )
+        if self._plugin.is_homogeneous():
+            return at.medium.scattering * Array3f(value)
+        scattering = Array3f(self._plugin.get_scattering_coefficients(place, True)[0])
+        return dr.select(_in_grid(self._plugin, at.position), scattering * Array3f(value), 0)
+
+
+class Ended(Factor):
+    """Along short beams: what is left of light that surely comes as far, exp(−σt s) over its mean by channels.
+
+    Beams end where a flight does, so that as many are left at s as light is; of what has no colour nothing else is.
+    """
+
+    def evaluate(self, at: At) -> Any:
+        """Return the share of each channel; the channels' weights are the beam's power, by which flights choose."""
+        left = dr.exp(-at.medium.extinction * at.depth)
+        return ended(left, getattr(at.beam, "power", Array3f(1)))
+
+
+def _in_grid(plugin: Any, point: Any) -> Any:
+    """Return whether points lie where a medium that varies is known: beyond, grids are clamped, and the medium ends."""
+    inside, enter, leave = plugin.intersect_aabb(mi.Ray3f(mi.Point3f(point), mi.Vector3f(0.6, 0.64, 0.48)))
+    return inside & (enter <= 0) & (leave >= 0)
+
+
+def ended(left: Any, power: Any) -> Any:
+    """Return what is left over its mean, weighted by the power."""
+    return left * dr.sum(power) * dr.rcp(dr.maximum(dr.dot(left, power), 1e-30))
+
+
+@dataclass(frozen=True)
+class Volume:
+    """A medium of a scene.
+
+    Attributes
+    ----------
+    number
+        What names it in arrays of media.
+    plugin
+        Mitsuba's medium.
+    medium, look
+        What estimators need to know of it; of a medium that varies, the greatest coefficients.
+    tracked
+        Of a medium that varies: the look's factor toward the camera, for which rays have to be tracked.
+    colored
+        Of a medium that varies: whether its extinction has a colour.
+    """
+
+    number: int
+    plugin: Any
+    medium: scene.Medium
+    look: Look
+    tracked: Tracked | None = None
+    colored: bool = False
+
+    def ending(self) -> Volume:
+        """Return the same for short beams."""
+        return self if self.tracked is not None else replace(self, look=Look(along=Ended(), angle=self.look.angle))
+
+    def extinction(self, point: Any) -> Array3f:
+        """Return σt at points."""
+        return _extinction(self.plugin, point, Bool(True))
+
+    def track(self, origin: Any, direction: Any, near: Any, far: Any, seed: Any, active: Any) -> None:
+        """Track rays from `near` to `far`, for the look's factor toward the camera, where the medium varies."""
+        if self.tracked is not None:
+            self.tracked.track = Track(self.way(origin, direction, near, far, seed), self.extinction, active)
+
+    def way(self, origin: Any, direction: Any, near: Any, far: Any, seed: Any) -> Way:
+        """Return the part of rays, from `near` to `far`, on which the medium is not nothing."""
+        _, enter, leave = self.plugin.intersect_aabb(mi.Ray3f(mi.Point3f(origin), mi.Vector3f(direction)))
+        majorant = dr.opaque(Float, max(self.medium.extinction))
+        return Way(origin, direction, dr.maximum(near, enter), dr.minimum(far, leave), majorant, seed)
+
+
+def _extinction(media: Any, point: Any, active: Any) -> Array3f:
+    """Return σt of a medium, or of media, at points."""
+    place = dr.zeros(mi.MediumInteraction3f, dr.width(point))
+    place.p = mi.Point3f(point)
+    return Array3f(media.get_scattering_coefficients(place, active)[2])
+
+
+class Volumes:
+    """The media of a scene, and their coefficients for kernels.
+
+    Parameters
+    ----------
+    plugins
+        Mitsuba's media, each as often as it may be.
+    around
+        The Mitsuba scene, where several of its shapes hold media, which may touch.
+
+    Raises
+    ------
+    SceneError
+        A medium that cannot be rendered.
+    """
+
+    def __init__(self, plugins: Iterable[Any], around: Any = None) -> None:
+        found = {number(plugin): plugin for plugin in plugins if plugin is not None}
+        for each in found.values():  # all of them first: Mitsuba calls all phase functions where it calls one
+            _check_phase(each)
+        # In the order of the scene: numbers differ from one process to the next, and so would the sums of light.
+        self.all = tuple(_volume(each, found[each]) for each in found)
+        size = max(found, default=0) + 2  # a gather from an array of one is a broadcast, hence another kernel
+        table = np.zeros((3, size, 3))
+        for volume in self.all:
+            table[0, volume.number] = volume.medium.extinction
+            table[1, volume.number] = volume.medium.scattering
+            table[2, volume.number, :2] = volume.tracked is not None, volume.colored
+        self._extinction, self._scattering, self._kinds = (to_vectors(each) for each in table)
+        self.any_varying = any(volume.tracked is not None for volume in self.all)
+        self._around = around
+
+    @classmethod
+    def of(cls, plugin: Any) -> Volumes:
+        """Return the media of a Mitsuba scene: in and around its shapes, and those that sensors and emitters name."""
+        named = [each.get_medium() for each in (*plugin.sensors(), *plugin.emitters())]
+        shapes = parts(plugin, mi.Shape)
+        several = sum(each.interior_medium() is not None for each in shapes) > 1 or any(map(_repeats, shapes))
+        return cls([*parts(plugin, mi.Medium), *named], plugin if several else None)
+
+    def extinction(self, medium: UInt32) -> Array3f:
+        """Return σt of media by their numbers; 0 in the open."""
+        return dr.gather(Array3f, self._extinction, medium)
+
+    def scattering(self, medium: UInt32) -> Array3f:
+        """Return σs of media by their numbers; 0 in the open."""
+        return dr.gather(Array3f, self._scattering, medium)
+
+    def varying(self, medium: UInt32) -> tuple[Bool, Bool]:
+        """Return which media vary, and whose extinction then has a colour."""
+        kind = dr.gather(Array3f, self._kinds, medium)
+        return kind.x > 0, kind.y > 0
+
+    def absorbed(self, medium: UInt32, distance: Float) -> Array3f:
+        """Return exp(−σt x) of homogeneous media; in the open it is 1, however long the way."""
+        extinction = self.extinction(medium)
+        return dr.select(extinction > 0, dr.exp(-extinction * distance), 1)
+
+    def transmittance(
+        self, medium: UInt32, origin: Array3f, direction: Array3f, distance: Float, seed: UInt32, active: Bool
+    ) -> Array3f:
+        """Return the transmittance over a distance along rays; of media that vary an unbiased estimate."""
+        plain = self.absorbed(medium, distance)
+        if not self.any_varying:
+            return plain
+        varying, _ = self.varying(medium)
+        varying &= active
+        media = pointers(dr.select(varying, medium, 0))
+        ray = mi.Ray3f(mi.Point3f(origin), mi.Vector3f(direction))
+        inside, enter, leave = media.intersect_aabb(ray)
+        majorant = dr.max(self.extinction(medium))
+
+        way = Way(origin, direction, dr.maximum(enter, 0), dr.minimum(leave, distance), majorant, seed)
+        return dr.select(varying, walk(way, lambda point: _extinction(media, point, varying), varying & inside), plain)
+
+    def beyond(self, hit: Any, direction: Any, medium: UInt32, active: Bool) -> UInt32:
+        """Return the number of the medium that rays enter at a hit, where it is a border; else the one they are in.
+
+        Where two borders lie on each other a ray meets one of them. If it then is in the open, we ask the next one.
+        """
+        direction = mi.Vector3f(direction)
+        entered = dr.select(hit.is_medium_transition(), numbers(hit.target_medium(direction)), medium)
+        if self._around is None:
+            return entered
+        lost = active & hit.is_medium_transition() & (entered == 0)
+        start = Array3f(hit.spawn_ray(direction).o)
+        return dr.select(lost, medium_at(self._around, start, Array3f(direction), entered, lost), entered)
+
+
+def _repeats(shape: Any) -> bool:
+    return bool(shape.class_name() == "Instance")
+
+
+class _Parts(mi.TraversalCallback):  # type: ignore[misc, name-defined]
+    """Collects the objects that another one consists of, each once."""
+
+    def __init__(self, found: dict[Any, None]) -> None:
+        super().__init__()
+        self.found = found
+
+    def put(self, name: str, value: Any, flags: Any, cpptype: Any = None) -> None:
+        if isinstance(value, mi.Object) and value not in self.found:
+            self.found[value] = None
+            value.traverse(_Parts(self.found))  # another one, for Mitsuba calls no Python method within itself
+
+
+def parts(plugin: Any, kind: type) -> list[Any]:
+    """Return all parts of a Mitsuba scene that are of a kind, those of groups of shapes too."""
+    found: dict[Any, None] = {}
+    plugin.traverse(_Parts(found))
+    return [each for each in found if isinstance(each, kind)]
+
+
+def boxes(shapes: Iterable[Any]) -> dict[int, Any]:
+    """Return the box around all shapes that hold a medium, by the numbers of media."""
+    result: dict[int, Any] = {}
+    for shape in shapes:
+        if shape.interior_medium() is not None:
+            result.setdefault(number(shape.interior_medium()), mi.ScalarBoundingBox3f()).expand(shape.bbox())
+    return result
+
+
+def number(plugin: Any) -> int:
+    """Return the number of a medium, 0 for None."""
+    return 0 if plugin is None else int(numbers(mi.MediumPtr(plugin))[0])
+
+
+def numbers(media: Any) -> UInt32:
+    """Return the numbers of an array of media."""
+    return UInt32(dr.reinterpret_array(mi.UInt32, media))
+
+
+def pointers(media: UInt32) -> Any:
+    """Return the media with these numbers."""
+    return dr.reinterpret_array(mi.MediumPtr, mi.UInt32(media))
+
+
+def medium_at(plugin: Any, origin: Array3f, direction: Array3f, otherwise: UInt32, active: Bool) -> UInt32:
+    """Return the number of the medium at points, found along a ray from each.
+
+    Parameters
+    ----------
+    plugin
+        The Mitsuba scene.
+    origin, direction
+        Rays.
+    otherwise
+        The medium of points from which no border of a medium is seen.
+    active
+        Which points are asked for.
+    """
+
+    def further(here: Array3f, medium: UInt32, layer: UInt32, going: Bool) -> tuple[Array3f, UInt32, UInt32, Bool]:
+        hit = plugin.ray_intersect(mi.Ray3f(mi.Point3f(here), mi.Vector3f(direction)), going)
+        going = going & hit.is_valid()
+        border = going & hit.is_medium_transition()
+        medium = dr.select(border, numbers(hit.target_medium(mi.Vector3f(-direction))), medium)
+        here = dr.select(going, Array3f(hit.spawn_ray(mi.Vector3f(direction)).o), here)
+        return here, medium, layer + 1, going & ~border
+
+    width = max(dr.width(origin), dr.width(direction))
+    state = (
+        origin + dr.zeros(Array3f, width), otherwise + dr.zeros(UInt32, width), dr.zeros(UInt32, width),
+        active & dr.full(Bool, True, width),
+    )  # fmt: skip
+    return dr.while_loop(state, lambda *each: each[3] & (each[2] < _LAYERS), further, label="medium_at")[1]
+
+
+def _volume(own: int, plugin: Any) -> Volume:
+    """Return a medium as estimators see it."""
+    name = plugin.id() or plugin.class_name()
+    _check_numbers(plugin, name)
+    place = dr.zeros(mi.MediumInteraction3f)
+    scattering, _, extinction = plugin.get_scattering_coefficients(place)
+    if not plugin.is_homogeneous():
+        extinction = plugin.get_majorant(place)
+        scattering = extinction
+    sigma_s, sigma_t = (np.ravel(np.asarray(each, dtype=float))[:3] for each in (scattering, extinction))
+    if not (np.all(np.isfinite(sigma_t)) and np.all(sigma_t >= 0) and np.all(sigma_s >= 0)):
+        raise scene.SceneError(f"medium {name}: sigma_t is {sigma_t.tolist()}: expected finite numbers from 0 on")
+    if np.any(sigma_s > sigma_t * (1 + 1e-5)):
+        albedo = (sigma_s / np.maximum(sigma_t, 1e-30)).tolist()
+        raise scene.SceneError(f"medium {name}: its albedo is {albedo}: expected 1 at most")
+    g, look = _scattering(plugin)
+    medium = scene.Medium(tuple(sigma_s), tuple(np.maximum(sigma_t - sigma_s, 0)), g)
+    if plugin.is_homogeneous():
+        return Volume(own, plugin, medium, look)
+    tracked = Tracked(float(sigma_t.max()))
+    look = Look(along=1.0, eye=tracked, angle=Scattering(plugin))
+    return Volume(own, plugin, medium, look, tracked, _has_color(plugin))
+
+
+def _check_phase(plugin: Any) -> None:
+    """Raise SceneError where a medium's phase function depends on more than the angle."""
+    phase = plugin.phase_function()
+    if mi.has_flag(phase.flags(), mi.PhaseFunctionFlags.Microflake):
+        name = plugin.id() or plugin.class_name()
+        raise scene.SceneError(
+            f"medium {name}: its phase function {phase.class_name()} depends on where its flakes look: "
+            "expected one that depends on the angle alone"
+        )
+
+
+def _check_numbers(plugin: Any, name: str) -> None:
+    """Raise SceneError where a number of a medium is not finite, or none that such a coefficient may have."""
+    check_finite(plugin, f"medium {name}")
+    for key, value in mi.traverse(plugin):
+        numbers = _numbers(value)
+        if not numbers.size:
+            continue
+        if key.startswith(("sigma_t.", "albedo.")) and key.endswith((".data", ".value")) and numbers.min() < 0:
+            raise scene.SceneError(f"medium {name}: {key} has numbers below 0, such as {numbers.min():g}")
+        if key.startswith("albedo.") and key.endswith((".data", ".value")) and numbers.max() > 1 + 1e-5:
+            raise scene.SceneError(f"medium {name}: {key} has numbers above 1, such as {numbers.max():g}")
+
+
+def check_finite(plugin: Any, name: str) -> None:
+    """Raise SceneError where a number of an object of Mitsuba's, or of an image or a grid of it, is not finite."""
+    for key, value in mi.traverse(plugin):
+        if not np.all(np.isfinite(_numbers(value))):
+            raise scene.SceneError(f"{name}: {key} has numbers that are not finite")
+
+
+def _numbers(value: Any) -> np.ndarray:
+    """Return the numbers of a parameter; none of one that is not made of numbers."""
+    value = getattr(value, "matrix", value)
+    try:
+        return np.asarray(getattr(value, "array", value), dtype=float)
+    except (TypeError, ValueError):
+        return np.zeros(0)
+
+
+def _has_color(plugin: Any) -> bool:
+    """Return whether a medium's extinction differs between channels; one that nobody knows may."""
+    data = next((value for key, value in mi.traverse(plugin) if key == "sigma_t.data"), None)
+    return data is None or data.shape[-1] != 1
+
+
+def _scattering(plugin: Any) -> tuple[float, Look]:
+    """Return g and the look of a medium: those of Henyey and Greenstein where its phase function is theirs."""
+    phase = plugin.phase_function()
+    if phase.class_name() == "IsotropicPhaseFunction":
+        return 0.0, Look()
+    if phase.class_name() == "HGPhaseFunction":
+        g = float(np.ravel(mi.traverse(phase)["g"])[0])
+        if abs(g) <= 0.99:
+            return g, Look()
+    return 0.0, Look(angle=Scattering(plugin))

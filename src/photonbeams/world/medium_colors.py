@@ -1,0 +1,165 @@
+"""Colour before physics: the fog and the power that give a beam two colours, and the colours that they give it.
+
+An artist names the colour C0 that a beam shows where it begins, the colour C1 one unit along it, the fog's albedo a and
+the distance D from which it is seen. With the attenuation of fog along the beam and towards the eye (Nowrouzezahrai et
+al. 2011, "Art"):
+
+    σt = ln(C0 / C1),   σs = a σt,   Φ = C0 (C0 / C1)^D / σs · 1 / (p k1)
+
+The formula as published ends before the last factor. With it the colours are radiances, the very numbers of a picture:
+a beam of radius R and the physical look, seen square from the side (θ = 90°), is in its middle
+Φ σs p k1 · exp(−σt s) · exp(−σt D), where p is the phase function at 90°, 1/4π in isotropic fog, and k1 the profile's
+line projection, 8/(3π R) of the default profile.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..scene import Array, Color, Medium, SceneError, color, number
+
+if TYPE_CHECKING:
+    from ..looks import Across
+
+Colors = float | Sequence[float] | Array
+
+# Of the near colour, what the far one is taken to be at least and at most: darker leaves no beam to be seen, and where
+# nothing is lost nothing is scattered, so that no power would do.
+DARKEST, BRIGHTEST = 0.1, 0.999
+
+_LARGEST = 1e30  # of a power: kernels multiply in single precision, which ends at 3e38
+
+
+def medium_of_colors(
+    near: Colors,
+    far: Colors,
+    *,
+    albedo: Colors = 1.0,
+    distance: float = 0.0,
+    far_distance: float = 1.0,
+    radius: float = 1.0,
+    anisotropy: float = 0.0,
+    across: Across | None = None,
+) -> tuple[Medium, Color]:
+    """Return the fog and the power with which a beam shows two colours.
+
+    Parameters
+    ----------
+    near, far
+        Scene-linear radiances, one number or three, of the beam's middle where it begins and `far_distance` along it.
+        Each channel of `far` is taken to be between 0.1 and 0.999 of `near`. A channel in which `near` is black tells
+        nothing of the fog, which has the mean extinction of the others there; the beam has no power in it.
+    albedo
+        The part of the light lost that is scattered, σs / σt, above 0 and no more than 1.
+    distance
+        Scene units of fog between the beam and the eye.
+    far_distance
+        Scene units from the beam's beginning to where it is `far`.
+    radius, across
+        The beam's radius in scene units, and its profile (None: that of the default look). For a shaft of many parallel
+        beams of a light give the shaft's radius and `Uniform()`.
+    anisotropy
+        The fog's, −0.99 to 0.99.
+
+    Returns
+    -------
+    medium, power
+        The fog, and the beam's flux Φ (RGB).
+
+    Raises
+    ------
+    SceneError
+        Numbers out of range; `near` all black; a distance through which no power that can be rendered is seen.
+
+    Examples
+    --------
+    >>> import photonbeams as pb
+    >>> medium, power = pb.medium_of_colors((1.0, 0.8, 0.5), (0.6, 0.4, 0.2), albedo=0.9, distance=3.0, radius=0.1)
+    >>> near, far = pb.colors_of_medium(medium, power, distance=3.0, radius=0.1)
+    >>> [round(channel, 3) for channel in far]
+    [0.6, 0.4, 0.2]
+    """
+    number(distance, "distance", minimum=0.0)
+    scattering, absorption = coefficients(near, far, albedo, far_distance)
+    medium = Medium(scattering, absorption, anisotropy)
+    with np.errstate(over="ignore"):
+        reaching = np.asarray(scattering) * np.exp(-np.asarray(medium.extinction) * distance)
+        power = np.asarray(color(near, "near")) / np.maximum(reaching, 1e-300) / _side(medium, radius, across)
+    if not np.all(power <= _LARGEST):
+        text = f"distance is {distance:g}: expected less, for the fog leaves nothing to be seen through it"
+        raise SceneError(text)
+    return medium, color(power, "power")
+
+
+def colors_of_medium(
+    medium: Medium,
+    power: Colors,
+    distance: float = 0.0,
+    *,
+    far_distance: float = 1.0,
+    radius: float = 1.0,
+    across: Across | None = None,
+) -> tuple[Color, Color]:
+    """Return the colours of a beam of this power in this fog, near and far: the inverse of `medium_of_colors`.
+
+    Parameters
+    ----------
+    medium, power
+        The fog, and the beam's flux, one number or three.
+    distance, far_distance, radius, across
+        As `medium_of_colors` has them.
+
+    Raises
+    ------
+    SceneError
+        Numbers out of range.
+    """
+    number(distance, "distance", minimum=0.0)
+    number(far_distance, "far distance", minimum=0.0)
+    extinction = np.asarray(medium.extinction)
+    seen = np.asarray(color(power, "power")) * np.asarray(medium.scattering) * _side(medium, radius, across)
+    near = seen * np.exp(-extinction * distance)
+    return color(near, "near"), color(near * np.exp(-extinction * far_distance), "far")
+
+
+def coefficients(near: Colors, far: Colors, albedo: Colors = 1.0, far_distance: float = 1.0) -> tuple[Color, Color]:
+    """Return the scattering and the absorption of the fog that takes a beam from one colour to another.
+
+    Arguments and errors are those of `medium_of_colors`.
+    """
+    begin, end, scattered = (
+        np.asarray(color(value, name)) for value, name in ((near, "near"), (far, "far"), (albedo, "albedo"))
+    )
+    number(far_distance, "far distance", minimum=1e-12)
+    if not np.any(begin > 0):
+        raise SceneError(f"near is {near}: expected a colour that is not black")
+    if not np.all((scattered > 0) & (scattered <= 1)):
+        raise SceneError(f"albedo is {albedo}: expected one or three numbers above 0 and no more than 1")
+    lit = begin > 0
+    kept = np.clip(end[lit] / begin[lit], DARKEST, BRIGHTEST)
+    extinction = np.full(3, -np.log(kept).mean() / far_distance)
+    extinction[lit] = -np.log(kept) / far_distance
+    return color(scattered * extinction, "scattering"), color((1 - scattered) * extinction, "absorption")
+
+
+def _side(medium: Medium, radius: float, across: Across | None) -> float:
+    """Return p k1: the radiance, seen square from the side, of a beam's middle that scatters a unit of flux a unit."""
+    from ..looks import Epanechnikov, Modulated
+    from ..looks.across import across as profile_of
+    from ..quadrature import gauss_legendre
+
+    if not number(radius, "radius") > 0:
+        raise SceneError(f"radius is {radius}: expected a number above 0")
+    try:
+        profile = profile_of(Epanechnikov() if across is None else across)
+    except ValueError as error:
+        raise SceneError(f"across is {across!r}: {error}") from None
+    if isinstance(profile, Modulated):
+        raise SceneError("across depends on more than the radius: expected a profile")
+    breaks = (*profile.corners, *np.linspace(0, 1, 17)[1:-1])
+    line = 2 * profile.scale * float(gauss_legendre(16).integrate(profile.shape, 0.0, 1.0, breaks))
+    phase = (1 - medium.anisotropy**2) / (4 * np.pi * (1 + medium.anisotropy**2) ** 1.5)
+    return phase * line / radius

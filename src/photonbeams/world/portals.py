@@ -1,0 +1,104 @@
+"""Portals: the openings through which light reaches a shot, and points on them.
+
+A planar portal, which nearly all are, is sampled by stratified points of its tight bounding rectangle, of which those
+that miss the portal are dropped: a keyhole's outline costs candidates, not stratification.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+import numpy as np
+
+from .. import scene
+from ..numerics.arrays import opaque
+from ..runtime.device import Array2f, Array3f, Bool, mitsuba
+from ..scene.vectors import FLAT
+
+mi = mitsuba()
+
+
+@dataclass(frozen=True)
+class _Rectangle:
+    corner: Any
+    edge_x: Any
+    edge_y: Any
+    normal: Any
+    lift: Any  # from where a ray looks for the portal
+
+
+class Portal:
+    """An opening, as a small Mitsuba scene of its own.
+
+    Attributes
+    ----------
+    area
+        What the sampled points are uniform over: the area of the bounding rectangle, or of the portal itself.
+    fill
+        The part of the candidates that meets the portal.
+    sides
+        A corner of the bounding rectangle and the two edges from it, float64; None of a portal that is not planar.
+    """
+
+    def __init__(self, mesh: scene.Mesh, shape: Any) -> None:
+        area = mesh.area
+        if not area > 0:
+            raise scene.SceneError(f"{mesh.name}: the portal has no area, so no light passes it")
+        self.shape = shape
+        self.scene = mi.load_dict({"type": "scene", "portal": shape})
+        self.rectangle, rectangle_area, self.sides = _bounding_rectangle(mesh)
+        self.area = rectangle_area if self.rectangle else area
+        self.fill = min(1.0, area / self.area)
+
+    def sample(self, u: Array2f) -> tuple[Array3f, Array3f, Bool]:
+        """Return points uniform over `area`, the unit normals there, and which of the points lie on the portal."""
+        if self.rectangle is None:
+            sample = self.shape.sample_position(0.0, mi.Point2f(u))
+            return Array3f(sample.p), Array3f(sample.n), dr.full(Bool, True, dr.width(u))
+        box = self.rectangle
+        point = box.corner + u.x * box.edge_x + u.y * box.edge_y
+        normal = box.normal + 0 * u.x
+        ray = mi.Ray3f(mi.Point3f(point - box.lift * normal), mi.Vector3f(normal))
+        ray.maxt = 2 * box.lift
+        return point, normal, self.scene.ray_test(ray)
+
+    def crosses(self, origin: Array3f, direction: Array3f, distance: Any = None) -> Bool:
+        """Return which rays, no longer than `distance`, pass the portal."""
+        ray = mi.Ray3f(mi.Point3f(origin), mi.Vector3f(direction))
+        if distance is not None:
+            ray.maxt = distance
+        return self.scene.ray_test(ray)
+
+
+def _bounding_rectangle(mesh: scene.Mesh) -> tuple[_Rectangle | None, float, Any]:
+    """Return the smallest rectangle along an edge that holds a planar portal, its area, and its corner and edges.
+
+    None if not planar.
+    """
+    plane = mesh.plane()
+    if plane is None:
+        return None, 0.0, None
+    center, normal = plane.center, plane.normal
+    points, corners = mesh.used_points, mesh.corners
+    edges = (corners - np.roll(corners, 1, axis=1)).reshape(-1, 3)
+    edges = edges[np.linalg.norm(edges, axis=1) > 1e-9 * plane.extent]
+    edges /= np.linalg.norm(edges, axis=1, keepdims=True)
+    best: tuple[float, Any] | None = None
+    for x in edges:
+        y = np.cross(normal, x)
+        local = (points - center) @ np.array([x, y]).T
+        low, size = local.min(axis=0), np.ptp(local, axis=0)
+        if best is None or size[0] * size[1] < best[0] * (1 - 1e-9):
+            best = float(size[0] * size[1]), (center + low[0] * x + low[1] * y, size[0] * x, size[1] * y)
+    assert best is not None
+    corner, edge_x, edge_y = best[1]
+    lift = 2 * FLAT * plane.extent
+    rectangle = _Rectangle(opaque(corner), opaque(edge_x), opaque(edge_y), opaque(normal), opaque(lift))
+    return rectangle, best[0], (corner, edge_x, edge_y)
+
+
+def count_candidates(fill: float, count: int) -> int:
+    """Return how many candidates leave about `count` of them, where the part `fill` of them is left."""
+    return max(1, round(count / fill))

@@ -1,0 +1,133 @@
+"""Mitsuba's sensors as cameras of ours: where their rays lie on a screen, so that tiles can list beams."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+import numpy as np
+
+from .. import scene
+from ..numerics.samples import Samples
+from ..runtime.device import Array3f, Float, UInt32, mitsuba
+from .cameras import View, Window
+
+mi = mitsuba()
+
+_PINHOLES = ("PerspectiveCamera", "ThinLensCamera")
+_LENS = 101  # name of samples in seeds
+
+
+@dataclass(frozen=True)
+class Primary:
+    """Rays of a pass, one a pixel of the crop window, row by row.
+
+    `facing` is planar depth per unit of distance, `lanes` what groups of pixels share (`render.camera.CameraRays`),
+    both None where there is no screen; `near` and `far` bound the rays, `weight` is what their light counts.
+    """
+
+    origin: Any
+    direction: Any
+    near: Any
+    far: Any
+    weight: Any
+    facing: Any = None
+    lanes: Any = None
+
+
+class Sensor:
+    """A sensor of a Mitsuba scene.
+
+    Attributes
+    ----------
+    plugin, film
+        Mitsuba's sensor and its film.
+    width, height
+        Size of the film's crop window.
+    view
+        The same camera as one of ours, for the tiles; None of sensors that are no such camera.
+    """
+
+    def __init__(self, plugin: Any) -> None:
+        self.plugin, self.film = plugin, plugin.film()
+        self.width, self.height = (int(each) for each in self.film.crop_size())
+        camera = _camera(plugin, self.width, self.height)
+        self.view = None if camera is None else View(camera, Window.full(self.width, self.height))
+        self._clipping = None if camera is None else tuple(dr.opaque(Float, each) for each in camera.clipping)
+
+    def rays(self, offset: tuple[float, float], order: Any, samples: Samples) -> Primary:
+        """Return a ray through each pixel at `offset` in [0, 1)²; `order` are the pixels' numbers for their samples."""
+        if self.view is None:
+            return self._sampled(offset, order, samples)
+
+        def place(groups: Any) -> tuple[Any, Any]:
+            return samples.pair(groups, _LENS), dr.zeros(Float, dr.width(groups))
+
+        rays = self.view.rays(offset, place if self.view.film else None)
+        near, far = self._clipping  # type: ignore[misc]
+        ones = dr.ones(Array3f, self.width * self.height)
+        return Primary(
+            rays.origin, rays.direction, near / rays.facing, far / rays.facing, ones, rays.facing, rays.lanes
+        )
+
+    def _sampled(self, offset: tuple[float, float], order: Any, samples: Samples) -> Primary:
+        """Return rays as the sensor itself samples them."""
+        index, columns = dr.arange(UInt32, self.width * self.height), dr.opaque(UInt32, self.width)
+        x = (Float(index % columns) + dr.opaque(Float, offset[0])) / dr.opaque(Float, self.width)
+        y = (Float(index // columns) + dr.opaque(Float, offset[1])) / dr.opaque(Float, self.height)
+        aperture = samples.pair(order, _LENS)
+        ray, weight = self.plugin.sample_ray_differential(  # some sensors have no other, as `irradiancemeter`
+            Float(self.plugin.shutter_open()), Float(0.5), mi.Point2f(x, y), mi.Point2f(aperture), True
+        )
+        wide = dr.zeros(Array3f, self.width * self.height)
+        far = dr.minimum(ray.maxt, dr.largest(Float)) + wide.x
+        return Primary(Array3f(ray.o) + wide, Array3f(ray.d) + wide, 0 * wide.x, far, Array3f(weight) + wide)
+
+
+def _camera(plugin: Any, width: int, height: int) -> scene.Camera | None:
+    """Return a sensor as a camera, from the rays that it sends through the middle and the borders of its film."""
+    kind = plugin.class_name()
+    orthographic = kind == "OrthographicCamera"
+    if kind not in _PINHOLES and not orthographic:
+        return None
+    parameters = mi.traverse(plugin)
+    near, far = (float(parameters[name]) for name in ("near_clip", "far_clip"))
+    world = np.asarray(plugin.world_transform().matrix, dtype=np.float64).reshape(4, 4, -1)[..., 0]
+    forward, center = world[:3, 2] / np.linalg.norm(world[:3, 2]), world[:3, 3]
+    across, down = (_slopes(plugin, forward, (0, 0.5), (1, 0.5)), _slopes(plugin, forward, (0.5, 0), (0.5, 1)))
+    if not np.all(np.isfinite([across, down])):
+        name = plugin.id() or kind
+        raise scene.SceneError(
+            f"sensor {name}: its rays are not finite: expected such a transform, field of view and near_clip"
+        )
+    size_x, size_y = np.linalg.norm(across[1] - across[0]), np.linalg.norm(down[1] - down[0])
+    right, up = (across[1] - across[0]) / size_x, (down[0] - down[1]) / size_y
+    middle = across[0] + across[1]  # twice where the middle of the film is
+    to_world = np.eye(4)
+    to_world[:3, 0], to_world[:3, 1], to_world[:3, 2], to_world[:3, 3] = right, up, -forward, center
+    if orthographic:
+        to_world[:3, 3] = 0.5 * (across[0] + across[1])
+        to_world[:3, 3] += forward * (forward @ (center - to_world[:3, 3]))
+        middle = np.zeros(3)
+    lens = float(np.ravel(parameters["aperture_radius"])[0]) if kind == "ThinLensCamera" else 0.0
+    focus = float(np.ravel(parameters["focus_distance"])[0]) if kind == "ThinLensCamera" else 0.0
+    return scene.Camera(
+        name=plugin.id() or kind, to_world=to_world, focal_length=1.0,
+        horizontal_aperture=float(size_x), vertical_aperture=float(size_x * height / width),
+        horizontal_offset=float(0.5 * middle @ right), vertical_offset=float(0.5 * middle @ up),
+        orthographic=orthographic, clipping=(near, far), lens_radius=lens, focus_distance=focus,
+    )  # fmt: skip
+
+
+def _slopes(plugin: Any, forward: np.ndarray, *places: tuple[float, float]) -> list[np.ndarray]:
+    """Return where rays through places of the film are, at distance 1 from a camera or on an orthographic one."""
+    result = []
+    for x, y in places:
+        ray, _ = plugin.sample_ray(Float(0), Float(0.5), mi.Point2f(x, y), mi.Point2f(0.5), True)
+        origin, direction = (np.ravel(np.asarray(each, dtype=np.float64)) for each in (ray.o, ray.d))
+        if plugin.class_name() == "OrthographicCamera":
+            result.append(origin)
+        else:
+            result.append(direction / (direction @ forward) - forward)
+    return result

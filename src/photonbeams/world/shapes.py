@@ -1,0 +1,116 @@
+"""Meshes and their materials as Mitsuba's shapes, BSDFs, emitters and textures."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from .. import scene
+from ..numerics.arrays import to_float, to_uint
+from ..runtime.device import mitsuba
+
+mi = mitsuba()
+
+
+def shapes_of(meshes: Sequence[scene.Mesh]) -> tuple[Any, ...]:
+    """Return all surfaces as Mitsuba's; meshes of one material share its BSDF."""
+    bsdfs: dict[int, Any] = {}
+    for mesh in meshes:
+        key = id(mesh.material)
+        if key not in bsdfs:
+            bsdfs[key] = _bsdf(mesh.material)
+    return tuple(shape_of(mesh, bsdfs[id(mesh.material)], _emitter(mesh.material)) for mesh in meshes)
+
+
+def shape_of(mesh: scene.Mesh, bsdf: Any = None, emitter: Any = None) -> Any:
+    """Return a mesh as Mitsuba's."""
+    properties = mi.Properties()
+    if bsdf is not None:
+        properties["bsdf"] = bsdf
+    if emitter is not None:
+        properties["emitter"] = emitter
+    shape = mi.Mesh(
+        mesh.name,
+        vertex_count=len(mesh.points),
+        face_count=len(mesh.faces),
+        has_vertex_normals=mesh.normals is not None,
+        has_vertex_texcoords=mesh.uvs is not None,
+        props=properties,
+    )
+    parameters = mi.traverse(shape)
+    parameters["vertex_positions"] = to_float(mesh.points)
+    parameters["faces"] = to_uint(mesh.faces)
+    if mesh.normals is not None:
+        parameters["vertex_normals"] = to_float(mesh.normals)
+    if mesh.uvs is not None:
+        parameters["vertex_texcoords"] = to_float(mesh.uvs)
+    parameters.update()
+    return shape
+
+
+def scene_of(shapes: Sequence[Any]) -> Any:
+    """Return a Mitsuba scene of nothing but shapes."""
+    return mi.load_dict({"type": "scene", **{f"mesh_{index}": shape for index, shape in enumerate(shapes)}})
+
+
+def outward(mesh: scene.Mesh) -> scene.Mesh:
+    """Return a closed mesh with its faces wound around the outward normal, whichever way they were."""
+    a, b, c = (np.asarray(mesh.points)[np.asarray(mesh.faces)[:, corner]] for corner in range(3))
+    volume = float(np.einsum("ij,ij->", a - a[0], np.cross(b - a[0], c - a[0])))
+    faces = np.asarray(mesh.faces)
+    return scene.Mesh(mesh.name, mesh.points, faces if volume >= 0 else faces[:, ::-1])
+
+
+def _bsdf(material: scene.Material) -> Any:
+    """Return a UsdPreviewSurface as Mitsuba's `principled`, seen from both sides, cut out by its opacity."""
+    alpha = max(float(material.clearcoat_roughness) ** 2, 1e-3)
+    surface = {
+        "type": "principled",
+        "base_color": _texture(material.diffuse),
+        "roughness": _texture(material.roughness),
+        "metallic": _texture(material.metallic),
+        "eta": max(material.ior, 1 / max(material.ior, 1e-3), 1.001),  # reflectance at normal incidence is symmetric
+        "clearcoat": float(np.clip(material.clearcoat, 0, 1)),
+        "clearcoat_gloss": float(np.clip((0.1 - alpha) / 0.099, 0, 1)),  # Mitsuba: alpha = lerp(0.1, 0.001, gloss)
+    }
+    both_sides: dict[str, Any] = {"type": "twosided", "surface": surface}
+    if cut_out(material):
+        both_sides = {"type": "mask", "opacity": _texture(material.opacity), "surface": both_sides}
+    return mi.load_dict(both_sides)
+
+
+def _emitter(material: scene.Material) -> Any:
+    if not glows(material):
+        return None
+    value = material.emissive
+    radiance = _texture(value) if isinstance(value, scene.Texture) else {"type": "rgb", "value": list(value)}
+    return mi.load_dict({"type": "area", "radiance": radiance})
+
+
+def _texture(value: scene.Color | scene.Texture | float) -> Any:
+    """Return a number, a colour or an image as a Mitsuba texture, in the range of a reflectance unless an image."""
+    if isinstance(value, scene.Texture):
+        pixels = np.asarray(value.pixels, dtype=np.float32)
+        flip = np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 1.0], [0.0, 0.0, 1.0]])  # Mitsuba's first row is at v = 0
+        return {
+            "type": "bitmap",
+            "bitmap": mi.Bitmap(np.ascontiguousarray(pixels)),
+            "raw": True,
+            "wrap_mode": value.wrap,
+            "to_uv": mi.ScalarTransform3f(flip @ np.asarray(value.uv_transform, dtype=np.float64)),
+        }
+    if isinstance(value, tuple):
+        return {"type": "rgb", "value": [float(np.clip(channel, 0, 1)) for channel in value]}
+    return float(np.clip(value, 0, 1))
+
+
+def cut_out(material: scene.Material) -> bool:
+    """Return whether a surface lets a part of the light through."""
+    return isinstance(material.opacity, scene.Texture) or material.opacity < 1
+
+
+def glows(material: scene.Material) -> bool:
+    """Return whether a surface emits light."""
+    return isinstance(material.emissive, scene.Texture) or max(material.emissive) > 0

@@ -1,0 +1,57 @@
+"""What of light passes along rays: through media, and through surfaces as far as those let it straight through."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import drjit as dr
+
+from ..numerics.hashing import hash32
+from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
+from .media import Volumes
+
+mi = mitsuba()
+
+
+# Surfaces without a BSDF that a ray may pass.
+_LAYERS = 64
+
+
+def through(plugin: Any, volumes: Volumes, ray: Any, medium: UInt32, seed: UInt32, active: Bool) -> tuple[Array3f, Any]:
+    """Return what of light passes along rays up to their ends, and the surface that each meets there, if any.
+
+    Rays pass surfaces as far as those let them straight through, and no other.
+    """
+    end = dr.minimum(ray.maxt, dr.largest(Float))
+
+    def further(place: Any, left: Float, medium: UInt32, passed: Array3f, layer: UInt32, going: Bool, hit: Any
+                ) -> tuple[Any, ...]:  # fmt: skip
+        step = mi.Ray3f(place, ray.d)
+        step.maxt = left
+        found = plugin.ray_intersect(step, going)
+        way = dr.select(found.is_valid(), found.t, left)
+        dimmed = volumes.transmittance(medium, Array3f(place), Array3f(ray.d), way, hash32(seed, layer), going)
+        passed = dr.select(going, passed * dimmed, passed)
+        hit = dr.select(going, found, hit)
+        going = going & found.is_valid()
+        clear = Array3f(found.bsdf().eval_null_transmission(found, going))
+        endless = left >= dr.largest(Float)
+        # An endless ray ends at the surface itself; one toward a lamp has been stopped.
+        solid = going & (dr.max(clear) <= 0)
+        passed = dr.select(solid & ~endless, 0, passed)
+        going = going & ~solid
+        passed = dr.select(going, passed * clear, passed)
+        medium = dr.select(going, volumes.beyond(found, ray.d, medium, going), medium)
+        place = dr.select(going, found.spawn_ray(ray.d).o, place)
+        left = dr.select(going & ~endless, left - found.t, left)
+        return place, left, medium, passed, layer + 1, going & (dr.max(passed) > 0), hit
+
+    width = dr.width(ray.o)
+    nothing = dr.zeros(mi.SurfaceInteraction3f, width)
+    nothing.t = dr.full(Float, dr.inf, width)
+    state = (
+        mi.Point3f(ray.o), end + dr.zeros(Float, width), UInt32(medium), dr.ones(Array3f, width),
+        dr.zeros(UInt32, width), Bool(active), nothing,
+    )  # fmt: skip
+    result = dr.while_loop(state, lambda *each: each[5] & (each[4] < _LAYERS), further, label="through")
+    return result[3], result[6]

@@ -1,0 +1,55 @@
+"""What of a Mitsuba scene can be rendered as it is, but was hardly meant so: one warning for each such thing."""
+
+from __future__ import annotations
+
+import logging
+from typing import Any
+
+from ..runtime.device import mitsuba
+from .media import boxes, number, parts
+
+mi = mitsuba()
+
+_LOG = logging.getLogger("photonbeams")
+
+
+def warn(plugin: Any, everywhere: Any, warned: set[str]) -> None:
+    """Warn of what in a scene was hardly meant so.
+
+    Parameters
+    ----------
+    plugin, everywhere
+        The Mitsuba scene, and the medium that fills its space or None.
+    warned
+        Texts of warnings that were given, to which new ones are added; share it between pictures, so that each is given
+        once.
+    """
+    for text in _doubts(plugin, everywhere):
+        if text not in warned:
+            warned.add(text)
+            _LOG.warning("%s", text)
+
+
+def _doubts(plugin: Any, everywhere: Any) -> list[str]:
+    result = [
+        f"shape {each.id() or each.class_name()}: stands in a medium, but names no exterior, so that the space around "
+        "it counts as empty: expected that medium as its exterior"
+        for each in _holes(plugin, everywhere)
+    ]
+    return result if plugin.emitters() else [*result, "the scene has no emitter and will be black: expected one"]
+
+
+def _holes(plugin: Any, everywhere: Any) -> list[Any]:
+    """Return the shapes within a medium that do not say so: those with another one inside, and nothing outside.
+
+    Where media are is only known from the shapes that bound them, so the boxes around these have to do.
+    """
+    shapes = [each for each in parts(plugin, mi.Shape) if each.interior_medium() is not None]
+    found = boxes(shapes)
+    result = []
+    for each in shapes:
+        own, box = number(each.interior_medium()), each.bbox()
+        around = any(other.contains(box) and other != box for medium, other in found.items() if medium != own)
+        if each.exterior_medium() is None and (everywhere is not None or around):
+            result.append(each)
+    return result
