@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from looks import noise_twin
 from photonbeams.looks import expression, guarded
 from photonbeams.looks.expression import FUNCTIONS, NAMES, Expression, ExpressionError, parse
+from photonbeams.numerics.arrays import to_float
 from photonbeams.runtime.device import Array3f, Float, UInt32
 
 EPSILON = float(np.finfo(np.float64).eps)
@@ -321,7 +322,7 @@ def test_a_changed_number_compiles_no_kernel():
             text = (
                 f"mix({number} * P, [{number}, 1, s ** {number}], fbm(P * {number}, 2, {number}, 0.5)) + (s < {number})"
             )
-            values = {"P": dr.opaque(Array3f, [1, 2, 3]), "s": Float(np.linspace(0, 1, 8, dtype=np.float32)) + 1}
+            values = {"P": dr.opaque(Array3f, [1, 2, 3]), "s": to_float(np.linspace(1, 2, 8))}
             dr.eval(parse(text).evaluate(values.__getitem__))
             return [kernel for kernel in dr.kernel_history() if kernel.get("hash") and not kernel["cache_hit"]]
 

@@ -12,11 +12,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy.stats import qmc
 
-from ..runtime.device import Array2f, Float, UInt32, mitsuba
+from ..runtime.device import Array2f, Float, UInt32
 from .arrays import to_float
 from .hashing import hash32, unit_float
-
-mi = mitsuba()
 
 _BELOW_ONE = float(np.nextafter(np.float32(1), np.float32(0)))
 

@@ -8,8 +8,6 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from pxr import Tf, Usd
-
 from .. import scene
 from ..images.frame import Frame, pixels_of
 from ..images.plates import Holdout, Plate, part_of
@@ -26,6 +24,8 @@ from ..usd.reading import LOG, file_of, frame_number
 from ..usd.stereo import EYES, Stereo, read_eyes, views_of
 
 if TYPE_CHECKING:
+    from pxr import Usd
+
     from ..beams.programs import Emitter, Modifier, Program
     from ..beams.sets import BeamSet
     from ..looks import Look
@@ -61,8 +61,7 @@ class Shot:
         emit: Emitter | None = None,
         looks: Look | Mapping[str, Look] | None = None,
     ) -> None:
-        if not isinstance(stage, Usd.Stage):
-            raise scene.SceneError(f"stage is {stage!r}: expected a Usd.Stage; Shot.open takes a file")
+        stages.check_stage(stage)
         if not (looks is None or isinstance(looks, Mapping) or hasattr(looks, "bind")):
             raise scene.SceneError(f"looks is {looks!r}: expected a Look, or Looks by the names of lights")
         if not (medium is None or callable(medium) or isinstance(medium, scene.Medium)):
@@ -85,12 +84,12 @@ class Shot:
         """Return what, while it is kept, lets the shot forget what it knows of all times when the stage changes."""
         own = weakref.ref(self)  # kept by the shot, it must not keep the shot
 
-        def forget(_notice: Any, _stage: Usd.Stage) -> None:
+        def forget(_notice: Any, _stage: Any) -> None:
             shot = own()
             if shot is not None:
                 shot._sphere = shot._groups = None
 
-        return forget, Tf.Notice.Register(Usd.Notice.ObjectsChanged, forget, self.stage)  # which does not keep `forget`
+        return forget, stages.listener(self.stage, forget)  # which does not keep `forget`
 
     @classmethod
     def open(
@@ -143,7 +142,7 @@ class Shot:
         """Return the time code of a frame; None is the stage's start or default time."""
         if frame is None:
             return stages.default_time(self.stage)
-        return frame if isinstance(frame, Usd.TimeCode) else Usd.TimeCode(scene.real(frame, "frame"))
+        return stages.time_code(frame)
 
     def read(self, frame: float | None = None, base: float | None = None) -> tuple[scene.Scene, scene.Camera]:
         """Return what the stage holds at a frame, with its looks built, and the camera.

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from itertools import pairwise
 from math import isfinite
 from typing import Any
 
 from pxr import Ar, Gf, Pcp, Sdf, Tf, Ts, Usd, UsdGeom, UsdUtils
 
-from ..scene import SceneError
+from ..scene import SceneError, real
 from . import schemas as schemas
 from .camera import list_cameras, read_camera
 from .contents import read_scene
@@ -60,6 +60,22 @@ def open_stage(
     for each in overrides:
         _override(stage, each)
     return stage
+
+
+def check_stage(stage: object) -> None:
+    """Raise SceneError for what is no open stage."""
+    if not isinstance(stage, Usd.Stage):
+        raise SceneError(f"stage is {stage!r}: expected a Usd.Stage; Shot.open takes a file")
+
+
+def listener(stage: Usd.Stage, changed: Callable[[Any, Usd.Stage], None]) -> Any:
+    """Return what, while it is kept, calls `changed` when anything on the stage changes; it keeps no reference to it."""
+    return Tf.Notice.Register(Usd.Notice.ObjectsChanged, changed, stage)
+
+
+def time_code(frame: Any) -> Usd.TimeCode:
+    """Return a frame's number as a time code; raises SceneError where it is no finite number."""
+    return frame if isinstance(frame, Usd.TimeCode) else Usd.TimeCode(real(frame, "frame"))
 
 
 def default_time(stage: Usd.Stage) -> Usd.TimeCode:

@@ -1,0 +1,177 @@
+"""Lights, as UsdLux has them, and what makes their beams."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .checks import BLACK, Array, Color, SceneError, number, rgb
+from .surfaces import Mesh
+
+if TYPE_CHECKING:
+    from ..looks import Look
+
+
+@dataclass(frozen=True)
+class Shaping:
+    """UsdLuxShapingAPI: a light's cone, its soft edge and its focus (angles in degrees from the light's axis)."""
+
+    cone_angle: float = 90.0
+    cone_softness: float = 0.0
+    focus: float = 0.0
+    focus_tint: Color = BLACK
+
+
+@dataclass(frozen=True)
+class Gobo:
+    """An image that a light shines through.
+
+    Attributes
+    ----------
+    image
+        (H, W, C) scene-linear, first row on top. One channel or two are grey, three or four a colour; a second and a
+        fourth channel are not used.
+    angle
+        Degrees that its width covers before a point, a spot or a sphere, below 180; None: the light's cone.
+    width
+        Its width in scene units, of distant lights.
+    repeat
+        Whether it goes on for ever, of these and of distant lights; if not, there is no light beside it.
+    up
+        Of an image on a portal: the direction in world space that its upper edge is nearest to.
+
+    Raises
+    ------
+    SceneError
+        An image without pixels or not of three axes, an angle not between 0 and 180, a width not above 0.
+    """
+
+    image: Array
+    angle: float | None = None
+    width: float = 1.0
+    repeat: bool = False
+    up: Array = field(default_factory=lambda: np.array([0.0, 1.0, 0.0]))
+
+    def __post_init__(self) -> None:
+        if np.ndim(self.image) != 3 or not np.size(self.image):
+            raise SceneError(f"an image has the shape {np.shape(self.image)}: expected rows, columns and channels")
+        if self.angle is not None and not 0 < number(self.angle, "angle") < 180:
+            raise SceneError(f"angle is {self.angle}: expected more than 0 and less than 180 degrees")
+        if not number(self.width, "width") > 0:
+            raise SceneError(f"width is {self.width}: expected a number above 0")
+
+    @property
+    def aspect(self) -> float:
+        """Height over width, of square pixels."""
+        return self.image.shape[0] / self.image.shape[1]
+
+    @property
+    def colors(self) -> Array:
+        """The image's colours, (H, W, 3)."""
+        return rgb(self.image)
+
+
+@dataclass(frozen=True)
+class Light:
+    """What all lights share.
+
+    Attributes
+    ----------
+    name
+        Prim path.
+    radiance
+        Emitted radiance after intensity, exposure, colour, temperature and `normalize`. For a point: radiant
+        intensity. For a distant light of no angle: irradiance.
+    group
+        Light group: beams of the light go to the layer `beams_<group>`; "" is the unnamed group.
+    emits_beams, beam_count, beam_scale, seed
+        Whether the light makes beams, how many a pass (None: the renderer's default), a factor on their power alone,
+        and the seed of their samples.
+    portal
+        The mesh through which the light reaches the shot, or None. It is no surface.
+    look
+        The look of the light's beams, or None for the physical one.
+    shaping
+        The light's cone and focus, or None for neither.
+    lights_surfaces
+        Whether surfaces are lit by it; its beams shine either way.
+    gobo, portal_gobo
+        Images that the light shines through: of its own, and over the bounding rectangle of its portal.
+    frame
+        (4, 4) transform from the light's own space to the world, for column vectors: the light shines along its −Z, +Y
+        is up, its origin is the light's place. Axes of unit length, square to each other, without the light's size;
+        mirrored where the light is.
+    unlit, unshadowed
+        Names of meshes that the light does not shine on, and of those that do not stop it, nor its beams.
+    guides
+        Points (M, 3) along each of the curves that lead the light's beams: see `beams.guides`.
+    """
+
+    name: str
+    radiance: Color
+    group: str = ""
+    emits_beams: bool = True
+    beam_count: int | None = None
+    beam_scale: float = 1.0
+    seed: int = 0
+    portal: Mesh | None = None
+    look: Look | None = None
+    shaping: Shaping | None = None
+    lights_surfaces: bool = True
+    gobo: Gobo | None = None
+    portal_gobo: Gobo | None = None
+    frame: Array = field(default_factory=lambda: np.eye(4))
+    unlit: frozenset[str] = frozenset()
+    unshadowed: frozenset[str] = frozenset()
+    guides: tuple[Array, ...] = ()
+
+
+@dataclass(frozen=True)
+class SphereLight(Light):
+    """A sphere; `radius` 0 is a point. `axis` is the unit direction that shaping is measured from (local −Z)."""
+
+    center: Array = field(default_factory=lambda: np.zeros(3))
+    radius: float = 0.0
+    axis: Array = field(default_factory=lambda: np.array([0.0, 0.0, -1.0]))
+
+
+@dataclass(frozen=True)
+class FlatLight(Light):
+    """A rectangle or an ellipse that emits to one side: center ± half_x ± half_y, along half_x × half_y's −normal.
+
+    `axis` is the unit emission direction (local −Z). `disk` tells the ellipse with these half axes from the rectangle.
+    """
+
+    center: Array = field(default_factory=lambda: np.zeros(3))
+    half_x: Array = field(default_factory=lambda: np.array([0.5, 0.0, 0.0]))
+    half_y: Array = field(default_factory=lambda: np.array([0.0, 0.5, 0.0]))
+    axis: Array = field(default_factory=lambda: np.array([0.0, 0.0, -1.0]))
+    disk: bool = False
+
+    @property
+    def area(self) -> float:
+        """Area in square scene units."""
+        box = 4.0 * float(np.linalg.norm(np.cross(self.half_x, self.half_y)))
+        return box * np.pi / 4.0 if self.disk else box
+
+
+@dataclass(frozen=True)
+class DistantLight(Light):
+    """Light from infinity along the unit vector `axis`, from a cone of `angle` degrees (full width)."""
+
+    axis: Array = field(default_factory=lambda: np.array([0.0, 0.0, -1.0]))
+    angle: float = 0.53
+
+
+@dataclass(frozen=True)
+class DomeLight(Light):
+    """An environment: `radiance` times an optional latitude-longitude image (H, W, 3), oriented by a rotation.
+
+    The image is oriented as UsdLuxDomeLight has its latlong format: +Y is up, its middle looks along local +Z;
+    `to_world` (3, 3) turns local directions into world directions. Makes no beams unless asked.
+    """
+
+    image: Array | None = None
+    to_world: Array = field(default_factory=lambda: np.eye(3))

@@ -1,0 +1,76 @@
+"""Meshes and their materials."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from .checks import BLACK, Array, Color
+from .vectors import Plane, plane_of
+
+
+@dataclass(frozen=True)
+class Texture:
+    """An image over the UV square: `pixels` (H, W, 1 or 3), scene-linear float32, first row at v = 1."""
+
+    pixels: Array
+    wrap: str = "repeat"  # repeat | clamp | mirror
+    uv_transform: Array = field(default_factory=lambda: np.eye(3))  # (3, 3), applied to (u, v, 1)
+
+
+@dataclass(frozen=True)
+class Material:
+    """The inputs of a UsdPreviewSurface that the renderer uses."""
+
+    diffuse: Color | Texture = (0.18, 0.18, 0.18)
+    emissive: Color | Texture = BLACK
+    roughness: float | Texture = 0.5
+    metallic: float | Texture = 0.0
+    ior: float = 1.5
+    clearcoat: float = 0.0
+    clearcoat_roughness: float = 0.01
+    opacity: float | Texture = 1.0
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """A triangle mesh in world space; vertices are split wherever their normal or UV is not shared.
+
+    Attributes
+    ----------
+    name
+        Prim path.
+    points, faces
+        (V, 3) float64 and (F, 3) int; faces wind counter-clockwise around the outward normal.
+    normals, uvs
+        (V, 3) and (V, 2), or None: faceted, no texture coordinates.
+    """
+
+    name: str
+    points: Array
+    faces: Array
+    normals: Array | None = None
+    uvs: Array | None = None
+    material: Material = Material()
+
+    @property
+    def area(self) -> float:
+        """Area in square scene units."""
+        corners = self.corners
+        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        return 0.5 * float(np.linalg.norm(normals, axis=1).sum())
+
+    @property
+    def used_points(self) -> Array:
+        """The points that a triangle has, (P, 3) float64, each once."""
+        return np.asarray(self.points, dtype=np.float64)[np.unique(self.faces)]
+
+    @property
+    def corners(self) -> Array:
+        """The triangles' corners, (F, 3, 3) float64."""
+        return np.asarray(self.points, dtype=np.float64)[np.asarray(self.faces).reshape(-1, 3)]
+
+    def plane(self) -> Plane | None:
+        """Return the plane that the mesh lies in, or None where it is not flat."""
+        return plane_of(self.used_points)

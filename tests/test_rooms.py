@@ -1,0 +1,69 @@
+"""Which room of the package knows which, read from the imports of its modules."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+import photonbeams
+
+SOURCE = Path(photonbeams.__file__).parent
+
+#: Each room knows those before it, and none after it.
+ROOMS = (
+    "scene", "runtime", "numerics", "quadrature", "beams", "looks", "estimators", "world", "transport", "render",
+    "images", "usd", "shot", "integrator", "cli",
+)  # fmt: skip
+
+#: Who may import a library, or ask `runtime` for Mitsuba.
+KNOWERS = {
+    "pxr": {"usd", "cli"},  # `info` and `doctor` look at stages and at versions themselves
+    "OpenEXR": {"images", "cli"},
+    "OpenImageIO": {"images", "cli"},
+    "mitsuba": {"runtime", "world", "transport", "render", "shot", "integrator"},
+    "drjit": {*ROOMS} - {"scene", "quadrature", "usd", "cli"},
+}
+
+MODULES = sorted(path for path in SOURCE.rglob("*.py") if path.parent != SOURCE or path.stem in ROOMS)
+
+
+def room_of(path: Path) -> str:
+    return path.relative_to(SOURCE).with_suffix("").parts[0]
+
+
+def imports(path: Path) -> list[str]:
+    """Return all that a module imports while it runs, by dotted names: what is imported for types alone is left out."""
+    found: list[str] = []
+    package = path.relative_to(SOURCE).parent.parts
+
+    def visit(node: ast.AST) -> None:
+        if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test):
+            return
+        if isinstance(node, ast.Import):
+            found.extend(each.name for each in node.names)
+        if isinstance(node, ast.ImportFrom):
+            base = ("photonbeams", *package[: len(package) - node.level + 1]) if node.level else ()
+            module = ".".join((*base, *([node.module] if node.module else [])))
+            found.extend(f"{module}.{each.name}" for each in node.names)
+        for child in ast.iter_child_nodes(node):
+            visit(child)
+
+    visit(ast.parse(path.read_text(encoding="utf-8")))
+    return found
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda path: str(path.relative_to(SOURCE)))
+def test_a_room_knows_those_before_it_alone(path):
+    own = ROOMS.index(room_of(path))
+    known = {name.split(".")[1] for name in imports(path) if name.startswith("photonbeams.")}
+    below = {each for each in known if each in ROOMS and ROOMS.index(each) > own}
+    assert not below, f"{path.name} knows {', '.join(sorted(below))}"
+
+
+@pytest.mark.parametrize("library", KNOWERS)
+def test_a_library_is_known_where_it_belongs_alone(library):
+    for path in MODULES:
+        names = imports(path)
+        known = any(name.split(".")[0] == library for name in names)
+        known |= library == "mitsuba" and "photonbeams.runtime.device.mitsuba" in names
+        assert not known or room_of(path) in KNOWERS[library], f"{path.relative_to(SOURCE)} knows {library}"
