@@ -69,7 +69,7 @@ def check_stage(stage: object) -> None:
 
 
 def listener(stage: Usd.Stage, changed: Callable[[Any, Usd.Stage], None]) -> Any:
-    """Return what, while it is kept, calls `changed` when anything on the stage changes; it keeps no reference to it."""
+    """Return what, while it is kept, calls `changed` when anything on the stage changes."""
     return Tf.Notice.Register(Usd.Notice.ObjectsChanged, changed, stage)
 
 

@@ -1,18 +1,15 @@
-"""Image files as scene-linear pixels, by OpenImageIO; their paths resolved by the stage's asset resolver."""
+"""Image files of stages as scene-linear pixels; their paths resolved by the stage's asset resolver."""
 
 from __future__ import annotations
 
 import tempfile
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import OpenImageIO
 from pxr import Ar, Sdf, Usd
 
-from ..images.display import is_encoded, srgb_decoded
-from ..images.files import reason
+from ..images.textures import decoded, linear
 from ..scene import Array
 from .reading import Reading
 
@@ -60,7 +57,7 @@ def _stamp(path: str) -> tuple[int, int]:
 def _pixels(path: str, _stamp: tuple[int, int], color_space: str) -> tuple[Array | None, str]:
     """Return an image's linear pixels, or None and the decoder's complaint."""
     pixels, kind, error = _decoded(path)
-    return (None if pixels is None else _linear(pixels, kind, color_space)), error
+    return (None if pixels is None else linear(pixels, kind, color_space)), error
 
 
 def _resolved(reading: Reading, path: str) -> str:
@@ -72,7 +69,7 @@ def _resolved(reading: Reading, path: str) -> str:
 def _decoded(path: str) -> tuple[Array | None, str, str]:
     """Return pixels, the type they are stored in, and the decoder's complaint if there are none."""
     if not Ar.IsPackageRelativePath(path):
-        return _opened(path)
+        return decoded(path)
     # OpenImageIO reads files: what lies in a .usdz is unpacked for it.
     asset = Ar.GetResolver().OpenAsset(Ar.ResolvedPath(path))
     if not asset:
@@ -81,29 +78,4 @@ def _decoded(path: str) -> tuple[Array | None, str, str]:
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / f"image{suffix}"
         file.write_bytes(bytes(asset.GetBuffer()))
-        return _opened(str(file))
-
-
-def _opened(path: str) -> tuple[Array | None, str, str]:
-    config = OpenImageIO.ImageSpec()
-    config.attribute("oiio:UnassociatedAlpha", 1)  # the colour where alpha is 0 is still the surface's colour
-    file: Any = OpenImageIO.ImageInput.open(path, config)
-    if not file:
-        return None, "", reason(OpenImageIO.geterror())
-    kind = str(file.spec().format)
-    pixels = file.read_image("float")
-    error = file.geterror()
-    file.close()
-    if pixels is None or not np.size(pixels):
-        return None, kind, reason(error)
-    return np.asarray(pixels, dtype=np.float32).reshape(*np.shape(pixels)[:2], -1), kind, ""
-
-
-def _linear(pixels: Array, kind: str, color_space: str) -> Array:
-    channels = pixels.shape[2]
-    if not (color_space == "sRGB" or (color_space == "auto" and is_encoded(kind, channels))):
-        return pixels
-    result = pixels.copy()
-    count = channels if channels not in (2, 4) else channels - 1  # alpha is never encoded
-    result[..., :count] = srgb_decoded(result[..., :count])
-    return result
+        return decoded(str(file))
