@@ -1,7 +1,10 @@
-"""What every test needs: Dr.Jit started on the CPU, and hypothesis without deadlines."""
+"""What every test needs: Dr.Jit started on the CPU, hypothesis without deadlines, and stages of a few lines of USD."""
 
 import os
+from collections.abc import Callable
+from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import settings
 
@@ -16,6 +19,59 @@ os.environ.setdefault("PHOTONBEAMS_DEVICE", "cpu")
 @pytest.fixture
 def rng():
     """Return NumPy's generator from a fixed seed."""
-    import numpy as np
-
     return np.random.default_rng(7)
+
+
+Opener = Callable[..., object]
+
+
+@pytest.fixture
+def usd(tmp_path: Path) -> Opener:
+    """Write and open a stage: its prims, and its metadata."""
+
+    from photonbeams.usd.stage import open_stage
+
+    def opened(text: str, metadata: str = "") -> object:
+        # OpenUSD keeps the layers that are in use: every stage of a test has a file of its own.
+        folder = tmp_path / str(len(list(tmp_path.iterdir())))
+        folder.mkdir()
+        path = folder / "stage.usda"
+        body = text.replace(" }", "\n}")  # USD ends a statement at the line's end alone
+        path.write_text(f"#usda 1.0\n(\n{metadata}\n)\n{body}\n")
+        return open_stage(path)
+
+    return opened
+
+
+@pytest.fixture
+def scene(usd: Opener) -> Callable[..., object]:
+    """Write, open and read a stage."""
+
+    from photonbeams.usd.stage import default_time, read_scene
+
+    def read(text: str, metadata: str = "") -> object:
+        stage = usd(text, metadata)
+        return read_scene(stage, default_time(stage))
+
+    return read
+
+
+@pytest.fixture
+def image(tmp_path: Path) -> Callable[..., Path]:
+    """Write an image of linear or encoded numbers as they are, and return its path."""
+
+    import OpenImageIO
+
+    def written(name: str, pixels: list, kind: str = "uint8") -> Path:
+        values = np.asarray(pixels, dtype=np.float32)
+        path = tmp_path / "images" / name
+        path.parent.mkdir(exist_ok=True)
+        spec = OpenImageIO.ImageSpec(values.shape[1], values.shape[0], values.shape[2], kind)
+        spec.attribute("oiio:UnassociatedAlpha", 1)
+        file = OpenImageIO.ImageOutput.create(str(path))
+        assert file.open(str(path), spec)
+        assert file.write_image(values)
+        file.close()
+        return path
+
+    return written

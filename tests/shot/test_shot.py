@@ -16,7 +16,7 @@ from photonbeams.runtime import device
 from photonbeams.usd.header import frame_rate
 from photonbeams.usd.stage import open_stage, read_scene
 
-STAGE = Path(__file__).parent / "data" / "comparison.usda"
+STAGE = Path(__file__).parents[1] / "usd" / "data" / "comparison.usda"
 CAMERA = "/World/Camera"
 
 

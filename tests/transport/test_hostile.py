@@ -6,9 +6,9 @@ import pytest
 from photonbeams.render.mitsuba_frame import Settings, render
 from photonbeams.runtime.device import mitsuba
 from photonbeams.scene import SceneError
+from render.test_mitsuba_frame import INSIDE, LAMP, SMALL, agree, pictures
 from transport.hostile import LOBES, Maker
 from transport.scenes import T, camera, cloud, cube_of, fog, load, rgb, volpath
-from transport.test_frame import INSIDE, LAMP, SMALL, agree, pictures
 
 mi = mitsuba()
 FLOOR = {"type": "rectangle", "to_world": T().translate([0, -1.2, 0]).rotate([1, 0, 0], -90).scale(4)}

@@ -6,6 +6,7 @@ import pytest
 
 from photonbeams.numerics import sampling
 from photonbeams.runtime.device import Array2f, Array3f, Float, UInt32
+from photonbeams.world import warp
 
 POINTS = 1 << 14
 
@@ -50,7 +51,7 @@ def test_two_uses_of_a_pixel_do_not_march_in_step():
 
 
 def test_sphere_map_preserves_area(square):
-    directions = sampling.sphere(square).numpy()
+    directions = warp.sphere(square).numpy()
     # Moments of the uniform sphere: 0, 1/3, 1/15 (x²y²); stratified, so far within the error of random points.
     assert np.allclose(directions.mean(axis=1), 0, atol=1 / np.sqrt(POINTS))
     assert np.allclose((directions**2).mean(axis=1), 1 / 3, atol=1 / np.sqrt(POINTS))
@@ -60,7 +61,7 @@ def test_sphere_map_preserves_area(square):
 
 def test_sphere_map_keeps_neighbours_together(square):
     shifted = Array2f(dr.minimum(square.x + 1e-3, 1), square.y)
-    step = np.linalg.norm((sampling.sphere(shifted) - sampling.sphere(square)).numpy(), axis=0)
+    step = np.linalg.norm((warp.sphere(shifted) - sampling.sphere(square)).numpy(), axis=0)
     assert step.max() < 1e-3 * 8 * np.pi  # the map is continuous, with bounded slope
 
 
@@ -69,7 +70,7 @@ def test_sphere_map_keeps_neighbours_together(square):
 def test_power_cone_has_the_density_it_says(square, power, angle):
     axis = Array3f(0.36, -0.48, 0.8)
     q = -np.expm1((power + 1) * np.log(np.cos(angle)))
-    directions, density = sampling.power_cone(square, axis, Float(power), Float(q))
+    directions, density = warp.power_cone(square, axis, Float(power), Float(q))
     chord = np.linalg.norm((directions - axis).numpy().astype(np.float64), axis=0)  # 2 sin(θ/2): small angles survive
     theta = 2 * np.arcsin(chord / 2)
     assert theta.max() < angle * (1 + 1e-3) + 1e-7
@@ -83,7 +84,7 @@ def test_power_cone_has_the_density_it_says(square, power, angle):
 
 def test_cone_of_half_a_degree_is_uniform_in_float32(square):
     half = np.radians(0.265)
-    directions = sampling.cone(square, Array3f(0, 0, 1), Float(2 * np.sin(half / 2) ** 2)).numpy()
+    directions = warp.cone(square, Array3f(0, 0, 1), Float(2 * np.sin(half / 2) ** 2)).numpy()
     radius2 = (directions[0] ** 2 + directions[1] ** 2) / np.sin(half) ** 2
     assert np.allclose(np.quantile(radius2, [0.25, 0.5, 0.75]), [0.25, 0.5, 0.75], atol=0.01)
 

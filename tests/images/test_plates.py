@@ -20,7 +20,7 @@ from photonbeams.world.cameras import View, Window
 
 ATTIC = Path(__file__).resolve().parents[2] / "examples" / "blender" / "attic.usda"
 PLATE = ATTIC.with_name("plate.exr")
-STAGE = Path(__file__).parent / "data" / "comparison.usda"
+STAGE = Path(__file__).parents[1] / "usd" / "data" / "comparison.usda"
 SIZE = (6, 4)
 DEPTH = np.arange(1, 25, dtype=np.float32).reshape(4, 6)
 
