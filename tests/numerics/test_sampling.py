@@ -61,7 +61,7 @@ def test_sphere_map_preserves_area(square):
 
 def test_sphere_map_keeps_neighbours_together(square):
     shifted = Array2f(dr.minimum(square.x + 1e-3, 1), square.y)
-    step = np.linalg.norm((warp.sphere(shifted) - sampling.sphere(square)).numpy(), axis=0)
+    step = np.linalg.norm((warp.sphere(shifted) - warp.sphere(square)).numpy(), axis=0)
     assert step.max() < 1e-3 * 8 * np.pi  # the map is continuous, with bounded slope
 
 
