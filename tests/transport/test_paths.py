@@ -10,7 +10,7 @@ from photonbeams.numerics.sampling import sobol_block
 from photonbeams.runtime.device import Array3f, Float, UInt32, mitsuba
 from photonbeams.transport import paths
 from photonbeams.transport.emission import Emitters
-from photonbeams.world.media import Volumes, number
+from photonbeams.world.media import Media, number
 from transport.scenes import T, cube_of, fog, load, rgb
 
 mi = mitsuba()
@@ -29,7 +29,7 @@ def ball_in_fog(light=SPOT, **ball):
 def tracing(scene, media, **given):
     plain = {"max_events": None, "rr_depth": 5, "overlap": OVERLAP, "reach": 1.0, "paths": COUNT, "power": 1.0,
              "escape": 10.0}  # fmt: skip
-    return paths.Tracing(scene, Volumes(media), **{**plain, **given})
+    return paths.Tracing(scene, Media(media), **{**plain, **given})
 
 
 def steps(tracing, emitted, medium, limit=12):

@@ -8,7 +8,7 @@ import pytest
 from photonbeams.render.mitsuba_frame import Settings, render
 from photonbeams.runtime.device import Array3f, Bool, UInt32, mitsuba
 from photonbeams.scene import SceneError
-from photonbeams.world.media import Volumes, medium_at, number
+from photonbeams.world.media import Media, medium_at, number
 from transport.scenes import T, camera, cloud, cube_of, fog, load, rgb
 
 mi = mitsuba()
@@ -46,7 +46,7 @@ def test_where_no_border_is_seen_the_medium_is_the_one_that_fills_the_space():
 
 def test_homogeneous_media_are_read():
     medium = mi.load_dict(fog([0.4, 0.8, 1.2], [0.5, 0.25, 1.0], phase={"type": "hg", "g": 0.3}))
-    (volume,) = Volumes([medium, medium, None]).all
+    (volume,) = Media([medium, medium, None]).all
     np.testing.assert_allclose(volume.medium.extinction, [0.4, 0.8, 1.2], rtol=1e-6)
     np.testing.assert_allclose(volume.medium.scattering, [0.2, 0.2, 1.2], rtol=1e-6)
     assert volume.medium.anisotropy == pytest.approx(0.3)
@@ -55,8 +55,8 @@ def test_homogeneous_media_are_read():
 
 def test_media_that_vary_are_tracked_and_know_whether_they_have_a_colour():
     grey, red = mi.load_dict(cloud()), mi.load_dict(cloud((1.0, 0.5, 0.25)))
-    assert [(each.tracked is not None, each.colored) for each in Volumes([grey]).all] == [(True, False)]
-    assert [each.colored for each in Volumes([red]).all] == [True]
+    assert [(each.tracked is not None, each.colored) for each in Media([grey]).all] == [(True, False)]
+    assert [each.colored for each in Media([red]).all] == [True]
 
 
 def test_a_grid_with_numbers_that_are_none_is_refused():
@@ -65,7 +65,7 @@ def test_a_grid_with_numbers_that_are_none_is_refused():
     grid[1, 2, 3] = np.nan
     medium["sigma_t"]["grid"] = mi.VolumeGrid(grid)
     with pytest.raises(SceneError, match=r"medium dust: sigma_t.data has numbers that are not finite"):
-        Volumes([mi.load_dict({**medium, "id": "dust"})])
+        Media([mi.load_dict({**medium, "id": "dust"})])
 
 
 @pytest.mark.parametrize("channels", [1, 3, 6])
@@ -77,7 +77,7 @@ def test_flakes_are_refused(channels):
         volume = {"type": "constvolume", "value": rgb(1.0)}
     plain, flakes = mi.load_dict(fog()), mi.load_dict(fog(phase={"type": "sggx", "S": volume}))
     with pytest.raises(SceneError, match="depends on where its flakes look"):
-        Volumes([plain, flakes])
+        Media([plain, flakes])
 
 
 def test_a_grid_that_is_smaller_than_its_shape_ends_at_its_own_border():

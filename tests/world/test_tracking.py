@@ -6,7 +6,7 @@ import pytest
 
 from photonbeams.numerics.hashing import hash32
 from photonbeams.runtime.device import Array3f, Bool, Float, UInt32, mitsuba
-from photonbeams.world.media import Volumes, pointers
+from photonbeams.world.media import Media, pointers
 from photonbeams.world.tracking import Track, free_flight, walk
 from transport.scenes import cloud
 
@@ -28,7 +28,7 @@ def depth_to(volume, distances):
 
 @pytest.fixture(params=[(1.0,), (1.0, 0.5, 0.2)], ids=["grey", "coloured"])
 def volume(request):
-    (result,) = Volumes([mi.load_dict(cloud(request.param))]).all
+    (result,) = Media([mi.load_dict(cloud(request.param))]).all
     return result
 
 
@@ -91,7 +91,7 @@ def test_what_lies_between_the_probes_is_not_overlooked():
     grid[:, :, 120:122] = 1.0
     to_world = mi.ScalarTransform4f().translate(-1).scale(2)
     sheet = {"type": "gridvolume", "grid": mi.VolumeGrid(grid), "to_world": to_world, "filter_type": "nearest"}
-    (volume,) = Volumes([mi.load_dict({"type": "heterogeneous", "sigma_t": sheet, "scale": 40.0})]).all
+    (volume,) = Media([mi.load_dict({"type": "heterogeneous", "sigma_t": sheet, "scale": 40.0})]).all
     found = walk(ways(volume, 1 << 16), volume.extinction, Bool(True)).numpy()[0]
     expected = np.exp(-depth_to(volume, [LENGTH])[0][0])
     assert abs(found.mean() - expected) < 4 * found.std() / 256 + 1e-2 * expected

@@ -16,7 +16,7 @@ import numpy as np
 from ..numerics.arrays import compressed
 from ..numerics.samples import Samples
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
-from ..world.media import Volumes, medium_at
+from ..world.media import Media, medium_at
 from ..world.sensors import Primary
 from .direct import direct
 
@@ -77,7 +77,7 @@ class Looking:
     """How camera paths are followed: the Mitsuba scene, its media, and what Mitsuba's integrators let be chosen."""
 
     plugin: Any
-    volumes: Volumes
+    volumes: Media
     max_depth: int | None
     rr_depth: int
     hide_emitters: bool

@@ -12,7 +12,7 @@ import drjit as dr
 
 from ..numerics.sampling import power_heuristic
 from ..runtime.device import Array3f, Bool, UInt32, mitsuba
-from ..world.media import Volumes
+from ..world.media import Media
 from ..world.visibility import through
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ mi = mitsuba()
 _EMITTER, _LOBE, _TURN, _WAY = 201, 202, 203, 204  # names of samples in seeds
 
 
-def direct(plugin: Any, volumes: Volumes, hit: Any, medium: UInt32, order: UInt32, samples: Samples, step: UInt32,
+def direct(plugin: Any, volumes: Media, hit: Any, medium: UInt32, order: UInt32, samples: Samples, step: UInt32,
            active: Bool) -> Array3f:  # fmt: skip
     """Return the radiance toward −ray of the light that comes straight from emitters to smooth BSDFs.
 

@@ -15,7 +15,7 @@ from ..estimators.points import Points
 from ..numerics.arrays import compressed, joined
 from ..runtime.device import Array3f, Bool, Float, UInt32
 from ..transport.beams import Lit
-from ..world.media import Volume, Volumes
+from ..world.media import Media, RenderedMedium
 from ..world.sensors import Primary, Sensor
 from . import camera_paths as eye
 from .passes import Statistics
@@ -68,7 +68,7 @@ class Gathering:
     """
 
     def __init__(
-        self, sensor: Sensor, volumes: Volumes, light: dict[int, Lit], max_depth: int | None, estimator: str,
+        self, sensor: Sensor, volumes: Media, light: dict[int, Lit], max_depth: int | None, estimator: str,
         points: Points, statistics: Statistics,
     ) -> None:  # fmt: skip
         self._view = None if sensor.view is None else sensor.view.projection
@@ -92,7 +92,7 @@ class Gathering:
         if sum(dr.width(each.pixel) for each in self._steps) > _MOST:
             self.finish()
 
-    def _add_tiled(self, volume: Volume, primary: Primary, sight: eye.Sight, seen: eye.Seen, own: Bool) -> None:
+    def _add_tiled(self, volume: RenderedMedium, primary: Primary, sight: eye.Sight, seen: eye.Seen, own: Bool) -> None:
         volume.track(sight.origin, sight.direction, sight.near, seen.end, seen.seed, own)
         rays = PixelRays(
             primary.origin, primary.direction, primary.facing, dr.select(own, dr.minimum(seen.end, ENDLESS), 0),
@@ -127,7 +127,7 @@ class Gathering:
             first += width
         self._steps = []
 
-    def _pairs(self, volume: Volume, apart: Apart, own: Bool) -> list[tuple[Any, Beams]]:
+    def _pairs(self, volume: RenderedMedium, apart: Apart, own: Bool) -> list[tuple[Any, Beams]]:
         """Return lanes and the beams that they see: all, unless together they would be longer than paths may be."""
         light = self._light[volume.number]
         lanes: Any = dr.compress(own)
@@ -142,7 +142,7 @@ class Gathering:
                 result.append((dr.compress(own & (apart.events == dr.opaque(UInt32, int(events)))), beams))
         return result
 
-    def _grid(self, volume: Volume, beams: Beams, apart: Apart, lanes: Any) -> Any:
+    def _grid(self, volume: RenderedMedium, beams: Beams, apart: Apart, lanes: Any) -> Any:
         count = len(lanes)
         origin, direction = (dr.gather(Array3f, each, lanes) for each in (apart.origin, apart.direction))
         far = dr.gather(Float, apart.far, lanes)

@@ -26,7 +26,7 @@ from ..transport.events import perturbs
 from ..transport.guiding import Watch
 from ..transport.radii import Limits
 from ..world import warnings as doubts
-from ..world.media import Volume, Volumes, boxes, number, parts
+from ..world.media import Media, RenderedMedium, boxes, number, parts
 from ..world.sensors import Sensor
 from . import camera_paths as eye
 from .film import Picture, Sums
@@ -121,7 +121,7 @@ class Frame:
         self.settings, self.statistics = settings, Statistics()
         self._plugin, self.sensor = plugin, Sensor(sensor)
         with self.statistics.phase("build"):
-            self._volumes = Volumes.of(plugin)
+            self._volumes = Media.of(plugin)
             if settings.short:
                 self._volumes.all = tuple(each.ending() for each in self._volumes.all)
             self._emitters = Emitters(plugin, settings.seed)
@@ -228,7 +228,7 @@ class Frame:
         landed = [each for _, each in steps if each is not None] if settings.surfaces else []
         return result, landed, self._limits(shrunk)
 
-    def _limits(self, scale: float, volume: Volume | None = None) -> Limits:
+    def _limits(self, scale: float, volume: RenderedMedium | None = None) -> Limits:
         """Return the bounds of radii of beams in a medium, or of photons, in a pass that shrinks them by `scale`."""
         settings, size, widest = self.settings, self._radius, np.inf
         if volume is not None:

@@ -9,7 +9,7 @@ import drjit as dr
 from ..beams import Beams
 from ..numerics.arrays import compressed, joined, opaque, taken
 from ..runtime.device import UInt32
-from ..world.media import Volume, ended
+from ..world.media import RenderedMedium, ended
 from .paths import Segments
 from .radii import Limits
 
@@ -34,7 +34,7 @@ class Lit:
         return kept[0] if kept else None
 
 
-def lit(volume: Volume, steps: list[Segments], limits: Limits, short: bool = False) -> Lit | None:
+def lit(volume: RenderedMedium, steps: list[Segments], limits: Limits, short: bool = False) -> Lit | None:
     """Return the beams of a medium, from the segments of all steps; None where there are none."""
     pieces: list[Lit] = []
     for segments in steps:
@@ -44,7 +44,7 @@ def lit(volume: Volume, steps: list[Segments], limits: Limits, short: bool = Fal
     return joined(pieces) if pieces else None
 
 
-def _cut(segments: Segments, limits: Limits, volume: Volume, short: bool) -> list[Lit]:
+def _cut(segments: Segments, limits: Limits, volume: RenderedMedium, short: bool) -> list[Lit]:
     """Return segments as beams, in two pieces where there is a focus."""
     width, length = segments.width, segments.length
     focus = width.focus()

@@ -9,7 +9,7 @@ import drjit as dr
 from ..numerics.hashing import hash32, unit_float
 from ..numerics.sampling import pixel_sample
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
-from ..world.media import Volumes, parts, pointers
+from ..world.media import Media, parts, pointers
 from ..world.tracking import free_flight
 
 if TYPE_CHECKING:
@@ -63,7 +63,7 @@ class Event:
 
 
 def _flight(
-    volumes: Volumes, paths: Paths, share: Array3f, length: Float, index: UInt32, stream: UInt32
+    volumes: Media, paths: Paths, share: Array3f, length: Float, index: UInt32, stream: UInt32
 ) -> tuple[Float, Array3f]:
     """Return how far light flies in homogeneous media, and what that weighs.
 

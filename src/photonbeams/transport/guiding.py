@@ -20,7 +20,7 @@ from scipy.ndimage import uniform_filter
 
 from ..numerics.hashing import hash32
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
-from ..world.media import Volumes
+from ..world.media import Media
 from ..world.visibility import through
 
 mi = mitsuba()
@@ -93,7 +93,7 @@ def learn(points: Numbers, importance: Numbers) -> Guide | None:
 class Watch:
     """How much of light paths a camera sees."""
 
-    def __init__(self, plugin: Any, volumes: Volumes, view: Any) -> None:
+    def __init__(self, plugin: Any, volumes: Media, view: Any) -> None:
         self._plugin, self._volumes, self._view = plugin, volumes, view
 
     def importance(self, segments: Any, landed: Any, count: int) -> Numbers:

@@ -19,7 +19,7 @@ from ..numerics.arrays import compressed, joined
 from ..numerics.hashing import hash32, unit_float
 from ..numerics.sampling import pixel_sample
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
-from ..world.media import Volumes, medium_at, pointers
+from ..world.media import Media, medium_at, pointers
 from .emission import Emitted, Tangents, copies, differentiate, of_copies
 from .events import CHANCE, LOBE, PASSES, SCATTERS, TURN, Event, Scatter, ray_of, reflect, sampled
 from .radii import Width, width
@@ -131,7 +131,7 @@ class Tracing:
     """
 
     plugin: Any
-    volumes: Volumes
+    volumes: Media
     max_events: int | None
     rr_depth: int
     overlap: float

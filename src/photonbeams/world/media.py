@@ -75,7 +75,7 @@ def ended(left: Any, power: Any) -> Any:
 
 
 @dataclass(frozen=True)
-class Volume:
+class RenderedMedium:
     """A medium of a scene.
 
     Attributes
@@ -99,7 +99,7 @@ class Volume:
     tracked: Tracked | None = None
     colored: bool = False
 
-    def ending(self) -> Volume:
+    def ending(self) -> RenderedMedium:
         """Return the same for short beams."""
         return self if self.tracked is not None else replace(self, look=Look(along=Ended(), angle=self.look.angle))
 
@@ -126,7 +126,7 @@ def _extinction(media: Any, point: Any, active: Any) -> Array3f:
     return Array3f(media.get_scattering_coefficients(place, active)[2])
 
 
-class Volumes:
+class Media:
     """The media of a scene, and their coefficients for kernels.
 
     Parameters
@@ -147,7 +147,7 @@ class Volumes:
         for each in found.values():  # all of them first: Mitsuba calls all phase functions where it calls one
             _check_phase(each)
         # In the order of the scene: numbers differ from one process to the next, and so would the sums of light.
-        self.all = tuple(_volume(each, found[each]) for each in found)
+        self.all = tuple(_rendered(each, found[each]) for each in found)
         size = max(found, default=0) + 2  # a gather from an array of one is a broadcast, hence another kernel
         table = np.zeros((3, size, 3))
         for volume in self.all:
@@ -159,7 +159,7 @@ class Volumes:
         self._around = around
 
     @classmethod
-    def of(cls, plugin: Any) -> Volumes:
+    def of(cls, plugin: Any) -> Media:
         """Return the media of a Mitsuba scene: in and around its shapes, and those that sensors and emitters name."""
         named = [each.get_medium() for each in (*plugin.sensors(), *plugin.emitters())]
         shapes = parts(plugin, mi.Shape)
@@ -294,7 +294,7 @@ def medium_at(plugin: Any, origin: Array3f, direction: Array3f, otherwise: UInt3
     return dr.while_loop(state, lambda *each: each[3] & (each[2] < _LAYERS), further, label="medium_at")[1]
 
 
-def _volume(own: int, plugin: Any) -> Volume:
+def _rendered(own: int, plugin: Any) -> RenderedMedium:
     """Return a medium as estimators see it."""
     name = plugin.id() or plugin.class_name()
     _check_numbers(plugin, name)
@@ -312,10 +312,10 @@ def _volume(own: int, plugin: Any) -> Volume:
     g, look = _scattering(plugin)
     medium = scene.Medium(tuple(sigma_s), tuple(np.maximum(sigma_t - sigma_s, 0)), g)
     if plugin.is_homogeneous():
-        return Volume(own, plugin, medium, look)
+        return RenderedMedium(own, plugin, medium, look)
     tracked = Tracked(float(sigma_t.max()))
     look = Look(along=1.0, eye=tracked, angle=Scattering(plugin))
-    return Volume(own, plugin, medium, look, tracked, _has_color(plugin))
+    return RenderedMedium(own, plugin, medium, look, tracked, _has_color(plugin))
 
 
 def _check_phase(plugin: Any) -> None:

@@ -8,7 +8,7 @@ import drjit as dr
 
 from ..numerics.hashing import hash32
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
-from .media import Volumes
+from .media import Media
 
 mi = mitsuba()
 
@@ -17,7 +17,7 @@ mi = mitsuba()
 _LAYERS = 64
 
 
-def through(plugin: Any, volumes: Volumes, ray: Any, medium: UInt32, seed: UInt32, active: Bool) -> tuple[Array3f, Any]:
+def through(plugin: Any, volumes: Media, ray: Any, medium: UInt32, seed: UInt32, active: Bool) -> tuple[Array3f, Any]:
     """Return what of light passes along rays up to their ends, and the surface that each meets there, if any.
 
     Rays pass surfaces as far as those let them straight through, and no other.
