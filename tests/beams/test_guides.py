@@ -13,7 +13,7 @@ from photonbeams.beams.modify import bend
 from photonbeams.beams.programs import PassContext
 from photonbeams.scene import SceneError
 from photonbeams.transport import stage_paths as trace
-from photonbeams.world.world import World
+from photonbeams.world.stage_world import StageWorld
 
 QUARTER = np.linspace(0, np.pi / 2, 200)
 #: From the origin along +x, then turning toward +y on a circle of radius 2 about (0, 2, 0).
@@ -133,7 +133,7 @@ LAMP = scene.DistantLight("/sun", (1.0, 1.0, 1.0), axis=np.array([1.0, 0, 0]), a
 
 
 def world_of(light):
-    return World.build(scene.Scene(lights=(light,), bounds=(np.zeros(3), 3.0)))
+    return StageWorld.build(scene.Scene(lights=(light,), bounds=(np.zeros(3), 3.0)))
 
 
 def test_light_tracing_follows_a_lights_guides_and_moves_with_them():

@@ -18,7 +18,7 @@ from photonbeams.scene import SceneError
 from photonbeams.transport import stage_paths as trace
 from photonbeams.world.cameras import Window
 from photonbeams.world.shutter import Moment, Shutter
-from photonbeams.world.world import World
+from photonbeams.world.stage_world import StageWorld
 
 EYE = (0.0, 1.5, 1.95)
 CONTEXT = PassContext("/light")
@@ -27,7 +27,7 @@ CONTEXT = PassContext("/light")
 @pytest.fixture(scope="module")
 def traced():
     """Beams through a portal: two a path."""
-    return trace(World.build(comparison_scene(), viewpoints=[EYE]), beams_per_light=256)[0].beams
+    return trace(StageWorld.build(comparison_scene(), viewpoints=[EYE]), beams_per_light=256)[0].beams
 
 
 @pytest.fixture
@@ -193,7 +193,7 @@ def test_modifiers_chain_in_their_order(beams):
 def test_another_pass_of_all_modifiers_compiles_nothing(traced):
     program = chain(aim((1, 0.5, 0), 0.5), thin(0.5), recolour((1, 0.5, 0.2)), clamp(power=1.0),
                     bend(lambda p: Array3f(0, -0.1, 0) + 0 * p, 8))  # fmt: skip
-    world = World.build(comparison_scene(), viewpoints=[EYE])
+    world = StageWorld.build(comparison_scene(), viewpoints=[EYE])
 
     def run(number):
         beams = trace(world, beams_per_light=256, pass_index=number)[0].beams

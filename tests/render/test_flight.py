@@ -12,7 +12,7 @@ from photonbeams.estimators.points import Points
 from photonbeams.runtime.device import Bool, Float, UInt32
 from photonbeams.transport.stage_paths import trace
 from photonbeams.world.cameras import View, Window
-from photonbeams.world.world import World
+from photonbeams.world.stage_world import StageWorld
 
 STAGE = Path(__file__).parents[2] / "examples" / "keyhole" / "keyhole.usda"
 FRAMES = range(1, 102)
@@ -20,9 +20,9 @@ FRAMES = range(1, 102)
 
 def test_no_frame_of_the_flight_pops():
     """No frame's difference to its neighbour exceeds the converged one's by more than 1 % (issue 3)."""
-    shot = pb.Shot.open(STAGE, camera="Flight", overrides=["/World/Light/Key.photonbeams:count=96"])
+    shot = pb.Shot.open(STAGE, camera="Flight", overrides=["/StageWorld/Light/Key.photonbeams:count=96"])
     content, _ = shot.read(1)
-    world = World.build(content, [(0, 1.5, 2)])
+    world = StageWorld.build(content, [(0, 1.5, 2)])
     (beams,) = trace(world, light_side={light.name for light in content.lights})
     rules = {"auto": Points(pb.gauss_legendre(6)), "frustum": Points(pb.gauss_legendre(64))}
     pictures = {"auto": [], "frustum": []}

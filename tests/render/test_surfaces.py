@@ -12,7 +12,7 @@ from photonbeams.numerics.arrays import to_vectors
 from photonbeams.render.surfaces import shade
 from photonbeams.runtime.device import Array3f, Bool, UInt32, mitsuba
 from photonbeams.transport import stage_paths as trace
-from photonbeams.world.world import World
+from photonbeams.world.stage_world import StageWorld
 
 DIFFUSE = scene.Material(diffuse=(0.6, 0.5, 0.4), roughness=1.0, ior=1.001)
 GLOSSY = scene.Material(diffuse=(0.2, 0.3, 0.4), roughness=0.25, metallic=0.3, clearcoat=0.5)
@@ -48,7 +48,7 @@ def render(world, origin, direction, passes=64):
 
 
 def built(meshes, *lights, medium=None):
-    return World.build(scene.Scene(tuple(meshes), lights, medium=medium), viewpoints=[(0, 2, 4)])
+    return StageWorld.build(scene.Scene(tuple(meshes), lights, medium=medium), viewpoints=[(0, 2, 4)])
 
 
 def lambert(light, medium=None, at=(0, 0, 0)):

@@ -13,14 +13,14 @@ from photonbeams.runtime import device
 from photonbeams.runtime.device import Array3f, Bool, UInt32
 from photonbeams.transport import stage_paths as trace
 from photonbeams.transport.portal_visibility import lights_seen
-from photonbeams.world.world import World
+from photonbeams.world.stage_world import StageWorld
 
 EYE = (0.0, 1.5, 1.95)
 
 
 @pytest.fixture(scope="module")
 def room():
-    return World.build(comparison_scene(), viewpoints=[EYE])
+    return StageWorld.build(comparison_scene(), viewpoints=[EYE])
 
 
 def only(sets):
@@ -30,7 +30,7 @@ def only(sets):
 
 
 def world_of(*lights, **parts):
-    return World.build(scene.Scene(lights=lights, **parts))
+    return StageWorld.build(scene.Scene(lights=lights, **parts))
 
 
 LAMP = scene.SphereLight("/lamp", (1.0, 1.0, 1.0), center=np.array([0.0, 0.0, 0.0]), radius=0.1)
@@ -71,7 +71,7 @@ def test_a_world_at_another_time_keeps_what_stops_its_lights():
     lamp = dataclasses.replace(LAMP, unshadowed=frozenset({"/inner"}))
     first = world_of(lamp, meshes=(inner,))
     moved = scene.Scene(lights=(dataclasses.replace(lamp, center=np.array([0.1, 0, 0])),), meshes=(inner,))
-    later = World.build(moved, like=first)
+    later = StageWorld.build(moved, like=first)
     assert later.stopping(lamp).surfaces is first.stopping(lamp).surfaces is not first.surfaces
     assert first.stopping(LAMP) is first
 
@@ -124,7 +124,7 @@ def test_what_blocks_the_way_to_a_portal_stops_its_beams(room):
     blocked = dataclasses.replace(
         room.description, meshes=(*room.description.meshes, across_x("/lid", -1.5, (1.0, 2.0), (-1, 1)))
     )
-    beams = only(trace(World.build(blocked, viewpoints=[EYE]), beams_per_light=128))
+    beams = only(trace(StageWorld.build(blocked, viewpoints=[EYE]), beams_per_light=128))
     assert np.all(beams["offset"] == 0)
     assert np.allclose(beams["end"][:, 0], -1.5, atol=1e-5)
     assert np.allclose(beams["end_normal"], [-1, 0, 0], atol=1e-6)
@@ -243,7 +243,7 @@ def test_the_camera_sees_the_light_side_through_the_hole_and_not_from_behind_a_w
     assert lights_seen(room, *grid(beside, [1, 0, 0])) == {"/light"}  # looks away, but rays are aimed at the hole
     baffle = across_x("/baffle", -1.2, (0.9, 2.1), (-0.6, 0.6))
     closed = dataclasses.replace(room.description, meshes=(*room.description.meshes, baffle))
-    assert lights_seen(World.build(closed, viewpoints=[EYE]), *grid((1.0, 1.5, 0.0), [-1, 0, 0])) == frozenset()
+    assert lights_seen(StageWorld.build(closed, viewpoints=[EYE]), *grid((1.0, 1.5, 0.0), [-1, 0, 0])) == frozenset()
     on_light_side = (-1.9, 1.5, 1.9)
     assert lights_seen(room, *grid(on_light_side, [0, 0, -1])) == {"/light"}
 
@@ -264,7 +264,7 @@ def test_a_second_frame_compiles_nothing():
         light = dataclasses.replace(
             comparison_scene().lights[0], radiance=(1.0 + number, 2.0, 3.0), center=np.array([-1.9, 1.5, 0.01 * number])
         )
-        world = World.build(dataclasses.replace(comparison_scene(), lights=(light,)), viewpoints=[EYE])
+        world = StageWorld.build(dataclasses.replace(comparison_scene(), lights=(light,)), viewpoints=[EYE])
         trace(world, beams_per_light=256, pass_index=number, seed=number, overlap=1 + number, light_side={"/light"})
         lights_seen(world, *grid(EYE, [0.1 * number, 0, -1]))
 

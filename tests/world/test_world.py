@@ -9,13 +9,13 @@ import pytest
 from comparison import box, comparison_scene, quad
 from photonbeams import scene
 from photonbeams.runtime.device import Array3f, Bool, Float, UInt32
-from photonbeams.world.world import World
+from photonbeams.world.stage_world import StageWorld
 
 CUBE = box("/fog", [-1, -1, -1], [1, 1, 1])
 
 
 def fog_of(mesh):
-    return World.build(scene.Scene(medium=scene.Medium((0.5, 1.0, 2.0), mesh=mesh))).fog
+    return StageWorld.build(scene.Scene(medium=scene.Medium((0.5, 1.0, 2.0), mesh=mesh))).fog
 
 
 def interval(fog, origin, direction):
@@ -24,12 +24,12 @@ def interval(fog, origin, direction):
 
 
 def test_bounds_hold_everything_there_is():
-    world = World.build(comparison_scene(), viewpoints=[(10.0, 1.5, 0.0)])
+    world = StageWorld.build(comparison_scene(), viewpoints=[(10.0, 1.5, 0.0)])
     center = world.bounds.center.numpy().ravel()
     for point in [(10.0, 1.5, 0.0), (-2, 0, -2), (-2, 3, 2), (-1.9, 1.5, 0)]:
         assert np.linalg.norm(center - point) <= world.radius
     assert world.radius < 7
-    assert World.build(scene.Scene()).radius == 1
+    assert StageWorld.build(scene.Scene()).radius == 1
 
 
 @pytest.mark.parametrize("inward", [False, True])
@@ -76,7 +76,7 @@ def test_materials_of_every_kind_become_surfaces():
         for i, material in enumerate(materials)
     ]
     empty = scene.Mesh("/empty", np.zeros((0, 3)), np.zeros((0, 3), dtype=int))
-    world = World.build(scene.Scene(meshes=(*cards, empty)))
+    world = StageWorld.build(scene.Scene(meshes=(*cards, empty)))
     assert world.cutouts and world.glowing
     origin = Array3f(Float(np.arange(4) + 0.5), 0.5, 1.0)
     hit = world.surfaces.ray_intersect(_ray(origin))
@@ -95,7 +95,7 @@ def test_rays_pass_many_clear_layers_to_the_solid_one():
     clear = scene.Material(opacity=0.0)
     sheets = [quad(f"/{i}", [[-9, -9, -i], [9, -9, -i], [9, 9, -i], [-9, 9, -i]], clear) for i in range(1, 20)]
     solid = quad("/solid", [[-9, -9, -21], [9, -9, -21], [9, 9, -21], [-9, 9, -21]])
-    world = World.build(scene.Scene(meshes=(*sheets, solid)))
+    world = StageWorld.build(scene.Scene(meshes=(*sheets, solid)))
     always = dr.full(Bool, True, 1)
     hit = world.intersect(Array3f(0.3, 0.2, 0), Array3f(0, 0, -1), always, UInt32(1))
     assert np.isclose(hit.t[0], 21, rtol=1e-5)

@@ -14,7 +14,8 @@ class BeamSet(NamedTuple):
     """Beams that share a light group and a look (None: the physical one), and where they move, at shutter close.
 
     `light` is the light's number, `to_world` the transform from its space, (4, 4), for looks; `name` is the path of the
-    light, or of the curves, that they are of.
+    light, or of the curves, that they are of. `medium` is the number of the medium that they are in, `depth` how often
+    the light of each was scattered before, if any was.
     """
 
     group: str
@@ -24,3 +25,5 @@ class BeamSet(NamedTuple):
     name: str = ""
     light: int = 0
     to_world: Any = None
+    medium: int = 0
+    depth: Any = None

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import zlib
+
 from ..runtime.device import Float, UInt32
 
 
@@ -21,3 +23,8 @@ def hash32(*values: UInt32) -> UInt32:
 def unit_float(bits: UInt32) -> Float:
     """Return the upper 24 bits as a number in [0, 1)."""
     return Float(bits >> 8) * 2.0**-24
+
+
+def key_of(*names: int | str) -> int:
+    """Return a number of 32 bits that names a stream of samples, the same in every process."""
+    return zlib.crc32(repr(names).encode())

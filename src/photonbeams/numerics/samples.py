@@ -11,25 +11,29 @@ from .hashing import hash32, unit_float
 from .sampling import pixel_sample
 
 # Of the 32 bits of a place in a sequence these are of the pass, the others of the pixel.
-_BITS = 16
+BITS = 16
 
 
 class Samples:
     """Samples of one pass, by the numbers of pixels (or of anything else) and by names of what they are used for.
 
-    Passes of a pixel stand next to each other in one sequence. Pixels and passes of which there are more than 2¹⁶ begin
-    others. All numbers are opaque.
+    Passes of a pixel stand next to each other in one sequence, in a block of 2^`bits`, and the blocks in the order of
+    the pixels: where these are along a Z-order curve, samples are well distributed in each pixel and over each square
+    of pixels, and what noise is left is fine-grained (Ahmed and Wonka 2020, "Screen-space blue-noise diffusion of Monte
+    Carlo sampling error"). More passes, or more pixels than 2^(32 − `bits`), begin other sequences. All numbers are
+    opaque.
     """
 
-    def __init__(self, seed: int, number: int) -> None:
-        self.seed = dr.opaque(UInt32, (seed + 0x9E3779B9 * (number >> _BITS)) & 0xFFFFFFFF)
-        self._number = dr.opaque(UInt32, number & ((1 << _BITS) - 1))
+    def __init__(self, seed: int, number: int, bits: int = BITS) -> None:
+        self.seed = dr.opaque(UInt32, (seed + 0x9E3779B9 * (number >> bits)) & 0xFFFFFFFF)
+        self._number = dr.opaque(UInt32, number & ((1 << bits) - 1))
+        self._bits, self._rest = dr.opaque(UInt32, bits), dr.opaque(UInt32, 31 - bits)
 
     def _place(self, index: Any) -> Any:
-        return (index << _BITS) + self._number
+        return (index << self._bits) + self._number
 
     def _key(self, index: Any, names: tuple[Any, ...]) -> UInt32:
-        return hash32(self.seed, index >> (32 - _BITS), *(UInt32(name) for name in names))
+        return hash32(self.seed, (index >> self._rest) >> 1, *(UInt32(name) for name in names))
 
     def pair(self, index: Any, *names: Any) -> Array2f:
         """Return a point of the unit square for each index."""

@@ -1,4 +1,4 @@
-"""Camera paths: straight on through borders of media, mirrored and refracted, to the first surfaces that scatter light.
+"""Camera paths: straight through boundaries of media, mirrored and refracted, to the first surfaces that scatter light.
 
 Each pixel has one path a pass. Its segments in media gather beams; at surfaces it gathers emission, direct light and
 photons, and goes on where a BSDF has ideal mirrors, refracts, or lets light through, by one sample of these.
@@ -8,41 +8,50 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 import drjit as dr
-import numpy as np
 
 from ..numerics.arrays import compressed
 from ..numerics.samples import Samples
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
-from ..world.media import Media, medium_at
 from ..world.sensors import Primary
-from .direct import direct
+from ..world.world import World
+
+if TYPE_CHECKING:
+    from .photons import PhotonMaps
 
 mi = mitsuba()
 
-_LOBE, _TURN, _ROULETTE, _WAY = 301, 302, 303, 304  # names of samples in seeds
+_LOBE, _TURN, _ROULETTE, _WAY, _CUTOUT = 301, 302, 303, 304, 305  # streams of samples
 
-# What makes a surface more than a border of media; to Mitsuba going straight on (Null) is one of `Delta`.
+# What makes a surface more than a boundary of media; to Mitsuba going straight on (Null) is one of `Delta`.
 _VISIBLE = int(mi.BSDFFlags.Smooth | mi.BSDFFlags.DeltaReflection | mi.BSDFFlags.DeltaTransmission)
-
-_UNSEEN = 0xFFFFFFFF  # stands for a medium that is not known
 
 # Steps after which a path ends that meets nothing that ends it, as between two mirrors.
 _STEPS = 128
 
 
-class Sight:
-    """Camera paths on their way: rays from `near` on, what their light counts, where they are.
+class CameraPaths:
+    """Camera paths: rays from `near` on.
 
-    `pixel` is the path's pixel, `order` names its samples; `primary` are paths that are still the pixel's own ray;
-    `events` counts mirrors and refractions.
+    Attributes
+    ----------
+    throughput, clear
+        The weight of light that a path meets; the same without the fogs that surfaces do not feel.
+    medium
+        Number of the medium that it is in.
+    pixel, order
+        The path's pixel, and what names its samples.
+    primary
+        Whether it is still the pixel's own ray.
+    depth
+        Mirrors and refractions so far.
     """
 
     DRJIT_STRUCT: ClassVar[dict[str, Any]] = {
-        "origin": Array3f, "direction": Array3f, "near": Float, "far": Float, "throughput": Array3f, "medium": UInt32,
-        "pixel": UInt32, "order": UInt32, "primary": Bool, "events": UInt32, "alive": Bool,
+        "origin": Array3f, "direction": Array3f, "near": Float, "far": Float, "throughput": Array3f, "clear": Array3f,
+        "medium": UInt32, "pixel": UInt32, "order": UInt32, "primary": Bool, "depth": UInt32, "alive": Bool,
     }  # fmt: skip
 
     origin: Any
@@ -50,132 +59,176 @@ class Sight:
     near: Any
     far: Any
     throughput: Any
+    clear: Any
     medium: Any
     pixel: Any
     order: Any
     primary: Any
-    events: Any
+    depth: Any
     alive: Any
 
 
-class Seen:
-    """What paths see in one step: radiance of surfaces (times the throughput), where they are, and whether they show.
+class CameraVertex:
+    """Where paths arrive in one step: `radiance` of surfaces times the throughput, `end` on the ray.
 
-    `seed` is that of the transmittance up to there.
+    `solid` tells surfaces and lamps from boundaries of media and from the background; `transmittance` is that of the
+    fogs that surfaces feel, from the camera on; `seed` is that of the transmittance up to there.
     """
 
-    DRJIT_STRUCT: ClassVar[dict[str, Any]] = {"radiance": Array3f, "solid": Bool, "end": Float, "seed": UInt32}
+    DRJIT_STRUCT: ClassVar[dict[str, Any]] = {
+        "radiance": Array3f, "solid": Bool, "end": Float, "transmittance": Array3f, "seed": UInt32,
+    }  # fmt: skip
 
     radiance: Any
     solid: Any
     end: Any
+    transmittance: Any
     seed: Any
 
 
-@dataclass(frozen=True)
-class Looking:
-    """How camera paths are followed: the Mitsuba scene, its media, and what Mitsuba's integrators let be chosen."""
+class Lamp:
+    """What paths meet of lamps that are no surfaces: `distance` (infinite where there is none) and `radiance`."""
 
-    plugin: Any
-    volumes: Media
+    DRJIT_STRUCT: ClassVar[dict[str, Any]] = {"distance": Float, "radiance": Array3f}
+
+    def __init__(self, distance: Any = None, radiance: Any = None) -> None:
+        self.distance: Any = distance
+        self.radiance: Any = radiance
+
+
+@dataclass(frozen=True)
+class ShadingPoint:
+    """Surfaces that paths have met: Mitsuba's interaction, the medium before them, and what names their samples."""
+
+    hit: Any
+    medium: Any
+    order: Any
+    step: Any
+    samples: Samples
+
+
+class Lighting(Protocol):
+    """How a world's emitters are seen, and how they light surfaces."""
+
+    def lamp(self, origin: Array3f, direction: Array3f) -> Lamp | None:
+        """Return the nearest lamp that rays see shine; None where all emitters are surfaces."""
+
+    def emission(self, hit: Any, origin: Array3f, direction: Array3f, active: Bool) -> Array3f:
+        """Return the radiance of surfaces that glow, and of the background where nothing is met."""
+
+    def direct(self, point: ShadingPoint, active: Bool) -> Array3f:
+        """Return the radiance toward the path of light that comes straight from emitters to smooth BSDFs."""
+
+
+@dataclass(frozen=True)
+class Viewing:
+    """How camera paths are followed.
+
+    Attributes
+    ----------
+    world, lighting
+        What they meet, and what lights that.
+    max_depth, rr_depth, hide_emitters
+        As Mitsuba's integrators have them; a depth of None is any.
+    surfaces
+        Whether surfaces are shaded; if not, paths see emitters alone.
+    sharp
+        Whether anything in the world may send paths on: a boundary of media, a mirror, glass.
+    """
+
+    world: World
+    lighting: Lighting
     max_depth: int | None
     rr_depth: int
     hide_emitters: bool
     surfaces: bool = True
+    sharp: bool = True
 
 
-def begin(looking: Looking, primary: Primary, order: UInt32, otherwise: Any) -> Sight:
-    """Return the camera paths of a pass; `otherwise` is the medium where no border of one is seen."""
+def begin(viewing: Viewing, primary: Primary, order: UInt32) -> CameraPaths:
+    """Return the camera paths of a pass."""
     count = dr.width(primary.direction)
-    sight = Sight()
-    sight.origin = primary.origin + dr.zeros(Array3f, count)
-    sight.direction, sight.near, sight.far = primary.direction, primary.near, primary.far
-    sight.throughput = primary.weight
-    sight.pixel = dr.arange(UInt32, count) + dr.opaque(UInt32, 0)
-    sight.order = UInt32(order)
-    sight.primary = sight.alive = dr.full(Bool, True, count)
-    sight.events = dr.zeros(UInt32, count)
-    start = sight.origin + sight.near * sight.direction
-    sight.medium = _around_eye(
-        medium_at(looking.plugin, start, sight.direction, UInt32(_UNSEEN), sight.alive), otherwise
-    )
-    dr.eval(sight)
-    return sight
+    paths = CameraPaths()
+    paths.origin = primary.origin + dr.zeros(Array3f, count)
+    paths.direction, paths.near, paths.far = primary.direction, primary.near + dr.zeros(Float, count), primary.far
+    paths.throughput = paths.clear = primary.weight
+    paths.pixel = dr.arange(UInt32, count) + dr.opaque(UInt32, 0)
+    paths.order = UInt32(order)
+    paths.primary = paths.alive = dr.full(Bool, True, count)
+    paths.depth = dr.zeros(UInt32, count)
+    start = paths.origin + paths.near * paths.direction
+    paths.medium = viewing.world.medium_of_view(start, paths.direction)
+    dr.eval(paths)
+    return paths
 
 
-def _around_eye(found: UInt32, otherwise: UInt32) -> UInt32:
-    """Return the media where rays begin, for those that have seen no border of one as well.
-
-    They are in what fills the space; if nothing does, where most of the others are: a ray may miss a border on which
-    another surface lies.
-    """
-    unseen = found == _UNSEEN
-    if not bool(dr.any(unseen)):
-        return found
-    numbers_found, counts = np.unique(dr.select(unseen, 0, found).numpy()[~unseen.numpy()], return_counts=True)
-    usual = int(numbers_found[counts.argmax()]) if len(counts) else 0
-    return dr.select(unseen, dr.select(otherwise > 0, otherwise, dr.opaque(UInt32, usual)), found)
-
-
-def follow(looking: Looking, sight: Sight, samples: Samples, lit: Any) -> Iterator[tuple[Sight, Seen]]:
-    """Yield camera paths and what they see, step by step; `lit(hit, events, active)` is the light of photons."""
+def follow(
+    viewing: Viewing, paths: CameraPaths, samples: Samples, photons: PhotonMaps | None
+) -> Iterator[tuple[CameraPaths, CameraVertex]]:
+    """Yield camera paths and where they arrive, step by step."""
     step = 0
     while step < _STEPS:
-        seen, following = _step(looking, sight, samples, dr.opaque(UInt32, step), lit)
-        dr.eval(seen, following)
-        yield sight, seen
-        if not bool(dr.any(following.alive)):
+        vertex, following = _step(viewing, paths, samples, dr.opaque(UInt32, step), photons)
+        dr.eval(vertex, following)
+        yield paths, vertex
+        if following is None or not bool(dr.any(following.alive)):
             return
-        sight = following
+        paths = following
         if not bool(dr.any(following.alive & following.primary)):
-            (sight,) = compressed(following.alive, following)
+            (paths,) = compressed(following.alive, following)
         step += 1
 
 
-def _step(looking: Looking, sight: Sight, samples: Samples, step: UInt32, lit: Any) -> tuple[Seen, Sight]:
-    plugin, volumes, alive = looking.plugin, looking.volumes, sight.alive
-    start = sight.origin + sight.near * sight.direction
-    ray = mi.Ray3f(mi.Point3f(start), mi.Vector3f(sight.direction))
-    ray.maxt = dr.minimum(sight.far - sight.near, dr.largest(Float))
-    hit = plugin.ray_intersect(ray, alive)
+def _step(
+    viewing: Viewing, paths: CameraPaths, samples: Samples, step: UInt32, photons: PhotonMaps | None
+) -> tuple[CameraVertex, CameraPaths | None]:
+    world, alive = viewing.world, paths.alive
+    start = paths.origin + paths.near * paths.direction
+    reach = dr.minimum(paths.far - paths.near, dr.largest(Float))
+    hit = world.seen(start, paths.direction, reach, alive, samples.bits(paths.order, _CUTOUT, step))
+    lamp = viewing.lighting.lamp(start, paths.direction)
     met = alive & hit.is_valid()
-    way = dr.select(met, hit.t, ray.maxt)
-    seen = Seen()
-    seen.end = sight.near + way
-    seen.seed = samples.bits(sight.order, _WAY, step)
-    passed = volumes.transmittance(sight.medium, start, sight.direction, way, seen.seed, alive)
-    throughput = sight.throughput * passed
-    seen.radiance = _emission(looking, hit, alive, sight)
-    bsdf = hit.bsdf()
-    flags = bsdf.flags()
-    smooth = met & mi.has_flag(flags, mi.BSDFFlags.Smooth) & _within(looking, sight.events, 2)
-    if looking.surfaces:
-        own = direct(plugin, volumes, hit, sight.medium, sight.order, samples, step, smooth)
-        seen.radiance += own + lit(hit, sight.events, smooth)
-    seen.radiance = dr.select(alive, seen.radiance * throughput, 0)
+    way = dr.select(met, hit.t, reach)
+    on_lamp = Bool(False)
+    if lamp is not None:
+        on_lamp = alive & (lamp.distance < way)
+        met, way = met & ~on_lamp, dr.select(on_lamp, lamp.distance, way)
+    vertex = CameraVertex()
+    vertex.end = paths.near + way
+    vertex.seed = samples.bits(paths.order, _WAY, step)
+    passed = world.media.transmittance(paths.medium, start, paths.direction, way, vertex.seed, alive)
+    felt = world.media.felt(paths.medium, passed)
+    throughput, clear = paths.throughput * passed, paths.clear * felt
+    vertex.transmittance = dr.select(alive, clear, 0)
+    shown = alive & _within(viewing, paths.depth, 1)
+    if viewing.hide_emitters:
+        shown &= paths.depth > 0
+    radiance = viewing.lighting.emission(hit, start, paths.direction, shown & ~on_lamp)
+    if lamp is not None:
+        radiance = dr.select(on_lamp & shown, lamp.radiance, radiance)
+    flags = hit.bsdf().flags()
+    smooth = met & mi.has_flag(flags, mi.BSDFFlags.Smooth) & _within(viewing, paths.depth, 2)
+    if viewing.surfaces:
+        radiance += viewing.lighting.direct(ShadingPoint(hit, paths.medium, paths.order, step, samples), smooth)
+        if photons is not None:
+            radiance += photons(hit, paths.depth, smooth)
+    vertex.radiance = dr.select(alive, radiance * clear, 0)
     visible = (UInt32(flags) & _VISIBLE) != 0
-    seen.solid = met & (visible | ~mi.has_flag(flags, mi.BSDFFlags.Null))
-    return seen, _onward(looking, sight, hit, throughput, met, samples, step)
+    vertex.solid = on_lamp | (met & (visible | ~mi.has_flag(flags, mi.BSDFFlags.Null)))
+    if not viewing.sharp:
+        return vertex, None
+    return vertex, _onward(viewing, paths, hit, (throughput, clear), met, samples, step)
 
 
-def _within(looking: Looking, events: UInt32, more: int) -> Any:
+def _within(viewing: Viewing, depth: UInt32, more: int) -> Any:
     """Return whether paths of so many events and more edges are no longer than asked for."""
-    return Bool(True) if looking.max_depth is None else events + more <= dr.opaque(UInt32, looking.max_depth)
-
-
-def _emission(looking: Looking, hit: Any, alive: Bool, sight: Sight) -> Array3f:
-    """Return the radiance of emitters that paths see, near and far."""
-    emitter = hit.emitter(looking.plugin, alive)
-    shown = alive & _within(looking, sight.events, 1)
-    if looking.hide_emitters:
-        shown &= sight.events > 0
-    value = dr.select(shown, Array3f(emitter.eval(hit, shown)), 0)
-    return dr.select(dr.isfinite(dr.sum(value)), value, 0)
+    return Bool(True) if viewing.max_depth is None else depth + more <= dr.opaque(UInt32, viewing.max_depth)
 
 
 def _onward(
-    looking: Looking, sight: Sight, hit: Any, throughput: Array3f, met: Bool, samples: Samples, step: UInt32
-) -> Sight:
+    viewing: Viewing, paths: CameraPaths, hit: Any, weights: tuple[Array3f, Array3f], met: Bool, samples: Samples,
+    step: UInt32,
+) -> CameraPaths:  # fmt: skip
     """Return paths behind the surface that they met: mirrored, refracted, or straight on."""
     context = mi.BSDFContext()
     context.type_mask = mi.BSDFFlags.Delta | mi.BSDFFlags.Null
@@ -183,27 +236,30 @@ def _onward(
     flags = bsdf.flags()
     sharp = met & (mi.has_flag(flags, mi.BSDFFlags.Delta) | mi.has_flag(flags, mi.BSDFFlags.Null))
     # In strata over the passes: as often mirrored and as often refracted as the glass would have it.
-    lobe, turn = samples.pair(sight.order, _LOBE, step).x, samples.pair(sight.order, _TURN, step)
+    lobe, turn = samples.pair(paths.order, _LOBE, step).x, samples.pair(paths.order, _TURN, step)
     sample, weight = bsdf.sample(context, hit, lobe, mi.Point2f(turn), sharp)
     direction = hit.to_world(sample.wo)
     null = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Null)
-    straight = sight.primary & null
-    following = Sight()
-    following.throughput = throughput * dr.select(sharp & (sample.pdf > 0), Array3f(weight), 0)
+    straight = paths.primary & null
+    following = CameraPaths()
+    factor = dr.select(sharp & (sample.pdf > 0), Array3f(weight), 0)
+    following.throughput, following.clear = (each * factor for each in weights)
     spawned = hit.spawn_ray(direction)
     # A primary ray keeps its origin, from which tiles see it; it begins anew where it passed the surface.
-    way = dr.dot(Array3f(spawned.o) - sight.origin, sight.direction)
-    following.origin = dr.select(straight, sight.origin, Array3f(spawned.o))
-    following.direction = dr.select(straight, sight.direction, Array3f(direction))
+    way = dr.dot(Array3f(spawned.o) - paths.origin, paths.direction)
+    following.origin = dr.select(straight, paths.origin, Array3f(spawned.o))
+    following.direction = dr.select(straight, paths.direction, Array3f(direction))
     following.near = dr.select(straight, way, 0)
-    following.far = dr.select(straight, sight.far, dr.largest(Float))
-    following.medium = looking.volumes.beyond(hit, direction, sight.medium, sharp)
-    following.events = sight.events + dr.select(null, 0, 1)
-    following.pixel, following.order, following.primary = sight.pixel, sight.order, straight
-    alive = sharp & (dr.max(following.throughput) > 0) & _within(looking, following.events, 1)
-    chance = dr.minimum(dr.max(following.throughput), 0.95)
-    tried = following.events >= dr.opaque(UInt32, looking.rr_depth)
-    lives = samples.single(sight.order, _ROULETTE, step) < chance
-    following.throughput *= dr.select(tried, dr.rcp(dr.maximum(chance, 1e-30)), 1)
-    following.alive = alive & (~tried | lives)
+    following.far = dr.select(straight, paths.far, dr.largest(Float))
+    following.medium = viewing.world.media.beyond(hit, direction, paths.medium, sharp)
+    following.depth = paths.depth + dr.select(null, 0, 1)
+    following.pixel, following.order, following.primary = paths.pixel, paths.order, straight
+    most = dr.max(dr.maximum(following.throughput, following.clear))
+    alive = sharp & (most > 0) & _within(viewing, following.depth, 1)
+    survival = dr.minimum(most, 0.95)
+    tried = following.depth >= dr.opaque(UInt32, viewing.rr_depth)
+    survives = samples.single(paths.order, _ROULETTE, step) < survival
+    factor = dr.select(tried, dr.rcp(dr.maximum(survival, 1e-30)), 1)
+    following.throughput, following.clear = following.throughput * factor, following.clear * factor
+    following.alive = alive & (~tried | survives)
     return following

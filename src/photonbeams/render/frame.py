@@ -31,7 +31,7 @@ from ..transport.portal_visibility import lights_seen
 from ..transport.stage_paths import pieces_of, trace
 from ..world.cameras import CameraRays, View, Window
 from ..world.shutter import Moment, Shutter, slice_of, turn, with_lens
-from ..world.world import World
+from ..world.stage_world import StageWorld
 from .holdouts import Held
 from .passes import OVERLAP, SHRINKAGE, Statistics, accumulate, subpixel, to_picture
 from .surfaces import shade
@@ -226,7 +226,7 @@ class _Frame:
         self._shutter, self._window, self._settings, self.statistics = shutter, window, settings, statistics
         ends = shutter.ends(0.0, 1.0)
         self._eyes = [np.asarray(camera.to_world)[:3, 3] for moment in ends for camera in moment.cameras]
-        self._worlds: list[World] = []
+        self._worlds: list[StageWorld] = []
         self._light_side: frozenset[str] = frozenset()
         with statistics.phase("build"):
             for moment in ends:
@@ -243,12 +243,12 @@ class _Frame:
         self._turned = False
         self._slices = None if settings.time_limit is not None else settings.passes
 
-    def _world(self, moment: Moment) -> World:
+    def _world(self, moment: Moment) -> StageWorld:
         """Return the world of a moment; of those before it, what is still the same is kept."""
         for world in self._worlds:
             if world.description is moment.scene:
                 return world
-        world = World.build(moment.scene, self._eyes, like=self._worlds[-1] if self._worlds else None)
+        world = StageWorld.build(moment.scene, self._eyes, like=self._worlds[-1] if self._worlds else None)
         self._worlds = [*self._worlds[-2:], world]
         return world
 
@@ -342,7 +342,7 @@ class _Frame:
 
         return sample
 
-    def _shade(self, world: World, order: Any, rays: CameraRays, number: int) -> Any:
+    def _shade(self, world: StageWorld, order: Any, rays: CameraRays, number: int) -> Any:
         always = dr.full(Bool, True, dr.width(rays.direction))
         index = order * self._block + dr.opaque(UInt32, number)
         shaded = shade(world, rays.origin, rays.direction, always, index, self._seed)
@@ -417,7 +417,7 @@ class _Sums:
         return {name: layers[name] for name in layer_names(description)}
 
 
-def _pixel_rays(world: World, rays: CameraRays, depth: Any) -> PixelRays:
+def _pixel_rays(world: StageWorld, rays: CameraRays, depth: Any) -> PixelRays:
     fog = world.fog
     assert fog is not None  # `check` has seen to it
     enter, leave, _ = fog.interval(rays.origin, rays.direction)

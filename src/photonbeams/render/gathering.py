@@ -2,34 +2,39 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import drjit as dr
 import numpy as np
 
 from ..beams import Beams
+from ..beams.sets import BeamSet
 from ..estimators.estimate import ENDLESS, estimate_rays
 from ..estimators.geometry import Rays
-from ..estimators.image import PixelRays, estimate_image
+from ..estimators.image import PixelRays, estimate_image, lane_of
 from ..estimators.points import Points
+from ..estimators.tiles import Projection
+from ..looks import Context
 from ..numerics.arrays import compressed, joined
 from ..runtime.device import Array3f, Bool, Float, UInt32
-from ..transport.beams import Lit
+from ..scene import SceneError
 from ..world.media import Media, RenderedMedium
-from ..world.sensors import Primary, Sensor
-from . import camera_paths as eye
+from ..world.sensors import Primary
+from .camera_paths import CameraPaths, CameraVertex
 from .passes import Statistics
 
 # Segments beside the pixels' own rays that are kept for one look into the grid, which takes as long to build as to ask.
 _MOST = 1 << 22
 
 
-class Apart:
+class PathSegments:
     """Segments of camera paths in media behind mirrors and glass."""
 
     DRJIT_STRUCT: ClassVar[dict[str, Any]] = {
         "origin": Array3f, "direction": Array3f, "far": Float, "throughput": Array3f, "medium": UInt32,
-        "pixel": UInt32, "events": UInt32, "seed": UInt32,
+        "pixel": UInt32, "depth": UInt32, "seed": UInt32,
     }  # fmt: skip
 
     origin: Any
@@ -38,118 +43,179 @@ class Apart:
     throughput: Any
     medium: Any
     pixel: Any
-    events: Any
+    depth: Any
     seed: Any
 
     @classmethod
-    def of(cls, sight: eye.Sight, seen: eye.Seen) -> Apart:
+    def of(cls, paths: CameraPaths, vertex: CameraVertex) -> PathSegments:
         """Return the segments of one step."""
         result = cls()
-        result.origin, result.direction = sight.origin + sight.near * sight.direction, sight.direction
-        result.far = dr.minimum(seen.end, ENDLESS) - sight.near
-        result.throughput, result.medium, result.pixel = sight.throughput, sight.medium, sight.pixel
-        result.events, result.seed = sight.events, seen.seed
+        result.origin, result.direction = paths.origin + paths.near * paths.direction, paths.direction
+        result.far = dr.minimum(vertex.end, ENDLESS) - paths.near
+        result.throughput, result.medium, result.pixel = paths.throughput, paths.medium, paths.pixel
+        result.depth, result.seed = paths.depth, vertex.seed
         return result
 
 
+@dataclass(frozen=True)
+class Estimating:
+    """How beams are estimated: `estimator` and `points` as for `estimate_image`, the longest path, and the clock.
+
+    `context` returns what the beams of a set have in common.
+    """
+
+    estimator: str
+    points: Points
+    max_depth: int | None
+    context: Callable[[BeamSet], Context] | None = None
+
+
 class Gathering:
-    """The beams' radiance toward pixels, over the steps of a pass.
+    """The beams' radiance toward pixels, by light groups, over the steps of a pass.
 
     Parameters
     ----------
-    sensor, volumes
-        Whose rays, and through which media.
-    light
-        The beams, by the numbers of media.
-    max_depth
-        The longest path in edges, None for any.
-    estimator, points, statistics
-        As for `estimate_image`; where tests are counted.
+    view, primary
+        The screen of the pixels' own rays, or None, and these rays.
+    media, sets
+        Through which media, and the beams.
+    estimating, statistics
+        How, and where tests are counted.
     """
 
     def __init__(
-        self, sensor: Sensor, volumes: Media, light: dict[int, Lit], max_depth: int | None, estimator: str,
-        points: Points, statistics: Statistics,
+        self, view: Projection | None, primary: Primary, media: Media, sets: Sequence[BeamSet],
+        estimating: Estimating, statistics: Statistics,
     ) -> None:  # fmt: skip
-        self._view = None if sensor.view is None else sensor.view.projection
-        self._volumes = [each for each in volumes.all if each.number in light]
-        self._light, self._max_depth = light, max_depth
-        self._estimator, self._points, self._statistics = estimator, points, statistics
-        self.radiance = dr.zeros(Array3f, sensor.width * sensor.height)
-        self._steps: list[Apart] = []
+        self._view, self._primary, self._estimating, self._statistics = view, primary, estimating, statistics
+        self._media = [
+            (medium, own) for medium in media.all if (own := [each for each in sets if each.medium == medium.number])
+        ]
+        self._count = dr.width(primary.direction)
+        self.radiance: dict[str, Any] = {each.group: dr.zeros(Array3f, self._count) for each in sets}
+        self._steps: list[PathSegments] = []
 
-    def add(self, primary: Primary, sight: eye.Sight, seen: eye.Seen) -> None:
+    def add(self, paths: CameraPaths, vertex: CameraVertex) -> None:
         """Add the segments of one step of camera paths."""
-        inside = sight.alive & (sight.medium > 0) & (seen.end > sight.near)
-        tiled = inside & sight.primary & Bool(self._view is not None)
+        inside = paths.alive & (paths.medium > 0) & (vertex.end > paths.near)
+        tiled = inside & paths.primary & Bool(self._view is not None)
         others = inside & ~tiled
         dr.eval(tiled, others)
-        for volume in self._volumes:
-            own = tiled & (sight.medium == dr.opaque(UInt32, volume.number))
+        for medium, sets in self._media:
+            own = tiled & (paths.medium == dr.opaque(UInt32, medium.number))
             if self._view is not None and bool(dr.any(own)):
-                self._add_tiled(volume, primary, sight, seen, own)
-        self._steps += compressed(others, Apart.of(sight, seen))
+                self._add_tiled(medium, sets, paths, vertex, own)
+        self._steps += compressed(others, PathSegments.of(paths, vertex))
         if sum(dr.width(each.pixel) for each in self._steps) > _MOST:
             self.finish()
 
-    def _add_tiled(self, volume: RenderedMedium, primary: Primary, sight: eye.Sight, seen: eye.Seen, own: Bool) -> None:
-        volume.track(sight.origin, sight.direction, sight.near, seen.end, seen.seed, own)
+    def _add_tiled(
+        self, medium: RenderedMedium, sets: Sequence[BeamSet], paths: CameraPaths, vertex: CameraVertex, own: Bool
+    ) -> None:
+        medium.track(paths.origin, paths.direction, paths.near, vertex.end, vertex.seed, own)
+        primary = self._primary
         rays = PixelRays(
-            primary.origin, primary.direction, primary.facing, dr.select(own, dr.minimum(seen.end, ENDLESS), 0),
-            dr.select(own, sight.near, 0), primary.lanes,
+            primary.origin, primary.direction, primary.facing, dr.select(own, dr.minimum(vertex.end, ENDLESS), 0),
+            dr.select(own, paths.near, 0), primary.lanes,
         )  # fmt: skip
         dr.eval(rays.t_max, rays.t_min)
         assert self._view is not None
-        part = estimate_image(
-            self._light[volume.number].beams, self._view, rays, look=volume.look, medium=volume.medium,
-            estimator=self._estimator, points=self._points,
-        )  # fmt: skip
-        self.radiance = self.radiance + dr.select(own, part.radiance * sight.throughput, 0)
-        dr.eval(self.radiance)
-        self._statistics.tests += part.billboard_tests + part.frustum_tests
+        for each in sets:
+            with naming(each):
+                part = estimate_image(
+                    each.beams, self._view, rays, look=medium.shaded(each.look), medium=medium.medium,
+                    estimator=self._estimating.estimator, points=self._estimating.points, close=each.close,
+                    context=self._context(each),
+                )  # fmt: skip
+            self.radiance[each.group] += dr.select(own, part.radiance * paths.throughput, 0)
+            dr.eval(self.radiance[each.group])
+            self._statistics.tests += part.billboard_tests + part.frustum_tests
+
+    def _context(self, each: BeamSet) -> Context | None:
+        return None if self._estimating.context is None else self._estimating.context(each)
 
     def finish(self) -> None:
         """Add what was kept for the grid."""
         if not self._steps:
             return
         widths = [dr.width(each.pixel) for each in self._steps]
-        apart = joined(self._steps)
-        found = dr.zeros(Array3f, sum(widths))
-        for volume in self._volumes:
-            own = apart.medium == dr.opaque(UInt32, volume.number)
-            for lanes, beams in self._pairs(volume, apart, own):
-                dr.scatter(found, self._grid(volume, beams, apart, lanes), lanes)
-        first = 0
-        for step, width in zip(self._steps, widths, strict=True):  # in turn: a pixel has one path, but several segments
-            here = dr.gather(Array3f, found, dr.arange(UInt32, width) + dr.opaque(UInt32, first))
-            dr.scatter_add(self.radiance, here * step.throughput, step.pixel)
-            dr.eval(self.radiance)
-            first += width
+        segments = joined(self._steps)
+        for medium, sets in self._media:
+            own = segments.medium == dr.opaque(UInt32, medium.number)
+            for each in sets:
+                found = dr.zeros(Array3f, sum(widths))
+                for lanes, beams in self._pairs(each, segments, own):
+                    dr.scatter(found, self._grid(medium, each, beams, segments, lanes), lanes)
+                self._add_found(each.group, found, widths)
         self._steps = []
 
-    def _pairs(self, volume: RenderedMedium, apart: Apart, own: Bool) -> list[tuple[Any, Beams]]:
+    def _add_found(self, group: str, found: Any, widths: Sequence[int]) -> None:
+        """Add what segments have found to their pixels, in turn: a pixel has one path, but several segments."""
+        first = 0
+        for step, width in zip(self._steps, widths, strict=True):
+            here = dr.gather(Array3f, found, dr.arange(UInt32, width) + dr.opaque(UInt32, first))
+            dr.scatter_add(self.radiance[group], here * step.throughput, step.pixel)
+            dr.eval(self.radiance[group])
+            first += width
+
+    def _pairs(self, each: BeamSet, segments: PathSegments, own: Bool) -> list[tuple[Any, BeamSet]]:
         """Return lanes and the beams that they see: all, unless together they would be longer than paths may be."""
-        light = self._light[volume.number]
         lanes: Any = dr.compress(own)
         if not len(lanes):
             return []
-        if self._max_depth is None:
-            return [(lanes, light.beams)]
+        most = self._estimating.max_depth
+        if most is None:
+            return [(lanes, each)]
         result = []
-        for events in np.unique(dr.gather(UInt32, apart.events, lanes).numpy()):
-            beams = light.up_to(self._max_depth - 2 - int(events))
+        for depth in np.unique(dr.gather(UInt32, segments.depth, lanes).numpy()):
+            beams = up_to(each, most - 2 - int(depth))
             if beams is not None:
-                result.append((dr.compress(own & (apart.events == dr.opaque(UInt32, int(events)))), beams))
+                result.append((dr.compress(own & (segments.depth == dr.opaque(UInt32, int(depth)))), beams))
         return result
 
-    def _grid(self, volume: RenderedMedium, beams: Beams, apart: Apart, lanes: Any) -> Any:
+    def _grid(self, medium: RenderedMedium, each: BeamSet, beams: BeamSet, segments: PathSegments, lanes: Any) -> Any:
         count = len(lanes)
-        origin, direction = (dr.gather(Array3f, each, lanes) for each in (apart.origin, apart.direction))
-        far = dr.gather(Float, apart.far, lanes)
-        rays = Rays(origin, direction, far, dr.zeros(Float, count), index=dr.arange(UInt32, count))
-        dr.eval(rays.origin, rays.direction, rays.t_max, rays.t_min)
-        seed = dr.gather(UInt32, apart.seed, lanes)
-        volume.track(origin, direction, rays.t_min, far, seed, dr.full(Bool, True, count))
-        return estimate_rays(
-            beams, rays, look=volume.look, medium=volume.medium, estimator=self._estimator, points=self._points
-        )
+        origin, direction = (dr.gather(Array3f, one, lanes) for one in (segments.origin, segments.direction))
+        far = dr.gather(Float, segments.far, lanes)
+        time = self._time(dr.gather(UInt32, segments.pixel, lanes)) if beams.close is not None else None
+        rays = Rays(origin, direction, far, dr.zeros(Float, count), time=time, index=dr.arange(UInt32, count))
+        dr.eval(rays.origin, rays.direction, rays.t_max, rays.t_min, rays.time)
+        seed = dr.gather(UInt32, segments.seed, lanes)
+        medium.track(origin, direction, rays.t_min, far, seed, dr.full(Bool, True, count))
+        with naming(each):
+            return estimate_rays(
+                beams.beams, rays, look=medium.shaded(each.look), medium=medium.medium, close=beams.close,
+                estimator=self._estimating.estimator, points=self._estimating.points, context=self._context(each),
+            )  # fmt: skip
+
+    def _time(self, pixel: UInt32) -> Any:
+        """Return the time of pixels' rays, 0 to 1 over the pass's part of the shutter."""
+        assert self._primary.lanes is not None and self._view is not None
+        width = dr.opaque(UInt32, self._view.width)
+        group = lane_of(pixel % width, pixel // width, dr.opaque(UInt32, self._view.columns))
+        return dr.gather(Float, self._primary.lanes[1], group)
+
+
+def up_to(each: BeamSet, most: int) -> BeamSet | None:
+    """Return the beams whose light was scattered at most so often before, or None."""
+    if most < 0:
+        return None
+    if each.depth is None:
+        return each
+    states: list[Beams] = [each.beams] if each.close is None else [each.beams, each.close]
+    kept = compressed(each.depth <= dr.opaque(UInt32, most), *states)
+    return each._replace(beams=kept[0], close=kept[1] if len(kept) > 1 else None) if kept else None
+
+
+class naming:  # noqa: N801 (reads as a statement)
+    """Say in errors of a look whose it is, which only the set of beams knows."""
+
+    def __init__(self, each: BeamSet) -> None:
+        self._name = each.name
+
+    def __enter__(self) -> None:
+        return
+
+    def __exit__(self, _kind: Any, error: BaseException | None, _trace: Any) -> None:
+        if isinstance(error, SceneError) and self._name:
+            raise SceneError(f"{self._name}: {error}") from error

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import drjit as dr
@@ -9,55 +10,53 @@ import drjit as dr
 from ..estimators.photons import PhotonMap, Photons
 from ..numerics.arrays import compressed, joined
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
-from ..transport.paths import Landed
+from ..transport.paths import PhotonHits
 from ..transport.radii import Limits
-from ..world.media import parts
 
 mi = mitsuba()
 
 
-class Arrived:
-    """The photons of a pass on surfaces.
+class PhotonMaps:
+    """The photons of a pass on surfaces, for camera paths of every depth.
 
     Parameters
     ----------
-    steps
-        What the steps of light paths left.
+    hits
+        What the steps of light paths left; at least one.
     limits
         Bounds of radii.
     most
-        Most events on a light path that ends in the eye: of a path over mirrors there may be fewer. None: any.
+        Most scattering events on a light path that ends in the eye: of a path over mirrors there may be fewer. None:
+        any.
     translucent
         Whether light passes surfaces of the scene and is scattered by them.
     """
 
-    def __init__(self, steps: list[Landed], limits: Limits, most: int | None, translucent: bool) -> None:
-        self._all: Any = joined(steps) if steps else None
+    def __init__(self, hits: Sequence[PhotonHits], limits: Limits, most: int | None, translucent: bool) -> None:
+        self._all: PhotonHits = joined(list(hits))
         self._most, self._translucent = most, translucent
         self._limits = limits
         self._maps: dict[int, PhotonMap | None] = {}
 
-    def __call__(self, hit: Any, events: UInt32, active: Bool) -> Array3f:
-        """Return what surfaces reflect of photons toward paths that have had so many events on their way to the eye."""
+    def __call__(self, hit: Any, depth: UInt32, active: Bool) -> Array3f:
+        """Return what surfaces reflect of photons toward paths with so many events on their way to the eye."""
         result = dr.zeros(Array3f, dr.width(hit.t))
-        if self._all is None:
-            return result
         if self._most is None:
             return self._reflected(self._map(0), hit, active)
-        for count in range(int(dr.max(events)[0]) + 1):
-            own = active & (events == dr.opaque(UInt32, count))
+        for count in range(int(dr.max(depth)[0]) + 1):
+            own = active & (depth == dr.opaque(UInt32, count))
             result += dr.select(own, self._reflected(self._map(count), hit, own), 0)
         return result
 
-    def _map(self, events: int) -> PhotonMap | None:
-        """Return the photons for paths with so many events; None where there are none."""
-        if events not in self._maps:
+    def _map(self, depth: int) -> PhotonMap | None:
+        """Return the photons for paths of a depth; None where there are none."""
+        if depth not in self._maps:
             kept = [self._all]
             if self._most is not None:
-                few = dr.opaque(UInt32, max(self._most - events, 0))
-                kept = compressed(self._all.events <= few, self._all) if self._most >= events else []
-            self._maps[events] = PhotonMap(_photons(kept[0], self._limits)) if kept else None
-        return self._maps[events]
+                few = dr.opaque(UInt32, max(self._most - depth, 0))
+                kept = compressed(self._all.depth <= few, self._all) if self._most >= depth else []
+            self._maps[depth] = PhotonMap(_photons(kept[0], self._limits)) if kept else None
+        return self._maps[depth]
 
     def _reflected(self, photons: PhotonMap | None, hit: Any, active: Bool) -> Array3f:
         if photons is None:
@@ -79,17 +78,10 @@ class Arrived:
         return result
 
 
-def _photons(landed: Landed, limits: Limits) -> Photons:
+def _photons(hits: PhotonHits, limits: Limits) -> Photons:
     """Return photons whose normals are on the side that the light came from."""
-    away = dr.dot(landed.normal, landed.direction) > 0
-    normal = dr.select(away, -landed.normal, landed.normal)
-    radius = limits(landed.radius) + Float(0)
+    away = dr.dot(hits.normal, hits.direction) > 0
+    normal = dr.select(away, -hits.normal, hits.normal)
+    radius = limits(hits.radius) + Float(0)
     dr.eval(normal, radius)
-    return Photons(landed.position, radius, normal, landed.direction, landed.flux)
-
-
-def translucent(plugin: Any) -> bool:
-    """Return whether a scene has surfaces that light passes through and is scattered by."""
-    flags = [each.flags() for each in parts(plugin, mi.BSDF)]
-    kinds = (mi.BSDFFlags.DiffuseTransmission, mi.BSDFFlags.GlossyTransmission)
-    return any(mi.has_flag(int(each), kind) for each in flags for kind in kinds)
+    return Photons(hits.position, radius, normal, hits.direction, hits.flux)

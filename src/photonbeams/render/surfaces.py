@@ -20,7 +20,7 @@ from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from ..world.lights import Sight
 
 if TYPE_CHECKING:
-    from ..world.world import Lamps, Links, World
+    from ..world.stage_world import Lamps, Links, StageWorld
 
 mi = mitsuba()
 
@@ -48,7 +48,7 @@ class Shaded:
         self.transmittance: Any = transmittance
 
 
-def shade(world: World, origin: Array3f, direction: Array3f, active: Bool, index: UInt32, seed: UInt32) -> Shaded:
+def shade(world: StageWorld, origin: Array3f, direction: Array3f, active: Bool, index: UInt32, seed: UInt32) -> Shaded:
     """Return what rays see of surfaces, lamps and environment.
 
     Parameters
@@ -67,7 +67,7 @@ def shade(world: World, origin: Array3f, direction: Array3f, active: Bool, index
     -----
     An unbounded fog does not dim what is infinitely far away (`Fog.length`): environment and distant lights.
     """
-    hit = world.intersect(origin, direction, active, hash32(index, seed, UInt32(_CUTOUT)))
+    hit = world.solid(origin, direction, active, hash32(index, seed, UInt32(_CUTOUT)))
     lamp = _nearest_lamp(world, origin, direction)
     on_lamp = active & (lamp.distance < hit.t)
     on_surface = active & hit.is_valid() & ~on_lamp
@@ -93,7 +93,7 @@ def _each(lamps: Lamps, state: tuple[Any, ...], body: Any) -> tuple[Any, ...]:
     return dr.while_loop((start, *state), lambda number, *_: number < lamps.count, step, label=lamps.kind.__name__)[1:]
 
 
-def _nearest_lamp(world: World, origin: Array3f, direction: Array3f) -> Sight:
+def _nearest_lamp(world: StageWorld, origin: Array3f, direction: Array3f) -> Sight:
     """Return the nearest lamp that a ray sees shine; a lamp that is dark from there is not there."""
     width = max(dr.width(origin), dr.width(direction))
 
@@ -109,7 +109,7 @@ def _nearest_lamp(world: World, origin: Array3f, direction: Array3f) -> Sight:
     return Sight(dr.isfinite(state[0]), state[0], state[1], dr.zeros(Float, width))
 
 
-def _background(world: World, origin: Array3f, direction: Array3f) -> Array3f:
+def _background(world: StageWorld, origin: Array3f, direction: Array3f) -> Array3f:
     """Return the radiance of what is infinitely far away: environments and the discs of distant lights."""
     result = dr.zeros(Array3f, max(dr.width(origin), dr.width(direction)))
     for dome, _ in world.domes:
@@ -124,7 +124,7 @@ def _background(world: World, origin: Array3f, direction: Array3f) -> Array3f:
     return result
 
 
-def _glow(world: World, hit: Any, active: Bool) -> Array3f:
+def _glow(world: StageWorld, hit: Any, active: Bool) -> Array3f:
     """Return the radiance that surfaces emit by themselves, to both sides."""
     if not world.glowing:
         return dr.zeros(Array3f, dr.width(hit.t))
@@ -137,7 +137,7 @@ def _glow(world: World, hit: Any, active: Bool) -> Array3f:
 class _Reflection:
     """A surface's BSDF at hits, and one sample of it."""
 
-    def __init__(self, world: World, hit: Any, active: Bool, index: UInt32, seed: UInt32) -> None:
+    def __init__(self, world: StageWorld, hit: Any, active: Bool, index: UInt32, seed: UInt32) -> None:
         self.hit, self.active = hit, active
         self.bsdf = hit.bsdf()
         self.context = mi.BSDFContext()
@@ -154,12 +154,12 @@ class _Reflection:
         self.origin = Array3f(hit.spawn_ray(mi.Vector3f(self.direction)).o)
         self.open = self._open(world)
 
-    def _open(self, world: World) -> Bool:
+    def _open(self, world: StageWorld) -> Bool:
         """Return whether the sample meets no surface at all: tested at half the time that the nearest one takes."""
         alive = self.active & (dr.max(self.weight) > 0)
         return alive & ~world.blocked(self.origin, self.direction, Float(dr.inf), alive, self.seed)
 
-    def sees(self, world: World, met: Bool, distance: Float) -> Bool:
+    def sees(self, world: StageWorld, met: Bool, distance: Float) -> Bool:
         """Return which samples that meet a light, at some distance, see it."""
         # Small lights are met seldom. The seed is that of `open`: a cut-out that lets one ray through lets the other.
         behind = met & ~self.open & dr.isfinite(distance)
@@ -181,7 +181,7 @@ class _Reflection:
         return Array3f(value) / self.opacity, pdf / self.opacity
 
 
-def _direct(world: World, hit: Any, active: Bool, index: UInt32, seed: UInt32) -> Array3f:
+def _direct(world: StageWorld, hit: Any, active: Bool, index: UInt32, seed: UInt32) -> Array3f:
     """Return the light of all lights that surfaces reflect to the eye, one sample of each."""
     radiance = dr.zeros(Array3f, dr.width(hit.t))
     if not world.lamps and not world.domes:
@@ -196,7 +196,7 @@ def _direct(world: World, hit: Any, active: Bool, index: UInt32, seed: UInt32) -
 
 
 def _adding(
-    world: World, reflection: _Reflection, links: Links | None, index: UInt32, seed: UInt32, kind: int
+    world: StageWorld, reflection: _Reflection, links: Links | None, index: UInt32, seed: UInt32, kind: int
 ) -> Callable[..., tuple[Any, ...]]:
     """Return what adds a light of a kind to the radiance, in a loop over them."""
     stopping, reflection = _linked(world, reflection, links)
@@ -208,12 +208,12 @@ def _adding(
     return add
 
 
-def _linked(world: World, reflection: _Reflection, links: Links | None) -> tuple[World, _Reflection]:
+def _linked(world: StageWorld, reflection: _Reflection, links: Links | None) -> tuple[StageWorld, _Reflection]:
     """Return the surfaces that stop lights with these links, and the hits that they light."""
     return (world, reflection) if links is None else (links.world, reflection.of_lights(links))
 
 
-def _reflected(world: World, reflection: _Reflection, light: Any, index: UInt32, stream: UInt32) -> Array3f:
+def _reflected(world: StageWorld, reflection: _Reflection, light: Any, index: UInt32, stream: UInt32) -> Array3f:
     """Return what a surface reflects of one light: a sample of the light and the sample of the BSDF, weighted."""
     hit = reflection.hit
     point = Array3f(hit.p)
@@ -234,11 +234,11 @@ def _reflected(world: World, reflection: _Reflection, light: Any, index: UInt32,
     return result + dr.select(met, reflection.weight * sight.radiance * share * dimming, 0)
 
 
-def _dimming(world: World, origin: Array3f, direction: Array3f, distance: Float) -> Array3f:
+def _dimming(world: StageWorld, origin: Array3f, direction: Array3f, distance: Float) -> Array3f:
     fog = world.fog
     return fog.transmittance(origin, direction, distance) if fog is not None and _dims(world) else Array3f(1)
 
 
-def _dims(world: World) -> bool:
+def _dims(world: StageWorld) -> bool:
     """Return whether there is a fog that surfaces feel."""
     return world.fog is not None and world.fog.medium.surfaces

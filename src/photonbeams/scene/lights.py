@@ -107,6 +107,10 @@ class Light:
         Names of meshes that the light does not shine on, and of those that do not stop it, nor its beams.
     guides
         Points (M, 3) along each of the curves that lead the light's beams: see `beams.guides`.
+    scattered
+        What becomes of its beams once they were scattered: "physical", "look" (they have the light's look), or "off".
+    bounces
+        How often its light is scattered before it is scattered toward the camera; None: as often as the settings say.
     """
 
     name: str
@@ -126,6 +130,8 @@ class Light:
     unlit: frozenset[str] = frozenset()
     unshadowed: frozenset[str] = frozenset()
     guides: tuple[Array, ...] = ()
+    scattered: str = "physical"
+    bounces: int | None = None
 
 
 @dataclass(frozen=True)

@@ -1,15 +1,21 @@
-"""Segments of light paths as beams: radii within their bounds, cut at the focus."""
+"""Segments of light paths as beams: radii within their bounds, cut at the portal or at the focus, in sets."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import drjit as dr
 
 from ..beams import Beams
-from ..numerics.arrays import compressed, joined, opaque, taken
-from ..runtime.device import UInt32
+from ..beams.guides import known_guides, led, pieces_along
+from ..beams.sets import BeamSet
+from ..numerics.arrays import compressed, joined, opaque
+from ..numerics.hashing import hash32, unit_float
+from ..runtime.device import Bool, Float, UInt32
 from ..world.media import RenderedMedium, ended
+from ..world.sources import Source
 from .paths import Segments
 from .radii import Limits
 
@@ -17,60 +23,182 @@ from .radii import Limits
 _WAIST = 0.8
 
 
-class Lit:
-    """The beams of one medium, and the events on the path of each before it."""
+class Piece:
+    """A piece of each segment as a beam, at one time, and whether it is there."""
 
-    DRJIT_STRUCT: ClassVar[dict[str, Any]] = {"beams": Beams, "events": UInt32}
+    DRJIT_STRUCT: ClassVar[dict[str, Any]] = {"there": Bool, "beams": Beams, "depth": UInt32}
 
-    def __init__(self, beams: Any = None, events: Any = None) -> None:
+    def __init__(self, there: Any = None, beams: Any = None, depth: Any = None) -> None:
+        self.there: Any = there
         self.beams: Any = beams
-        self.events: Any = events
-
-    def up_to(self, most: int) -> Beams | None:
-        """Return the beams with at most so many events before them, or None."""
-        if most < 0:
-            return None
-        kept = compressed(self.events <= dr.opaque(UInt32, most), self.beams)
-        return kept[0] if kept else None
+        self.depth: Any = depth
 
 
-def lit(volume: RenderedMedium, steps: list[Segments], limits: Limits, short: bool = False) -> Lit | None:
-    """Return the beams of a medium, from the segments of all steps; None where there are none."""
-    pieces: list[Lit] = []
-    for segments in steps:
-        kept = compressed(segments.medium == dr.opaque(UInt32, volume.number), segments)
-        if kept:
-            pieces += _cut(kept[0], limits, volume, short)
-    return joined(pieces) if pieces else None
+@dataclass(frozen=True)
+class Cutting:
+    """How segments of one emitter in one medium become beams.
+
+    Attributes
+    ----------
+    medium, source
+        The medium and the emitter.
+    limits, straight
+        Bounds of radii of scattered light, and of light straight from the emitter.
+    named
+        Whether beams have what looks and programs may ask for: their place on the light path, and their names.
+    short
+        Whether beams end at the path's next event.
+    """
+
+    medium: RenderedMedium
+    source: Source
+    limits: Limits
+    straight: Limits
+    named: bool
+    short: bool
+
+    def own(self, segments: Segments) -> Bool:
+        """Return which segments are the emitter's, in the medium."""
+        inside = segments.medium == dr.opaque(UInt32, self.medium.number)
+        return inside & (segments.source == dr.opaque(UInt32, self.source.number))
+
+    def pieces(self, segments: Segments, there: Bool) -> list[Piece]:
+        """Return segments as beams, each in the two pieces on either side of its portal or its focus."""
+        length = segments.length
+        portal = segments.portal - segments.offset
+        at_portal = there & (portal > 0) & (portal < length)
+        focus = segments.width.focus()
+        # The light's own side of a portal is not narrowed: what stands in the way of a beam stands behind the portal.
+        narrow = dr.select(at_portal, 1, segments.narrow)
+        first, last = self._radius(segments, 0, narrow), self._radius(segments, length, segments.narrow)
+        waist = self._radius(segments, focus, segments.narrow)
+        inside = there & ~at_portal & (focus > 0) & (focus < length)
+        cut = at_portal | (inside & (waist < _WAIST * dr.lerp(first, last, focus * dr.rcp(length))))
+        middle = dr.select(at_portal, portal * (1 - 1e-5), dr.select(cut, focus, length))
+        before, behind = (self._radius(segments, middle, each) for each in (narrow, segments.narrow))
+        normal = dr.select(cut, -segments.direction, segments.normal)
+        near = self._beams(segments, (0 * length, middle), (first, before), normal)
+        far = self._beams(segments, (middle, length), (behind, last), segments.normal)
+        if not self.named:
+            far.power = self._left(segments, middle)
+        return [Piece(there, near, segments.depth), Piece(cut, far, segments.depth)]
+
+    def _radius(self, segments: Segments, s: Any, narrow: Any) -> Any:
+        radius = segments.width(s)
+        if self.straight is self.limits:
+            return self.limits(radius) * narrow
+        return dr.select(segments.depth == 0, self.straight(radius) * narrow, self.limits(radius))
+
+    def _left(self, segments: Segments, s: Any) -> Any:
+        """Return the flux that is left at a distance along segments."""
+        if self.medium.tracked is not None:
+            return segments.flux
+        left = dr.exp(-opaque(self.medium.medium.extinction) * s)
+        return segments.flux * (ended(left, segments.flux) if self.short else left)
+
+    def _beams(self, segments: Segments, ends: tuple[Any, Any], radii: tuple[Any, Any], normal: Any) -> Beams:
+        result = Beams()
+        result.start, result.end = (segments.origin + each * segments.direction for each in ends)
+        result.radius_start, result.radius_end = radii
+        result.power, result.end_normal = segments.flux, normal
+        if self.named:
+            result.power = segments.flux * opaque(self.source.beam_scale)
+            straight = segments.depth == 0
+            entry = dr.select(straight, segments.offset, 0)
+            result.entry, result.offset = entry, entry + ends[0]
+            result.total = dr.select(straight, segments.total, segments.length)
+            result.random = unit_float(hash32(segments.index, segments.key))
+            # Light through the portal and light beside it have sequences of their own.
+            result.id = Float(2 * segments.index + dr.select(dr.isfinite(segments.portal), UInt32(1), UInt32(0)))
+            result.generation = Float(segments.depth)
+        return result
 
 
-def _cut(segments: Segments, limits: Limits, volume: RenderedMedium, short: bool) -> list[Lit]:
-    """Return segments as beams, in two pieces where there is a focus."""
-    width, length = segments.width, segments.length
-    focus = width.focus()
-    first, last = limits(width(0)), limits(width(length))
-    waist = limits(width(focus))
-    inside = (focus > 0) & (focus < length)
-    cut = inside & (waist < _WAIST * dr.lerp(first, last, focus * dr.rcp(length)))
-    middle, middle_radius = dr.select(cut, focus, length), dr.select(cut, waist, last)
-    normal = dr.select(cut, -segments.direction, segments.normal)
-    near = _beams(segments, (0 * length, middle), (first, middle_radius), normal, segments.flux)
-    dr.eval(near, cut)
-    result = [Lit(near, segments.events)]
-    index: Any = dr.compress(cut)
-    if len(index):
-        left = dr.exp(-opaque(volume.medium.extinction) * middle)
-        if short:
-            left = ended(left, segments.flux)
-        flux = segments.flux if volume.tracked is not None else segments.flux * left
-        far = _beams(segments, (middle, length), (middle_radius, last), segments.normal, flux)
-        result.append(taken(Lit(far, segments.events), index))
+def sets_of(cuttings: Sequence[Cutting], steps: Sequence[Segments]) -> list[BeamSet]:
+    """Return the beams of all steps in sets: one for each emitter and medium, two where scattered light has no look."""
+    result = []
+    for cutting in cuttings:
+        pieces: list[Piece] = []
+        for segments in steps:
+            mine = compressed(cutting.own(segments), segments)
+            if mine:
+                always = dr.full(Bool, True, dr.width(mine[0].length))
+                for piece in cutting.pieces(mine[0], always):
+                    pieces += compressed(piece.there, piece)
+        if pieces:
+            result += _sets(cutting, joined(pieces))
     return result
 
 
-def _beams(segments: Segments, ends: tuple[Any, Any], radii: tuple[Any, Any], normal: Any, power: Any) -> Beams:
-    result = Beams()
-    result.start, result.end = (segments.origin + each * segments.direction for each in ends)
-    result.radius_start, result.radius_end = radii
-    result.power, result.end_normal = power, normal
+#: Segments at shutter open and at shutter close, and which of either are there.
+Moments = tuple[Sequence[Segments], Sequence[Bool]]
+
+
+def moving_sets(cuttings: Sequence[Cutting], steps: Sequence[Moments], later: Sequence[Source]) -> list[BeamSet]:
+    """Return the beams of light straight from its lamps, at shutter open and close.
+
+    Parameters
+    ----------
+    steps
+        For each step the segments at both times, and which of them are there.
+    later
+        The emitters at shutter close, by number.
+    """
+    result = []
+    for cutting in cuttings:
+        pieces: list[list[Beams]] = []
+        for segments, there in steps:
+            mine = [each & cutting.own(segment) for each, segment in zip(there, segments, strict=True)]
+            kept = compressed(mine[0] | mine[1], *mine, *segments)
+            if kept:
+                states = [cutting.pieces(segment, each) for each, segment in zip(kept[:2], kept[2:], strict=True)]
+                pieces += [
+                    _pair(*pair) for pair in zip(*states, strict=True) if bool(dr.any(pair[0].there | pair[1].there))
+                ]
+        if pieces:
+            opened, closed = (joined(list(state)) for state in zip(*pieces, strict=True))
+            opened, closed = _led([cutting.source, later[cutting.source.number]], opened, closed)
+            result.append(_set(cutting, cutting.source.look, opened, closed))
     return result
+
+
+def _pair(first: Piece, last: Piece) -> list[Beams]:
+    """Return pieces that are there at either time; at the other they have no power, if they are not there."""
+    kept = compressed(first.there | last.there, first, last)
+    return [_present(*kept), _present(*reversed(kept))] if kept else []
+
+
+def _present(own: Piece, other: Piece) -> Beams:
+    result: Beams = dr.select(own.there, own.beams, other.beams)
+    result.power = dr.select(own.there, own.beams.power, 0)
+    return result
+
+
+def _set(cutting: Cutting, look: Any, beams: Beams, close: Beams | None = None, depth: Any = None) -> BeamSet:
+    """Return beams as a set of their emitter, with a look."""
+    source = cutting.source
+    dr.eval(beams, close, depth)
+    return BeamSet(
+        source.group, look, beams, close, source.name, source.number, source.to_world, cutting.medium.number, depth
+    )
+
+
+def _sets(cutting: Cutting, found: Piece) -> list[BeamSet]:
+    """Return an emitter's beams in a medium: light straight from it and scattered light apart, if they look apart."""
+    source = cutting.source
+    like = source.look is None or source.scattered == "look"
+    if like and source.scattered != "off" and not source.guides:
+        return [_set(cutting, source.look, found.beams, None, found.depth)]
+    straight, scattered = compressed(found.depth == 0, found), compressed(found.depth > 0, found)
+    result = [_set(cutting, source.look, _led([source], each.beams)[0]) for each in straight]
+    if source.scattered != "off":
+        look = source.look if source.scattered == "look" else None
+        result += [_set(cutting, look, each.beams, None, each.depth) for each in scattered]
+    return result
+
+
+def _led(sources: Sequence[Source], *states: Beams) -> list[Beams]:
+    """Return light straight from a lamp along the lamp's guides, if it has any; the lamp and its light at all times."""
+    guides = [known_guides(each.guides) for each in sources]
+    count = max(pieces_along(each) for each in guides)
+    return [led(state, each, count) for state, each in zip(states, guides, strict=True)]

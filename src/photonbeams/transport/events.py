@@ -1,4 +1,4 @@
-"""What happens next on light paths: how far they fly, and what surfaces make of them."""
+"""Scattering events of light paths: how far light travels, and what surfaces make of it."""
 
 from __future__ import annotations
 
@@ -9,24 +9,20 @@ import drjit as dr
 from ..numerics.hashing import hash32, unit_float
 from ..numerics.sampling import pixel_sample
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
-from ..world.media import Media, parts, pointers
+from ..world.media import Media, pointers
 from ..world.tracking import free_flight
 
 if TYPE_CHECKING:
+    from ..world.world import World
     from .paths import Paths, Tracing
 
 mi = mitsuba()
 
-# Names of samples in seeds.
+# Streams of samples.
 _FLIGHT, LOBE, TURN = 1, 2, 3
 
-#: What becomes of a path at the next step: chance decides, it is scattered in the medium, or it reaches the surface.
-CHANCE, SCATTERS, PASSES = 0, 1, 2
-
-
-def ray_of(origin: Any, direction: Any) -> Any:
-    """Return rays for Mitsuba."""
-    return mi.Ray3f(mi.Point3f(origin), mi.Vector3f(direction))
+#: What becomes of a path at the next step: that is sampled, it is scattered in the medium, or it reaches the surface.
+SAMPLED, SCATTERED, PASSED = 0, 1, 2
 
 
 class Event:
@@ -36,17 +32,17 @@ class Event:
     surface. `way` is how far that is, `weight` what the flight there weighs, `length` how far the next surface is.
     """
 
-    def __init__(self, tracing: Tracing, paths: Paths, hit: Any, index: UInt32, stream: UInt32) -> None:
-        volumes = tracing.volumes
+    def __init__(self, tracing: Tracing, paths: Paths, hit: Any, stream: UInt32) -> None:
+        media, index = tracing.world.media, paths.index
         self.hit = hit
         self.valid = hit.is_valid()
-        self.length = dr.select(self.valid, hit.t, dr.select(paths.medium > 0, dr.opaque(Float, tracing.escape), 0))
+        self.length = dr.select(self.valid, hit.t, dr.select(paths.medium > 0, paths.reach, 0))
         self.share = paths.flux * dr.rcp(dr.maximum(dr.sum(paths.flux), 1e-30))
-        distance, weight = _flight(volumes, paths, self.share, self.length, index, stream)
+        distance, weight = _flight(media, paths, self.share, self.length, index, stream)
         self.scatters = distance < self.length
         self.tinted = self.varying = dr.zeros(Bool, dr.width(distance))
-        if volumes.any_varying:
-            self.varying, colored = volumes.varying(paths.medium)
+        if media.any_varying:
+            self.varying, colored = media.varying(paths.medium)
             other, collided, scatters, color = free_flight(
                 pointers(dr.select(self.varying, paths.medium, 0)), paths.origin, paths.direction, self.length,
                 self.share, hash32(index, stream, UInt32(_FLIGHT)), self.varying, colored,
@@ -63,31 +59,31 @@ class Event:
 
 
 def _flight(
-    volumes: Media, paths: Paths, share: Array3f, length: Float, index: UInt32, stream: UInt32
+    media: Media, paths: Paths, share: Array3f, length: Float, index: UInt32, stream: UInt32
 ) -> tuple[Float, Array3f]:
     """Return how far light flies in homogeneous media, and what that weighs.
 
     A channel is chosen by the light that is left in it, so that no colour is carried by few paths.
     """
-    extinction = volumes.extinction(paths.medium)
+    extinction = media.extinction(paths.medium)
     u = pixel_sample(index, hash32(stream, UInt32(_FLIGHT)))
     own = dr.select(u.x < share.x, extinction.x, dr.select(u.x < share.x + share.y, extinction.y, extinction.z))
-    surely = paths.fate == SCATTERS
+    surely = paths.branch == SCATTERED
     # The part of flights that end before the surface; by its series where float32 would cancel.
     depth = own * dr.minimum(length, 1e30)
     ending = dr.select(surely, _ending(depth), 1)
     distance = dr.select(own > 0, -dr.log(1 - u.y * ending) * dr.rcp(dr.maximum(own, 1e-30)), dr.inf)
     distance = dr.select(surely & (own > 0), dr.minimum(distance, length * (1 - 1e-6)), distance)
-    distance = dr.select(paths.fate == PASSES, dr.inf, distance)
+    distance = dr.select(paths.branch == PASSED, dr.inf, distance)
     scatters = distance < length
-    passed = volumes.absorbed(paths.medium, dr.minimum(distance, length))
+    passed = media.absorbed(paths.medium, dr.minimum(distance, length))
     rate = dr.select(surely, extinction * dr.rcp(dr.maximum(_ending(extinction * dr.minimum(length, 1e30)), 1e-30)),
                      extinction)  # fmt: skip
     density = dr.sum(share * passed * dr.select(scatters, rate, 1))
-    scattering = dr.select(scatters, volumes.scattering(paths.medium), Array3f(1))
+    scattering = dr.select(scatters, media.scattering(paths.medium), Array3f(1))
     weight = dr.select(density > 0, passed * scattering * dr.rcp(density), 0)
     weight = dr.select(surely & ~scatters, 0, weight)
-    return distance, dr.select(paths.fate == PASSES, passed, weight)
+    return distance, dr.select(paths.branch == PASSED, passed, weight)
 
 
 def _ending(depth: Any) -> Any:
@@ -96,18 +92,18 @@ def _ending(depth: Any) -> Any:
 
 
 class Scatter:
-    """A sample of the BSDF at hits: the ray that leaves, what it weighs, and the chance that an ideal lobe had."""
+    """A sample of the BSDF at hits: the ray that leaves, its weight, and the probability that an ideal lobe had."""
 
     def __init__(
-        self, origin: Any, direction: Any, weight: Any, delta: Any, null: Any, medium: Any, chance: Any
+        self, origin: Any, direction: Any, weight: Any, delta: Any, null: Any, medium: Any, probability: Any
     ) -> None:
         self.origin, self.direction, self.weight = origin, direction, weight
-        self.delta, self.null, self.medium, self.chance = delta, null, medium, chance
+        self.delta, self.null, self.medium, self.probability = delta, null, medium, probability
 
 
-def reflect(tracing: Tracing, hit: Any, active: Any, medium: UInt32, index: UInt32, stream: UInt32) -> Scatter:
+def reflect(world: World, hit: Any, active: Any, medium: UInt32, index: UInt32, stream: UInt32) -> Scatter:
     """Return a sample of the BSDF for light that comes through `medium` (Veach 1997, section 5.3: shading normals)."""
-    sample, weight = sampled(hit, active, index, stream)
+    sample, weight = sampled(world, hit, active, index, stream)
     direction = hit.to_world(sample.wo)
     incoming = hit.to_world(hit.wi)
     kind = sample.sampled_type
@@ -116,19 +112,14 @@ def reflect(tracing: Tracing, hit: Any, active: Any, medium: UInt32, index: UInt
     shading_in, shading_out = dr.dot(hit.sh_frame.n, incoming), dr.dot(hit.sh_frame.n, direction)
     leak = (geometric_in * shading_in <= 0) | (geometric_out * shading_out <= 0)
     value = Array3f(weight) * dr.abs(shading_in * geometric_out * dr.rcp(shading_out * geometric_in))
-    if tracing.perturbed:
+    if world.perturbed:
         turned = _of_own_normal(hit, sample, weight, delta & ~null, active)
         value = dr.select(null, value, turned * dr.abs(geometric_out * dr.rcp(geometric_in)))
     good = active & (sample.pdf > 0) & ~leak & dr.isfinite(dr.sum(value))
     origin = Array3f(hit.spawn_ray(direction).o)
-    chance = dr.select(good & (delta | null), dr.clip(sample.pdf, 1e-4, 1), 1)
-    entered = tracing.volumes.beyond(hit, direction, medium, good)
-    return Scatter(origin, Array3f(direction), dr.select(good, value, 0), delta | null, null, entered, chance)
-
-
-def perturbs(plugin: Any) -> bool:
-    """Return whether a scene has BSDFs that turn the normal and do not tell how: `reflect` then has more to do."""
-    return any(each.class_name() in ("NormalMap", "BumpMap") for each in parts(plugin, mi.BSDF))
+    probability = dr.select(good & (delta | null), dr.clip(sample.pdf, 1e-4, 1), 1)
+    entered = world.media.beyond(hit, direction, medium, good)
+    return Scatter(origin, Array3f(direction), dr.select(good, value, 0), delta | null, null, entered, probability)
 
 
 def _of_own_normal(hit: Any, sample: Any, weight: Any, ideal: Any, active: Any) -> Array3f:
@@ -148,8 +139,13 @@ def _of_own_normal(hit: Any, sample: Any, weight: Any, ideal: Any, active: Any) 
     return dr.select(ideal, Array3f(weight) * ratio, dr.select(chance > 0, value * dr.rcp(chance), 0))
 
 
-def sampled(hit: Any, active: Any, index: UInt32, stream: UInt32) -> Any:
-    """Return Mitsuba's sample of the BSDF and its weight."""
+def sampled(world: World, hit: Any, active: Any, index: UInt32, stream: UInt32) -> Any:
+    """Return Mitsuba's sample of the BSDF and its weight.
+
+    A cut-out surface that stops a path has done so already, with the probability of its opacity.
+    """
     lobe = unit_float(hash32(index, stream, UInt32(LOBE)))
+    if world.cutouts:
+        lobe *= world.opacity(hit, active)
     u = pixel_sample(index, hash32(stream, UInt32(TURN)))
     return hit.bsdf().sample(mi.BSDFContext(mi.TransportMode.Importance), hit, lobe, mi.Point2f(u), active)

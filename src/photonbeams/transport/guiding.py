@@ -20,8 +20,8 @@ from scipy.ndimage import uniform_filter
 
 from ..numerics.hashing import hash32
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
-from ..world.media import Media
 from ..world.visibility import through
+from ..world.world import World
 
 mi = mitsuba()
 
@@ -93,23 +93,23 @@ def learn(points: Numbers, importance: Numbers) -> Guide | None:
 class Watch:
     """How much of light paths a camera sees."""
 
-    def __init__(self, plugin: Any, volumes: Media, view: Any) -> None:
-        self._plugin, self._volumes, self._view = plugin, volumes, view
+    def __init__(self, world: World, view: Any) -> None:
+        self._world, self._media, self._view = world, world.media, view
 
-    def importance(self, segments: Any, landed: Any, count: int) -> Numbers:
+    def importance(self, segments: Any, hits: Any, count: int) -> Numbers:
         """Return the importance of paths 0 … count − 1: the light of theirs that the camera can see, (count,)."""
         result = np.zeros(count)
         if segments is not None:
             for k in range(_POINTS):
                 s = segments.length * dr.opaque(Float, (k + 0.5) / _POINTS)
-                lit = segments.flux * self._volumes.absorbed(segments.medium, s)
-                scattered = self._volumes.scattering(segments.medium) * segments.length
+                lit = segments.flux * self._media.absorbed(segments.medium, s)
+                scattered = self._media.scattering(segments.medium) * segments.length
                 value = self._seen(segments.origin + s * segments.direction, segments.medium, segments.number)
                 light = dr.max(lit * scattered) * value
                 np.add.at(result, segments.number.numpy(), light.numpy() / _POINTS)
-        if landed is not None:
-            value = self._seen(landed.position, UInt32(0), landed.number)
-            np.add.at(result, landed.number.numpy(), (dr.max(landed.flux) * value).numpy())
+        if hits is not None:
+            value = self._seen(hits.position, UInt32(0), hits.number)
+            np.add.at(result, hits.number.numpy(), (dr.max(hits.flux) * value).numpy())
         return result
 
     def _seen(self, point: Array3f, medium: UInt32, number: UInt32) -> Float:
@@ -128,7 +128,7 @@ class Watch:
         ray.maxt = distance * (1 - 1e-4)
         # From a surface the ray begins on it, which stops nothing of what is seen.
         ray.o = ray.o + 1e-4 * distance * ray.d
-        passed, _ = through(self._plugin, self._volumes, ray, medium + 0 * number, hash32(number), Bool(inside))
+        passed, _ = through(self._world.plugin, self._media, ray, medium + 0 * number, hash32(number), Bool(inside))
         near = dr.square(dr.maximum(distance, dr.opaque(Float, 1e-2) * distance + 1e-2))
         weight = Float(1) if view.orthographic else dr.rcp(near)
         return dr.select(inside, dr.max(passed) * weight, 0)

@@ -1,13 +1,13 @@
-"""Light paths through a Mitsuba scene: segments in media, which become beams, and photons on surfaces.
+"""Light paths: segments in media, which become beams, and photons on surfaces.
 
 A wavefront: all paths take their next step at once, one kernel a step; those that go on are kept, in order. A segment
-reaches from one event to the next surface, and carries the light that leaves the event (a *long* beam); or it ends at
-the next event in the medium (*short*). Events in the medium follow the transmittance, on surfaces the BSDF.
+reaches from one scattering event to the next surface, and carries the light that leaves the event (a *long* beam); or
+it ends at the next event in the medium (*short*). Events in the medium follow the transmittance, on surfaces the BSDF.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from copy import copy
 from dataclasses import dataclass
 from typing import Any, ClassVar
@@ -19,64 +19,105 @@ from ..numerics.arrays import compressed, joined
 from ..numerics.hashing import hash32, unit_float
 from ..numerics.sampling import pixel_sample
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
-from ..world.media import Media, medium_at, pointers
-from .emission import Emitted, Tangents, copies, differentiate, of_copies
-from .events import CHANCE, LOBE, PASSES, SCATTERS, TURN, Event, Scatter, ray_of, reflect, sampled
+from ..world.media import pointers
+from ..world.stage_world import StageWorld
+from ..world.world import World
+from .emission import Emitted
+from .events import LOBE, PASSED, SAMPLED, SCATTERED, TURN, Event, Scatter, reflect, sampled
+from .narrowing import narrow
 from .radii import Width, width
+from .tangents import Tangents, copies, differentiate, of_copies
 
 mi = mitsuba()
 
-# Name of samples in seeds, beside those of events.
+# Stream of samples, beside those of events.
 _ROULETTE = 4
 
 # Most that a path counts for when its radius is chosen: see `_scattered_radius`.
 _BRIGHTEST = 8.0
 
-# Factor on the radius of photons on surfaces that arrive there at random: see `_landed`.
+# Factor on the radius of photons on surfaces that arrive there at random: see `_photon_hits`.
 _DOZEN = 3.0
 
-# After so many events photon differentials are carried no further: what is still sharp then is faint.
+# After so many steps photon differentials are carried no further: what is still sharp then is faint.
 _COHERENT = 8
 
 
 class Paths:
-    """Light paths after an event.
+    """Light paths after a scattering event, or as they leave their emitter.
 
-    `events` counts scattering in media and on surfaces; `straight` are paths that have passed nothing but borders of
-    media; `coherent` are those whose neighbours take the same way, and whose `tangents` tell how far apart they are;
-    the others have a `radius`. `first` is the flux at the emitter, `count` the size of the path's sequence, `share` the
-    part of a path's neighbours that took the same way where chance chose: of a glass' reflection few hundredths.
-    `fate` says what becomes of it next, if chance does not decide.
+    Attributes
+    ----------
+    flux, initial
+        What a path carries now, and the largest channel of what it began with.
+    medium
+        Number of the medium that it is in.
+    number, index, key, source, link
+        The path's place in its pass; what names its samples, the place in its sequence and the sequence; its emitter's
+        number, and the number of the surfaces that stop its emitter's light.
+    depth
+        Scattering events so far, in media and on surfaces.
+    straight
+        Whether it has passed nothing but boundaries of media.
+    coherent, tangents, radius
+        Whether its neighbours take the same path, and the derivatives that tell how far apart they are; the radius of
+        the others.
+    count, fraction
+        Length of the path's sequence, and the fraction of its neighbours that took the same branch where branches were
+        sampled: of a glass' reflection, a few hundredths.
+    branch
+        What becomes of it at the next step, if that is not sampled.
+    reach
+        How far it goes where it meets nothing.
+    offset, portal, total, narrow
+        Of light straight from a lamp: distance from the lamp; distance of the portal from the lamp, or infinity;
+        distance from the lamp to the surface that stops it; a factor on its radius.
     """
 
     DRJIT_STRUCT: ClassVar[dict[str, Any]] = {
-        "origin": Array3f, "direction": Array3f, "flux": Array3f, "medium": UInt32, "number": UInt32, "events": UInt32,
-        "straight": Bool, "coherent": Bool, "tangents": Tangents, "radius": Float, "first": Float, "count": Float,
-        "share": Float, "fate": UInt32,
+        "origin": Array3f, "direction": Array3f, "flux": Array3f, "initial": Float, "medium": UInt32,
+        "number": UInt32, "index": UInt32, "key": UInt32, "source": UInt32, "link": UInt32, "depth": UInt32,
+        "straight": Bool, "coherent": Bool, "tangents": Tangents, "radius": Float, "count": Float, "fraction": Float,
+        "branch": UInt32, "reach": Float, "offset": Float, "portal": Float, "total": Float, "narrow": Float,
     }  # fmt: skip
 
     origin: Any
     direction: Any
     flux: Any
+    initial: Any
     medium: Any
     number: Any
-    events: Any
+    index: Any
+    key: Any
+    source: Any
+    link: Any
+    depth: Any
     straight: Any
     coherent: Any
     tangents: Any
     radius: Any
-    first: Any
     count: Any
-    share: Any
-    fate: Any
+    fraction: Any
+    branch: Any
+    reach: Any
+    offset: Any
+    portal: Any
+    total: Any
+    narrow: Any
+
+
+# What a path is called by, and what it knows of its lamp: the same before and after most steps.
+_NAMES = ("number", "index", "key", "source")
+_STRAIGHT = ("portal", "total", "narrow")
 
 
 class Segments:
-    """Stretches of light paths in media: `flux` at the start, `normal` of the surface at the end."""
+    """Segments of light paths: `flux` at the start, `normal` of the surface at the end; the rest as `Paths` has it."""
 
     DRJIT_STRUCT: ClassVar[dict[str, Any]] = {
         "origin": Array3f, "direction": Array3f, "flux": Array3f, "length": Float, "normal": Array3f, "width": Width,
-        "medium": UInt32, "events": UInt32, "number": UInt32,
+        "medium": UInt32, "depth": UInt32, "number": UInt32, "index": UInt32, "key": UInt32, "source": UInt32,
+        "offset": Float, "portal": Float, "total": Float, "narrow": Float,
     }  # fmt: skip
 
     origin: Any
@@ -86,16 +127,23 @@ class Segments:
     normal: Any
     width: Any
     medium: Any
-    events: Any
+    depth: Any
     number: Any
+    index: Any
+    key: Any
+    source: Any
+    offset: Any
+    portal: Any
+    total: Any
+    narrow: Any
 
 
-class Landed:
+class PhotonHits:
     """Photons on surfaces that do not come straight from an emitter: `direction` is that of the light."""
 
     DRJIT_STRUCT: ClassVar[dict[str, Any]] = {
         "position": Array3f, "normal": Array3f, "direction": Array3f, "flux": Array3f, "radius": Float,
-        "events": UInt32, "number": UInt32,
+        "depth": UInt32, "number": UInt32, "source": UInt32,
     }  # fmt: skip
 
     position: Any
@@ -103,8 +151,9 @@ class Landed:
     direction: Any
     flux: Any
     radius: Any
-    events: Any
+    depth: Any
     number: Any
+    source: Any
 
 
 @dataclass(frozen=True)
@@ -113,70 +162,91 @@ class Tracing:
 
     Attributes
     ----------
-    plugin, volumes
-        The Mitsuba scene and its media.
+    world
+        What they meet.
     max_events, rr_depth
-        Most events on a light path (None: any number), and after how many Russian roulette begins.
+        Most scattering events on a light path (None: any number), and after how many Russian roulette begins.
     overlap
         Width of a beam in spacings of its neighbours.
-    reach, paths, power
+    region, paths, power
         Size of the region that scattered light crosses, and how many paths of how much light there are: see
         `_scattered_radius`.
-    escape
-        Length of segments that meet no surface.
     short
         Whether beams end at the path's next event; in media that vary they always do.
-    perturbed
-        Whether BSDFs may have normals of their own, as `events.perturbs` tells.
+    scale
+        The pass's factor on all radii.
     """
 
-    plugin: Any
-    volumes: Media
+    world: World
     max_events: int | None
     rr_depth: int
     overlap: float
-    reach: float
+    region: float
     paths: int
     power: float
-    escape: float
     short: bool = False
-    perturbed: bool = False
+    scale: float = 1.0
 
 
-def begin(tracing: Tracing, emitted: list[Emitted], otherwise: Any) -> Paths | None:
-    """Return light paths as they leave their emitters, or None where there are none, or all would be too long.
+def begin(tracing: Tracing, emitted: Sequence[Emitted]) -> Paths | None:
+    """Return light paths as they leave their emitters, or None where there are none, or all would be too long."""
+    paths = leaving(tracing, emitted)
+    return None if paths is None else kept(paths.initial > 0, paths)
 
-    `otherwise` is the medium of the whole space, for emitters from which no border of a medium is seen.
-    """
+
+def leaving(tracing: Tracing, emitted: Sequence[Emitted]) -> Paths | None:
+    """Return all light paths, those without light too; None where there are none, or all would be too long."""
     if not emitted or (tracing.max_events is not None and tracing.max_events < 0):
         return None
     paths = Paths()
-    for name in ("origin", "direction", "flux", "tangents", "count"):
+    for name in ("origin", "direction", "flux", "tangents", "count", "index", "key", "source", "link", "reach",
+                 "portal"):  # fmt: skip
         setattr(paths, name, joined([getattr(each, name) for each in emitted]))
     total = dr.width(paths.origin)
+    # Not a bare counter: once that is evaluated, Dr.Jit takes it for every other counter of its length, in kernels of
+    # another form than those of other lengths.
     paths.number = dr.arange(UInt32, total) + dr.opaque(UInt32, 0)
-    paths.events = dr.zeros(UInt32, total)
+    paths.depth, paths.branch = dr.zeros(UInt32, total), dr.zeros(UInt32, total)
     paths.straight = paths.coherent = dr.full(Bool, True, total)
-    paths.radius, paths.share = dr.zeros(Float, total), dr.ones(Float, total)
-    paths.first, paths.fate = dr.max(paths.flux), dr.zeros(UInt32, total)
-    alive = paths.first > 0
-    paths.medium = medium_at(tracing.plugin, paths.origin, paths.direction, otherwise, alive)
-    kept = compressed(alive, paths)
-    return kept[0] if kept else None
+    paths.radius, paths.offset = dr.zeros(Float, total), dr.zeros(Float, total)
+    paths.fraction, paths.narrow = dr.ones(Float, total), dr.ones(Float, total)
+    paths.initial, paths.total = dr.max(paths.flux), paths.reach
+    paths.medium = tracing.world.medium_of_emission(paths.origin, paths.direction, paths.source, paths.initial > 0)
+    if isinstance(tracing.world, StageWorld):
+        halvings = joined(
+            [dr.opaque(UInt32, each.halvings) + dr.zeros(UInt32, dr.width(each.index)) for each in emitted]
+        )
+        most = max(each.halvings for each in emitted)
+        narrow(tracing.world, paths, tracing.overlap, dr.opaque(Float, tracing.scale), halvings, most)
+    return paths
 
 
-def trace(tracing: Tracing, paths: Paths | None, seed: Any, first: Any) -> Iterator[tuple[Segments | None, Any]]:
-    """Yield segments in media and photons on surfaces, step by step; either may be None.
-
-    `seed` and `first` are opaque: the seed of all samples and the place of the pass's first path in their sequences.
-    """
+def trace(tracing: Tracing, paths: Paths | None) -> Iterator[tuple[Segments | None, PhotonHits | None]]:
+    """Yield segments in media and photons on surfaces, step by step; either may be None."""
     step = 0
     while paths is not None:
         paths = _split(tracing, paths)
-        segments, in_medium, landed, on_surface, following, going = _step(tracing, paths, seed, first, step)
-        yield _kept(in_medium, segments), _kept(on_surface, landed)
-        paths = _kept(going, following)
+        segments, in_medium, hits, on_surface, following, going = _step(tracing, paths, step)
+        yield kept(in_medium, segments), kept(on_surface, hits)
+        paths = kept(going, following)
         step += 1
+
+
+def straight(tracing: Tracing, paths: Paths) -> Iterator[tuple[Segments, Bool]]:
+    """Yield segments of light straight from its lamp, step by step, and which of them are in a medium.
+
+    All paths stay where they are, so that the same ones at another time can be told by their places.
+    """
+    step, alive = 0, paths.initial > 0
+    while True:
+        paths.branch = dr.full(UInt32, PASSED, dr.width(paths.branch))
+        segments, in_medium, _, _, following, going = _step(tracing, paths, step)
+        yield segments, in_medium & alive
+        alive = alive & going
+        if not bool(dr.any(alive)):
+            return
+        following.flux = dr.select(alive, following.flux, 0)
+        paths, step = following, step + 1
 
 
 def _split(tracing: Tracing, paths: Paths) -> Paths:
@@ -185,58 +255,61 @@ def _split(tracing: Tracing, paths: Paths) -> Paths:
     In thin fog few paths would be scattered, each of them bright. Of one that is split both parts carry what they
     should, so that as many paths are scattered as there are; it makes as many more, for one event each.
     """
-    varying, _ = tracing.volumes.varying(paths.medium)
+    varying, _ = tracing.world.media.varying(paths.medium)
     both = paths.coherent & (paths.medium > 0) & ~varying & Bool(not tracing.short)
-    scattered = _kept(both, paths)
+    whole = copy(paths)
+    whole.branch = dr.select(both, UInt32(PASSED), UInt32(SAMPLED))
+    if tracing.max_events is not None:  # what would be scattered too often ends, and its light goes nowhere
+        both &= paths.depth < dr.opaque(UInt32, tracing.max_events)
+    scattered = kept(both, paths)
     if scattered is None:
-        return paths
-    whole, scattered = copy(paths), copy(scattered)
-    whole.fate = dr.select(both, UInt32(PASSES), UInt32(CHANCE))
-    scattered.fate = dr.full(UInt32, SCATTERS, dr.width(scattered.fate))
+        return whole
+    scattered = copy(scattered)
+    scattered.branch = dr.full(UInt32, SCATTERED, dr.width(scattered.branch))
     result: Paths = joined([whole, scattered])
     dr.eval(result)
     return result
 
 
-def _kept(mask: Bool, value: Any) -> Any:
+def kept(mask: Bool, value: Any) -> Any:
     """Return the entries of a struct where `mask`, None where there are none.
 
     One alone has a dark one beside it: to Dr.Jit arrays of one entry are numbers, and want kernels of their own.
     """
-    kept = compressed(mask, value)
-    if not kept:
+    found = compressed(mask, value)
+    if not found:
         return None
-    if dr.width(kept[0].flux) == 1:
-        twice = joined([kept[0], kept[0]])
+    if dr.width(found[0].flux) == 1:
+        twice = joined([found[0], found[0]])
         twice.flux = twice.flux * Float(dr.arange(UInt32, 2) == dr.opaque(UInt32, 0))
         dr.eval(twice)
         return twice
-    return kept[0]
+    return found[0]
 
 
-def _step(tracing: Tracing, paths: Paths, seed: Any, first: Any, step: int) -> tuple[Any, ...]:
+def _step(tracing: Tracing, paths: Paths, step: int) -> tuple[Any, ...]:
     """Return what one step of all paths leaves: segments, photons, the paths after it, and masks of which are there."""
-    index, stream = paths.number + first, hash32(seed, dr.opaque(UInt32, step), paths.fate)
-    hit = tracing.plugin.ray_intersect(ray_of(paths.origin, paths.direction))
-    event = Event(tracing, paths, hit, index, stream)
+    stream = hash32(paths.key, dr.opaque(UInt32, step), paths.branch)
+    hit = tracing.world.intersect(paths.origin, paths.direction, Bool(True), hash32(stream, paths.index), paths.link)
+    event = Event(tracing, paths, hit, stream)
     segments = _segments(tracing, paths, event)
-    scatter = reflect(tracing, hit, event.on_surface, paths.medium, index, stream)
-    following = _following(tracing, paths, event, scatter, index, stream)
-    landed = _landed(paths, event, segments.width)
-    in_medium = (paths.medium > 0) & (event.length > 0) & (paths.fate != SCATTERS)
+    scatter = reflect(tracing.world, hit, event.on_surface, paths.medium, paths.index, stream)
+    following = _following(tracing, paths, event, scatter, stream)
+    hits = _photon_hits(paths, event, segments.width)
+    in_medium = (paths.medium > 0) & (event.length > 0) & (paths.branch != SCATTERED) & (dr.max(paths.flux) > 0)
     on_surface = event.on_surface & ~paths.straight & event.smooth
     if tracing.max_events is not None:
-        in_medium &= paths.events <= tracing.max_events
+        in_medium &= paths.depth <= dr.opaque(UInt32, tracing.max_events)
     bent = event.going & event.on_surface & following.coherent & ~scatter.null
-    dr.eval(segments, in_medium, landed, on_surface, following, event.going, bent)
+    dr.eval(segments, in_medium, hits, on_surface, following, event.going, bent)
     if step < _COHERENT:
-        _carry(tracing, paths, following, bent, index, stream)
+        _carry(tracing, paths, following, bent, stream)
     else:
         following.coherent = dr.zeros(Bool, dr.width(bent))
-    return segments, in_medium, landed, on_surface, following, event.going
+    return segments, in_medium, hits, on_surface, following, event.going
 
 
-def _following(tracing: Tracing, paths: Paths, event: Event, scatter: Scatter, index: UInt32, stream: UInt32) -> Paths:
+def _following(tracing: Tracing, paths: Paths, event: Event, scatter: Scatter, stream: UInt32) -> Paths:
     """Return the paths after their event; `event.going` loses those that end."""
     following = Paths()
     place = dr.zeros(mi.MediumInteraction3f, dr.width(paths.origin))
@@ -244,26 +317,33 @@ def _following(tracing: Tracing, paths: Paths, event: Event, scatter: Scatter, i
     place.sh_frame = mi.Frame3f(place.wi)
     place.medium = pointers(dr.select(event.scatters, paths.medium, 0))
     phase = place.medium.phase_function()
-    lobe = unit_float(hash32(index, stream, UInt32(LOBE)))
-    u = pixel_sample(index, hash32(stream, UInt32(TURN)))
+    lobe = unit_float(hash32(paths.index, stream, UInt32(LOBE)))
+    u = pixel_sample(paths.index, hash32(stream, UInt32(TURN)))
     turned, weight, _ = phase.sample(mi.PhaseFunctionContext(), place, lobe, mi.Point2f(u), event.scatters)
     following.direction = _chosen(event, Array3f(turned), scatter.direction, paths.direction)
     following.origin = dr.select(event.on_surface, scatter.origin, event.position)
     following.flux = paths.flux * event.weight * _chosen(event, Array3f(weight), scatter.weight, Array3f(1))
     passes = event.tinted | (event.on_surface & scatter.null)
-    following.events = paths.events + dr.select(passes, 0, 1)
+    following.depth = paths.depth + dr.select(passes, 0, 1)
     following.medium = dr.select(event.on_surface, scatter.medium, paths.medium)
     following.straight = paths.straight & passes
     following.coherent = paths.coherent & (event.tinted | (event.on_surface & scatter.delta))
-    following.number, following.first, following.count = paths.number, paths.first, paths.count
-    following.fate = dr.zeros(UInt32, dr.width(paths.number))
-    following.share = paths.share * dr.select(event.on_surface, scatter.chance, 1)
-    # Straight on, a shift grows with the way; mirrors and lenses see to theirs later.
+    for name in (*_NAMES, *_STRAIGHT, "count", "initial"):
+        setattr(following, name, getattr(paths, name))
+    following.narrow = dr.select(passes, paths.narrow, 1)
+    following.link = dr.select(passes, paths.link, 0)
+    following.offset = paths.offset + event.way
+    following.reach = dr.select(
+        passes, paths.reach - event.way, tracing.world.escape(following.origin, following.direction)
+    )
+    following.branch = dr.zeros(UInt32, dr.width(paths.number))
+    following.fraction = paths.fraction * dr.select(event.on_surface, scatter.probability, 1)
+    # Straight on, a shift grows with the distance; mirrors and lenses see to theirs later.
     following.tangents = Tangents.of([(p + event.way * d, d) for p, d in paths.tangents.columns()])
     going = event.going & (dr.max(following.flux) > 0)
     if tracing.max_events is not None:
-        going &= following.events <= tracing.max_events
-    _roulette(tracing, following, passes, index, stream, going)
+        going &= following.depth <= dr.opaque(UInt32, tracing.max_events)
+    _roulette(tracing, following, passes, stream, going)
     following.radius = dr.select(following.coherent | passes, paths.radius, _scattered_radius(tracing, following))
     event.going = going & (dr.max(following.flux) > 0)
     return following
@@ -282,21 +362,21 @@ def _scattered_radius(tracing: Tracing, following: Paths) -> Float:
     as much, or it would be a bright streak.
     """
     light = dr.max(following.flux) * dr.opaque(Float, tracing.paths / max(tracing.power, 1e-30))
-    usual = dr.opaque(Float, tracing.overlap * tracing.reach / np.sqrt(tracing.paths))
+    usual = dr.opaque(Float, tracing.overlap * tracing.region / np.sqrt(tracing.paths))
     return usual * dr.clip(light, 1, _BRIGHTEST)
 
 
-def _roulette(tracing: Tracing, paths: Paths, passes: Bool, index: UInt32, stream: UInt32, active: Bool) -> None:
+def _roulette(tracing: Tracing, paths: Paths, passes: Bool, stream: UInt32, active: Bool) -> None:
     """End paths at random that have lost most of their light, and give theirs to the others."""
-    chance = dr.minimum(dr.max(paths.flux) * dr.rcp(dr.maximum(paths.first, 1e-30)), 0.95)
-    tried = active & ~passes & (paths.events >= dr.opaque(UInt32, tracing.rr_depth))
-    lives = unit_float(hash32(index, stream, UInt32(_ROULETTE))) < chance
-    factor = dr.select(tried, dr.select(lives, dr.rcp(dr.maximum(chance, 1e-30)), 0), 1)
+    survival = dr.minimum(dr.max(paths.flux) * dr.rcp(dr.maximum(paths.initial, 1e-30)), 0.95)
+    tried = active & ~passes & (paths.depth >= dr.opaque(UInt32, tracing.rr_depth))
+    survives = unit_float(hash32(paths.index, stream, UInt32(_ROULETTE))) < survival
+    factor = dr.select(tried, dr.select(survives, dr.rcp(dr.maximum(survival, 1e-30)), 0), 1)
     paths.flux = paths.flux * factor
-    paths.share = dr.select(tried & lives, paths.share * chance, paths.share)
+    paths.fraction = dr.select(tried & survives, paths.fraction * survival, paths.fraction)
 
 
-def _carry(tracing: Tracing, paths: Paths, following: Paths, bent: Bool, index: UInt32, stream: UInt32) -> None:
+def _carry(tracing: Tracing, paths: Paths, following: Paths, bent: Bool, stream: UInt32) -> None:
     """Carry the tangents of paths over mirrors and through lenses, by forward-mode differentiation.
 
     Each path stands there four times, once for each tangent: a graph with calls of BSDFs is traversed but once.
@@ -313,17 +393,18 @@ def _carry(tracing: Tracing, paths: Paths, following: Paths, bent: Bool, index: 
         turn = dr.select(which == k, dr.gather(Array3f, d, lane), turn)
     origin = mi.Point3f(dr.gather(Array3f, paths.origin, lane))
     direction = mi.Vector3f(dr.gather(Array3f, paths.direction, lane))
+    index, own, link = (dr.gather(UInt32, each, lane) for each in (paths.index, stream, paths.link))
     with dr.resume_grad():
         dr.enable_grad(origin, direction)
-        hit = tracing.plugin.ray_intersect(ray_of(origin, direction))
-        sample, _ = sampled(hit, True, dr.gather(UInt32, index, lane), dr.gather(UInt32, stream, lane))
+        hit = tracing.world.intersect(origin, direction, Bool(True), hash32(own, index), link)
+        sample, _ = sampled(tracing.world, hit, True, index, own)
         p, d = differentiate([origin, direction], [hit.p, hit.to_world(sample.wo)], [shift, turn])
     shift, turn = Array3f(p), Array3f(d)
     dr.eval(shift, turn)
     columns = []
     bent_columns = of_copies(shift, turn, count).columns()
-    for straight, changed in zip(following.tangents.columns(), bent_columns, strict=True):
-        column = [Array3f(each) for each in straight]
+    for unbent, changed in zip(following.tangents.columns(), bent_columns, strict=True):
+        column = [Array3f(each) for each in unbent]
         for each, value in zip(column, changed, strict=True):
             dr.scatter(each, value, lanes)
         columns.append((column[0], column[1]))
@@ -332,7 +413,7 @@ def _carry(tracing: Tracing, paths: Paths, following: Paths, bent: Bool, index: 
 
 
 def _segments(tracing: Tracing, paths: Paths, event: Event) -> Segments:
-    """Return the stretches of paths up to the next surface, or event."""
+    """Return the segments of paths up to the next surface, or event."""
     result = Segments()
     result.origin, result.direction, result.flux = paths.origin, paths.direction, paths.flux
     short = Bool(tracing.short) | event.varying
@@ -340,8 +421,10 @@ def _segments(tracing: Tracing, paths: Paths, event: Event) -> Segments:
     normal = Array3f(event.hit.n)
     against = dr.select(dr.dot(normal, paths.direction) > 0, -normal, normal)
     result.normal = dr.select(event.valid & (event.on_surface | ~short), against, -paths.direction)
-    result.medium, result.events, result.number = paths.medium, paths.events, paths.number
-    neighbours = paths.count * paths.share
+    result.medium, result.depth, result.offset = paths.medium, paths.depth, paths.offset
+    for name in (*_NAMES, *_STRAIGHT):
+        setattr(result, name, getattr(paths, name))
+    neighbours = paths.count * paths.fraction
     own = width(paths.tangents, paths.direction, event.length, neighbours, dr.opaque(Float, tracing.overlap))
     squared = dr.square(paths.radius)
     result.width = Width(
@@ -351,14 +434,15 @@ def _segments(tracing: Tracing, paths: Paths, event: Event) -> Segments:
     return result
 
 
-def _landed(paths: Paths, event: Event, across: Width) -> Landed:
+def _photon_hits(paths: Paths, event: Event, across: Width) -> PhotonHits:
     """Return what arrives at surfaces."""
-    result = Landed()
+    result = PhotonHits()
     result.position, result.direction = event.position, paths.direction
     result.normal = Array3f(event.hit.n)
     # On a slant the footprint is longer by 1 / cos, and its area with it.
     cosine = dr.maximum(dr.abs(dr.dot(result.normal, paths.direction)), 0.05)
     # Photons that arrive at random should overlap more than lines do, of which a ray meets many: a dozen a place.
     result.radius = across(event.way) * dr.rsqrt(cosine) * dr.select(paths.coherent, Float(1), Float(_DOZEN))
-    result.flux, result.events, result.number = paths.flux * event.weight, paths.events, paths.number
+    result.flux, result.depth = paths.flux * event.weight, paths.depth
+    result.number, result.source = paths.number, paths.source
     return result

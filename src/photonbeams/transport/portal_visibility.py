@@ -19,14 +19,14 @@ from ..runtime.device import Array2f, Array3f, Bool, Float, UInt32
 from ..world.portals import Portal
 
 if TYPE_CHECKING:
-    from ..world.world import World
+    from ..world.stage_world import StageWorld
 
 _POINTS = 12  # along each ray
 _AIMED = 1024  # rays at points of the portal
 _NUDGE = 1e-4  # of the world's radius: keeps the points at a ray's end off the surface
 
 
-def lights_seen(world: World, origin: Array3f, direction: Array3f) -> frozenset[str]:
+def lights_seen(world: StageWorld, origin: Array3f, direction: Array3f) -> frozenset[str]:
     """Return the names of the lights whose paths that miss their portal the camera sees lit fog of.
 
     Parameters
@@ -44,12 +44,12 @@ def lights_seen(world: World, origin: Array3f, direction: Array3f) -> frozenset[
     """
     return frozenset(
         light.name
-        for light, source in zip(world.description.lights, world.sources, strict=True)
+        for light, source in zip(world.description.lights, world.lights, strict=True)
         if light.name in world.portals and _sees(world, light, source, origin, direction)
     )
 
 
-def _sees(world: World, light: scene.Light, source: Any, origin: Array3f, direction: Array3f) -> bool:
+def _sees(world: StageWorld, light: scene.Light, source: Any, origin: Array3f, direction: Array3f) -> bool:
     portal, stopping = world.portals[light.name], world.stopping(light)
     rays = ((origin, direction), _aimed(portal, origin))
     return any(_any_lit(world, stopping, source, portal, *each) for each in rays)
@@ -68,12 +68,14 @@ def _aimed(portal: Portal, origin: Array3f) -> tuple[Array3f, Array3f]:
     return eye, dr.normalize(point - eye)
 
 
-def _any_lit(world: World, stopping: World, source: Any, portal: Portal, origin: Array3f, direction: Array3f) -> bool:
+def _any_lit(
+    world: StageWorld, stopping: StageWorld, source: Any, portal: Portal, origin: Array3f, direction: Array3f
+) -> bool:
     """Return whether any point on the rays is lit past the portal, with the surfaces that are `stopping` the light."""
     width = max(dr.width(origin), dr.width(direction))
     number = dr.arange(UInt32, width)
     always = dr.full(Bool, True, width)
-    hit = world.intersect(origin, direction, always, number)
+    hit = world.solid(origin, direction, always, number)
     near, far = Float(0), dr.select(hit.is_valid(), hit.t, world.bounds.exit(origin, direction))
     if world.fog is not None:
         enter, leave, _ = world.fog.interval(origin, direction)
@@ -88,7 +90,7 @@ def _any_lit(world: World, stopping: World, source: Any, portal: Portal, origin:
     return bool(dr.any(lit))
 
 
-def _lit(world: World, source: Any, portal: Portal, point: Array3f, u: Array2f, seed: UInt32) -> Bool:
+def _lit(world: StageWorld, source: Any, portal: Portal, point: Array3f, u: Array2f, seed: UInt32) -> Bool:
     """Return which points the light reaches by a free line that does not pass the portal."""
     sample = source.illuminate(point, u)
     carries = dr.max(sample.weight) > 0

@@ -19,7 +19,7 @@ from typing import Any, ClassVar, NamedTuple
 import drjit as dr
 
 from ..runtime.device import Array3f, Float
-from .emission import Tangents
+from .tangents import Tangents
 
 
 class Width:

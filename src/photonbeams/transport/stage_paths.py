@@ -24,12 +24,12 @@ from ..runtime.device import Array2f, Array3f, Bool, Float, UInt32
 from ..world.gobos import Masked, bare
 from ..world.lights import DistantSource, DomeSource
 from ..world.portals import count_candidates
-from .stage_emission import Emission, emit, emit_through
+from .lamps import Emission, emit, emit_through
 from .stage_radii import FLOOR, radius_along, unblocked
 
 if TYPE_CHECKING:
     from ..looks import Look
-    from ..world.world import World
+    from ..world.stage_world import StageWorld
 
 LIGHT_SIDE = 0.25  # the part of a light's beams that do not go through its portal, where they are seen
 
@@ -46,7 +46,7 @@ _PORTAL, _ALL = 0, 1  # names of strata in seeds
 class _Moment(NamedTuple):
     """A light at one time of the shutter, and the world around it, with the surfaces that stop it."""
 
-    world: World
+    world: StageWorld
     light: scene.Light
     source: Any
 
@@ -65,14 +65,14 @@ class Run(NamedTuple):
 
 
 def trace(
-    world: World,
+    world: StageWorld,
     *,
     beams_per_light: int = scene.DEFAULT_BEAMS,
     pass_index: int = 0,
     seed: int = 0,
     light_side: Collection[str] = (),
     overlap: float = 1.0,
-    close: World | None = None,
+    close: StageWorld | None = None,
     looks: Mapping[str, Look | None] | None = None,
 ) -> list[BeamSet]:
     """Return the beams of one pass, a set for each light that has any, and for each set of drawn beams.
@@ -143,13 +143,13 @@ def _led(states: list[Beams], moments: list[_Moment]) -> list[Beams]:
     return [led(state, each, count) for state, each in zip(states, guides, strict=True)]
 
 
-def _moments(world: World, close: World | None) -> list[list[_Moment]]:
+def _moments(world: StageWorld, close: StageWorld | None) -> list[list[_Moment]]:
     """Return each light at the times that differ."""
-    lights = zip(world.description.lights, world.sources, strict=True)
+    lights = zip(world.description.lights, world.lights, strict=True)
     result = [[_Moment(world.stopping(light), light, source)] for light, source in lights]
     if close is not None:
         still = close.surfaces is world.surfaces and close.fog is world.fog
-        later = zip(close.description.lights, close.sources, strict=True)
+        later = zip(close.description.lights, close.lights, strict=True)
         for moments, (light, source) in zip(result, later, strict=True):
             if not still or light is not moments[0].light:
                 moments.append(_Moment(close.stopping(light), light, source))
@@ -158,7 +158,7 @@ def _moments(world: World, close: World | None) -> list[list[_Moment]]:
 
 def _through(moment: _Moment, samples: tuple[Array2f, Array2f], count: int) -> Emission:
     world, light, source = moment
-    return emit_through(light, source, world.portals[light.name], world.bounds, *samples, count)
+    return _scaled(emit_through(light, source, world.portals[light.name], world.bounds, *samples, count), light)
 
 
 def _aside(moment: _Moment, samples: tuple[Array2f, Array2f], count: int) -> Emission:
@@ -166,6 +166,11 @@ def _aside(moment: _Moment, samples: tuple[Array2f, Array2f], count: int) -> Emi
     emission = emit(light, source, world.bounds, *samples, count)
     if light.name in world.portals:
         emission.valid &= ~world.portals[light.name].crosses(emission.origin, emission.direction)
+    return _scaled(emission, light)
+
+
+def _scaled(emission: Emission, light: scene.Light) -> Emission:
+    emission.flux *= opaque(light.beam_scale)
     return emission
 
 
@@ -239,7 +244,7 @@ def _stretches(
     """Return light paths at one time: up to the portal and behind it, or the whole of them."""
     world = moment.world
     seed = hash32(numbers, dr.opaque(UInt32, run.pass_index))
-    hit = world.intersect(emission.origin, emission.direction, alive, seed)
+    hit = world.solid(emission.origin, emission.direction, alive, seed)
     scale = 1.0 if isinstance(bare(moment.source), DistantSource | DomeSource) else scene.ESCAPE
     escape = world.bounds.exit(emission.origin, emission.direction, scale)
     total = dr.select(hit.is_valid(), hit.t, escape)
@@ -273,7 +278,7 @@ def _facing(normal: Any, direction: Array3f) -> Array3f:
 
 
 def _stretch(
-    world: World,
+    world: StageWorld,
     emission: Emission,
     radius: Callable[[Float], Float],
     ends: tuple[Float, Float],
@@ -315,7 +320,7 @@ def _present(beams: Beams, other: Beams, there: Bool) -> Beams:
     return result
 
 
-def _drawn(world: World, close: World | None, looks: Mapping[str, Look | None]) -> list[BeamSet]:
+def _drawn(world: StageWorld, close: StageWorld | None, looks: Mapping[str, Look | None]) -> list[BeamSet]:
     """Return the beams that someone drew."""
     sets = []
     for number, drawn in enumerate(world.description.drawn):

@@ -19,10 +19,10 @@ from ..numerics.arrays import opaque
 from ..numerics.hashing import hash32
 from ..runtime.device import Array3f, Bool, Float, UInt32
 from ..world.warp import perpendicular
-from .stage_emission import Emission
+from .lamps import Emission
 
 if TYPE_CHECKING:
-    from ..world.world import World
+    from ..world.stage_world import StageWorld
 
 FLOOR = 1e-4  # least radius in units of a path's usual length: a point light's apex must not be singular
 
@@ -55,7 +55,7 @@ def radius_along(
 
 
 def unblocked(
-    world: World,
+    world: StageWorld,
     emission: Emission,
     radius: Callable[[Float], Float],
     begin: Float,
@@ -84,7 +84,7 @@ def unblocked(
 
 
 def _rim_blocked(
-    world: World,
+    world: StageWorld,
     emission: Emission,
     radius: Callable[[Float], Float],
     scale: Float,

@@ -296,10 +296,10 @@ class DomeSource:
         return Sight(nowhere == 0, dr.inf + nowhere, radiance + nowhere, pdf)
 
 
-Source = SphereSource | FlatSource | DistantSource | DomeSource
+Light = SphereSource | FlatSource | DistantSource | DomeSource
 
 
-def source(light: scene.Light) -> Source:
+def source(light: scene.Light) -> Light:
     """Return a light as Dr.Jit sees it."""
     if isinstance(light, scene.SphereLight):
         return SphereSource.of(light)

@@ -7,7 +7,8 @@ between two media that a ray from a point meets tells in which of them the point
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -15,10 +16,11 @@ import drjit as dr
 import numpy as np
 
 from .. import scene
-from ..looks import Look
+from ..looks import Attenuation, Look
+from ..looks import Scattering as PhysicalScattering
 from ..looks.at import At
 from ..looks.factors import Factor
-from ..numerics.arrays import to_vectors
+from ..numerics.arrays import to_uint, to_vectors
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from .tracking import Track, Tracked, Way, walk
 
@@ -26,6 +28,9 @@ mi = mitsuba()
 
 # Surfaces that a ray may pass on its way to the border of a medium.
 _LAYERS = 64
+
+# From here on a distance is infinite.
+_FAR = 1e30
 
 
 class Scattering(Factor):
@@ -103,6 +108,22 @@ class RenderedMedium:
         """Return the same for short beams."""
         return self if self.tracked is not None else replace(self, look=Look(along=Ended(), angle=self.look.angle))
 
+    def shaded(self, look: Look | None) -> Look:
+        """Return the look of beams in the medium: physical, or an artist's with the medium's own physical factors."""
+        if look is None:
+            return self.look
+        own = self.look
+        if type(own.along) is Attenuation and type(own.eye) is Attenuation and type(own.angle) is PhysicalScattering:
+            return look
+        result = copy(look)
+        if type(look.along) is Attenuation:
+            result.along = own.along
+        if type(look.eye) is Attenuation:
+            result.eye = own.eye
+        if type(look.angle) is PhysicalScattering:
+            result.angle = own.angle
+        return result
+
     def extinction(self, point: Any) -> Array3f:
         """Return σt at points."""
         return _extinction(self.plugin, point, Bool(True))
@@ -135,6 +156,10 @@ class Media:
         Mitsuba's media, each as often as it may be.
     around
         The Mitsuba scene, where several of its shapes hold media, which may touch.
+    filling, clear
+        The medium that fills the whole space, and whether it leaves what is infinitely far away as it is.
+    unfelt
+        Media that beams alone feel.
 
     Raises
     ------
@@ -142,7 +167,8 @@ class Media:
         A medium that cannot be rendered.
     """
 
-    def __init__(self, plugins: Iterable[Any], around: Any = None) -> None:
+    def __init__(self, plugins: Iterable[Any], around: Any = None, filling: Any = None, clear: bool = False,
+                 unfelt: Sequence[Any] = ()) -> None:  # fmt: skip
         found = {number(plugin): plugin for plugin in plugins if plugin is not None}
         for each in found.values():  # all of them first: Mitsuba calls all phase functions where it calls one
             _check_phase(each)
@@ -157,6 +183,10 @@ class Media:
         self._extinction, self._scattering, self._kinds = (to_vectors(each) for each in table)
         self.any_varying = any(volume.tracked is not None for volume in self.all)
         self._around = around
+        self.filling, self._clear = number(filling), clear
+        felt = np.ones(size, dtype=np.uint32)
+        felt[[number(each) for each in unfelt]] = 0
+        self._felt = to_uint(felt) if unfelt else None
 
     @classmethod
     def of(cls, plugin: Any) -> Media:
@@ -182,7 +212,16 @@ class Media:
     def absorbed(self, medium: UInt32, distance: Float) -> Array3f:
         """Return exp(−σt x) of homogeneous media; in the open it is 1, however long the way."""
         extinction = self.extinction(medium)
-        return dr.select(extinction > 0, dr.exp(-extinction * distance), 1)
+        thick = extinction > 0
+        if self._clear:
+            thick &= distance < _FAR
+        return dr.select(thick, dr.exp(-extinction * distance), 1)
+
+    def felt(self, medium: UInt32, transmittance: Array3f) -> Array3f:
+        """Return a transmittance as surfaces feel it: 1 of a fog that beams alone feel."""
+        if self._felt is None:
+            return transmittance
+        return dr.select(dr.gather(UInt32, self._felt, medium) > 0, transmittance, 1)
 
     def transmittance(
         self, medium: UInt32, origin: Array3f, direction: Array3f, distance: Float, seed: UInt32, active: Bool

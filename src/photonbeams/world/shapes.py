@@ -24,13 +24,15 @@ def shapes_of(meshes: Sequence[scene.Mesh]) -> tuple[Any, ...]:
     return tuple(shape_of(mesh, bsdfs[id(mesh.material)], _emitter(mesh.material)) for mesh in meshes)
 
 
-def shape_of(mesh: scene.Mesh, bsdf: Any = None, emitter: Any = None) -> Any:
+def shape_of(mesh: scene.Mesh, bsdf: Any = None, emitter: Any = None, interior: Any = None) -> Any:
     """Return a mesh as Mitsuba's."""
     properties = mi.Properties()
     if bsdf is not None:
         properties["bsdf"] = bsdf
     if emitter is not None:
         properties["emitter"] = emitter
+    if interior is not None:
+        properties["interior"] = interior
     shape = mi.Mesh(
         mesh.name,
         vertex_count=len(mesh.points),

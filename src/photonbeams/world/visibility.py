@@ -17,7 +17,7 @@ mi = mitsuba()
 _LAYERS = 64
 
 
-def through(plugin: Any, volumes: Media, ray: Any, medium: UInt32, seed: UInt32, active: Bool) -> tuple[Array3f, Any]:
+def through(plugin: Any, media: Media, ray: Any, medium: UInt32, seed: UInt32, active: Bool) -> tuple[Array3f, Any]:
     """Return what of light passes along rays up to their ends, and the surface that each meets there, if any.
 
     Rays pass surfaces as far as those let them straight through, and no other.
@@ -30,8 +30,8 @@ def through(plugin: Any, volumes: Media, ray: Any, medium: UInt32, seed: UInt32,
         step.maxt = left
         found = plugin.ray_intersect(step, going)
         way = dr.select(found.is_valid(), found.t, left)
-        dimmed = volumes.transmittance(medium, Array3f(place), Array3f(ray.d), way, hash32(seed, layer), going)
-        passed = dr.select(going, passed * dimmed, passed)
+        dimmed = media.transmittance(medium, Array3f(place), Array3f(ray.d), way, hash32(seed, layer), going)
+        passed = dr.select(going, passed * media.felt(medium, dimmed), passed)
         hit = dr.select(going, found, hit)
         going = going & found.is_valid()
         clear = Array3f(found.bsdf().eval_null_transmission(found, going))
@@ -41,7 +41,7 @@ def through(plugin: Any, volumes: Media, ray: Any, medium: UInt32, seed: UInt32,
         passed = dr.select(solid & ~endless, 0, passed)
         going = going & ~solid
         passed = dr.select(going, passed * clear, passed)
-        medium = dr.select(going, volumes.beyond(found, ray.d, medium, going), medium)
+        medium = dr.select(going, media.beyond(found, ray.d, medium, going), medium)
         place = dr.select(going, found.spawn_ray(ray.d).o, place)
         left = dr.select(going & ~endless, left - found.t, left)
         return place, left, medium, passed, layer + 1, going & (dr.max(passed) > 0), hit

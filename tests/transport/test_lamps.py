@@ -7,9 +7,9 @@ import pytest
 from photonbeams import scene
 from photonbeams.numerics.sampling import sobol_block
 from photonbeams.runtime.device import Array3f, Float
-from photonbeams.transport.stage_emission import emit, emit_through
+from photonbeams.transport.lamps import emit, emit_through
 from photonbeams.world import lights
-from photonbeams.world.world import World
+from photonbeams.world.stage_world import StageWorld
 
 RADIANCE = (3.0, 2.0, 1.0)
 COUNT = 1 << 14
@@ -54,7 +54,7 @@ def distant(angle=5.0, **given):
 
 def world(light):
     """Return a world of one light, within a sphere of radius 4."""
-    return World.build(scene.Scene(lights=(light,)), viewpoints=[(-4, 0, 0), (4, 0, 0)])
+    return StageWorld.build(scene.Scene(lights=(light,)), viewpoints=[(-4, 0, 0), (4, 0, 0)])
 
 
 def emission(light, count=COUNT, block=0):

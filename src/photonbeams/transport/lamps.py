@@ -14,12 +14,20 @@ import numpy as np
 
 from .. import scene
 from ..numerics.arrays import opaque
+from ..numerics.sampling import sobol_block
 from ..runtime.device import Array2f, Array3f, Bool, Float
 from ..world.bounds import Bounds
 from ..world.gobos import Masked, bare, spread
 from ..world.lights import DistantSource, DomeSource, FlatSource, SphereSource
 from ..world.portals import Portal
 from ..world.warp import disk, perpendicular, power_cone, sphere
+from .emission import EmissionSample
+from .tangents import Tangents
+
+_PROBE = 4096  # paths that tell how much of a lamp its images leave
+
+# How often a beam is halved that a surface stands in the way of.
+HALVINGS, HALVINGS_ASIDE = 1, 5
 
 _WIDE = 2 * np.pi / 3  # a cone wider than this is sampled as part of the whole sphere, which distorts less
 _GRAZING = 0.02  # the least cosine for a footprint: a beam along a surface would be infinitely wide
@@ -51,6 +59,18 @@ class Emission:
     y0: Any
     y1: Any
 
+    def tangents(self) -> Tangents:
+        """Return the derivatives of rays by the four sample numbers.
+
+        The maps preserve measure and are nearly isotropic: either number of a pair moves a path as far as the other, at
+        right angles to it.
+        """
+        columns = []
+        for extent, shift, turn in ((self.extent_x, self.x0, self.x1), (self.extent_y, self.y0, self.y1)):
+            for side in perpendicular(self.direction):
+                columns.append((side * (extent * shift), side * (extent * turn)))
+        return Tangents.of(columns)
+
 
 def emit(light: scene.Light, source: Any, bounds: Bounds, u: Array2f, v: Array2f, count: int) -> Emission:
     """Return `count` light paths in all directions of a light: u places them on the light, v directs them."""
@@ -63,7 +83,7 @@ def emit(light: scene.Light, source: Any, bounds: Bounds, u: Array2f, v: Array2f
         result = _emit_from_infinity(lamp, bounds, u, v)
     if isinstance(source, Masked):
         result.flux = result.flux * source.tint(result.origin, result.direction)
-    result.flux *= opaque(light.beam_scale / count)
+    result.flux *= opaque(1 / count)
     result.portal = dr.full(Float, dr.inf, dr.width(u))
     result.valid = dr.full(Bool, True, dr.width(u))
     return result
@@ -86,7 +106,7 @@ def emit_through(
     result.direction = -light_sample.direction
     result.portal = bounds.behind(point, result.direction) if infinite else light_sample.distance
     result.origin = point - result.portal * result.direction
-    result.flux = light_sample.weight * (cosine * area * opaque(light.beam_scale / count))
+    result.flux = light_sample.weight * (cosine * area * opaque(1 / count))
     if isinstance(source, Masked):
         result.flux = result.flux * source.pane_color(point)
     result.extent_x = dr.select(light_sample.pdf > 0, dr.rsqrt(dr.maximum(light_sample.pdf, 1e-30)), 0)
@@ -163,3 +183,62 @@ def _directions(light: scene.Light, axis: Array3f, v: Array2f, flat: bool) -> tu
     else:
         q = -np.expm1((power + 1) * np.log(np.cos(cutoff))) if cutoff < np.pi / 2 else 1.0
     return power_cone(v, axis, opaque(power), opaque(q))
+
+
+class LampEmitter:
+    """The light of a lamp that passes its portal, or that which does not; all of it where there is no portal.
+
+    Parameters
+    ----------
+    light, source
+        The lamp, and as Dr.Jit sees it.
+    portal, through
+        Its portal, and whether the paths go through it or past it.
+    bounds
+        The sphere around the scene, from which light from infinity comes.
+    number, link
+        Numbers of the lamp's source, and of the surfaces that stop its light.
+    """
+
+    def __init__(
+        self,
+        light: scene.Light,
+        source: Any,
+        portal: Portal | None,
+        through: bool,
+        bounds: Bounds,
+        number: int,
+        link: int,
+    ) -> None:
+        self.light, self.lamp, self.portal, self.through, self.bounds = light, source, portal, through, bounds
+        self.name, self.source, self.link = light.name, number, link
+        # Seldom where a narrow beam would be seen as a streak, often beside a portal, where light would leak.
+        self.halvings = HALVINGS_ASIDE if portal is not None and not through else HALVINGS
+        self._escape = 1.0 if isinstance(bare(source), DistantSource | DomeSource) else scene.ESCAPE
+
+    def sample(self, u: Array2f, v: Array2f) -> EmissionSample:
+        """Return light paths for emission samples: u places them on the lamp, v directs them or lies on the portal."""
+        paths = self._emission(u, v)
+        flux = dr.select(paths.valid, paths.flux, 0)
+        reach = self.bounds.exit(paths.origin, paths.direction, self._escape)
+        return EmissionSample(paths.origin, paths.direction, flux, paths.tangents(), reach, paths.portal)
+
+    def _emission(self, u: Array2f, v: Array2f) -> Emission:
+        if self.through:
+            assert self.portal is not None
+            return emit_through(self.light, self.lamp, self.portal, self.bounds, u, v, 1)
+        paths = emit(self.light, self.lamp, self.bounds, u, v, 1)
+        if self.portal is not None:
+            paths.valid &= ~self.portal.crosses(paths.origin, paths.direction)
+        return paths
+
+    def lit_fraction(self) -> float:
+        """Return which fraction of the paths passes the lamp's images: of a few of them, and 1 of a lamp without."""
+        if not isinstance(self.lamp, Masked):
+            return 1.0
+        if self.through not in self.lamp.lit:
+            probe = self._emission(*sobol_block(_PROBE, 0, (_PROBE,)))
+            there = np.broadcast_to(probe.valid.numpy(), _PROBE)
+            lit = there & (probe.flux.numpy().max(axis=0) > 0)
+            self.lamp.lit[self.through] = float(lit.sum() / max(there.sum(), 1))
+        return self.lamp.lit[self.through]

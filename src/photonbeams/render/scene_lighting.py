@@ -1,0 +1,68 @@
+"""Mitsuba's emitters: as they are seen, and as they light surfaces, past nothing but boundaries of media.
+
+One sample of an emitter and one of the BSDF, combined by multiple importance sampling (power heuristic, Veach 1997), as
+Mitsuba's `volpath` does; what is scattered or refracted on its way comes from photons.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import drjit as dr
+
+from ..numerics.sampling import power_heuristic
+from ..runtime.device import Array3f, Bool, mitsuba
+from ..world.scene_world import SceneWorld
+from ..world.visibility import through
+from .camera_paths import ShadingPoint
+
+mi = mitsuba()
+
+_EMITTER, _LOBE, _TURN, _WAY = 201, 202, 203, 204  # streams of samples
+
+
+class SceneLighting:
+    """The emitters of a Mitsuba scene."""
+
+    def __init__(self, world: SceneWorld) -> None:
+        self._world = world
+
+    def lamp(self, origin: Array3f, direction: Array3f) -> None:
+        """Return None: all emitters are surfaces, or the background."""
+        return
+
+    def emission(self, hit: Any, origin: Array3f, direction: Array3f, active: Bool) -> Array3f:
+        """Return the radiance of emitters that paths see, near and far."""
+        value = Array3f(hit.emitter(self._world.plugin, active).eval(hit, active))
+        return dr.select(active & dr.isfinite(dr.sum(value)), value, 0)
+
+    def direct(self, point: ShadingPoint, active: Bool) -> Array3f:
+        """Return the radiance toward the path of light that comes straight from emitters to smooth BSDFs."""
+        plugin, media, hit, samples = self._world.plugin, self._world.media, point.hit, point.samples
+        order, step = point.order, point.step
+        bsdf = hit.bsdf()
+        context = mi.BSDFContext()
+        context.type_mask = mi.BSDFFlags.Smooth
+        aim = samples.pair(order, _EMITTER, step)
+        light, radiance = plugin.sample_emitter_direction(hit, mi.Point2f(aim), False, active)
+        lit = active & (light.pdf > 0)
+        value, pdf = bsdf.eval_pdf(context, hit, hit.to_local(light.d), lit)
+        weight = dr.select(light.delta, 1, power_heuristic(light.pdf, pdf))
+        value = Array3f(value) * Array3f(radiance) * weight
+        lit &= dr.max(value) > 0
+        ray = hit.spawn_ray_to(light.p)
+        seed = samples.bits(order, _WAY, step)
+        passed, _ = through(plugin, media, ray, media.beyond(hit, light.d, point.medium, lit), seed, lit)
+        result = dr.select(lit, value * passed, 0)
+
+        lobe, turn = samples.single(order, _LOBE, step), samples.pair(order, _TURN, step)
+        sample, weight = bsdf.sample(context, hit, lobe, mi.Point2f(turn), active)
+        reflected = active & (sample.pdf > 0) & (dr.max(Array3f(weight)) > 0)
+        direction = hit.to_world(sample.wo)
+        start = media.beyond(hit, direction, point.medium, reflected)
+        passed, met = through(plugin, media, hit.spawn_ray(direction), start, ~seed, reflected)
+        emitter = met.emitter(plugin, reflected)
+        seen = mi.DirectionSample3f(plugin, met, hit)
+        other = plugin.pdf_emitter_direction(hit, seen, reflected & (emitter != None))  # noqa: E711 - of arrays
+        value = Array3f(weight) * Array3f(emitter.eval(met, reflected)) * passed * power_heuristic(sample.pdf, other)
+        return result + dr.select(reflected, value, 0)

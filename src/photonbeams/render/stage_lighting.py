@@ -1,0 +1,190 @@
+"""The lamps of a stage: as camera paths see them, and as they light surfaces, by the light that makes their beams, too.
+
+From each lamp one sample, and one sample of the BSDF for all of them, combined by multiple importance sampling (power
+heuristic, Veach 1997). Lamps hide what is behind them from the camera, and cast no shadows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from copy import copy
+from typing import Any
+
+import drjit as dr
+
+from ..numerics.hashing import hash32
+from ..numerics.sampling import power_heuristic
+from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
+from ..world.stage_world import Lamps, Links, StageWorld
+from .camera_paths import Lamp, ShadingPoint
+
+mi = mitsuba()
+
+_BSDF, _LIGHT, _DOME = 2, 3, 4  # streams of samples
+
+# Part of the distance by which shadow rays end before their light, which may lie on a surface.
+_EARLIER = 1e-4
+
+
+class StageLighting:
+    """The lamps and environments of a stage, and its surfaces that glow."""
+
+    def __init__(self, world: StageWorld) -> None:
+        self._world = world
+
+    def lamp(self, origin: Array3f, direction: Array3f) -> Lamp | None:
+        """Return the nearest lamp that rays see shine; a lamp that is dark from there is not there."""
+        if not self._world.lamps:
+            return None
+
+        def nearer(light: Any, _: UInt32, state: tuple[Any, ...]) -> tuple[Any, ...]:
+            distance, radiance = state
+            sight = light.see(origin, direction)
+            front = sight.hit & (sight.distance < distance) & (dr.max(sight.radiance) > 0)
+            return dr.select(front, sight.distance, distance), dr.select(front, sight.radiance, radiance)
+
+        width = max(dr.width(origin), dr.width(direction))
+        state: tuple[Any, ...] = (dr.full(Float, dr.inf, width), dr.zeros(Array3f, width))
+        for lamps in self._world.lamps:
+            state = _each(lamps, state, nearer)
+        return Lamp(*state)
+
+    def emission(self, hit: Any, origin: Array3f, direction: Array3f, active: Bool) -> Array3f:
+        """Return the radiance of surfaces that glow, to both sides, and of the background where nothing is met."""
+        met = hit.is_valid()
+        glow = self._glow(hit, active & met)
+        return glow + dr.select(active & ~met, self._background(origin, direction), 0)
+
+    def _background(self, origin: Array3f, direction: Array3f) -> Array3f:
+        """Return the radiance of what is infinitely far away: environments and the discs of distant lights."""
+        result = dr.zeros(Array3f, max(dr.width(origin), dr.width(direction)))
+        for dome, _ in self._world.domes:
+            result += dome.see(origin, direction).radiance
+
+        def add(light: Any, _: UInt32, state: tuple[Any, ...]) -> tuple[Any, ...]:
+            sight = light.see(origin, direction)
+            return (state[0] + dr.select(dr.isfinite(sight.distance), 0, sight.radiance),)
+
+        for lamps in self._world.lamps:
+            (result,) = _each(lamps, (result,), add)
+        return result
+
+    def _glow(self, hit: Any, active: Bool) -> Array3f:
+        if not self._world.glowing:
+            return dr.zeros(Array3f, dr.width(hit.t))
+        incident = mi.Vector3f(hit.wi)
+        front = mi.SurfaceInteraction3f(hit)
+        front.wi = mi.Vector3f(incident.x, incident.y, dr.abs(incident.z))  # Mitsuba's emitters are one-sided
+        return Array3f(front.emitter(self._world.plugin).eval(front, active))
+
+    def direct(self, point: ShadingPoint, active: Bool) -> Array3f:
+        """Return the light of all lamps that surfaces reflect to the eye, one sample of each."""
+        world, radiance = self._world, dr.zeros(Array3f, dr.width(point.hit.t))
+        if not world.lamps and not world.domes:
+            return radiance
+        reflection = _Reflection(world, point, active)
+        for kind, lamps in enumerate(world.lamps):
+            (radiance,) = _each(lamps, (radiance,), _adding(world, reflection, lamps.links, kind))
+        for number, (dome, links) in enumerate(world.domes):
+            radiance += _reflected(*_linked(world, reflection, links), dome, (UInt32(_DOME + 16 * number),))
+        return radiance
+
+
+def _each(lamps: Lamps, state: tuple[Any, ...], body: Any) -> tuple[Any, ...]:
+    """Return `state` after body(light, number, state) for each light of a kind, as a loop in the kernel."""
+
+    def step(number: UInt32, *state: Any) -> tuple[Any, ...]:
+        return (number + 1, *body(lamps.light(number), number, state))
+
+    # The counter is as wide as the rest, for loops want one width.
+    start = dr.zeros(UInt32, dr.width(state))
+    return dr.while_loop((start, *state), lambda number, *_: number < lamps.count, step, label=lamps.kind.__name__)[1:]
+
+
+class _Reflection:
+    """A surface's BSDF at hits, and one sample of it."""
+
+    def __init__(self, world: StageWorld, point: ShadingPoint, active: Bool) -> None:
+        hit = point.hit
+        self.point, self.hit, self.active = point, hit, active
+        self.bsdf = hit.bsdf()
+        self.context = mi.BSDFContext()
+        # A cut-out surface was drawn to stop the ray; undo the factor of opacity that Mitsuba's `mask` puts on top.
+        self.opacity = world.opacity(hit, active)
+        lobe = point.samples.single(point.order, _BSDF, point.step)
+        u = point.samples.pair(point.order, _BSDF, point.step)
+        sample, weight = self.bsdf.sample(self.context, hit, lobe * self.opacity, mi.Point2f(u), active)
+        self.pdf = sample.pdf / self.opacity
+        ideal = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Delta)  # which camera paths follow
+        self.weight = dr.select(active & (self.pdf > 0) & ~ideal, Array3f(weight), 0)
+        self.direction = Array3f(hit.to_world(sample.wo))
+        self.seed = point.samples.bits(point.order, _LIGHT, point.step)
+        self.origin = Array3f(hit.spawn_ray(mi.Vector3f(self.direction)).o)
+        self.open = self._open(world)
+
+    def _open(self, world: StageWorld) -> Bool:
+        """Return whether the sample meets no surface at all: tested at half the time that the nearest one takes."""
+        alive = self.active & (dr.max(self.weight) > 0)
+        return alive & ~world.blocked(self.origin, self.direction, Float(dr.inf), alive, self.seed)
+
+    def sees(self, world: StageWorld, met: Bool, distance: Float) -> Bool:
+        """Return which samples that meet a light, at some distance, see it."""
+        # Small lights are met seldom. The seed is that of `open`: a cut-out that lets one ray through lets the other.
+        behind = met & ~self.open & dr.isfinite(distance)
+        reach = distance * (1 - _EARLIER)
+        return met & (self.open | (behind & ~world.blocked(self.origin, self.direction, reach, behind, self.seed)))
+
+    def of_lights(self, links: Links) -> _Reflection:
+        """Return the reflection of lights that light some surfaces, and that some surfaces stop."""
+        result = copy(self)
+        result.active = links.lights(self.hit, self.active)
+        result.weight = dr.select(result.active, self.weight, 0)
+        result.open = result._open(links.world)
+        return result
+
+    def evaluate(self, direction: Array3f) -> tuple[Array3f, Float]:
+        """Return BSDF times cosine, and the pdf of sampling that direction."""
+        wo = self.hit.to_local(mi.Vector3f(direction))
+        value, pdf = self.bsdf.eval_pdf(self.context, self.hit, wo, self.active)
+        return Array3f(value) / self.opacity, pdf / self.opacity
+
+
+def _adding(
+    world: StageWorld, reflection: _Reflection, links: Links | None, kind: int
+) -> Callable[..., tuple[Any, ...]]:
+    """Return what adds a light of a kind to the radiance, in a loop over them."""
+    stopping, reflection = _linked(world, reflection, links)
+
+    def add(light: Any, number: UInt32, state: tuple[Any, ...]) -> tuple[Any, ...]:
+        return (state[0] + _reflected(stopping, reflection, light, (UInt32(_LIGHT + 16 * kind), number)),)
+
+    return add
+
+
+def _linked(world: StageWorld, reflection: _Reflection, links: Links | None) -> tuple[StageWorld, _Reflection]:
+    """Return the surfaces that stop lights with these links, and the hits that they light."""
+    return (world, reflection) if links is None else (links.world, reflection.of_lights(links))
+
+
+def _reflected(world: StageWorld, reflection: _Reflection, light: Any, names: tuple[Any, ...]) -> Array3f:
+    """Return what a surface reflects of one light: a sample of the light and the sample of the BSDF, weighted."""
+    hit, point = reflection.hit, reflection.point
+    place, medium = Array3f(hit.p), point.medium
+    stream = (*names, point.step)
+    sample = light.illuminate(place, point.samples.pair(point.order, *stream))
+    value, pdf = reflection.evaluate(sample.direction)
+    weight = dr.select(sample.pdf > 0, power_heuristic(sample.pdf, pdf), 1)
+    value = value * sample.weight * weight
+    useful = reflection.active & (dr.max(value) > 0)
+    start = Array3f(hit.spawn_ray(mi.Vector3f(sample.direction)).o)
+    reach = sample.distance * (1 - _EARLIER)
+    seed = point.samples.bits(point.order, *stream)
+    free = useful & ~world.blocked(start, sample.direction, reach, useful, seed)
+    dimming = world.dimming(start, sample.direction, sample.distance, medium, seed, free)
+    result = dr.select(free, value * dimming, 0)
+
+    sight = light.see(place, reflection.direction)
+    met = reflection.sees(world, sight.hit & (dr.max(reflection.weight) > 0), sight.distance)
+    weight = power_heuristic(reflection.pdf, sight.pdf)
+    dimming = world.dimming(start, reflection.direction, sight.distance, medium, hash32(seed), met)
+    return result + dr.select(met, reflection.weight * sight.radiance * weight * dimming, 0)

@@ -1,0 +1,309 @@
+"""Simulation: the beams and the photons of a pass, from light paths through a world."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import zip_longest
+from typing import TYPE_CHECKING
+
+import drjit as dr
+import numpy as np
+
+from .. import scene
+from ..beams import Beams
+from ..beams.sets import BeamSet
+from ..numerics.arrays import compressed
+from ..numerics.hashing import key_of
+from ..runtime.device import Bool, Float, UInt32
+from ..world.media import RenderedMedium
+from ..world.portals import count_candidates
+from ..world.sources import Source
+from ..world.stage_world import StageWorld
+from ..world.world import World
+from . import paths
+from .beams import Cutting, moving_sets, sets_of
+from .emission import Emission, Stratum, probed_flux
+from .lamps import LampEmitter
+from .radii import Limits
+
+if TYPE_CHECKING:
+    from ..looks import Look
+
+LIGHT_SIDE = 0.25  # the fraction of a lamp's beams that do not go through its portal, where they are seen
+
+# How many paths at most are tried for one whose light its lamp's images leave.
+_MOST_DARK, _MOST_PATHS = 64, 1 << 22
+
+_PORTAL, _ALL = 0, 1  # names of strata in seeds
+
+# Least and greatest radius in units of a medium's radius (of photons: the world's), and the greatest in free paths.
+# Wide beams stick out of small media, and blur what changes within a free path: at these bounds a ball of 10 free paths
+# is 1 to 3 % dark after 16 passes, 10 % in its rim, and noise is what it is with beams twice as wide.
+FLOOR, CEILING, FREE_PATHS = 1e-4, 0.05, 0.25
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """How light paths are traced: the fields of `render.settings.Settings` that say so."""
+
+    seed: int = 0
+    max_events: int | None = None
+    rr_depth: int = 5
+    overlap: float = 2.2
+    alpha: float = 0.7
+    radius: float | None = None
+    min_radius: float | None = None
+    max_radius: float | None = None
+    short: bool = False
+    surfaces: bool = True
+
+
+def shrunk(alpha: float, number: int) -> float:
+    """Return the factor on all radii in a pass: R_{i+1} / R_i = (i + α) / (i + 1) (Progressive Photon Beams)."""
+    return float(np.prod([(i + alpha) / (i + 1) for i in range(1, number + 1)]))
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """Light paths through a world, pass by pass.
+
+    Attributes
+    ----------
+    world, emission, tuning
+        What light meets, where it begins, and how it is traced.
+    sources
+        What the beams of each emitter have in common.
+    sizes
+        Radius of each medium, by number; without one it is the world's.
+    named
+        Whether beams have what looks and programs may ask for.
+    """
+
+    world: World
+    emission: Emission
+    tuning: Tuning
+    sources: Sequence[Source]
+    sizes: Mapping[int, float]
+    named: bool = False
+
+    def simulated(self, number: int, least: int = 0) -> tuple[list[BeamSet], list[paths.PhotonHits]]:
+        """Return the beams of pass `number` whose light was scattered `least` times, and its photons on surfaces."""
+        tracing = self.tracing(number)
+        steps = list(paths.trace(tracing, paths.begin(tracing, self.emission.emit(number))))
+        segments = [each for each, _ in steps if each is not None]
+        if least:
+            kept = (compressed(each.depth >= dr.opaque(UInt32, least), each) for each in segments)
+            segments = [part for parts in kept for part in parts]
+        hits = [each for _, each in steps if each is not None] if self.tuning.surfaces else []
+        return sets_of(self.cuttings(number), segments), hits
+
+    def moved(self, last: World, later: Sequence[Stratum], number: int) -> list[BeamSet]:
+        """Return beams straight from their lamps, and where they are in the world `last`, whose lamps are `later`."""
+        tracing = [self.tracing(number), replace(self, world=last).tracing(number)]
+        emitted = [self.emission.emit(number), [each.emit(number) for each in later]]
+        begun = [paths.leaving(*each) for each in zip(tracing, emitted, strict=True)]
+        if begun[0] is None or begun[1] is None:
+            return []
+        alive = (begun[0].initial > 0) | (begun[1].initial > 0)
+        kept = compressed(alive, *begun)
+        if not kept:
+            return []
+        both = [paths.straight(each, start) for each, start in zip(tracing, kept, strict=True)]
+        steps = []
+        for (opened, there), (closed, then) in zip_longest(*both, fillvalue=(None, None)):
+            opened, closed = opened or closed, closed or opened  # the one that has ended stands where the other is
+            nowhere = dr.zeros(Bool, dr.width(opened.length))
+            steps.append(((opened, closed), (nowhere if there is None else there, nowhere if then is None else then)))
+        return moving_sets(self.cuttings(number), steps, last.sources)
+
+    def tracing(self, number: int, max_events: int | None = None) -> paths.Tracing:
+        """Return how the light paths of a pass are traced; `max_events` bounds their scattering events further."""
+        tuning = self.tuning
+        region = min(max(self.sizes.values(), default=np.inf), self.world.radius)
+        return paths.Tracing(
+            self.world, tuning.max_events if max_events is None else max_events, tuning.rr_depth, tuning.overlap,
+            region, self.emission.count, float(self.emission.power.max()), tuning.short, shrunk(tuning.alpha, number),
+        )  # fmt: skip
+
+    def cuttings(self, number: int) -> list[Cutting]:
+        """Return how the segments of a pass become beams, for each emitter that makes some and each medium."""
+        media = [each for each in self.world.media.all if max(each.medium.scattering) > 0]
+        makers = [source for source in self.sources if source.beams]
+        return [
+            Cutting(medium, source, *self._both_limits(number, medium), self.named, self.tuning.short)
+            for source in makers
+            for medium in media
+        ]
+
+    def _both_limits(self, number: int, medium: RenderedMedium) -> tuple[Limits, Limits]:
+        """Return the bounds of radii of scattered light, and of light straight from an emitter."""
+        limits = self.limits(number, medium)
+        if not self.world.narrows or self.tuning.radius or self.tuning.max_radius:
+            return limits, limits
+        return limits, limits._replace(ceiling=dr.opaque(Float, np.inf))  # they are kept out of walls one by one
+
+    def limits(self, number: int, medium: RenderedMedium | None = None) -> Limits:
+        """Return the bounds of radii of beams in a medium, or of photons, in a pass."""
+        tuning, size, widest = self.tuning, self.world.radius, np.inf
+        if medium is not None:
+            size = min(self.sizes.get(medium.number, np.inf), size)
+            if medium.tracked is None:
+                widest = FREE_PATHS / max(*medium.medium.extinction, 1e-30)
+        low = tuning.radius or tuning.min_radius or FLOOR * size
+        high = tuning.radius or tuning.max_radius or max(min(CEILING * size, widest), low)
+        scale = shrunk(tuning.alpha, number)
+        return Limits(*(dr.opaque(Float, each) for each in (low, high, scale)))
+
+
+def lamps_of(world: StageWorld, beams: int, seed: int, light_side: Collection[str]) -> list[Stratum]:
+    """Return the light paths of a stage's lamps that make beams: a fixed count each.
+
+    A lamp without a portal has one stratum: all its directions. A lamp with a portal has two that add up to it: the
+    paths through the portal and, where the camera sees the lamp's own side of it, all others.
+
+    Parameters
+    ----------
+    world
+        The stage.
+    beams, seed
+        Light paths a pass of lamps that do not say themselves; the seed of the sequences.
+    light_side
+        Names of lamps whose paths that miss the portal are wanted too.
+    """
+    result = []
+    for number, light in enumerate(world.description.lights):
+        count = beams if light.beam_count is None else light.beam_count
+        if not light.emits_beams or count <= 0:
+            continue
+        aside = count
+        if light.name in world.portals:
+            aside = max(1, round(LIGHT_SIDE * count)) if light.name in light_side else 0
+            result.append(_stratum(world, number, seed, count - aside, through=True))
+        if aside:
+            result.append(_stratum(world, number, seed, aside, through=False))
+    return result
+
+
+def _stratum(world: StageWorld, number: int, seed: int, count: int, through: bool) -> Stratum:
+    """Return the light paths of a lamp through its portal, or beside it, of which about `count` have light."""
+    light, source = world.description.lights[number], world.lights[number]
+    portal = world.portals.get(light.name)
+    emitter = LampEmitter(light, source, portal, through, world.bounds, number, world.link_of(light))
+    most = max(count, min(_MOST_DARK * count, _MOST_PATHS))
+    count = min(count_candidates(max(emitter.lit_fraction(), 1 / _MOST_DARK), count), most)
+    if through and portal is not None:
+        count = count_candidates(portal.fill, count)
+    own = _PORTAL if through else _ALL
+    return Stratum(emitter, count, (seed & 0xFFFFFFFF, light.seed & 0xFFFFFFFF, own, key_of(light.name)))
+
+
+def emission_of_lamps(strata: list[Stratum], probed: bool = True) -> Emission:
+    """Return the emission of lamps; their power is measured where it is wanted."""
+    power = np.zeros(3)
+    if probed:
+        power = power + sum(probed_flux(each.emitter, number) for number, each in enumerate(strata))
+    return Emission(strata, power)
+
+
+@dataclass(frozen=True)
+class StageSimulation:
+    """The beams and photons of a stage, pass by pass.
+
+    Attributes
+    ----------
+    tuning, beams
+        How light paths are traced, and how many a pass of lamps that do not say themselves.
+    light_side
+        Names of lamps whose paths that miss their portal are wanted too: see `portal_visibility`.
+    """
+
+    tuning: Tuning
+    beams: int = scene.DEFAULT_BEAMS
+    light_side: Collection[str] = ()
+
+    def simulated(
+        self, worlds: Sequence[StageWorld], number: int, looks: Mapping[str, Look | None] | None = None
+    ) -> tuple[list[BeamSet], list[paths.PhotonHits]]:
+        """Return the beams of pass `number` and its photons on surfaces.
+
+        Parameters
+        ----------
+        worlds
+            The stage as the pass opens and, where anything in it moves, as it closes. A light path straight from its
+            lamp has the same samples at both times; scattered light is that of the opening. What is the same object in
+            both is taken to be at rest.
+        looks
+            Looks by the names of lamps and drawn beams, instead of those that they have in the first world.
+        """
+        first, last = worlds[0], worlds[-1]
+        sources = tuple(
+            replace(each, look=each.look if looks is None else looks.get(each.name, each.look))
+            for each in first.sources
+        )
+        strata = lamps_of(first, self.beams, self.tuning.seed, self.light_side)
+        moving = [each for each in strata if each.emitter.source in _moving(first, last)]
+        scatters = self.tuning.max_events is None or self.tuning.max_events > 0
+        whole = Simulation(first, emission_of_lamps(strata, scatters), self.tuning, sources, {}, named=True)
+        if not moving:
+            sets, hits = whole.simulated(number)
+        else:
+            sets, hits = whole.simulated(number, least=1) if scatters else ([], [])
+            resting = [each for each in strata if each not in moving]
+            straight = replace(self.tuning, max_events=0)
+            if resting:
+                part = replace(whole, emission=emission_of_lamps(resting, False), tuning=straight)
+                sets += part.simulated(number)[0]
+            part = replace(whole, emission=emission_of_lamps(moving, False), tuning=straight)
+            later = lamps_of(last, self.beams, self.tuning.seed, self.light_side)
+            sets += part.moved(last, [later[strata.index(each)] for each in moving], number)
+        return sorted(sets, key=lambda each: each.light) + _drawn(first, last, looks or {}), hits
+
+    def limits(self, world: StageWorld, number: int) -> Limits:
+        """Return the bounds of radii of photons on surfaces in a pass."""
+        return Simulation(world, Emission([], np.zeros(3)), self.tuning, (), {}).limits(number)
+
+
+def _moving(first: StageWorld, last: StageWorld) -> set[int]:
+    """Return the numbers of lamps whose straight light is not the same at both times."""
+    lamps = list(zip(first.description.lights, last.description.lights, strict=True))
+    if last.surfaces is first.surfaces and last.media is first.media:
+        return {number for number, (light, later) in enumerate(lamps) if later is not light}
+    return set(range(len(lamps)))
+
+
+def _drawn(first: StageWorld, last: StageWorld, looks: Mapping[str, Look | None]) -> list[BeamSet]:
+    """Return the beams that someone drew, by the media in which they begin."""
+    sets = []
+    for number, drawn in enumerate(first.description.drawn):
+        later = last.description.drawn[number]
+        moved = Beams(**later.arrays()) if later is not drawn and _are_same(drawn, later) else None
+        look, index = looks.get(drawn.name, drawn.look), len(first.description.lights) + number
+        beams = Beams(**drawn.arrays())
+        whole = BeamSet(drawn.group, look, beams, moved, drawn.name, index)
+        sets += _by_media(first, whole)
+    return sets
+
+
+def _by_media(world: StageWorld, whole: BeamSet) -> list[BeamSet]:
+    """Return a set of beams in parts that begin in different media; those that begin in none are not seen."""
+    media = world.media.all
+    if len(media) < 2 and not world.borders:
+        return [whole._replace(medium=each.number) for each in media]
+    beams = whole.beams
+    axis = beams.end - beams.start
+    middle = beams.start + 0.5 * axis
+    found = world.medium_at(middle, dr.normalize(axis), dr.full(Bool, True, len(beams)))
+    states = [beams] if whole.close is None else [beams, whole.close]
+    result = []
+    for each in media:
+        kept = compressed(found == dr.opaque(UInt32, each.number), *states)
+        if kept:
+            close = kept[1] if len(kept) > 1 else None
+            result.append(whole._replace(beams=kept[0], close=close, medium=each.number))
+    return result
+
+
+def _are_same(drawn: scene.DrawnBeams, later: scene.DrawnBeams) -> bool:
+    """Return whether drawn beams can be followed from one time to the other."""
+    return len(later.start) == len(drawn.start) and later.arrays().keys() == drawn.arrays().keys()

@@ -1,0 +1,48 @@
+"""Where light comes from, as pictures tell it apart: an emitter, or several that share a group and a look."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from ..looks import Look
+    from ..scene import Array
+
+#: What becomes of a lamp's scattered beams: they are physical, have the lamp's look, or are left out.
+SCATTERED = ("physical", "look", "off")
+
+
+@dataclass(frozen=True)
+class Source:
+    """What the beams of an emitter have in common.
+
+    Attributes
+    ----------
+    number, name
+        The emitter's place among those of the world, and its name.
+    group, look
+        Its light group, and the look of its beams (None: physical).
+    beams, beam_scale, scattered
+        Whether it makes beams; a factor on their power; and what becomes of scattered beams, one of `SCATTERED`.
+    surfaces
+        Whether it lights surfaces.
+    bounces
+        How often its light is scattered before it is scattered toward the camera; None: as often as the settings say.
+    to_world
+        (4, 4) from the light's own space, for looks.
+    guides
+        Points along each of the curves that lead its beams.
+    """
+
+    number: int = 0
+    name: str = ""
+    group: str = ""
+    look: Look | None = None
+    beams: bool = True
+    beam_scale: float = 1.0
+    scattered: str = "physical"
+    surfaces: bool = True
+    bounces: int | None = None
+    to_world: Array | None = None
+    guides: tuple[Any, ...] = ()

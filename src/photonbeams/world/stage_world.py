@@ -1,0 +1,451 @@
+"""The shot as Mitsuba sees it: surfaces to hit, fog to pass, portals and lights, and the sphere around it all.
+
+Lights are not in the Mitsuba scene: `world.lights` samples and intersects them, so that beams and surfaces see the
+same light. A surface that glows is an `area` emitter, read where a ray hits it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import drjit as dr
+import numpy as np
+
+from .. import scene
+from ..numerics.arrays import opaque, to_uint
+from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
+from .bounds import Bounds, bounding_sphere
+from .gobos import Images, Masked, bare, masked, pack_masked
+from .lights import DistantSource, DomeSource, FlatSource, Light, SphereSource, pack, source
+from .media import Media, medium_at
+from .portals import Portal
+from .shapes import cut_out, glows, outward, scene_of, shape_of, shapes_of
+from .sources import Source
+from .visibility import through
+from .world import World, translucent
+
+mi = mitsuba()
+
+
+class Fog:
+    """The medium: its extinction (opaque) and its boundary, or None where it fills the whole space."""
+
+    def __init__(self, medium: scene.Medium) -> None:
+        self.medium = medium
+        self.extinction = opaque(medium.extinction)
+        self.boundary = None
+        if medium.mesh is not None:
+            self.step = opaque(1e-4 * float(np.linalg.norm(np.ptp(medium.mesh.points, axis=0))))
+            self.boundary = mi.load_dict({"type": "scene", "boundary": shape_of(outward(medium.mesh))})
+
+    def interval(self, origin: Array3f, direction: Array3f) -> tuple[Float, Float, Array3f]:
+        """Return the first stretch [enter, exit] of a ray inside the fog, and the outward normal at the exit.
+
+        A ray that misses the fog enters at infinity and exits at 0. `exit` is infinite without a boundary.
+        """
+        if self.boundary is None:
+            nowhere = 0 * origin.x + 0 * direction.x
+            return nowhere, dr.inf + nowhere, direction + nowhere
+        first = self.boundary.ray_intersect(mi.Ray3f(mi.Point3f(origin), mi.Vector3f(direction)))
+        hit = first.is_valid()
+        inside = hit & (dr.dot(Array3f(first.n), direction) > 0)
+        beyond = origin + (dr.select(hit, first.t, 0) + self.step) * direction
+        second = self.boundary.ray_intersect(mi.Ray3f(mi.Point3f(beyond), mi.Vector3f(direction)), hit & ~inside)
+        through = hit & ~inside & second.is_valid()
+        enter = dr.select(inside, 0, dr.select(through, first.t, dr.inf))
+        leave = dr.select(inside, first.t, dr.select(through, first.t + self.step + second.t, 0))
+        return enter, leave, Array3f(dr.select(inside, first.n, second.n))
+
+    def length(self, origin: Array3f, direction: Array3f, distance: Float) -> Float:
+        """Return how much of a ray, up to `distance`, lies in the fog.
+
+        An unbounded fog does not dim what is infinitely far away, or no sky would shine through it: length 0.
+        """
+        if self.boundary is None:
+            return dr.select(dr.isfinite(distance), distance, 0)
+        enter, leave, _ = self.interval(origin, direction)
+        return dr.maximum(dr.minimum(leave, distance) - enter, 0)
+
+    def transmittance(self, origin: Array3f, direction: Array3f, distance: Float) -> Array3f:
+        """Return exp(−σt · length) up to `distance`."""
+        return dr.exp(-self.extinction * self.length(origin, direction, distance))
+
+
+class Links(NamedTuple):
+    """What lights are linked to: the world with the surfaces that stop them, and by shape whether they light it."""
+
+    world: StageWorld
+    lit: Any | None
+
+    def lights(self, hit: Any, active: Bool) -> Bool:
+        """Return which of the active hits are on surfaces that the lights shine on."""
+        if self.lit is None:
+            return active
+        return active & (dr.gather(UInt32, self.lit, _number(hit.shape), active) > 0)
+
+
+class Lamps(NamedTuple):
+    """All lights of one kind and the same links: a struct of arrays of it, their number (opaque), and more.
+
+    `pixels` are the images of lights that are behind some. `links` says what they light, None everything.
+    """
+
+    kind: Any
+    packed: Any
+    count: Any
+    pixels: dict[str, Any]
+    links: Links | None
+
+    @classmethod
+    def of(cls, sources: Sequence[Any], links: Links | None) -> Lamps:
+        """Return lights of one kind, packed."""
+        kind, count = type(sources[0]), dr.opaque(UInt32, len(sources))
+        if not isinstance(sources[0], Masked):
+            return cls(kind, pack(sources), count, {}, links)
+        packed, pixels = pack_masked(sources)
+        return cls(kind, packed, count, pixels, links)
+
+    def light(self, number: UInt32) -> Any:
+        """Return one of the lights, in a loop over them."""
+        light = dr.gather(self.kind, self.packed, number)
+        return light.with_pixels(self.pixels) if self.pixels else light
+
+
+@dataclass(frozen=True)
+class StageWorld(World):
+    """All of a shot but its camera, ready for rays.
+
+    Attributes
+    ----------
+    description
+        The plain numbers that it was built from.
+    meshes, shapes, surfaces
+        What is a surface, each as a Mitsuba shape, and the Mitsuba scene of them (Embree on the CPU, OptiX on a GPU).
+    blockers
+        Mitsuba scenes without some of the surfaces, by their names: what stops lights that those do not stop.
+    plugin
+        The Mitsuba scene of the surfaces and of the boundaries of media.
+    media
+        The media.
+    lights, portals
+        The lights as Dr.Jit sees them, in the order of `description.lights`, and by the name of the light its portal.
+    images
+        The images before lights and on portals that are on the device.
+    fog
+        The medium, or None.
+    bounds, radius
+        A sphere around everything, including the viewpoints.
+    cutouts, glowing, translucent
+        Whether any surface lets rays pass, whether any emits light, and whether light passes any that scatters it.
+    """
+
+    description: scene.Scene
+    meshes: tuple[scene.Mesh, ...]
+    shapes: tuple[Any, ...]
+    surfaces: Any
+    blockers: dict[frozenset[str], Any]
+    plugin: Any
+    media: Media
+    borders: tuple[Any, ...]
+    lights: tuple[Light, ...]
+    portals: dict[str, Portal]
+    images: Images
+    fog: Fog | None
+    bounds: Bounds
+    radius: float
+    cutouts: bool
+    glowing: bool
+    translucent: bool
+    mirrors: bool = False
+    narrows: bool = True
+    perturbed: bool = False
+
+    @classmethod
+    def build(
+        cls,
+        description: scene.Scene,
+        viewpoints: Sequence[Any] = (),
+        like: StageWorld | None = None,
+        sharp: bool = False,
+    ) -> StageWorld:
+        """Build the world of a scene.
+
+        Parameters
+        ----------
+        description
+            The scene.
+        viewpoints
+            The camera's positions, which the bounds shall contain where the scene does not give its own.
+        like
+            A world of the same shot at another time: what is the same object in both scenes is not built again.
+
+        Raises
+        ------
+        SceneError
+            If a portal has no area.
+        """
+        center, radius = description.bounds or bounding_sphere([description], viewpoints)
+        medium = description.medium
+        hidden = {light.portal.name for light in description.lights if light.portal is not None}
+        hidden |= {medium.mesh.name} if medium is not None and medium.mesh is not None else set()
+        meshes = tuple(mesh for mesh in description.meshes if mesh.name not in hidden and len(mesh.faces))
+        still = like is not None and _same(meshes, like.meshes)
+        shapes = like.shapes if like is not None and still else shapes_of(meshes)
+        surfaces = like.surfaces if like is not None and still else scene_of(shapes)
+        media, borders = _media(description, like)
+        kept = like is not None and still and borders is like.borders
+        plugin = like.plugin if kept else scene_of([*shapes, *borders]) if borders else surfaces  # type: ignore[union-attr]
+        portals = {
+            light.name: _known_portal(light, like) or Portal(light.portal, shape_of(light.portal))
+            for light in description.lights
+            if light.portal is not None
+        }
+        images = _known_images(description, like)
+        return cls(
+            description=description,
+            meshes=meshes,
+            shapes=shapes,
+            surfaces=surfaces,
+            plugin=plugin,
+            media=media,
+            borders=borders,
+            blockers=_blockers(description, meshes, shapes, like.blockers if like is not None and still else {}),
+            lights=tuple(masked(source(light), light, portals.get(light.name), images) for light in description.lights),
+            portals=portals,
+            images=images,
+            fog=_fog(medium, like),
+            bounds=Bounds(center, radius),
+            radius=radius,
+            cutouts=any(cut_out(mesh.material) for mesh in meshes),
+            glowing=any(glows(mesh.material) for mesh in meshes),
+            translucent=translucent(plugin),
+        )
+
+    @cached_property
+    def lamps(self) -> tuple[Lamps, ...]:
+        """The lights of surfaces, packed by kind, for loops over them; domes are in `domes`."""
+        lights = zip(self.description.lights, self.lights, strict=True)
+        nothing: tuple[frozenset[str], ...] = (frozenset(), frozenset())
+        groups: dict[Any, list[Any]] = {(kind, *nothing): [] for kind in (SphereSource, FlatSource, DistantSource)}
+        for light, item in lights:
+            if light.lights_surfaces and max(light.radiance) > 0 and not isinstance(bare(item), DomeSource):
+                groups.setdefault((type(item), *self._linked(light)), []).append(item)
+        return tuple(Lamps.of(items, self._links(*key[1:])) for key, items in groups.items() if items)
+
+    @cached_property
+    def domes(self) -> tuple[tuple[Any, Links | None], ...]:
+        """The environments, and what they light."""
+        lights = zip(self.description.lights, self.lights, strict=True)
+        return tuple(
+            (item, self._links(*self._linked(light)))
+            for light, item in lights
+            if isinstance(bare(item), DomeSource) and light.lights_surfaces
+        )
+
+    def stopping(self, light: scene.Light) -> StageWorld:
+        """Return the world with those surfaces alone that stop a light: itself, where all do."""
+        _, unshadowed = self._linked(light)
+        return replace(self, surfaces=self.blockers[unshadowed]) if unshadowed else self
+
+    def _linked(self, light: scene.Light) -> tuple[frozenset[str], frozenset[str]]:
+        """Return which of the surfaces a light does not light, and which do not stop it."""
+        return _among(light.unlit, self.meshes), _among(light.unshadowed, self.meshes)
+
+    def _links(self, unlit: frozenset[str], unshadowed: frozenset[str]) -> Links | None:
+        if not unlit and not unshadowed:
+            return None
+        world = replace(self, surfaces=self.blockers[unshadowed]) if unshadowed else self
+        return Links(world, self._lit_shapes(unlit) if unlit else None)
+
+    def _lit_shapes(self, unlit: frozenset[str]) -> Any:
+        """Return by the number that Mitsuba gave each shape whether it is lit, 1 or 0."""
+        numbers = [int(_number(mi.ShapePtr(shape))[0]) for shape in self.shapes]
+        table = np.zeros(max(numbers, default=0) + 2, dtype=np.uint32)
+        table[numbers] = [mesh.name not in unlit for mesh in self.meshes]
+        return to_uint(table)
+
+    @property
+    def sharp(self) -> bool:
+        """Whether anything may send camera paths on: a boundary of media, a mirror, glass."""
+        return self.mirrors or bool(self.borders)
+
+    def without_surfaces(self) -> StageWorld:
+        """Return the world with its media alone."""
+        return replace(self, plugin=self._boundaries, cutouts=False, mirrors=False)
+
+    @cached_property
+    def sources(self) -> tuple[Source, ...]:  # type: ignore[override]
+        """What the beams of each light have in common."""
+        return tuple(_source(number, light) for number, light in enumerate(self.description.lights))
+
+    @cached_property
+    def _unshadowing(self) -> list[frozenset[str]]:
+        return sorted(self.blockers, key=sorted)
+
+    def link_of(self, light: scene.Light) -> int:
+        """Return the number of the surfaces that stop a light."""
+        _, unshadowed = self._linked(light)
+        return self._unshadowing.index(unshadowed) + 1 if unshadowed else 0
+
+    @cached_property
+    def _stoppers(self) -> list[Any]:
+        if not self.borders:
+            return [self.blockers[names] for names in self._unshadowing]
+        shapes = list(zip(self.meshes, self.shapes, strict=True))
+        return [
+            scene_of([*(shape for mesh, shape in shapes if mesh.name not in names), *self.borders])
+            for names in self._unshadowing
+        ]
+
+    def stoppers(self) -> Sequence[Any]:
+        """Return Mitsuba scenes that stop light instead of `plugin`, by link number less 1."""
+        return self._stoppers
+
+    def escape(self, origin: Array3f, direction: Array3f) -> Float:
+        """Return how far light goes that meets nothing."""
+        return self.bounds.exit(origin, direction, scene.ESCAPE)
+
+    def medium_of_emission(self, origin: Array3f, direction: Array3f, source: UInt32, active: Bool) -> UInt32:
+        """Return the numbers of the media in which light paths begin."""
+        return self.medium_at(origin, direction, active)
+
+    def medium_of_view(self, origin: Array3f, direction: Array3f) -> UInt32:
+        """Return the numbers of the media in which camera rays begin."""
+        return self.medium_at(origin, direction, Bool(True))
+
+    def dimming(
+        self, origin: Array3f, direction: Array3f, distance: Float, medium: UInt32, seed: UInt32, active: Bool
+    ) -> Array3f:
+        """Return the transmittance, as surfaces feel it, along rays that begin in a medium and meet no surface."""
+        if not self.media.all:
+            return Array3f(1)
+        if not self.borders:
+            passed = self.media.transmittance(medium, origin, direction, distance, seed, active)
+            return self.media.felt(medium, passed)
+        ray = mi.Ray3f(mi.Point3f(origin), mi.Vector3f(direction))
+        ray.maxt = dr.minimum(distance, dr.largest(Float))
+        return through(self._boundaries, self.media, ray, medium, seed, active)[0]
+
+    def medium_at(self, origin: Array3f, direction: Array3f, active: Bool) -> UInt32:
+        """Return the numbers of the media at points; rays along `direction` look for it."""
+        filling = dr.opaque(UInt32, self.media.filling)
+        if not self.borders:
+            return filling + dr.zeros(UInt32, max(dr.width(origin), dr.width(direction)))
+        return medium_at(self._boundaries, origin, direction, filling, active)
+
+    @cached_property
+    def _boundaries(self) -> Any:
+        return scene_of(self.borders)
+
+    def solid(self, origin: Array3f, direction: Array3f, active: Bool, seed: UInt32, link: UInt32 | None = None) -> Any:
+        """Return the first surface that rays hit, as a SurfaceInteraction3f; no boundary of a medium is one.
+
+        A surface of some opacity stops that part of the rays, decided by a hash of `seed`; the rest goes through.
+        """
+        others = [self.blockers[names] for names in self._unshadowing]
+        return self._first(self.surfaces, others, origin, direction, active, seed, link)
+
+    def blocked(
+        self, origin: Array3f, direction: Array3f, distance: Float, active: Bool, seed: UInt32,
+        link: UInt32 | None = None,
+    ) -> Bool:  # fmt: skip
+        """Return which rays hit a surface before `distance`."""
+        others = [self.blockers[names] for names in self._unshadowing] if link is not None else []
+        if not others:
+            return self._stopped(self.surfaces, origin, direction, distance, active, seed)
+        result = self._stopped(self.surfaces, origin, direction, distance, active & (link == 0), seed)
+        for number, each in enumerate(others, 1):
+            own = active & (link == dr.opaque(UInt32, number))
+            result |= self._stopped(each, origin, direction, distance, own, seed)
+        return result
+
+    def _stopped(
+        self, plugin: Any, origin: Array3f, direction: Array3f, distance: Float, active: Bool, seed: UInt32
+    ) -> Bool:
+        skip = self._skipped(plugin, origin, direction, active, seed) if self.cutouts else 0
+        ray = mi.Ray3f(mi.Point3f(origin + skip * direction), mi.Vector3f(direction))
+        ray.maxt = dr.minimum(distance, dr.largest(Float)) - skip
+        return plugin.ray_test(ray, active & (ray.maxt > 0))
+
+
+def _source(number: int, light: scene.Light) -> Source:
+    """Return what the beams of a light have in common."""
+    return Source(
+        number, light.name, light.group, light.look, light.emits_beams, light.beam_scale, light.scattered,
+        light.lights_surfaces, light.bounces, light.frame, light.guides,
+    )  # fmt: skip
+
+
+def _same(these: Sequence[Any], those: Sequence[Any]) -> bool:
+    return len(these) == len(those) and all(a is b for a, b in zip(these, those, strict=True))
+
+
+def _known_portal(light: scene.Light, like: StageWorld | None) -> Portal | None:
+    if like is None:
+        return None
+    return next((like.portals[each.name] for each in like.description.lights if each.portal is light.portal), None)
+
+
+def _known_images(description: scene.Scene, like: StageWorld | None) -> Images:
+    """Return those of the images of another world that this scene uses, too."""
+    gobos = [gobo for light in description.lights for gobo in (light.gobo, light.portal_gobo) if gobo is not None]
+    known = {} if like is None else like.images
+    return {id(gobo.image): known[id(gobo.image)] for gobo in gobos if id(gobo.image) in known}
+
+
+def _fog(medium: scene.Medium | None, like: StageWorld | None) -> Fog | None:
+    if medium is None:
+        return None
+    return like.fog if like is not None and like.description.medium is medium else Fog(medium)
+
+
+def _number(shape: Any) -> Any:
+    """Return the numbers by which Mitsuba knows shapes."""
+    return dr.reinterpret_array(UInt32, shape)
+
+
+def _among(names: frozenset[str], meshes: Sequence[scene.Mesh]) -> frozenset[str]:
+    """Return those of the names that are names of meshes."""
+    return names & frozenset(mesh.name for mesh in meshes) if names else names
+
+
+def _blockers(
+    description: scene.Scene, meshes: Sequence[scene.Mesh], shapes: Sequence[Any], known: dict[frozenset[str], Any]
+) -> dict[frozenset[str], Any]:
+    """Return the surfaces that stop lights which not all of them stop."""
+    absent = {_among(light.unshadowed, meshes) for light in description.lights} - {frozenset()}
+
+    def rest(names: frozenset[str]) -> Any:
+        return scene_of([shape for mesh, shape in zip(meshes, shapes, strict=True) if mesh.name not in names])
+
+    return {names: known.get(names) or rest(names) for names in absent}
+
+
+def _media(description: scene.Scene, like: StageWorld | None) -> tuple[Media, tuple[Any, ...]]:
+    """Return the media of a scene, and the boundaries of those that have any."""
+    if like is not None and like.description.medium is description.medium:
+        return like.media, like.borders
+    medium = description.medium
+    if medium is None:
+        return Media([]), ()
+    plugin = plugin_of(medium)
+    unfelt = () if medium.surfaces else (plugin,)
+    if medium.mesh is None:
+        return Media([plugin], filling=plugin, clear=True, unfelt=unfelt), ()
+    border = shape_of(outward(medium.mesh), mi.load_dict({"type": "null"}), interior=plugin)
+    return Media([plugin], clear=True, unfelt=unfelt), (border,)
+
+
+def plugin_of(medium: scene.Medium) -> Any:
+    """Return a medium as Mitsuba has it."""
+    extinction = np.array(medium.extinction)
+    albedo = np.array(medium.scattering) / np.maximum(extinction, 1e-30)
+    phase = {"type": "hg", "g": float(medium.anisotropy)} if medium.anisotropy else {"type": "isotropic"}
+    return mi.load_dict({
+        "type": "homogeneous", "phase": phase,
+        "sigma_t": {"type": "rgb", "value": extinction.tolist()},
+        "albedo": {"type": "rgb", "value": np.minimum(albedo, 1.0).tolist()},
+    })  # fmt: skip
