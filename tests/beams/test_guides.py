@@ -12,8 +12,8 @@ from photonbeams.beams.guides import Guide, led, pieces_along
 from photonbeams.beams.modify import bend
 from photonbeams.beams.programs import PassContext
 from photonbeams.scene import SceneError
-from photonbeams.transport import stage_paths as trace
 from photonbeams.world.stage_world import StageWorld
+from transport.stages import trace
 
 QUARTER = np.linspace(0, np.pi / 2, 200)
 #: From the origin along +x, then turning toward +y on a circle of radius 2 about (0, 2, 0).

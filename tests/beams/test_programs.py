@@ -15,10 +15,10 @@ from photonbeams.beams.sets import BeamSet
 from photonbeams.render.frame import Settings, render, simulate
 from photonbeams.runtime.device import Array3f, Float
 from photonbeams.scene import SceneError
-from photonbeams.transport import stage_paths as trace
 from photonbeams.world.cameras import Window
 from photonbeams.world.shutter import Moment, Shutter
 from photonbeams.world.stage_world import StageWorld
+from transport.stages import trace
 
 EYE = (0.0, 1.5, 1.95)
 CONTEXT = PassContext("/light")

@@ -10,9 +10,9 @@ from photonbeams.estimators.estimate import ENDLESS
 from photonbeams.estimators.image import PixelRays, estimate_image
 from photonbeams.estimators.points import Points
 from photonbeams.runtime.device import Bool, Float, UInt32
-from photonbeams.transport.stage_paths import trace
 from photonbeams.world.cameras import View, Window
 from photonbeams.world.stage_world import StageWorld
+from transport.stages import trace
 
 STAGE = Path(__file__).parents[2] / "examples" / "keyhole" / "keyhole.usda"
 FRAMES = range(1, 102)

@@ -9,10 +9,10 @@ import pytest
 from comparison import box, quad
 from photonbeams import scene
 from photonbeams.numerics.arrays import to_vectors
-from photonbeams.render.surfaces import shade
 from photonbeams.runtime.device import Array3f, Bool, UInt32, mitsuba
-from photonbeams.transport import stage_paths as trace
 from photonbeams.world.stage_world import StageWorld
+from render.shading import shade
+from transport.stages import trace
 
 DIFFUSE = scene.Material(diffuse=(0.6, 0.5, 0.4), roughness=1.0, ior=1.001)
 GLOSSY = scene.Material(diffuse=(0.2, 0.3, 0.4), roughness=0.25, metallic=0.3, clearcoat=0.5)
@@ -42,7 +42,7 @@ def render(world, origin, direction, passes=64):
     values = []
     for number in range(passes):
         index = dr.arange(UInt32, count) * passes + dr.opaque(UInt32, number)
-        result = shade(world, origin, direction, dr.full(Bool, True, count), index, dr.opaque(UInt32, 1))
+        result = shade(world, origin, direction, index)
         values.append(result.radiance.numpy().astype(np.float64))
     return np.mean(values, axis=0), np.var(values, axis=0), result
 
@@ -210,7 +210,7 @@ def test_the_open_shows_the_environment_without_alpha():
 def test_rays_that_are_not_active_see_nothing():
     origin, direction = rays([[0, 1, 4], [0, 1, 4]], [[0.0, 0, 0], [0, 5, 0]])
     world = built([FLOOR], LIGHT, scene.DomeLight("/dome", (1.0,) * 3))
-    result = shade(world, origin, direction, Bool([False, False]), UInt32([0, 1]), UInt32(0))
+    result = shade(world, origin, direction, UInt32([0, 1]), active=Bool([False, False]))
     assert np.all(result.radiance.numpy() == 0) and np.all(result.alpha.numpy() == 0)
 
 

@@ -6,7 +6,7 @@ import pytest
 
 from photonbeams.numerics.sampling import sobol_block
 from photonbeams.runtime.device import Float, mitsuba
-from photonbeams.transport.emission import Emitters
+from photonbeams.transport.scene_emitters import emission_of
 
 mi = mitsuba()
 AREA = {"emitter": {"type": "area", "radiance": {"type": "rgb", "value": [3.0, 2.0, 1.0]}}}
@@ -37,7 +37,7 @@ def scene_of(emitter):
 
 @pytest.mark.parametrize("name", FLUX)
 def test_paths_carry_the_power_of_their_emitter(name):
-    (emitted,) = Emitters(scene_of(EMITTERS[name])).emit(1024, 0)
+    (emitted,) = emission_of(scene_of(EMITTERS[name]), 1024, 10.0).emit(0)
     # Weights of these emitters are the same for all directions: only rounding is left.
     np.testing.assert_allclose(emitted.flux.numpy().sum(axis=1), FLUX[name] * np.array([3, 2, 1]), rtol=1e-4)
 
@@ -46,7 +46,7 @@ def test_paths_carry_the_power_of_their_emitter(name):
 def test_tangents_are_the_derivatives_of_rays(name):
     count, step = 64, 1e-3
     scene = scene_of(EMITTERS[name])
-    (emitted,) = Emitters(scene).emit(count, 0)
+    (emitted,) = emission_of(scene, count, 10.0).emit(0)
     base = np.concatenate([np.array(each) for each in sobol_block(count, 0, (0, 0))])
 
     def rays(numbers):
@@ -73,6 +73,6 @@ def test_emitters_share_paths_by_their_power():
         "dark": {"type": "point", "position": [0, 0, 3], "intensity": {"type": "rgb", "value": 0.0}},
     }
     scene = mi.load_dict({"type": "scene", **emitters})
-    emitted = Emitters(scene).emit(1000, 0)
+    emitted = emission_of(scene, 1000, 10.0).emit(0)
     heights = {round(float(each.origin.z.numpy()[0])): dr.width(each.origin) for each in emitted}
     assert heights == {1: 250, 2: 750}

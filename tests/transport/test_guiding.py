@@ -6,7 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from photonbeams.numerics.sampling import sobol_points
-from photonbeams.render.mitsuba_frame import Settings, render
+from photonbeams.render.mitsuba_frame import render
+from photonbeams.render.renderer import SceneFrame
+from photonbeams.render.settings import Settings
 from photonbeams.transport.guiding import Guide, learn
 from transport.scenes import camera, comparison, cube_of, fog, load, rgb
 
@@ -58,13 +60,13 @@ def test_emission_that_is_seen_everywhere_stays_even():
 def test_guiding_keeps_the_mean_and_makes_it_better():
     """The comparison scene: with guiding and without, the mean is that of the integral; pictures are closer with it."""
     scene = comparison(48, 27)
-    shared = {"passes": 1, "paths": 2048, "max_depth": 2, "surfaces": False}
+    shared = {"passes": 1, "beams": 2048, "max_depth": 2, "surfaces": False}
     reference = render(
-        scene, scene.sensors()[0], Settings(**{**shared, "passes": 8, "paths": 1 << 15}, seed=99)
-    ).layers()["beams"]  # fmt: skip
+        scene, scene.sensors()[0], Settings(**{**shared, "passes": 8, "beams": 1 << 15}, seed=99)
+    ).views()[0]["beams"]  # fmt: skip
     spreads = []
     for guiding in (True, False):
-        found = [render(scene, scene.sensors()[0], Settings(**shared, guiding=guiding, seed=seed)).layers()["beams"]
+        found = [render(scene, scene.sensors()[0], Settings(**shared, guiding=guiding, seed=seed)).views()[0]["beams"]
                  for seed in range(8)]  # fmt: skip
         means = np.array([each.mean() for each in found])
         assert abs(means.mean() / 0.1201 - 1) < 4 * means.std(ddof=1) / 0.1201 / np.sqrt(8) + 0.01
@@ -79,9 +81,9 @@ def test_lights_that_are_not_seen_get_fewer_paths():
         for name, place in (("seen", [0, 0, 0]), ("behind", [0, 0, 50]))
     }
     scene = load(fog=cube_of(fog(0.5)), sensor=camera(), **lights)
-    from photonbeams.render.mitsuba_frame import Frame
-
-    frame = Frame(scene, scene.sensors()[0], Settings())
-    shares = {tuple(np.round(np.array(plugin.bbox().center()).ravel())): share
-              for plugin, share in zip(frame._emitters._plugins, frame._emitters._shares, strict=True)}  # fmt: skip
-    assert shares[(0, 0, 0)] > 2.5 * shares[(0, 0, 50)] > 0
+    frame = SceneFrame(scene, scene.sensors()[0], Settings())
+    counts = {
+        tuple(np.round(np.array(scene.emitters()[number].bbox().center()).ravel())): stratum.count
+        for number, stratum in enumerate(frame.simulation.emission.strata)
+    }
+    assert counts[(0, 0, 0)] > 2.5 * counts[(0, 0, 50)] > 0

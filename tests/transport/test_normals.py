@@ -5,7 +5,7 @@ import pytest
 
 from photonbeams.render.mitsuba_frame import Settings, render
 from photonbeams.runtime.device import mitsuba
-from photonbeams.transport.events import perturbs
+from photonbeams.world.world import perturbs
 from transport.scenes import T, camera, load, rgb, volpath
 
 mi = mitsuba()

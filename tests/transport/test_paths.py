@@ -9,8 +9,9 @@ import pytest
 from photonbeams.numerics.sampling import sobol_block
 from photonbeams.runtime.device import Array3f, Float, UInt32, mitsuba
 from photonbeams.transport import paths
-from photonbeams.transport.emission import Emitters
+from photonbeams.transport.scene_emitters import emission_of
 from photonbeams.world.media import Media, number
+from photonbeams.world.scene_world import SceneWorld
 from transport.scenes import T, cube_of, fog, load, rgb
 
 mi = mitsuba()
@@ -26,32 +27,37 @@ def ball_in_fog(light=SPOT, **ball):
     return scene, medium
 
 
-def tracing(scene, media, **given):
-    plain = {"max_events": None, "rr_depth": 5, "overlap": OVERLAP, "reach": 1.0, "paths": COUNT, "power": 1.0,
-             "escape": 10.0}  # fmt: skip
-    return paths.Tracing(scene, Media(media), **{**plain, **given})
+def tracing(scene, medium, **given):
+    """Return how light paths are traced where a medium fills the space."""
+    world = SceneWorld(scene, None)
+    world.media, world.filling = Media([medium]), dr.opaque(UInt32, number(medium))
+    plain = {"max_events": None, "rr_depth": 5, "overlap": OVERLAP, "region": 1.0, "paths": COUNT, "power": 1.0}
+    return paths.Tracing(world, **{**plain, **given})
 
 
-def steps(tracing, emitted, medium, limit=12):
+def emitted(scene, count):
+    return emission_of(scene, count, 10.0).emit(0)
+
+
+def steps(tracing, begun, limit=12):
     """Return what the steps of light paths leave, as lists of (segments, photons on surfaces)."""
-    begun = paths.begin(tracing, emitted, UInt32(number(medium)))
     found = []
-    for each in paths.trace(tracing, begun, UInt32(3), UInt32(0)):
+    for each in paths.trace(tracing, paths.begin(tracing, begun)):
         found.append(each)
         if len(found) == limit:
             break
     return found
 
 
-def shifted(scene, emitters, k, step):
+def shifted(scene, k, step):
     """Return the light paths whose number k is larger by `step`."""
-    (emitted,) = emitters.emit(COUNT, 0)
+    (own,) = emitted(scene, COUNT)
     numbers = np.concatenate([np.array(each) for each in sobol_block(COUNT, 0, (0, 0))])
     numbers[k] += step
     u, v = (mi.Point2f(*(Float(row.astype(np.float32)) for row in pair)) for pair in (numbers[:2], numbers[2:]))
     ray, _ = scene.emitters()[0].sample_ray(Float(0), Float(0.5), u, v, True)
     nothing = dr.zeros(Array3f, COUNT)
-    return [replace(emitted, origin=Array3f(ray.o) + nothing, direction=Array3f(ray.d) + nothing)]
+    return [replace(own, origin=Array3f(ray.o) + nothing, direction=Array3f(ray.d) + nothing)]
 
 
 SPHERE_LIGHT = {"type": "sphere", "center": [-2.5, 1.5, 0.3], "radius": 0.3,
@@ -63,8 +69,8 @@ SPHERE_LIGHT = {"type": "sphere", "center": [-2.5, 1.5, 0.3], "radius": 0.3,
 def test_widths_follow_neighbours(light, seen_in):
     """The squared width is (overlap / 2)² times the mean squared distances to neighbours, one cell away each way."""
     scene, medium = ball_in_fog(light)
-    trace, emitters, step = tracing(scene, [medium]), Emitters(scene), 2e-4
-    base = steps(trace, emitters.emit(COUNT, 0), medium)[seen_in][0]
+    trace, step = tracing(scene, medium), 2e-4
+    base = steps(trace, emitted(scene, COUNT))[seen_in][0]
     own, direction = base.number.numpy(), base.direction.numpy()
     at = 1.5  # a distance along the segments
     spreads = np.zeros((4, len(own)))
@@ -72,7 +78,7 @@ def test_widths_follow_neighbours(light, seen_in):
     for k in range(4):
         ends = []
         for sign in (1, -1):
-            other = steps(trace, shifted(scene, emitters, k, sign * step), medium)[seen_in][0]
+            other = steps(trace, shifted(scene, k, sign * step))[seen_in][0]
             place = np.full((3, COUNT), np.nan)
             place[:, other.number.numpy()] = (other.origin + at * other.direction).numpy()
             ends.append(place[:, own])
@@ -95,7 +101,7 @@ def test_a_lens_has_its_focus_where_rays_meet():
     light = {"type": "directionalarea", "radiance": rgb(1.0)}
     lamp = {"type": "disk", "to_world": T().translate([0, 0, -3]).scale(0.04), "emitter": light}
     scene, medium = ball_in_fog(lamp)
-    segments = steps(tracing(scene, [medium]), Emitters(scene).emit(1024, 0), medium)[2][0]
+    segments = steps(tracing(scene, medium), emitted(scene, 1024))[2][0]
     behind = segments.direction.numpy()[2] > 0.9
     focus = (segments.origin + segments.width.focus() * segments.direction).numpy()[2][behind]
     assert behind.sum() > 500
@@ -107,10 +113,10 @@ def test_white_fog_neither_makes_nor_loses_light():
     """In fog that absorbs nothing, what is emitted is what leaves: segments that meet no surface, and no medium."""
     medium = mi.load_dict(fog([0.5, 1.0, 2.0], 1.0))
     scene = load(cube=cube_of(medium), light={"type": "point", "intensity": rgb([1.0, 2.0, 3.0])})
-    trace = tracing(scene, [medium], rr_depth=3)
-    begun = paths.begin(trace, Emitters(scene).emit(1 << 14, 0), UInt32(0))
+    trace = tracing(scene, medium, rr_depth=3)
+    begun = paths.begin(trace, emitted(scene, 1 << 14))
     entered, left = np.zeros(3), np.zeros(3)
-    for segments, _ in paths.trace(trace, begun, UInt32(3), UInt32(0)):
+    for segments, _ in paths.trace(trace, begun):
         if segments is not None:
             flux, length = segments.flux.numpy(), segments.length.numpy()
             left += (flux * np.exp(-np.array([[0.5], [1.0], [2.0]]) * length)).sum(axis=1)
@@ -123,8 +129,8 @@ def test_white_fog_neither_makes_nor_loses_light():
 def test_short_beams_end_where_light_is_scattered():
     medium = mi.load_dict(fog(2.0, 0.5))
     scene = load(light={"type": "point"}, far={"type": "sphere", "radius": 100})
-    trace = tracing(scene, [medium], short=True)
-    segments = steps(trace, Emitters(scene).emit(1 << 13, 0), medium, 1)[0][0]
+    trace = tracing(scene, medium, short=True)
+    segments = steps(trace, emitted(scene, 1 << 13), 1)[0][0]
     # Lengths are exponential: mean and spread 1/2.
     lengths = segments.length.numpy()
     assert lengths.mean() == pytest.approx(0.5, abs=4 * 0.5 / 2**6.5)
@@ -135,9 +141,9 @@ def test_paths_end_after_so_many_events():
     medium = mi.load_dict(fog(2.0, 1.0))
     scene = load(cube=cube_of(medium), light={"type": "point"})
     for most in (0, 2):
-        found = steps(tracing(scene, [medium], max_events=most), Emitters(scene).emit(1024, 0), medium)
-        events = np.concatenate([each.events.numpy() for each, _ in found if each is not None])
-        assert events.max() == most
+        found = steps(tracing(scene, medium, max_events=most), emitted(scene, 1024))
+        depth = np.concatenate([each.depth.numpy() for each, _ in found if each is not None])
+        assert depth.max() == most
 
 
 def test_photons_on_surfaces_have_been_somewhere_else_first():
@@ -145,12 +151,12 @@ def test_photons_on_surfaces_have_been_somewhere_else_first():
     floor = {"type": "rectangle", "to_world": T().translate([0, -1.2, 0]).rotate([1, 0, 0], -90).scale(4)}
     ball = {"type": "sphere", "radius": 0.8, "bsdf": {"type": "dielectric"}, "exterior": medium}
     scene = load(ball=ball, floor=floor, light={**SPOT, "cutoff_angle": 40.0, "beam_width": 40.0})
-    found = steps(tracing(scene, [medium]), Emitters(scene).emit(4096, 0), medium)
+    found = steps(tracing(scene, medium), emitted(scene, 4096))
     assert found[0][1] is None  # straight from the lamp: that is direct light
     landed = [each for _, each in found if each is not None]
     height = np.concatenate([each.position.y.numpy() for each in landed])
     np.testing.assert_allclose(height, -1.2, atol=1e-4)
-    assert all((each.events.numpy() > 0).all() for each in landed)
+    assert all((each.depth.numpy() > 0).all() for each in landed)
 
 
 def test_light_that_glass_reflects_by_chance_is_as_wide_as_it_is_rare():
@@ -158,7 +164,7 @@ def test_light_that_glass_reflects_by_chance_is_as_wide_as_it_is_rare():
     widths = []
     for bsdf in ({"type": "dielectric", "int_ior": 1.5}, {"type": "conductor", "material": "none"}):
         scene, medium = ball_in_fog(bsdf=bsdf)
-        first, second = (each[0] for each in steps(tracing(scene, [medium]), Emitters(scene).emit(COUNT, 0), medium, 2))
+        first, second = (each[0] for each in steps(tracing(scene, medium), emitted(scene, COUNT), 2))
         cosine = np.full(COUNT, np.nan)
         facing = -(dr.dot(first.normal, first.direction)).numpy()
         cosine[first.number.numpy()] = np.abs(facing)

@@ -5,8 +5,8 @@ import pytest
 
 from comparison import camera_rays, comparison_scene, lit, single_scattering, wall_distance
 from photonbeams.estimators.estimate import estimate
-from photonbeams.transport import stage_paths as trace
 from photonbeams.world.stage_world import StageWorld
+from transport.stages import trace
 
 
 @pytest.fixture(scope="module")

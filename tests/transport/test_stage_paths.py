@@ -11,9 +11,9 @@ from photonbeams import scene
 from photonbeams.numerics.arrays import to_vectors
 from photonbeams.runtime import device
 from photonbeams.runtime.device import Array3f, Bool, UInt32
-from photonbeams.transport import stage_paths as trace
 from photonbeams.transport.portal_visibility import lights_seen
 from photonbeams.world.stage_world import StageWorld
+from transport.stages import trace
 
 EYE = (0.0, 1.5, 1.95)
 

@@ -10,10 +10,10 @@ from photonbeams import scene
 from photonbeams.numerics.arrays import to_vectors
 from photonbeams.numerics.sampling import sobol_block
 from photonbeams.runtime.device import Array2f, Array3f, Float, UInt32
-from photonbeams.transport import stage_paths as trace
 from photonbeams.transport.lamps import emit, emit_through
 from photonbeams.world import gobos
 from photonbeams.world.stage_world import StageWorld
+from transport.stages import trace
 
 RADIANCE = (3.0, 2.0, 1.0)
 COUNT = 1 << 16

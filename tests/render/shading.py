@@ -1,0 +1,40 @@
+"""What rays see of a stage's surfaces, without a picture."""
+
+from typing import Any, NamedTuple
+
+import drjit as dr
+
+from photonbeams.numerics.samples import Samples
+from photonbeams.render import camera_paths
+from photonbeams.render.stage_lighting import StageLighting
+from photonbeams.runtime.device import Array3f, Bool, Float, UInt32
+from photonbeams.world.sensors import Primary
+
+
+class Shaded(NamedTuple):
+    """Radiance, alpha, distance and transmittance of rays."""
+
+    radiance: Any
+    alpha: Any
+    depth: Any
+    transmittance: Any
+
+
+def shade(world, origin, direction, index, seed=1, active=None):
+    """Return what rays see; `index` are the places of their samples."""
+    count = dr.width(direction)
+    ones = dr.ones(Array3f, count)
+    primary = Primary(origin, direction, dr.zeros(Float, count), dr.full(Float, dr.largest(Float), count), ones)
+    viewing = camera_paths.Viewing(world, StageLighting(world), 2, 5, False, sharp=world.sharp)
+    paths = camera_paths.begin(viewing, primary, UInt32(index))
+    if active is not None:
+        paths.alive = Bool(active)
+    result = Shaded(*(dr.zeros(kind, count) for kind in (Array3f, Float)), dr.full(Float, dr.inf, count), ones)
+    for step, vertex in camera_paths.follow(viewing, paths, Samples(seed, 0, 0), None):
+        dr.scatter_add(result.radiance, vertex.radiance, step.pixel, step.alive)
+        own = step.alive & step.primary
+        dr.scatter(result.transmittance, vertex.transmittance, step.pixel, own)
+        dr.scatter(result.alpha, Float(1), step.pixel, own & vertex.solid)
+        dr.scatter(result.depth, vertex.end, step.pixel, own & vertex.solid)
+    dr.eval(result)
+    return result
