@@ -10,7 +10,8 @@ from photonbeams.numerics.sampling import sobol_block
 from photonbeams.runtime.device import Array3f, Float, UInt32, mitsuba
 from photonbeams.transport import paths
 from photonbeams.transport.emission import Emitters
-from photonbeams.world.media import Media, number
+from photonbeams.world.media import Media
+from photonbeams.world.surroundings import Place, Surroundings, places_of
 from transport.scenes import T, cube_of, fog, load, rgb
 
 mi = mitsuba()
@@ -34,7 +35,8 @@ def tracing(scene, media, **given):
 
 def steps(tracing, emitted, medium, limit=12):
     """Return what the steps of light paths leave, as lists of (segments, photons on surfaces)."""
-    begun = paths.begin(tracing, emitted, UInt32(number(medium)))
+    beginning = [Place("emitter", np.zeros((0, 3)), np.zeros((0, 3)), medium)]
+    begun = paths.begin(tracing, emitted, Surroundings(tracing.plugin, tracing.volumes, beginning))
     found = []
     for each in paths.trace(tracing, begun, UInt32(3), UInt32(0)):
         found.append(each)
@@ -108,7 +110,8 @@ def test_white_fog_neither_makes_nor_loses_light():
     medium = mi.load_dict(fog([0.5, 1.0, 2.0], 1.0))
     scene = load(cube=cube_of(medium), light={"type": "point", "intensity": rgb([1.0, 2.0, 3.0])})
     trace = tracing(scene, [medium], rr_depth=3)
-    begun = paths.begin(trace, Emitters(scene).emit(1 << 14, 0), UInt32(0))
+    surroundings = Surroundings(scene, trace.volumes, places_of(scene))
+    begun = paths.begin(trace, Emitters(scene).emit(1 << 14, 0), surroundings)
     entered, left = np.zeros(3), np.zeros(3)
     for segments, _ in paths.trace(trace, begun, UInt32(3), UInt32(0)):
         if segments is not None:

@@ -11,13 +11,13 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import drjit as dr
-import numpy as np
 
 from ..numerics.arrays import compressed
 from ..numerics.samples import Samples
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
-from ..world.media import Media, medium_at
+from ..world.media import Media
 from ..world.sensors import Primary
+from ..world.surroundings import Surroundings
 from .direct import direct
 
 mi = mitsuba()
@@ -26,8 +26,6 @@ _LOBE, _TURN, _ROULETTE, _WAY = 301, 302, 303, 304  # names of samples in seeds
 
 # What makes a surface more than a border of media; to Mitsuba going straight on (Null) is one of `Delta`.
 _VISIBLE = int(mi.BSDFFlags.Smooth | mi.BSDFFlags.DeltaReflection | mi.BSDFFlags.DeltaTransmission)
-
-_UNSEEN = 0xFFFFFFFF  # stands for a medium that is not known
 
 # Steps after which a path ends that meets nothing that ends it, as between two mirrors.
 _STEPS = 128
@@ -84,8 +82,8 @@ class Looking:
     surfaces: bool = True
 
 
-def begin(looking: Looking, primary: Primary, order: UInt32, otherwise: Any) -> Sight:
-    """Return the camera paths of a pass; `otherwise` is the medium where no border of one is seen."""
+def begin(looking: Looking, primary: Primary, order: UInt32, surroundings: Surroundings) -> Sight:
+    """Return the camera paths of a pass; `surroundings` tells the medium around the sensor."""
     count = dr.width(primary.direction)
     sight = Sight()
     sight.origin = primary.origin + dr.zeros(Array3f, count)
@@ -96,25 +94,9 @@ def begin(looking: Looking, primary: Primary, order: UInt32, otherwise: Any) -> 
     sight.primary = sight.alive = dr.full(Bool, True, count)
     sight.events = dr.zeros(UInt32, count)
     start = sight.origin + sight.near * sight.direction
-    sight.medium = _around_eye(
-        medium_at(looking.plugin, start, sight.direction, UInt32(_UNSEEN), sight.alive), otherwise
-    )
+    sight.medium = surroundings.of_sensor(start, sight.direction)
     dr.eval(sight)
     return sight
-
-
-def _around_eye(found: UInt32, otherwise: UInt32) -> UInt32:
-    """Return the media where rays begin, for those that have seen no border of one as well.
-
-    They are in what fills the space; if nothing does, where most of the others are: a ray may miss a border on which
-    another surface lies.
-    """
-    unseen = found == _UNSEEN
-    if not bool(dr.any(unseen)):
-        return found
-    numbers_found, counts = np.unique(dr.select(unseen, 0, found).numpy()[~unseen.numpy()], return_counts=True)
-    usual = int(numbers_found[counts.argmax()]) if len(counts) else 0
-    return dr.select(unseen, dr.select(otherwise > 0, otherwise, dr.opaque(UInt32, usual)), found)
 
 
 def follow(looking: Looking, sight: Sight, samples: Samples, lit: Any) -> Iterator[tuple[Sight, Seen]]:

@@ -26,8 +26,9 @@ from ..transport.events import perturbs
 from ..transport.guiding import Watch
 from ..transport.radii import Limits
 from ..world import warnings as doubts
-from ..world.media import Media, RenderedMedium, boxes, number, parts
+from ..world.media import Media, RenderedMedium
 from ..world.sensors import Sensor
+from ..world.surroundings import Surroundings, place_of_sensor, places_of
 from . import camera_paths as eye
 from .film import Picture, Sums
 from .gathering import Gathering
@@ -125,12 +126,12 @@ class Frame:
             if settings.short:
                 self._volumes.all = tuple(each.ending() for each in self._volumes.all)
             self._emitters = Emitters(plugin, settings.seed)
-        everywhere = _everywhere(plugin, sensor)
-        doubts.warn(plugin, everywhere, set() if warned is None else warned)
-        self._otherwise = dr.opaque(UInt32, number(everywhere))
         self._radius, self._perturbed = _radius(plugin), perturbs(plugin)
-        self._sizes = _sizes(plugin)
-        self._reach = min(max(self._sizes.values(), default=np.inf), self._radius)
+        with self.statistics.phase("build"):
+            self._surroundings = self._survey()
+        doubts.warn(plugin, self._surroundings, set() if warned is None else warned)
+        sizes = [self._size(each) for each in self._volumes.all]
+        self._reach = min(max(sizes, default=np.inf), self._radius)
         if settings.guiding and self.sensor.view is not None:
             with self.statistics.phase("guide"):
                 self._emitters.learn(self._importance)
@@ -151,7 +152,7 @@ class Frame:
         )  # fmt: skip
         offset = subpixel(number)
         primary = self.sensor.rays(offset, self._sums.order, samples)
-        sight = eye.begin(looking, primary, self._sums.order, self._otherwise)
+        sight = eye.begin(looking, primary, self._sums.order, self._surroundings)
         picture = Picture(self.sensor.width * self.sensor.height)
         gathering = Gathering(
             self.sensor, self._volumes, sets, settings.max_depth, settings.estimator, self._points, statistics
@@ -195,10 +196,19 @@ class Frame:
         tracing = self._tracing()
         count = sum(dr.width(each.origin) for each in emitted)
         result = np.zeros(count)
-        begun = paths.begin(tracing, emitted, self._otherwise)
+        begun = paths.begin(tracing, emitted, self._surroundings)
         for segments, landed in paths.trace(tracing, begun, dr.opaque(UInt32, 1), dr.opaque(UInt32, 0)):
             result += watch.importance(segments, landed if self.settings.surfaces else None, count)
         return result
+
+    def _survey(self) -> Surroundings:
+        """Return the media around the emitters and the sensor."""
+        sensor = place_of_sensor(self.sensor.plugin)
+        return Surroundings(self._plugin, self._volumes, places_of(self._plugin), sensor)
+
+    def _size(self, volume: RenderedMedium) -> float:
+        """Return the radius of a medium, that of the scene at most."""
+        return min(self._surroundings.sizes.get(volume.number, np.inf), self._radius)
 
     def _tracing(self) -> paths.Tracing:
         """Return how light paths are traced."""
@@ -216,7 +226,7 @@ class Frame:
         tracing = self._tracing()
         emitted = self._emitters.emit(settings.paths, number)
         first = dr.opaque(UInt32, (number * settings.paths) & 0xFFFFFFFF)
-        begun = paths.begin(tracing, emitted, self._otherwise)
+        begun = paths.begin(tracing, emitted, self._surroundings)
         steps = list(paths.trace(tracing, begun, dr.opaque(UInt32, settings.seed & 0xFFFFFFFF), first))
         segments = [each for each, _ in steps if each is not None]
         bright = [volume for volume in self._volumes.all if max(volume.medium.scattering) > 0]
@@ -232,7 +242,7 @@ class Frame:
         """Return the bounds of radii of beams in a medium, or of photons, in a pass that shrinks them by `scale`."""
         settings, size, widest = self.settings, self._radius, np.inf
         if volume is not None:
-            size = min(self._sizes.get(volume.number, np.inf), size)
+            size = self._size(volume)
             if volume.tracked is None:
                 widest = FREE_PATHS / max(*volume.medium.extinction, 1e-30)
         low = settings.radius or settings.min_radius or FLOOR * size
@@ -242,12 +252,6 @@ class Frame:
     def layers(self) -> dict[str, np.ndarray]:
         """Return the layers, (H, W, C) float32: means over the passes, through the film's reconstruction filter."""
         return self._sums.layers()
-
-
-def _sizes(plugin: Any) -> dict[int, float]:
-    """Return the radius of a ball around all shapes that hold a medium, by the numbers of media."""
-    found = boxes(parts(plugin, mi.Shape))
-    return {own: float(np.linalg.norm(np.ravel(box.extents()))) / 2 or np.inf for own, box in found.items()}
 
 
 def _radius(plugin: Any) -> float:
@@ -260,13 +264,6 @@ def _radius(plugin: Any) -> float:
     if not size <= LARGEST:
         raise scene.SceneError(f"the scene has a radius of {size:g} units: expected {LARGEST:g} at most")
     return size or 1.0
-
-
-def _everywhere(plugin: Any, sensor: Any) -> Any:
-    """Return the medium that fills the whole space: what sensor or emitters name, and no shape has inside."""
-    bounded = {number(each.interior_medium()) for each in parts(plugin, mi.Shape)}
-    named = [each.get_medium() for each in (sensor, *plugin.emitters())]
-    return next((each for each in named if each is not None and number(each) not in bounded), None)
 
 
 def render(

@@ -52,7 +52,8 @@ class Tangents:
 class Emitted:
     """Light paths at their emitters.
 
-    `flux` is the power of each, `count` of how many one sequence consists that it belongs to.
+    `flux` is the power of each, `count` of how many one sequence consists that it belongs to, `emitter` the place of
+    the emitter among the scene's.
     """
 
     origin: Any
@@ -60,6 +61,7 @@ class Emitted:
     flux: Any
     tangents: Tangents
     count: Any
+    emitter: int = 0
 
 
 def differentiate(inputs: list[Any], outputs: list[Any], directions: list[Any]) -> list[Any]:
@@ -171,7 +173,7 @@ class Emitters:
         valid = dr.isfinite(dr.sum(flux)) & (dr.min(flux) >= 0)
         result = Emitted(
             Array3f(ray.o) + nothing, Array3f(ray.d) + nothing, dr.select(valid, flux, 0), tangents,
-            dr.full(Float, count, count),
+            dr.full(Float, count, count), number,
         )  # fmt: skip
         dr.eval(result.origin, result.direction, result.flux, result.tangents, result.count)
         return result

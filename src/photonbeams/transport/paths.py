@@ -19,7 +19,8 @@ from ..numerics.arrays import compressed, joined
 from ..numerics.hashing import hash32, unit_float
 from ..numerics.sampling import pixel_sample
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
-from ..world.media import Media, medium_at, pointers
+from ..world.media import Media, pointers
+from ..world.surroundings import Surroundings
 from .emission import Emitted, Tangents, copies, differentiate, of_copies
 from .events import CHANCE, LOBE, PASSES, SCATTERS, TURN, Event, Scatter, ray_of, reflect, sampled
 from .radii import Width, width
@@ -143,10 +144,10 @@ class Tracing:
     perturbed: bool = False
 
 
-def begin(tracing: Tracing, emitted: list[Emitted], otherwise: Any) -> Paths | None:
+def begin(tracing: Tracing, emitted: list[Emitted], surroundings: Surroundings) -> Paths | None:
     """Return light paths as they leave their emitters, or None where there are none, or all would be too long.
 
-    `otherwise` is the medium of the whole space, for emitters from which no border of a medium is seen.
+    `surroundings` tells the medium around each emitter.
     """
     if not emitted or (tracing.max_events is not None and tracing.max_events < 0):
         return None
@@ -160,7 +161,7 @@ def begin(tracing: Tracing, emitted: list[Emitted], otherwise: Any) -> Paths | N
     paths.radius, paths.share = dr.zeros(Float, total), dr.ones(Float, total)
     paths.first, paths.fate = dr.max(paths.flux), dr.zeros(UInt32, total)
     alive = paths.first > 0
-    paths.medium = medium_at(tracing.plugin, paths.origin, paths.direction, otherwise, alive)
+    paths.medium = joined([surroundings.of_emitter(each.emitter, each.origin, each.direction) for each in emitted])
     kept = compressed(alive, paths)
     return kept[0] if kept else None
 
