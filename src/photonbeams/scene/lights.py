@@ -7,11 +7,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .checks import BLACK, Array, Color, SceneError, number, rgb
+from .checks import BLACK, Array, Color, SceneError, number, rgb, whole
 from .surfaces import Mesh
 
 if TYPE_CHECKING:
     from ..looks import Look
+
+#: What beams of scattered light may be.
+SCATTERED = ("physical", "look", "off")
 
 
 @dataclass(frozen=True)
@@ -107,6 +110,16 @@ class Light:
         Names of meshes that the light does not shine on, and of those that do not stop it, nor its beams.
     guides
         Points (M, 3) along each of the curves that lead the light's beams: see `beams.guides`.
+    scattered
+        What beams of its light are that was scattered before: "physical", "look" (as those straight from the light),
+        or "off".
+    bounces
+        How often its light is scattered before it is scattered toward the camera; None: the renderer's choice.
+
+    Raises
+    ------
+    SceneError
+        Another word for `scattered`, a negative number of bounces.
     """
 
     name: str
@@ -126,6 +139,14 @@ class Light:
     unlit: frozenset[str] = frozenset()
     unshadowed: frozenset[str] = frozenset()
     guides: tuple[Array, ...] = ()
+    scattered: str = "physical"
+    bounces: int | None = None
+
+    def __post_init__(self) -> None:
+        if self.scattered not in SCATTERED:
+            raise SceneError(f"scattered is {self.scattered!r}: expected {', '.join(SCATTERED)}")
+        if self.bounces is not None:
+            number(whole(self.bounces, "bounces"), "bounces", 0)
 
 
 @dataclass(frozen=True)
