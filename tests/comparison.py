@@ -60,7 +60,7 @@ def comparison_scene(portal: bool = True, beam_count: int | None = None) -> scen
         axis=np.array([1.0, 0.0, 0.0]),
     )
     fog = scene.Medium((SCATTERING,) * 3, (ABSORPTION,) * 3)
-    return scene.Scene(meshes=(box("/box", low, high), *occluder), lights=(light,), medium=fog)
+    return scene.Scene(meshes=(box("/box", low, high), *occluder), lights=(light,), media=(fog,))
 
 
 def camera(position: object = EYE) -> scene.Camera:

@@ -48,7 +48,9 @@ def render(world, origin, direction, passes=64):
 
 
 def built(meshes, *lights, medium=None):
-    return StageWorld.build(scene.Scene(tuple(meshes), lights, medium=medium), viewpoints=[(0, 2, 4)])
+    return StageWorld.build(
+        scene.Scene(tuple(meshes), lights, media=() if medium is None else (medium,)), viewpoints=[(0, 2, 4)]
+    )
 
 
 def lambert(light, medium=None, at=(0, 0, 0)):

@@ -7,6 +7,7 @@ import pytest
 from photonbeams.numerics.sampling import sobol_block
 from photonbeams.runtime.device import Float, mitsuba
 from photonbeams.transport.scene_emitters import emission_of
+from photonbeams.world.scene_world import SceneWorld
 
 mi = mitsuba()
 AREA = {"emitter": {"type": "area", "radiance": {"type": "rgb", "value": [3.0, 2.0, 1.0]}}}
@@ -37,7 +38,7 @@ def scene_of(emitter):
 
 @pytest.mark.parametrize("name", FLUX)
 def test_paths_carry_the_power_of_their_emitter(name):
-    (emitted,) = emission_of(scene_of(EMITTERS[name]), 1024, 10.0).emit(0)
+    (emitted,) = emission_of(SceneWorld(scene_of(EMITTERS[name]), None), 1024).emit(0)
     # Weights of these emitters are the same for all directions: only rounding is left.
     np.testing.assert_allclose(emitted.flux.numpy().sum(axis=1), FLUX[name] * np.array([3, 2, 1]), rtol=1e-4)
 
@@ -46,7 +47,7 @@ def test_paths_carry_the_power_of_their_emitter(name):
 def test_tangents_are_the_derivatives_of_rays(name):
     count, step = 64, 1e-3
     scene = scene_of(EMITTERS[name])
-    (emitted,) = emission_of(scene, count, 10.0).emit(0)
+    (emitted,) = emission_of(SceneWorld(scene, None), count).emit(0)
     base = np.concatenate([np.array(each) for each in sobol_block(count, 0, (0, 0))])
 
     def rays(numbers):
@@ -73,6 +74,6 @@ def test_emitters_share_paths_by_their_power():
         "dark": {"type": "point", "position": [0, 0, 3], "intensity": {"type": "rgb", "value": 0.0}},
     }
     scene = mi.load_dict({"type": "scene", **emitters})
-    emitted = emission_of(scene, 1000, 10.0).emit(0)
+    emitted = emission_of(SceneWorld(scene, None), 1000).emit(0)
     heights = {round(float(each.origin.z.numpy()[0])): dr.width(each.origin) for each in emitted}
     assert heights == {1: 250, 2: 750}

@@ -30,13 +30,16 @@ def ball_in_fog(light=SPOT, **ball):
 def tracing(scene, medium, **given):
     """Return how light paths are traced where a medium fills the space."""
     world = SceneWorld(scene, None)
-    world.media, world.filling = Media([medium]), dr.opaque(UInt32, number(medium))
+    world.media = Media([medium])
     plain = {"max_events": None, "rr_depth": 5, "overlap": OVERLAP, "region": 1.0, "paths": COUNT, "power": 1.0}
     return paths.Tracing(world, **{**plain, **given})
 
 
-def emitted(scene, count):
-    return emission_of(scene, count, 10.0).emit(0)
+def emitted(scene, medium, count):
+    """Return light paths that begin in a medium."""
+    found = emission_of(SceneWorld(scene, None), count).emit(0)
+    wide = dr.zeros(UInt32, count)
+    return [replace(each, medium=dr.opaque(UInt32, number(medium)) + wide) for each in found]
 
 
 def steps(tracing, begun, limit=12):
@@ -49,9 +52,9 @@ def steps(tracing, begun, limit=12):
     return found
 
 
-def shifted(scene, k, step):
+def shifted(scene, medium, k, step):
     """Return the light paths whose number k is larger by `step`."""
-    (own,) = emitted(scene, COUNT)
+    (own,) = emitted(scene, medium, COUNT)
     numbers = np.concatenate([np.array(each) for each in sobol_block(COUNT, 0, (0, 0))])
     numbers[k] += step
     u, v = (mi.Point2f(*(Float(row.astype(np.float32)) for row in pair)) for pair in (numbers[:2], numbers[2:]))
@@ -70,7 +73,7 @@ def test_widths_follow_neighbours(light, seen_in):
     """The squared width is (overlap / 2)² times the mean squared distances to neighbours, one cell away each way."""
     scene, medium = ball_in_fog(light)
     trace, step = tracing(scene, medium), 2e-4
-    base = steps(trace, emitted(scene, COUNT))[seen_in][0]
+    base = steps(trace, emitted(scene, medium, COUNT))[seen_in][0]
     own, direction = base.number.numpy(), base.direction.numpy()
     at = 1.5  # a distance along the segments
     spreads = np.zeros((4, len(own)))
@@ -78,7 +81,7 @@ def test_widths_follow_neighbours(light, seen_in):
     for k in range(4):
         ends = []
         for sign in (1, -1):
-            other = steps(trace, shifted(scene, k, sign * step))[seen_in][0]
+            other = steps(trace, shifted(scene, medium, k, sign * step))[seen_in][0]
             place = np.full((3, COUNT), np.nan)
             place[:, other.number.numpy()] = (other.origin + at * other.direction).numpy()
             ends.append(place[:, own])
@@ -101,7 +104,7 @@ def test_a_lens_has_its_focus_where_rays_meet():
     light = {"type": "directionalarea", "radiance": rgb(1.0)}
     lamp = {"type": "disk", "to_world": T().translate([0, 0, -3]).scale(0.04), "emitter": light}
     scene, medium = ball_in_fog(lamp)
-    segments = steps(tracing(scene, medium), emitted(scene, 1024))[2][0]
+    segments = steps(tracing(scene, medium), emitted(scene, medium, 1024))[2][0]
     behind = segments.direction.numpy()[2] > 0.9
     focus = (segments.origin + segments.width.focus() * segments.direction).numpy()[2][behind]
     assert behind.sum() > 500
@@ -114,7 +117,7 @@ def test_white_fog_neither_makes_nor_loses_light():
     medium = mi.load_dict(fog([0.5, 1.0, 2.0], 1.0))
     scene = load(cube=cube_of(medium), light={"type": "point", "intensity": rgb([1.0, 2.0, 3.0])})
     trace = tracing(scene, medium, rr_depth=3)
-    begun = paths.begin(trace, emitted(scene, 1 << 14))
+    begun = paths.begin(trace, emitted(scene, medium, 1 << 14))
     entered, left = np.zeros(3), np.zeros(3)
     for segments, _ in paths.trace(trace, begun):
         if segments is not None:
@@ -130,7 +133,7 @@ def test_short_beams_end_where_light_is_scattered():
     medium = mi.load_dict(fog(2.0, 0.5))
     scene = load(light={"type": "point"}, far={"type": "sphere", "radius": 100})
     trace = tracing(scene, medium, short=True)
-    segments = steps(trace, emitted(scene, 1 << 13), 1)[0][0]
+    segments = steps(trace, emitted(scene, medium, 1 << 13), 1)[0][0]
     # Lengths are exponential: mean and spread 1/2.
     lengths = segments.length.numpy()
     assert lengths.mean() == pytest.approx(0.5, abs=4 * 0.5 / 2**6.5)
@@ -141,7 +144,7 @@ def test_paths_end_after_so_many_events():
     medium = mi.load_dict(fog(2.0, 1.0))
     scene = load(cube=cube_of(medium), light={"type": "point"})
     for most in (0, 2):
-        found = steps(tracing(scene, medium, max_events=most), emitted(scene, 1024))
+        found = steps(tracing(scene, medium, max_events=most), emitted(scene, medium, 1024))
         depth = np.concatenate([each.depth.numpy() for each, _ in found if each is not None])
         assert depth.max() == most
 
@@ -151,7 +154,7 @@ def test_photons_on_surfaces_have_been_somewhere_else_first():
     floor = {"type": "rectangle", "to_world": T().translate([0, -1.2, 0]).rotate([1, 0, 0], -90).scale(4)}
     ball = {"type": "sphere", "radius": 0.8, "bsdf": {"type": "dielectric"}, "exterior": medium}
     scene = load(ball=ball, floor=floor, light={**SPOT, "cutoff_angle": 40.0, "beam_width": 40.0})
-    found = steps(tracing(scene, medium), emitted(scene, 4096))
+    found = steps(tracing(scene, medium), emitted(scene, medium, 4096))
     assert found[0][1] is None  # straight from the lamp: that is direct light
     landed = [each for _, each in found if each is not None]
     height = np.concatenate([each.position.y.numpy() for each in landed])
@@ -164,7 +167,7 @@ def test_light_that_glass_reflects_by_chance_is_as_wide_as_it_is_rare():
     widths = []
     for bsdf in ({"type": "dielectric", "int_ior": 1.5}, {"type": "conductor", "material": "none"}):
         scene, medium = ball_in_fog(bsdf=bsdf)
-        first, second = (each[0] for each in steps(tracing(scene, medium), emitted(scene, COUNT), 2))
+        first, second = (each[0] for each in steps(tracing(scene, medium), emitted(scene, medium, COUNT), 2))
         cosine = np.full(COUNT, np.nan)
         facing = -(dr.dot(first.normal, first.direction)).numpy()
         cosine[first.number.numpy()] = np.abs(facing)

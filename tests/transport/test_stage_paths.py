@@ -145,7 +145,7 @@ def test_fog_in_a_mesh_clips_beams_to_its_first_interval():
     fog = scene.Medium((0.1,) * 3, mesh=box("/fog", [1, -1, -1], [2, 1, 1]))
     light = scene.SphereLight("/lamp", (1.0,) * 3, axis=np.array([1.0, 0, 0]), shaping=scene.Shaping(cone_angle=15.0))
     wall = across_x("/wall", 5.0, (-9, 9), (-9, 9))
-    beams = only(trace(world_of(light, meshes=(wall,), medium=fog), beams_per_light=128))
+    beams = only(trace(world_of(light, meshes=(wall,), media=(fog,)), beams_per_light=128))
     assert np.allclose(beams["start"][:, 0], 1, atol=1e-5)
     assert np.allclose(beams["end"][:, 0], 2, atol=1e-5)
     assert np.allclose(beams["end_normal"], [-1, 0, 0], atol=1e-6)
@@ -157,12 +157,12 @@ def test_fog_in_a_mesh_clips_beams_to_its_first_interval():
 
 def test_beams_that_start_in_fog_begin_at_the_light_and_those_that_miss_it_are_gone():
     fog = scene.Medium((0.1,) * 3, mesh=box("/fog", [-1, -1, -1], [1, 1, 1]))
-    inside = only(trace(world_of(LAMP, medium=fog), beams_per_light=64))
+    inside = only(trace(world_of(LAMP, media=(fog,)), beams_per_light=64))
     assert np.array_equal(inside["offset"], np.zeros(64))
     assert np.allclose(np.abs(inside["end"]).max(axis=1), 1, atol=1e-5)
     away = scene.SphereLight("/lamp", (1.0,) * 3, center=np.array([0, 0, 9.0]), axis=np.array([0, 0, 1.0]))
     spot = dataclasses.replace(away, shaping=scene.Shaping(cone_angle=30.0))
-    assert trace(world_of(spot, medium=fog), beams_per_light=64) == []
+    assert trace(world_of(spot, media=(fog,)), beams_per_light=64) == []
 
 
 def test_a_cut_out_surface_lets_its_part_of_the_beams_through():
@@ -254,7 +254,7 @@ def test_transparent_to_portals_and_fog_meshes():
     fog = box("/fog", [-3, -3, -3], [3, 3, 3])
     light = dataclasses.replace(LAMP, portal=sheet)
     world = world_of(light, meshes=(sheet, fog, quad("/wall", [[2, -1, -1], [2, 1, -1], [2, 1, 1], [2, -1, 1]])),
-                     medium=dataclasses.replace(FOG, mesh=fog))  # fmt: skip
+                     media=(dataclasses.replace(FOG, mesh=fog),))  # fmt: skip
     hit = world.intersect(Array3f(0), Array3f(1, 0, 0), dr.full(Bool, True, 1), UInt32(0))
     assert np.isclose(hit.t[0], 2)
 

@@ -450,3 +450,24 @@ def test_a_gobo_may_change_with_time(usd, image):
     body = f"asset photonbeams:gobo.timeSamples = {{ 1: @{first}@, 2: @{later}@ }}"
     stage = usd(light("SphereLight", body))
     assert [read_scene(stage, time).lights[0].gobo.image.item() for time in (1, 2)] == [0.5, 1.0]
+
+
+def test_a_light_says_what_becomes_of_scattered_light(scene):
+    light = scene('def SphereLight "L" {\n}').lights[0]
+    assert (light.scattered, light.bounces) == ("physical", None)
+    text = 'def SphereLight "L" {\ntoken photonbeams:scattered = "look"\nint photonbeams:bounces = 4\n}'
+    light = scene(text).lights[0]
+    assert (light.scattered, light.bounces) == ("look", 4)
+
+
+@pytest.mark.parametrize(
+    ("attribute", "message"),
+    [
+        ('token photonbeams:scattered = "some"', r"scattered is 'some': expected physical, look or off"),
+        ("int photonbeams:bounces = -2", r"bounces is -2: expected a whole number from 0 on"),
+        ('string photonbeams:bounces = "many"', r"bounces is many: expected a whole number from 0 on"),
+    ],
+)
+def test_what_cannot_be_scattered_light_is_an_error(scene, attribute, message):
+    with pytest.raises(SceneError, match=rf"stage\.usda: /L\.photonbeams:{message}"):
+        scene(f'def SphereLight "L" {{\n{attribute}\n}}')

@@ -184,7 +184,7 @@ def test_without_blur_all_is_as_at_the_frames_own_time(shot):
 
 def test_prims_are_followed_by_their_names(shot):
     first, later = (shot().read(frame)[0] for frame in (1, 2))
-    gone = followed(first, type(later)(later.meshes[:1], later.lights[1:], (), None))
+    gone = followed(first, type(later)(later.meshes[:1], later.lights[1:], (), ()))
     assert [light.name for light in gone.lights] == ["/Still", "/Swinging"]
     assert gone.lights[0] is first.lights[0] and equal(gone.lights[1], later.lights[1])
     assert len(gone.meshes) == 2 and gone.medium is first.medium

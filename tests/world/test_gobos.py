@@ -282,7 +282,7 @@ def test_a_mostly_black_image_still_gets_its_beams():
     image[20:28, 30:38] = 1  # 1/64 of the slide
     bare = dataclasses.replace(spot(), gobo=None, shaping=scene.Shaping(30.0))
     fog = scene.Medium((0.1,) * 3)
-    sets = [trace(world(light, medium=fog), beams_per_light=1024) for light in (bare, spot(image))]
+    sets = [trace(world(light, media=(fog,)), beams_per_light=1024) for light in (bare, spot(image))]
     counts = [len(each[0].beams) for each in sets]
     assert counts[0] == 1024
     assert 0.7 * 1024 < counts[1] < 1.6 * 1024  # the cone around the slide, and half a pixel around the window
@@ -292,12 +292,12 @@ def test_a_mostly_black_image_still_gets_its_beams():
 
 
 def test_a_black_image_leaves_no_beams():
-    assert trace(world(spot(np.zeros((2, 2, 1), dtype=np.float32)), medium=scene.Medium((0.1,) * 3))) == []
+    assert trace(world(spot(np.zeros((2, 2, 1), dtype=np.float32)), media=(scene.Medium((0.1,) * 3),))) == []
 
 
 def test_the_paths_beside_a_portal_are_not_those_of_its_image():
     black = point(np.zeros((2, 2, 1), dtype=np.float32))
-    sets = trace(world(black, medium=scene.Medium((0.1,) * 3)), beams_per_light=512, light_side={"/light"})
+    sets = trace(world(black, media=(scene.Medium((0.1,) * 3),)), beams_per_light=512, light_side={"/light"})
     (beams,) = (each.beams.arrays() for each in sets)
     direction = beams["end"] - beams["start"]
     crossing = direction / direction[:, 2:] * -1.0

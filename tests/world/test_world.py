@@ -15,7 +15,7 @@ CUBE = box("/fog", [-1, -1, -1], [1, 1, 1])
 
 
 def fog_of(mesh):
-    return StageWorld.build(scene.Scene(medium=scene.Medium((0.5, 1.0, 2.0), mesh=mesh))).fog
+    return StageWorld.build(scene.Scene(media=(scene.Medium((0.5, 1.0, 2.0), mesh=mesh),))).fog
 
 
 def interval(fog, origin, direction):

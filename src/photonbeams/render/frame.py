@@ -137,7 +137,7 @@ def simulate(shutter: Shutter, window: Window, settings: Settings = Settings(), 
     """Return the beams of pass `number` of a frame, as `render` has them; a fog is not needed for that."""
     description = shutter.at(0.0).scene
     if description.medium is None:
-        check(replace(description, medium=scene.Medium(scene.BLACK)))
+        check(replace(description, media=(scene.Medium(scene.BLACK),)))
     else:
         check(description)
     _check_memory(description, window, settings)

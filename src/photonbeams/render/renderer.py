@@ -3,7 +3,8 @@
 A stage and a Mitsuba scene differ in where their worlds, light paths and camera rays come from; all else is the same.
 Where anything moves, each pass looks at its own slice of the shutter. Within a slice all motion is linear: light
 straight from its lamp is traced at its two ends with the same samples, the camera stands at both, and rays have times
-in between. Radii shrink from pass to pass, so that bias and variance both vanish (Progressive Photon Beams, Jarosz et al. 2011).
+in between. Radii shrink from pass to pass, so that bias and variance both vanish (Progressive Photon Beams, Jarosz et
+al. 2011).
 """
 
 from __future__ import annotations
@@ -32,7 +33,6 @@ from ..transport.radii import Limits
 from ..transport.scene_emitters import emission_of, shared_anew
 from ..transport.simulation import Simulation, StageSimulation, Tuning
 from ..world.cameras import CameraRays, View, Window
-from ..world.media import boxes, parts
 from ..world.scene_world import SceneWorld
 from ..world.sensors import Primary, Sensor
 from ..world.shutter import Moment, Shutter, slice_of, turn, with_lens
@@ -270,11 +270,9 @@ class SceneFrame(Frame):
             self._scene = SceneWorld(plugin, sensor)
             if settings.short:
                 self._scene.media.all = tuple(each.ending() for each in self._scene.media.all)
-            emission = emission_of(plugin, settings.beams or DEFAULT_PATHS, self._scene.reach, settings.seed)
-        warn(plugin, self._scene.everywhere, set() if warned is None else warned)
-        found = boxes(parts(plugin, _shape()))
-        sizes = {own: float(np.linalg.norm(np.ravel(box.extents()))) / 2 or np.inf for own, box in found.items()}
-        self.simulation = Simulation(self._scene, emission, self._tuning, self._scene.sources, sizes)
+            emission = emission_of(self._scene, settings.beams or DEFAULT_PATHS, settings.seed)
+        warn(plugin, self._scene.surroundings, set() if warned is None else warned)
+        self.simulation = Simulation(self._scene, emission, self._tuning, self._scene.sources, self._scene.sizes)
         if settings.guiding in (None, True) and self.sensor.view is not None:
             with self.statistics.phase("guide"):
                 shared_anew(emission, emission.learn(self._importance))
@@ -311,12 +309,6 @@ class SceneFrame(Frame):
         for segments, hits in paths.trace(tracing, paths.begin(tracing, emitted)):
             result += watch.importance(segments, hits if self.settings.surfaces else None, count)
         return result
-
-
-def _shape() -> Any:
-    from ..runtime.device import mitsuba
-
-    return mitsuba().Shape
 
 
 class StageFrame(Frame):

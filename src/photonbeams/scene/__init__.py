@@ -23,13 +23,13 @@ from .checks import (
     rgb,
     whole,
 )  # fmt: skip
-from .lights import DistantLight, DomeLight, FlatLight, Gobo, Light, Shaping, SphereLight
-from .media import Medium
+from .lights import SCATTERED, DistantLight, DomeLight, FlatLight, Gobo, Light, Shaping, SphereLight
+from .media import Grid, Medium
 from .scene import Scene
 from .surfaces import Material, Mesh, Texture
 
 __all__ = [
-    "BLACK", "DEFAULT_BEAMS", "ESCAPE", "FARTHEST", "MOST_BEAMS", "MOST_PIXELS", "Array", "Camera", "Color",
-    "DistantLight", "DomeLight", "DrawnBeams", "FlatLight", "Gobo", "Light", "Material", "Medium", "Mesh", "Scene",
-    "SceneError", "Shaping", "SphereLight", "Texture", "color", "number", "real", "rgb", "whole",
+    "BLACK", "DEFAULT_BEAMS", "ESCAPE", "FARTHEST", "MOST_BEAMS", "MOST_PIXELS", "SCATTERED", "Array", "Camera",
+    "Color", "DistantLight", "DomeLight", "DrawnBeams", "FlatLight", "Gobo", "Grid", "Light", "Material", "Medium",
+    "Mesh", "Scene", "SceneError", "Shaping", "SphereLight", "Texture", "color", "number", "real", "rgb", "whole",
 ]  # fmt: skip

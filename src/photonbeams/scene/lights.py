@@ -7,11 +7,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .checks import BLACK, Array, Color, SceneError, number, rgb
+from .checks import BLACK, Array, Color, SceneError, number, rgb, whole
 from .surfaces import Mesh
 
 if TYPE_CHECKING:
     from ..looks import Look
+
+#: What beams of scattered light may be.
+SCATTERED = ("physical", "look", "off")
 
 
 @dataclass(frozen=True)
@@ -108,9 +111,15 @@ class Light:
     guides
         Points (M, 3) along each of the curves that lead the light's beams: see `beams.guides`.
     scattered
-        What becomes of its beams once they were scattered: "physical", "look" (they have the light's look), or "off".
+        What beams of its light are that was scattered before: "physical", "look" (as those straight from the light),
+        or "off".
     bounces
-        How often its light is scattered before it is scattered toward the camera; None: as often as the settings say.
+        How often its light is scattered before it is scattered toward the camera; None: the renderer's choice.
+
+    Raises
+    ------
+    SceneError
+        Another word for `scattered`, a negative number of bounces.
     """
 
     name: str
@@ -132,6 +141,12 @@ class Light:
     guides: tuple[Array, ...] = ()
     scattered: str = "physical"
     bounces: int | None = None
+
+    def __post_init__(self) -> None:
+        if self.scattered not in SCATTERED:
+            raise SceneError(f"scattered is {self.scattered!r}: expected {', '.join(SCATTERED)}")
+        if self.bounces is not None:
+            number(whole(self.bounces, "bounces"), "bounces", 0)
 
 
 @dataclass(frozen=True)

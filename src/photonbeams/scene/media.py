@@ -2,31 +2,74 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
-from .checks import BLACK, Color, color, number
+import numpy as np
+
+from .checks import BLACK, Array, Color, SceneError, color, number, whole
 from .surfaces import Mesh
 
 
 @dataclass(frozen=True)
-class Medium:
-    """A homogeneous fog.
+class Grid:
+    """A density on a grid of cells.
 
     Attributes
     ----------
-    scattering, absorption
-        Coefficients σs and σa, per channel and scene unit.
-    anisotropy
-        Mean cosine g of the Henyey–Greenstein phase function, from −0.99 to 0.99.
-    mesh
-        The closed surface that the fog fills, or None where it fills the whole space.
-    surfaces
-        Whether it dims surfaces that are seen through it, and light on its way to them; if not, beams alone feel it.
+    values
+        (Z, Y, X), or (Z, Y, X, 3) by channel, float32, 0 or more: the density at the centres of cells, interpolated
+        linearly between them. Outside of the grid there is none.
+    to_world
+        (4, 4) transform from the unit cube, which the grid fills, to world space, for column vectors.
 
     Raises
     ------
     SceneError
-        Coefficients that are negative, not finite, or neither one number nor three; an anisotropy beyond ±0.99.
+        Values of another shape, negative or not finite; a transform that is not finite, or flat.
+    """
+
+    values: Array
+    to_world: Array = field(default_factory=lambda: np.eye(4))
+
+    def __post_init__(self) -> None:
+        values = np.asarray(self.values, dtype=np.float32)
+        if not (values.ndim == 3 or (values.ndim == 4 and values.shape[3] == 3)) or not values.size:
+            raise SceneError(f"grid has the shape {values.shape}: expected (Z, Y, X) or (Z, Y, X, 3), none of them 0")
+        if not np.all(np.isfinite(values)) or values.min() < 0:
+            raise SceneError("grid has values that are negative or not finite: expected numbers from 0 on")
+        to_world = np.asarray(self.to_world, dtype=np.float64)
+        if to_world.shape != (4, 4) or not np.all(np.isfinite(to_world)) or abs(np.linalg.det(to_world)) < 1e-30:
+            raise SceneError("grid has a transform that is flat or not finite: expected a (4, 4) that can be inverted")
+        object.__setattr__(self, "values", values)
+        object.__setattr__(self, "to_world", to_world)
+
+
+@dataclass(frozen=True)
+class Medium:
+    """A homogeneous fog, or one whose density is on a grid.
+
+    Attributes
+    ----------
+    scattering, absorption
+        Coefficients σs and σa, per channel and scene unit; of a grid, those of density 1.
+    anisotropy
+        Mean cosine g of the Henyey–Greenstein phase function, from −0.99 to 0.99.
+    mesh
+        The closed surface that the fog fills, or None where it fills the whole space, or a grid.
+    surfaces
+        Whether it dims surfaces that are seen through it, and light on its way to them; if not, beams alone feel it.
+    name
+        Prim path.
+    grid
+        The density, or None: it is 1.
+    bounces
+        How often light is scattered in it before it is scattered toward the camera; None: the renderer's choice.
+
+    Raises
+    ------
+    SceneError
+        Coefficients that are negative, not finite, or neither one number nor three; an anisotropy beyond ±0.99;
+        a negative number of bounces; both a mesh and a grid.
     """
 
     scattering: Color
@@ -34,13 +77,25 @@ class Medium:
     anisotropy: float = 0.0
     mesh: Mesh | None = None
     surfaces: bool = True
+    name: str = ""
+    grid: Grid | None = None
+    bounces: int | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "scattering", color(self.scattering, "scattering"))
         object.__setattr__(self, "absorption", color(self.absorption, "absorption"))
         number(self.anisotropy, "anisotropy", -0.99, 0.99)
+        if self.bounces is not None:
+            number(whole(self.bounces, "bounces"), "bounces", 0)
+        if self.mesh is not None and self.grid is not None:
+            raise SceneError(f"medium {self.name}: has a mesh and a grid: expected one of them")
 
     @property
     def extinction(self) -> Color:
         """σt = σs + σa, per channel and scene unit."""
         return tuple(s + a for s, a in zip(self.scattering, self.absorption, strict=True))  # type: ignore[return-value]
+
+    @property
+    def bounded(self) -> bool:
+        """Whether it fills a mesh or a grid, and not the whole space."""
+        return self.mesh is not None or self.grid is not None

@@ -27,9 +27,14 @@ class Scene:
     meshes: tuple[Mesh, ...] = ()
     lights: tuple[Light, ...] = ()
     drawn: tuple[DrawnBeams, ...] = ()
-    medium: Medium | None = None
+    media: tuple[Medium, ...] = ()
     bounds: tuple[Array, float] | None = None
     groups: frozenset[str] = frozenset()
+
+    @property
+    def medium(self) -> Medium | None:
+        """The first homogeneous medium, or None."""
+        return next((each for each in self.media if each.grid is None), None)
 
     def looks(self) -> dict[str, Look | None]:
         """Return the looks of lights and drawn beams by their names."""

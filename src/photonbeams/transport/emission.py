@@ -33,7 +33,7 @@ class EmissionSample:
     """Light paths as an emitter samples them, (N,) each.
 
     `flux` is the whole emitter's, as one path alone would have it; `reach` is how far a path goes that meets nothing,
-    `portal` the distance at which it passes its portal, or infinity.
+    `portal` the distance at which it passes its portal, or infinity; `medium` is the number of the medium around it.
     """
 
     origin: Any
@@ -42,6 +42,7 @@ class EmissionSample:
     tangents: Tangents
     reach: Any
     portal: Any
+    medium: Any
 
 
 class Emitter(Protocol):
@@ -81,6 +82,7 @@ class Emitted:
     link: Any
     reach: Any
     portal: Any
+    medium: Any
     halvings: int
 
 
@@ -137,10 +139,11 @@ class Stratum:
             sample.origin + nothing, sample.direction + nothing, dr.select(valid, flux, 0), tangents,
             dr.opaque(Float, count) + nothing.x, number, dr.opaque(UInt32, self.key) + wide,
             dr.opaque(UInt32, self.emitter.source) + wide, dr.opaque(UInt32, self.emitter.link) + wide,
-            sample.reach + nothing.x, sample.portal + nothing.x, self.emitter.halvings,
+            sample.reach + nothing.x, sample.portal + nothing.x, sample.medium + wide,
+            self.emitter.halvings,
         )  # fmt: skip
         dr.eval(result.origin, result.direction, result.flux, result.tangents, result.count, result.index, result.key,
-                result.source, result.link, result.reach, result.portal)  # fmt: skip
+                result.source, result.link, result.reach, result.portal, result.medium)  # fmt: skip
         return result
 
 

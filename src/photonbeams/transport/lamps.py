@@ -20,6 +20,7 @@ from ..world.bounds import Bounds
 from ..world.gobos import Masked, bare, spread
 from ..world.lights import DistantSource, DomeSource, FlatSource, SphereSource
 from ..world.portals import Portal
+from ..world.stage_world import StageWorld
 from ..world.warp import disk, perpendicular, power_cone, sphere
 from .emission import EmissionSample
 from .tangents import Tangents
@@ -190,44 +191,34 @@ class LampEmitter:
 
     Parameters
     ----------
-    light, source
-        The lamp, and as Dr.Jit sees it.
-    portal, through
-        Its portal, and whether the paths go through it or past it.
-    bounds
-        The sphere around the scene, from which light from infinity comes.
-    number, link
-        Numbers of the lamp's source, and of the surfaces that stop its light.
+    world, number
+        The stage, and the lamp's number in it.
+    through
+        Whether the paths go through its portal, or past it.
     """
 
-    def __init__(
-        self,
-        light: scene.Light,
-        source: Any,
-        portal: Portal | None,
-        through: bool,
-        bounds: Bounds,
-        number: int,
-        link: int,
-    ) -> None:
-        self.light, self.lamp, self.portal, self.through, self.bounds = light, source, portal, through, bounds
-        self.name, self.source, self.link = light.name, number, link
+    def __init__(self, world: StageWorld, number: int, through: bool) -> None:
+        self.world, self.through = world, through
+        self.light, self.lamp = world.description.lights[number], world.lights[number]
+        self.portal = world.portals.get(self.light.name)
+        self.name, self.source, self.link = self.light.name, number, world.link_of(self.light)
         # Seldom where a narrow beam would be seen as a streak, often beside a portal, where light would leak.
-        self.halvings = HALVINGS_ASIDE if portal is not None and not through else HALVINGS
-        self._escape = 1.0 if isinstance(bare(source), DistantSource | DomeSource) else scene.ESCAPE
+        self.halvings = HALVINGS_ASIDE if self.portal is not None and not through else HALVINGS
+        self._escape = 1.0 if isinstance(bare(self.lamp), DistantSource | DomeSource) else scene.ESCAPE
 
     def sample(self, u: Array2f, v: Array2f) -> EmissionSample:
         """Return light paths for emission samples: u places them on the lamp, v directs them or lies on the portal."""
         paths = self._emission(u, v)
         flux = dr.select(paths.valid, paths.flux, 0)
-        reach = self.bounds.exit(paths.origin, paths.direction, self._escape)
-        return EmissionSample(paths.origin, paths.direction, flux, paths.tangents(), reach, paths.portal)
+        reach = self.world.bounds.exit(paths.origin, paths.direction, self._escape)
+        medium = self.world.medium_at(paths.origin, paths.direction, dr.max(flux) > 0)
+        return EmissionSample(paths.origin, paths.direction, flux, paths.tangents(), reach, paths.portal, medium)
 
     def _emission(self, u: Array2f, v: Array2f) -> Emission:
         if self.through:
             assert self.portal is not None
-            return emit_through(self.light, self.lamp, self.portal, self.bounds, u, v, 1)
-        paths = emit(self.light, self.lamp, self.bounds, u, v, 1)
+            return emit_through(self.light, self.lamp, self.portal, self.world.bounds, u, v, 1)
+        paths = emit(self.light, self.lamp, self.world.bounds, u, v, 1)
         if self.portal is not None:
             paths.valid &= ~self.portal.crosses(paths.origin, paths.direction)
         return paths

@@ -200,7 +200,7 @@ def leaving(tracing: Tracing, emitted: Sequence[Emitted]) -> Paths | None:
         return None
     paths = Paths()
     for name in ("origin", "direction", "flux", "tangents", "count", "index", "key", "source", "link", "reach",
-                 "portal"):  # fmt: skip
+                 "portal", "medium"):  # fmt: skip
         setattr(paths, name, joined([getattr(each, name) for each in emitted]))
     total = dr.width(paths.origin)
     # Not a bare counter: once that is evaluated, Dr.Jit takes it for every other counter of its length, in kernels of
@@ -211,7 +211,6 @@ def leaving(tracing: Tracing, emitted: Sequence[Emitted]) -> Paths | None:
     paths.radius, paths.offset = dr.zeros(Float, total), dr.zeros(Float, total)
     paths.fraction, paths.narrow = dr.ones(Float, total), dr.ones(Float, total)
     paths.initial, paths.total = dr.max(paths.flux), paths.reach
-    paths.medium = tracing.world.medium_of_emission(paths.origin, paths.direction, paths.source, paths.initial > 0)
     if isinstance(tracing.world, StageWorld):
         halvings = joined(
             [dr.opaque(UInt32, each.halvings) + dr.zeros(UInt32, dr.width(each.index)) for each in emitted]

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..runtime.device import Array2f, Array3f, Float, mitsuba
 from ..world.media import check_finite
+from ..world.scene_world import SceneWorld
 from .emission import Emission, EmissionSample, Stratum, probed_flux
 from .tangents import Tangents, copies, differentiate, of_copies
 
@@ -25,17 +26,19 @@ class SceneEmitter:
     link = 0
     halvings = 0
 
-    def __init__(self, plugin: Any, number: int, reach: float, source: int = 0) -> None:
-        self._scene, self._plugin = plugin, plugin.emitters()[number]
+    def __init__(self, world: SceneWorld, number: int, source: int = 0) -> None:
+        self._world, self._plugin, self._number = world, world.plugin.emitters()[number], number
         self.name, self.source = self._plugin.id() or self._plugin.class_name(), source
         check_finite(self._plugin, f"emitter {self.name}")
-        self._reach = dr.opaque(Float, reach)
+        self._reach = dr.opaque(Float, world.reach)
 
     def sample(self, u: Array2f, v: Array2f) -> EmissionSample:
         """Return light paths for emission samples, with derivatives by forward-mode differentiation."""
         tangents = self._tangents(u, v)
         ray, weight = self._ray(mi.Point2f(u), mi.Point2f(v))
-        return EmissionSample(Array3f(ray.o), Array3f(ray.d), Array3f(weight), tangents, self._reach, Float(dr.inf))
+        origin, direction = Array3f(ray.o), Array3f(ray.d)
+        medium = self._world.surroundings.of_emitter(self._number, origin, direction)
+        return EmissionSample(origin, direction, Array3f(weight), tangents, self._reach, Float(dr.inf), medium)
 
     def _ray(self, u: Any, v: Any) -> Any:
         return self._plugin.sample_ray(Float(0), Float(0.5), u, v, True)
@@ -57,13 +60,13 @@ class SceneEmitter:
         return of_copies(shift, turn, count)
 
 
-def emission_of(plugin: Any, count: int, reach: float, seed: int = 0, sources: Sequence[int] | None = None) -> Emission:
+def emission_of(world: SceneWorld, count: int, seed: int = 0, sources: Sequence[int] | None = None) -> Emission:
     """Return the light paths of a Mitsuba scene: about `count` a pass, shared among its emitters by their power.
 
-    `reach` is how far they go that meet nothing; `sources` are the numbers of the emitters' sources, 0 unless given.
+    `sources` are the numbers of the emitters' sources, 0 unless given.
     """
-    total = len(plugin.emitters())
-    emitters = [SceneEmitter(plugin, k, reach, sources[k] if sources else 0) for k in range(total)]
+    total = len(world.plugin.emitters())
+    emitters = [SceneEmitter(world, k, sources[k] if sources else 0) for k in range(total)]
     fluxes = [probed_flux(each, number) for number, each in enumerate(emitters)]
     power = np.array([max(flux) for flux in fluxes])
     fractions = np.where(power > 0, np.maximum(power / max(power.sum(), 1e-30), _LEAST), 0)

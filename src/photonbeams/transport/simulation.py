@@ -187,9 +187,8 @@ def lamps_of(world: StageWorld, beams: int, seed: int, light_side: Collection[st
 
 def _stratum(world: StageWorld, number: int, seed: int, count: int, through: bool) -> Stratum:
     """Return the light paths of a lamp through its portal, or beside it, of which about `count` have light."""
-    light, source = world.description.lights[number], world.lights[number]
-    portal = world.portals.get(light.name)
-    emitter = LampEmitter(light, source, portal, through, world.bounds, number, world.link_of(light))
+    emitter = LampEmitter(world, number, through)
+    light, portal = emitter.light, emitter.portal
     most = max(count, min(_MOST_DARK * count, _MOST_PATHS))
     count = min(count_candidates(max(emitter.lit_fraction(), 1 / _MOST_DARK), count), most)
     if through and portal is not None:

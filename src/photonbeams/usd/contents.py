@@ -70,22 +70,39 @@ def read_scene(stage: Usd.Stage, time: Any = None, warned: set[str] | None = Non
             path = item.prim.GetPath()
             if path not in portals and (path not in guides or is_drawn(item.prim)):
                 _collect(reading, item, contents)
-    for prim, _ in contents.media[1:]:
-        reading.warn(prim, f"is a second medium: that of {contents.media[0][0].GetPath()} is used alone")
-    fog = contents.media[0][0] if contents.media else None
+    _check_media(reading, contents.media)
+    media = [prim for prim, _ in contents.media]
     return Scene(
         tuple(contents.meshes),
-        tuple(linked(reading, light, prim, contents.meshes, fog) for prim, light in contents.lights),
+        tuple(linked(reading, light, prim, contents.meshes, media) for prim, light in contents.lights),
         tuple(contents.drawn),
-        contents.media[0][1] if contents.media else None,
+        tuple(medium for _, medium in contents.media),
     )
+
+
+def _check_media(reading: Reading, media: list[tuple[Usd.Prim, Medium]]) -> None:
+    """Raise SceneError where two media fill the whole space; warn of those that are not rendered."""
+    filling = [prim for prim, medium in media if not medium.bounded]
+    for prim in filling[1:]:
+        first = filling[0].GetPath()
+        raise SceneError(
+            f"{reading.place(prim)} is a medium of the whole space, as {first} is: expected one such medium, the "
+            "others on closed gprims"
+        )
+    homogeneous = [prim for prim, medium in media if medium.grid is None]
+    for prim, medium in media:
+        if medium.grid is not None:
+            reading.warn(prim, "is a medium on a grid, which is not rendered: it is skipped")
+        elif prim != homogeneous[0]:
+            reading.warn(prim, f"is a second medium: that of {homogeneous[0].GetPath()} is used alone")
 
 
 def _collect(reading: Reading, item: _Item, contents: _Contents) -> None:
     prim = item.prim
     if is_medium(prim):
-        contents.media.append((prim, read_medium(reading, prim, item.to_world)))
-        if contents.media[-1][1].mesh is not None:
+        medium = read_medium(reading, prim, item.to_world, item.name)
+        contents.media.extend([] if medium is None else [(prim, medium)])
+        if medium is None or medium.bounded:
             return
     if is_light(prim):
         light = read_light(reading, prim, item.to_world, item.name)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
 
@@ -11,7 +11,7 @@ from pxr import Usd, UsdGeom
 from .contents import PROTOTYPE_PRIMS, shown_in_prototype
 from .curves import is_drawn
 from .lights import is_light, makes_beams
-from .links import lights_fog
+from .links import lights_media
 from .medium import is_medium
 from .reading import Reading, prims_under, visible
 
@@ -23,13 +23,13 @@ def groups_at_all_times(stage: Usd.Stage) -> frozenset[str]:
     off are tokens and flags: they hold from one time sample to the next, and so these times tell all.
     """
     at = cache(partial(Reading, stage))
-    fog = next(filter(is_medium, prims_under(stage.GetPseudoRoot())), None)
+    media = list(filter(is_medium, prims_under(stage.GetPseudoRoot())))
     found: set[str] = set()
     for maker in _makers(stage.GetPseudoRoot()):
         for code in maker.times():
             reading = at(code)
             group = str(reading.value(maker.prim, "photonbeams:lightGroup", ""))
-            if group not in found and maker.seen(reading) and _makes_beams(reading, maker.prim, fog):
+            if group not in found and maker.seen(reading) and _makes_beams(reading, maker.prim, media):
                 found.add(group)
     return frozenset(found)
 
@@ -98,7 +98,7 @@ def _makers(root: Usd.Prim, instancer: _Maker | None = None) -> Iterator[_Maker]
             yield maker
 
 
-def _makes_beams(reading: Reading, prim: Usd.Prim, fog: Usd.Prim | None) -> bool:
+def _makes_beams(reading: Reading, prim: Usd.Prim, media: Sequence[Usd.Prim]) -> bool:
     if is_light(prim):
-        return makes_beams(reading, prim) and lights_fog(reading, prim, fog)
+        return makes_beams(reading, prim) and lights_media(reading, prim, media)
     return bool(prim.GetAttribute("points").HasAuthoredValue())

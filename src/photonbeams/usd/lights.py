@@ -16,11 +16,25 @@ from typing import Any
 import numpy as np
 from pxr import Sdf, Usd, UsdGeom, UsdLux
 
-from ..scene import MOST_BEAMS, Array, Color, DistantLight, DomeLight, FlatLight, Light, Mesh, Shaping, SphereLight, rgb
+from ..scene import (
+    MOST_BEAMS,
+    SCATTERED,
+    Array,
+    Color,
+    DistantLight,
+    DomeLight,
+    FlatLight,
+    Light,
+    Mesh,
+    Shaping,
+    SphereLight,
+    rgb,
+)
 from ..scene.vectors import unit
 from . import blender
 from .gobos import read_gobo, read_pane, read_texture
 from .looks import read_look
+from .medium import read_bounces
 from .meshes import is_gprim, read_solid
 from .reading import Reading
 from .textures import read_image
@@ -214,7 +228,17 @@ def _beam_settings(reading: Reading, prim: Usd.Prim) -> dict[str, Any]:
         "seed": int(reading.number(prim, "photonbeams:seed", 0)),
         "portal": _portal(reading, prim),
         "look": read_look(reading, prim, looks[0]) if looks else None,
+        "scattered": _scattered(reading, prim),
+        "bounces": read_bounces(reading, prim),
     }
+
+
+def _scattered(reading: Reading, prim: Usd.Prim) -> str:
+    value = str(reading.value(prim, "photonbeams:scattered", "physical"))
+    if value not in SCATTERED:
+        expected = f"{', '.join(SCATTERED[:-1])} or {SCATTERED[-1]}"
+        raise reading.fail(prim, "photonbeams:scattered", f"is '{value}': expected {expected}")
+    return value
 
 
 def check_group(reading: Reading, prim: Usd.Prim, group: str) -> None:

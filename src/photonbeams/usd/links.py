@@ -11,22 +11,23 @@ from ..scene import Light, Mesh
 from .reading import LOG, Reading
 
 
-def linked(reading: Reading, light: Light, prim: Usd.Prim, meshes: Sequence[Mesh], fog: Usd.Prim | None) -> Light:
+def linked(reading: Reading, light: Light, prim: Usd.Prim, meshes: Sequence[Mesh], media: Sequence[Usd.Prim]) -> Light:
     """Return a light with what its links leave out.
 
-    A light that its light link keeps from the fog's prim makes no beams: beams are how the fog is lit.
+    A light that its light link keeps from all media makes no beams: beams are how media are lit.
     """
     unlit = _left_out(reading, prim, "lightLink", meshes)
     unshadowed = _left_out(reading, prim, "shadowLink", meshes)
-    if fog is not None and light.emits_beams and not lights_fog(reading, prim, fog):
-        LOG.info("%s makes no beams: its light link leaves out the fog %s", reading.place(prim), fog.GetPath())
+    if light.emits_beams and not lights_media(reading, prim, media):
+        names = ", ".join(str(each.GetPath()) for each in media)
+        LOG.info("%s makes no beams: its light link leaves out the fog %s", reading.place(prim), names)
         light = replace(light, emits_beams=False)
     return replace(light, unlit=unlit, unshadowed=unshadowed) if unlit or unshadowed else light
 
 
-def lights_fog(reading: Reading, prim: Usd.Prim, fog: Usd.Prim | None) -> bool:
-    """Return whether a light's link reaches the fog's prim; a fog without a prim is lit by all."""
-    return fog is None or _reaches(reading, prim, "lightLink", [str(fog.GetPath())])[0]
+def lights_media(reading: Reading, prim: Usd.Prim, media: Sequence[Usd.Prim]) -> bool:
+    """Return whether a light's link reaches a medium's prim; a medium without a prim is lit by all."""
+    return not media or any(_reaches(reading, prim, "lightLink", [str(each.GetPath()) for each in media]))
 
 
 def _left_out(reading: Reading, prim: Usd.Prim, kind: str, meshes: Sequence[Mesh]) -> frozenset[str]:

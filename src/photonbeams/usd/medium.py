@@ -1,13 +1,14 @@
-"""Fog, by `PhotonBeamsMediumAPI`."""
+"""Media, by `PhotonBeamsMediumAPI`: on closed gprims, on volumes of fields, and of the whole space."""
 
 from __future__ import annotations
 
-from pxr import Usd, UsdGeom
+from pxr import Usd, UsdGeom, UsdVol
 
 from ..scene import Array, Color, Medium, SceneError
 from ..world.medium_colors import coefficients
 from .meshes import is_closed, is_gprim, read_solid
 from .reading import Reading, has_photonbeams
+from .volumes import read_grid
 
 
 def is_medium(prim: Usd.Prim) -> bool:
@@ -15,10 +16,17 @@ def is_medium(prim: Usd.Prim) -> bool:
     return has_photonbeams(prim, "PhotonBeamsMediumAPI", "scattering", "absorption", "nearColor", "farColor")
 
 
-def read_medium(reading: Reading, prim: Usd.Prim, to_world: Array) -> Medium:
-    """Return the fog of a prim: it fills a closed gprim, and of any other prim the whole space."""
-    mesh = None
-    if is_gprim(prim) and is_closed(reading, prim):
+def read_medium(reading: Reading, prim: Usd.Prim, to_world: Array, name: str) -> Medium | None:
+    """Return the medium of a prim: it fills a closed gprim or a grid, and of any other prim the whole space.
+
+    None, with a warning, where its grid is in a file of a kind that is not read.
+    """
+    mesh = grid = None
+    if prim.IsA(UsdVol.Volume):
+        grid = read_grid(reading, prim, to_world)
+        if grid is None:
+            return None
+    elif is_gprim(prim) and is_closed(reading, prim):
         mesh = read_solid(reading, prim, to_world)
     elif is_gprim(prim):
         reading.warn(prim, "is not closed: its fog fills the whole space")
@@ -31,7 +39,20 @@ def read_medium(reading: Reading, prim: Usd.Prim, to_world: Array) -> Medium:
         anisotropy=reading.number(prim, "photonbeams:anisotropy", 0.0, -0.99, 0.99),
         mesh=mesh,
         surfaces=reading.flag(prim, "photonbeams:surfaces", True),
+        name=name,
+        grid=grid,
+        bounces=read_bounces(reading, prim),
     )
+
+
+def read_bounces(reading: Reading, prim: Usd.Prim) -> int | None:
+    """Return how often light is scattered, as a medium or a light says; None where it does not."""
+    value = reading.value(prim, "photonbeams:bounces")
+    if value is None:
+        return None
+    if not isinstance(value, int) or value < 0:
+        raise reading.fail(prim, "photonbeams:bounces", f"is {value}: expected a whole number from 0 on")
+    return int(value)
 
 
 def _coefficients(reading: Reading, prim: Usd.Prim) -> tuple[Color, Color]:

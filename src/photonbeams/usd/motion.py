@@ -25,12 +25,13 @@ def followed(first: Scene, later: Scene) -> Scene:
     later stays as it was; one that is new is left for the next frame.
     """
     parts: dict[str, Any] = {
-        name: _matched(getattr(first, name), getattr(later, name)) for name in ("meshes", "lights", "drawn")
+        name: _matched(getattr(first, name), getattr(later, name)) for name in ("meshes", "lights", "drawn", "media")
     }
-    medium = first.medium if later.medium is None or equal(first.medium, later.medium) else later.medium
-    if medium is first.medium and all(parts[name] is getattr(first, name) for name in parts):
-        return first
-    return replace(later, **parts, medium=medium, bounds=first.bounds)
+    return (
+        first
+        if all(parts[name] is getattr(first, name) for name in parts)
+        else replace(later, **parts, bounds=first.bounds)
+    )
 
 
 def _matched(first: Sequence[T], later: Sequence[T]) -> Sequence[T]:

@@ -32,12 +32,12 @@ def read_image(reading: Reading, prim: Usd.Prim, name: str, color_space: str = "
         raise reading.fail(prim, name, f"is {asset}: expected an asset, @image@")
     if asset is None or not asset.path:
         return None
-    path = asset.resolvedPath or _resolved(reading, asset.path)
+    path = resolved(reading, asset)
     if not path:
         raise reading.fail(prim, name, f"names {asset.path}: expected an image file, there is none")
     key = ("image", path, color_space)
     if key not in reading.cache:
-        pixels, error = _pixels(path, _stamp(path), color_space)
+        pixels, error = _pixels(path, stamp(path), color_space)
         if pixels is None:
             raise reading.fail(prim, name, f"names {path}: expected an image that can be read ({error})")
         if not np.all(np.isfinite(pixels)):
@@ -46,7 +46,7 @@ def read_image(reading: Reading, prim: Usd.Prim, name: str, color_space: str = "
     return reading.cache[key]
 
 
-def _stamp(path: str) -> tuple[int, int]:
+def stamp(path: str) -> tuple[int, int]:
     """Return what changes when a file is written again."""
     status = Path(Ar.SplitPackageRelativePathOuter(path)[0]).stat()
     return status.st_mtime_ns, status.st_size
@@ -60,9 +60,14 @@ def _pixels(path: str, _stamp: tuple[int, int], color_space: str) -> tuple[Array
     return (None if pixels is None else linear(pixels, kind, color_space)), error
 
 
-def _resolved(reading: Reading, path: str) -> str:
-    """Return a path that was given in the session (`--set`) and so is relative to the stage's own file."""
-    anchored = Ar.GetResolver().CreateIdentifier(path, Ar.ResolvedPath(reading.stage.GetRootLayer().realPath))
+def resolved(reading: Reading, asset: Sdf.AssetPath) -> str:
+    """Return an asset's path, "" where there is no such file.
+
+    One that was given in the session (`--set`) is relative to the stage's own file.
+    """
+    if asset.resolvedPath:
+        return str(asset.resolvedPath)
+    anchored = Ar.GetResolver().CreateIdentifier(asset.path, Ar.ResolvedPath(reading.stage.GetRootLayer().realPath))
     return str(Ar.GetResolver().Resolve(anchored))
 
 

@@ -1,8 +1,7 @@
 """The media of a Mitsuba scene, and which of them is where.
 
-Mitsuba's own integrators follow media from the sensor on, over the surfaces that a path passes, and believe what sensor
-and emitters say. Light paths begin at emitters, which seldom say anything. So we ask the geometry: the first surface
-between two media that a ray from a point meets tells in which of them the point is.
+Mitsuba's own integrators follow media from the sensor on, over the surfaces that a path passes, and believe what the
+sensor names. Light paths begin at emitters, which seldom name anything: see `surroundings`.
 """
 
 from __future__ import annotations
@@ -21,16 +20,26 @@ from ..looks import Scattering as PhysicalScattering
 from ..looks.at import At
 from ..looks.factors import Factor
 from ..numerics.arrays import to_uint, to_vectors
+from ..numerics.hashing import hash32, unit_float
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from .tracking import Track, Tracked, Way, walk
 
 mi = mitsuba()
 
-# Surfaces that a ray may pass on its way to the border of a medium.
-_LAYERS = 64
+# Stands for a medium that is not known.
+UNKNOWN = 0xFFFFFFFF
+
+# Surfaces that a ray may pass on its way to an interface of media, and steps of a walk to one.
+_LAYERS, _STEPS = 64, 32
 
 # From here on a distance is infinite.
 _FAR = 1e30
+
+# Surfaces behind which a medium goes on, where they do not name any.
+_TRANSMITS = int(
+    mi.BSDFFlags.Null | mi.BSDFFlags.DeltaTransmission | mi.BSDFFlags.GlossyTransmission
+    | mi.BSDFFlags.DiffuseTransmission
+)  # fmt: skip
 
 
 class Scattering(Factor):
@@ -167,8 +176,10 @@ class Media:
         A medium that cannot be rendered.
     """
 
-    def __init__(self, plugins: Iterable[Any], around: Any = None, filling: Any = None, clear: bool = False,
-                 unfelt: Sequence[Any] = ()) -> None:  # fmt: skip
+    def __init__(
+        self, plugins: Iterable[Any], around: Any = None, filling: Any = None, clear: bool = False,
+        unfelt: Sequence[Any] = (),
+    ) -> None:  # fmt: skip
         found = {number(plugin): plugin for plugin in plugins if plugin is not None}
         for each in found.values():  # all of them first: Mitsuba calls all phase functions where it calls one
             _check_phase(each)
@@ -241,17 +252,22 @@ class Media:
         return dr.select(varying, walk(way, lambda point: _extinction(media, point, varying), varying & inside), plain)
 
     def beyond(self, hit: Any, direction: Any, medium: UInt32, active: Bool) -> UInt32:
-        """Return the number of the medium that rays enter at a hit, where it is a border; else the one they are in.
+        """Return the number of the medium that rays enter at a hit, where it is an interface; else that they are in.
 
-        Where two borders lie on each other a ray meets one of them. If it then is in the open, we ask the next one.
+        Light that is reflected stays in its medium where the interface names none on that side. Where two interfaces
+        lie on each other a ray meets one of them: if it then is in empty space, we ask the next one.
         """
         direction = mi.Vector3f(direction)
-        entered = dr.select(hit.is_medium_transition(), numbers(hit.target_medium(direction)), medium)
+        interface = hit.is_medium_transition()
+        entered = dr.select(interface, numbers(hit.target_medium(direction)), medium)
+        incoming = hit.to_world(hit.wi)
+        back = dr.dot(hit.n, incoming) * dr.dot(hit.n, direction) > 0
+        entered = dr.select(interface & back & (entered == 0), medium, entered)
         if self._around is None:
             return entered
-        lost = active & hit.is_medium_transition() & (entered == 0)
+        lost = active & interface & ~back & (entered == 0)
         start = Array3f(hit.spawn_ray(direction).o)
-        return dr.select(lost, medium_at(self._around, start, Array3f(direction), entered, lost), entered)
+        return dr.select(lost, _ahead(self._around, start, Array3f(direction), lost), entered)
 
 
 def _repeats(shape: Any) -> bool:
@@ -302,35 +318,124 @@ def pointers(media: UInt32) -> Any:
     return dr.reinterpret_array(mi.MediumPtr, mi.UInt32(media))
 
 
-def medium_at(plugin: Any, origin: Array3f, direction: Array3f, otherwise: UInt32, active: Bool) -> UInt32:
-    """Return the number of the medium at points, found along a ray from each.
+def shape_number(plugin: Any) -> int:
+    """Return the number of a shape in arrays of shapes."""
+    return int(UInt32(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(plugin)))[0])
+
+
+@dataclass(frozen=True)
+class Met:
+    """What rays meet.
+
+    Attributes
+    ----------
+    hit
+        Mitsuba's surface interaction.
+    interface
+        Whether the surface names media.
+    near, far
+        The numbers of those before and behind it, UNKNOWN where it names none.
+    transmits
+        Whether a ray may pass the surface.
+    """
+
+    hit: Any
+    interface: Any
+    near: Any
+    far: Any
+    transmits: Any
+
+
+def meet(plugin: Any, origin: Any, direction: Any, active: Any) -> Met:
+    """Return what rays meet in a Mitsuba scene, and what it tells of the media there."""
+    along = mi.Vector3f(direction)
+    hit = plugin.ray_intersect(mi.Ray3f(mi.Point3f(origin), along), active)
+    valid = active & hit.is_valid()
+    interface = valid & hit.is_medium_transition()
+    near, far = (dr.select(interface, numbers(hit.target_medium(each)), UNKNOWN) for each in (-along, along))
+    transmits = valid & ((UInt32(hit.bsdf().flags()) & _TRANSMITS) != 0)
+    return Met(hit, interface, near, far, transmits)
+
+
+def reflected(hit: Any, direction: Any, aside: Any) -> Array3f:
+    """Return directions away from surfaces, on the side that rays come from, by a random unit vector."""
+    normal = Array3f(hit.n)
+    normal = dr.select(dr.dot(normal, direction) > 0, -normal, normal)
+    result = normal * 1.001 + aside
+    return result * dr.rsqrt(dr.maximum(dr.squared_norm(result), 1e-12))
+
+
+def medium_at(
+    plugin: Any, origin: Array3f, direction: Array3f, otherwise: UInt32, everywhere: UInt32, active: Any = True
+) -> UInt32:
+    """Return the number of the medium at points, found by a random walk from each.
+
+    A walk is reflected by surfaces, and passes those that transmit light and name no medium: it stays in the medium
+    that it began in, which the first interface on its way names. What names no medium on this side is empty space, if
+    nothing else on the way tells more.
 
     Parameters
     ----------
     plugin
         The Mitsuba scene.
     origin, direction
-        Rays.
+        Rays along which walks begin.
     otherwise
-        The medium of points from which no border of a medium is seen.
+        The medium of points whose walks find no interface.
+    everywhere
+        The medium of the background.
     active
         Which points are asked for.
     """
+    width = max(dr.width(origin), dr.width(direction))
+    lane = dr.arange(UInt32, width) + dr.opaque(UInt32, 0)
 
-    def further(here: Array3f, medium: UInt32, layer: UInt32, going: Bool) -> tuple[Array3f, UInt32, UInt32, Bool]:
-        hit = plugin.ray_intersect(mi.Ray3f(mi.Point3f(here), mi.Vector3f(direction)), going)
-        going = going & hit.is_valid()
-        border = going & hit.is_medium_transition()
-        medium = dr.select(border, numbers(hit.target_medium(mi.Vector3f(-direction))), medium)
-        here = dr.select(going, Array3f(hit.spawn_ray(mi.Vector3f(direction)).o), here)
-        return here, medium, layer + 1, going & ~border
+    def further(here: Array3f, along: Array3f, medium: UInt32, step: UInt32, going: Bool) -> tuple[Any, ...]:
+        met = meet(plugin, here, along, going)
+        escaped = going & ~met.hit.is_valid()
+        medium = dr.select(met.interface, met.near, medium)
+        medium = dr.select(escaped, everywhere, medium)
+        going = going & ~escaped & ~(met.interface & (met.near > 0))
+        along = dr.select(met.transmits & ~met.interface, along, reflected(met.hit, along, _unit(hash32(lane, step))))
+        here = dr.select(going, Array3f(met.hit.spawn_ray(mi.Vector3f(along)).o), here)
+        return here, along, medium, step + 1, going
+
+    state = (
+        origin + dr.zeros(Array3f, width), direction + dr.zeros(Array3f, width), dr.full(UInt32, UNKNOWN, width),
+        dr.zeros(UInt32, width), active & dr.full(Bool, True, width),
+    )  # fmt: skip
+    end: Any = dr.while_loop(state, lambda *each: each[4] & (each[3] < _STEPS), further, label="medium_at")
+    found = UInt32(end[2])
+    return dr.select(found == UNKNOWN, otherwise, found)
+
+
+def _unit(seed: UInt32) -> Array3f:
+    """Return random unit vectors."""
+    z = 2 * unit_float(seed) - 1
+    sine, cosine = dr.sincos(2 * dr.pi * unit_float(hash32(seed)))
+    across = dr.safe_sqrt(1 - z * z)
+    return Array3f(across * cosine, across * sine, z)
+
+
+def _ahead(plugin: Any, origin: Array3f, direction: Array3f, active: Bool) -> UInt32:
+    """Return the number of the medium that the next interface along rays names on this side, 0 if there is none.
+
+    Rays pass surfaces that transmit light and name no medium; opaque ones tell nothing.
+    """
+
+    def further(here: Array3f, medium: UInt32, layer: UInt32, going: Bool) -> tuple[Any, ...]:
+        met = meet(plugin, here, direction, going)
+        medium = dr.select(met.interface, met.near, medium)
+        going = going & met.hit.is_valid() & met.transmits & ~met.interface
+        here = dr.select(going, Array3f(met.hit.spawn_ray(mi.Vector3f(direction)).o), here)
+        return here, medium, layer + 1, going
 
     width = max(dr.width(origin), dr.width(direction))
     state = (
-        origin + dr.zeros(Array3f, width), otherwise + dr.zeros(UInt32, width), dr.zeros(UInt32, width),
+        origin + dr.zeros(Array3f, width), dr.zeros(UInt32, width), dr.zeros(UInt32, width),
         active & dr.full(Bool, True, width),
     )  # fmt: skip
-    return dr.while_loop(state, lambda *each: each[3] & (each[2] < _LAYERS), further, label="medium_at")[1]
+    return dr.while_loop(state, lambda *each: each[3] & (each[2] < _LAYERS), further, label="ahead")[1]
 
 
 def _rendered(own: int, plugin: Any) -> RenderedMedium:

@@ -10,16 +10,15 @@ import numpy as np
 
 from .. import scene
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
-from .media import Media, medium_at, number, parts
+from .media import Media
 from .sources import Source
+from .surroundings import Surroundings, place_of_sensor, places_of
 from .world import World, perturbs, translucent
 
 mi = mitsuba()
 
 # Greatest radius of a scene: the squares and cubes of what is longer are beyond the numbers that there are.
 LARGEST = 1e9
-
-_UNSEEN = 0xFFFFFFFF  # stands for a medium that is not known
 
 
 class SceneWorld(World):
@@ -43,34 +42,21 @@ class SceneWorld(World):
     def __init__(self, plugin: Any, sensor: Any, sources: Sequence[Source] = (Source(),)) -> None:
         self.plugin, self.sources = plugin, tuple(sources)
         self.media = Media.of(plugin)
-        self.everywhere = _everywhere(plugin, sensor)
-        self.filling = dr.opaque(UInt32, number(self.everywhere))
         self.radius = _radius(plugin)
         self.perturbed, self.translucent = perturbs(plugin), translucent(plugin)
         self.reach = scene.ESCAPE * self.radius
+        place = None if sensor is None else place_of_sensor(sensor)
+        self.surroundings = Surroundings(plugin, self.media, places_of(plugin), place)
+        self.sizes = self.surroundings.sizes
         self._escape = dr.opaque(Float, self.reach)
 
     def escape(self, origin: Array3f, direction: Array3f) -> Float:
         """Return how far light goes that meets nothing."""
         return self._escape + 0 * origin.x
 
-    def medium_of_emission(self, origin: Array3f, direction: Array3f, source: UInt32, active: Bool) -> UInt32:
-        """Return the numbers of the media in which light paths begin."""
-        return medium_at(self.plugin, origin, direction, self.filling, active)
-
     def medium_of_view(self, origin: Array3f, direction: Array3f) -> UInt32:
-        """Return the numbers of the media in which camera rays begin.
-
-        Of rays that have seen no boundary: what fills the space; if nothing does, where most of the others are, for a
-        ray may miss a boundary on which another surface lies.
-        """
-        found = medium_at(self.plugin, origin, direction, UInt32(_UNSEEN), Bool(True))
-        unseen = found == _UNSEEN
-        if not bool(dr.any(unseen)):
-            return found
-        known, counts = np.unique(dr.select(unseen, 0, found).numpy()[~unseen.numpy()], return_counts=True)
-        usual = int(known[counts.argmax()]) if len(counts) else 0
-        return dr.select(unseen, dr.select(self.filling > 0, self.filling, dr.opaque(UInt32, usual)), found)
+        """Return the numbers of the media in which camera rays begin."""
+        return self.surroundings.of_sensor(origin, direction)
 
     def seen(self, origin: Array3f, direction: Array3f, reach: Float, active: Bool, seed: UInt32) -> Any:
         """Return the first surface, or boundary of a medium, that camera rays meet within `reach`."""
@@ -89,10 +75,3 @@ def _radius(plugin: Any) -> float:
     if not size <= LARGEST:
         raise scene.SceneError(f"the scene has a radius of {size:g} units: expected {LARGEST:g} at most")
     return size or 1.0
-
-
-def _everywhere(plugin: Any, sensor: Any) -> Any:
-    """Return the medium that fills the whole space: what sensor or emitters name, and no shape has inside."""
-    bounded = {number(each.interior_medium()) for each in parts(plugin, mi.Shape)}
-    named = [each.get_medium() for each in (sensor, *plugin.emitters())]
-    return next((each for each in named if each is not None and number(each) not in bounded), None)

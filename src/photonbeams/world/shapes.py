@@ -24,7 +24,9 @@ def shapes_of(meshes: Sequence[scene.Mesh]) -> tuple[Any, ...]:
     return tuple(shape_of(mesh, bsdfs[id(mesh.material)], _emitter(mesh.material)) for mesh in meshes)
 
 
-def shape_of(mesh: scene.Mesh, bsdf: Any = None, emitter: Any = None, interior: Any = None) -> Any:
+def shape_of(
+    mesh: scene.Mesh, bsdf: Any = None, emitter: Any = None, interior: Any = None, exterior: Any = None
+) -> Any:
     """Return a mesh as Mitsuba's."""
     properties = mi.Properties()
     if bsdf is not None:
@@ -33,6 +35,8 @@ def shape_of(mesh: scene.Mesh, bsdf: Any = None, emitter: Any = None, interior: 
         properties["emitter"] = emitter
     if interior is not None:
         properties["interior"] = interior
+    if exterior is not None:
+        properties["exterior"] = exterior
     shape = mi.Mesh(
         mesh.name,
         vertex_count=len(mesh.points),

@@ -190,7 +190,7 @@ class StageWorld(World):
         center, radius = description.bounds or bounding_sphere([description], viewpoints)
         medium = description.medium
         hidden = {light.portal.name for light in description.lights if light.portal is not None}
-        hidden |= {medium.mesh.name} if medium is not None and medium.mesh is not None else set()
+        hidden |= {each.mesh.name for each in description.media if each.mesh is not None}
         meshes = tuple(mesh for mesh in description.meshes if mesh.name not in hidden and len(mesh.faces))
         still = like is not None and _same(meshes, like.meshes)
         shapes = like.shapes if like is not None and still else shapes_of(meshes)
@@ -308,10 +308,6 @@ class StageWorld(World):
         """Return how far light goes that meets nothing."""
         return self.bounds.exit(origin, direction, scene.ESCAPE)
 
-    def medium_of_emission(self, origin: Array3f, direction: Array3f, source: UInt32, active: Bool) -> UInt32:
-        """Return the numbers of the media in which light paths begin."""
-        return self.medium_at(origin, direction, active)
-
     def medium_of_view(self, origin: Array3f, direction: Array3f) -> UInt32:
         """Return the numbers of the media in which camera rays begin."""
         return self.medium_at(origin, direction, Bool(True))
@@ -334,7 +330,7 @@ class StageWorld(World):
         filling = dr.opaque(UInt32, self.media.filling)
         if not self.borders:
             return filling + dr.zeros(UInt32, max(dr.width(origin), dr.width(direction)))
-        return medium_at(self._boundaries, origin, direction, filling, active)
+        return medium_at(self._boundaries, origin, direction, filling, filling, active)
 
     @cached_property
     def _boundaries(self) -> Any:
@@ -426,17 +422,18 @@ def _blockers(
 
 def _media(description: scene.Scene, like: StageWorld | None) -> tuple[Media, tuple[Any, ...]]:
     """Return the media of a scene, and the boundaries of those that have any."""
-    if like is not None and like.description.medium is description.medium:
+    if like is not None and _same(like.description.media, description.media):
         return like.media, like.borders
-    medium = description.medium
-    if medium is None:
-        return Media([]), ()
-    plugin = plugin_of(medium)
-    unfelt = () if medium.surfaces else (plugin,)
-    if medium.mesh is None:
-        return Media([plugin], filling=plugin, clear=True, unfelt=unfelt), ()
-    border = shape_of(outward(medium.mesh), mi.load_dict({"type": "null"}), interior=plugin)
-    return Media([plugin], clear=True, unfelt=unfelt), (border,)
+    plugins = [plugin_of(medium) for medium in description.media if medium.grid is None]
+    known = [medium for medium in description.media if medium.grid is None]
+    unfelt = [plugin for medium, plugin in zip(known, plugins, strict=True) if not medium.surfaces]
+    filling = next((plugin for medium, plugin in zip(known, plugins, strict=True) if not medium.bounded), None)
+    borders = tuple(
+        shape_of(outward(medium.mesh), mi.load_dict({"type": "null"}), interior=plugin, exterior=filling)
+        for medium, plugin in zip(known, plugins, strict=True)
+        if medium.mesh is not None
+    )
+    return Media(plugins, filling=filling, clear=True, unfelt=unfelt), borders
 
 
 def plugin_of(medium: scene.Medium) -> Any:

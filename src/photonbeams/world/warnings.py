@@ -7,30 +7,31 @@ from typing import Any
 
 from ..runtime.device import mitsuba
 from .media import boxes, number, parts
+from .surroundings import Surroundings
 
 mi = mitsuba()
 
 _LOG = logging.getLogger("photonbeams")
 
 
-def warn(plugin: Any, everywhere: Any, warned: set[str]) -> None:
+def warn(plugin: Any, surroundings: Surroundings, warned: set[str]) -> None:
     """Warn of what in a scene was hardly meant so.
 
     Parameters
     ----------
-    plugin, everywhere
-        The Mitsuba scene, and the medium that fills its space or None.
+    plugin, surroundings
+        The Mitsuba scene, and which media surround what in it.
     warned
         Texts of warnings that were given, to which new ones are added; share it between pictures, so that each is given
         once.
     """
-    for text in _doubts(plugin, everywhere):
+    for text in [*_doubts(plugin, surroundings.everywhere), *surroundings.conflicts]:
         if text not in warned:
             warned.add(text)
             _LOG.warning("%s", text)
 
 
-def _doubts(plugin: Any, everywhere: Any) -> list[str]:
+def _doubts(plugin: Any, everywhere: int) -> list[str]:
     result = [
         f"shape {each.id() or each.class_name()}: stands in a medium, but names no exterior, so that the space around "
         "it counts as empty: expected that medium as its exterior"
@@ -39,7 +40,7 @@ def _doubts(plugin: Any, everywhere: Any) -> list[str]:
     return result if plugin.emitters() else [*result, "the scene has no emitter and will be black: expected one"]
 
 
-def _holes(plugin: Any, everywhere: Any) -> list[Any]:
+def _holes(plugin: Any, everywhere: int) -> list[Any]:
     """Return the shapes within a medium that do not say so: those with another one inside, and nothing outside.
 
     Where media are is only known from the shapes that bound them, so the boxes around these have to do.
@@ -50,6 +51,6 @@ def _holes(plugin: Any, everywhere: Any) -> list[Any]:
     for each in shapes:
         own, box = number(each.interior_medium()), each.bbox()
         around = any(other.contains(box) and other != box for medium, other in found.items() if medium != own)
-        if each.exterior_medium() is None and (everywhere is not None or around):
+        if each.exterior_medium() is None and (everywhere or around):
             result.append(each)
     return result

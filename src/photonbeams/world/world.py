@@ -65,10 +65,6 @@ class World:
         """Return how far light goes that meets nothing."""
         raise NotImplementedError
 
-    def medium_of_emission(self, origin: Array3f, direction: Array3f, source: UInt32, active: Bool) -> UInt32:
-        """Return the numbers of the media in which light paths begin."""
-        raise NotImplementedError
-
     def medium_of_view(self, origin: Array3f, direction: Array3f) -> UInt32:
         """Return the numbers of the media in which camera rays begin."""
         raise NotImplementedError
