@@ -137,7 +137,7 @@ def test_the_light_side_is_a_quarter_of_the_beams_and_misses_the_portal(room):
     through = (~aside) & (beams["offset"] == 0)
     assert through.sum() == 3072
     total = beams["power"][aside].sum(axis=0) + beams["power"][through].sum(axis=0)
-    assert np.allclose(total, 1000, rtol=2e-3)  # binomial: the light side's share has an error of 0.2 / sqrt(1024) here
+    assert np.allclose(total, 1000, rtol=0.2 / 32)  # binomial: the light side's share has an error of 0.2 / sqrt(1024)
     assert np.all(beams["end"][aside][:, 0] < HOLE_X + 1e-4)
 
 
@@ -146,7 +146,8 @@ def test_fog_in_a_mesh_clips_beams_to_its_first_interval():
     light = scene.SphereLight("/lamp", (1.0,) * 3, axis=np.array([1.0, 0, 0]), shaping=scene.Shaping(cone_angle=15.0))
     wall = across_x("/wall", 5.0, (-9, 9), (-9, 9))
     beams = only(trace(world_of(light, meshes=(wall,), media=(fog,)), beams_per_light=128))
-    assert np.allclose(beams["start"][:, 0], 1, atol=1e-5)
+    # Mitsuba's rays begin 1500 roundings of 1 + |x| behind an interface.
+    assert np.allclose(beams["start"][:, 0], 1, atol=3100 * 2.0**-24)
     assert np.allclose(beams["end"][:, 0], 2, atol=1e-5)
     assert np.allclose(beams["end_normal"], [-1, 0, 0], atol=1e-6)
     assert np.allclose(beams["offset"], np.linalg.norm(beams["start"], axis=1), rtol=1e-5)

@@ -271,7 +271,7 @@ def test_packed_masked_lights_have_their_own_images():
     built = world(*lights)
     (lamps,) = built.lamps
     at = np.random.default_rng(1).uniform([-1, -1, -3], [1, 1, -2], (64, 3))
-    for number, source in enumerate(built.sources):
+    for number, source in enumerate(built.lights):
         taken = lamps.light(UInt32(number))
         assert np.allclose(seen_from(taken, at)[0], seen_from(source, at)[0], atol=1e-6)
     assert (seen_from(built.lights[0], at)[0] > 0).any()

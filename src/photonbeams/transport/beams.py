@@ -122,8 +122,7 @@ def sets_of(cuttings: Sequence[Cutting], steps: Sequence[Segments]) -> list[Beam
         for segments in steps:
             mine = compressed(cutting.own(segments), segments)
             if mine:
-                always = dr.full(Bool, True, dr.width(mine[0].length))
-                for piece in cutting.pieces(mine[0], always):
+                for piece in cutting.pieces(mine[0], dr.max(mine[0].flux) > 0):
                     pieces += compressed(piece.there, piece)
         if pieces:
             result += _sets(cutting, joined(pieces))

@@ -331,7 +331,7 @@ def _following(tracing: Tracing, paths: Paths, event: Event, scatter: Scatter, s
         setattr(following, name, getattr(paths, name))
     following.narrow = dr.select(passes, paths.narrow, 1)
     following.link = dr.select(passes, paths.link, 0)
-    following.offset = paths.offset + event.way
+    following.offset = paths.offset + dr.dot(following.origin - paths.origin, paths.direction)
     following.reach = dr.select(
         passes, paths.reach - event.way, tracing.world.escape(following.origin, following.direction)
     )

@@ -128,7 +128,8 @@ class Simulation:
 
     def cuttings(self, number: int) -> list[Cutting]:
         """Return how the segments of a pass become beams, for each emitter that makes some and each medium."""
-        media = [each for each in self.world.media.all if max(each.medium.scattering) > 0]
+        # A look of an artist's may show beams in a medium that scatters nothing.
+        media = [each for each in self.world.media.all if self.named or max(each.medium.scattering) > 0]
         makers = [source for source in self.sources if source.beams]
         return [
             Cutting(medium, source, *self._both_limits(number, medium), self.named, self.tuning.short)
