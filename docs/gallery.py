@@ -40,7 +40,7 @@ def main() -> None:
 
 def pair(name: str) -> tuple[float, int, float, int]:
     """Write two pictures of a scene; return seconds and passes of ours, seconds and samples of Mitsuba's."""
-    from photonbeams.render.mitsuba_frame import render
+    from photonbeams.render.scene_frame import render
     from photonbeams.runtime.device import mitsuba
     from photonbeams.shot.mitsuba import MitsubaScene
 

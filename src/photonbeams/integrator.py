@@ -190,7 +190,7 @@ def _integrator(mi: Any, variant: str) -> type:
             """Render the scene; `spp` is the number of passes."""
             import drjit as dr
 
-            from .render.mitsuba_frame import render
+            from .render.scene_frame import render
 
             sensor = scene.sensors()[sensor] if isinstance(sensor, int) else sensor
             settings = replace(self.settings, passes=spp or int(sensor.sampler().sample_count()), seed=_number(seed))

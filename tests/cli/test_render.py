@@ -16,9 +16,12 @@ import typer
 
 from cli.results import fails, untouched
 from photonbeams import cli
+from photonbeams.cli.flags import Filter
 from photonbeams.images.files import read_image, read_layers
-from photonbeams.render import frame
-from photonbeams.render import mitsuba_frame as transport
+from photonbeams.render import stage_frame as frame
+from photonbeams.render.settings import DEFAULT_PATHS, Settings
+from photonbeams.scene import DEFAULT_BEAMS
+from photonbeams.scene.cameras import FILTERS
 
 FOG = """def Scope "Fog" (prepend apiSchemas = ["PhotonBeamsMediumAPI"]) {
     color3f photonbeams:scattering = (0.1, 0.1, 0.1)
@@ -279,6 +282,9 @@ def test_layers_choose_what_the_exr_holds_and_groups_have_theirs(render, stage, 
         (("--passes", "many"), ("--passes is many", "expected a valid integer")),
         (("--beams", 0), ("--beams is 0", "expected 1 to 100000000")),
         (("--beams", 10**10), ("--beams is 10000000000", "expected 1 to 100000000")),
+        (("--bounces", -1), ("--bounces is -1: expected 0 to 2147483645",)),
+        (("--filter", "sinc"), ("--filter is sinc", "'lanczos'")),
+        (("--checkpoint", "nan"), ("--checkpoint is nan: expected a positive number of seconds",)),
         (("--order", 0), ("--order is 0", "1 to 256")),
         (("--order", 1000), ("--order is 1000", "1 to 256")),
         (("--time-limit", 0), ("--time-limit is 0",)),
@@ -314,7 +320,7 @@ def test_layers_choose_what_the_exr_holds_and_groups_have_theirs(render, stage, 
 def test_a_wrong_flag_is_refused_before_rendering(render, stage, tmp_path, monkeypatch, flags, parts):
     path = stage()
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(frame, "_Frame", None)  # that anything is rendered
+    monkeypatch.setattr(frame, "StageFrame", None)  # that anything is rendered
     fails(render(path, "-o", "a.exr", *SMALL, *flags, small=False), 2, *parts)
     assert [each.name for each in tmp_path.iterdir()] == ["stage.usda"]
 
@@ -511,7 +517,7 @@ def test_odd_names_and_values_render(render, stage, out, tmp_path):
 
 
 def test_an_output_that_cannot_be_written_is_named_before_rendering(render, stage, out, monkeypatch):
-    monkeypatch.setattr(frame, "_Frame", None)  # that anything is rendered
+    monkeypatch.setattr(frame, "StageFrame", None)  # that anything is rendered
     (out / "folder.exr").mkdir()
     fails(render(stage(), "-o", out / "folder.exr"), 1, str(out / "folder.exr"), "Is a directory")
     (out / "folder.exr").rmdir()
@@ -576,7 +582,7 @@ def test_an_interrupt_is_one_also_where_it_is_wrapped(render, stage, out, monkey
         except KeyboardInterrupt as interrupt:
             raise RuntimeError("dr.while_loop(): encountered an exception (see above).") from interrupt
 
-    monkeypatch.setattr(frame._Frame, "add_pass", interrupted)
+    monkeypatch.setattr(frame.StageFrame, "add_pass", interrupted)
     code, stdout, stderr = render(stage(), "-o", out / "old.exr", "--progress", "none")
     assert (code, stdout, stderr) == (130, "", "Interrupted; nothing was written\n")
     assert untouched(out)
@@ -585,14 +591,14 @@ def test_an_interrupt_is_one_also_where_it_is_wrapped(render, stage, out, monkey
 def test_the_defaults_that_help_tells_hold():
     command = typer.main.get_command(cli.app).get_command(None, "render")
     told = {each.name: each.help for each in command.params if isinstance(each.help, str)}
-    of_stages, of_mitsuba = frame.Settings(), transport.Settings()
-    assert f"default: {of_stages.passes}, " in told["passes"]
-    assert f"default: {of_stages.beams}; " in told["beams"] and f", or {of_mitsuba.paths}." in told["beams"]
-    for settings in (of_stages, of_mitsuba):
-        assert f"default: {settings.estimator}, " in told["estimator"]
-        assert f"default: {len(settings.rule)}, " in told["order"]
-        assert settings.rule.name == "gauss_legendre" and told["rule"].endswith("default: gauss.")
-        assert told["seed"].endswith(f"default: {settings.seed}.")
+    settings = Settings()
+    assert f"default: {settings.passes}, " in told["passes"]
+    assert f"default: {DEFAULT_BEAMS}; " in told["beams"] and f", or {DEFAULT_PATHS}." in told["beams"]
+    assert f"default: {settings.estimator}, " in told["estimator"]
+    assert f"default: {len(settings.rule)}, " in told["order"]
+    assert settings.rule.name == "gauss_legendre" and told["rule"].endswith("default: gauss.")
+    assert told["seed"].endswith(f"default: {settings.seed}.")
+    assert tuple(Filter) == FILTERS
 
 
 def test_help_is_fast_and_has_examples():

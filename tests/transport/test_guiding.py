@@ -6,8 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from photonbeams.numerics.sampling import sobol_points
-from photonbeams.render.mitsuba_frame import render
-from photonbeams.render.renderer import SceneFrame
+from photonbeams.render.scene_frame import SceneFrame, render
 from photonbeams.render.settings import Settings
 from photonbeams.transport.guiding import Guide, learn
 from transport.scenes import camera, comparison, cube_of, fog, load, rgb

@@ -14,13 +14,12 @@ from photonbeams.world.stage_world import StageWorld
 CUBE = box("/fog", [-1, -1, -1], [1, 1, 1])
 
 
-def fog_of(mesh):
-    return StageWorld.build(scene.Scene(media=(scene.Medium((0.5, 1.0, 2.0), mesh=mesh),))).fog
-
-
-def interval(fog, origin, direction):
-    enter, leave, normal = fog.interval(Array3f(*origin), Array3f(*direction))
-    return enter.numpy()[0], leave.numpy()[0], normal.numpy().ravel()
+def dimming(mesh, origin, direction, distance):
+    """Return what a fog leaves along a ray."""
+    world = StageWorld.build(scene.Scene(media=(scene.Medium((0.5, 1.0, 2.0), mesh=mesh),)))
+    start, ahead, always = Array3f(*origin), Array3f(*direction), dr.full(Bool, True, 1)
+    medium = world.medium_of_view(start, ahead)
+    return world.dimming(start, ahead, Float(distance), medium, UInt32(0), always).numpy().ravel()
 
 
 def test_bounds_hold_everything_there_is():
@@ -33,30 +32,25 @@ def test_bounds_hold_everything_there_is():
 
 
 @pytest.mark.parametrize("inward", [False, True])
-def test_a_ray_knows_where_fog_begins_and_ends(inward):
+@pytest.mark.parametrize(
+    ("origin", "direction", "distance", "inside"),
+    [
+        ((-3, 0.2, 0.1), (1, 0, 0), 9, 2), ((-3, 0.2, 0.1), (1, 0, 0), np.inf, 2), ((-3, 2, 0), (1, 0, 0), 9, 0),
+        ((-3, 0.2, 0.1), (1, 0, 0), 1, 0), ((-3, 0.2, 0.1), (1, 0, 0), 2.5, 0.5),
+        ((0.5, 0.2, 0.1), (0, 0, -1), np.inf, 1.1),
+    ],
+)  # fmt: skip
+def test_a_bounded_fog_dims_only_where_it_is(inward, origin, direction, distance, inside):
     mesh = dataclasses.replace(CUBE, faces=CUBE.faces[:, ::-1]) if inward else CUBE
-    fog = fog_of(mesh)
-    enter, leave, normal = interval(fog, (-3, 0.2, 0.1), (1, 0, 0))
-    assert np.allclose([enter, leave, *normal], [2, 4, 1, 0, 0], atol=1e-5)
-    enter, leave, normal = interval(fog, (0.5, 0.2, 0.1), (0, 0, -1))
-    assert np.allclose([enter, leave, *normal], [0, 1.1, 0, 0, -1], atol=1e-5)
-    enter, leave, _ = interval(fog, (-3, 2, 0), (1, 0, 0))
-    assert enter > leave
-
-
-def test_length_in_fog_ends_at_the_given_distance():
-    fog = fog_of(CUBE)
-    start, ahead = Array3f(-3, 0.2, 0.1), Array3f(1, 0, 0)
-    for distance, expected in ((1, 0), (2.5, 0.5), (9, 2), (np.inf, 2)):
-        assert np.isclose(fog.length(start, ahead, Float(distance))[0], expected, atol=1e-5)
-    through = fog.transmittance(start, ahead, Float(9)).numpy().ravel()
-    assert np.allclose(through, np.exp([-1, -2, -4]), rtol=1e-5)
+    # Mitsuba's rays begin 1500 roundings of 1 + |x| behind each interface.
+    tolerance = 2.0 * 2 * 1500 * 4 * 2.0**-24
+    found = dimming(mesh, origin, direction, distance)
+    assert np.allclose(found, np.exp(-inside * np.array([0.5, 1, 2])), rtol=tolerance)
 
 
 def test_unbounded_fog_does_not_dim_what_is_infinitely_far():
-    fog = fog_of(None)
-    assert fog.length(Array3f(0), Array3f(1, 0, 0), Float(3))[0] == 3
-    assert fog.length(Array3f(0), Array3f(1, 0, 0), Float(np.inf))[0] == 0
+    assert np.allclose(dimming(None, (0, 0, 0), (1, 0, 0), 3), np.exp([-1.5, -3, -6]), rtol=1e-6)
+    assert np.array_equal(dimming(None, (0, 0, 0), (1, 0, 0), np.inf), [1, 1, 1])
 
 
 def test_materials_of_every_kind_become_surfaces():

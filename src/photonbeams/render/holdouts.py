@@ -16,12 +16,11 @@ import numpy as np
 
 from .. import scene
 from ..numerics.arrays import to_float
-from ..runtime.device import Array3f, Float
+from ..runtime.device import Float
 from ..world.cameras import CameraRays, View, Window
-from .surfaces import Shaded
 
 if TYPE_CHECKING:
-    from ..world.stage_world import StageWorld
+    pass
 
 
 class Held:
@@ -55,37 +54,6 @@ class Held:
             inverse, numerator = inverse - moved / focus, dr.maximum(1 - moved, 0.25)
         # What slopes add up to may be more than there is.
         return numerator / dr.maximum(inverse, 0.25 * self._inverse) / rays.facing
-
-    def shade(
-        self,
-        world: StageWorld,
-        view: View,
-        rays: CameraRays,
-        offset: tuple[float, float],
-        on_lens: tuple[Any, Any] | None = None,
-    ) -> Shaded:
-        """Return what rays see: nothing, at these depths, and the fog before it.
-
-        The rays are those of `view` through each pixel at `offset`, from the places `on_lens`.
-        """
-        inverse, numerator = self._inverse, Float(1)
-        for slope, there, here in zip(self._slopes, offset, self._place, strict=True):
-            inverse = dr.fma(slope, dr.opaque(Float, there - here), inverse)
-        if on_lens is not None and view.projection.lens is not None:
-            # The plane is 1 = a Z + b X + c Y, and the ray X = x + Z (right − x / focus), Y alike, with a place (x, y)
-            # on the lens; a + b right + c up is the inverse depth of the ray through the lens's centre.
-            scale, (_, focus) = view.projection.scale, view.projection.lens
-            moved = self._slopes[0] * scale[0] * on_lens[0] - self._slopes[1] * scale[1] * on_lens[1]
-            inverse, numerator = inverse - moved / focus, dr.maximum(1 - moved, 0.25)
-        # What slopes add up to may be more than there is.
-        distance = numerator / dr.maximum(inverse, 0.25 * self._inverse) / rays.facing
-        fog = world.fog
-        assert fog is not None  # there are no beams without
-        transmittance = fog.transmittance(rays.origin, rays.direction, distance)
-        count = dr.width(distance)
-        shaded = Shaded(dr.zeros(Array3f, count), dr.zeros(Float, count), distance, transmittance)
-        dr.eval(shaded)
-        return shaded
 
 
 def slopes(values: Any, axis: int) -> np.ndarray:

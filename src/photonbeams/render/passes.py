@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+from typing import TYPE_CHECKING, Protocol, TypeVar
 
 import drjit as dr
 import numpy as np
@@ -132,8 +132,3 @@ def subpixel(number: int) -> tuple[float, float]:
     place = (number + 1) // 2
     x, y = (0.5 + place / g) % 1.0, (0.5 + place / g**2) % 1.0
     return (x, y) if number == 0 or number % 2 else (1 - x, 1 - y)
-
-
-def to_picture(value: Any, shape: tuple[int, int]) -> np.ndarray:
-    """Return a Dr.Jit array of one value a pixel, row by row, as (H, W, C)."""
-    return np.ascontiguousarray(value.numpy().reshape(-1, *shape).transpose(1, 2, 0))

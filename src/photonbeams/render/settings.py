@@ -14,10 +14,8 @@ from ..beams.programs import Program
 from ..estimators.estimate import DEFAULT_RULE, check_estimator
 from ..quadrature import Rule
 from ..scene import MOST_BEAMS, SceneError, real, whole
+from ..scene.cameras import FILTERS
 from .passes import OVERLAP
-
-#: Pixel filters, by the names that Mitsuba's plug-ins have.
-FILTERS = ("box", "tent", "gaussian", "mitchell", "catmullrom", "lanczos")
 
 #: Light paths a pass of a Mitsuba scene; of a stage each light has `scene.DEFAULT_BEAMS`.
 DEFAULT_PATHS = 1 << 14
@@ -60,7 +58,7 @@ class Settings:
     surfaces
         Whether surfaces are shaded; if not, there are beams alone.
     pixel_filter
-        One of `FILTERS`; None: a stage's or a film's own, which is the box for a stage that names none.
+        "box", "tent", "gaussian", "mitchell", "catmullrom" or "lanczos"; None: the box of a stage, a film's own.
     program
         What is done to the beams of each pass, or None.
 

@@ -7,7 +7,7 @@ this names. Dr.Jit's arrays count as NumPy's.
 from __future__ import annotations
 
 import inspect
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from enum import Enum
 from functools import cached_property, partial
 from hashlib import sha256
@@ -87,11 +87,12 @@ class _Feed:
             self._put("object", type(value).__module__, type(value).__qualname__)
             if not type(value).__module__.startswith("photonbeams."):
                 self._put(_source(type(value)))
-            fields = getattr(value, "__dict__", {})
-            self.add({name: each for name, each in fields.items() if not _computed(type(value), name)})
+            self.add(_fields(value))
 
     def _add_function(self, function: FunctionType) -> None:
         self._put("function", function.__qualname__, _source(function))
+        if function.__name__ == "<lambda>":  # of which there may be several in the same lines
+            self._put(_text(function.__code__))
         self.add((function.__defaults__, function.__kwdefaults__))
         self.add([_content(cell) for cell in function.__closure__ or ()])
         for name in sorted(_names(function.__code__) & function.__globals__.keys()):
@@ -103,9 +104,18 @@ class _Feed:
                 self.add(_source(value) if isinstance(value, type) else value)
 
 
-def _computed(kind: type, name: str) -> bool:
-    """Return whether an attribute is a property that is computed once, which it may not be yet."""
-    return any(isinstance(vars(each).get(name), cached_property) for each in kind.__mro__)
+def _fields(value: Any) -> dict[str, Any]:
+    """Return an object's attributes, but for properties that are computed once, which they may not be yet."""
+    kinds = [vars(each) for each in type(value).__mro__]
+    slots = {name for each in kinds for name in _names_of_slots(each.get("__slots__", ()))}
+    fields = {**getattr(value, "__dict__", {}), **{name: getattr(value, name, None) for name in slots}}
+    computed = {name for each in kinds for name, own in each.items() if isinstance(own, cached_property)}
+    return {name: each for name, each in fields.items() if name not in computed}
+
+
+def _names_of_slots(given: str | Iterable[str]) -> list[str]:
+    names = [given] if isinstance(given, str) else [*given]
+    return [name for name in names if not name.startswith("__")]
 
 
 def _content(cell: Any) -> Any:

@@ -77,15 +77,13 @@ def _any_lit(
     always = dr.full(Bool, True, width)
     hit = world.solid(origin, direction, always, number)
     near, far = Float(0), dr.select(hit.is_valid(), hit.t, world.bounds.exit(origin, direction))
-    if world.fog is not None:
-        enter, leave, _ = world.fog.interval(origin, direction)
-        near, far = enter, dr.minimum(far, leave)
     far = far - opaque(_NUDGE * world.radius)
     lit = dr.full(Bool, False, width)
     for step in np.linspace(0.5, _POINTS - 0.5, _POINTS) / _POINTS:
         seed = hash32(number, dr.opaque(UInt32, int(step * 1e6)))
         point = origin + (near + opaque(step) * (far - near)) * direction
-        lit |= (far > near) & _lit(stopping, source, portal, point, pixel_sample(number, seed), seed)
+        inside = (far > near) & (world.medium_at(point, direction, far > near) > 0)
+        lit |= inside & _lit(stopping, source, portal, point, pixel_sample(number, seed), seed)
         dr.eval(lit)
     return bool(dr.any(lit))
 

@@ -112,9 +112,10 @@ class Simulation:
         both = [paths.straight(each, start) for each, start in zip(tracing, kept, strict=True)]
         steps = []
         for (opened, there), (closed, then) in zip_longest(*both, fillvalue=(None, None)):
-            opened, closed = opened or closed, closed or opened  # the one that has ended stands where the other is
-            nowhere = dr.zeros(Bool, dr.width(opened.length))
-            steps.append(((opened, closed), (nowhere if there is None else there, nowhere if then is None else then)))
+            known = [each for each in (opened, closed) if each is not None]  # the one that has ended is nowhere
+            nowhere = dr.zeros(Bool, dr.width(known[0].length))
+            masks = [nowhere if mask is None else mask for mask in (there, then)]
+            steps.append(([known[0], known[-1]], masks))
         return moving_sets(self.cuttings(number), steps, last.sources)
 
     def tracing(self, number: int, max_events: int | None = None) -> paths.Tracing:

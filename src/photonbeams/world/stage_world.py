@@ -15,7 +15,7 @@ import drjit as dr
 import numpy as np
 
 from .. import scene
-from ..numerics.arrays import opaque, to_uint
+from ..numerics.arrays import to_uint
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from .bounds import Bounds, bounding_sphere
 from .gobos import Images, Masked, bare, masked, pack_masked
@@ -28,50 +28,6 @@ from .visibility import through
 from .world import World, translucent
 
 mi = mitsuba()
-
-
-class Fog:
-    """The medium: its extinction (opaque) and its boundary, or None where it fills the whole space."""
-
-    def __init__(self, medium: scene.Medium) -> None:
-        self.medium = medium
-        self.extinction = opaque(medium.extinction)
-        self.boundary = None
-        if medium.mesh is not None:
-            self.step = opaque(1e-4 * float(np.linalg.norm(np.ptp(medium.mesh.points, axis=0))))
-            self.boundary = mi.load_dict({"type": "scene", "boundary": shape_of(outward(medium.mesh))})
-
-    def interval(self, origin: Array3f, direction: Array3f) -> tuple[Float, Float, Array3f]:
-        """Return the first stretch [enter, exit] of a ray inside the fog, and the outward normal at the exit.
-
-        A ray that misses the fog enters at infinity and exits at 0. `exit` is infinite without a boundary.
-        """
-        if self.boundary is None:
-            nowhere = 0 * origin.x + 0 * direction.x
-            return nowhere, dr.inf + nowhere, direction + nowhere
-        first = self.boundary.ray_intersect(mi.Ray3f(mi.Point3f(origin), mi.Vector3f(direction)))
-        hit = first.is_valid()
-        inside = hit & (dr.dot(Array3f(first.n), direction) > 0)
-        beyond = origin + (dr.select(hit, first.t, 0) + self.step) * direction
-        second = self.boundary.ray_intersect(mi.Ray3f(mi.Point3f(beyond), mi.Vector3f(direction)), hit & ~inside)
-        through = hit & ~inside & second.is_valid()
-        enter = dr.select(inside, 0, dr.select(through, first.t, dr.inf))
-        leave = dr.select(inside, first.t, dr.select(through, first.t + self.step + second.t, 0))
-        return enter, leave, Array3f(dr.select(inside, first.n, second.n))
-
-    def length(self, origin: Array3f, direction: Array3f, distance: Float) -> Float:
-        """Return how much of a ray, up to `distance`, lies in the fog.
-
-        An unbounded fog does not dim what is infinitely far away, or no sky would shine through it: length 0.
-        """
-        if self.boundary is None:
-            return dr.select(dr.isfinite(distance), distance, 0)
-        enter, leave, _ = self.interval(origin, direction)
-        return dr.maximum(dr.minimum(leave, distance) - enter, 0)
-
-    def transmittance(self, origin: Array3f, direction: Array3f, distance: Float) -> Array3f:
-        """Return exp(−σt · length) up to `distance`."""
-        return dr.exp(-self.extinction * self.length(origin, direction, distance))
 
 
 class Links(NamedTuple):
@@ -134,8 +90,6 @@ class StageWorld(World):
         The lights as Dr.Jit sees them, in the order of `description.lights`, and by the name of the light its portal.
     images
         The images before lights and on portals that are on the device.
-    fog
-        The medium, or None.
     bounds, radius
         A sphere around everything, including the viewpoints.
     cutouts, glowing, translucent
@@ -153,7 +107,6 @@ class StageWorld(World):
     lights: tuple[Light, ...]
     portals: dict[str, Portal]
     images: Images
-    fog: Fog | None
     bounds: Bounds
     radius: float
     cutouts: bool
@@ -188,7 +141,6 @@ class StageWorld(World):
             If a portal has no area.
         """
         center, radius = description.bounds or bounding_sphere([description], viewpoints)
-        medium = description.medium
         hidden = {light.portal.name for light in description.lights if light.portal is not None}
         hidden |= {each.mesh.name for each in description.media if each.mesh is not None}
         meshes = tuple(mesh for mesh in description.meshes if mesh.name not in hidden and len(mesh.faces))
@@ -216,7 +168,6 @@ class StageWorld(World):
             lights=tuple(masked(source(light), light, portals.get(light.name), images) for light in description.lights),
             portals=portals,
             images=images,
-            fog=_fog(medium, like),
             bounds=Bounds(center, radius),
             radius=radius,
             cutouts=any(cut_out(mesh.material) for mesh in meshes),
@@ -390,12 +341,6 @@ def _known_images(description: scene.Scene, like: StageWorld | None) -> Images:
     gobos = [gobo for light in description.lights for gobo in (light.gobo, light.portal_gobo) if gobo is not None]
     known = {} if like is None else like.images
     return {id(gobo.image): known[id(gobo.image)] for gobo in gobos if id(gobo.image) in known}
-
-
-def _fog(medium: scene.Medium | None, like: StageWorld | None) -> Fog | None:
-    if medium is None:
-        return None
-    return like.fog if like is not None and like.description.medium is medium else Fog(medium)
 
 
 def _number(shape: Any) -> Any:

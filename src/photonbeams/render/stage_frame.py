@@ -1,0 +1,343 @@
+"""Frames of stages: with shutter, stereo and holdouts."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Any
+
+import drjit as dr
+import numpy as np
+
+from .. import scene
+from ..beams.guides import known_guides, pieces_along
+from ..beams.sets import BeamSet
+from ..numerics.samples import Samples
+from ..runtime import device
+from ..runtime.device import Array3f, Float, UInt32
+from ..transport.portal_visibility import lights_seen
+from ..transport.simulation import StageSimulation
+from ..world.cameras import CameraRays, View, Window
+from ..world.sensors import Primary
+from ..world.shutter import Moment, Shutter, slice_of, turn, with_lens
+from ..world.stage_world import StageWorld
+from ..world.world import World
+from .camera_paths import Lighting
+from .checkpoint import Checkpoint
+from .film import Film, reconstruction_filter
+from .film import layer_names as names_of
+from .frame import Eye, Frame, Simulated
+from .holdouts import Held
+from .passes import Progress, Statistics, accumulate, subpixel
+from .settings import DEFAULTS, Settings
+from .stage_lighting import StageLighting
+
+_WIDEST_TURN = 30.0  # degrees: half of it in the middle of the way, the camera's axes are shorter by 3.4 %
+
+_LENS, _TIME = 101, 102  # streams of samples
+
+# Passes of a pixel have a block of 2^_BITS places in a sequence, where nobody knows how many there will be.
+_BITS = 16
+
+
+# Bytes at the peak of a pass on the CPU: resident memory of renders of 2 to 20 million pixels and 1 to 3 million beams.
+PIXEL_BYTES, BEAM_BYTES = 300, 350
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A frame's layers, (H, W, C) float32, by name, for each view, and what they took."""
+
+    views: list[dict[str, np.ndarray]]
+    statistics: Statistics
+
+    @property
+    def layers(self) -> dict[str, np.ndarray]:
+        """The layers of the first view."""
+        return self.views[0]
+
+
+def render(
+    shutter: Shutter,
+    window: Window,
+    settings: Settings = DEFAULTS,
+    progress: Progress | None = None,
+    holdouts: Sequence[Held] = (),
+    checkpoint: Checkpoint | None = None,
+    content: str = "",
+) -> Picture:
+    """Render one frame.
+
+    Parameters
+    ----------
+    shutter, window
+        What is seen, from where, and how large.
+    settings
+        Passes, estimator, seed.
+    progress
+        Called with the number of finished passes, before the first and after each.
+    holdouts
+        For each view, where beams end, instead of at the scene's own surfaces: these are not seen then, but stop light.
+    checkpoint, content
+        Where passes are kept on the way, and a hash of what is rendered: passes of another content are refused.
+
+    Raises
+    ------
+    SceneError
+        There is no medium, or nothing that makes beams; a portal has no area; a pass does not fit into memory; a
+        checkpoint of another picture.
+    """
+    description = shutter.at(0.0).scene
+    check(description)
+    _check_memory(description, window, settings)
+    state = None
+    if checkpoint is not None:
+        state = checkpoint.begin(content, *_identity(shutter, window, settings, holdouts))
+
+    def begin() -> StageFrame:
+        frame = StageFrame(shutter, window, settings, holdouts)
+        if state is not None:
+            frame.restore(state)
+        return frame
+
+    frame = accumulate(begin, settings, progress, checkpoint)
+    return Picture(frame.views(), frame.statistics)
+
+
+def _identity(shutter: Shutter, window: Window, settings: Settings, holdouts: Sequence[Held]) -> list[Any]:
+    """Return what, beside a shot's content, has to be the same for passes to be of one picture."""
+    program = settings.program and (settings.program.modifier, settings.program.frame)
+    return [
+        shutter.moving and _slices(settings), _block(settings), shutter.at(0.0).cameras, window, program,
+        replace(settings, passes=1, time_limit=None, program=None), [each.depth for each in holdouts],
+    ]  # fmt: skip
+
+
+def _slices(settings: Settings) -> int | None:
+    """Return into how many slices the shutter is divided; None where nobody knows how many passes there will be."""
+    return None if settings.time_limit is not None else settings.passes
+
+
+def _block(settings: Settings) -> int:
+    """Return the length of the part of a sample sequence that each pixel has: a power of two, for all passes."""
+    return 1 << (settings.passes - 1).bit_length()
+
+
+def simulate(shutter: Shutter, window: Window, settings: Settings = DEFAULTS, number: int = 0) -> list[BeamSet]:
+    """Return the beams of pass `number` of a frame, as `render` has them; a fog is not needed for that."""
+    description = shutter.at(0.0).scene
+    if not description.media:
+        shutter = replace(shutter, at=_in_vacuum(shutter.at), before=shutter.before and _in_vacuum(shutter.before))
+        description = shutter.at(0.0).scene
+    check(description)
+    _check_memory(description, window, settings)
+    return StageFrame(shutter, window, settings).simulated(number).sets
+
+
+def _in_vacuum(at: Callable[[float], Moment]) -> Callable[[float], Moment]:
+    """Return what returns a shot in a medium that leaves light as it is: beams are in media alone."""
+
+    @lru_cache(maxsize=8)
+    def moment(fraction: float) -> Moment:
+        found = at(fraction)
+        return found._replace(scene=replace(found.scene, media=(_VACUUM,)))
+
+    return moment
+
+
+_VACUUM = scene.Medium(scene.BLACK)
+
+
+def check(description: scene.Scene) -> None:
+    """Raise SceneError where a scene has no medium, or nothing that ever makes beams."""
+    if not description.media:
+        raise scene.SceneError(
+            "the stage has no medium: expected a prim with PhotonBeamsMediumAPI, or a fog given by --scattering"
+        )
+    if makers(description) or description.groups:
+        return
+    text = "the stage has no light that makes beams: expected a UsdLux light, or drawn beams"
+    if description.lights:  # switched off, which a dome is from the start
+        names = ", ".join(light.name for light in description.lights)
+        text = f"the stage has no light that makes beams: expected photonbeams:enabled on {names}"
+    raise scene.SceneError(text)
+
+
+def makers(description: scene.Scene) -> list[str]:
+    """Return the names of the lights and drawn beams that make beams."""
+    lights = [light.name for light in description.lights if light.emits_beams]
+    return lights + [each.name for each in description.drawn]
+
+
+def black(description: scene.Scene) -> list[str]:
+    """Return the names of all lights and drawn beams where none of them has any light; else nothing."""
+    emitting = [light for light in description.lights if light.emits_beams]
+    shining = any(light.beam_scale * max(light.radiance) > 0 for light in emitting)
+    if shining or any(len(each.start) and np.max(each.power) > 0 for each in description.drawn):
+        return []
+    return makers(description)
+
+
+def _check_memory(description: scene.Scene, window: Window, settings: Settings) -> None:
+    """Raise SceneError for a pass that the system would end for want of memory, which it does without a word.
+
+    On CUDA Dr.Jit says so itself.
+    """
+    height, width = window.shape
+    usual = settings.beams or scene.DEFAULT_BEAMS
+    counts = [usual if light.beam_count is None else light.beam_count for light in description.lights]
+    pieces = [_pieces(light) for light in description.lights]
+    beams = sum(
+        count * each for light, count, each in zip(description.lights, counts, pieces, strict=True) if light.emits_beams
+    )
+    needed, present = PIXEL_BYTES * width * height + BEAM_BYTES * beams, device.memory()
+    if device.backend() == "llvm" and present is not None and needed > present:
+        raise scene.SceneError(
+            f"{width} x {height} pixels and {beams:,} beams take {needed / 2**30:,.0f} GiB, and this machine has "
+            f"{present / 2**30:,.0f}: expected fewer, or a part of the picture by --crop"
+        )
+
+
+def layer_names(description: scene.Scene) -> list[str]:
+    """Return the names of a frame's layers, in their order."""
+    return names_of(_group_layers(description))
+
+
+def _group_layers(description: scene.Scene) -> dict[str, str]:
+    """Return the layer of each light group of the shot; none where all beams are of the unnamed one."""
+    groups = {light.group for light in description.lights if light.emits_beams}
+    groups |= {drawn.group for drawn in description.drawn} | description.groups
+    return {group: f"beams_{group or 'default'}" for group in sorted(groups)} if groups - {""} else {}
+
+
+class StageFrame(Frame):
+    """A frame of a stage.
+
+    Parameters
+    ----------
+    shutter, window
+        What is seen, from where, and how large.
+    settings
+        Passes, estimator, seed.
+    holdouts
+        For each view, where beams end, instead of at the scene's own surfaces: these are not seen then, but stop light.
+    """
+
+    def __init__(
+        self, shutter: Shutter, window: Window, settings: Settings, holdouts: Sequence[Held] = (),
+    ) -> None:  # fmt: skip
+        super().__init__(settings, settings.depth(2))
+        self._shutter, self._window = shutter, window
+        self._slices = None if settings.time_limit is not None else settings.passes
+        ends = shutter.ends(0.0, 1.0)
+        self._eyes = [np.asarray(camera.to_world)[:3, 3] for moment in ends for camera in moment.cameras]
+        self._worlds: list[StageWorld] = []
+        light_side: frozenset[str] = frozenset()
+        with self.statistics.phase("build"):
+            for moment in ends:
+                world = self._world_of(moment)
+                for camera in moment.cameras:
+                    light_side |= lights_seen(world, *View(camera, window).coarse_rays(128, 72))
+        self._simulation = StageSimulation(self._tuning, settings.beams or scene.DEFAULT_BEAMS, light_side)
+        reconstruction, groups = reconstruction_filter(settings.pixel_filter), _group_layers(ends[0].scene)
+        self._films = [Film(window.shape, window.crop[:2], reconstruction, groups) for _ in ends[0].cameras]
+        self._holdouts: Sequence[Held | None] = holdouts or [None] * len(self._films)
+        self._turned = False
+
+    def _world_of(self, moment: Moment) -> StageWorld:
+        """Return the world of a moment; of those before it, what is still the same is kept."""
+        for world in self._worlds:
+            if world.description is moment.scene:
+                return world
+        world = StageWorld.build(
+            moment.scene, self._eyes, like=self._worlds[-1] if self._worlds else None, sharp=self._max_depth != 2
+        )
+        self._worlds = [*self._worlds[-2:], world]
+        return world
+
+    def _samples(self, number: int) -> Samples:
+        bits = _BITS if self._slices is None else (self.settings.passes - 1).bit_length()
+        return Samples(self.settings.seed, number, min(bits, _BITS))
+
+    def _times(self, number: int) -> list[float]:
+        """Return the fractions of the shutter at which a pass opens and, where anything moves, closes."""
+        return [*slice_of(number, self._slices)] if self._shutter.moving else [0.0]
+
+    def _between(self, number: int) -> Moment:
+        times = self._times(number)
+        return self._shutter.at(0.5 * (times[0] + times[-1]))
+
+    def _clock(self, number: int) -> tuple[float, float]:
+        return self._shutter.clock(0.5 * sum(slice_of(number, self._slices)))
+
+    def _world(self, number: int) -> World:
+        return self._world_of(self._between(number))
+
+    def _lighting(self, world: World) -> Lighting:
+        assert isinstance(world, StageWorld)
+        return StageLighting(world)
+
+    def simulated(self, number: int) -> Simulated:
+        """Return what light leaves in pass `number`."""
+        settings, times, between = self.settings, self._times(number), self._between(number)
+        worlds = [self._world_of(moment) for moment in self._shutter.ends(times[0], times[-1])]
+        sets, hits = self._simulation.simulated(worlds, number, between.scene.looks())
+        if settings.program is not None:
+            x, y, z = (float(each[0]) for each in worlds[0].bounds.center)
+            bounds = (x, y, z), worlds[0].radius
+            sets = settings.program(sets, number, settings.seed, times, between.scene.medium, bounds)
+        dr.eval([(each.beams, each.close) for each in sets])
+        return Simulated(sets, hits, self._simulation.limits(worlds[0], number))
+
+    def _eye(self, number: int, view: int, samples: Samples, moving: bool) -> Eye:
+        times, between = self._times(number), self._between(number)
+        cameras = [moment.cameras[view] for moment in self._shutter.ends(times[0], times[-1])]
+        self._warn_of_turn(cameras)
+        own = View(
+            with_lens(cameras[0], between.cameras[view]), self._window,
+            cameras[-1] if cameras[-1] is not cameras[0] else None,
+        )  # fmt: skip
+        sample = (lambda groups: _on_lens(samples, groups)) if own.film or moving else None
+        rays = own.rays(subpixel(number), sample)
+        held = self._holdouts[view]
+        far = None if held is None else held.distances(own, rays, subpixel(number), own.on_lens(sample))
+        return Eye(_primary(rays, far), own.projection, own.camera.exposure_scale, far)
+
+    def _sharp(self, view: int) -> tuple[World, Eye] | None:
+        held = self._holdouts[view]
+        moment = self._shutter.at(0.0)
+        camera = moment.cameras[view]
+        if held is None and camera.lens_radius == 0 and not self._shutter.moving:
+            return None
+        sharp = View(replace(camera, lens_radius=0.0), self._window)
+        rays = sharp.rays(subpixel(0))
+        return self._world_of(moment), Eye(_primary(rays), sharp.projection, held=None if held is None else held.depth)
+
+    def _warn_of_turn(self, cameras: list[scene.Camera]) -> None:
+        """Warn once of a camera that turns so far within a pass that a straight line is no picture of its way."""
+        angle = turn(cameras[0], cameras[-1])
+        if angle > _WIDEST_TURN and not self._turned:
+            self._turned = True
+            logging.getLogger("photonbeams").warning(
+                "%s turns by %.0f degrees within one pass, and is blurred as if straight: expected more passes",
+                cameras[0].name, angle,
+            )  # fmt: skip
+
+
+def _on_lens(samples: Samples, groups: UInt32) -> tuple[Any, Any]:
+    """Return the place on the lens, in the unit square, and the time in the pass of groups of pixels."""
+    return samples.pair(groups, _LENS), samples.pair(groups, _TIME).x
+
+
+def _primary(rays: CameraRays, far: Any = None) -> Primary:
+    count = dr.width(rays.direction)
+    far = dr.full(Float, dr.largest(Float), count) if far is None else far
+    ones = dr.ones(Array3f, count)
+    return Primary(rays.origin, rays.direction, dr.zeros(Float, count), far, ones, rays.facing, rays.lanes)
+
+
+def _pieces(light: scene.Light) -> int:
+    """Return how many beams a light's guides make of one."""
+    return pieces_along(known_guides(light.guides)) + 2 if light.guides else 1
