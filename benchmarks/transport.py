@@ -22,7 +22,7 @@ from tests.transport.scenes import comparison, rgb
 
 from photonbeams.estimators import image as images
 from photonbeams.render import gathering as gatherings
-from photonbeams.render.scene_frame import render
+from photonbeams.render.scene_frame import SceneFrame, render
 from photonbeams.render.settings import Settings
 from photonbeams.runtime.device import mitsuba
 

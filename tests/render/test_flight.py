@@ -20,7 +20,7 @@ FRAMES = range(1, 102)
 
 def test_no_frame_of_the_flight_pops():
     """No frame's difference to its neighbour exceeds the converged one's by more than 1 % (issue 3)."""
-    shot = pb.Shot.open(STAGE, camera="Flight", overrides=["/StageWorld/Light/Key.photonbeams:count=96"])
+    shot = pb.Shot.open(STAGE, camera="Flight", overrides=["/World/Light/Key.photonbeams:count=96"])
     content, _ = shot.read(1)
     world = StageWorld.build(content, [(0, 1.5, 2)])
     (beams,) = trace(world, light_side={light.name for light in content.lights})
