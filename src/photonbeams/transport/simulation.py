@@ -245,7 +245,7 @@ class StageSimulation:
         strata = lamps_of(first, self.beams, self.tuning.seed, self.light_side)
         moving = [each for each in strata if each.emitter.source in _moving(first, last)]
         scatters = self.tuning.max_events is None or self.tuning.max_events > 0
-        whole = Simulation(first, emission_of_lamps(strata, scatters), self.tuning, sources, {}, named=True)
+        whole = Simulation(first, emission_of_lamps(strata, scatters), self.tuning, sources, first.sizes, named=True)
         if not moving:
             sets, hits = whole.simulated(number)
         else:

@@ -27,16 +27,11 @@ def shapes_of(meshes: Sequence[scene.Mesh]) -> tuple[Any, ...]:
 def shape_of(
     mesh: scene.Mesh, bsdf: Any = None, emitter: Any = None, interior: Any = None, exterior: Any = None
 ) -> Any:
-    """Return a mesh as Mitsuba's."""
+    """Return a mesh as Mitsuba's, with the media inside and outside of it."""
     properties = mi.Properties()
-    if bsdf is not None:
-        properties["bsdf"] = bsdf
-    if emitter is not None:
-        properties["emitter"] = emitter
-    if interior is not None:
-        properties["interior"] = interior
-    if exterior is not None:
-        properties["exterior"] = exterior
+    for name, value in (("bsdf", bsdf), ("emitter", emitter), ("interior", interior), ("exterior", exterior)):
+        if value is not None:
+            properties[name] = value
     shape = mi.Mesh(
         mesh.name,
         vertex_count=len(mesh.points),

@@ -20,10 +20,11 @@ from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from .bounds import Bounds, bounding_sphere
 from .gobos import Images, Masked, bare, masked, pack_masked
 from .lights import DistantSource, DomeSource, FlatSource, Light, SphereSource, pack, source
-from .media import Media, medium_at
+from .media import Media, medium_at, number
 from .portals import Portal
-from .shapes import cut_out, glows, outward, scene_of, shape_of, shapes_of
+from .shapes import cut_out, glows, scene_of, shape_of, shapes_of
 from .sources import Source
+from .stage_media import media_of
 from .visibility import through
 from .world import World, translucent
 
@@ -84,8 +85,8 @@ class StageWorld(World):
         Mitsuba scenes without some of the surfaces, by their names: what stops lights that those do not stop.
     plugin
         The Mitsuba scene of the surfaces and of the boundaries of media.
-    media
-        The media.
+    media, borders, sizes
+        The media; Mitsuba's shapes around those that have a boundary, and the radii of these, by number.
     lights, portals
         The lights as Dr.Jit sees them, in the order of `description.lights`, and by the name of the light its portal.
     images
@@ -104,6 +105,7 @@ class StageWorld(World):
     plugin: Any
     media: Media
     borders: tuple[Any, ...]
+    sizes: dict[int, float]
     lights: tuple[Light, ...]
     portals: dict[str, Portal]
     images: Images
@@ -147,7 +149,7 @@ class StageWorld(World):
         still = like is not None and _same(meshes, like.meshes)
         shapes = like.shapes if like is not None and still else shapes_of(meshes)
         surfaces = like.surfaces if like is not None and still else scene_of(shapes)
-        media, borders = _media(description, like)
+        media, borders, sizes = _media(description, like)
         kept = like is not None and still and borders is like.borders
         plugin = like.plugin if kept else scene_of([*shapes, *borders]) if borders else surfaces  # type: ignore[union-attr]
         portals = {
@@ -164,6 +166,7 @@ class StageWorld(World):
             plugin=plugin,
             media=media,
             borders=borders,
+            sizes=sizes,
             blockers=_blockers(description, meshes, shapes, like.blockers if like is not None and still else {}),
             lights=tuple(masked(source(light), light, portals.get(light.name), images) for light in description.lights),
             portals=portals,
@@ -365,29 +368,19 @@ def _blockers(
     return {names: known.get(names) or rest(names) for names in absent}
 
 
-def _media(description: scene.Scene, like: StageWorld | None) -> tuple[Media, tuple[Any, ...]]:
-    """Return the media of a scene, and the boundaries of those that have any."""
+def _media(description: scene.Scene, like: StageWorld | None) -> tuple[Media, tuple[Any, ...], dict[int, float]]:
+    """Return the media of a scene, the boundaries of those that have any, and the radii of these by number."""
     if like is not None and _same(like.description.media, description.media):
-        return like.media, like.borders
-    plugins = [plugin_of(medium) for medium in description.media if medium.grid is None]
-    known = [medium for medium in description.media if medium.grid is None]
-    unfelt = [plugin for medium, plugin in zip(known, plugins, strict=True) if not medium.surfaces]
-    filling = next((plugin for medium, plugin in zip(known, plugins, strict=True) if not medium.bounded), None)
-    borders = tuple(
-        shape_of(outward(medium.mesh), mi.load_dict({"type": "null"}), interior=plugin, exterior=filling)
-        for medium, plugin in zip(known, plugins, strict=True)
-        if medium.mesh is not None
-    )
-    return Media(plugins, filling=filling, clear=True, unfelt=unfelt), borders
-
-
-def plugin_of(medium: scene.Medium) -> Any:
-    """Return a medium as Mitsuba has it."""
-    extinction = np.array(medium.extinction)
-    albedo = np.array(medium.scattering) / np.maximum(extinction, 1e-30)
-    phase = {"type": "hg", "g": float(medium.anisotropy)} if medium.anisotropy else {"type": "isotropic"}
-    return mi.load_dict({
-        "type": "homogeneous", "phase": phase,
-        "sigma_t": {"type": "rgb", "value": extinction.tolist()},
-        "albedo": {"type": "rgb", "value": np.minimum(albedo, 1.0).tolist()},
-    })  # fmt: skip
+        return like.media, like.borders, like.sizes
+    built = media_of(description.media)
+    unfelt = [each.plugin for each in built if not each.medium.surfaces]
+    filling = next((each.plugin for each in built if each.shape is None), None)
+    borders = tuple(each.shape for each in built if each.shape is not None)
+    sizes = {
+        number(each.plugin): 0.5 * float(np.linalg.norm(np.ravel(each.shape.bbox().extents())))
+        for each in built
+        if each.shape is not None
+    }
+    around = scene_of(borders) if len(borders) > 1 else None
+    media = Media([each.plugin for each in built], around, filling=filling, clear=True, unfelt=unfelt)
+    return media, borders, sizes

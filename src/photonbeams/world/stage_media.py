@@ -1,0 +1,172 @@
+"""Media of a scene as Mitsuba's, with the closed shapes that bound them, nested and side by side."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from .. import scene
+from ..runtime.device import mitsuba
+from ..scene import Array
+from .shapes import outward, shape_of
+
+mi = mitsuba()
+
+_LOG = logging.getLogger("photonbeams")
+
+# Points of a boundary that tell in which media it lies, and how far inside of it they are, in parts of its size.
+_POINTS, _INSIDE = 64, 1e-4
+# A boundary lies in a medium where all but this part of its points do.
+_OVERLAP = 0.02
+
+_CORNERS = np.array([[x, y, z] for z in (0, 1) for y in (0, 1) for x in (0, 1)], dtype=np.float64)
+_FACES = np.array(
+    [[0, 2, 1], [1, 2, 3], [4, 5, 6], [5, 7, 6], [0, 1, 4], [1, 5, 4], [2, 6, 3], [3, 6, 7], [0, 4, 2], [2, 4, 6],
+     [1, 3, 5], [3, 7, 5]]
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class BuiltMedium:
+    """A medium of a scene as Mitsuba's: its plug-in, and the shape that bounds it, None where it fills the space."""
+
+    medium: scene.Medium
+    plugin: Any
+    shape: Any = None
+
+
+def media_of(media: Sequence[scene.Medium], warned: set[str] | None = None) -> list[BuiltMedium]:
+    """Return the media of a scene as Mitsuba's, in their order.
+
+    A bounded one has a shape without a surface of its own, whose interior is the medium, and whose exterior is the
+    smallest medium around it: another bounded one, or the one that fills the space.
+
+    Parameters
+    ----------
+    media
+        The media, of which one may fill the space.
+    warned
+        Texts of warnings that were given, to which new ones are added.
+
+    Raises
+    ------
+    SceneError
+        Two media that fill the space.
+    """
+    filling = [each for each in media if not each.bounded]
+    if len(filling) > 1:
+        first, second = (each.name or "the one without a name" for each in filling[:2])
+        raise scene.SceneError(
+            f"medium {second} has no boundary, and is in medium {first}, which fills the space: expected a closed mesh "
+            "or a grid that bounds it"
+        )
+    plugins = {id(each): _plugin(each) for each in media}
+    boundaries = {id(each): _boundary(each) for each in media if each.bounded}
+    solids = [(each, _Solid(boundaries[id(each)])) for each in media if each.bounded]
+    result = []
+    for each in media:
+        if not each.bounded:
+            result.append(BuiltMedium(each, plugins[id(each)]))
+            continue
+        outer = _around(each, solids, set() if warned is None else warned) or next(iter(filling), None)
+        exterior = None if outer is None else plugins[id(outer)]
+        shape = shape_of(
+            boundaries[id(each)], mi.load_dict({"type": "null"}), interior=plugins[id(each)], exterior=exterior
+        )
+        result.append(BuiltMedium(each, plugins[id(each)], shape))
+    return result
+
+
+def _plugin(medium: scene.Medium) -> Any:
+    """Return Mitsuba's medium.
+
+    All that may change between frames is data: a scale would be a number in kernels, and compile them again.
+    """
+    extinction = np.array(medium.extinction)
+    albedo = np.divide(medium.scattering, extinction, out=np.zeros(3), where=extinction > 0)
+    properties = {
+        "albedo": _volume(np.minimum(albedo, 1).reshape(1, 1, 1, 3)),
+        "phase": {"type": "hg", "g": medium.anisotropy} if medium.anisotropy else {"type": "isotropic"},
+        **({"id": medium.name} if medium.name else {}),
+    }
+    if medium.grid is None:
+        return mi.load_dict({"type": "homogeneous", "sigma_t": _volume(extinction.reshape(1, 1, 1, 3)), **properties})
+    values = medium.grid.values if medium.grid.values.ndim == 4 else medium.grid.values[..., None]
+    grey = values.shape[3] == 1 and np.ptp(extinction) == 0
+    density = _volume(values * (extinction[:1] if grey else extinction), medium.grid.to_world)
+    return mi.load_dict({"type": "heterogeneous", "sigma_t": density, **properties})
+
+
+def _volume(values: Array, to_world: Array | None = None) -> dict[str, Any]:
+    """Return values on a grid of the unit cube, or of what it is transformed to, as Mitsuba's."""
+    place = {} if to_world is None else {"to_world": mi.ScalarTransform4f(to_world)}
+    grid = mi.VolumeGrid(np.ascontiguousarray(values, dtype=np.float32))
+    return {"type": "gridvolume", "grid": grid, "raw": True, **place}
+
+
+def _boundary(medium: scene.Medium) -> scene.Mesh:
+    """Return the closed mesh around a medium, its faces outward."""
+    if medium.mesh is not None:
+        return outward(medium.mesh)
+    assert medium.grid is not None
+    points = _CORNERS @ medium.grid.to_world[:3, :3].T + medium.grid.to_world[:3, 3]
+    return outward(scene.Mesh(medium.name, points, _FACES))
+
+
+class _Solid:
+    """A closed mesh with outward faces: its volume, points just inside of it, and which points it contains."""
+
+    def __init__(self, mesh: scene.Mesh) -> None:
+        self._corners = mesh.corners
+        a, b, c = (self._corners[:, each] for each in range(3))
+        self.volume = float(np.einsum("ij,ij->", a - a[0], np.cross(b - a[0], c - a[0]))) / 6
+        normals = np.cross(b - a, c - a)
+        area = np.linalg.norm(normals, axis=1)
+        some = np.flatnonzero(area > 1e-12 * area.max(initial=0))
+        some = some[np.unique(np.linspace(0, len(some) - 1, _POINTS).astype(int))] if len(some) else some
+        # Beside the faces' own size, or points would leave what is thin.
+        depth = _INSIDE * np.sqrt(area[some])[:, None]
+        self.points = self._corners[some].mean(axis=1) - depth * normals[some] / area[some][:, None]
+
+    def contains(self, points: Array) -> Array:
+        """Return which points are inside, by the solid angle that the faces have as they see them."""
+        return np.array([self._winding(each) > 0.5 for each in points], dtype=bool)
+
+    def _winding(self, point: Array) -> float:
+        """Return the winding number around a point (van Oosterom and Strackee 1983)."""
+        a, b, c = (self._corners[:, each] - point for each in range(3))
+        la, lb, lc = (np.linalg.norm(each, axis=1) for each in (a, b, c))
+        top = np.einsum("ij,ij->i", a, np.cross(b, c))
+        bottom = (
+            la * lb * lc
+            + np.einsum("ij,ij->i", a, b) * lc
+            + np.einsum("ij,ij->i", b, c) * la
+            + np.einsum("ij,ij->i", c, a) * lb
+        )
+        return float(np.arctan2(top, bottom).sum() / (2 * np.pi))
+
+
+def _around(medium: scene.Medium, solids: list[tuple[scene.Medium, _Solid]], warned: set[str]) -> scene.Medium | None:
+    """Return the smallest bounded medium around a bounded one; warn of those that overlap it."""
+    own = next(solid for each, solid in solids if each is medium)
+    found = []
+    for other, solid in solids:
+        if other is medium or not len(own.points) or solid.volume < own.volume:
+            continue
+        inside = float(solid.contains(own.points).mean())
+        if inside > 0.5 and (solid.volume > own.volume or _index(solids, other) < _index(solids, medium)):
+            found.append((solid.volume, -_index(solids, other), other))
+        if _OVERLAP < inside < 1 - _OVERLAP:
+            text = f"media {other.name} and {medium.name} overlap: expected one inside the other, or side by side"
+            if text not in warned:
+                warned.add(text)
+                _LOG.warning("%s", text)
+    return min(found, key=lambda each: each[:2])[2] if found else None
+
+
+def _index(solids: list[tuple[scene.Medium, _Solid]], medium: scene.Medium) -> int:
+    return next(index for index, (each, _) in enumerate(solids) if each is medium)

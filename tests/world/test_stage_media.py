@@ -1,0 +1,130 @@
+"""Media of a scene as Mitsuba's."""
+
+import numpy as np
+import pytest
+from photonbeams.render.mitsuba_frame import Frame, Settings, render
+from tests.comparison import box
+
+from photonbeams import scene
+from photonbeams.runtime.device import mitsuba
+from photonbeams.world.media import Media
+from photonbeams.world.stage_media import media_of
+from transport.scenes import camera, cube_of, fog, load, rgb
+
+mi = mitsuba()
+AIR = scene.Medium((0.1, 0.2, 0.3), name="/Air")
+LIGHT = {"type": "point", "position": [-2.0, 1.5, 0.5], "intensity": rgb(30.0)}
+
+
+def solid(name, low, high, strength=1.0, **more):
+    return scene.Medium((strength,) * 3, mesh=box(name, low, high), name=name, **more)
+
+
+def smoke(values=None, size=1.0, color=(1.0, 1.0, 1.0), name="/Smoke"):
+    values = np.ones((2, 3, 4)) if values is None else values
+    return scene.Medium(color, grid=scene.Grid(values, np.diag([size, size, size, 1])), name=name)
+
+
+def names(built):
+    return {each.medium.name: None if each.shape is None or each.shape.exterior_medium() is None
+            else each.shape.exterior_medium().id() for each in built}  # fmt: skip
+
+
+def test_each_bounded_medium_is_inside_of_the_smallest_one_around_it():
+    room, tank = solid("/Room", [-4] * 3, [4] * 3), solid("/Tank", [-2] * 3, [0] * 3)
+    beside, apart = solid("/Beside", [1] * 3, [2] * 3), solid("/Apart", [9] * 3, [10] * 3)
+    drop = solid("/Drop", [-1.5] * 3, [-0.5] * 3)
+    found = names(media_of([drop, AIR, room, beside, tank, apart, smoke(name="/Smoke")]))
+    assert found == {"/Drop": "/Tank", "/Air": None, "/Room": "/Air", "/Beside": "/Room", "/Tank": "/Room",
+                     "/Apart": "/Air", "/Smoke": "/Room"}  # fmt: skip
+    assert names(media_of([drop, tank])) == {"/Drop": "/Tank", "/Tank": None}
+
+
+def test_what_lies_on_the_floor_of_a_room_is_in_it():
+    room, tank = solid("/Room", [-4] * 3, [4] * 3), solid("/Tank", [-1, -4, -1], [1, -3, 1])
+    assert names(media_of([room, tank]))["/Tank"] == "/Room"
+
+
+def test_faces_turn_outward_and_hold_the_medium():
+    inside_out = box("/fog", [-1] * 3, [1] * 3)
+    inside_out = scene.Mesh("/fog", inside_out.points, np.asarray(inside_out.faces)[:, ::-1])
+    (built,) = media_of([scene.Medium((1.0,) * 3, mesh=inside_out, name="/fog")])
+    assert built.shape.interior_medium().id() == "/fog" and built.shape.exterior_medium() is None
+    hit = load(fog=built.shape).ray_intersect(mi.Ray3f(mi.Point3f(0.1, 0.2, 5), mi.Vector3f(0, 0, -1)))
+    assert np.allclose(np.ravel(hit.n), [0, 0, 1]) and np.isclose(hit.t[0], 4)
+
+
+def test_two_media_of_the_whole_space_are_refused():
+    with pytest.raises(scene.SceneError, match="medium /B has no boundary, and is in medium /Air, which fills the"):
+        media_of([AIR, scene.Medium((1.0,) * 3, name="/B")])
+
+
+def test_media_that_overlap_are_named_once(caplog):
+    media = [solid("/A", [-1] * 3, [1] * 3), solid("/B", [-0.5] * 3, [1.5] * 3)]
+    warned: set[str] = set()
+    for _ in range(2):
+        media_of(media, warned)
+    (record,) = caplog.records
+    assert record.getMessage() == "media /A and /B overlap: expected one inside the other, or side by side"
+
+
+def test_coefficients_are_those_of_the_scene_however_large():
+    medium = scene.Medium((3.0, 1.0, 0.0), (0.5, 0.0, 2.0), 0.3, name="/Fog")
+    (found,) = Media([media_of([medium])[0].plugin]).all
+    np.testing.assert_allclose(found.medium.scattering, medium.scattering, atol=1e-6)
+    np.testing.assert_allclose(found.medium.absorption, medium.absorption, atol=1e-6)
+    assert found.medium.anisotropy == pytest.approx(0.3)
+
+
+@pytest.mark.parametrize("channels", [1, 3])
+def test_a_density_lies_as_the_grid_has_it(channels):
+    """Between centres of cells it is linear, by (Z, Y, X), and its coefficients are those of density 1."""
+    values = np.random.default_rng(0).random((2, 3, 4, channels)).astype(np.float32)
+    to_world = np.array([[0, -2, 0, 1], [3, 0, 0, 2], [0, 0, 1, 3], [0, 0, 0, 1]], dtype=float)
+    grid = scene.Grid(values if channels == 3 else values[..., 0], to_world)
+    medium = scene.Medium((2.0, 1.0, 0.5), (1.0, 1.0, 1.0), grid=grid)
+    place = dr_place(to_world @ [2.5 / 4, 1 / 2, 0.25, 1])  # in the third column, the second row, the first layer
+    plugin = media_of([medium])[0].plugin
+    scattering, _, extinction = plugin.get_scattering_coefficients(place)
+    np.testing.assert_allclose(np.ravel(extinction), values[0, 1, 2] * np.array(medium.extinction), rtol=1e-5)
+    np.testing.assert_allclose(np.ravel(scattering), values[0, 1, 2] * np.array(medium.scattering), rtol=1e-5)
+
+
+def dr_place(point):
+    place = mi.MediumInteraction3f()
+    place.p = mi.Point3f(*point[:3].tolist())
+    return place
+
+
+def test_a_medium_of_a_scene_looks_as_mitsubas_own():
+    (built,) = media_of([solid("/Fog", [-1] * 3, [1] * 3, 0.5)])
+    scenes = (load(fog=each, light=LIGHT, sensor=camera(size=8)) for each in (built.shape, cube_of(fog(0.5, 1.0))))
+    ours, theirs = (render(each, each.sensors()[0], Settings(passes=2, paths=1024, guiding=False)) for each in scenes)
+    # The same samples through the same box: rays leave a mesh and a cube by the same offsets.
+    np.testing.assert_allclose(ours.layers()["beams"], theirs.layers()["beams"], rtol=0.01, atol=1e-4)
+
+
+def test_a_second_frame_of_other_media_compiles_nothing():
+    def frame(number):
+        rng = np.random.default_rng(number)
+        built = media_of([
+            scene.Medium((0.1, 0.2, 0.3 + 0.1 * number), name="/Air"),
+            solid("/Fog", [-1] * 3, [1, 1, 1 + 0.1 * number], 1.0 + number, anisotropy=0.3 + 0.1 * number),
+            smoke(rng.random((4, 4, 4)), 0.5, (1.0 + number,) * 3),
+        ])  # fmt: skip
+        air, thick, thin = built
+        both = load(fog=thick.shape, smoke=thin.shape, light={**LIGHT, "medium": air.plugin},
+                    sensor=camera((0, 0, 4), medium=air.plugin, size=4))  # fmt: skip
+        return render(both, both.sensors()[0], Settings(passes=1, paths=512, max_depth=4, guiding=False))
+
+    for number in range(3):
+        last = frame(number)
+    assert last.statistics.kernels_compiled == 0 and last.layers()["beams"].any()
+
+
+def test_a_frame_knows_how_large_media_of_a_scene_are():
+    air, drop = media_of([AIR, solid("/Drop", [-1] * 3, [1] * 3)])
+    built = load(drop=drop.shape, light={**LIGHT, "medium": air.plugin}, sensor=camera(medium=air.plugin))
+    frame = Frame(built, built.sensors()[0], Settings(paths=64, guiding=False))
+    sizes = {each.plugin.id(): frame._size(each) for each in frame._volumes.all}
+    assert sizes["/Drop"] == pytest.approx(np.sqrt(3), rel=1e-5) and sizes["/Air"] >= np.sqrt(3)

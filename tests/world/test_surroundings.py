@@ -1,0 +1,196 @@
+"""Which medium surrounds what, however a scene names it."""
+
+import numpy as np
+import pytest
+from photonbeams.render.mitsuba_frame import Frame, Settings, render
+from render.test_mitsuba_frame import SMALL, agree, pictures
+
+from photonbeams.runtime.device import Array3f, mitsuba
+from photonbeams.world.media import Media, number
+from photonbeams.world.surroundings import Surroundings, place_of_sensor, places_of
+from transport.scenes import T, camera, cube_of, fog, load, rgb, volpath
+
+mi = mitsuba()
+SIZE = 2.0
+ROOM = np.sqrt(3) * SIZE  # half the diagonal
+WALL = {"type": "twosided", "side": {"type": "diffuse", "reflectance": rgb(0.4)}}
+LAMP = {"type": "sphere", "center": [0.5, 1.0, -0.3], "radius": 0.2, "emitter": {"type": "area", "radiance": rgb(20.0)}}
+POINT = {"type": "point", "position": [0.5, 1.0, -0.3], "intensity": rgb(2.0)}
+SPOT = {"type": "spot", "to_world": T().look_at([0.5, 1.0, -0.3], [0, -1, 0], [0, 0, 1]), "intensity": rgb(5.0)}
+INSIDE, OUTSIDE = {"origin": (0.3, 0.2, 1.9), "target": (0, 0, -1), "fov": 70}, {"origin": (0.3, 0.2, 6), "fov": 30}
+TURNS = {(0, -1): ([0, 1, 0], 90), (0, 1): ([0, 1, 0], -90), (1, -1): ([1, 0, 0], -90), (1, 1): ([1, 0, 0], 90),
+         (2, -1): ([0, 1, 0], 0), (2, 1): ([0, 1, 0], 180)}  # fmt: skip
+
+
+def room(window=None, **named):
+    """Return six walls that face inward, the front one a window without a surface if it is to name media."""
+    result = {}
+    for (axis, sign), turn in TURNS.items():
+        place = T().translate((sign * SIZE * np.eye(3)[axis]).tolist()).rotate(*turn).scale(SIZE)
+        wall = {"type": "rectangle", "to_world": place, "bsdf": WALL, **named}
+        if window is not None and (axis, sign) == (2, 1):
+            wall = {"type": "rectangle", "to_world": place, "bsdf": {"type": "null"}, **window}
+        result[f"wall{axis}{sign + 1}"] = wall
+    return result
+
+
+def makes(light=LAMP, **view):
+    """Return scenes of the same room full of fog, and their fog, by who names it."""
+
+    def made(name):
+        medium = mi.load_dict(fog(0.3, 0.8, id="fog"))
+        lit, own = (
+            (light, {**light, "medium": medium}) if "center" not in light else (light, {**light, "exterior": medium})
+        )
+        parts = {
+            "walls": {**room(exterior=medium), "light": lit},
+            "lamp": {**room(), "light": own},
+            "sensor": {**room(), "light": lit},
+            "box around": {**room(), "light": lit, "around": cube_of(medium, 1.05 * SIZE)},
+        }[name]
+        return load(**parts, sensor=camera(**view, size=8, medium=medium if name == "sensor" else None)), medium
+
+    return {name: made(name) for name in ("walls", "lamp", "sensor", "box around")}
+
+
+def surveyed(scene):
+    media = Media.of(scene)
+    return Surroundings(scene, media, places_of(scene), place_of_sensor(scene.sensors()[0]))
+
+
+def around(scene):
+    """Return the numbers of the media in which light paths and camera paths begin."""
+    found, anywhere = surveyed(scene), Array3f(0, 0, 0)
+    return int(found.of_emitter(0, anywhere, anywhere)[0]), int(found.of_sensor(anywhere, anywhere)[0])
+
+
+@pytest.mark.parametrize("light", [LAMP, POINT, SPOT], ids=["area", "point", "spot"])
+def test_a_room_is_full_of_its_fog_whoever_names_it(light):
+    for name, (scene, medium) in makes(light, **INSIDE).items():
+        assert around(scene) == (number(medium),) * 2, name
+        size = surveyed(scene).sizes[number(medium)]
+        assert size == pytest.approx(ROOM * (1.05 if name == "box around" else 1), rel=1e-3), name
+
+
+def test_a_room_full_of_fog_looks_the_same_whoever_names_it():
+    settings = Settings(passes=2, paths=4096, guiding=False)
+    found = {
+        name: render(scene, scene.sensors()[0], settings).layers()["rgba"]
+        for name, (scene, _) in makes(**INSIDE).items()
+    }
+    for name in ("lamp", "sensor"):
+        # The same samples, and sizes that differ by rounding.
+        np.testing.assert_allclose(found[name], found["walls"], rtol=1e-3, err_msg=name)
+    # Radii are 5 % wider.
+    assert found["box around"].mean() == pytest.approx(found["walls"].mean(), rel=0.02)
+
+
+@pytest.mark.parametrize("name", ["lamp", "window"])
+def test_plain_walls_do_not_hide_fog(name):
+    medium = mi.load_dict(fog(0.3, 0.8))
+    if name == "lamp":
+        parts, view = {**room(), "light": {**LAMP, "exterior": medium}}, INSIDE
+    else:  # the front wall faces inward, so that the room is outside of it
+        parts, view = {**room(window={"exterior": medium}), "light": LAMP}, OUTSIDE
+    scene = load(**parts, sensor=camera(**view))
+    declared = load(**parts, sensor=camera(**view, medium=medium if name == "lamp" else None))
+    ours = pictures(scene, max_depth=3, hide_emitters=True, **SMALL)
+    reference = [volpath(declared, 512, seed, max_depth=3, hide_emitters=True) for seed in range(len(ours))]
+    assert agree(ours, np.array(reference), bias=0.01)
+
+
+def test_a_window_tells_what_is_on_both_of_its_sides():
+    medium = mi.load_dict(fog(0.3, 0.8))
+    parts = {**room(window={"exterior": medium}), "light": LAMP}
+    assert around(load(**parts, sensor=camera(**OUTSIDE))) == (number(medium), 0)
+    assert around(load(**parts, sensor=camera(**INSIDE))) == (number(medium), number(medium))
+    found = surveyed(load(**parts, sensor=camera(**OUTSIDE)))
+    assert found.everywhere == 0
+    # As large as the room, not as the window.
+    assert found.sizes[number(medium)] == pytest.approx(ROOM, rel=1e-3)
+
+
+def test_fog_that_a_lamp_names_in_the_open_fills_the_space():
+    medium = mi.load_dict(fog(0.3))
+    ground = {"type": "rectangle", "to_world": T().translate([0, -1, 0]).rotate([1, 0, 0], -90).scale(9)}
+    scene = load(light={**LAMP, "exterior": medium}, ground=ground, sky={"type": "constant"}, sensor=camera())
+    found = surveyed(scene)
+    assert found.everywhere == number(medium) and around(scene) == (number(medium),) * 2
+    # As large as the scene.
+    assert not found.sizes
+    frame = Frame(scene, scene.sensors()[0], Settings(paths=64, guiding=False))
+    assert frame._size(frame._volumes.all[0]) == pytest.approx(9 * np.sqrt(2), rel=0.02)
+
+
+def test_fog_of_a_tank_does_not_fill_the_space():
+    medium = mi.load_dict(fog(0.3))
+    for named in (None, medium):
+        light = {**POINT, "position": [0.2, 0.3, 0.1], **({} if named is None else {"medium": named})}
+        found = surveyed(load(tank=cube_of(medium), light=light, sensor=camera(medium=named)))
+        assert found.everywhere == 0
+        assert found.sizes == {number(medium): pytest.approx(np.sqrt(3), rel=1e-6)}
+
+
+def test_light_of_a_lamp_begins_in_the_medium_at_its_own_place():
+    """A lamp that stands half in a tank, of which neither says more."""
+    medium = mi.load_dict(fog(0.3))
+    lamp = {"type": "sphere", "center": [1.0, 0, 0], "radius": 0.3, "emitter": {"type": "area", "radiance": rgb(1.0)}}
+    scene = load(tank=cube_of(medium), light=lamp, sensor=camera())
+    origin = Array3f(np.array([[0.69, 0, 0], [1.31, 0, 0], [1.0, 0.31, 0.0]], dtype=np.float32).T + [[0], [0], [0.01]])
+    direction = Array3f(np.array([[-1, 0, 0], [1, 0, 0], [-0.6, 0.8, 0.0]], dtype=np.float32).T)
+    found = surveyed(scene).of_emitter(0, origin, direction).numpy()
+    assert found[:2].tolist() == [number(medium), 0]
+
+
+def test_light_that_glass_reflects_stays_in_its_medium():
+    """Of a ball that names its inside alone light is reflected to where it came from."""
+    air, ink = mi.load_dict(fog(0.2)), mi.load_dict(fog(2.0))
+    scene = load(ball={"type": "sphere", "bsdf": {"type": "dielectric"}, "interior": ink})
+    hit = scene.ray_intersect(mi.Ray3f(mi.Point3f(0, 0, 3), mi.Vector3f(0, 0, -1)))
+    media = Media([air, ink])
+    for direction, entered in (((0, 0.6, 0.8), air), ((0, 0.6, -0.8), ink)):
+        found = media.beyond(hit, Array3f(*direction), mi.UInt32(number(air)), mi.Bool(True))
+        assert int(found[0]) == number(entered)
+
+
+# -- contradictions ----------------------------------------------------------------------------------------------------
+
+
+def conflicts(**parts):
+    return surveyed(load(**{"light": POINT, "sensor": camera(**INSIDE), **parts})).conflicts
+
+
+def test_a_sensor_that_names_another_medium_than_the_walls_is_named_with_a_wall():
+    air, ink = (mi.load_dict(fog(0.2, id=name)) for name in ("air", "ink"))
+    tank = {**cube_of(ink, SIZE), "bsdf": WALL}
+    (text,) = conflicts(tank=tank, sensor={**camera(**INSIDE), "medium": air})
+    assert text == ("sensor sensor and shape tank contradict each other: one names medium air, the other medium ink, "
+                    "for the same space: expected one medium")  # fmt: skip
+    assert not conflicts(tank=tank, sensor={**camera(**INSIDE), "medium": ink})
+    (text,) = conflicts(tank=tank, light={**POINT, "medium": air})
+    assert text.startswith("emitter light and shape tank contradict each other")
+
+
+def test_a_sensor_that_names_the_medium_of_a_tank_it_is_not_in_is_named():
+    ink = mi.load_dict(fog(0.2, id="ink"))
+    (text,) = conflicts(tank=cube_of(ink), light={**POINT, "position": [0, 0, 0]}, sensor=camera(medium=ink))
+    assert "sensor sensor and shape tank" in text and "one names medium ink, the other none" in text
+
+
+def test_walls_that_name_two_media_for_one_room_are_named():
+    air, ink = (mi.load_dict(fog(0.2, id=name)) for name in ("air", "ink"))
+    walls = room(exterior=air)
+    walls["wall10"] = {**walls["wall10"], "exterior": ink}
+    (text,) = conflicts(**walls)
+    assert "shape wall10" in text and "medium air" in text and "medium ink" in text
+
+
+def test_media_that_touch_and_nested_ones_do_not_contradict_each_other():
+    left, right, inner = (mi.load_dict(fog(0.2)) for _ in range(3))
+    cubes = {
+        "left": {**cube_of(left), "to_world": T().translate([-1, 0, 0])},
+        "right": {**cube_of(right), "to_world": T().translate([1, 0, 0])},
+        "inner": {"type": "sphere", "center": [1, 0, 0], "radius": 0.5, "bsdf": {"type": "null"}, "interior": inner,
+                  "exterior": right},
+    }  # fmt: skip
+    assert not conflicts(**cubes, sensor=camera())
