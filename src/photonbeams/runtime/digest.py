@@ -1,0 +1,145 @@
+"""Hashes of values by what they are, the same in another process and on another machine.
+
+Numbers, text, arrays, what holds them, objects by their fields, and functions by their source text and the values that
+this names. Dr.Jit's arrays count as NumPy's.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Iterable, Mapping, Sequence
+from enum import Enum
+from functools import cached_property, partial
+from hashlib import sha256
+from os import PathLike, fspath
+from types import BuiltinFunctionType, CodeType, FunctionType, MethodType, ModuleType
+from typing import Any
+
+import numpy as np
+
+_PLAIN = (type(None), bool, int, float, complex, str, bytes)
+
+
+def digest(*values: Any) -> str:
+    """Return a hash of values, as text."""
+    hashed = sha256()
+    _Feed(hashed).add(values)
+    return hashed.hexdigest()
+
+
+class _Feed:
+    """What hands values to a hash; objects that hold each other are handed over once."""
+
+    def __init__(self, hashed: Any) -> None:
+        self._hashed, self._known = hashed, dict[int, tuple[int, Any]]()
+
+    def _put(self, *words: object) -> None:
+        for word in words:
+            text = word if isinstance(word, bytes) else str(word).encode("utf-8", "surrogatepass")
+            self._hashed.update(b"%d:" % len(text))
+            self._hashed.update(text)
+
+    def add(self, value: Any) -> None:
+        """Hand over a value."""
+        if isinstance(value, _PLAIN) and not isinstance(value, Enum):
+            self._put(type(value).__name__, repr(value))
+            return
+        if id(value) in self._known:
+            self._put("again", self._known[id(value)][0])
+            return
+        self._known[id(value)] = len(self._known), value  # kept, so that no other one has its number
+        self._add_large(value)
+
+    def _add_large(self, value: Any) -> None:
+        if isinstance(value, Mapping):
+            self._put("mapping", len(value))
+            for name in sorted(value, key=repr):
+                self.add(name)
+                self.add(value[name])
+        elif isinstance(value, set | frozenset):
+            self._put("set", *sorted(digest(each) for each in value))
+        elif isinstance(value, np.ndarray | np.generic) or hasattr(type(value), "numpy"):
+            numbers = np.ascontiguousarray(value if isinstance(value, np.ndarray | np.generic) else value.numpy())
+            self._put("array", numbers.dtype.str, numbers.shape, numbers.tobytes())
+        elif isinstance(value, Sequence):
+            self._put(type(value).__name__, len(value))
+            for each in value:
+                self.add(each)
+        elif isinstance(value, PathLike):
+            self._put("path", fspath(value))
+        else:
+            self._add_object(value)
+
+    def _add_object(self, value: Any) -> None:
+        if isinstance(value, FunctionType):
+            self._add_function(value)
+        elif isinstance(value, MethodType):
+            self._put("method")
+            self.add((value.__func__, value.__self__))
+        elif isinstance(value, partial):
+            self._put("partial")
+            self.add((value.func, value.args, value.keywords))
+        elif isinstance(value, type | ModuleType | BuiltinFunctionType):
+            self._put("named", getattr(value, "__module__", ""), getattr(value, "__qualname__", value.__name__))
+        elif isinstance(value, Enum):
+            self._put("enum", type(value).__qualname__, value.name)
+        else:
+            self._put("object", type(value).__module__, type(value).__qualname__)
+            if not type(value).__module__.startswith("photonbeams."):
+                self._put(_source(type(value)))
+            self.add(_fields(value))
+
+    def _add_function(self, function: FunctionType) -> None:
+        self._put("function", function.__qualname__, _source(function))
+        if function.__name__ == "<lambda>":  # of which there may be several in the same lines
+            self._put(_text(function.__code__))
+        self.add((function.__defaults__, function.__kwdefaults__))
+        self.add([_content(cell) for cell in function.__closure__ or ()])
+        for name in sorted(_names(function.__code__) & function.__globals__.keys()):
+            value = function.__globals__[name]
+            self._put(name)
+            if isinstance(value, FunctionType | type) and value.__module__ != function.__module__:
+                self._put(value.__module__, value.__qualname__)  # a library's, whose text is not looked at
+            else:
+                self.add(_source(value) if isinstance(value, type) else value)
+
+
+def _fields(value: Any) -> dict[str, Any]:
+    """Return an object's attributes, but for properties that are computed once, which they may not be yet."""
+    kinds = [vars(each) for each in type(value).__mro__]
+    slots = {name for each in kinds for name in _names_of_slots(each.get("__slots__", ()))}
+    fields = {**getattr(value, "__dict__", {}), **{name: getattr(value, name, None) for name in slots}}
+    computed = {name for each in kinds for name, own in each.items() if isinstance(own, cached_property)}
+    return {name: each for name, each in fields.items() if name not in computed}
+
+
+def _names_of_slots(given: str | Iterable[str]) -> list[str]:
+    names = [given] if isinstance(given, str) else [*given]
+    return [name for name in names if not name.startswith("__")]
+
+
+def _content(cell: Any) -> Any:
+    try:
+        return cell.cell_contents
+    except ValueError:  # not yet filled
+        return None
+
+
+def _names(code: CodeType) -> set[str]:
+    """Return the names that a function and those within it look up."""
+    inner = (each for each in code.co_consts if isinstance(each, CodeType))
+    return {*code.co_names}.union(*map(_names, inner))
+
+
+def _source(value: Any) -> str:
+    """Return the text of a function or a class, or the code that it is compiled to where there is none."""
+    try:
+        return inspect.getsource(value)
+    except (OSError, TypeError):
+        code = getattr(value, "__code__", None)
+        return "" if code is None else _text(code)
+
+
+def _text(code: CodeType) -> str:
+    constants = [_text(each) if isinstance(each, CodeType) else repr(each) for each in code.co_consts]
+    return repr((code.co_code, code.co_names, constants))
