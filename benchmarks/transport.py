@@ -22,7 +22,8 @@ from tests.transport.scenes import comparison, rgb
 
 from photonbeams.estimators import image as images
 from photonbeams.render import gathering as gatherings
-from photonbeams.render.mitsuba_frame import Frame, Settings, render
+from photonbeams.render.mitsuba_frame import Frame, render
+from photonbeams.render.settings import Settings
 from photonbeams.runtime.device import mitsuba
 
 from .rays import grid_tests
@@ -34,17 +35,17 @@ SIZE = (320, 180)
 #: Of the comparison scene: the longest path, passes and paths of ours, samples of `volpath`, and how many times faster
 #: we should be at equal error.
 CASES = {
-    "single": (2, Settings(passes=2, paths=8192, max_depth=2), 512, 1000),
-    "all": (-1, Settings(passes=4, paths=16384), 384, 300),
+    "single": (2, Settings(passes=2, beams=8192, max_depth=2), 512, 1000),
+    "all": (-1, Settings(passes=4, beams=16384), 384, 300),
 }
 # `volpath` needs days for a reference of all scattering: 8,192 samples still err by 7 %. So it is ours with many paths,
 # whose mean has to be the one that three other renderers agree on: 0.1433 ± 0.0003.
-REFERENCE = Settings(passes=16, paths=1 << 16, seed=99)
+REFERENCE = Settings(passes=16, beams=1 << 16, seed=99)
 MEAN = 0.1433
 PEER_BEAMS, PEER_SECONDS = 113_000, 6.7  # a C++ renderer's photon beams, per sample on two cores, 1280 × 720
 #: Of the glass ball: the scene, a reference of other samples and smaller radii, and the error to reach.
 BALL = Path(__file__).parents[1] / "examples" / "mitsuba" / "glass_ball.xml"
-BALL_REFERENCE, CAUSTIC_ERROR = Settings(passes=24, paths=1 << 15, seed=99), 0.05
+BALL_REFERENCE, CAUSTIC_ERROR = Settings(passes=24, beams=1 << 15, seed=99), 0.05
 MILLION, MEMORY_TARGET, TRACING_TARGET, RATE_TARGET = 1_000_000, 3.0, 25, 40
 
 
@@ -79,7 +80,7 @@ def beside_volpath(console: Console) -> None:
             about = f"against ours, mean {mean:.4f} ({MEAN})"
         error, path_error = (median_error(each, reference) for each in (picture, path_picture))
         scaled = path_spent * (path_error / error) ** 2
-        passes = f"{settings.passes} × {settings.paths:,} (first: {first:.1f} s)"
+        passes = f"{settings.passes} × {settings.beams:,} (first: {first:.1f} s)"
         table.add_row(name, passes, f"{spent:.3f}", f"{error:.2%}", f"{spent:.3f}", f"{scaled / spent:,.0f} ×",
                       f"≥ {goal:,} ×")  # fmt: skip
         table.add_row("", f"volpath, {spp} samples", f"{path_spent:.2f}", f"{path_error:.2%}", f"{scaled:,.1f}")
@@ -126,9 +127,9 @@ def timed(run: Callable[[], Any], rounds: int = 0) -> tuple[float, Any]:
 def beside_the_peer(console: Console) -> None:
     """Print the seconds of a pass at 1280 × 720 with as many beams as the peer had."""
     scene = comparison(1280, 720)
-    settings = Settings(passes=1, paths=1 << 14, radius=0.01, alpha=1.0, guiding=False)
+    settings = Settings(passes=1, beams=1 << 14, radius=0.01, alpha=1.0, guiding=False)
     found = render(scene, scene.sensors()[0], settings).statistics.beams
-    settings = replace(settings, paths=round(settings.paths * PEER_BEAMS / found))
+    settings = replace(settings, beams=round(settings.beams * PEER_BEAMS / found))
     frame = Frame(scene, scene.sensors()[0], settings)
     frame.add_pass(0)
     spent = []
@@ -176,7 +177,7 @@ def caustic(console: Console) -> None:
 def mirrors(console: Console) -> None:
     """Print the tests per second of a picture that is seen by way of a mirror."""
     scene = mirror_scene()
-    settings = Settings(passes=1, paths=4096, surfaces=False)
+    settings = Settings(passes=1, beams=4096, surfaces=False)
     frame = Frame(scene, scene.sensors()[0], settings)
     seconds, tests = [], 0
 
@@ -241,9 +242,9 @@ def million(console: Console) -> None:
 def measure() -> dict[str, float]:
     """Return beams, seconds, the share of them outside of the gathering kernels, and peak memory of such a pass."""
     scene = comparison(*SIZE)
-    sample = render(scene, scene.sensors()[0], Settings(passes=1, paths=1 << 14)).statistics.beams
+    sample = render(scene, scene.sensors()[0], Settings(passes=1, beams=1 << 14)).statistics.beams
     paths = round(MILLION / sample * (1 << 14))
-    frame = Frame(scene, scene.sensors()[0], Settings(paths=paths))
+    frame = Frame(scene, scene.sensors()[0], Settings(beams=paths))
     frame.add_pass(0)
     gathering, spent = 0.0, 0.0
 

@@ -123,14 +123,16 @@ def _register(mitsuba: Any, variant: str) -> None:
 def _settings(properties: Any) -> Any:
     """Return the plug-in's parameters as settings; those that are not asked for, Mitsuba complains of."""
     from .quadrature import MOST_POINTS, gauss_legendre
-    from .render.mitsuba_frame import Settings
+    from .render.settings import DEFAULT_PATHS, DEFAULTS, Settings
+    from .scene import MOST_BEAMS
 
-    plain = Settings()
     given: dict[str, Any] = {
-        name: _value(properties, name, getattr(plain, name))
-        for name in ("rr_depth", "hide_emitters", "paths", "overlap", "alpha", "guiding", "estimator")
+        name: _value(properties, name, getattr(DEFAULTS, name))
+        for name in ("rr_depth", "hide_emitters", "overlap", "alpha", "estimator")
     }
-    depth = _value(properties, "max_depth", -1)
+    paths = _value(properties, "paths", DEFAULT_PATHS)
+    if not 1 <= paths <= MOST_BEAMS:  # which are the settings' beams
+        raise ValueError(f"paths is {paths}: expected 1 to {MOST_BEAMS}")
     kind = _value(properties, "beams", "long")
     if kind not in ("long", "short"):
         raise ValueError(f'{NAME}: beams is "{kind}": expected "long" or "short"')
@@ -141,8 +143,8 @@ def _settings(properties: Any) -> Any:
     if not 1 <= order <= MOST_POINTS:
         raise ValueError(f"{NAME}: order is {order}: expected 1 to {MOST_POINTS} points")
     return Settings(
-        **given, **radii, max_depth=None if depth == -1 else depth, short=kind == "short",
-        rule=gauss_legendre(order),
+        **given, **radii, beams=paths, max_depth=_value(properties, "max_depth", -1), short=kind == "short",
+        guiding=_value(properties, "guiding", True), rule=gauss_legendre(order),
     )  # fmt: skip
 
 

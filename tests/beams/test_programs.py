@@ -12,7 +12,8 @@ from photonbeams import scene
 from photonbeams.beams.modify import aim, bend, clamp, recolour, thin
 from photonbeams.beams.programs import PassContext, Program, chain, emitted
 from photonbeams.beams.sets import BeamSet
-from photonbeams.render.frame import Settings, render, simulate
+from photonbeams.render.frame import render, simulate
+from photonbeams.render.settings import Settings
 from photonbeams.runtime.device import Array3f, Float
 from photonbeams.scene import SceneError
 from photonbeams.transport import stage_paths as trace

@@ -17,8 +17,11 @@ import typer
 from cli.results import fails, untouched
 from photonbeams import cli
 from photonbeams.images.files import read_image, read_layers
+from photonbeams.cli.flags import Filter
 from photonbeams.render import frame
-from photonbeams.render import mitsuba_frame as transport
+from photonbeams.render.settings import DEFAULT_PATHS, Settings
+from photonbeams.scene import DEFAULT_BEAMS
+from photonbeams.scene.cameras import FILTERS
 
 FOG = """def Scope "Fog" (prepend apiSchemas = ["PhotonBeamsMediumAPI"]) {
     color3f photonbeams:scattering = (0.1, 0.1, 0.1)
@@ -279,6 +282,9 @@ def test_layers_choose_what_the_exr_holds_and_groups_have_theirs(render, stage, 
         (("--passes", "many"), ("--passes is many", "expected a valid integer")),
         (("--beams", 0), ("--beams is 0", "expected 1 to 100000000")),
         (("--beams", 10**10), ("--beams is 10000000000", "expected 1 to 100000000")),
+        (("--bounces", -1), ("--bounces is -1: expected 0 to 2147483645",)),
+        (("--filter", "sinc"), ("--filter is sinc", "'lanczos'")),
+        (("--checkpoint", "nan"), ("--checkpoint is nan: expected a positive number of seconds",)),
         (("--order", 0), ("--order is 0", "1 to 256")),
         (("--order", 1000), ("--order is 1000", "1 to 256")),
         (("--time-limit", 0), ("--time-limit is 0",)),
@@ -585,14 +591,14 @@ def test_an_interrupt_is_one_also_where_it_is_wrapped(render, stage, out, monkey
 def test_the_defaults_that_help_tells_hold():
     command = typer.main.get_command(cli.app).get_command(None, "render")
     told = {each.name: each.help for each in command.params if isinstance(each.help, str)}
-    of_stages, of_mitsuba = frame.Settings(), transport.Settings()
-    assert f"default: {of_stages.passes}, " in told["passes"]
-    assert f"default: {of_stages.beams}; " in told["beams"] and f", or {of_mitsuba.paths}." in told["beams"]
-    for settings in (of_stages, of_mitsuba):
-        assert f"default: {settings.estimator}, " in told["estimator"]
-        assert f"default: {len(settings.rule)}, " in told["order"]
-        assert settings.rule.name == "gauss_legendre" and told["rule"].endswith("default: gauss.")
-        assert told["seed"].endswith(f"default: {settings.seed}.")
+    settings = Settings()
+    assert f"default: {settings.passes}, " in told["passes"]
+    assert f"default: {DEFAULT_BEAMS}; " in told["beams"] and f", or {DEFAULT_PATHS}." in told["beams"]
+    assert f"default: {settings.estimator}, " in told["estimator"]
+    assert f"default: {len(settings.rule)}, " in told["order"]
+    assert settings.rule.name == "gauss_legendre" and told["rule"].endswith("default: gauss.")
+    assert told["seed"].endswith(f"default: {settings.seed}.")
+    assert tuple(Filter) == FILTERS
 
 
 def test_help_is_fast_and_has_examples():

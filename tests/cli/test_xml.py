@@ -15,7 +15,7 @@ from photonbeams import cli
 from photonbeams.cli.animation import FrameError
 from photonbeams.images.files import read_image, read_layers
 from photonbeams.render import mitsuba_frame as frame
-from photonbeams.shot import mitsuba as xml
+from photonbeams.render.checkpoint import Checkpoint
 
 SENSOR = """<sensor type="perspective" id="{name}">
         <float name="fov" value="40"/>
@@ -157,15 +157,17 @@ def test_flags_are_over_the_integrator_and_the_rest_is_its_own(render, scene, ou
     monkeypatch.setattr(frame, "Frame", lambda *given: seen.append(given[2]) or 1 / 0)
     text = ('<integrator type="photon_beams"><integer name="paths" value="77"/><integer name="order" value="3"/>'
             '<integer name="max_depth" value="5"/><string name="estimator" value="frustum"/></integrator>')  # fmt: skip
-    flags = ("--passes", 9, "--beams", 50, "--seed", 4, "--estimator", "billboard", "--order", 2, "--time-limit", 60)
+    flags = ("--passes", 9, "--beams", 50, "--seed", 4, "--estimator", "billboard", "--order", 2, "--time-limit", 60,
+             "--bounces", 1, "--filter", "mitchell")  # fmt: skip
     for more in ((), flags, ("--rule", "riemann")):
         with pytest.raises(FrameError):
             cli.main(["render", *map(str, (scene(INTEGRATOR, text), "-o", out / "a.exr", *more))])
     own, asked, summed = seen
-    assert (own.passes, own.paths, own.seed, own.estimator, len(own.rule.points)) == (3, 77, 0, "frustum", 3)
-    assert (asked.passes, asked.paths, asked.seed, len(asked.rule.points)) == (9, 50, 4, 2)
+    assert (own.passes, own.beams, own.seed, own.estimator, len(own.rule.points)) == (3, 77, 0, "frustum", 3)
+    assert (asked.passes, asked.beams, asked.seed, len(asked.rule.points)) == (9, 50, 4, 2)
     assert asked.estimator == "billboard"
-    assert (asked.max_depth, asked.time_limit) == (5, 60) and own.time_limit is None
+    assert (own.max_depth, own.time_limit, own.pixel_filter) == (5, None, None)
+    assert (asked.max_depth, asked.time_limit, asked.pixel_filter) == (3, 60, "mitchell")
     assert repr(summed.rule) == "riemann(3)"  # as many points as the file's
 
 
@@ -238,7 +240,7 @@ def test_ctrl_c_without_a_checkpoint_leaves_nothing(render, scene, out, monkeypa
 
 def test_checkpoints_are_written_on_the_way(render, scene, out, monkeypatch):
     saved = []
-    monkeypatch.setattr(xml, "save_checkpoint", lambda path, *_: saved.append(path.name))
+    monkeypatch.setattr(Checkpoint, "save", lambda self, _: self.due and saved.append(self.path.name))
     assert render(scene(), "-o", out / "a.exr", "--checkpoint", 1e-9)[0] == 0
     assert saved == ["a.checkpoint.npz"] * 2  # not after the last pass
     assert render(scene(), "-o", out / "a.exr", "--resume")[0] == 0  # without one, from the beginning
@@ -275,12 +277,6 @@ def test_wrong_flags_are_refused(render, scene, out, flags, parts):
 
 def test_an_output_is_asked_for(render, scene):
     fails(render(scene()), 2, "expected at least one output")
-
-
-def test_resume_is_for_mitsuba_scenes(render, tmp_path, out):
-    (tmp_path / "stage.usda").write_text("#usda 1.0\n")
-    for flags in (("--resume",), ("--checkpoint", 3)):
-        fails(render(tmp_path / "stage.usda", "-o", out / "old.exr", *flags), 2, flags[0], "is for Mitsuba scenes")
 
 
 @pytest.mark.parametrize(

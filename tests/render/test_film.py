@@ -10,8 +10,9 @@ from scipy.stats import t as student
 import photonbeams as pb
 from comparison import quad
 from photonbeams import scene
-from photonbeams.render.frame import Settings, render
+from photonbeams.render.frame import render
 from photonbeams.render.passes import Statistics
+from photonbeams.render.settings import Settings
 from photonbeams.world.cameras import Window
 from photonbeams.world.shutter import Moment, Shutter, slice_of
 

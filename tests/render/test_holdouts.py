@@ -7,8 +7,9 @@ import pytest
 
 from comparison import quad
 from photonbeams import scene
-from photonbeams.render.frame import Settings, render
+from photonbeams.render.frame import render
 from photonbeams.render.holdouts import Held, slopes
+from photonbeams.render.settings import Settings
 from photonbeams.world.cameras import View, Window
 from photonbeams.world.shutter import Moment, Shutter
 

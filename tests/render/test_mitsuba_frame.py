@@ -4,7 +4,8 @@ import drjit as dr
 import numpy as np
 import pytest
 
-from photonbeams.render.mitsuba_frame import CEILING, FREE_PATHS, Frame, Settings, render
+from photonbeams.render.mitsuba_frame import CEILING, FREE_PATHS, Frame, render
+from photonbeams.render.settings import Settings
 from photonbeams.runtime import device
 from photonbeams.runtime.device import mitsuba
 from photonbeams.scene import SceneError
@@ -16,7 +17,7 @@ SMALL = {"radius": 0.01, "alpha": 1.0}
 
 
 def pictures(scene, **given):
-    settings = {"passes": 4, "paths": 4096, **given}
+    settings = {"passes": 4, "beams": 4096, **given}
     found = [render(scene, scene.sensors()[0], Settings(seed=seed, **settings)).layers() for seed in range(SEEDS)]
     return np.array([each["rgba"][..., :3] for each in found])
 
@@ -87,7 +88,7 @@ def test_pictures_are_those_of_volpath(name):
 def test_short_beams_make_the_same_picture():
     medium = fog([0.3, 0.6, 1.5], [0.9, 0.8, 0.5], phase=HG)
     scene = load(fog=cube_of(medium), light=LAMP, sensor=camera())
-    ours = pictures(scene, hide_emitters=True, short=True, **{**SMALL, "paths": 8192})
+    ours = pictures(scene, hide_emitters=True, short=True, **{**SMALL, "beams": 8192})
     reference = [volpath(scene, 512, seed, hide_emitters=True) for seed in range(SEEDS)]
     assert agree(ours, np.array(reference), bias=0.006)
 
@@ -120,7 +121,7 @@ def test_white_fog_in_a_white_sky_is_not_seen():
 def test_the_comparison_scene_has_its_known_mean():
     scene = comparison()
     for depth, expected in ((2, 0.1201), (None, 0.1433)):
-        settings = Settings(passes=4, paths=1 << 16, max_depth=depth, surfaces=False)
+        settings = Settings(passes=4, beams=1 << 16, max_depth=depth, surfaces=False)
         mean = render(scene, scene.sensors()[0], settings).layers()["beams"].mean()
         assert mean == pytest.approx(expected, rel=0.005)
 
@@ -144,7 +145,7 @@ def test_a_mirror_shows_what_stands_before_it():
     # The mirror's plane is z = 3: a camera at z = 2 that looks along +z is as one at z = 4 that looks along −z.
     seen = load(**parts, mirror=mirror, sensor=camera((0, 0, 2), (0, 0, 3)))
     image = load(**parts, sensor=camera((0, 0, 4), (0, 0, 0)))
-    settings = {"passes": 1, "paths": 4096, "hide_emitters": True, "radius": 0.05, "guiding": False}
+    settings = {"passes": 1, "beams": 4096, "hide_emitters": True, "radius": 0.05, "guiding": False}
     # One edge more by way of the mirror, which leaves none for light that the mirror itself throws into the fog.
     by_mirror = blocks(pictures(seen, max_depth=3, **settings)[:, :, ::-1])
     direct = blocks(pictures(image, max_depth=2, **settings))
@@ -155,7 +156,7 @@ def test_a_mirror_shows_what_stands_before_it():
 
 def test_the_same_seed_gives_the_same_picture_on_any_number_of_threads():
     scene = load(fog=cube_of(fog(0.5)), light=LAMP, sensor=camera())
-    settings = Settings(passes=2, paths=2048)
+    settings = Settings(passes=2, beams=2048)
     found = []
     for threads in (1, 2, 2):
         device.set_threads(threads)
@@ -163,19 +164,9 @@ def test_the_same_seed_gives_the_same_picture_on_any_number_of_threads():
     assert np.array_equal(found[0], found[1]) and np.array_equal(found[1], found[2])
 
 
-def test_a_render_goes_on_where_it_was_stopped():
-    scene = load(fog=cube_of(fog(0.5)), light=LAMP, sensor=camera(rfilter={"type": "gaussian"}))
-    sensor, settings = scene.sensors()[0], Settings(passes=4, paths=1024)
-    whole = render(scene, sensor, settings)
-    half = render(scene, sensor, Settings(passes=2, paths=1024))
-    resumed = render(scene, sensor, settings, state=half.state())
-    assert np.array_equal(whole.layers()["rgba"], resumed.layers()["rgba"])
-    assert resumed.error() == pytest.approx(whole.error())
-
-
 def test_a_checkpoint_of_another_picture_is_refused():
     scene = load(fog=cube_of(fog(0.5)), light=LAMP, sensor=camera())
-    state = render(scene, scene.sensors()[0], Settings(passes=1, paths=64)).state()
+    state = render(scene, scene.sensors()[0], Settings(passes=1, beams=64)).state()
     other = load(fog=cube_of(fog(0.5)), light=LAMP, sensor=camera(size=8))
     with pytest.raises(SceneError, match="checkpoint is of another picture"):
         Frame(other, other.sensors()[0], Settings()).restore(state)
@@ -184,7 +175,7 @@ def test_a_checkpoint_of_another_picture_is_refused():
 def test_the_error_is_told_by_the_passes():
     """The error of the mean that passes tell, against that which pictures of other seeds have."""
     scene = load(fog=cube_of(fog(0.5)), light=LAMP, sensor=camera())
-    frames = [render(scene, scene.sensors()[0], Settings(passes=8, paths=512, seed=seed, alpha=1.0)) for seed in
+    frames = [render(scene, scene.sensors()[0], Settings(passes=8, beams=512, seed=seed, alpha=1.0)) for seed in
               range(8)]  # fmt: skip
     values = np.array([each.layers()["beams"].mean(axis=2) for each in frames])
     lit = values.mean(axis=0) > 0
@@ -199,7 +190,7 @@ def test_a_second_picture_compiles_nothing():
     # centre, a medium's scale); with these at rest there is nothing new, once rare things have happened.
     for number in range(4):
         scene = load(fog=cube_of(fog(0.5)), light=LAMP, sensor=camera((0, 0.1 * number, 4)))
-        frame = render(scene, scene.sensors()[0], Settings(passes=3, paths=16384 + number, seed=number))
+        frame = render(scene, scene.sensors()[0], Settings(passes=3, beams=16384 + number, seed=number))
     assert frame.statistics.kernels_compiled == 0
 
 
@@ -213,7 +204,7 @@ def test_light_that_is_scattered_by_nothing_is_a_plain_picture():
 
 def test_kernels_do_not_leave_derivatives_on():
     scene = load(fog=cube_of(fog(0.5)), light=LAMP, sensor=camera())
-    frame = Frame(scene, scene.sensors()[0], Settings(paths=64))
+    frame = Frame(scene, scene.sensors()[0], Settings(beams=64))
     for each in frame.simulated(0)[0].values():
         assert not dr.grad_enabled(each.beams.start, each.beams.radius_end)
 
@@ -224,7 +215,7 @@ def test_a_point_light_in_fog_is_its_closed_form():
     medium = mi.load_dict(fog(strength, albedo))
     light = {"type": "point", "position": [0, 0, 0], "intensity": rgb(intensity)}
     scene = load(light=light, sensor=camera((1.5, 1.0, 4), (1.5, 1.0, 0), fov=20, size=8, medium=medium))
-    found = pictures(scene, passes=8, paths=1 << 14, max_depth=2, surfaces=False)[..., 0].mean(axis=0)
+    found = pictures(scene, passes=8, beams=1 << 14, max_depth=2, surfaces=False)[..., 0].mean(axis=0)
     x = np.tan(np.radians(10)) * ((np.arange(8 * 8) + 0.5) / 32 - 1)  # 8 places in each pixel
     grid = np.stack(np.broadcast_arrays(x[None], -x[:, None], -1.0), axis=-1)
     grid /= np.linalg.norm(grid, axis=-1, keepdims=True)
@@ -253,7 +244,7 @@ def test_radii_are_of_the_medium_whatever_lies_around_it(extinction):
         below = {"type": "rectangle", "to_world": T().translate([0, -1, 0]).rotate([1, 0, 0], -90).scale(ground)}
         light = {"type": "point", "position": [0, 3, 0], "intensity": rgb(1.0)}
         both = load(fog=cube_of(fog(extinction)), below=below, light=light, sensor=camera())
-        beams = Frame(both, both.sensors()[0], Settings(paths=512, guiding=False)).simulated(0)[0].values()
+        beams = Frame(both, both.sensors()[0], Settings(beams=512, guiding=False)).simulated(0)[0].values()
         return np.concatenate([each.beams.radius_end.numpy() for each in beams])
 
     near, far = radii(2.0), radii(10_000.0)

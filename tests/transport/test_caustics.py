@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from photonbeams.render.mitsuba_frame import Settings, render
+from photonbeams.render.mitsuba_frame import render
+from photonbeams.render.settings import Settings
 from photonbeams.runtime.device import Float, UInt32, mitsuba
 from transport.scenes import T, camera, fog, load, rgb, volpath
 
@@ -62,7 +63,7 @@ def scene_with(name):
 @pytest.mark.parametrize("name", ["ball", "lens"])
 def test_light_through_glass_is_where_it_should_be(name):
     scene = scene_with(name)
-    shared = {"passes": 8, "paths": 1 << 13, "max_depth": 8, "max_radius": 0.05}
+    shared = {"passes": 8, "beams": 1 << 13, "max_depth": 8, "max_radius": 0.05}
     ours = np.array([
         render(scene, scene.sensors()[0], Settings(seed=seed, **shared)).layers()["rgba"][..., 0]
         for seed in range(SEEDS)

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from photonbeams.render.mitsuba_frame import Settings, render
+from photonbeams.render.mitsuba_frame import render
+from photonbeams.render.settings import Settings
 from photonbeams.runtime.device import mitsuba
 from transport.scenes import T, camera, fog, load, rgb
 
@@ -37,7 +38,7 @@ def spread(scene, seeds=SEEDS, **settings):
 def test_variance_falls_with_the_radius(scene):
     """Var ∝ 1 / r of one pass: a ray meets as many beams as they are wide, of which each is as bright as it is thin."""
     radii = np.array([0.005, 0.01, 0.02, 0.04])
-    found = [spread(scene, passes=1, paths=1024, radius=radius) for radius in radii]
+    found = [spread(scene, passes=1, beams=1024, radius=radius) for radius in radii]
     # 24 seeds and 64 pixels tell a variance to some 10 %, and the slope over a factor of 8 to 0.1.
     assert slope(radii, found) == pytest.approx(-1, abs=0.25)
 
@@ -45,14 +46,14 @@ def test_variance_falls_with_the_radius(scene):
 def test_variance_falls_with_the_number_of_paths(scene):
     """Var ∝ 1 / M of independent paths; of paths in strata it falls faster, and never slower."""
     paths = np.array([256, 1024, 4096])
-    found = [spread(scene, passes=1, paths=int(count), radius=0.01) for count in paths]
+    found = [spread(scene, passes=1, beams=int(count), radius=0.01) for count in paths]
     assert slope(paths, found) < -0.9
 
 
 def test_the_mean_of_passes_converges_while_radii_shrink(scene):
     """Var ∝ N^(−α) of the mean of N passes, or less for strata, with radii ∝ N^(α − 1)."""
     passes = np.array([1, 4, 16])
-    found = [spread(scene, seeds=10, passes=int(count), paths=256, radius=0.04, alpha=0.7) for count in passes]
+    found = [spread(scene, seeds=10, passes=int(count), beams=256, radius=0.04, alpha=0.7) for count in passes]
     assert slope(passes, found) < -0.6
 
 
@@ -60,7 +61,7 @@ def test_radii_shrink_by_the_schedule(scene):
     """R_{i+1} / R_i = (i + α) / (i + 1), from the first pass on."""
     from photonbeams.render.mitsuba_frame import Frame
 
-    frame = Frame(scene, scene.sensors()[0], Settings(paths=64, radius=0.1, alpha=0.7, max_depth=2))
+    frame = Frame(scene, scene.sensors()[0], Settings(beams=64, radius=0.1, alpha=0.7, max_depth=2))
     radii = []
     for number in range(5):
         (light,) = frame.simulated(number)[0].values()
@@ -75,7 +76,7 @@ def test_bias_falls_with_the_radius():
     lamp = {"type": "disk", "to_world": T().look_at([-6, 0, 0], [0, 0, 0], [0, 1, 0]).scale(0.5),
             "emitter": {"type": "directionalarea", "radiance": rgb(1.0)}}  # fmt: skip
     scene = load(lamp=lamp, sensor=camera((0, 0, 4), (0, 0, 0), size=48, fov=30, medium=medium))
-    shared = {"passes": 4, "max_depth": 2, "surfaces": False, "alpha": 1.0, "paths": 1 << 14}
+    shared = {"passes": 4, "max_depth": 2, "surfaces": False, "alpha": 1.0, "beams": 1 << 14}
     radii = np.array([0.4, 0.2, 0.1])
 
     def picture(radius):

@@ -6,7 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from photonbeams.numerics.sampling import sobol_points
-from photonbeams.render.mitsuba_frame import Settings, render
+from photonbeams.render.mitsuba_frame import render
+from photonbeams.render.settings import Settings
 from photonbeams.transport.guiding import Guide, learn
 from transport.scenes import camera, comparison, cube_of, fog, load, rgb
 
@@ -58,9 +59,9 @@ def test_emission_that_is_seen_everywhere_stays_even():
 def test_guiding_keeps_the_mean_and_makes_it_better():
     """The comparison scene: with guiding and without, the mean is that of the integral; pictures are closer with it."""
     scene = comparison(48, 27)
-    shared = {"passes": 1, "paths": 2048, "max_depth": 2, "surfaces": False}
+    shared = {"passes": 1, "beams": 2048, "max_depth": 2, "surfaces": False}
     reference = render(
-        scene, scene.sensors()[0], Settings(**{**shared, "passes": 8, "paths": 1 << 15}, seed=99)
+        scene, scene.sensors()[0], Settings(**{**shared, "passes": 8, "beams": 1 << 15}, seed=99)
     ).layers()["beams"]  # fmt: skip
     spreads = []
     for guiding in (True, False):

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from photonbeams.render.mitsuba_frame import Settings, render
+from photonbeams.render.mitsuba_frame import render
+from photonbeams.render.settings import Settings
 from photonbeams.runtime.device import mitsuba
 from photonbeams.scene import SceneError
 from render.test_mitsuba_frame import INSIDE, LAMP, SMALL, agree, pictures
@@ -40,7 +41,7 @@ def refused(match, **parts):
     parts = {"fog": cube_of(fog(0.5)), "light": LAMP, "sensor": camera(size=8), **parts}
     scene = load(**parts)
     with pytest.raises(SceneError, match=match) as caught:
-        render(scene, scene.sensors()[0], Settings(passes=1, paths=64))
+        render(scene, scene.sensors()[0], Settings(passes=1, beams=64))
     assert "\n" not in str(caught.value)
     with pytest.raises(RuntimeError) as wrapped:  # Mitsuba has it in a chain of its own
         mi.render(scene, integrator=mi.load_dict({"type": "photon_beams", "paths": 64}), spp=1)
@@ -103,7 +104,7 @@ def test_a_camera_whose_rays_are_none_is_refused():
 
 def finite(radius=None, **parts):
     scene = load(**{"sensor": camera(size=8), **parts})
-    frame = render(scene, scene.sensors()[0], Settings(passes=2, paths=500, radius=radius))
+    frame = render(scene, scene.sensors()[0], Settings(passes=2, beams=500, radius=radius))
     layers = frame.layers()
     assert all(np.isfinite(layers[name]).all() and layers[name].min() >= 0 for name in ("rgba", "beams", "surface"))
     return frame, layers
@@ -155,7 +156,7 @@ def test_two_surfaces_in_one_place_are_one_or_the_other():
 def test_fog_that_scatters_nothing_has_no_beams():
     scene = {"fog": cube_of(fog([0.2, 0.5, 1.0], 0.0), 1.1), "floor": FLOOR, "light": {**LAMP, "center": [-1.0, 3, 0]}}
     scene = load(**scene, sensor=camera((0, 1.5, 4), (0, -1, 0)))
-    frame = render(scene, scene.sensors()[0], Settings(passes=64, paths=256, max_depth=2, hide_emitters=True))
+    frame = render(scene, scene.sensors()[0], Settings(passes=64, beams=256, max_depth=2, hide_emitters=True))
     assert frame.statistics.beams == 0 and not frame.layers()["beams"].any()
     ours, theirs = frame.layers()["rgba"][..., :3], volpath(scene, 1024, max_depth=2, hide_emitters=True)
     np.testing.assert_allclose(ours.mean(axis=(0, 1)), theirs.mean(axis=(0, 1)), rtol=0.01)
@@ -195,7 +196,7 @@ def test_a_sensor_in_nested_media_need_not_say_so():
     parts = {"fog": cube_of(outer, 1.5), "ball": ball, "light": LAMP}
     scene = load(**parts, sensor=camera((0, 0, 0.3), (-0.5, 0.2, -1), fov=70))
     declared = load(**parts, sensor=camera((0, 0, 0.3), (-0.5, 0.2, -1), fov=70, medium=inner))
-    ours = pictures(scene, max_depth=3, hide_emitters=True, **{**SMALL, "passes": 8, "paths": 16384})
+    ours = pictures(scene, max_depth=3, hide_emitters=True, **{**SMALL, "passes": 8, "beams": 16384})
     theirs = [volpath(declared, 1024, seed, max_depth=3, hide_emitters=True) for seed in range(len(ours))]
     # Beams near the eye are bright and few, which the spread of a few pictures does not tell.
     np.testing.assert_allclose(ours.mean(axis=(0, 1, 2)), np.mean(theirs, axis=(0, 1, 2)), rtol=0.03)
@@ -206,7 +207,7 @@ def test_a_medium_of_the_sensor_ends_at_its_border():
     medium = mi.load_dict(fog(2.0, 0.8))
     scene = load(fog=cube_of(medium), light=LAMP, floor=FLOOR,
                  sensor=camera((0, 0.5, 0.5), (-0.1, -1.5, -0.3), medium=medium, fov=90))  # fmt: skip
-    ours = pictures(scene, hide_emitters=True, **{**SMALL, "passes": 8, "paths": 16384}).mean(axis=(1, 2))
+    ours = pictures(scene, hide_emitters=True, **{**SMALL, "passes": 8, "beams": 16384}).mean(axis=(1, 2))
     theirs = np.mean([volpath(scene, 512, seed, hide_emitters=True) for seed in range(4)], axis=(0, 1, 2))
     error = ours.std(axis=0, ddof=1) / np.sqrt(len(ours))
     np.testing.assert_array_less(np.abs(ours.mean(axis=0) - theirs), 4.5 * error + 0.01 * theirs)
@@ -217,7 +218,7 @@ def test_a_cornell_box_without_fog_is_that_of_path():
     plain["sensor"]["film"].update(width=16, height=16, rfilter={"type": "box"})
     scene = mi.load_dict(plain)
     # Less the lamp itself, which so few pixels show by the places that they look at.
-    ours = [render(scene, scene.sensors()[0], Settings(passes=8, paths=16384, max_depth=depth)).layers()["surface"]
+    ours = [render(scene, scene.sensors()[0], Settings(passes=8, beams=16384, max_depth=depth)).layers()["surface"]
             for depth in (None, 1)]  # fmt: skip
     theirs = [volpath(scene, 512, 0, "path", max_depth=depth) for depth in (-1, 1)]
     ours, theirs = ((whole - lamp).mean(axis=(0, 1)) for whole, lamp in (ours, theirs))
@@ -229,7 +230,7 @@ def test_caustics_on_surfaces_are_those_of_path():
     lamp = {"type": "sphere", "center": [0, 3.5, 0], "radius": 0.5, "emitter": {"type": "area", "radiance": rgb(10.0)}}
     mirror = {"type": "rectangle", "to_world": T().translate([0, 0, -2]).scale(2), "bsdf": {"type": "conductor"}}
     scene = load(ball=ball, light=lamp, floor=FLOOR, mirror=mirror, sensor=camera((0, 1, 4), (0, -0.5, 0)))
-    settings = Settings(passes=16, paths=8192, hide_emitters=True, max_depth=6)
+    settings = Settings(passes=16, beams=8192, hide_emitters=True, max_depth=6)
     ours = render(scene, scene.sensors()[0], settings).layers()["surface"].mean(axis=(0, 1))
     theirs = volpath(scene, 4096, 0, "path", hide_emitters=True, max_depth=6).mean(axis=(0, 1))
     np.testing.assert_allclose(ours, theirs, rtol=0.03)
@@ -245,7 +246,7 @@ def test_rough_glass_is_lit_by_photons():
     ball = {"type": "sphere", "bsdf": {"type": "roughdielectric", "alpha": 0.4}}
     lamp = {"type": "sphere", "center": [-2.0, 3.5, 0.5], "radius": 1.0, "emitter": {"type": "area", "radiance": 5.0}}
     scene = load(ball=ball, light=lamp, sensor=camera())
-    ours = pictures(scene, passes=8, paths=16384, max_depth=3, hide_emitters=True, radius=0.03)
+    ours = pictures(scene, passes=8, beams=16384, max_depth=3, hide_emitters=True, radius=0.03)
     theirs = [volpath(scene, 512, seed, max_depth=3, hide_emitters=True) for seed in range(len(ours))]
     # The mean of 24 seeds, which spread by 1.8 % each, was that of `volpath` to 0.4 %, its own error.
     assert agree(ours, np.array(theirs), bias=0.005)
@@ -258,7 +259,7 @@ def test_a_border_that_lies_on_another_surface_is_not_missed_by_single_rays():
     room = {**cube_of(medium, 2.0), "bsdf": {"type": "twosided", "side": {"type": "diffuse"}}}
     sensor = camera((0.6, 0, 1.5), (-0.6, 0, -2), fov=60, size=64, medium=medium)
     scene = load(room=room, plank=plank, light={**INSIDE, "position": [1.2, 1.0, 0.5]}, sensor=sensor)
-    beams = render(scene, scene.sensors()[0], Settings(passes=2, paths=4096, surfaces=False)).layers()["beams"][..., 0]
+    beams = render(scene, scene.sensors()[0], Settings(passes=2, beams=4096, surfaces=False)).layers()["beams"][..., 0]
     # Smooth light: no pixel is much darker than both of its neighbours.
     around = np.minimum(beams[:, :-2], beams[:, 2:])
     assert (beams[:, 1:-1] > 0.5 * around).all()

@@ -84,7 +84,7 @@ def test_wrong_parameters_are_refused(parameters, message):
 
 def test_numbers_may_be_of_the_other_type_where_nothing_is_lost():
     made = plugin(paths=2048.0, max_depth=4.0, radius=1).settings
-    assert (repr(made.paths), repr(made.max_depth), repr(made.radius)) == ("2048", "4", "1.0")
+    assert (repr(made.beams), repr(made.max_depth), repr(made.radius)) == ("2048", "4", "1.0")
 
 
 def test_the_documentation_lists_every_parameter():

@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from photonbeams.render.mitsuba_frame import Settings, render
+from photonbeams.render.mitsuba_frame import render
+from photonbeams.render.settings import Settings
 from photonbeams.runtime.device import Array3f, Bool, UInt32, mitsuba
 from photonbeams.scene import SceneError
 from photonbeams.world.media import Media, medium_at, number
@@ -86,7 +87,7 @@ def test_a_grid_that_is_smaller_than_its_shape_ends_at_its_own_border():
     smoke = {"type": "heterogeneous", "sigma_t": ones, "albedo": 1.0, "scale": 3.0}
     # Without absorption, in even light of radiance 1, everything looks like radiance 1.
     furnace = load(smoke=cube_of(smoke), light={"type": "constant", "radiance": 1.0}, sensor=camera(size=16))
-    settings = Settings(passes=16, paths=4096, max_radius=0.02)
+    settings = Settings(passes=16, beams=4096, max_radius=0.02)
     pictures = [render(furnace, furnace.sensors()[0], replace(settings, seed=seed)).layers()["rgba"] for seed in (1, 2)]
     means = np.array([picture[..., :3].mean() for picture in pictures])
     assert means == pytest.approx(1, abs=0.02)  # glows outside of the grid made it 1.9

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from photonbeams.render.mitsuba_frame import Frame, Settings
+from photonbeams.render.mitsuba_frame import Frame
+from photonbeams.render.settings import Settings
 from photonbeams.runtime.device import mitsuba
 from transport.scenes import T, camera, cube_of, fog, load, rgb
 
@@ -13,7 +14,7 @@ LIGHT = {"type": "point", "position": [0.3, 0.4, 0.2], "intensity": rgb(1.0)}
 def warnings(caplog, **parts):
     caplog.clear()
     scene = load(**{"light": LIGHT, **parts})
-    Frame(scene, scene.sensors()[0], Settings(paths=64, guiding=False))
+    Frame(scene, scene.sensors()[0], Settings(beams=64, guiding=False))
     return [each.getMessage() for each in caplog.records if each.name == "photonbeams"]
 
 

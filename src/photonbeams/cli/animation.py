@@ -29,15 +29,14 @@ class FrameError(Exception):
     frame
         "frame 7: ", or nothing where there is one frame alone.
     done
-        What was written before, or `kept` of a frame that is not finished.
+        What was written before, and what is `kept` of a frame that is not finished.
     """
 
     def __init__(self, frame: str, written: int, kept: str | None = None) -> None:
         super().__init__(frame, written, kept)
         self.frame = frame
-        self.done = kept or "nothing was written"
-        if written:
-            self.done = f"{counted(written, 'frame')} {'was' if written == 1 else 'were'} written"
+        before = f"{counted(written, 'frame')} {'was' if written == 1 else 'were'} written" if written else None
+        self.done = ", ".join(filter(None, (before, kept))) or "nothing was written"
 
 
 @dataclass(frozen=True)

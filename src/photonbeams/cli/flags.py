@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import typer
 
 if TYPE_CHECKING:
     from ..quadrature import Rule
+    from ..render.settings import Settings
     from ..scene import Color, Medium
 
 MOST_THREADS = 1024
+MOST_BOUNCES = 2**31 - 3  # 2 edges less than `max_depth`
 
 
 class Estimator(StrEnum):
@@ -28,6 +30,17 @@ class RuleName(StrEnum):
 
     gauss = "gauss"
     riemann = "riemann"
+
+
+class Filter(StrEnum):
+    """Which pixel filter."""
+
+    box = "box"
+    tent = "tent"
+    gaussian = "gaussian"
+    mitchell = "mitchell"
+    catmullrom = "catmullrom"
+    lanczos = "lanczos"
 
 
 class Device(StrEnum):
@@ -49,6 +62,8 @@ def check_flags(
     anisotropy: float | None = None,
     exposure: float = 0.0,
     threads: int | None = None,
+    bounces: int | None = None,
+    checkpoint: float | None = None,
 ) -> None:
     """Refuse numbers out of range before anything heavy is imported; a NaN is never in range."""
     from ..quadrature import MOST_POINTS
@@ -71,6 +86,8 @@ def check_flags(
         ("--order", order, order is None or 1 <= order <= MOST_POINTS, f"1 to {MOST_POINTS} points"),
         ("--anisotropy", anisotropy, anisotropy is None or -0.99 <= anisotropy <= 0.99, "-0.99 to 0.99"),
         ("--exposure", exposure, -100 <= exposure <= 100, "-100 to 100 stops"),
+        ("--bounces", bounces, bounces is None or 0 <= bounces <= MOST_BOUNCES, f"0 to {MOST_BOUNCES}"),
+        ("--checkpoint", checkpoint, checkpoint is None or checkpoint > 0, "a positive number of seconds"),
         ("--threads", threads, threads is None or 1 <= threads <= MOST_THREADS, f"1 to {MOST_THREADS}"),
     )
     for flag, value, right, expected in checks:
@@ -83,21 +100,29 @@ def check_flags(
 class Quality:
     """How the flags want a frame to be rendered; None where they leave it to the scene, or to its kind."""
 
-    passes: int | None
-    time_limit: float | None
-    beams: int | None
-    estimator: Estimator | None
-    rule: RuleName | None
-    order: int | None
-    seed: int | None
+    passes: int | None = None
+    time_limit: float | None = None
+    beams: int | None = None
+    bounces: int | None = None
+    estimator: Estimator | None = None
+    rule: RuleName | None = None
+    order: int | None = None
+    pixel_filter: Filter | None = None
+    seed: int | None = None
 
-    def values(self, points: int) -> dict[str, Any]:
-        """Return what is given, by the names of settings; a rule has `points` where `--order` is not given."""
-        values = {
-            "passes": self.passes, "time_limit": self.time_limit, "beams": self.beams,
-            "estimator": self.estimator and self.estimator.value, "rule": self._rule(points), "seed": self.seed,
-        }  # fmt: skip
-        return {name: value for name, value in values.items() if value is not None}
+    def over(self, own: Settings) -> Settings:
+        """Return a scene's settings with what is given; a rule has as many points as theirs without `--order`."""
+        return replace(
+            own,
+            passes=self.passes or own.passes,
+            time_limit=self.time_limit or own.time_limit,
+            seed=own.seed if self.seed is None else self.seed,
+            beams=self.beams or own.beams,
+            max_depth=own.max_depth if self.bounces is None else self.bounces + 2,
+            estimator=self.estimator.value if self.estimator else own.estimator,
+            rule=self._rule(len(own.rule)) or own.rule,
+            pixel_filter=self.pixel_filter.value if self.pixel_filter else own.pixel_filter,
+        )
 
     def _rule(self, points: int) -> Rule | None:
         from ..quadrature import gauss_legendre, riemann

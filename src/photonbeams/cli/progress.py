@@ -133,14 +133,14 @@ def summary_lines(statistics: Statistics, files: Iterable[Path], seconds: float)
         f"{statistics.tests / 1e6:,.0f} million ray-beam tests",
         f"{seconds:.1f} s ({phases}; compiling {statistics.compile_seconds:.1f} of it, "
         f"{statistics.kernels_compiled} kernels)",
-        *([error_note(statistics.error)] if statistics.error is not None else []),
+        *filter(None, [error_note(statistics.error)]),
         *(f"wrote {path}" for path in files),
     ]
 
 
 def error_note(error: float | None) -> str:
     """Return what is known of the error of a picture's pixels."""
-    return "" if error is None or error != error else f"error {100 * error:.2g} %"
+    return "" if error is None else f"error {100 * error:.2g} %"
 
 
 def frame_line(name: str, statistics: Statistics, files: Iterable[Path], seconds: float) -> str:

@@ -4,24 +4,22 @@ from __future__ import annotations
 
 import shlex
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from .animation import Animation, Task, frame_numbers, print_plan, tasks_of
-from .flags import Device, Estimator, Fog, Quality, RuleName, check_flags, parse_color, start_device
-from .outputs import Output, check_outputs, chosen_layers, parse_outputs, prepare_outputs, write_outputs
-from .programs import load_function, load_looks
-from .progress import Progress, held_interrupt, messages
-from .xml import Asked, check_given, render_xml
+from .asked import Asked, Plates
+from .flags import Device, Estimator, Filter, Fog, Quality, RuleName, check_flags, parse_color
+from .job import run
+from .outputs import Output, parse_outputs
+from .progress import Progress
+from .stage import StageJob
+from .xml import MitsubaJob, check_given
 
 if TYPE_CHECKING:
-    from ..render.passes import Statistics
-    from ..shot import Holdout, Plate, Shot
-    from ..usd.settings import RenderSettings
     from ..usd.stereo import Stereo
 
 
@@ -103,14 +101,22 @@ def render(
     time_limit: Annotated[float | None, typer.Option(help="Begin no pass after so many seconds of a frame.")] = None,
     checkpoint: Annotated[
         float | None,
-        typer.Option(metavar="S", help="Mitsuba scenes: keep what is done every S seconds and on Ctrl-C."),
+        typer.Option(metavar="S", help="Keep what is done of a frame every S seconds and on Ctrl-C."),
     ] = None,
-    resume: Annotated[bool, typer.Option("--resume", help="Go on from the checkpoint, if there is one.")] = False,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on from checkpoints, where there are any.")] = False,
     beams: Annotated[
         int | None,
         typer.Option(
             help="Beams a pass, for lights that do not say, default: 4096; "
             "of a Mitsuba scene: light paths, default: the integrator's, or 16384."
+        ),
+    ] = None,
+    bounces: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N",
+            help="How often light is scattered or reflected before it is scattered once toward the camera; "
+            "default: 0, or the integrator's max_depth less 2.",
         ),
     ] = None,
     estimator: Annotated[
@@ -121,6 +127,10 @@ def render(
     order: Annotated[
         int | None,
         typer.Option(help="Points of the quadrature; default: 6, or the integrator's of a Mitsuba scene."),
+    ] = None,
+    pixel_filter: Annotated[
+        Filter | None,
+        typer.Option("--filter", help="Pixel filter; default: the render settings', or box; a Mitsuba film's own."),
     ] = None,
     scattering: Annotated[
         str | None, typer.Option(metavar="S|R,G,B", help="A fog for a stage without, or instead of the stage's.")
@@ -205,119 +215,40 @@ def render(
 
     photonbeams render cornell.xml -o cornell.exr --passes 64 --checkpoint 60
     """
-    check_flags(res, res_scale, crop, passes, time_limit, beams, order, anisotropy, exposure, threads)
+    check_flags(
+        res, res_scale, crop, passes, time_limit, beams, order, anisotropy, exposure, threads, bounces, checkpoint
+    )
     _check_plates(holdout, holdout_channel, holdout_depth, holdout_scale, over, over_fog)
     eyes = _stereo(stereo, interaxial, convergence, view)
-    fog = Fog(
-        parse_color("--scattering", scattering),
-        parse_color("--absorption", absorption),
-        anisotropy,
-        surfaces=False if beams_only_fog else None,
-    )
-    quality = Quality(
-        passes=passes, time_limit=time_limit, beams=beams, estimator=estimator, rule=rule, order=order, seed=seed
-    )
     outputs = parse_outputs(output or (), picture or ())
-    if scene.suffix.lower() == ".xml":
+    is_xml = scene.suffix.lower() == ".xml"
+    if is_xml:
         check_given(context)
-        asked = Asked(
-            path=scene, outputs=outputs, quality=quality, camera=camera, parameters=overrides or (), res=res,
-            res_scale=res_scale, crop=crop, layers=layers, exposure=exposure, checkpoint=checkpoint, resume=resume,
-            skip_existing=skip_existing, progress=progress, dry_run=dry_run, list_cameras=list_cameras, quiet=quiet,
-            verbose=verbose, command=_command_line(),
-        )  # fmt: skip
-        render_xml(asked, lambda: start_device(device, threads))
-        return
-    _check_checkpoint(checkpoint, resume)
-    _check_replaced(outputs, {"--holdout": holdout, "--over": over})
-    with messages(quiet, verbose), held_interrupt() as check:
-        start_device(device, threads)
-        from ..shot import Holdout, Plate, Shot
-        from ..usd.frames import check_frames
-        from ..usd.stage import list_cameras as cameras_of
-        from ..usd.stage import open_stage
-
-        numbers = frame_numbers(frames, outputs)
-        check()
-        stage = open_stage(scene, session_layer or (), overrides or ())
-        if list_cameras:
-            typer.echo("\n".join(cameras_of(stage)))
-            return
-        check_frames(stage, [number for number in numbers if number is not None])
-        check()
-        settings = _settings(stage, render_settings, camera, res, crop, outputs)
-        if not dry_run:
-            check_outputs(outputs or settings.products)
-        shot = Shot(
-            stage, camera or settings.camera, medium=fog.over, stereo=eyes,
-            simulate=load_function("--simulate", simulate), emit=load_function("--emit", emit),
-            looks=load_looks("--look", look or ()),
-        )  # fmt: skip
-        values = _values(quality)
-        animation = Animation(
-            tasks_of(shot, numbers, outputs, settings.products), values["passes"], skip_existing, progress, quiet
-        )
-        todo = animation.todo()
-        first = (todo or animation.tasks)[0]
-        content, _ = shot.read(first.number)
-        check()
-        kept = chosen_layers(layers, first.outputs, shot.check(content, first.number))
-        end = Holdout(holdout, holdout_channel, holdout_depth or "auto", holdout_scale or 1.0) if holdout else None
-        plate = Plate(over, over_fog) if over else None
-        plates = [each for each in (end, plate) if each is not None]
-        shown = None if view in (None, Eye.both) else view.value
-        width, height = _size(shot, first.number, res, res_scale, settings, plates, shown)
-        for task in todo:
-            shot.check_plates(plates, task.number, width, height, shown)
-        for task in todo:
-            prepare_outputs(task.outputs)
-        if dry_run:
-            if not quiet:
-                seen_by = " and ".join(dict.fromkeys(each.name for each in shot.cameras(first.number)))
-                print_plan(f"{scene} seen by {seen_by}, {width} x {height} pixels", animation.tasks, todo, kept)
-            return
-
-        def finish(task: Task, advance: Callable[[int], None]) -> Statistics:
-            result = shot.render(
-                task.number, width=width, height=height, crop=crop or settings.crop(width, height),
-                progress=lambda done, _: advance(done), view=shown, holdout=end, over=plate,
-                blur=not settings.disable_motion_blur, lens=not settings.disable_depth_of_field, **values,
-            )  # fmt: skip
-            for metadata in [result.metadata, *(each for _, each in result.views.values())]:
-                metadata["commandLine"] = _command_line()
-            write_outputs(result, task.outputs, kept, exposure, chosen=layers is not None)
-            return result.statistics
-
-        animation.render(finish, check)
-
-
-def _values(quality: Quality) -> dict[str, Any]:
-    """Return the settings of a stage's frames that flags give, and the passes in any case."""
-    from ..estimators.estimate import DEFAULT_RULE
-    from ..render.frame import DEFAULT_PASSES
-
-    return {"passes": DEFAULT_PASSES, **quality.values(len(DEFAULT_RULE))}
-
-
-def _check_checkpoint(checkpoint: float | None, resume: bool) -> None:
-    if checkpoint is not None or resume:
-        flag = "--resume" if resume else "--checkpoint"
-        raise typer.BadParameter(f"{flag} is for Mitsuba scenes (.xml): expected a scene of that kind")
-
-
-def _settings(
-    stage: Any,
-    path: str | None,
-    camera: str | None,
-    res: tuple[int, int],
-    crop: tuple[float, float, float, float] | None,
-    outputs: Sequence[Output],
-) -> RenderSettings:
-    """Return the render settings, where flags leave them something to say."""
-    from ..usd.settings import read_settings
-
-    flags = {"camera": camera, "resolution": any(res), "dataWindowNDC": crop, "products": outputs}
-    return read_settings(stage, path, [name for name, value in flags.items() if value])
+    else:
+        _check_replaced(outputs, {"--holdout": holdout, "--over": over})
+    asked = Asked(
+        path=scene, outputs=outputs, layers=layers, exposure=exposure, frames=frames, skip_existing=skip_existing,
+        checkpoint=checkpoint, resume=resume,
+        quality=Quality(
+            passes=passes, time_limit=time_limit, beams=beams, bounces=bounces, estimator=estimator, rule=rule,
+            order=order, pixel_filter=pixel_filter, seed=seed,
+        ),
+        camera=camera, list_cameras=list_cameras, res=res, res_scale=res_scale, crop=crop,
+        render_settings=render_settings, overrides=overrides or (), session_layers=session_layer or (),
+        fog=Fog(
+            parse_color("--scattering", scattering), parse_color("--absorption", absorption), anisotropy,
+            surfaces=False if beams_only_fog else None,
+        ),
+        looks=look or (), simulate=simulate, emit=emit, stereo=eyes,
+        view=None if view in (None, Eye.both) else view.value,
+        plates=Plates(
+            holdout=holdout, channel=holdout_channel, depth=holdout_depth or "auto", scale=holdout_scale or 1.0,
+            over=over, fog=over_fog,
+        ),
+        device=device, threads=threads, progress=progress, dry_run=dry_run, quiet=quiet, verbose=verbose,
+        command=_command_line(),
+    )  # fmt: skip
+    run(asked, MitsubaJob if is_xml else StageJob)
 
 
 def _stereo(stereo: bool, interaxial: float | None, convergence: float | None, view: Eye | None) -> Stereo | None:
@@ -361,21 +292,6 @@ def _check_plates(
         raise typer.BadParameter(f"--holdout-scale is {scale}: expected more than 0 and no more than 1e12")
     if fog and not over:
         raise typer.BadParameter("--over-fog is of a plate: expected --over, too")
-
-
-def _size(
-    shot: Shot,
-    number: float | None,
-    res: tuple[int, int],
-    scale: float,
-    settings: RenderSettings,
-    plates: Sequence[Holdout | Plate],
-    view: str | None,
-) -> tuple[int, int]:
-    """Return width and height in pixels."""
-    wanted = res if any(res) else settings.resolution or res
-    width, height = shot.resolution(wanted[0] or None, wanted[1] or None, number, plates, view)
-    return shot.resolution(max(1, round(scale * width)), max(1, round(scale * height)), number)
 
 
 def _command_line() -> str:

@@ -7,80 +7,38 @@ traced at its two ends with the same samples, the camera stands at both, and ray
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from numbers import Real
 from typing import Any
 
 import drjit as dr
 import numpy as np
 
 from .. import scene
-from ..beams.programs import Program
 from ..beams.sets import BeamSet
-from ..estimators.estimate import DEFAULT_RULE, ENDLESS, check_estimator
+from ..estimators.estimate import ENDLESS
 from ..estimators.image import PixelRays, estimate_image
 from ..estimators.points import Points
 from ..looks import Context, Look
 from ..numerics.hashing import hash32
-from ..numerics.sampling import pixel_sample, z_order
-from ..quadrature import Rule
+from ..numerics.sampling import pixel_sample
 from ..runtime import device
-from ..runtime.device import Array3f, Bool, Float, UInt32
+from ..runtime.device import Bool, Float, UInt32
 from ..transport.portal_visibility import lights_seen
 from ..transport.stage_paths import pieces_of, trace
 from ..world.cameras import CameraRays, View, Window
 from ..world.shutter import Moment, Shutter, slice_of, turn, with_lens
 from ..world.world import World
+from .checkpoint import Checkpoint
+from .film import Film, PassPicture, films_state, reconstruction_filter, restore_films
+from .film import layer_names as names_of
 from .holdouts import Held
-from .passes import OVERLAP, SHRINKAGE, Statistics, accumulate, subpixel, to_picture
+from .passes import SHRINKAGE, Progress, Statistics, accumulate, subpixel
+from .settings import DEFAULTS, Settings
 from .surfaces import shade
 
-DEFAULT_PASSES = 16
 # Bytes at the peak of a pass on the CPU: resident memory of renders of 2 to 20 million pixels and 1 to 3 million beams.
 PIXEL_BYTES, BEAM_BYTES = 300, 350
-
-
-@dataclass(frozen=True)
-class Settings:
-    """How a frame is rendered.
-
-    Attributes
-    ----------
-    passes, time_limit
-        Number of passes, and seconds after which no further pass is begun (None: no limit).
-    beams
-        Light paths a pass of each light that does not say itself.
-    estimator, rule
-        "auto", "billboard" or "frustum", and the frustum's quadrature.
-    seed, overlap
-        Seed of all samples; width of beams in spacings of their neighbours.
-    program
-        What is done to the beams of each pass, or None.
-    """
-
-    passes: int = DEFAULT_PASSES
-    time_limit: float | None = None
-    beams: int = scene.DEFAULT_BEAMS
-    estimator: str = "auto"
-    rule: Rule = DEFAULT_RULE
-    seed: int = 0
-    overlap: float = OVERLAP
-    program: Program | None = None
-
-    def __post_init__(self) -> None:
-        check_estimator(self.estimator)
-        for name in ("passes", "beams", "seed"):
-            object.__setattr__(self, name, scene.whole(getattr(self, name), name))
-        object.__setattr__(self, "overlap", scene.real(self.overlap, "overlap", above=0.0))
-        if not isinstance(self.rule, Rule):
-            raise scene.SceneError(f"rule is {self.rule!r}: expected a Rule, such as gauss_legendre(6)")
-        if self.passes < 1:
-            raise scene.SceneError(f"passes is {self.passes}: expected at least 1")
-        if not 1 <= self.beams <= scene.MOST_BEAMS:
-            raise scene.SceneError(f"beams is {self.beams}: expected 1 to {scene.MOST_BEAMS:,} beams a pass and light")
-        if self.time_limit is not None and not (isinstance(self.time_limit, Real) and self.time_limit > 0):
-            raise scene.SceneError(f"time limit is {self.time_limit!r}: expected a positive number of seconds")
 
 
 @dataclass(frozen=True)
@@ -99,9 +57,11 @@ class Picture:
 def render(
     shutter: Shutter,
     window: Window,
-    settings: Settings = Settings(),
-    progress: Callable[[int, Statistics], None] | None = None,
+    settings: Settings = DEFAULTS,
+    progress: Progress | None = None,
     holdouts: Sequence[Held] = (),
+    checkpoint: Checkpoint | None = None,
+    content: str = "",
 ) -> Picture:
     """Render one frame.
 
@@ -115,31 +75,71 @@ def render(
         Called with the number of finished passes, before the first and after each.
     holdouts
         For each view, where beams end, instead of at the scene's own surfaces: these are not seen then, but stop light.
+    checkpoint, content
+        Where passes are kept on the way, and a hash of what is rendered: passes of another content are refused.
 
     Raises
     ------
     SceneError
-        There is no medium, or nothing that makes beams; a portal has no area; a pass does not fit into memory.
+        There is no medium, or nothing that makes beams; a portal has no area; a pass does not fit into memory; a
+        checkpoint of another picture.
     """
     description = shutter.at(0.0).scene
     check(description)
+    _check_settings(settings)
     _check_memory(description, window, settings)
-    frame = accumulate(
-        lambda: _Frame(shutter, window, settings, Statistics(), holdouts), settings.passes, settings.time_limit,
-        None if progress is None else lambda number, frame: progress(number, frame.statistics),
-    )  # fmt: skip
-    if progress is not None:
-        progress(frame.statistics.passes, frame.statistics)
+    state = None
+    if checkpoint is not None:
+        state = checkpoint.begin(content, *_identity(shutter, window, settings, holdouts))
+
+    def begin() -> _Frame:
+        frame = _Frame(shutter, window, settings, Statistics(), holdouts)
+        if state is not None:
+            frame.restore(state)
+        return frame
+
+    frame = accumulate(begin, settings, progress, checkpoint)
     return Picture(frame.views(), frame.statistics)
 
 
-def simulate(shutter: Shutter, window: Window, settings: Settings = Settings(), number: int = 0) -> list[BeamSet]:
+def _identity(shutter: Shutter, window: Window, settings: Settings, holdouts: Sequence[Held]) -> list[Any]:
+    """Return what, beside a shot's content, has to be the same for passes to be of one picture."""
+    program = settings.program and (settings.program.modifier, settings.program.frame)
+    return [
+        shutter.moving and _slices(settings), _block(settings), shutter.at(0.0).cameras, window, program,
+        replace(settings, passes=1, time_limit=None, program=None), [each.depth for each in holdouts],
+    ]  # fmt: skip
+
+
+def _slices(settings: Settings) -> int | None:
+    """Return into how many slices the shutter is divided; None where nobody knows how many passes there will be."""
+    return None if settings.time_limit is not None else settings.passes
+
+
+def _block(settings: Settings) -> int:
+    """Return the length of the part of a sample sequence that each pixel has: a power of two, for all passes."""
+    return 1 << (settings.passes - 1).bit_length()
+
+
+def _check_settings(settings: Settings) -> None:
+    """Raise SceneError for what Mitsuba scenes alone can do so far."""
+    plain = Settings(max_depth=2)
+    for name in ("max_depth", "hide_emitters", "radius", "min_radius", "max_radius", "alpha", "short", "surfaces"):
+        value = getattr(settings, name)
+        if value not in (None, getattr(plain, name)):
+            raise scene.SceneError(f"{name} is {value}: expected {getattr(plain, name)}, for a stage has no other yet")
+    if settings.guiding:
+        raise scene.SceneError("guiding is True: expected None or False, for a stage has none yet")
+
+
+def simulate(shutter: Shutter, window: Window, settings: Settings = DEFAULTS, number: int = 0) -> list[BeamSet]:
     """Return the beams of pass `number` of a frame, as `render` has them; a fog is not needed for that."""
     description = shutter.at(0.0).scene
     if description.medium is None:
         check(replace(description, medium=scene.Medium(scene.BLACK)))
     else:
         check(description)
+    _check_settings(settings)
     _check_memory(description, window, settings)
     return _Frame(shutter, window, settings, Statistics()).simulated(number)
 
@@ -180,7 +180,8 @@ def _check_memory(description: scene.Scene, window: Window, settings: Settings) 
     On CUDA Dr.Jit says so itself.
     """
     height, width = window.shape
-    counts = [settings.beams if light.beam_count is None else light.beam_count for light in description.lights]
+    usual = settings.beams or scene.DEFAULT_BEAMS
+    counts = [usual if light.beam_count is None else light.beam_count for light in description.lights]
     pieces = [pieces_of(light) for light in description.lights]
     beams = sum(
         count * each for light, count, each in zip(description.lights, counts, pieces, strict=True) if light.emits_beams
@@ -195,8 +196,7 @@ def _check_memory(description: scene.Scene, window: Window, settings: Settings) 
 
 def layer_names(description: scene.Scene) -> list[str]:
     """Return the names of a frame's layers, in their order."""
-    groups = dict.fromkeys(_group_layers(description).values())
-    return ["rgba", "surface", "beams", *groups, "transmittance", "depth"]
+    return names_of(_group_layers(description))
 
 
 def _group_layers(description: scene.Scene) -> dict[str, str]:
@@ -234,14 +234,15 @@ class _Frame:
                 for camera in moment.cameras:
                     self._light_side |= lights_seen(world, *View(camera, window).coarse_rays(128, 72))
         self._points = Points(settings.rule)
-        self._block = dr.opaque(UInt32, 1 << (settings.passes - 1).bit_length())
+        self._block = dr.opaque(UInt32, _block(settings))
         self._seed = dr.opaque(UInt32, settings.seed & 0xFFFFFFFF)
-        self._description = ends[0].scene
-        self._sums = [_Sums(View(camera, window)) for camera in ends[0].cameras]
-        self._holdouts: Sequence[Held | None] = holdouts or [None] * len(self._sums)
+        reconstruction = reconstruction_filter(settings.pixel_filter)
+        groups, corner = _group_layers(ends[0].scene), window.crop[:2]
+        self._films = [Film(window.shape, corner, reconstruction, groups) for _ in ends[0].cameras]
+        self._holdouts: Sequence[Held | None] = holdouts or [None] * len(self._films)
         self._default_look = Look()
         self._turned = False
-        self._slices = None if settings.time_limit is not None else settings.passes
+        self._slices = _slices(settings)
 
     def _world(self, moment: Moment) -> World:
         """Return the world of a moment; of those before it, what is still the same is kept."""
@@ -262,7 +263,7 @@ class _Frame:
             middle = self._world(between)
             clock = self._shutter.clock(0.5 * sum(slice_of(number, self._slices)))
         statistics.beams += sum(len(each.beams) for each in sets)
-        for eye, sums in enumerate(self._sums):
+        for eye, film in enumerate(self._films):
             cameras = [moment.cameras[eye] for moment in moments]
             self._warn_of_turn(cameras)
             view = View(
@@ -270,27 +271,27 @@ class _Frame:
                 self._window,
                 cameras[-1] if cameras[-1] is not cameras[0] else None,
             )
-            exposure = dr.opaque(Float, view.camera.exposure_scale)
-            film = view.film or any(each.close is not None for each in sets)
+            blurred = view.film or any(each.close is not None for each in sets)
             with statistics.phase("surfaces"):
-                sample = self._samples(number) if film else None
+                sample = self._samples(number) if blurred else None
                 rays = view.rays(subpixel(number), sample)
                 held = self._holdouts[eye]
                 if held is not None:
                     shaded = held.shade(middle, view, rays, subpixel(number), view.on_lens(sample))
-                    sums.depth = held.depth
                 else:
-                    shaded = self._shade(middle, sums.order, rays, number)
-                    if number == 0:
-                        sums.depth = self._depth(eye, sums) if film else rays.facing * shaded.depth
-                sums.add_surfaces(shaded, exposure)
+                    shaded = self._shade(middle, film.order, rays, number)
+                seen = PassPicture(shaded.radiance, shaded.alpha, transmittance=shaded.transmittance)
+                if number == 0:
+                    seen.depth = rays.facing * shaded.depth if held is None else held.depth
+                    if held is None and blurred:
+                        seen.depth = self._depth(eye, film)
+                    dr.eval(seen.depth)
             pixels = _pixel_rays(middle, rays, shaded.depth)
             with statistics.phase("beams"):
-                for each in sets:
-                    context = Context(*clock, each.light, each.to_world)
-                    radiance = self._radiance(each, view, pixels, between.scene.medium, context)
-                    sums.add_beams(each.group, radiance, exposure)
-                dr.eval(sums.groups)
+                seen.beams = [
+                    (each.group, self._radiance(each, view, pixels, between.scene.medium, clock)) for each in sets
+                ]
+                film.add(seen, subpixel(number), dr.opaque(Float, view.camera.exposure_scale))
         statistics.passes += 1
 
     def _times(self, number: int) -> list[float]:
@@ -306,7 +307,7 @@ class _Frame:
         worlds = [self._world(moment) for moment in self._shutter.ends(times[0], times[-1])]
         sets = trace(
             worlds[0],
-            beams_per_light=settings.beams,
+            beams_per_light=settings.beams or scene.DEFAULT_BEAMS,
             pass_index=number,
             seed=settings.seed,
             light_side=self._light_side,
@@ -349,16 +350,16 @@ class _Frame:
         dr.eval(shaded)  # apart from the sums, which begin as constants: the first pass would have kernels of its own
         return shaded
 
-    def _depth(self, eye: int, sums: _Sums) -> Any:
+    def _depth(self, eye: int, film: Film) -> Any:
         """Return planar depths as a pinhole at shutter open sees them: a blurred depth is the depth of nothing."""
         moment = self._shutter.at(0.0)
         sharp = View(replace(moment.cameras[eye], lens_radius=0.0), self._window).rays(subpixel(0))
-        return sharp.facing * self._shade(self._world(moment), sums.order, sharp, 0).depth
+        return sharp.facing * self._shade(self._world(moment), film.order, sharp, 0).depth
 
     def _radiance(
-        self, each: BeamSet, view: View, pixels: PixelRays, medium: scene.Medium | None, context: Context
+        self, each: BeamSet, view: View, pixels: PixelRays, medium: scene.Medium | None, clock: tuple[float, float]
     ) -> Any:
-        look = each.look or self._default_look
+        look, context = each.look or self._default_look, Context(*clock, each.light, each.to_world)
         try:
             part = estimate_image(
                 each.beams, view.projection, pixels, look=look, medium=medium, estimator=self._settings.estimator,
@@ -371,50 +372,19 @@ class _Frame:
 
     def views(self) -> list[dict[str, np.ndarray]]:
         """Return the layers of each view, means over the passes."""
-        return [sums.layers(self._description, max(self.statistics.passes, 1)) for sums in self._sums]
+        return [film.layers() for film in self._films]
 
+    def error(self) -> float:
+        """Return the relative standard error so far, of the view whose error is the largest."""
+        return max(film.error() for film in self._films)
 
-class _Sums:
-    """One view's sums over the passes."""
+    def state(self) -> dict[str, np.ndarray]:
+        """Return what another frame of the same shot goes on from."""
+        return films_state(self._films, self.statistics)
 
-    def __init__(self, view: View) -> None:
-        count = view.projection.width * view.projection.height
-        self._shape = view.window.shape
-        (x, y), (left, top) = view.pixels(), view.window.crop[:2]
-        self.order = z_order(x + dr.opaque(UInt32, left), y + dr.opaque(UInt32, top))
-        self.surface, self.transmittance = dr.zeros(Array3f, count), dr.zeros(Array3f, count)
-        self.alpha, self.depth = dr.zeros(Float, count), dr.zeros(Float, count)
-        self.groups: dict[str, Any] = {}
-        dr.eval(self.order)
-
-    def add_beams(self, group: str, radiance: Any, exposure: Float) -> None:
-        """Add the radiance of beams of a light group."""
-        self.groups[group] = self.groups.get(group, 0) + radiance * exposure
-
-    def add_surfaces(self, shaded: Any, exposure: Float) -> None:
-        """Add what a pass sees of surfaces; the camera's exposure multiplies their light alone."""
-        self.surface += shaded.radiance * exposure
-        self.transmittance += shaded.transmittance
-        self.alpha += shaded.alpha
-        dr.eval(self.surface, self.transmittance, self.alpha, self.depth)
-
-    def layers(self, description: scene.Scene, passes: int) -> dict[str, np.ndarray]:
-        """Return the layers, means over the passes."""
-        scale = np.float32(1 / passes)
-        groups = {name: to_picture(self.groups[name], self._shape) * scale for name in sorted(self.groups)}
-        surface, alpha = (to_picture(value, self._shape) * scale for value in (self.surface, self.alpha))
-        beams = sum(groups.values(), np.zeros_like(surface))
-        layers = {
-            "rgba": np.concatenate([surface + beams, alpha], axis=2),
-            "surface": surface,
-            "beams": beams,
-            "transmittance": to_picture(self.transmittance, self._shape) * scale,
-            "depth": to_picture(self.depth, self._shape),
-        }
-        for group, name in _group_layers(description).items():
-            # Black where no beam of the group was in the fog; a group called "default" is one with the unnamed one.
-            layers[name] = layers.get(name, 0) + groups.get(group, np.zeros_like(surface))
-        return {name: layers[name] for name in layer_names(description)}
+    def restore(self, state: Mapping[str, np.ndarray]) -> None:
+        """Go on from the state of another frame; raises SceneError where that is of another picture."""
+        restore_films(self._films, self.statistics, state)
 
 
 def _pixel_rays(world: World, rays: CameraRays, depth: Any) -> PixelRays:

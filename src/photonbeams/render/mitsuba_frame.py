@@ -6,19 +6,17 @@ Photon Beams, Jarosz et al. 2011). Memory is that of one pass, however many ther
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import drjit as dr
 import numpy as np
 
 from .. import scene
-from ..estimators.estimate import DEFAULT_RULE, check_estimator
 from ..estimators.points import Points
 from ..numerics.samples import Samples
-from ..quadrature import Rule
-from ..runtime.device import Float, UInt32, mitsuba
+from ..runtime.device import Array3f, Float, UInt32, mitsuba
 from ..transport import paths
 from ..transport.beams import Lit, lit
 from ..transport.emission import Emitted, Emitters
@@ -29,10 +27,12 @@ from ..world import warnings as doubts
 from ..world.media import Media, RenderedMedium, boxes, number, parts
 from ..world.sensors import Sensor
 from . import camera_paths as eye
-from .film import Picture, Sums
+from .checkpoint import Checkpoint
+from .film import Film, PassPicture, films_state, reconstruction_filter, restore_films
 from .gathering import Gathering
-from .passes import OVERLAP, Statistics, accumulate, subpixel
+from .passes import Progress, Statistics, accumulate, subpixel
 from .photons import Arrived, translucent
+from .settings import DEFAULT_PATHS, DEFAULTS, Settings
 
 mi = mitsuba()
 
@@ -44,82 +44,15 @@ FLOOR, CEILING, FREE_PATHS = 1e-4, 0.05, 0.25
 LARGEST = 1e9
 
 
-@dataclass(frozen=True)
-class Settings:
-    """How a Mitsuba scene is rendered.
-
-    Attributes
-    ----------
-    passes, time_limit, seed
-        Number of passes; seconds after which no further one is begun (None: no limit); seed of all samples.
-    paths
-        Light paths a pass.
-    max_depth, rr_depth, hide_emitters
-        As Mitsuba's `volpath` has them: the longest path in edges (None: any), the events after which Russian roulette
-        begins, whether the camera sees emitters.
-    radius
-        Radius of all beams in the first pass; None: from photon differentials, between `min_radius` and `max_radius`
-        (None: 1e-4 and 0.05 of the medium's radius, and a quarter of a mean free path).
-    overlap
-        Width of beams in spacings of their neighbours.
-    alpha
-        How fast radii shrink; 1 is not at all.
-    guiding
-        Whether a pilot pass learns where light comes from that the camera sees, to send more light paths from there.
-    short
-        Whether beams end at their path's next event, instead of the next surface.
-    estimator, rule
-        "auto", "billboard" or "frustum", and the frustum's quadrature.
-    surfaces
-        Whether surfaces are shaded; if not, there are beams alone.
-    """
-
-    passes: int = 16
-    time_limit: float | None = None
-    seed: int = 0
-    paths: int = 1 << 14
-    max_depth: int | None = None
-    rr_depth: int = 5
-    hide_emitters: bool = False
-    radius: float | None = None
-    min_radius: float | None = None
-    max_radius: float | None = None
-    overlap: float = OVERLAP
-    alpha: float = 0.7
-    guiding: bool = True
-    short: bool = False
-    estimator: str = "auto"
-    rule: Rule = DEFAULT_RULE
-    surfaces: bool = True
-
-    def __post_init__(self) -> None:
-        check_estimator(self.estimator)
-        for name, most in (("passes", 2**31 - 1), ("paths", scene.MOST_BEAMS), ("rr_depth", 2**31 - 1)):
-            if not 1 <= getattr(self, name) <= most:
-                raise scene.SceneError(f"{name} is {getattr(self, name)}: expected 1 to {most}")
-        if self.max_depth is not None and not 0 <= self.max_depth < 2**31:
-            raise scene.SceneError(f"max_depth is {self.max_depth}: expected -1, for any, or 0 to {2**31 - 1}")
-        for name in ("radius", "min_radius", "max_radius", "time_limit", "overlap"):
-            value = getattr(self, name)
-            if value is not None and not (np.isfinite(value) and value > 0):
-                raise scene.SceneError(f"{name} is {value}: expected a number above 0")
-        if self.min_radius and self.max_radius and self.min_radius > self.max_radius:
-            raise scene.SceneError(f"min_radius is {self.min_radius}: expected max_radius, {self.max_radius}, at most")
-        if not 0 < self.alpha <= 1:
-            raise scene.SceneError(f"alpha is {self.alpha}: expected a number above 0, of at most 1")
-
-    @property
-    def max_events(self) -> int | None:
-        """The most events on a light path that the camera sees without a mirror: two edges are none."""
-        return None if self.max_depth is None else self.max_depth - 2
-
-
 class Frame:
     """The sums over the passes of one sensor's picture; `warned` is what `doubts.warn` has said of the scene."""
 
     def __init__(self, plugin: Any, sensor: Any, settings: Settings, warned: set[str] | None = None) -> None:
         self.settings, self.statistics = settings, Statistics()
         self._plugin, self.sensor = plugin, Sensor(sensor)
+        self._paths, self._max_depth = settings.beams or DEFAULT_PATHS, settings.depth()
+        # Of a light path that the camera sees without a mirror: two edges are no scattering.
+        self._most_events = None if self._max_depth is None else self._max_depth - 2
         with self.statistics.phase("build"):
             self._volumes = Media.of(plugin)
             if settings.short:
@@ -131,11 +64,14 @@ class Frame:
         self._radius, self._perturbed = _radius(plugin), perturbs(plugin)
         self._sizes = _sizes(plugin)
         self._reach = min(max(self._sizes.values(), default=np.inf), self._radius)
-        if settings.guiding and self.sensor.view is not None:
+        if settings.guiding in (None, True) and self.sensor.view is not None:
             with self.statistics.phase("guide"):
                 self._emitters.learn(self._importance)
         self._points, self._translucent = Points(settings.rule), translucent(plugin)
-        self._sums = Sums(self.sensor)
+        film = self.sensor.film
+        left, top = map(int, film.crop_offset())
+        reconstruction = reconstruction_filter(settings.pixel_filter, film.rfilter())
+        self._film = Film((self.sensor.height, self.sensor.width), (left, top), reconstruction)
 
     def add_pass(self, number: int) -> None:
         """Add pass `number`, which depends on nothing but the scene, the settings and its number."""
@@ -143,18 +79,18 @@ class Frame:
         samples = Samples(settings.seed, number)
         with statistics.phase("trace"):
             sets, landed, limits = self.simulated(number)
-            arrived = Arrived(landed, limits, settings.max_events, self._translucent)
+            arrived = Arrived(landed, limits, self._most_events, self._translucent)
         statistics.beams += sum(len(each.beams) for each in sets.values())
         looking = eye.Looking(
-            self._plugin, self._volumes, settings.max_depth, settings.rr_depth, settings.hide_emitters,
+            self._plugin, self._volumes, self._max_depth, settings.rr_depth, settings.hide_emitters,
             settings.surfaces,
         )  # fmt: skip
         offset = subpixel(number)
-        primary = self.sensor.rays(offset, self._sums.order, samples)
-        sight = eye.begin(looking, primary, self._sums.order, self._otherwise)
-        picture = Picture(self.sensor.width * self.sensor.height)
+        primary = self.sensor.rays(offset, self._film.order, samples)
+        sight = eye.begin(looking, primary, self._film.order, self._otherwise)
+        picture = _blank(self.sensor.width * self.sensor.height)
         gathering = Gathering(
-            self.sensor, self._volumes, sets, settings.max_depth, settings.estimator, self._points, statistics
+            self.sensor, self._volumes, sets, self._max_depth, settings.estimator, self._points, statistics
         )
         steps = eye.follow(looking, sight, samples, arrived)
         while True:
@@ -162,31 +98,26 @@ class Frame:
                 following = next(steps, None)
             if following is None:
                 break
-            picture.add_surfaces(*following)
+            _add_surfaces(picture, *following)
             with statistics.phase("beams"):
                 gathering.add(primary, *following)
         with statistics.phase("beams"):
             gathering.finish()
-        picture.beams = gathering.radiance
-        self._sums.add(picture, offset)
+        picture.beams = [("", gathering.radiance)]
+        self._film.add(picture, offset)
         statistics.passes += 1
 
     def error(self) -> float:
-        """Return the relative standard error of the mean so far, the median over the pixels that have light.
-
-        From the passes' own differences, as if they were independent; they continue low-discrepancy sequences, so it
-        tends to be less. NaN before there are two.
-        """
-        return self._sums.error(self.statistics.passes)
+        """Return the relative standard error so far."""
+        return self._film.error()
 
     def state(self) -> dict[str, np.ndarray]:
-        """Return the sums so far, from which another frame of the same scene and settings can go on."""
-        return {**self._sums.state(), "passes": np.array(self.statistics.passes)}
+        """Return what another frame of the same scene and settings goes on from."""
+        return films_state([self._film], self.statistics)
 
     def restore(self, state: Mapping[str, np.ndarray]) -> None:
-        """Go on from the sums of another frame; raises SceneError where they are not of such a picture."""
-        self._sums.restore(state)
-        self.statistics.passes = int(state["passes"])
+        """Go on from the state of another frame; raises SceneError where that is of another picture."""
+        restore_films([self._film], self.statistics, state)
 
     def _importance(self, emitted: list[Emitted]) -> np.ndarray:
         """Return how much of light paths is seen."""
@@ -204,8 +135,8 @@ class Frame:
         """Return how light paths are traced."""
         settings = self.settings
         return paths.Tracing(
-            self._plugin, self._volumes, settings.max_events, settings.rr_depth, settings.overlap, self._reach,
-            settings.paths, float(self._emitters.power.max()), scene.ESCAPE * self._radius, settings.short,
+            self._plugin, self._volumes, self._most_events, settings.rr_depth, settings.overlap, self._reach,
+            self._paths, float(self._emitters.power.max()), scene.ESCAPE * self._radius, settings.short,
             self._perturbed,
         )  # fmt: skip
 
@@ -214,8 +145,8 @@ class Frame:
         settings = self.settings
         shrunk = float(np.prod([(i + settings.alpha) / (i + 1) for i in range(1, number + 1)]))
         tracing = self._tracing()
-        emitted = self._emitters.emit(settings.paths, number)
-        first = dr.opaque(UInt32, (number * settings.paths) & 0xFFFFFFFF)
+        emitted = self._emitters.emit(self._paths, number)
+        first = dr.opaque(UInt32, (number * self._paths) & 0xFFFFFFFF)
         begun = paths.begin(tracing, emitted, self._otherwise)
         steps = list(paths.trace(tracing, begun, dr.opaque(UInt32, settings.seed & 0xFFFFFFFF), first))
         segments = [each for each, _ in steps if each is not None]
@@ -241,7 +172,22 @@ class Frame:
 
     def layers(self) -> dict[str, np.ndarray]:
         """Return the layers, (H, W, C) float32: means over the passes, through the film's reconstruction filter."""
-        return self._sums.layers()
+        return self._film.layers()
+
+
+def _blank(count: int) -> PassPicture:
+    """Return what a pass sees of so many pixels before its camera paths begin."""
+    surface, alpha, depth = dr.zeros(Array3f, count), dr.zeros(Float, count), dr.full(Float, dr.inf, count)
+    return PassPicture(surface, alpha, depth=depth)
+
+
+def _add_surfaces(picture: PassPicture, sight: eye.Sight, seen: eye.Seen) -> None:
+    """Add what camera paths see of surfaces in one step."""
+    dr.scatter_add(picture.surface, seen.radiance, sight.pixel, sight.alive)
+    first = sight.alive & sight.primary & seen.solid
+    dr.scatter(picture.alpha, Float(1), sight.pixel, first)
+    dr.scatter(picture.depth, seen.end, sight.pixel, first)
+    dr.eval(picture.surface, picture.alpha, picture.depth)
 
 
 def _sizes(plugin: Any) -> dict[int, float]:
@@ -272,9 +218,10 @@ def _everywhere(plugin: Any, sensor: Any) -> Any:
 def render(
     plugin: Any,
     sensor: Any,
-    settings: Settings = Settings(),
-    progress: Callable[[int, Frame], None] | None = None,
-    state: Mapping[str, np.ndarray] | None = None,
+    settings: Settings = DEFAULTS,
+    progress: Progress | None = None,
+    checkpoint: Checkpoint | None = None,
+    content: str = "",
     warned: set[str] | None = None,
 ) -> Frame:
     """Render a Mitsuba scene from one of its sensors.
@@ -284,11 +231,11 @@ def render(
     plugin, sensor
         Mitsuba's scene and sensor.
     settings
-        Passes, paths, radii.
+        Passes, light paths, radii.
     progress
         Called with the number of finished passes, before the first and after each.
-    state
-        Of a frame that was not finished, to go on from: see `Frame.state`.
+    checkpoint, content
+        Where passes are kept on the way, and a hash of what is rendered: passes of another content are refused.
     warned
         Texts of warnings that were given, and are not given again.
 
@@ -297,6 +244,10 @@ def render(
     SceneError
         Something in the scene that cannot be rendered.
     """
+    film, state = sensor.film(), None
+    if checkpoint is not None:
+        window = [[int(each) for each in part] for part in (film.size(), film.crop_size(), film.crop_offset())]
+        state = checkpoint.begin(content, sensor.id(), window, replace(settings, passes=1, time_limit=None))
 
     def begin() -> Frame:
         frame = Frame(plugin, sensor, settings, warned)
@@ -304,8 +255,4 @@ def render(
             frame.restore(state)
         return frame
 
-    frame = accumulate(begin, settings.passes, settings.time_limit, progress)
-    frame.statistics.error = frame.error()
-    if progress is not None:
-        progress(frame.statistics.passes, frame)
-    return frame
+    return accumulate(begin, settings, progress, checkpoint)

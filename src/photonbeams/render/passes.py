@@ -1,4 +1,4 @@
-"""Passes: a frame is the mean of many, each a picture of its own. What the frames of stages and of scenes share."""
+"""Passes: a frame is the mean of many, each a picture of its own."""
 
 from __future__ import annotations
 
@@ -6,10 +6,14 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import Any, Protocol, TypeVar
+from typing import TYPE_CHECKING, Protocol, TypeVar
 
 import drjit as dr
 import numpy as np
+
+if TYPE_CHECKING:
+    from .checkpoint import Checkpoint
+    from .settings import Settings
 
 # Width of a beam in spacings of its neighbours in the first pass. One pass of 4,096 beams of the comparison scene is
 # then within 1.5 % of the integral in the median, from beside (1.0 %) and from inside the shaft (1.4 %, worst of three
@@ -23,7 +27,8 @@ SHRINKAGE = -0.25
 class Statistics:
     """What a frame took: beams and passes, seconds by phase, ray–beam tests, and what was compiled.
 
-    `error` is the relative standard error of its pixels, where that is known.
+    `error` is the relative standard error of its pixels, None where that is not known. Of a frame that was resumed,
+    beams, passes and tests are those of all of it, seconds and kernels those since then.
     """
 
     passes: int = 0
@@ -50,6 +55,10 @@ class Statistics:
                 self.compile_seconds += entry["backend_time"] / 1e3
 
 
+#: Told of the number of passes done and of the statistics so far.
+Progress = Callable[[int, Statistics], None]
+
+
 class Accumulating(Protocol):
     """A frame to which passes are added."""
 
@@ -58,33 +67,59 @@ class Accumulating(Protocol):
     def add_pass(self, number: int) -> None:
         """Add pass `number`, and count it."""
 
+    def error(self) -> float:
+        """Return the relative standard error so far, NaN where that is not known."""
+
+    def state(self) -> dict[str, np.ndarray]:
+        """Return what another frame goes on from."""
+
 
 Frame = TypeVar("Frame", bound=Accumulating)
 
 
 def accumulate(
     begin: Callable[[], Frame],
-    passes: int,
-    time_limit: float | None,
-    progress: Callable[[int, Frame], None] | None,
+    settings: Settings,
+    progress: Progress | None = None,
+    checkpoint: Checkpoint | None = None,
 ) -> Frame:
-    """Return a frame with all its passes, or with those that were begun within `time_limit` seconds: at least one.
+    """Return a frame with all its passes, or with those that were begun within the time limit: at least one.
 
-    `begin` returns the frame, to which some may have been added already; `progress` is called before each further one
-    with the number of those that are finished.
+    `begin` returns the frame, to which some may have been added already. `progress` is called before each further pass
+    and after the last; where it raises KeyboardInterrupt, what is done is kept in the checkpoint first.
     """
-    start = time.perf_counter()
+    start, limit = time.perf_counter(), settings.time_limit
     with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
         dr.kernel_history_clear()
         frame = begin()
-        for number in range(frame.statistics.passes, passes):
-            if progress is not None:
-                progress(number, frame)
+        for number in range(frame.statistics.passes, settings.passes):
+            _tell(frame, settings, progress, checkpoint)
             frame.add_pass(number)
             frame.statistics.count_kernels()
-            if time_limit is not None and time.perf_counter() - start > time_limit:
+            if limit is not None and time.perf_counter() - start > limit:
                 break
+    _tell(frame, settings, progress, checkpoint)
+    frame.statistics.error = _known(frame.error())
     return frame
+
+
+def _tell(frame: Accumulating, settings: Settings, progress: Progress | None, checkpoint: Checkpoint | None) -> None:
+    """Say how far a frame is, and keep what it has where that is due."""
+    statistics = frame.statistics
+    try:
+        if progress is not None:
+            statistics.error = _known(frame.error())
+            progress(statistics.passes, statistics)
+    except KeyboardInterrupt:
+        if checkpoint is not None:
+            checkpoint.save(frame)
+        raise
+    if checkpoint is not None and checkpoint.due and statistics.passes < settings.passes:
+        checkpoint.save(frame)
+
+
+def _known(error: float) -> float | None:
+    return None if np.isnan(error) else error
 
 
 def subpixel(number: int) -> tuple[float, float]:
@@ -97,8 +132,3 @@ def subpixel(number: int) -> tuple[float, float]:
     place = (number + 1) // 2
     x, y = (0.5 + place / g) % 1.0, (0.5 + place / g**2) % 1.0
     return (x, y) if number == 0 or number % 2 else (1 - x, 1 - y)
-
-
-def to_picture(value: Any, shape: tuple[int, int]) -> np.ndarray:
-    """Return a Dr.Jit array of one value a pixel, row by row, as (H, W, C)."""
-    return np.ascontiguousarray(value.numpy().reshape(-1, *shape).transpose(1, 2, 0))

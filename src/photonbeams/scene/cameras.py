@@ -1,10 +1,13 @@
-"""Cameras."""
+"""Cameras, and the filters of their films."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 from .checks import Array
+
+#: Pixel filters, by the names of Mitsuba's plug-ins.
+FILTERS = ("box", "tent", "gaussian", "mitchell", "catmullrom", "lanczos")
 
 
 @dataclass(frozen=True)

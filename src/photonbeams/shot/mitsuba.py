@@ -3,25 +3,21 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-from zipfile import BadZipFile
-
-import numpy as np
 
 from ..images.frame import Frame
-from ..runtime.files import PathLike, atomic_path
+from ..runtime.digest import digest
+from ..runtime.files import PathLike
 from ..scene import SceneError
 from ..usd.reading import LOG
 
 if TYPE_CHECKING:
-    from ..render.mitsuba_frame import Frame as Passes
-    from ..render.mitsuba_frame import Settings
-
-Progress = Callable[[int, "Passes"], None]
+    from ..render.checkpoint import Checkpoint
+    from ..render.passes import Progress
+    from ..render.settings import Settings
 
 
 class MitsubaScene:
@@ -72,14 +68,13 @@ class MitsubaScene:
         return names[camera]
 
     def content(self) -> str:
-        """Return a hash of the file and its parameters; files that it names are not looked into."""
-        given = repr(sorted(self._parameters.items())).encode()
-        return sha256(self.path.read_bytes() + given).hexdigest()
+        """Return a hash of the file, its parameters, and the files that they name."""
+        return digest(self._parameters, _contents(self.path, self.path.parent, set(self._parameters.values())))
 
     @property
     def settings(self) -> Settings:
         """The settings of the scene's own integrator, if that is `photon_beams`, with its sampler's passes."""
-        from ..render.mitsuba_frame import Settings
+        from ..render.settings import Settings
 
         integrator = self.plugin.integrator()
         own = getattr(integrator, "settings", None)
@@ -114,15 +109,21 @@ class MitsubaScene:
         Frame(self.plugin, self.sensor, replace(settings, guiding=False))
 
     def render(
-        self, settings: Settings, progress: Progress | None = None, state: Mapping[str, np.ndarray] | None = None
+        self,
+        settings: Settings,
+        progress: Progress | None = None,
+        checkpoint: PathLike | Checkpoint | None = None,
     ) -> Frame:
-        """Render a frame: layers rgba, surface, beams and depth."""
+        """Render a frame: layers rgba, surface, beams and depth; see `Shot.render` for the checkpoint."""
         from importlib.metadata import version
 
+        from ..render.checkpoint import Checkpoint
         from ..render.mitsuba_frame import render
         from ..world.sensors import Sensor
 
-        passes = render(self.plugin, self.sensor, settings, progress, state)
+        kept = Checkpoint.of(checkpoint)
+        content = "" if kept is None else self.content()
+        passes = render(self.plugin, self.sensor, settings, progress, kept, content)
         film = self.sensor.film()
         (width, height), (left, top) = (tuple(map(int, each)) for each in (film.size(), film.crop_offset()))
         crop = [int(each) for each in film.crop_size()]
@@ -140,35 +141,16 @@ class MitsubaScene:
         return Frame(passes.layers(), metadata, passes.statistics)
 
 
-def save_checkpoint(path: Path, scene: MitsubaScene, frame: Passes) -> None:
-    """Write what a frame has so far, whole or not at all."""
-    about = np.array(_fingerprint(scene, frame.settings))
-    with atomic_path(path) as beside, beside.open("wb") as file:
-        np.savez(file, about=about, **frame.state())  # type: ignore[arg-type]
-
-
-def load_checkpoint(path: Path, scene: MitsubaScene, settings: Settings) -> dict[str, np.ndarray] | None:
-    """Read what `save_checkpoint` wrote, None if there is nothing; raises SceneError where it is of another render."""
-    if not path.is_file():
-        return None
-    try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
-            state = {name: archive[name] for name in archive.files}
-            about = str(state.pop("about"))
-    except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
-        raise SceneError(f"{path}: expected a checkpoint of photonbeams: {error}") from None
-    if about != _fingerprint(scene, settings):
-        raise SceneError(
-            f"{path}: is the checkpoint of another scene or of other settings: expected the same, or no --resume"
-        )
-    return state
-
-
-def _fingerprint(scene: MitsubaScene, settings: Settings) -> str:
-    """Return what has to be the same for passes to be of one picture."""
-    film = scene.sensor.film()
-    window = [[int(each) for each in part] for part in (film.size(), film.crop_size(), film.crop_offset())]
-    return repr((scene.content(), scene.sensor.id(), window, replace(settings, passes=1, time_limit=None)))
+def _contents(path: Path, folder: Path, more: set[str]) -> list[bytes]:
+    """Return the bytes of a scene's file, and of the files that it names: textures, volumes, meshes, other scenes."""
+    text = path.read_bytes()
+    names = {each.decode("utf-8", "replace") for each in re.findall(rb'"([^"<>]+)"', text)} | more
+    places = [folder / name for name in sorted(names)]
+    found = [text]
+    for place in places:
+        if len(place.name) < 256 and place.is_file() and place != path:
+            found += _contents(place, folder, set()) if place.suffix == ".xml" else [place.read_bytes()]
+    return found
 
 
 def _reason(text: str) -> str:

@@ -6,11 +6,12 @@ import os
 import weakref
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Unpack
 
 from .. import scene
 from ..images.frame import Frame, pixels_of
 from ..images.plates import Holdout, Plate, part_of
+from ..runtime.digest import digest
 from ..runtime.files import PathLike
 from ..usd import stage as stages
 from ..usd.bounds import bounds_at_all_times
@@ -26,10 +27,12 @@ from ..usd.stereo import EYES, Stereo, read_eyes, views_of
 if TYPE_CHECKING:
     from pxr import Usd
 
-    from ..beams.programs import Emitter, Modifier, Program
+    from ..beams.programs import Emitter, Modifier
     from ..beams.sets import BeamSet
     from ..looks import Look
-    from ..render.passes import Statistics
+    from ..render.checkpoint import Checkpoint
+    from ..render.passes import Progress
+    from ..render.settings import Given, Settings
     from ..scene import Array
 
 DEFAULT_WIDTH = 1280
@@ -314,16 +317,18 @@ class Shot:
         frame: float | None = None,
         passes: int | None = None,
         *,
+        settings: Settings | None = None,
         width: int | None = None,
         height: int | None = None,
         crop: Sequence[float] | None = None,
-        progress: Callable[[int, Statistics], None] | None = None,
+        progress: Progress | None = None,
+        checkpoint: PathLike | Checkpoint | None = None,
         blur: bool = True,
         lens: bool = True,
         view: str | None = None,
         holdout: PathLike | Array | Holdout | None = None,
         over: PathLike | Array | Plate | None = None,
-        **settings: Any,
+        **given: Unpack[Given],
     ) -> Frame:
         """Render a frame.
 
@@ -331,14 +336,18 @@ class Shot:
         ----------
         frame
             Frame number; None is the stage's start or default time.
-        passes, **settings
-            The fields of `render.frame.Settings`: passes, time_limit, beams, estimator, rule, seed, overlap.
+        passes, settings, **given
+            How to render: fields of `Settings` by name (time_limit, beams, seed, pixel_filter, …), all of
+            them at once as `settings`, or both; None: the defaults.
         width, height
             Pixels; what is not given comes from the aperture, and without either the picture is 1280 wide.
         crop
             x0, y0, x1, y1 in fractions of the picture from the top left: the part to render.
         progress
-            Called with the passes done and the statistics so far.
+            Called with the passes done and the statistics so far, before the first pass and after each.
+        checkpoint
+            A file for the passes that are done, written every minute: the same render goes on from there, to the same
+            bits. It stays, and is to be removed once the frame is written. Or what `Checkpoint` describes.
         blur, lens
             Whether what moves while the shutter is open blurs, or all is as at the frame's own time; and whether what
             is out of focus blurs.
@@ -360,18 +369,18 @@ class Shot:
         ------
         SceneError
             What cannot be read or rendered at this frame: of the stage, also one on which nothing makes beams; a
-            resolution, a crop, a view or settings out of range; a holdout or a plate without a depth or a picture, or
-            of another size.
-        ValueError
-            No estimator of that name.
+            resolution, a crop, a view or settings out of range; a name that is no setting; a holdout or a plate without
+            a depth or a picture, or of another size; a checkpoint of something else.
         OSError
             A holdout or a plate that is not there, or may not be read.
         """
-        from ..render.frame import Settings, render
+        from ..render.checkpoint import Checkpoint
+        from ..render.frame import render
+        from ..render.settings import Settings
         from ..world.cameras import View, Window
 
-        if passes is not None:
-            settings["passes"] = passes
+        chosen = Settings.of(settings, given if passes is None else {**given, "passes": passes})
+        kept = Checkpoint.of(checkpoint)
         end, plate = Holdout.of(holdout), Plate.of(over)
         size = self.resolution(width, height, frame, [each for each in (end, plate) if each is not None], view)
         window = Window(size[0], size[1], pixels_of(crop, *size))
@@ -382,28 +391,43 @@ class Shot:
         eyes = [EYES.index(name) if name else 0 for name in names]
         content, cameras = exposure(0.0)
         self.check(content, frame)
-        settings.setdefault("program", self._program(frame, exposure))
+        chosen = self._programmed(chosen, frame, exposure)
         shutter = exposure.shutter(eyes, self.stage.GetTimeCodesPerSecond() or 1.0)
         ends = [each.seen_by(View(cameras[eye], window)) for each, eye in zip(depths, eyes, strict=False)]
-        picture = render(shutter, window, Settings(**settings), progress, ends)
+        about = "" if kept is None else self.content(frame)
+        picture = render(shutter, window, chosen, progress, ends, kept, about)
         if plate is not None and pixels:
             for layers, each in zip(picture.views, pixels, strict=True):
                 layers["rgba"] = plate.under(layers, part_of(each, window))
-        about = {
+        facts = {
             **header(self.stage, self.time(frame), exposure.duration),
-            "seed": int(settings.get("seed", 0)),
+            "seed": chosen.seed,
             "passes": picture.statistics.passes,
             "displayWindow": (0, 0, size[0] - 1, size[1] - 1),
             "dataWindow": (*window.crop[:2], window.crop[2] - 1, window.crop[3] - 1),
         }
         views = {
-            name: (layers, {**View(cameras[eye], window).matrices(), **about, "camera": cameras[eye].name})
+            name: (layers, {**View(cameras[eye], window).matrices(), **facts, "camera": cameras[eye].name})
             for name, eye, layers in zip(names, eyes, picture.views, strict=True)
         }
         layers, metadata = views[names[0]]
         return Frame(layers, metadata, picture.statistics, views if len(views) > 1 else {})
 
-    def beams(self, frame: float | None = None, *, view: str | None = None, **settings: Any) -> list[BeamSet]:
+    def content(self, frame: float | None = None) -> str:
+        """Return a hash of what there is to render: the stage with the files that it names, and what Python gave."""
+        from ..usd.digest import stage_digest
+
+        given = self.camera, self.medium, self.stereo, self.simulate, self.emit, self.looks
+        return digest(stage_digest(self.stage), str(self.time(frame)), given)
+
+    def beams(
+        self,
+        frame: float | None = None,
+        *,
+        view: str | None = None,
+        settings: Settings | None = None,
+        **given: Unpack[Given],
+    ) -> list[BeamSet]:
         """Return the beams that the first pass of a frame has: of each light, and of each set of drawn beams.
 
         Parameters
@@ -412,41 +436,52 @@ class Shot:
             Frame number; None is the stage's start or default time. What moves is where it is at that time.
         view
             "left" or "right" for one of two eyes.
-        **settings
+        settings, **given
             As for `render`: beams, seed, overlap.
         """
-        from ..render.frame import Settings, simulate
+        from ..render.frame import simulate
+        from ..render.settings import Settings
         from ..world.cameras import Window
 
         exposure = self.exposure(frame, blur=False, lens=False)
         self._warn_of_darkness(exposure(0.0)[0], frame)
         size = self.resolution(128, None, frame)
         eyes = [EYES.index(name) if name else 0 for name in views_of(self.stereo, view)]
-        settings.setdefault("program", self._program(frame, exposure))
-        return simulate(exposure.shutter(eyes), Window.full(*size), Settings(**settings))
+        chosen = self._programmed(Settings.of(settings, given), frame, exposure)
+        return simulate(exposure.shutter(eyes), Window.full(*size), chosen)
 
-    def drawn_beams(self, frame: float | None = None, **settings: Any) -> list[scene.DrawnBeams]:
+    def drawn_beams(
+        self, frame: float | None = None, *, settings: Settings | None = None, **given: Unpack[Given]
+    ) -> list[scene.DrawnBeams]:
         """Return those beams as plain numbers, as `write_beams` takes them."""
         return [
             scene.DrawnBeams(each.name, **each.beams.arrays(), group=each.group, look=each.look)
-            for each in self.beams(frame, **settings)
+            for each in self.beams(frame, settings=settings, **given)
         ]
 
-    def write_beams(self, path: PathLike, frame: float | None = None, **settings: Any) -> int:
+    def write_beams(
+        self,
+        path: PathLike,
+        frame: float | None = None,
+        *,
+        settings: Settings | None = None,
+        **given: Unpack[Given],
+    ) -> int:
         """Write those beams as BasisCurves to a .usd, .usda or .usdc file, whole or not at all; return how many."""
         stages.check_not_read(self.stage, path)
-        found = self.drawn_beams(frame, **settings)
+        found = self.drawn_beams(frame, settings=settings, **given)
         known = {id(look): name for name, (_, look) in self._looks.items()}
         looks = {each.name: known[id(each.look)] for each in found if id(each.look) in known}
         write_beams(found, path, like=self.stage, looks=looks, time=self.time(frame))
         return sum(len(each.start) for each in found)
 
-    def _program(self, frame: float | None, exposure: Exposure) -> Program | None:
-        if self.simulate is None:
-            return None
+    def _programmed(self, settings: Settings, frame: float | None, exposure: Exposure) -> Settings:
+        """Return settings with the shot's own program, unless they have one."""
+        if self.simulate is None or settings.program is not None:
+            return settings
         from ..beams.programs import Program
 
-        return Program(self.simulate, frame, exposure.code)
+        return replace(settings, program=Program(self.simulate, frame, exposure.code))
 
     def check_plates(
         self, plates: Sequence[Holdout | Plate], frame: float | None, width: int, height: int, view: str | None = None

@@ -12,12 +12,16 @@ from pxr import Sdf, Usd, UsdGeom, UsdRender
 
 from ..images.numbering import PLACEHOLDER
 from ..scene import MOST_PIXELS, SceneError
+from ..scene.cameras import FILTERS
 from .reading import LOG, Reading, file_of
 
 SUFFIXES = (".exr", ".png")
 # Names that other renderers' variables have, lower case.
 _ALIASES = {"color": "rgba", "beauty": "rgba", "ci": "rgba", "c": "rgba", "z": "depth"}
 _EDGE = 1e-4  # of a pixel: dataWindowNDC is in single precision
+
+#: The attribute of settings and products that names a pixel filter, as Mitsuba's plug-ins are called.
+PIXEL_FILTER = "photonbeams:pixelFilter"
 
 Window = tuple[float, float, float, float]
 
@@ -45,6 +49,8 @@ class RenderSettings:
     disable_motion_blur, disable_depth_of_field
         Whether all is to be sharp, as it is at the frame's own time; instantaneousShutter is the old name of the
         first.
+    pixel_filter
+        One of `scene.cameras.FILTERS`, by photonbeams:pixelFilter.
     products
         The raster products.
     """
@@ -55,6 +61,7 @@ class RenderSettings:
     data_window: Window | None = None
     disable_motion_blur: bool | None = None
     disable_depth_of_field: bool | None = None
+    pixel_filter: str | None = None
     products: tuple[Product, ...] = ()
 
     def crop(self, width: int, height: int) -> Window | None:
@@ -108,6 +115,7 @@ def read_settings(stage: Usd.Stage, path: str | None = None, given: Collection[s
         data_window=values["dataWindowNDC"],
         disable_motion_blur=still,
         disable_depth_of_field=values["disableDepthOfField"],
+        pixel_filter=values[PIXEL_FILTER],
         products=tuple(Product(str(raster.GetPath()), _variables(reading, raster)) for raster in rasters),
     )
 
@@ -226,6 +234,13 @@ def _flag(name: str) -> Callable[[Reading, Usd.Prim], bool]:
     return lambda reading, prim: reading.flag(prim, name, False)
 
 
+def _pixel_filter(reading: Reading, prim: Usd.Prim) -> str:
+    name = str(reading.value(prim, PIXEL_FILTER))
+    if name not in FILTERS:
+        raise reading.fail(prim, PIXEL_FILTER, f"is '{name}': expected one of {', '.join(FILTERS)}")
+    return name
+
+
 _READERS: dict[str, Callable[[Reading, Usd.Prim], Any]] = {
     "camera": _camera,
     "resolution": _resolution,
@@ -236,6 +251,7 @@ _READERS: dict[str, Callable[[Reading, Usd.Prim], Any]] = {
     "instantaneousShutter": _flag("instantaneousShutter"),
     "disableMotionBlur": _flag("disableMotionBlur"),
     "disableDepthOfField": _flag("disableDepthOfField"),
+    PIXEL_FILTER: _pixel_filter,
 }
 
 

@@ -1,0 +1,81 @@
+"""What the flags of `photonbeams render` ask for, of whichever kind of scene."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from .flags import Device, Fog, Quality, start_device
+from .outputs import Output
+from .progress import Progress
+
+if TYPE_CHECKING:
+    from ..images.plates import Holdout, Plate
+    from ..usd.stereo import Stereo
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plates:
+    """Pictures of another renderer: its depth, at which beams end, and a plate that they are added to."""
+
+    holdout: str | None
+    channel: str | None
+    depth: str
+    scale: float
+    over: str | None
+    fog: bool
+
+    def end(self) -> Holdout | None:
+        """Return the holdout, if there is one."""
+        from ..images.plates import Holdout
+
+        return Holdout(self.holdout, self.channel, self.depth, self.scale) if self.holdout else None
+
+    def plate(self) -> Plate | None:
+        """Return the plate, if there is one."""
+        from ..images.plates import Plate
+
+        return Plate(self.over, self.fog) if self.over else None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Asked:
+    """What the flags ask for; None where they leave it to the scene."""
+
+    path: Path
+    outputs: Sequence[Output]
+    layers: str | None
+    exposure: float
+    frames: str | None
+    skip_existing: bool
+    checkpoint: float | None
+    resume: bool
+    quality: Quality
+    camera: str | None
+    list_cameras: bool
+    res: tuple[int, int]
+    res_scale: float
+    crop: tuple[float, float, float, float] | None
+    render_settings: str | None
+    overrides: Sequence[str]
+    session_layers: Sequence[Path]
+    fog: Fog
+    looks: Sequence[str]
+    simulate: str | None
+    emit: str | None
+    stereo: Stereo | None
+    view: str | None
+    plates: Plates
+    device: Device
+    threads: int | None
+    progress: Progress | None
+    dry_run: bool
+    quiet: bool
+    verbose: bool
+    command: str
+
+    def start_device(self) -> None:
+        """Start the device."""
+        start_device(self.device, self.threads)

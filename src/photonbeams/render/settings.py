@@ -1,0 +1,182 @@
+"""How a frame is rendered: one record for stages and Mitsuba scenes, made at the door and handed on whole."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from difflib import get_close_matches
+from numbers import Real
+from typing import Any, TypedDict
+
+import numpy as np
+
+from ..beams.programs import Program
+from ..estimators.estimate import DEFAULT_RULE, check_estimator
+from ..quadrature import Rule
+from ..scene import MOST_BEAMS, SceneError, real, whole
+from ..scene.cameras import FILTERS
+from .passes import OVERLAP
+
+#: Light paths a pass of a Mitsuba scene; of a stage each light has `scene.DEFAULT_BEAMS`.
+DEFAULT_PATHS = 1 << 14
+
+_MOST = 2**31 - 1
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How a frame is rendered. None leaves a choice to the scene, or to its kind.
+
+    Attributes
+    ----------
+    passes, time_limit
+        Number of passes, and seconds after which no further one is begun (None: no limit).
+    seed
+        Seed of all samples.
+    beams
+        Light paths a pass. None: 4096 of each light of a stage that does not say itself, 16384 of a Mitsuba scene.
+    max_depth
+        The longest path in edges, as Mitsuba counts: 2 is light that was scattered once, −1 is any. None: the scene's
+        own, which is 2 of a stage and any of a Mitsuba scene.
+    rr_depth, hide_emitters
+        As Mitsuba's `volpath` has them: the bounces after which Russian roulette begins, whether the camera sees
+        emitters.
+    radius
+        Radius of all beams in the first pass; None: from photon differentials, between `min_radius` and `max_radius`
+        (None: 1e-4 and 0.05 of the medium's radius, and a quarter of a mean free path).
+    overlap
+        Width of beams in spacings of their neighbours.
+    alpha
+        How fast radii shrink; 1 is not at all.
+    guiding
+        Whether a pilot pass learns where light comes from that the camera sees, to send more light paths from there.
+        None: of a Mitsuba scene yes, of a stage no.
+    short
+        Whether beams end where their light is scattered, instead of at the next surface.
+    estimator, rule
+        "auto", "billboard" or "frustum", and the frustum's quadrature.
+    surfaces
+        Whether surfaces are shaded; if not, there are beams alone.
+    pixel_filter
+        "box", "tent", "gaussian", "mitchell", "catmullrom" or "lanczos"; None: the box of a stage, a Mitsuba film's own.
+    program
+        What is done to the beams of each pass, or None.
+
+    Raises
+    ------
+    SceneError
+        A value of another kind, or out of range; the sentence names the field.
+    """
+
+    passes: int = 16
+    time_limit: float | None = None
+    seed: int = 0
+    beams: int | None = None
+    max_depth: int | None = None
+    rr_depth: int = 5
+    hide_emitters: bool = False
+    radius: float | None = None
+    min_radius: float | None = None
+    max_radius: float | None = None
+    overlap: float = OVERLAP
+    alpha: float = 0.7
+    guiding: bool | None = None
+    short: bool = False
+    estimator: str = "auto"
+    rule: Rule = DEFAULT_RULE
+    surfaces: bool = True
+    pixel_filter: str | None = None
+    program: Program | None = None
+
+    def __post_init__(self) -> None:
+        self._check_counts()
+        self._check_numbers()
+        for name in ("hide_emitters", "guiding", "short", "surfaces"):
+            value = getattr(self, name)
+            if not isinstance(value, bool | np.bool_) and not (name == "guiding" and value is None):
+                raise SceneError(f"{name} is {value!r}: expected True or False")
+        try:
+            check_estimator(self.estimator)
+        except ValueError as error:
+            raise SceneError(str(error)) from None
+        if not isinstance(self.rule, Rule):
+            raise SceneError(f"rule is {self.rule!r}: expected a Rule, such as gauss_legendre(6)")
+        if self.pixel_filter not in (None, *FILTERS):
+            raise SceneError(f"pixel_filter is {self.pixel_filter!r}: expected one of {', '.join(FILTERS)}")
+        if not (self.program is None or isinstance(self.program, Program)):
+            raise SceneError(f"program is {self.program!r}: expected a Program")
+
+    def _check_counts(self) -> None:
+        ranges = {"passes": (1, _MOST), "beams": (1, MOST_BEAMS), "max_depth": (-1, _MOST), "rr_depth": (1, _MOST)}
+        for name in ("seed", *ranges):
+            value = getattr(self, name)
+            if value is None and name in ("beams", "max_depth"):
+                continue
+            value = whole(value, name)
+            low, high = ranges.get(name, (value, value))
+            if not low <= value <= high:
+                expected = f"-1, for any, or 0 to {high}" if name == "max_depth" else f"{low} to {high}"
+                raise SceneError(f"{name} is {value}: expected {expected}")
+            object.__setattr__(self, name, value)
+
+    def _check_numbers(self) -> None:
+        object.__setattr__(self, "overlap", real(self.overlap, "overlap", above=0.0))
+        for name in ("time_limit", "radius", "min_radius", "max_radius"):
+            value = getattr(self, name)
+            if value is not None and not (isinstance(value, Real) and 0 < float(value) < np.inf):
+                shown = value if isinstance(value, Real) else repr(value)
+                kind = "a positive number of seconds" if name == "time_limit" else "a number above 0"
+                raise SceneError(f"{name} is {shown}: expected {kind}")
+        if self.min_radius and self.max_radius and self.min_radius > self.max_radius:
+            raise SceneError(f"min_radius is {self.min_radius}: expected max_radius, {self.max_radius}, at most")
+        if not (isinstance(self.alpha, Real) and 0 < self.alpha <= 1):
+            raise SceneError(f"alpha is {self.alpha!r}: expected a number above 0, of at most 1")
+
+    @classmethod
+    def of(cls, own: Settings | None, given: Mapping[str, Any]) -> Settings:
+        """Return settings (None: the defaults) with what is given by name instead.
+
+        Raises
+        ------
+        SceneError
+            A name that is no setting, or a value that is none.
+        """
+        if not (own is None or isinstance(own, cls)):
+            raise SceneError(f"settings is {own!r}: expected Settings")
+        names = [each.name for each in fields(cls)]
+        for name in given:
+            if name not in names:
+                near = get_close_matches(name, names, 1) or names
+                raise SceneError(f"{name} is no setting: expected {'one of ' if near[1:] else ''}{', '.join(near)}")
+        return replace(own or cls(), **given)
+
+    def depth(self, own: int = -1) -> int | None:
+        """Return the longest path in edges, None for any; `own` is what the scene has, −1 for any."""
+        longest = own if self.max_depth is None else self.max_depth
+        return None if longest == -1 else longest
+
+
+DEFAULTS = Settings()
+
+
+class Given(TypedDict, total=False):
+    """What may be given of `Settings` by name, beside `passes`."""
+
+    time_limit: float | None
+    seed: int
+    beams: int | None
+    max_depth: int | None
+    rr_depth: int
+    hide_emitters: bool
+    radius: float | None
+    min_radius: float | None
+    max_radius: float | None
+    overlap: float
+    alpha: float
+    guiding: bool | None
+    short: bool
+    estimator: str
+    rule: Rule
+    surfaces: bool
+    pixel_filter: str | None
+    program: Program | None

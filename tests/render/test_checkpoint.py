@@ -1,0 +1,168 @@
+"""Checkpoints: interrupted and resumed equals uninterrupted, and what is not the same is refused."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from photonbeams import scene
+from photonbeams.beams.modify import recolour
+from photonbeams.beams.programs import Program
+from photonbeams.render import mitsuba_frame
+from photonbeams.render.checkpoint import Checkpoint
+from photonbeams.render.frame import render
+from photonbeams.render.settings import Settings
+from photonbeams.scene import SceneError
+from photonbeams.world.cameras import Window
+from photonbeams.world.shutter import Moment, Shutter
+from render.test_mitsuba_frame import LAMP, camera, cube_of, fog, load
+
+CAMERA = scene.Camera(
+    "/camera", to_world=np.eye(4), focal_length=1.0, horizontal_aperture=1.2, vertical_aperture=0.8, lens_radius=0.1,
+    focus_distance=4.0,
+)  # fmt: skip
+WINDOW = Window.full(24, 16)
+
+
+def shutter(moving, *cameras):
+    """Return two groups of drawn beams, one of which may move, before a wall, seen by cameras."""
+    wall = scene.Mesh("/wall", np.array([[-9.0, -9, -9], [9, -9, -9], [0, 9, -9]]), np.array([[0, 1, 2]]))
+    still = drawn("/a", "key", 0.0)
+
+    def at(fraction):
+        other = drawn("/b", "fill", fraction if moving else 0.0)
+        content = scene.Scene((wall,), (), (still, other), scene.Medium(scattering=(0.2, 0.2, 0.2)))
+        return Moment(content, cameras or (CAMERA,))
+
+    return Shutter(at, moving=True) if moving else Shutter.still(*at(0.0)[:1], *(cameras or (CAMERA,)))
+
+
+def drawn(name, group, shift):
+    start, end = np.array([[-1.0 + shift, -0.6, -4.0]]), np.array([[1.2, 0.7 + shift, -5.0]])
+    return scene.DrawnBeams(name, start, end, np.full(1, 0.1), np.full(1, 0.15), np.ones((1, 3)), group=group)
+
+
+class Stop(KeyboardInterrupt):
+    """Ctrl-C, once so many passes are done."""
+
+
+def stopping(after):
+    def progress(done, _):
+        if done == after:
+            raise Stop
+
+    return progress
+
+
+@pytest.mark.parametrize("moving", [False, True], ids=["still", "moving"])
+@pytest.mark.parametrize("pixel_filter", [None, "mitchell"])
+def test_a_stage_goes_on_to_the_bits_of_an_unbroken_render(tmp_path, moving, pixel_filter):
+    eyes = CAMERA, dataclasses.replace(CAMERA, to_world=np.eye(4) + np.eye(4, k=3) * 0.1)
+    settings = Settings(passes=5, pixel_filter=pixel_filter)
+    given = shutter(moving, *eyes), WINDOW, settings
+    whole = render(*given)
+    for after in (2, 4):
+        with pytest.raises(Stop):
+            render(*given, stopping(after), checkpoint=Checkpoint(tmp_path / "a.npz", 1e9))
+    resumed = render(*given, checkpoint=Checkpoint(tmp_path / "a.npz"))
+    assert list(whole.layers) == ["rgba", "surface", "beams", "beams_fill", "beams_key", "transmittance", "depth"]
+    assert whole.layers["beams_fill"].any() and whole.layers["beams_key"].any()
+    for before, after in zip(whole.views, resumed.views, strict=True):
+        assert all(np.array_equal(before[name], after[name]) for name in before)
+    assert not np.array_equal(whole.views[0]["beams"], whole.views[1]["beams"])
+    counts = [(each.passes, each.beams, each.tests, each.error) for each in (whole.statistics, resumed.statistics)]
+    assert counts[0] == counts[1]
+
+
+@pytest.mark.parametrize("name", ["box", "gaussian"])
+def test_a_mitsuba_scene_goes_on_to_the_bits_of_an_unbroken_render(tmp_path, name):
+    content = load(fog=cube_of(fog(0.5)), light=LAMP, sensor=camera(rfilter={"type": name}))
+    given = content, content.sensors()[0], Settings(passes=4, beams=1024)
+    whole = mitsuba_frame.render(*given)
+    with pytest.raises(Stop):
+        mitsuba_frame.render(*given, stopping(2), Checkpoint(tmp_path / "a.npz", 1e9))
+    resumed = mitsuba_frame.render(*given, checkpoint=Checkpoint(tmp_path / "a.npz"))
+    assert all(np.array_equal(each, resumed.layers()[layer]) for layer, each in whole.layers().items())
+    assert resumed.error() == whole.error()
+
+
+def test_more_passes_go_on_where_samples_do_not_depend_on_their_number(tmp_path):
+    kept = tmp_path / "a.npz"
+    with pytest.raises(Stop):
+        render(shutter(False), WINDOW, Settings(passes=3), stopping(3), checkpoint=Checkpoint(kept, 1e9))
+    longer = render(shutter(False), WINDOW, Settings(passes=4), checkpoint=Checkpoint(kept))
+    whole = render(shutter(False), WINDOW, Settings(passes=4))
+    assert all(np.array_equal(whole.layers[name], longer.layers[name]) for name in whole.layers)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"seed": 1}, {"beams": 8}, {"pixel_filter": "tent"}, {"estimator": "frustum"}, {"passes": 9},
+        {"program": Program(recolour((1, 1, 0.5)))}, {"program": None},
+    ],
+    ids=["seed", "beams", "filter", "estimator", "passes", "another program", "no program"],
+)  # fmt: skip
+def test_passes_of_other_settings_are_refused(tmp_path, change):
+    kept, settings = tmp_path / "a.npz", Settings(passes=3, program=Program(recolour((1, 0.5, 1))))
+    with pytest.raises(Stop):
+        render(shutter(False), WINDOW, settings, stopping(1), checkpoint=Checkpoint(kept, 1e9))
+    with pytest.raises(SceneError, match="the checkpoint of another scene or of other settings"):
+        render(shutter(False), WINDOW, dataclasses.replace(settings, **change), checkpoint=Checkpoint(kept))
+
+
+def test_passes_of_another_content_camera_window_or_shutter_are_refused(tmp_path):
+    kept, settings = tmp_path / "a.npz", Settings(passes=3)
+    moving = shutter(True)
+    with pytest.raises(Stop):
+        render(moving, WINDOW, settings, stopping(1), checkpoint=Checkpoint(kept, 1e9), content="a")
+    other = shutter(True, dataclasses.replace(CAMERA, focal_length=2.0))
+    crop = dataclasses.replace(WINDOW, crop=(0, 0, 24, 15))
+    for given, content in [
+        ((moving, WINDOW, settings), "b"), ((other, WINDOW, settings), "a"), ((moving, crop, settings), "a"),
+        ((shutter(False), WINDOW, settings), "a"),
+        ((moving, WINDOW, dataclasses.replace(settings, passes=4)), "a"),  # whose slices of the shutter are others
+        ((moving, WINDOW, dataclasses.replace(settings, time_limit=1e9)), "a"),
+    ]:  # fmt: skip
+        with pytest.raises(SceneError, match="the checkpoint of another scene or of other settings"):
+            render(*given, checkpoint=Checkpoint(kept), content=content)
+    assert render(moving, WINDOW, settings, checkpoint=Checkpoint(kept), content="a").statistics.passes == 3
+
+
+def test_a_checkpoint_is_written_when_it_is_due_and_not_after_the_last_pass(tmp_path):
+    seen = []
+
+    def progress(done, _):
+        seen.append((done, kept.passes))
+
+    kept = Checkpoint(tmp_path / "a.npz", 1e-9)
+    render(shutter(False), WINDOW, Settings(passes=3), progress, checkpoint=kept)
+    assert seen == [(0, 0), (1, 0), (2, 1), (3, 2)] and kept.passes == 2
+    kept.remove()
+    assert not kept.path.exists()
+    never = Checkpoint(tmp_path / "b.npz", None)
+    with pytest.raises(Stop):
+        render(shutter(False), WINDOW, Settings(passes=3), stopping(2), checkpoint=never)
+    assert not never.path.exists()
+
+
+def test_without_resume_a_render_begins_anew(tmp_path):
+    with pytest.raises(Stop):
+        render(shutter(False), WINDOW, Settings(passes=3), stopping(2), checkpoint=Checkpoint(tmp_path / "a", 1e9))
+    begun = []
+    again = Checkpoint(tmp_path / "a", 1e9, resume=False)
+    render(shutter(False), WINDOW, Settings(passes=3), lambda done, _: begun.append(done), checkpoint=again)
+    assert begun == [0, 1, 2, 3]
+
+
+@pytest.mark.parametrize("content", [b"nothing", b"PK\x05\x06" + bytes(18), b""])
+def test_a_file_that_is_no_checkpoint_is_refused(tmp_path, content):
+    (tmp_path / "a.npz").write_bytes(content)
+    with pytest.raises(SceneError, match=r"a\.npz: expected a checkpoint of photonbeams"):
+        Checkpoint(tmp_path / "a.npz").begin("a")
+
+
+def test_seconds_that_are_none_are_refused(tmp_path):
+    for every in (0, -1.0, "5", float("nan")):
+        with pytest.raises(SceneError, match="expected a positive number of seconds, or None"):
+            Checkpoint(tmp_path / "a.npz", every)

@@ -1,0 +1,155 @@
+"""The sums over the passes of a view: pixel filters against NumPy's and Mitsuba's, light groups, errors, state."""
+
+import drjit as dr
+import numpy as np
+import pytest
+
+from photonbeams.numerics.arrays import opaque, to_float, to_vectors
+from photonbeams.render.film import Film, PassPicture, reconstruction_filter
+from photonbeams.render.passes import subpixel
+from photonbeams.runtime.device import mitsuba
+from photonbeams.scene import SceneError
+from photonbeams.scene.cameras import FILTERS
+
+mi = mitsuba()
+
+HEIGHT, WIDTH = 11, 13
+GROUPS = {"": "beams_default", "key": "beams_key", "off": "beams_off"}
+
+
+def pixels(rng, passes, shape=(HEIGHT, WIDTH)):
+    """Return for each pass surface, two groups of beams, alpha, transmittance and depth, as NumPy has them."""
+    return [
+        {name: rng.random((*shape, channels), dtype=np.float32)
+         for name, channels in (("surface", 3), ("", 3), ("key", 3), ("alpha", 1), ("transmittance", 3), ("depth", 1))}
+        for _ in range(passes)
+    ]  # fmt: skip
+
+
+def picture(one, crop=None):
+    x0, y0, x1, y1 = crop or (0, 0, WIDTH, HEIGHT)
+    part = {name: each[y0:y1, x0:x1].reshape(-1, each.shape[-1]) for name, each in one.items()}
+    return PassPicture(
+        to_vectors(part["surface"]), to_float(part["alpha"]),
+        [("key", to_vectors(0.5 * part["key"])), ("", to_vectors(part[""])), ("key", to_vectors(0.5 * part["key"]))],
+        to_vectors(part["transmittance"]), to_float(part["depth"]),
+    )  # fmt: skip
+
+
+def film(passes, name=None, crop=None, exposure=1.0, groups=GROUPS):
+    x0, y0, x1, y1 = crop or (0, 0, WIDTH, HEIGHT)
+    result = Film((y1 - y0, x1 - x0), (x0, y0), reconstruction_filter(name), groups)
+    for number, one in enumerate(passes):
+        result.add(picture(one, crop), subpixel(number), opaque(exposure))
+    return result
+
+
+def of_mitsuba(values, name):
+    """Return the mean of samples around each pixel by Mitsuba's own filter, in float64, sample by sample."""
+    plugin = mi.load_dict({"type": name})
+    y, x = np.mgrid[:HEIGHT, :WIDTH]
+    total, weights = np.zeros(values[0].shape), np.zeros((HEIGHT, WIDTH, 1))
+    for number, value in enumerate(values):
+        across, down = subpixel(number)
+        for row in range(HEIGHT):
+            for column in range(WIDTH):
+                far = [column + across - x - 0.5, row + down - y - 0.5]
+                w = np.prod([plugin.eval(to_float(each)).numpy().reshape(HEIGHT, WIDTH) for each in far], axis=0)
+                w = np.where(np.max(np.abs(far), axis=0) < plugin.radius(), w, 0)[..., None].astype(np.float64)
+                total, weights = total + w * value[row, column], weights + w
+    return total / weights
+
+
+@pytest.mark.parametrize("name", FILTERS[1:])
+def test_a_pixel_is_the_weighted_mean_of_the_samples_around_it(rng, name):
+    passes = pixels(rng, 3)
+    layers = film(passes, name).layers()
+    for layer, own in (("surface", "surface"), ("beams_key", "key"), ("transmittance", "transmittance")):
+        expected = of_mitsuba([each[own] for each in passes], name)
+        # float32, of sums of some dozens of numbers below 1; corners of filters with negative lobes divide by 1/3.
+        np.testing.assert_allclose(layers[layer], expected, atol=1e-5)
+    np.testing.assert_allclose(layers["rgba"][..., 3:], of_mitsuba([each["alpha"] for each in passes], name), atol=1e-5)
+
+
+@pytest.mark.parametrize("name", [None, "box"])
+def test_the_box_is_the_plain_mean_and_layers_add_up(rng, name):
+    passes = pixels(rng, 3)
+    layers = film(passes, name, exposure=2.0).layers()
+    mean = {own: np.mean([each[own] for each in passes], axis=0) for own in passes[0]}
+    assert list(layers) == ["rgba", "surface", "beams", "beams_default", "beams_key", "beams_off", "transmittance",
+                            "depth"]  # fmt: skip
+    np.testing.assert_allclose(layers["surface"], 2 * mean["surface"], rtol=1e-6)
+    np.testing.assert_allclose(layers["beams_key"], 2 * mean["key"], rtol=1e-6)
+    np.testing.assert_allclose(layers["transmittance"], mean["transmittance"], rtol=1e-6)
+    np.testing.assert_allclose(layers["rgba"][..., 3:], mean["alpha"], rtol=1e-6)
+    assert np.array_equal(layers["beams"], layers["beams_default"] + layers["beams_key"])
+    assert np.array_equal(layers["rgba"][..., :3], layers["surface"] + layers["beams"])
+    assert np.array_equal(layers["depth"], passes[0]["depth"])  # of the first pass
+    assert not layers["beams_off"].any()
+
+
+def test_a_film_without_groups_has_no_layers_of_them(rng):
+    layers = film(pixels(rng, 1), groups={}).layers()
+    assert list(layers) == ["rgba", "surface", "beams", "transmittance", "depth"]
+
+
+@pytest.mark.parametrize(("name", "reach"), [("box", 0), ("gaussian", 2), ("lanczos", 3)])
+def test_a_crop_is_the_part_of_the_whole_where_the_filter_is_inside(rng, name, reach):
+    passes, crop = pixels(rng, 3), (2, 1, 12, 10)
+    whole, part = film(passes, name), film(passes, name, crop)
+    order = whole.order.numpy().reshape(HEIGHT, WIDTH)
+    assert np.array_equal(part.order.numpy().reshape(9, 10), order[1:10, 2:12])
+    for layer, found in part.layers().items():
+        inner = found[reach : 9 - reach, reach : 10 - reach]
+        expected = whole.layers()[layer][1 + reach : 10 - reach, 2 + reach : 12 - reach]
+        assert inner.size and np.array_equal(inner, expected)
+
+
+@pytest.mark.parametrize("name", ["box", "mitchell"])
+def test_a_film_goes_on_from_the_state_of_another(rng, name):
+    passes = pixels(rng, 4)
+    whole, first = film(passes, name), film(passes[:2], name)
+    resumed = Film((HEIGHT, WIDTH), (0, 0), reconstruction_filter(name), GROUPS)
+    resumed.restore(first.state())
+    for number in (2, 3):
+        resumed.add(picture(passes[number]), subpixel(number), opaque(1.0))
+    assert all(np.array_equal(each, resumed.layers()[layer]) for layer, each in whole.layers().items())
+    assert resumed.error() == whole.error()
+
+
+@pytest.mark.parametrize(
+    ("name", "shape"), [("box", (HEIGHT, WIDTH + 1)), ("mitchell", (HEIGHT, WIDTH)), ("box", (1, 3 * HEIGHT * WIDTH))]
+)
+def test_a_state_of_another_picture_is_refused(rng, name, shape):
+    state = film(pixels(rng, 1)).state()
+    with pytest.raises(SceneError, match="the checkpoint is of another picture"):
+        Film(shape, (0, 0), reconstruction_filter(name)).restore(state)
+
+
+def test_the_error_is_that_of_the_mean_of_independent_passes(rng):
+    count, passes = 64, 32
+    samples = [rng.exponential(1.0, (count, count, 1)).astype(np.float32) for _ in range(passes)]
+    result = Film((count, count))
+    for number, each in enumerate(samples):
+        grey = to_vectors(np.repeat(each.reshape(-1, 1), 3, axis=1))
+        assert np.isnan(result.error()) == (number < 2)
+        result.add(PassPicture(grey, to_float(np.ones(count * count))), subpixel(number))
+    values = np.array(samples)
+    expected = np.median(values.std(axis=0, ddof=1) / np.sqrt(passes) / values.mean(axis=0))
+    assert result.error() == pytest.approx(expected, rel=1e-4)
+
+
+@pytest.mark.parametrize("name", ["box", "gaussian", "lanczos"])
+def test_all_passes_have_the_kernels_of_the_first(rng, name):
+    passes = pixels(rng, 6, (8, 8))
+    result = Film((8, 8), (0, 0), reconstruction_filter(name))
+    new = []
+    with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
+        for number, one in enumerate(passes):
+            seen = picture(one, (0, 0, 8, 8))
+            dr.eval(seen.surface, seen.alpha, seen.transmittance, [each for _, each in seen.beams])
+            dr.kernel_history_clear()
+            result.add(seen, subpixel(number), opaque(1.0))
+            kernels = {each["hash"] for each in dr.kernel_history() if each["type"].name == "JIT"}
+            new.append(kernels)
+    assert all(each <= new[0] for each in new[1:])
