@@ -1,4 +1,4 @@
-"""`photonbeams render stage.usda --checkpoint S --resume`, as its users call it, and flags that both kinds of scene have."""
+"""Checkpoints, pixel filters and bounces of stages, by `photonbeams render`."""
 
 import os
 import signal

@@ -16,8 +16,8 @@ import typer
 
 from cli.results import fails, untouched
 from photonbeams import cli
-from photonbeams.images.files import read_image, read_layers
 from photonbeams.cli.flags import Filter
+from photonbeams.images.files import read_image, read_layers
 from photonbeams.render import frame
 from photonbeams.render.settings import DEFAULT_PATHS, Settings
 from photonbeams.scene import DEFAULT_BEAMS
