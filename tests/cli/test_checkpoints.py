@@ -1,4 +1,4 @@
-"""`photonbeams render stage.usda --checkpoint S --resume`, as users call it, and flags for both kinds of scene."""
+"""Checkpoints, pixel filters and bounces of stages, by `photonbeams render`."""
 
 import os
 import signal

@@ -136,7 +136,7 @@ def test_light_of_a_lamp_begins_in_the_medium_at_its_own_place():
     medium = mi.load_dict(fog(0.3))
     lamp = {"type": "sphere", "center": [1.0, 0, 0], "radius": 0.3, "emitter": {"type": "area", "radiance": rgb(1.0)}}
     scene = load(tank=cube_of(medium), light=lamp, sensor=camera())
-    origin = Array3f(np.array([[0.69, 0, 0], [1.31, 0, 0], [1.0, 0.31, 0.0]], dtype=np.float32).T + [[0], [0], [0.01]])
+    origin = Array3f(np.array([[0.69, 0, 0.01], [1.31, 0, 0.01], [1.0, 0.31, 0.01]], dtype=np.float32).T)
     direction = Array3f(np.array([[-1, 0, 0], [1, 0, 0], [-0.6, 0.8, 0.0]], dtype=np.float32).T)
     found = surveyed(scene).of_emitter(0, origin, direction).numpy()
     assert found[:2].tolist() == [number(medium), 0]

@@ -114,7 +114,7 @@ def _tell(frame: Accumulating, settings: Settings, progress: Progress | None, ch
         if checkpoint is not None:
             checkpoint.save(frame)
         raise
-    if checkpoint is not None and checkpoint.due and statistics.passes < settings.passes:
+    if checkpoint is not None and checkpoint.due and 0 < statistics.passes < settings.passes:
         checkpoint.save(frame)
 
 

@@ -58,7 +58,8 @@ class Settings:
     surfaces
         Whether surfaces are shaded; if not, there are beams alone.
     pixel_filter
-        "box", "tent", "gaussian", "mitchell", "catmullrom" or "lanczos"; None: the box of a stage, a film's own.
+        "box", "tent", "gaussian", "mitchell", "catmullrom" or "lanczos"; None: the box of a stage, a Mitsuba film's
+        own.
     program
         What is done to the beams of each pass, or None.
 

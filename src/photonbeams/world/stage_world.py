@@ -307,8 +307,8 @@ class StageWorld(World):
         if not others:
             return self._stopped(self.surfaces, origin, direction, distance, active, seed)
         result = self._stopped(self.surfaces, origin, direction, distance, active & (link == 0), seed)
-        for number, each in enumerate(others, 1):
-            own = active & (link == dr.opaque(UInt32, number))
+        for place, each in enumerate(others, 1):
+            own = active & (link == dr.opaque(UInt32, place))
             result |= self._stopped(each, origin, direction, distance, own, seed)
         return result
 
