@@ -12,7 +12,7 @@ from photonbeams.beams.guides import Guide, led, pieces_along
 from photonbeams.beams.modify import bend
 from photonbeams.beams.programs import PassContext
 from photonbeams.scene import SceneError
-from photonbeams.transport import stage_paths as trace
+from photonbeams.transport.stage_paths import trace
 from photonbeams.world.world import World
 
 QUARTER = np.linspace(0, np.pi / 2, 200)

@@ -11,7 +11,7 @@ from photonbeams import scene
 from photonbeams.numerics.arrays import to_vectors
 from photonbeams.render.surfaces import shade
 from photonbeams.runtime.device import Array3f, Bool, UInt32, mitsuba
-from photonbeams.transport import stage_paths as trace
+from photonbeams.transport.stage_paths import trace
 from photonbeams.world.world import World
 
 DIFFUSE = scene.Material(diffuse=(0.6, 0.5, 0.4), roughness=1.0, ior=1.001)

@@ -11,8 +11,8 @@ from photonbeams import scene
 from photonbeams.numerics.arrays import to_vectors
 from photonbeams.runtime import device
 from photonbeams.runtime.device import Array3f, Bool, UInt32
-from photonbeams.transport import stage_paths as trace
 from photonbeams.transport.portal_visibility import lights_seen
+from photonbeams.transport.stage_paths import trace
 from photonbeams.world.world import World
 
 EYE = (0.0, 1.5, 1.95)
