@@ -18,29 +18,29 @@ _KNOTS, _COLORS = [0, 0.5, 1], [[1, 1, 1], [1, 0.3, 0], [0, 0, 0.2]]
 
 #: Presets, which have a target, and what is programmed, which costs what it does.
 PRESETS = {
-    "along: exponential": {"along": pb.Exponential(2.0)},
-    "along: power": {"along": pb.Power(2.0, 0.5)},
-    "along: polynomial": {"along": pb.Polynomial([1, 0, -0.9])},
-    "along: ramp × physical": {"along": pb.ColorRamp(_KNOTS, _COLORS) * pb.Attenuation()},
-    "along: texture × physical": {"along": pb.Texture(_COLORS) * pb.Attenuation()},
-    "along: fade × physical": {"along": pb.Fade(1, 3) * pb.Attenuation()},
-    "along: variation × physical": {"along": pb.Variation(0.5) * pb.Attenuation()},
-    "across: constant": {"across": pb.Uniform()},
-    "across: biweight": {"across": pb.Biweight()},
-    "across: gaussian": {"across": pb.Gaussian()},
-    "across: smoothstep": {"across": pb.Smoothstep(0.3)},
-    "across: hollow": {"across": pb.Hollow(0.5)},
-    "across: tabulated": {"across": pb.Tabulated([0.1, 0.2, 1, 0.6, 0])},
+    "along: exponential": {"along": pb.looks.Exponential(2.0)},
+    "along: power": {"along": pb.looks.Power(2.0, 0.5)},
+    "along: polynomial": {"along": pb.looks.Polynomial([1, 0, -0.9])},
+    "along: ramp × physical": {"along": pb.looks.ColorRamp(_KNOTS, _COLORS) * pb.looks.Attenuation()},
+    "along: texture × physical": {"along": pb.looks.Texture(_COLORS) * pb.looks.Attenuation()},
+    "along: fade × physical": {"along": pb.looks.Fade(1, 3) * pb.looks.Attenuation()},
+    "along: variation × physical": {"along": pb.looks.Variation(0.5) * pb.looks.Attenuation()},
+    "across: constant": {"across": pb.looks.Uniform()},
+    "across: biweight": {"across": pb.looks.Biweight()},
+    "across: gaussian": {"across": pb.looks.Gaussian()},
+    "across: smoothstep": {"across": pb.looks.Smoothstep(0.3)},
+    "across: hollow": {"across": pb.looks.Hollow(0.5)},
+    "across: tabulated": {"across": pb.looks.Tabulated([0.1, 0.2, 1, 0.6, 0])},
     "eye: none": {"eye": 1.0},
-    "eye: exponential": {"eye": pb.Exponential(3.0)},
-    "angle: constant": {"angle": pb.Isotropic()},
-    "angle: glow": {"angle": pb.Glow()},
+    "eye: exponential": {"eye": pb.looks.Exponential(3.0)},
+    "angle: constant": {"angle": pb.looks.Isotropic()},
+    "angle: glow": {"angle": pb.looks.Glow()},
 }
 PROGRAMMED = {
     "expression of s": {"along": "smoothstep(0, 1, s) * [1, 0.8, 0.5]"},
     "expression of s and noise": {"along": "smoothstep(0, 1, s) * (0.6 + 0.4 * noise(4 * P + time))"},
-    "colours by radius": {"across": pb.ColorRamp(_KNOTS, _COLORS, space="radius")},
-    "noise, 4 octaves": {"across": pb.Epanechnikov() * pb.Noise(scale=0.5)},
+    "colours by radius": {"across": pb.looks.ColorRamp(_KNOTS, _COLORS, space="radius")},
+    "noise, 4 octaves": {"across": pb.looks.Epanechnikov() * pb.looks.Noise(scale=0.5)},
 }
 
 

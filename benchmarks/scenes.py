@@ -20,7 +20,7 @@ from photonbeams.world.cameras import View, Window
 WIDTH, HEIGHT = 1280, 720
 RADIUS = 0.003  # a beam is two to three pixels wide
 MEDIUM = pb.Medium(scattering=(0.1, 0.12, 0.15), absorption=(0.0, 0.0, 0.0), anisotropy=0.0)
-RAMP = pb.Look(along=pb.ColorRamp([0, 0.5, 1], [[1, 1, 1], [1, 0.3, 0], [0, 0, 0.2]]) * pb.Attenuation())
+RAMP = pb.Look(along=pb.looks.ColorRamp([0, 0.5, 1], [[1, 1, 1], [1, 0.3, 0], [0, 0, 0.2]]) * pb.looks.Attenuation())
 
 
 @dataclass(frozen=True)

@@ -37,41 +37,41 @@ PAINTED = np.array([[1, 0.9, 0.6], [0.9, 0.5, 0.2], [1, 0.8, 0.5], [0.7, 0.3, 0.
 
 #: Swatches by file name, each the Python that docs/looks.md shows.
 ALONG = {
-    "attenuation": "pb.Attenuation()",
-    "exponential": "pb.Exponential([2.0, 1.2, 0.7])",
-    "power": "pb.Power(exponent=2.0, length=0.8)",
-    "polynomial": "pb.Polynomial([1, 0, -1])",
-    "texture": "pb.Texture(PAINTED)",
-    "product": f"pb.ColorRamp({_RAMP}) * pb.Attenuation()",
-    "fade": "pb.Fade(inner=1.0, outer=3.5)",
-    "expression": "pb.Expression('[1, 0.8, 0.5] * (0.2 + pulse(6 * s, 0.6)) * (1 - s)')",
-    **{f"ramp-{kind}": f"pb.ColorRamp({_RAMP}, '{kind}')"
+    "attenuation": "pb.looks.Attenuation()",
+    "exponential": "pb.looks.Exponential([2.0, 1.2, 0.7])",
+    "power": "pb.looks.Power(exponent=2.0, length=0.8)",
+    "polynomial": "pb.looks.Polynomial([1, 0, -1])",
+    "texture": "pb.looks.Texture(PAINTED)",
+    "product": f"pb.looks.ColorRamp({_RAMP}) * pb.looks.Attenuation()",
+    "fade": "pb.looks.Fade(inner=1.0, outer=3.5)",
+    "expression": "pb.looks.Expression('[1, 0.8, 0.5] * (0.2 + pulse(6 * s, 0.6)) * (1 - s)')",
+    **{f"ramp-{kind}": f"pb.looks.ColorRamp({_RAMP}, '{kind}')"
        for kind in ("none", "linear", "smooth", "catmull-rom", "monotone")},
 }  # fmt: skip
 ACROSS = {
-    "uniform": "pb.Uniform()",
-    "epanechnikov": "pb.Epanechnikov()",
-    "biweight": "pb.Biweight()",
-    "gaussian": "pb.Gaussian(width=0.35)",
-    "smoothstep-0": "pb.Smoothstep(hardness=0.0)",
-    "smoothstep-0.7": "pb.Smoothstep(hardness=0.7)",
-    "tabulated": "pb.Tabulated([0.1, 0.2, 1.0, 0.6, 0.0])",
-    "hollow": "pb.Hollow(inner=0.6, softness=0.8)",
-    "ramp": f"pb.Biweight() * pb.ColorRamp({_RAMP}, space='radius')",
-    "noise": "pb.Biweight() * pb.Noise(scale=0.5)",
-    "expression": "pb.Uniform() * pb.Expression('smoothstep(0, 0.3, 0.75 + 0.5 * snoise(2.5 * P) - r)')",
+    "uniform": "pb.looks.Uniform()",
+    "epanechnikov": "pb.looks.Epanechnikov()",
+    "biweight": "pb.looks.Biweight()",
+    "gaussian": "pb.looks.Gaussian(width=0.35)",
+    "smoothstep-0": "pb.looks.Smoothstep(hardness=0.0)",
+    "smoothstep-0.7": "pb.looks.Smoothstep(hardness=0.7)",
+    "tabulated": "pb.looks.Tabulated([0.1, 0.2, 1.0, 0.6, 0.0])",
+    "hollow": "pb.looks.Hollow(inner=0.6, softness=0.8)",
+    "ramp": f"pb.looks.Biweight() * pb.looks.ColorRamp({_RAMP}, space='radius')",
+    "noise": "pb.looks.Biweight() * pb.looks.Noise(scale=0.5)",
+    "expression": "pb.looks.Uniform() * pb.looks.Expression('smoothstep(0, 0.3, 0.75 + 0.5 * snoise(2.5 * P) - r)')",
 }
 EYE = {
-    "attenuation": "pb.Attenuation()",
+    "attenuation": "pb.looks.Attenuation()",
     "none": "1.0",
-    "exponential": "pb.Exponential(1.5)",
-    "ramp": f"pb.ColorRamp({_RAMP}, 'smooth', begin=0, end=6, space='distance')",
+    "exponential": "pb.looks.Exponential(1.5)",
+    "ramp": f"pb.looks.ColorRamp({_RAMP}, 'smooth', begin=0, end=6, space='distance')",
 }
 ANGLE = {
-    "scattering": "pb.Scattering()",
-    "isotropic": "pb.Isotropic()",
-    "glow": "pb.Glow(anisotropy=0.8, mix=0.5, gain=1.0)",
-    "ramp": f"pb.Isotropic() * pb.ColorRamp({_RAMP}, 'smooth', begin=0, end=180, space='angle')",
+    "scattering": "pb.looks.Scattering()",
+    "isotropic": "pb.looks.Isotropic()",
+    "glow": "pb.looks.Glow(anisotropy=0.8, mix=0.5, gain=1.0)",
+    "ramp": f"pb.looks.Isotropic() * pb.looks.ColorRamp({_RAMP}, 'smooth', begin=0, end=180, space='angle')",
 }
 
 
@@ -123,7 +123,7 @@ def row(look: pb.Look, width: float, depths: Any, angles: Any, medium: pb.Medium
 
 def along(factor: Any) -> Any:
     """Draw a falloff along the beam."""
-    look = pb.Look(along=factor, eye=1.0, angle=pb.Isotropic())
+    look = pb.Look(along=factor, eye=1.0, angle=pb.looks.Isotropic())
     figure, panels, curve = sheet(3.9)
     show(panels[0], side_view(look, 3.9))
     s = np.linspace(0, 4, 513)
@@ -135,7 +135,7 @@ def along(factor: Any) -> Any:
 
 def across(profile: Any) -> Any:
     """Draw a profile: from the side, from the end, and as a curve, with its line projection dashed."""
-    look = pb.Look(along=1.0, across=profile, eye=1.0, angle=pb.Isotropic())
+    look = pb.Look(along=1.0, across=profile, eye=1.0, angle=pb.looks.Isotropic())
     figure, panels, curve = sheet(2.6, HEIGHT)
     show(panels[0], side_view(look, 2.6))
     show(panels[1], cross_section(look))
@@ -150,7 +150,7 @@ def across(profile: Any) -> Any:
 def eye(factor: Any) -> Any:
     """Draw a change toward the camera: beams at growing distances."""
     depths = np.linspace(0.5, 5.5, 6)
-    look = pb.Look(along=1.0, eye=factor, angle=pb.Isotropic())
+    look = pb.Look(along=1.0, eye=factor, angle=pb.looks.Isotropic())
     figure, panels, curve = sheet(3.9)
     show(panels[0], row(look, 3.9, depths, np.full(6, 90.0), FOG, 9.0), [f"{depth:g}" for depth in depths])
     t = np.linspace(0, 6, 513)

@@ -15,6 +15,7 @@ from __future__ import annotations
 import argparse
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -70,35 +71,35 @@ class Fit:
         self._sets = shot.beams(beams=beams)
         self.names = [each.name for each in self._sets]
 
-    def radiance(self, texture: object) -> object:
+    def radiance(self, texture: Any) -> Any:
         """Return the radiance of all beams, (pixels, 3), with these colours along them; None is the physical look."""
-        look = pb.Look(along=pb.Attenuation() if texture is None else pb.Texture(texture) * pb.Attenuation())
+        look = pb.Look(
+            along=pb.looks.Attenuation() if texture is None else pb.looks.Texture(texture) * pb.looks.Attenuation()
+        )
         return sum(pb.estimate(each.beams, *self._rays, look=look, medium=self._medium) for each in self._sets)
 
     def picture(self, colors: np.ndarray | None) -> np.ndarray:
         """Return that as a picture, (H, W, 3)."""
-        found = self.radiance(colors).numpy()  # type: ignore[attr-defined]
-        return np.ascontiguousarray(found.T).reshape(*self._shape, 3)
+        found: np.ndarray = self.radiance(colors).numpy()
+        return found.reshape(*self._shape, 3)
 
     def colors(self, target: np.ndarray, steps: int = STEPS) -> np.ndarray:
         """Return the colours along the beams, (COLORS, 3), that come nearest to a picture."""
         import drjit as dr
         import mitsuba as mi
 
-        from photonbeams.runtime.device import Array3f, Float
-
-        wanted = Array3f(*(Float(np.ascontiguousarray(target[..., each].ravel())) for each in range(3)))
+        wanted = mi.TensorXf(target.reshape(-1, 3).astype(np.float32))
         optimizer = mi.ad.Adam(lr=RATE)
-        optimizer["logarithm"] = dr.zeros(Array3f, COLORS)  # of colours: light is not negative
+        optimizer["logarithm"] = dr.zeros(mi.TensorXf, (COLORS, 3))  # of colours: light is not negative
         for step in range(steps):
             texture = dr.exp(optimizer["logarithm"])
             off = (self.radiance(texture) - wanted) / (wanted + DARK)
-            loss = dr.mean(dr.squared_norm(off))
+            loss = dr.mean(dr.square(off), axis=None)
             dr.backward(loss)
             optimizer.step()
             if step % 10 == 0 or step == steps - 1:
-                print(f"step {step}: loss {float(loss[0]):.4f}", file=sys.stderr)
-        return np.array(dr.exp(optimizer["logarithm"])).T
+                print(f"step {step}: loss {loss.numpy().item():.4f}", file=sys.stderr)
+        return np.array(dr.exp(optimizer["logarithm"]))
 
 
 def write_layer(path: Path, shot: pb.Shot, lights: list[str], colors: np.ndarray) -> None:

@@ -1,58 +1,25 @@
 """Volumetric light as photon beams, with programmable looks and Gaussian quadrature.
 
 The public names are imported on first use, so that `import photonbeams` is quick and the device can still be chosen.
+Factors, profiles and all else that a look is made of are in `photonbeams.looks`.
 """
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from importlib import import_module as _import_module
+from typing import TYPE_CHECKING as _TYPE_CHECKING
 
-import wrapt
+import wrapt as _wrapt
 
-from . import integrator
-from .runtime import device
+from . import integrator as _integrator
+from .runtime import device as _device
 
-if TYPE_CHECKING:
+if _TYPE_CHECKING:
+    from . import looks
     from .beams import Beams
     from .beams.curves import curved
     from .beams.modify import aim, bend, clamp, recolour, thin
-    from .beams.programs import PassContext, chain
+    from .beams.programs import Modifier, PassContext, chain
     from .estimators.estimate import estimate
-    from .looks import (
-        Across,
-        At,
-        Attenuation,
-        Biweight,
-        BoundLook,
-        Clamp,
-        ColorRamp,
-        Constant,
-        Context,
-        Epanechnikov,
-        Exponential,
-        Expression,
-        Factor,
-        Fade,
-        Fog,
-        Function,
-        Gaussian,
-        Glow,
-        Hollow,
-        Isotropic,
-        Look,
-        Mix,
-        Modulated,
-        Noise,
-        Polynomial,
-        Power,
-        Product,
-        Scattering,
-        Smoothstep,
-        Sum,
-        Tabulated,
-        Texture,
-        Uniform,
-        Variation,
-    )
+    from .looks import Look
     from .quadrature import Rule, gauss_legendre, riemann
     from .scene import DrawnBeams, Medium, SceneError
     from .shot import Holdout, Plate, Shot, Stereo
@@ -61,50 +28,18 @@ if TYPE_CHECKING:
     __version__: str
 
 __all__ = [
-    "Across",
-    "At",
-    "Attenuation",
     "Beams",
-    "Biweight",
-    "BoundLook",
-    "Clamp",
-    "ColorRamp",
-    "Constant",
-    "Context",
     "DrawnBeams",
-    "Epanechnikov",
-    "Exponential",
-    "Expression",
-    "Factor",
-    "Fade",
-    "Fog",
-    "Function",
-    "Gaussian",
-    "Glow",
     "Holdout",
-    "Hollow",
-    "Isotropic",
     "Look",
     "Medium",
-    "Mix",
-    "Modulated",
-    "Noise",
+    "Modifier",
     "PassContext",
     "Plate",
-    "Polynomial",
-    "Power",
-    "Product",
     "Rule",
-    "Scattering",
     "SceneError",
     "Shot",
-    "Smoothstep",
     "Stereo",
-    "Sum",
-    "Tabulated",
-    "Texture",
-    "Uniform",
-    "Variation",
     "__version__",
     "aim",
     "bend",
@@ -114,6 +49,7 @@ __all__ = [
     "curved",
     "estimate",
     "gauss_legendre",
+    "looks",
     "medium_of_colors",
     "recolour",
     "riemann",
@@ -121,38 +57,41 @@ __all__ = [
 ]
 
 # Dr.Jit loads libLLVM while it is imported, so the library is chosen now: the user's next line may import Mitsuba.
-device.prepare()
+_device.prepare()
 
 # Mitsuba is told of the plug-in `photon_beams` as soon as it is there.
-wrapt.when_imported("mitsuba")(integrator.announce)
+_wrapt.when_imported("mitsuba")(_integrator.announce)
 
 _HOMES = {
     "beams.beams": ("Beams",),
     "beams.curves": ("curved",),
     "beams.modify": ("aim", "bend", "clamp", "recolour", "thin"),
-    "beams.programs": ("PassContext", "chain"),
+    "beams.programs": ("Modifier", "PassContext", "chain"),
     "estimators": ("estimate",),
     "images.plates": ("Holdout", "Plate"),
+    "looks": ("Look",),
     "quadrature": ("Rule", "gauss_legendre", "riemann"),
     "scene": ("DrawnBeams", "Medium", "SceneError"),
     "shot": ("Shot",),
     "usd.stereo": ("Stereo",),
     "world.medium_colors": ("colors_of_medium", "medium_of_colors"),
 }
-_HOME = dict.fromkeys(__all__, "looks") | {name: module for module, names in _HOMES.items() for name in names}
+_HOME = {name: module for module, names in _HOMES.items() for name in names}
 
 
-def __getattr__(name: str) -> Any:
+def __getattr__(name: str) -> object:
     """Return a public name from the module that defines it."""
     if name == "__version__":
         from importlib.metadata import version
 
         return version("photonbeams")
+    if name == "looks":
+        return _import_module(".looks", __name__)
     if name not in _HOME:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = globals()[name] = getattr(import_module(f".{_HOME[name]}", __name__), name)
+    value = globals()[name] = getattr(_import_module(f".{_HOME[name]}", __name__), name)
     return value
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    return sorted(__all__)

@@ -102,7 +102,7 @@ GIVEN = {"start": [[0, 0, 0]] * 2, "end": [[0, 0, 1]] * 2, "radius_start": 0.1, 
     [
         (r"end has shape \(3, 3\): expected \(2, 3\)", {"end": np.ones((3, 3))}),
         (r"start has shape \(2, 2\): expected \(2, 3\)", {"start": np.zeros((2, 2))}),
-        (r"power is not given: expected \(N, 3\) numbers", {"power": None}),
+        (r"power is not given: expected numbers of shape \(N, 3\)", {"power": None}),
         (r"radius_start has shape \(3,\): expected \(2,\)", {"radius_start": [1, 2, 3]}),
         (r"end_normal has shape", {"end_normal": [0, 1]}),
         (r"radius_end has 3 entries: expected 2", {"radius_end": Float([1, 2, 3])}),

@@ -14,7 +14,7 @@ from photonbeams.beams.programs import PassContext, Program, chain, emitted
 from photonbeams.beams.sets import BeamSet
 from photonbeams.render.settings import Settings
 from photonbeams.render.stage_frame import render, simulate
-from photonbeams.runtime.device import Array3f, Float
+from photonbeams.runtime.device import Array3f, Float, UInt32
 from photonbeams.scene import SceneError
 from photonbeams.world.cameras import Window
 from photonbeams.world.shutter import Moment, Shutter
@@ -175,11 +175,10 @@ def test_clamped_radiance_is_what_a_ray_through_the_axis_sees(beams):
     across /= np.linalg.norm(across, axis=1, keepdims=True)
     seen = []
     for number in range(len(found)):
-        alone = pb.Beams(**{name: value[number : number + 1] for name, value in numbers.items()})
         look = pb.Look(along=1.0, eye=1.0, angle=1.0)
         origin, direction = middle[number] - across[number], across[number]
-        seen.append(np.array(pb.estimate(alone, origin, direction, look=look, estimator="billboard")))
-    seen = np.max(seen, axis=(1, 2))
+        seen.append(np.array(pb.estimate(found[number], origin, direction, look=look, estimator="billboard")))
+    seen = np.max(seen, axis=1)
     before = beams.arrays()
     peak = 8 / (3 * np.pi) * before["power"].max(axis=1) / (0.5 * (before["radius_start"] + before["radius_end"]))
     assert np.allclose(seen, np.minimum(peak, limit), rtol=1e-4)
@@ -280,7 +279,7 @@ def test_what_a_function_may_not_return_is_told_in_a_sentence(message, modifier,
 
 def test_other_beams_at_shutter_close_are_told_in_a_sentence(beams):
     def later_fewer(found, context):
-        return found if context.time == 7 else found.take(dr.arange(pb.device.UInt32, 3))
+        return found if context.time == 7 else found.take(dr.arange(UInt32, 3))
 
     with pytest.raises(SceneError, match=r"Beams\(50\) of /light at shutter open and Beams\(3\) at shutter close"):
         applied(later_fewer, sets_of(beams, beams), (0.0, 1.0))

@@ -113,7 +113,9 @@ def test_a_stage_without_looks_says_so(capsys, tmp_path):
 
 
 def test_pictures_and_curves_show_the_look():
-    look = pb.Look(along=pb.ColorRamp([0, 1], [[1, 0, 0], [0, 0, 1]]), across=pb.Hollow(0.6), eye=1.0, angle=1.0)
+    look = pb.Look(
+        along=pb.looks.ColorRamp([0, 1], [[1, 0, 0], [0, 0, 1]]), across=pb.looks.Hollow(0.6), eye=1.0, angle=1.0
+    )
     specimen = Specimen()
     side = from_the_side(look, specimen, 120, 40)
     left, right = side[15:25, 15], side[15:25, -15]

@@ -37,7 +37,7 @@ def loss(beams, rays, weights, **given):
     """Return a sum of radiances that does not treat rays and channels alike."""
     given.setdefault("medium", FOG)
     found = pb.estimate(beams, *rays, 9.0, **given)
-    return dr.sum(dr.dot(found, weights))
+    return dr.sum(found.array * dr.ravel(weights))
 
 
 def difference(value, place, step, function):
@@ -78,14 +78,14 @@ def test_of_beams(scene, name):
 @pytest.mark.parametrize("name", ["extinction", "scattering"])
 def test_of_the_fog(scene, name):
     given, rays, weights = scene
-    beams, fog = pb.Beams(**given), pb.Fog(FOG)
+    beams, fog = pb.Beams(**given), pb.looks.Fog(FOG)
     dr.enable_grad(getattr(fog, name))
     dr.backward(loss(beams, rays, weights, medium=fog))
     found = np.array(dr.grad(getattr(fog, name)))[:, 0]
     for channel in range(3):
 
         def value(moved):
-            other = pb.Fog(FOG)
+            other = pb.looks.Fog(FOG)
             setattr(other, name, dr.opaque(Array3f, moved.tolist()))
             return loss(beams, rays, weights, medium=other)
 
@@ -96,17 +96,21 @@ def test_of_the_fog(scene, name):
 
 def test_of_the_phase_function(scene):
     given, rays, weights = scene
-    beams, fog = pb.Beams(**given), pb.Fog(FOG)
+    beams, fog = pb.Beams(**given), pb.looks.Fog(FOG)
     dr.enable_grad(fog.anisotropy)
     dr.backward(loss(beams, rays, weights, medium=fog))
 
     def value(moved):
-        other = pb.Fog(FOG)
+        other = pb.looks.Fog(FOG)
         other.anisotropy = dr.opaque(Float, float(moved[0]))
         return loss(beams, rays, weights, medium=other)
 
     expected = difference([FOG.anisotropy], (0,), 1e-2, value)
     assert float(dr.grad(fog.anisotropy)[0]) == pytest.approx(expected, rel=0.01)
+
+
+def textured(pixels):
+    return pb.Look(along=pb.looks.Texture(pixels) * pb.looks.Attenuation())
 
 
 def test_of_a_texture_along_the_beam(scene):
@@ -115,13 +119,13 @@ def test_of_a_texture_along_the_beam(scene):
     pixels = np.random.default_rng(1).uniform(0.2, 1, (5, 3))
     texture = array(pixels)
     dr.enable_grad(texture)
-    dr.backward(loss(beams, rays, weights, look=pb.Look(along=pb.Texture(texture) * pb.Attenuation())))
+    dr.backward(loss(beams, rays, weights, look=textured(texture)))
     found = np.array(dr.grad(texture)).T
     for place in ((0, 0), (2, 1), (4, 2)):
         # Linear in the texture: a step may be large. Twelve points over a chord that holds corners err by some 1e-3.
         expected = difference(
             pixels, place, 0.1,
-            lambda moved: loss(beams, rays, weights, look=pb.Look(along=pb.Texture(moved) * pb.Attenuation())),
+            lambda moved: loss(beams, rays, weights, look=textured(moved)),
         )  # fmt: skip
         assert found[place] == pytest.approx(expected, abs=0.01 * float(np.abs(found).max()))
 
@@ -132,7 +136,7 @@ def test_of_a_function_of_ones_own(scene):
 
     def look(rate):
         return pb.Look(
-            along=lambda s: dr.exp(-rate * s), across=pb.Biweight(), eye=1.0, angle=lambda cosine: 1 + cosine
+            along=lambda s: dr.exp(-rate * s), across=pb.looks.Biweight(), eye=1.0, angle=lambda cosine: 1 + cosine
         )
 
     rate = Float(0.7)
@@ -170,7 +174,7 @@ def test_of_rays_that_meet_nothing_they_are_zero(scene):
     beams = pb.Beams(**given)
     dr.enable_grad(beams.power)
     found = pb.estimate(beams, [[0, 50, 0]], [[1, 0, 0]], medium=FOG)
-    dr.backward(dr.sum(dr.dot(found, Array3f(1))), dr.ADFlag.Default | dr.ADFlag.AllowNoGrad)
+    dr.backward(dr.sum(found, axis=None), dr.ADFlag.Default | dr.ADFlag.AllowNoGrad)
     assert not np.array(dr.grad(beams.power)).any()
 
 

@@ -133,8 +133,8 @@ def unit(vectors):
 
 def test_the_look_is_asked_where_the_light_is(rng):
     look = pb.Look(
-        along=pb.ColorRamp([0, 0.5, 1], [[1, 0, 0], [0, 1, 0], [0, 0, 1]]) * pb.Attenuation(),
-        across=pb.Gaussian() * pb.Function(lambda P: 1.5 + dr.sin(3 * P.x)),
+        along=pb.looks.ColorRamp([0, 0.5, 1], [[1, 0, 0], [0, 1, 0], [0, 0, 1]]) * pb.looks.Attenuation(),
+        across=pb.looks.Gaussian() * pb.looks.Function(lambda P: 1.5 + dr.sin(3 * P.x)),
         eye=lambda t, random: dr.exp(-0.1 * t) * (0.5 + random),
     )
     found, expected = both(random_beams(rng, 100), random_rays(rng, 3000), "auto", look)
@@ -162,7 +162,7 @@ def test_every_beam_counts_once(estimator, seed, size, away):
     direction = toward - origin
     direction[::4, rng.integers(0, 3)] = 0
     rays = rays_of(origin, direction, 0.0, rng.choice([0.5, 4.0, 1e9], 500) * size)
-    flat = pb.Look(across=pb.Uniform(), along=1.0, eye=1.0, angle=1.0)
+    flat = pb.Look(across=pb.looks.Uniform(), along=1.0, eye=1.0, angle=1.0)
     found, _ = both(beams, rays, estimator, flat)
     once = pb.Beams(*(each[:1] for each in (start, end, radius[:, 0], radius[:, 1], power)))
     _, expected = both(once, rays, estimator, flat)
@@ -305,7 +305,7 @@ def test_estimate_takes_the_grid_where_rays_and_beams_are_many(rng, monkeypatch)
         monkeypatch.setattr(module, "MOST_PAIRS", most)
         radiance = estimate(beams, origin, direction, rays.t_max, t_min=rays.t_min, medium=MEDIUM)
         given = estimate_rays(beams, rays, look=pb.Look(), medium=MEDIUM, points=POINTS)
-        found.append(np.ascontiguousarray(radiance.numpy().T))
+        found.append(radiance.numpy())
         np.testing.assert_allclose(given.numpy().T, found[-1], rtol=2e-4, atol=1e-6 * found[-1].max())
     agree(*(each.astype(np.float64) for each in found), 100)
 
@@ -319,7 +319,7 @@ def test_other_beams_and_rays_compile_nothing(rng):
         packed = pack(beams, Array3f(0), shared=False)
         return sum_over_grid(beams, None, packed, rays, bound, "auto", POINTS)
 
-    look = pb.Look(along=pb.ColorRamp([0, 1], [[1, 0, 0], [0, 0, 1]]) * pb.Attenuation())
+    look = pb.Look(along=pb.looks.ColorRamp([0, 1], [[1, 0, 0], [0, 0, 1]]) * pb.looks.Attenuation())
     run(300, 1000)
     with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
         dr.kernel_history_clear()

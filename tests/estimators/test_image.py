@@ -99,7 +99,7 @@ class Picture:
             beams, self.rays.origin, self.rays.direction, t_max=self.rays.t_max,
             look=look, medium=MEDIUM, estimator=estimator, close=close, time=self.time,
         )  # fmt: skip
-        return pixels(found)
+        return found.numpy()
 
 
 def pixels(radiance):
@@ -126,7 +126,7 @@ def test_tiled_equals_untiled(view, estimator, rng):
     if view == "moving beams":
         start, end = (each + 0.1 * rng.normal(size=each.shape) for each in (start, end))
         close = pb.Beams(start, end, radius[:, 1], radius[:, 0], rng.uniform(0.1, 1, (300, 3)))
-    for look in (pb.Look(), pb.Look(across=pb.Gaussian(), along=pb.Exponential(2), eye=1.0, angle=1.0)):
+    for look in (pb.Look(), pb.Look(across=pb.looks.Gaussian(), along=pb.looks.Exponential(2), eye=1.0, angle=1.0)):
         found = pixels(picture.tiled(beams, look, estimator, close).radiance)
         expected = picture.one_by_one(beams, look, estimator, close)
         # One packs the beams about the camera, the other about the world's origin: places up to 20 units away round
@@ -325,7 +325,7 @@ def test_other_beams_and_another_camera_compile_nothing(rng):
         beams = pb.Beams(start, end, radius[:, 0], radius[:, 1], [[1, 1, 1]])
         dr.eval(Picture(view).tiled(beams, look, "auto").radiance)
 
-    look = pb.Look(along=pb.ColorRamp([0, 1], [[1, 0, 0], [0, 0, 1]]) * pb.Attenuation())
+    look = pb.Look(along=pb.looks.ColorRamp([0, 1], [[1, 0, 0], [0, 0, 1]]) * pb.looks.Attenuation())
     run("pinhole", 300)
     with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
         dr.kernel_history_clear()

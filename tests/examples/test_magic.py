@@ -48,10 +48,10 @@ def test_the_light_of_a_strand_goes_on_over_its_joints(shot):
     step = 1e-3 * strands.radius_end[joints, None] * axis
     # From beside the strand: the same curve passes elsewhere.
     origin = strands.end[joints] - 3 * strands.radius_end[joints, None] * across
-    look = pb.Look(along=pb.Expression("0.4 + random + s"), angle=pb.Isotropic(), eye=1.0)
+    look = pb.Look(along=pb.looks.Expression("0.4 + random + s"), angle=pb.looks.Isotropic(), eye=1.0)
     fog = pb.Medium((0.05, 0.05, 0.05))
     before, behind = (
-        pb.estimate(beams, origin + sign * step, across, look=look, medium=fog, estimator="frustum").numpy()[0]
+        pb.estimate(beams, origin + sign * step, across, look=look, medium=fog, estimator="frustum").numpy()[:, 0]
         for sign in (-1, 1)
     )
     assert before.min() > 0

@@ -21,18 +21,22 @@ def smoothstep(t):
 
 #: Profile, the same in NumPy before it is normalised, and what its table leaves of a corner of this slope in ρ².
 PROFILES = {
-    "uniform": (pb.Uniform(), np.ones_like, 0),
-    "epanechnikov": (pb.Epanechnikov(), lambda r: 1 - r * r, 0),
-    "biweight": (pb.Biweight(), lambda r: (1 - r * r) ** 2, 0),
-    "gaussian": (pb.Gaussian(), lambda r: np.exp(-0.5 * (r / 0.35) ** 2) - np.exp(-0.5 / 0.35**2), 0),
-    "narrow gaussian": (pb.Gaussian(0.1), lambda r: np.exp(-50 * r * r) - np.exp(-50), 50),
-    "wide gaussian": (pb.Gaussian(5), lambda r: np.exp(-0.02 * r * r) - np.exp(-0.02), 0),
-    "smoothstep": (pb.Smoothstep(), smoothstep, 0),
-    "hard smoothstep": (pb.Smoothstep(0.8), lambda r: smoothstep((r - 0.8) / 0.2), 5),
-    "tabulated": (pb.Tabulated([1, 0.8, 0.4, 0]), lambda r: np.interp(r, [0, 1 / 3, 2 / 3, 1], [1, 0.8, 0.4, 0]), 1),
+    "uniform": (pb.looks.Uniform(), np.ones_like, 0),
+    "epanechnikov": (pb.looks.Epanechnikov(), lambda r: 1 - r * r, 0),
+    "biweight": (pb.looks.Biweight(), lambda r: (1 - r * r) ** 2, 0),
+    "gaussian": (pb.looks.Gaussian(), lambda r: np.exp(-0.5 * (r / 0.35) ** 2) - np.exp(-0.5 / 0.35**2), 0),
+    "narrow gaussian": (pb.looks.Gaussian(0.1), lambda r: np.exp(-50 * r * r) - np.exp(-50), 50),
+    "wide gaussian": (pb.looks.Gaussian(5), lambda r: np.exp(-0.02 * r * r) - np.exp(-0.02), 0),
+    "smoothstep": (pb.looks.Smoothstep(), smoothstep, 0),
+    "hard smoothstep": (pb.looks.Smoothstep(0.8), lambda r: smoothstep((r - 0.8) / 0.2), 5),
+    "tabulated": (
+        pb.looks.Tabulated([1, 0.8, 0.4, 0]),
+        lambda r: np.interp(r, [0, 1 / 3, 2 / 3, 1], [1, 0.8, 0.4, 0]),
+        1,
+    ),
     "hollow": (across([0, 0, 1, 0]), lambda r: np.interp(r, [0, 1 / 3, 2 / 3, 1], [0, 0, 1, 0]), 5),
     "shell": (
-        pb.Hollow(0.4, 0.5),
+        pb.looks.Hollow(0.4, 0.5),
         lambda r: 1 - smoothstep(np.clip(np.minimum(r - 0.4, 1 - r) / 0.15, 0, 1)),
         5,
     ),
@@ -92,28 +96,28 @@ def test_a_line_integral_over_all_lines_is_one(name):
 def test_closed_forms_of_the_line_projection():
     u = np.linspace(0, 1, 200)
     x = Float(u * u)
-    uniform = np.asarray(Float(0) + pb.Uniform().line(x), dtype=float) * np.sqrt(1 - u * u)
+    uniform = np.asarray(Float(0) + pb.looks.Uniform().line(x), dtype=float) * np.sqrt(1 - u * u)
     np.testing.assert_allclose(uniform, 2 / np.pi * np.sqrt(1 - u * u), rtol=4 * EPSILON32)
-    epanechnikov = np.asarray(pb.Epanechnikov().line(x), dtype=float) * np.sqrt(1 - u * u)
+    epanechnikov = np.asarray(pb.looks.Epanechnikov().line(x), dtype=float) * np.sqrt(1 - u * u)
     np.testing.assert_allclose(epanechnikov, 8 / (3 * np.pi) * (1 - u * u) ** 1.5, atol=4 * EPSILON32)
 
 
 def test_corners_are_told_to_the_quadrature():
-    assert pb.Epanechnikov().corners == () and pb.Smoothstep().corners == ()
-    assert pb.Smoothstep(0.25).corners == (0.25,)
-    assert pb.Tabulated([1, 0.5, 0]).corners == (0.0, 0.5)
-    assert pb.Tabulated(np.linspace(1, 0, 64)).corners == (0.0,)
+    assert pb.looks.Epanechnikov().corners == () and pb.looks.Smoothstep().corners == ()
+    assert pb.looks.Smoothstep(0.25).corners == (0.25,)
+    assert pb.looks.Tabulated([1, 0.5, 0]).corners == (0.0, 0.5)
+    assert pb.looks.Tabulated(np.linspace(1, 0, 64)).corners == (0.0,)
 
 
 def test_a_hard_smoothstep_is_nearly_uniform():
-    assert float(pb.Smoothstep(1.0).density(Float(0.5))[0]) == pytest.approx(1 / np.pi, rel=2e-3)
+    assert float(pb.looks.Smoothstep(1.0).density(Float(0.5))[0]) == pytest.approx(1 / np.pi, rel=2e-3)
 
 
 def test_values_and_functions_become_profiles():
-    profile = pb.Biweight()
+    profile = pb.looks.Biweight()
     assert across(profile) is profile
-    assert isinstance(across([1, 0]), pb.Tabulated) and isinstance(across(lambda r: 1 - r), AcrossFunction)
-    assert isinstance(pb.Look().across, pb.Epanechnikov)
+    assert isinstance(across([1, 0]), pb.looks.Tabulated) and isinstance(across(lambda r: 1 - r), AcrossFunction)
+    assert isinstance(pb.Look().across, pb.looks.Epanechnikov)
     # A function may answer a number.
     assert float(across(lambda _: 3.0).density(Float(0.3))[0]) == pytest.approx(1 / np.pi, rel=1e-5)
 
@@ -121,15 +125,15 @@ def test_values_and_functions_become_profiles():
 @pytest.mark.parametrize(
     ("message", "make"),
     [
-        ("width is 0: expected 0.02 to 10 radii", lambda: pb.Gaussian(0)),
-        ("width is nan", lambda: pb.Gaussian(float("nan"))),
-        ("hardness is 1.5: expected 0 to 1", lambda: pb.Smoothstep(1.5)),
-        ("hardness is nan", lambda: pb.Smoothstep(float("nan"))),
-        ("at least two finite values", lambda: pb.Tabulated([1])),
-        ("at least two finite values", lambda: pb.Tabulated([[1, 0], [1, 0]])),
-        ("at least two finite values", lambda: pb.Tabulated([1, float("inf")])),
-        ("negative value", lambda: pb.Tabulated([1, -0.1])),
-        ("positive sum", lambda: pb.Tabulated([0, 0, 0]).density(Float(0.5))),
+        ("width is 0: expected 0.02 to 10 radii", lambda: pb.looks.Gaussian(0)),
+        ("width is nan", lambda: pb.looks.Gaussian(float("nan"))),
+        ("hardness is 1.5: expected a number from 0 to 1", lambda: pb.looks.Smoothstep(1.5)),
+        ("hardness is nan", lambda: pb.looks.Smoothstep(float("nan"))),
+        ("at least two finite values", lambda: pb.looks.Tabulated([1])),
+        ("at least two finite values", lambda: pb.looks.Tabulated([[1, 0], [1, 0]])),
+        ("at least two finite values", lambda: pb.looks.Tabulated([1, float("inf")])),
+        ("negative value", lambda: pb.looks.Tabulated([1, -0.1])),
+        ("positive sum", lambda: pb.looks.Tabulated([0, 0, 0]).density(Float(0.5))),
         ("finite values of at least 0", lambda: across(lambda r: r - 0.5)),
         ("finite values of at least 0", lambda: across(lambda r: 1 / r)),
     ],

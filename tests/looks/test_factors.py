@@ -22,7 +22,7 @@ FRACTION = DISTANCE / 5
 def values(factor, **given):
     """Return a factor's values at DISTANCE, (N, 3)."""
     at = {"distance": DISTANCE, "depth": DEPTH, "fraction": FRACTION} | given
-    found = factor.evaluate(pb.At(**{name: Float(x) for name, x in at.items()}, fog=pb.Fog(MEDIUM)))
+    found = factor.evaluate(pb.looks.At(**{name: Float(x) for name, x in at.items()}, fog=pb.looks.Fog(MEDIUM)))
     return np.asarray(Array3f(0) + dr.zeros(Float, len(DISTANCE)) + found, dtype=float).T
 
 
@@ -36,18 +36,18 @@ def polynomial(x):
 
 
 FACTORS = {
-    "attenuation": (pb.Attenuation(), np.exp(-EXTINCTION * DEPTH[:, None])),
-    "exponential": (pb.Exponential(0.7), colour(np.exp(-DISTANCE / 0.7))),
-    "three exponentials": (pb.Exponential([0.5, 1, 2]), np.exp(-DISTANCE[:, None] / [0.5, 1, 2])),
-    "power": (pb.Power(2, 0.5), colour((1 + DISTANCE / 0.5) ** -2)),
-    "root": (pb.Power(0.5), colour((1 + DISTANCE) ** -0.5)),
-    "polynomial": (pb.Polynomial([1, -2, 0.5]), colour(polynomial(FRACTION))),
+    "attenuation": (pb.looks.Attenuation(), np.exp(-EXTINCTION * DEPTH[:, None])),
+    "exponential": (pb.looks.Exponential(0.7), colour(np.exp(-DISTANCE / 0.7))),
+    "three exponentials": (pb.looks.Exponential([0.5, 1, 2]), np.exp(-DISTANCE[:, None] / [0.5, 1, 2])),
+    "power": (pb.looks.Power(2, 0.5), colour((1 + DISTANCE / 0.5) ** -2)),
+    "root": (pb.looks.Power(0.5), colour((1 + DISTANCE) ** -0.5)),
+    "polynomial": (pb.looks.Polynomial([1, -2, 0.5]), colour(polynomial(FRACTION))),
     "polynomial of colours": (
-        pb.Polynomial([[1, 2, 3], [0, -1, -6]]),
+        pb.looks.Polynomial([[1, 2, 3], [0, -1, -6]]),
         np.stack([0 * FRACTION + 1, 2 - FRACTION, np.maximum(3 - 6 * FRACTION, 0)], axis=1),
     ),
     "polynomial over a distance": (
-        pb.Polynomial([0, 1], begin=1, end=3, space="distance"),
+        pb.looks.Polynomial([0, 1], begin=1, end=3, space="distance"),
         colour(np.clip((DISTANCE - 1) / 2, 0, 1)),
     ),
     "number": (pb.Look(along=0.25).along, colour(np.full_like(DISTANCE, 0.25))),
@@ -58,11 +58,11 @@ FACTORS = {
         np.stack([DISTANCE, 2 * DISTANCE, np.ones_like(DISTANCE)], axis=1),
     ),
     "product": (
-        pb.Attenuation() * pb.Power(2, 0.5) * 3 * pb.Exponential(4),
+        pb.looks.Attenuation() * pb.looks.Power(2, 0.5) * 3 * pb.looks.Exponential(4),
         np.exp(-EXTINCTION * DEPTH[:, None]) * 3 * colour((1 + DISTANCE / 0.5) ** -2 * np.exp(-DISTANCE / 4)),
     ),
-    "number times factor": (2 * pb.Exponential(1), colour(2 * np.exp(-DISTANCE))),
-    "colour times factor": ([1, 2, 3] * pb.Exponential(1), np.exp(-DISTANCE)[:, None] * [1, 2, 3]),
+    "number times factor": (2 * pb.looks.Exponential(1), colour(2 * np.exp(-DISTANCE))),
+    "colour times factor": ([1, 2, 3] * pb.looks.Exponential(1), np.exp(-DISTANCE)[:, None] * [1, 2, 3]),
 }
 
 
@@ -109,7 +109,7 @@ def by_hand(interpolation, x):
 def test_a_ramp_interpolates_its_knots(interpolation, space):
     begin, end = (0.0, 1.0) if space == "fraction" else (1.0, 4.0)
     place = FRACTION if space == "fraction" else (DISTANCE - 1) / 3
-    ramp = pb.ColorRamp(KNOTS, COLOURS, interpolation, begin, end, space)
+    ramp = pb.looks.ColorRamp(KNOTS, COLOURS, interpolation, begin, end, space)
     expected, found = by_hand(interpolation, place), values(ramp)
     step = (KNOTS[-1] - KNOTS[0]) / (RESOLUTION - 1)
     smooth = np.abs(place[:, None] - KNOTS).min(axis=1) > step
@@ -123,14 +123,14 @@ def test_a_ramp_interpolates_its_knots(interpolation, space):
 @pytest.mark.parametrize("interpolation", ["none", "linear", "smooth", "catmull-rom", "monotone"])
 def test_a_ramp_has_its_knots_colours_at_its_knots(interpolation):
     np.testing.assert_allclose(interpolate(KNOTS, COLOURS, interpolation, KNOTS), COLOURS, atol=1e-14)
-    one = pb.ColorRamp([0.5], [[1, 2, 3]], interpolation)
+    one = pb.looks.ColorRamp([0.5], [[1, 2, 3]], interpolation)
     np.testing.assert_allclose(values(one), np.tile([1.0, 2.0, 3.0], (len(DISTANCE), 1)))
 
 
 def test_catmull_rom_gives_no_negative_light_and_monotone_does_not_overshoot():
     knots, bumpy = [0, 0.3, 0.4, 1], [[0] * 3, [0] * 3, [1] * 3, [1] * 3]
-    assert values(pb.ColorRamp(knots, bumpy, "catmull-rom")).min() >= 0
-    found = values(pb.ColorRamp(knots, bumpy, "monotone"))
+    assert values(pb.looks.ColorRamp(knots, bumpy, "catmull-rom")).min() >= 0
+    found = values(pb.looks.ColorRamp(knots, bumpy, "monotone"))
     assert found.min() >= 0 and found.max() <= 1
 
 
@@ -138,21 +138,26 @@ def test_corners_of_ramps_and_polynomials_are_told_to_the_quadrature():
     def named(space, places):
         return [(space, pytest.approx(place)) for place in places]
 
-    assert list(pb.ColorRamp(KNOTS, COLOURS).corners) == named("fraction", KNOTS)
-    assert pb.ColorRamp(KNOTS, COLOURS, "smooth").corners == ()
-    steps = [place for _, place in pb.ColorRamp(KNOTS, COLOURS, "none").corners]
+    assert list(pb.looks.ColorRamp(KNOTS, COLOURS).corners) == named("fraction", KNOTS)
+    assert pb.looks.ColorRamp(KNOTS, COLOURS, "smooth").corners == ()
+    steps = [place for _, place in pb.looks.ColorRamp(KNOTS, COLOURS, "none").corners]
     # On both sides of each step, an entry of the table apart.
     assert [a < k <= b for k, a, b in zip(KNOTS[1:], steps[::2], steps[1::2], strict=True)] == [True] * 3
     assert np.diff(steps)[::2] == pytest.approx((KNOTS[-1] - KNOTS[0]) / (RESOLUTION - 1))
-    ramp = pb.ColorRamp(KNOTS, COLOURS, "linear", 1, 3, "distance")
+    ramp = pb.looks.ColorRamp(KNOTS, COLOURS, "linear", 1, 3, "distance")
     assert list(ramp.corners) == named("distance", 1 + 2 * KNOTS)
-    assert list(pb.Polynomial([1, 2], 0.25, 0.5).corners) == named("fraction", (0.25, 0.5))
-    assert pb.ColorRamp(KNOTS, COLOURS, space="angle").corners == ()
-    for made in (pb.Product, pb.Sum, lambda pair: pair[0].mix(*pair), lambda pair: pb.Sum(pair).clamp()):
-        both = made((pb.ColorRamp(KNOTS, COLOURS), pb.Polynomial([1, 2], 1, 2, "distance")))
+    assert list(pb.looks.Polynomial([1, 2], 0.25, 0.5).corners) == named("fraction", (0.25, 0.5))
+    assert pb.looks.ColorRamp(KNOTS, COLOURS, space="angle").corners == ()
+    for made in (
+        pb.looks.Product,
+        pb.looks.Sum,
+        lambda pair: pair[0].mix(*pair),
+        lambda pair: pb.looks.Sum(pair).clamp(),
+    ):
+        both = made((pb.looks.ColorRamp(KNOTS, COLOURS), pb.looks.Polynomial([1, 2], 1, 2, "distance")))
         for corner in [*named("fraction", KNOTS), *named("distance", (1, 2))]:
             assert corner in both.corners
-    look = pb.Look(along=1.0, eye=ramp, across=pb.ColorRamp(KNOTS, COLOURS, space="radius"), angle=1.0)
+    look = pb.Look(along=1.0, eye=ramp, across=pb.looks.ColorRamp(KNOTS, COLOURS, space="radius"), angle=1.0)
     assert list(look.bind(None, 4.0).corners) == [*named("eye", 1 + 2 * KNOTS), *named("radius", KNOTS)]
 
 
@@ -184,9 +189,9 @@ def henyey_greenstein(g):
 def test_view_angle_factors_are_their_formulas():
     scattering = np.array(MEDIUM.scattering)
     cases = {
-        pb.Scattering(): scattering * henyey_greenstein(0.4)[:, None],
-        pb.Isotropic(): scattering * colour(np.full_like(COSINE, 1 / (4 * np.pi))),
-        pb.Glow(0.8, 0.25, 3): scattering * (0.75 / (4 * np.pi) + 0.25 * 3 * henyey_greenstein(0.8))[:, None],
+        pb.looks.Scattering(): scattering * henyey_greenstein(0.4)[:, None],
+        pb.looks.Isotropic(): scattering * colour(np.full_like(COSINE, 1 / (4 * np.pi))),
+        pb.looks.Glow(0.8, 0.25, 3): scattering * (0.75 / (4 * np.pi) + 0.25 * 3 * henyey_greenstein(0.8))[:, None],
         pb.Look(angle=lambda c: 1 + c).angle: colour(1 + COSINE),
         pb.Look(angle=0.5).angle: colour(np.full_like(COSINE, 0.5)),
     }
@@ -221,11 +226,11 @@ def test_a_look_is_physical_unless_told():
 def test_the_path_is_along_times_eye():
     for along in (
         2.0,
-        pb.Exponential([1, 2, 3]),
-        pb.ColorRamp(KNOTS, COLOURS) * pb.Attenuation(),
+        pb.looks.Exponential([1, 2, 3]),
+        pb.looks.ColorRamp(KNOTS, COLOURS) * pb.looks.Attenuation(),
         lambda s: 1 / (1 + s),
     ):
-        for eye in (0.5, pb.Attenuation(), pb.Power(1) * pb.Exponential(2)):
+        for eye in (0.5, pb.looks.Attenuation(), pb.looks.Power(1) * pb.looks.Exponential(2)):
             look = pb.Look(along=along, eye=eye).bind(MEDIUM, 5.0)
             s, d, f, t = Float(DISTANCE), Float(DEPTH), Float(FRACTION), Float(DISTANCE / 2)
             product = look.along(s, d, f) * look.eye(t, t)
@@ -234,20 +239,22 @@ def test_the_path_is_along_times_eye():
 
 
 def test_rates_tell_how_fast_the_factors_change():
-    look = pb.Look(along=pb.Exponential(0.5), eye=pb.Power(2, 0.25), angle=1.0).bind(None, 4.0)
+    look = pb.Look(along=pb.looks.Exponential(0.5), eye=pb.looks.Power(2, 0.25), angle=1.0).bind(None, 4.0)
     # Differences over 1/511 of the reach see the slope at its begin within the same share of the length.
     assert look.rate_along[0] == pytest.approx(2, rel=0.02)
     assert look.rate_fraction[0] == 0
     assert look.rate_eye[0] == pytest.approx(8, rel=0.1)
-    ramp = pb.Look(along=pb.ColorRamp([0, 0.25, 1], [[1] * 3, [0] * 3, [0] * 3]), eye=1.0, angle=1.0).bind(None, 4.0)
+    ramp = pb.Look(along=pb.looks.ColorRamp([0, 0.25, 1], [[1] * 3, [0] * 3, [0] * 3]), eye=1.0, angle=1.0).bind(
+        None, 4.0
+    )
     assert ramp.rate_fraction[0] == pytest.approx(4, rel=0.02)
     assert ramp.rate_along[0] == 0 and ramp.rate_eye[0] == 0
 
 
-@pytest.mark.parametrize("make", [pb.Attenuation, pb.Scattering, pb.Isotropic, pb.Glow])
+@pytest.mark.parametrize("make", [pb.looks.Attenuation, pb.looks.Scattering, pb.looks.Isotropic, pb.looks.Glow])
 def test_a_physical_factor_without_a_medium_says_so(make):
     with pytest.raises(ValueError, match="physical factor: give estimate\\(\\) a medium"):
-        make().evaluate(pb.At(depth=Float(1), cosine=Float(0)))
+        make().evaluate(pb.looks.At(depth=Float(1), cosine=Float(0)))
 
 
 NAN = float("nan")
@@ -256,31 +263,31 @@ NAN = float("nan")
 @pytest.mark.parametrize(
     ("message", "make"),
     [
-        ("exponential falloff's length is 0: expected a positive number", lambda: pb.Exponential(0)),
-        ("length is", lambda: pb.Exponential([1, -1, 1])),
-        ("length is nan", lambda: pb.Exponential(NAN)),
-        ("power falloff's length is -1", lambda: pb.Power(2, -1)),
-        ("exponent", lambda: pb.Power(NAN)),
-        ("finite coefficients", lambda: pb.Polynomial([])),
-        ("finite coefficients", lambda: pb.Polynomial([1, NAN])),
-        ("from 1 to 0: expected its end behind its begin", lambda: pb.Polynomial([1], 1, 0)),
+        ("exponential falloff's length is 0: expected a positive number", lambda: pb.looks.Exponential(0)),
+        ("length is", lambda: pb.looks.Exponential([1, -1, 1])),
+        ("length is nan", lambda: pb.looks.Exponential(NAN)),
+        ("power falloff's length is -1", lambda: pb.looks.Power(2, -1)),
+        ("exponent", lambda: pb.looks.Power(NAN)),
+        ("finite coefficients", lambda: pb.looks.Polynomial([])),
+        ("finite coefficients", lambda: pb.looks.Polynomial([1, NAN])),
+        ("from 1 to 0: expected its end behind its begin", lambda: pb.looks.Polynomial([1], 1, 0)),
         (
             "space is 'time': expected one of fraction, distance, radius, angle",
-            lambda: pb.Polynomial([1], space="time"),
+            lambda: pb.looks.Polynomial([1], space="time"),
         ),
-        ("interpolation is 'cubic': expected one of none, linear", lambda: pb.ColorRamp(KNOTS, COLOURS, "cubic")),
-        ("expected \\(M,\\) and \\(M, 3\\)", lambda: pb.ColorRamp(KNOTS, COLOURS[:3])),
-        ("expected \\(M,\\) and \\(M, 3\\)", lambda: pb.ColorRamp([], np.zeros((0, 3)))),
-        ("not finite", lambda: pb.ColorRamp([0, NAN], COLOURS[:2])),
-        ("expected positions that ascend", lambda: pb.ColorRamp([0, 0.5, 0.5], COLOURS[:3])),
+        ("interpolation is 'cubic': expected one of none, linear", lambda: pb.looks.ColorRamp(KNOTS, COLOURS, "cubic")),
+        ("expected \\(M,\\) and \\(M, 3\\)", lambda: pb.looks.ColorRamp(KNOTS, COLOURS[:3])),
+        ("expected \\(M,\\) and \\(M, 3\\)", lambda: pb.looks.ColorRamp([], np.zeros((0, 3)))),
+        ("not finite", lambda: pb.looks.ColorRamp([0, NAN], COLOURS[:2])),
+        ("expected positions that ascend", lambda: pb.looks.ColorRamp([0, 0.5, 0.5], COLOURS[:3])),
         ("texture along the beam has shape \\(4, 2\\)", lambda: Texture(np.zeros((4, 2)))),
         ("texture", lambda: Texture(np.full((4, 3), NAN))),
         ("constant factor is nan", lambda: pb.Look(along=NAN)),
         ("constant factor is \\[1, 2\\]", lambda: pb.Look(eye=[1, 2])),
-        ("anisotropy is 1: expected a number from -0.99 to 0.99", lambda: pb.Glow(1)),
-        ("mix 2 and gain 1", lambda: pb.Glow(mix=2)),
-        ("gain -1", lambda: pb.Glow(gain=-1)),
-        ("gain nan", lambda: pb.Glow(gain=NAN)),
+        ("anisotropy is 1: expected a number from -0.99 to 0.99", lambda: pb.looks.Glow(1)),
+        ("mix is 2: expected a number from 0 to 1", lambda: pb.looks.Glow(mix=2)),
+        ("gain is -1: expected a number that is not negative", lambda: pb.looks.Glow(gain=-1)),
+        ("gain is nan", lambda: pb.looks.Glow(gain=NAN)),
     ],
 )
 def test_bad_factors_are_told_in_a_sentence(message, make):

@@ -9,7 +9,7 @@ import pytest
 import photonbeams as pb
 from photonbeams.looks.at import INPUTS
 from photonbeams.numerics.hashing import hash32
-from photonbeams.runtime.device import Array3f, Float
+from photonbeams.runtime.device import Array3f, Float, UInt32
 from photonbeams.scene import SceneError
 
 MEDIUM = pb.Medium((0.2, 0.1, 0.1))
@@ -31,7 +31,7 @@ def seen(look, context=None, estimator="auto", **fields):
         np.asarray(
             pb.estimate(beams, ORIGIN, DIRECTION, look=each, medium=MEDIUM, context=context, estimator=estimator),
             dtype=float,
-        ).T
+        )
         for each in (look, pb.Look(**PLAIN))
     ]
     return values[0] / values[1]
@@ -61,16 +61,16 @@ FIELDS = {"random": [0.125, 0.5, 0.875], "id": [7, 8, 9], "generation": [0, 1, 2
 @pytest.mark.parametrize("estimator", ["billboard", "frustum"])
 @pytest.mark.parametrize("name", [name for name in INPUTS if VALUES[name] is not None])
 def test_an_input_is_what_its_name_says(name, estimator):
-    context = pb.Context(frame=60, time=2.5, light=3, to_world=TO_WORLD)
+    context = pb.looks.Context(frame=60, time=2.5, light=3, to_world=TO_WORLD)
     expected = np.asarray(VALUES[name], dtype=float)
     expected = np.repeat(expected[:, None], 3, axis=1) if expected.ndim == 1 else expected
     # In each place, shifted so that no value is negative; across and angle are asked for it, too.
     offset = 200.0 if name == "angle" else 10.0
     functions = {
-        "by name": pb.Look(**{**PLAIN, "along": pb.Function(_named(name, offset))}),
+        "by name": pb.Look(**{**PLAIN, "along": pb.looks.Function(_named(name, offset))}),
         "expression": pb.Look(**{**PLAIN, "eye": f"{name} + {offset}"}),
         "angle": pb.Look(**{**PLAIN, "angle": f"{name} + {offset}"}),
-        "across": pb.Look(**PLAIN, across=pb.Epanechnikov() * pb.Expression(f"{name} + {offset}")),
+        "across": pb.Look(**PLAIN, across=pb.looks.Epanechnikov() * pb.looks.Expression(f"{name} + {offset}")),
     }
     for what, look in functions.items():
         found = seen(look, context, estimator, **FIELDS) - offset
@@ -88,8 +88,8 @@ def _named(name, offset):
 @pytest.mark.parametrize("estimator", ["billboard", "frustum"])
 def test_the_radius_is_that_of_the_place_on_the_ray(estimator):
     """The mean of ρ² over a chord through the axis of a uniform cylinder is 1/3."""
-    look = pb.Look(**PLAIN, across=pb.Uniform() * pb.Expression("r * r"))
-    plain = pb.Look(**PLAIN, across=pb.Uniform())
+    look = pb.Look(**PLAIN, across=pb.looks.Uniform() * pb.looks.Expression("r * r"))
+    plain = pb.Look(**PLAIN, across=pb.looks.Uniform())
     values = [
         np.asarray(pb.estimate(pb.Beams(**BEAMS), ORIGIN, DIRECTION, look=each, estimator=estimator), dtype=float)
         for each in (look, plain)
@@ -114,7 +114,7 @@ def test_what_a_look_does_not_ask_for_is_not_packed():
     assert not (plain.of_beams or plain.by_radius or plain.of_places)
     assert pb.Look(along="random").bind(MEDIUM, 2.0).of_beams
     assert pb.Look(across=lambda r, s: r * s).bind(MEDIUM, 2.0).by_radius
-    assert pb.Look(eye=pb.Noise()).bind(MEDIUM, 2.0).of_places
+    assert pb.Look(eye=pb.looks.Noise()).bind(MEDIUM, 2.0).of_places
 
 
 def test_noise_is_one_in_the_mean_and_goes_with_the_light():
@@ -122,43 +122,43 @@ def test_noise_is_one_in_the_mean_and_goes_with_the_light():
     points = rng.uniform(-50, 50, (20_000, 3))
 
     def values(noise, context=None):
-        at = pb.At(place=lambda: Array3f(points.T), context=context)
+        at = pb.looks.At(place=lambda: Array3f(points.T), context=context)
         return np.asarray(noise.evaluate(at), dtype=float)
 
-    found = values(pb.Noise(1, scale=2, contrast=1))
+    found = values(pb.looks.Noise(1, scale=2, contrast=1))
     # 20,000 points in 50³ wisps' worth of space are nearly independent; contrast 1 is clipped nowhere.
     assert found.mean() == pytest.approx(1, abs=5 * found.std() / np.sqrt(len(found)))
     assert found.std() > 0.15 and found.min() >= 0
-    np.testing.assert_allclose(values(pb.Noise(0.0)), 1)
-    moved = pb.Context(to_world=[[1, 0, 0, 3], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
-    with_light = values(pb.Noise(space="light"), moved)
+    np.testing.assert_allclose(values(pb.looks.Noise(0.0)), 1)
+    moved = pb.looks.Context(to_world=[[1, 0, 0, 3], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
+    with_light = values(pb.looks.Noise(space="light"), moved)
     points = points - [3, 0, 0]
-    np.testing.assert_allclose(with_light, values(pb.Noise(), moved), atol=1e-4)
+    np.testing.assert_allclose(with_light, values(pb.looks.Noise(), moved), atol=1e-4)
 
 
 def test_noise_drifts_by_its_speed():
     points = np.random.default_rng(4).uniform(-5, 5, (500, 3))
 
     def values(points, time):
-        at = pb.At(place=lambda: Array3f(points.T), context=pb.Context(time=time))
-        return np.asarray(pb.Noise(drift=(1, 0, -2), scale=0.5).evaluate(at), dtype=float)
+        at = pb.looks.At(place=lambda: Array3f(points.T), context=pb.looks.Context(time=time))
+        return np.asarray(pb.looks.Noise(drift=(1, 0, -2), scale=0.5).evaluate(at), dtype=float)
 
     np.testing.assert_allclose(values(points + np.array([3, 0, -6]), 3.0), values(points, 0.0), atol=1e-3)
     assert np.abs(values(points, 3.0) - values(points, 0.0)).mean() > 0.1
 
 
 def test_variation_scales_each_beam_by_its_random_number():
-    found = seen(pb.Look(**{**PLAIN, "along": pb.Variation(0.5)}), **FIELDS)
+    found = seen(pb.Look(**{**PLAIN, "along": pb.looks.Variation(0.5)}), **FIELDS)
     np.testing.assert_allclose(found[:, 0], [0.625, 1.0, 1.375], rtol=1e-4)
 
 
 def test_factors_compose():
-    ramp = pb.ColorRamp([0, 1], [[0, 0, 0], [1, 1, 1]])
+    ramp = pb.looks.ColorRamp([0, 1], [[0, 0, 0], [1, 1, 1]])
     cases = {
         "sum": (ramp + 0.5, [0.75, 1, 1.25]),
         "number plus factor": (0.5 + ramp, [0.75, 1, 1.25]),
         "mixture": (ramp.mix(2.0, 0.5), [1.125, 1.25, 1.375]),
-        "mixture by a factor": (pb.Constant(4.0).mix(0.0, ramp), [3, 2, 1]),
+        "mixture by a factor": (pb.looks.Constant(4.0).mix(0.0, ramp), [3, 2, 1]),
         "clamp": (ramp.clamp(0.3, 0.6), [0.3, 0.5, 0.6]),
         "expression": ("smoothstep(0, 1, s)", [0.15625, 0.5, 0.84375]),
         "product": (ramp * "2 * s", [0.125, 0.5, 1.125]),
@@ -172,7 +172,7 @@ def test_an_expression_of_the_radius_alone_is_a_normalised_profile():
     look = pb.Look(across="7 * (1 - r * r)")
     assert look.modulation is None
     x = np.linspace(0, 1, 50)
-    np.testing.assert_allclose(look.across.density(Float(x)), pb.Epanechnikov().density(Float(x)), atol=1e-4)
+    np.testing.assert_allclose(look.across.density(Float(x)), pb.looks.Epanechnikov().density(Float(x)), atol=1e-4)
     assert pb.Look(across="1 - r * s").modulation is not None
     assert pb.Look(across="[1, r, 0]").modulation is not None
 
@@ -184,12 +184,13 @@ def compiled():
 def test_other_numbers_in_a_look_compile_nothing():
     def render(number):
         factors = {
-            "along": pb.Expression(f"smoothstep(0, {number}, s) * noise({number} * P + time)") * pb.Variation(number),
-            "across": pb.Smoothstep(number) * pb.Noise(scale=number, drift=(number, 0, 0)),
-            "eye": pb.Fade(number, 10, "linear"),
-            "angle": pb.ColorRamp([0, number], [[1, 1, 1], [number] * 3], space="angle"),
+            "along": pb.looks.Expression(f"smoothstep(0, {number}, s) * noise({number} * P + time)")
+            * pb.looks.Variation(number),
+            "across": pb.looks.Smoothstep(number) * pb.looks.Noise(scale=number, drift=(number, 0, 0)),
+            "eye": pb.looks.Fade(number, 10, "linear"),
+            "angle": pb.looks.ColorRamp([0, number], [[1, 1, 1], [number] * 3], space="angle"),
         }
-        return seen(pb.Look(**factors), pb.Context(number, number, 2, TO_WORLD + 0 * number))
+        return seen(pb.Look(**factors), pb.looks.Context(number, number, 2, TO_WORLD + 0 * number))
 
     with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
         render(0.5)
@@ -205,9 +206,9 @@ def test_light_is_neither_negative_nor_endless():
 
     for factor, expected in (
         (lambda distance: dr.sin(5 * distance), np.maximum(np.sin([2.5, 5.0, 7.5]), 0)),
-        (pb.Constant(1.0) + -2.0, [0, 0, 0]),
-        (pb.Constant([-1, -1, -1]), [0, 0, 0]),
-        (pb.Function(spiked), [0.5, 0, 0.5]),
+        (pb.looks.Constant(1.0) + -2.0, [0, 0, 0]),
+        (pb.looks.Constant([-1, -1, -1]), [0, 0, 0]),
+        (pb.looks.Function(spiked), [0.5, 0, 0.5]),
     ):
         np.testing.assert_allclose(seen(pb.Look(**{**PLAIN, "along": factor}))[:, 0], expected, atol=5e-3)
     assert not seen(pb.Look(**{**PLAIN, "angle": lambda cosine: -1 - cosine})).any()
@@ -232,19 +233,19 @@ def test_an_exit_in_a_function_is_told_in_a_sentence():
 @pytest.mark.parametrize("text", ["r > 0.95", "pulse(10 * r, 0.2)", "exp(-((r - 0.9) / 0.01) ** 2)"])
 def test_steps_by_radius_are_projected_as_they_are_integrated(text):
     """In pieces of a 64th of the radius, by six points each: a step is off by a 400th of it."""
-    look = pb.Look(**PLAIN, across=pb.Uniform() * pb.Expression(text))
+    look = pb.Look(**PLAIN, across=pb.looks.Uniform() * pb.looks.Expression(text))
     beams = pb.Beams([[0, 0, 0]], [[0, 0, 2]], 0.1, 0.1, [[1, 1, 1]])
     x = np.linspace(-0.095, 0.095, 200)
     origin = np.stack([x, np.full(200, -4.0), np.ones(200)], axis=1)
     found, exact = (
-        np.asarray(pb.estimate(beams, origin, (0, 1, 0), look=look, estimator=each, rule=rule), dtype=float)[0]
+        np.asarray(pb.estimate(beams, origin, (0, 1, 0), look=look, estimator=each, rule=rule), dtype=float)[:, 0]
         for each, rule in (("auto", pb.gauss_legendre(6)), ("frustum", pb.riemann(256)))
     )
     assert found.mean() == pytest.approx(exact.mean(), rel=0.01)
 
 
 def test_corners_by_radius_are_known_in_every_slot():
-    ramp = pb.ColorRamp([0, 0.3, 1], [[1, 0, 0], [0, 1, 0], [0, 0, 1]], space="radius")
+    ramp = pb.looks.ColorRamp([0, 0.3, 1], [[1, 0, 0], [0, 1, 0], [0, 0, 1]], space="radius")
     for slot in ("along", "eye", "angle", "across"):
         assert ("radius", pytest.approx(0.3)) in pb.Look(**{**PLAIN, slot: ramp}).bind(MEDIUM, 2.0).corners
 
@@ -270,23 +271,23 @@ def test_a_function_that_goes_wrong_is_told_in_a_sentence():
     with pytest.raises(ValueError, match='expression "1 - x", column 5'):
         pb.Look(along="1 - x")
     with pytest.raises(ValueError, match=r"clamped to 1 to 0: expected a range that ascends"):
-        pb.Constant(1).clamp(1, 0)
+        pb.looks.Constant(1).clamp(1, 0)
 
 
 @pytest.mark.parametrize(
     ("message", "make"),
     [
-        ("amount 2 and contrast 2.0", lambda: pb.Noise(2)),
-        ("contrast -1", lambda: pb.Noise(contrast=-1)),
-        ("scale 0 and 4 octaves", lambda: pb.Noise(scale=0)),
-        ("9 octaves", lambda: pb.Noise(octaves=9)),
-        ("finite numbers, and a drift of three", lambda: pb.Noise(drift=(1, 2))),
-        ("finite numbers", lambda: pb.Noise(evolution=float("nan"))),
-        ("space 'object'", lambda: pb.Noise(space="object")),
-        ("variation is -1", lambda: pb.Variation(-1)),
-        ("inner 1 and softness 1.0", lambda: pb.Hollow(1)),
-        ("softness 0", lambda: pb.Hollow(0.5, 0)),
-        ("from 2.0 to 1.0", lambda: pb.Fade(2, 1)),
+        ("amount is 2: expected a number from 0 to 1", lambda: pb.looks.Noise(2)),
+        ("contrast is -1", lambda: pb.looks.Noise(contrast=-1)),
+        ("scale is 0: expected a positive size", lambda: pb.looks.Noise(scale=0)),
+        ("octaves is 9: expected a whole number from 1 to 8", lambda: pb.looks.Noise(octaves=9)),
+        ("drift is \\(1, 2\\): expected three finite numbers", lambda: pb.looks.Noise(drift=(1, 2))),
+        ("evolution is nan", lambda: pb.looks.Noise(evolution=float("nan"))),
+        ("space is 'object': expected one of world, light", lambda: pb.looks.Noise(space="object")),
+        ("variation is -1", lambda: pb.looks.Variation(-1)),
+        ("inner radius is 1: expected a number from 0 to 0.99", lambda: pb.looks.Hollow(1)),
+        ("softness is 0", lambda: pb.looks.Hollow(0.5, 0)),
+        ("from 2 to 1", lambda: pb.looks.Fade(2, 1)),
     ],
 )
 def test_bad_parameters_are_told_in_a_sentence(message, make):
@@ -295,6 +296,6 @@ def test_bad_parameters_are_told_in_a_sentence(message, make):
 
 
 def test_a_hash_is_spread_over_all_bits():
-    bits = np.asarray(hash32(dr.arange(pb.device.UInt32, 4096)), dtype=np.uint32)
+    bits = np.asarray(hash32(dr.arange(UInt32, 4096)), dtype=np.uint32)
     for bit in range(32):  # each is set for half of the numbers, within five standard deviations
         assert ((bits >> bit) & 1).mean() == pytest.approx(0.5, abs=5 * 0.5 / 64)

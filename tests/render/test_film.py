@@ -53,7 +53,7 @@ def through_pixels(lens=(0.0, 0.0)):
 def instant(beams, lens=(0.0, 0.0)):
     each = pb.Beams(beams.start, beams.end, beams.radius_start, beams.radius_end, beams.power)
     origin, direction = through_pixels(lens)
-    return pb.estimate(each, origin, direction, medium=FOG).numpy()[0].reshape(HEIGHT, WIDTH).astype(np.float64)
+    return pb.estimate(each, origin, direction, medium=FOG).numpy()[:, 0].reshape(HEIGHT, WIDTH).astype(np.float64)
 
 
 def blocks(picture):

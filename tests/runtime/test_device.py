@@ -120,7 +120,7 @@ def test_dr_jit_that_was_started_with_an_old_llvm_is_refused():
     code = """if True:
     import drjit
     drjit.detail.llvm_version = lambda: (15, 0, 7)
-    from photonbeams import device
+    from photonbeams.runtime import device
     device.select("cpu")
     """
     assert "import photonbeams first" in run(code)
@@ -162,7 +162,7 @@ def test_auto_follows_the_variant_that_mitsuba_already_has():
 @needs_llvm
 def test_the_environment_says_what_auto_means():
     code = """if True:
-    from photonbeams import device
+    from photonbeams.runtime import device
     device._cuda_problem = lambda: None
     device.select("auto")
     print(device.backend())
@@ -181,7 +181,7 @@ def test_another_device_than_the_running_one_is_refused(monkeypatch):
 
 @pytest.mark.skipif(device._cuda_problem() is None, reason="this machine has CUDA")
 def test_cuda_on_a_machine_without_it_is_one_sentence():
-    sentence = run("from photonbeams import device; device.select('cuda')")
+    sentence = run("from photonbeams.runtime import device; device.select('cuda')")
     assert sentence.startswith("photonbeams.runtime.device.DeviceError: device is cuda, but")
 
 
@@ -232,8 +232,9 @@ def test_every_public_name_is_there():
     import photonbeams
     from photonbeams import looks
 
-    assert set(looks.__all__) < set(photonbeams.__all__)
-    for name in photonbeams.__all__:
-        assert getattr(photonbeams, name) is not None
+    assert dir(photonbeams) == sorted(photonbeams.__all__)
+    for module in (photonbeams, looks):
+        for name in module.__all__:
+            assert getattr(module, name) is not None
     with pytest.raises(AttributeError, match="no attribute 'Beam'"):
         _ = photonbeams.Beam

@@ -268,7 +268,7 @@ def Xform "World" {
     }
 }
 """
-GREEN = pb.Look(along=pb.Constant([0, 1, 0]) * pb.Attenuation())
+GREEN = pb.Look(along=pb.looks.Constant([0, 1, 0]) * pb.looks.Attenuation())
 
 
 @pytest.mark.parametrize(

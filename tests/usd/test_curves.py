@@ -394,8 +394,8 @@ def test_a_look_that_asks_for_random_numbers_shows_no_joints(scene):
     origin = np.stack([np.cos(turn), np.sin(turn), np.full(200, 2.0)], axis=1)
     fog = pb.Medium((0.1, 0.1, 0.1))
     plain, random = (
-        pb.estimate(beams, origin, (0, 0, -1), look=pb.Look(along=along), medium=fog).numpy()[0]
-        for along in (pb.Constant(1), pb.Expression("random"))
+        pb.estimate(beams, origin, (0, 0, -1), look=pb.Look(along=along), medium=fog).numpy()[:, 0]
+        for along in (pb.looks.Constant(1), pb.looks.Expression("random"))
     )
     assert plain.min() > 0
     # One number over the whole curve, to the rounding of single precision; it would be another one at each joint.

@@ -38,7 +38,7 @@ def test_without_the_geometric_factor_the_power_is_the_published_formula():
     assert np.allclose(power, published / (8 / (3 * np.pi * 0.25) / (4 * np.pi)))
 
 
-@pytest.mark.parametrize("profile", [None, pb.Uniform(), pb.Gaussian(), pb.Smoothstep(0.7)])
+@pytest.mark.parametrize("profile", [None, pb.looks.Uniform(), pb.looks.Gaussian(), pb.looks.Smoothstep(0.7)])
 @pytest.mark.parametrize("anisotropy", [0.0, 0.6])
 def test_a_beam_seen_from_the_side_shows_the_colors_in_the_picture(profile, anisotropy):
     distance, radius = 2.5, 0.01
@@ -52,8 +52,8 @@ def test_a_beam_seen_from_the_side_shows_the_colors_in_the_picture(profile, anis
     seen = pb.estimate(beams, origin, [[0, 0, -1], [0, 0, -1]], **options).numpy()
     near = NEAR * np.exp(-np.asarray(medium.extinction) * begin)
     # The fog within the beam is thin: (σt R)² / 6 < 1e-4; the tabulated profiles add their interpolation.
-    assert np.allclose(seen[:, 0], near, rtol=5e-4)
-    assert np.allclose(seen[:, 1], FAR, rtol=5e-4)
+    assert np.allclose(seen[0], near, rtol=5e-4)
+    assert np.allclose(seen[1], FAR, rtol=5e-4)
 
 
 def test_a_far_color_is_kept_between_a_tenth_and_nearly_all_of_the_near_one():

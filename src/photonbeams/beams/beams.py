@@ -6,25 +6,30 @@ the Talk's linear RiCurves with two control points. `Beams` holds many of them a
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeAlias, Union
 from zipfile import BadZipFile
 
 import drjit as dr
 import numpy as np
 import numpy.typing as npt
 
-from ..numerics.arrays import taken, to_float, to_vectors
+from ..numerics.arrays import joined, taken, to_float, to_uint, to_vectors
+from ..numerics.given import Numbers
 from ..numerics.hashing import hash32, unit_float
 from ..runtime.device import Array3f, Float, UInt32
 from ..runtime.files import PathLike, atomic_path
-from ..scene import SceneError
+from ..scene import Array, SceneError, arguments, numbers, shown
 
 _COLOR = ("start", "end", "power")
 _REQUIRED = ("start", "end", "radius_start", "radius_end", "power")
 _OPTIONAL = (
     "offset", "total", "entry", "end_normal", "start_tangent", "end_tangent", "power_end", "random", "id", "generation"
 )  # fmt: skip
+#: Which beams: a number, a slice, or an array of numbers or of truth values, of NumPy or Dr.Jit, or a list.
+Index: TypeAlias = Union[int, slice, npt.ArrayLike, "UInt32"]
+
 _VECTORS = (*_COLOR, "end_normal", "start_tangent", "end_tangent", "power_end")
 
 
@@ -61,12 +66,17 @@ class Beams:
     power_end
         (N, 3) power at the end, where it changes along the beam, linearly. Default: that of the start.
 
-    Arrays may be NumPy or Dr.Jit arrays. `start`, ... are then Dr.Jit arrays (`Array3f`, `Float`).
+    Arrays may be lists, NumPy's, or Dr.Jit's: an `Array3f`, or a tensor (N, 3). Gradients stay enabled. The attributes
+    are Dr.Jit arrays as kernels hold them, component by component; `arrays()` returns them as NumPy's, (N, 3).
+
+    Beams are indexed as rows: `beams[3]` and `beams[-1]` are beams of one, `beams[10:20]`, `beams[[1, 5]]` and
+    `beams[mask]` of several. A beam keeps its number. `beams + more` are both.
 
     Raises
     ------
     SceneError
-        Shapes that do not agree, numbers that are not finite, negative radii.
+        Arguments that are no numbers, shapes that do not agree, numbers that are not finite, negative radii; no beam of
+        an index (which is an IndexError, too).
 
     Examples
     --------
@@ -80,35 +90,52 @@ class Beams:
         **{name: (Array3f if name in _VECTORS else Float) for name in (*_REQUIRED, *_OPTIONAL)},
     }
 
+    start: Array3f
+    end: Array3f
+    radius_start: Float
+    radius_end: Float
+    power: Array3f
+    offset: Float | None
+    total: Float | None
+    entry: Float | None
+    end_normal: Array3f | None
+    start_tangent: Array3f | None
+    end_tangent: Array3f | None
+    power_end: Array3f | None
+    random: Float | None
+    id: Float | None
+    generation: Float | None
+
+    @arguments
     def __init__(
         self,
-        start: Any = None,
-        end: Any = None,
-        radius_start: Any = None,
-        radius_end: Any = None,
-        power: Any = None,
+        start: Numbers | None = None,
+        end: Numbers | None = None,
+        radius_start: Numbers | None = None,
+        radius_end: Numbers | None = None,
+        power: Numbers | None = None,
         *,
-        offset: Any = None,
-        total: Any = None,
-        entry: Any = None,
-        end_normal: Any = None,
-        random: Any = None,
-        id: Any = None,
-        generation: Any = None,
-        start_tangent: Any = None,
-        end_tangent: Any = None,
-        power_end: Any = None,
+        offset: Numbers | None = None,
+        total: Numbers | None = None,
+        entry: Numbers | None = None,
+        end_normal: Numbers | None = None,
+        random: Numbers | None = None,
+        id: Numbers | None = None,
+        generation: Numbers | None = None,
+        start_tangent: Numbers | None = None,
+        end_tangent: Numbers | None = None,
+        power_end: Numbers | None = None,
     ) -> None:
-        if start is None:  # as Dr.Jit makes a struct before it fills it
-            for name in _OPTIONAL:
-                setattr(self, name, None)
-            return
         given = {
             "start": start, "end": end, "radius_start": radius_start, "radius_end": radius_end, "power": power,
             "offset": offset, "total": total, "entry": entry, "end_normal": end_normal,
             "random": random, "id": id, "generation": generation,
             "start_tangent": start_tangent, "end_tangent": end_tangent, "power_end": power_end,
         }  # fmt: skip
+        if all(value is None for value in given.values()):  # as Dr.Jit makes a struct before it fills it
+            for name in _OPTIONAL:
+                setattr(self, name, None)
+            return
         count = _count(start)
         for name in _REQUIRED:
             setattr(self, name, _array(given[name], name, count))
@@ -118,31 +145,77 @@ class Beams:
             raise SceneError("Beams: one of start_tangent and end_tangent is given: expected both, or neither")
         _check_radii(self)
 
-    start: Any
-    end: Any
-    radius_start: Any
-    radius_end: Any
-    power: Any
-    offset: Any
-    total: Any
-    entry: Any
-    end_normal: Any
-    start_tangent: Any
-    end_tangent: Any
-    power_end: Any
-    random: Any
-    id: Any
-    generation: Any
-
     def __len__(self) -> int:
         """Return the number of beams."""
-        return int(dr.width(self.start))
+        return int(dr.width(self.start)) if hasattr(self, "start") else 0
 
     def __repr__(self) -> str:
-        return f"Beams({len(self):,})"
+        own = [name for name in _OPTIONAL if getattr(self, name) is not None]
+        return f"Beams({len(self):,}{' with ' if own else ''}{', '.join(own)})"
+
+    def __getitem__(self, index: Index) -> Beams:
+        """Return the beams of a number, a slice, or an array of numbers or truth values."""
+        result = self.take(to_uint(_places(index, len(self))))
+        if self.id is None:
+            result.id = Float(_places(index, len(self)))
+        return result
+
+    def __add__(self, other: Beams) -> Beams:
+        return Beams.join((self, other))
+
+    @classmethod
+    def join(cls, parts: Iterable[Beams]) -> Beams:
+        """Return all beams of several as one, in order.
+
+        What some of them have and others have not is filled by its default: see the parameters of `Beams`. A beam
+        without a number is named by its place in the whole.
+
+        Raises
+        ------
+        SceneError
+            What is no list of Beams, or an empty one.
+        """
+        listed = list(parts) if isinstance(parts, Iterable) and not isinstance(parts, Beams | str) else [parts]
+        wrong = [each for each in listed if not isinstance(each, Beams)]
+        if wrong or not listed:
+            raise SceneError(f"beams are joined with {shown(wrong[0]) if wrong else 'none'}: expected Beams")
+        present = {name for name in _OPTIONAL for each in listed if getattr(each, name) is not None}
+        first = 0
+        filled = []
+        for each in listed:
+            filled.append(each._filled(present, first))
+            first += len(each)
+        result: Beams = joined(filled)
+        return result
+
+    def _filled(self, names: set[str], first: int) -> Beams:
+        """Return the beams with all optional numbers of these names; `first` is the first one's place in the whole."""
+        result = Beams()
+        for name in self.DRJIT_STRUCT:
+            value = getattr(self, name)
+            missing = value is None and name in names
+            setattr(result, name, self._default(name, first) if missing else value)
+        return result
+
+    def _default(self, name: str, first: int) -> Any:
+        """Return what an optional number is where it is not given."""
+        count = len(self)
+        nothing = dr.zeros(Float, count)
+        axis = self.end - self.start
+        length = dr.norm(axis)
+        axis = dr.select(length > 0, axis * dr.rcp(length), Array3f(0, 0, 1))
+        number = Float(dr.arange(UInt32, count) + dr.opaque(UInt32, first)) if self.id is None else self.id
+        offset = nothing if self.offset is None else self.offset
+        return {
+            "offset": offset, "total": offset + length, "entry": nothing,
+            "end_normal": -(axis if self.end_tangent is None else self.end_tangent),
+            "start_tangent": axis, "end_tangent": axis,
+            "power_end": self.power, "random": unit_float(hash32(UInt32(dr.abs(number)))), "id": number,
+            "generation": nothing,
+        }[name]  # fmt: skip
 
     def arrays(self) -> dict[str, npt.NDArray[np.float32]]:
-        """Return all that is set as NumPy arrays, (N, 3) or (N,)."""
+        """Return all that is set as NumPy arrays, (N, 3) or (N,), by the names of the constructor."""
         present = {name: getattr(self, name) for name in (*_REQUIRED, *_OPTIONAL)}
         return {
             name: np.ascontiguousarray(value.numpy().T) if dr.depth_v(value) == 2 else value.numpy()
@@ -150,18 +223,18 @@ class Beams:
             if value is not None
         }
 
-    def numbers(self) -> Any:
+    def numbers(self) -> UInt32:
         """Return the number of each light path, (N,), that all its pieces share; without any, a beam's place here."""
         return dr.arange(UInt32, len(self)) if self.id is None else UInt32(dr.abs(self.id))
 
-    def identity(self) -> Any:
+    def identity(self) -> Array3f:
         """Return random number, number and generation of each beam, (N, 3)."""
         nothing = dr.zeros(Float, len(self))
         number = Float(self.numbers()) if self.id is None else self.id
         random = unit_float(hash32(self.numbers())) if self.random is None else self.random
         return Array3f(random, number, nothing if self.generation is None else self.generation)
 
-    def take(self, index: Any) -> Beams:
+    def take(self, index: UInt32) -> Beams:
         """Return the beams of these numbers (a Dr.Jit UInt32 array)."""
         result: Beams = taken(self, index)
         return result
@@ -190,30 +263,80 @@ class Beams:
 
 
 def _count(start: Any) -> int:
-    return int(dr.width(start)) if dr.is_jit_v(start) else len(np.atleast_2d(np.asarray(start)))
+    if start is None:
+        raise SceneError(f"Beams: start is not given: expected {_said('start')[1]}")
+    if dr.is_jit_v(start) and not dr.is_tensor_v(start):
+        return int(dr.width(start))
+    return len(np.atleast_2d(dr.detach(start).numpy() if dr.is_jit_v(start) else numbers(start, *_said("start"))))
+
+
+def _said(name: str) -> tuple[str, str]:
+    """Return what messages call an argument, and what they expect of it."""
+    return f"Beams: {name}", f"numbers of shape {'(N, 3)' if name in _VECTORS else '(N,)'}"
 
 
 def _array(value: Any, name: str, count: int) -> Any:
     """Return `value` as Float or Array3f of width `count`, checked where it comes from outside."""
     vector = name in _VECTORS
-    kind = Array3f if vector else Float
     if value is None:
-        raise SceneError(f"Beams: {name} is not given: expected {'(N, 3)' if vector else '(N,)'} numbers")
+        raise SceneError(f"Beams: {name} is not given: expected {_said(name)[1]}")
     if dr.is_jit_v(value):
-        result = kind(value)
-        if dr.width(result) == 1 and count > 1:  # a number for all: broadcast, so that it can be gathered
-            result = result + dr.zeros(Float, count)
-        if dr.width(result) != count:
-            raise SceneError(f"Beams: {name} has {dr.width(result)} entries: expected {count}, as start has")
-        return result
+        return _broadcast(_of_device(value, name), name, count)
     shape = (count, 3) if vector else (count,)
+    found = numbers(value, *_said(name))
     try:
-        numbers = np.broadcast_to(np.asarray(value, dtype=np.float32), shape)
-    except (ValueError, TypeError):
-        raise SceneError(f"Beams: {name} has shape {np.shape(value)}: expected {shape}") from None
-    if not np.all(np.isfinite(numbers)):
-        raise SceneError(f"Beams: {name} of beam {int(np.argwhere(~np.isfinite(numbers))[0][0])} is not finite")
-    return to_vectors(numbers) if vector else to_float(numbers)
+        with np.errstate(over="ignore"):
+            wide = np.broadcast_to(found.astype(np.float32, copy=False), shape)
+    except ValueError:
+        raise SceneError(f"Beams: {name} has shape {found.shape}: expected {shape}") from None
+    if not np.all(np.isfinite(wide)):
+        raise SceneError(f"Beams: {name} of beam {int(np.argwhere(~np.isfinite(wide))[0][0])} is not finite")
+    return to_vectors(wide) if vector else to_float(wide)
+
+
+def _of_device(value: Any, name: str) -> Any:
+    """Return a Dr.Jit array or tensor as Float or Array3f, attached as it is."""
+    vector, shape = name in _VECTORS, tuple(value.shape)
+    if dr.is_tensor_v(value):
+        if vector and len(shape) in (1, 2) and shape[-1] == 3:
+            return dr.unravel(Array3f, Float(value.array))
+        if not vector and len(shape) < 2:
+            return Float(value.array)
+    elif dr.depth_v(value) == 1 or (vector and dr.depth_v(value) == 2 and dr.size_v(value) == 3):
+        return Array3f(value) if vector else Float(value)
+    raise SceneError(f"Beams: {name} is a {type(value).__name__} of shape {shape}: expected {_said(name)[1]}")
+
+
+def _broadcast(value: Any, name: str, count: int) -> Any:
+    if dr.width(value) == 1 and count > 1:  # a number for all: broadcast, so that it can be gathered
+        value = value + dr.zeros(Float, count)
+    if dr.width(value) != count:
+        raise SceneError(f"Beams: {name} has {dr.width(value)} entries: expected {count}, as start has")
+    return value
+
+
+class _NoSuchBeamError(SceneError, IndexError):
+    """No beam of an index: IndexError, for Python ends loops by it."""
+
+
+def _whole(index: Any) -> Array:
+    """Return an index as an array; an empty list is one of no numbers."""
+    found = np.asarray(index)
+    return found.astype(np.int64) if not found.size and found.ndim == 1 else found
+
+
+def _places(index: Any, count: int) -> Array:
+    """Return the places of the beams of an index, (M,)."""
+    if index is not None and dr.is_jit_v(index):
+        index = index.numpy()
+    try:
+        found: Array = np.arange(count)[index if isinstance(index, slice | tuple) else _whole(index)]
+    except (IndexError, ValueError, TypeError):
+        found = np.zeros((0, 0))
+    if found.ndim > 1 or isinstance(index, tuple):
+        text = f"{count:,} beams are indexed by {shown(index)}: expected a slice, truth values for each, or numbers"
+        raise _NoSuchBeamError(f"{text} from {-count} to {count - 1}")
+    return np.atleast_1d(found)
 
 
 def _check_radii(beams: Beams) -> None:

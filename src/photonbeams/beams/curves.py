@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from ..scene import Array, SceneError
+from ..scene import Array, SceneError, arguments, numbers
 from ..scene.vectors import unit
 from . import Beams
 
@@ -51,6 +51,7 @@ def tangents(axis: npt.ArrayLike, following: npt.ArrayLike) -> tuple[Array, Arra
     return first, last
 
 
+@arguments
 def curved(
     points: npt.ArrayLike,
     radius: npt.ArrayLike,
@@ -87,13 +88,16 @@ def curved(
     >>> len(beams)
     64
     """
-    points = np.atleast_2d(np.asarray(points, dtype=np.float64))
-    sizes = np.asarray([len(points)] if counts is None else counts, dtype=np.int64)
+    points = np.atleast_2d(numbers(points, "points", "(M, 3) points").astype(np.float64))
+    given = numbers([len(points)] if counts is None else counts, "counts", "whole numbers, (curves,)")
+    sizes = np.atleast_1d(given).astype(np.int64)
     if points.ndim != 2 or points.shape[1] != 3 or sizes.sum() != len(points) or np.any(sizes < 2):
         raise SceneError(
             f"points has shape {points.shape} and counts are {sizes.tolist()}: expected (M, 3) points, M the sum of "
             "the counts, and at least 2 points a curve"
         )
+    radius = numbers(radius, "radius", "one number, or one a point, (M,)").astype(np.float64)
+    power = numbers(power, "power", "colours, (3,), (curves, 3) or (M, 3)").astype(np.float64)
     first, last, following = segments(sizes, closed)
     start, end = points[first], points[last]
     radii = _each(radius, (len(points),), "radius")
@@ -137,6 +141,6 @@ def lengths(start: npt.ArrayLike, end: npt.ArrayLike, curve: npt.ArrayLike) -> t
 
 def _each(values: npt.ArrayLike, shape: tuple[int, ...], name: str) -> Array:
     try:
-        return np.broadcast_to(np.asarray(values, dtype=np.float64), shape)
+        return np.broadcast_to(values, shape)
     except ValueError:
         raise SceneError(f"{name} has shape {np.shape(values)}: expected {shape}, or one for all") from None

@@ -177,7 +177,7 @@ class _Table:
     def within(self, paths: Paths, begin: Any, length: Any) -> tuple[Float, Float]:
         """Return what lies beside the guide of paths from `begin` on, `length` long, as distances from `begin`."""
         start, axis = self._row(0, UInt32(0)), self._row(1, UInt32(0))
-        rate = dr.dot(paths.direction, axis)
+        rate: Any = dr.dot(paths.direction, axis)
         here = dr.dot(paths.origin - start, axis) + begin * rate
         inv = dr.rcp(dr.select(dr.abs(rate) < 1e-6, dr.copysign(1e-6, rate), rate))
         stop = dr.gather(Float, self._lengths, self.chosen)

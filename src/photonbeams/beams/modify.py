@@ -27,7 +27,8 @@ from .programs import Modifier, PassContext
 _PEAK = 8 / (3 * np.pi)
 
 
-def aim(target: Sequence[float], amount: float = 1.0) -> Modifier:
+@scene.arguments
+def aim(target: npt.ArrayLike, amount: float = 1.0) -> Modifier:
     """Turn light paths toward a point.
 
     Parameters
@@ -65,6 +66,7 @@ def aim(target: Sequence[float], amount: float = 1.0) -> Modifier:
     return aimed
 
 
+@scene.arguments
 def bend(field: Callable[[Any], Any] | Sequence[npt.ArrayLike], steps: int = 32) -> Modifier:
     """Bend beams by a vector field, or along guide curves.
 
@@ -89,6 +91,9 @@ def bend(field: Callable[[Any], Any] | Sequence[npt.ArrayLike], steps: int = 32)
     if callable(field):
         steps = int(scene.number(steps, "bend: steps", 1, 4096))
         return lambda beams, _: _along_field(beams, field, steps)
+    if isinstance(field, str) or not isinstance(field, Sequence | np.ndarray):
+        text = f"bend: field is {scene.shown(field)}: expected a function of positions, or guides of (M, 3) points each"
+        raise SceneError(text)
     guides = [Guide.through(points) for points in field]
     return lambda beams, _: led(beams, guides)
 
@@ -132,6 +137,7 @@ def _along_field(beams: Beams, field: Callable[[Any], Any], steps: int) -> Beams
     return pieces(beams, paths, points, places, (begin, stop), bent_length(way, width, steps), steps)
 
 
+@scene.arguments
 def thin(fraction: float, keep_light: bool = True) -> Modifier:
     """Leave a part of the beams, the same ones in each frame.
 
@@ -161,7 +167,8 @@ def thin(fraction: float, keep_light: bool = True) -> Modifier:
     return thinned
 
 
-def recolour(colour: Sequence[float] | Callable[[Beams], Any]) -> Modifier:
+@scene.arguments
+def recolour(colour: npt.ArrayLike | Callable[[Beams], Any]) -> Modifier:
     """Give beams another colour: the mean of their power's channels times `colour`.
 
     Parameters
@@ -192,6 +199,7 @@ def _mean(colour: Any) -> Any:
     return (colour.x + colour.y + colour.z) * (1 / 3)
 
 
+@scene.arguments
 def clamp(power: float | None = None, radiance: float | None = None) -> Modifier:
     """Dim the brightest beams, in their own colour, to no more than a limit.
 
@@ -240,8 +248,9 @@ def _copy(beams: Beams) -> Beams:
     return result
 
 
-def _numbers(values: Sequence[float], count: int, name: str) -> list[float]:
-    found = np.asarray(values, dtype=np.float64)
+def _numbers(values: npt.ArrayLike, count: int, name: str) -> list[float]:
+    expected = f"{count} finite numbers"
+    found = scene.numbers(values, name, expected)
     if found.shape != (count,) or not np.all(np.isfinite(found)):
-        raise SceneError(f"{name} is {values}: expected {count} finite numbers")
+        raise SceneError(f"{name} is {scene.shown(values)}: expected {expected}")
     return [float(each) for each in found]

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 # A home of its own makes Dr.Jit compile the kernel instead of loading it from its cache.
 _TRIAL = """
 import os, sys, tempfile
-from photonbeams import device
+from photonbeams.runtime import device
 with tempfile.TemporaryDirectory() as home:
     os.environ["HOME"] = home
     import OpenEXR, OpenImageIO, drjit, numpy, pxr.Usd

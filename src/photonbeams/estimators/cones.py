@@ -39,6 +39,7 @@ def _around_joints(beams: Beams, start: Any, end: Any) -> Cone:
         radius = dr.maximum(radius, 2 * beams.radius_end - beams.radius_start)
     reaches = []
     last = beams.end_tangent if beams.end_normal is None else beams.end_normal
+    normal: Any
     for normal, own in ((beams.start_tangent, beams.radius_start), (last, beams.radius_end)):
         cosine2 = dr.square(dr.dot(axis, normal)) * dr.rcp(dr.maximum(dr.squared_norm(normal), 1e-20))
         slant = dr.sqrt(dr.maximum(1 - cosine2, 0) * dr.rcp(dr.maximum(cosine2, 1e-6)))

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Any
+from types import NoneType
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import drjit as dr
 import numpy as np
 
 from ..beams import Beams
 from ..looks import BoundLook, Context, Fog, Look
-from ..numerics.arrays import to_float, to_vectors
+from ..numerics.arrays import to_float, to_uint
+from ..numerics.given import LARGEST, Numbers, given
 from ..quadrature import Rule, gauss_legendre
 from ..runtime.device import Array3f, Bool, Float, UInt32
-from ..scene import Medium
+from ..scene import Medium, SceneError, arguments, choice, instance, shown
 from . import gradients
 from .billboard import billboard_sum
 from .frustum import frustum_sum
@@ -21,7 +23,12 @@ from .grid import sum_over_grid
 from .points import Points
 from .records import Packed, pack
 
-ESTIMATORS = ("auto", "billboard", "frustum")
+if TYPE_CHECKING:
+    from drjit.llvm.ad import TensorXf
+
+#: How a beam's radiance is estimated: as a flat billboard (1D), in its frustum (2D), or by a blend of both.
+Estimator = Literal["auto", "billboard", "frustum"]
+ESTIMATORS: tuple[str, ...] = get_args(Estimator)
 
 #: Points that a production needed at most (Talk, section 3).
 DEFAULT_RULE = gauss_legendre(6)
@@ -33,21 +40,22 @@ MOST_PAIRS = 3_000_000
 ENDLESS = 1e18
 
 
+@arguments
 def estimate(
     beams: Beams,
-    origin: Any,
-    direction: Any,
-    t_max: Any = None,
+    origin: Numbers,
+    direction: Numbers,
+    t_max: Numbers | None = None,
     *,
     look: Look | None = None,
     medium: Medium | Fog | None = None,
-    estimator: str = "auto",
+    estimator: Estimator = "auto",
     rule: Rule = DEFAULT_RULE,
-    t_min: Any = None,
+    t_min: Numbers | None = None,
     close: Beams | None = None,
-    time: Any = None,
+    time: Numbers | None = None,
     context: Context | None = None,
-) -> Any:
+) -> TensorXf:
     """Return the radiance of beams toward rays.
 
     Parameters
@@ -55,9 +63,10 @@ def estimate(
     beams
         The beams.
     origin, direction
-        (N, 3), or one for all; directions need not be of unit length, distances are in scene units.
+        (..., 3), of any leading shape, such as (N, 3) or (H, W, 3); directions need not be of unit length, distances
+        are in scene units.
     t_max, t_min
-        (N,) distance to the first surface, and to where the medium begins. Default: no surface, 0.
+        (...) distance to the first surface, and to where the medium begins. Default: no surface, 0.
     look, medium
         Default look: physical. A medium is needed where the look has a physical factor.
     estimator
@@ -65,27 +74,50 @@ def estimate(
     rule
         Quadrature of the frustum, `gauss_legendre(6)` unless given.
     close, time
-        Where beams move: the same beams at shutter close (`beams` being those at shutter open), and (N,) times of the
+        Where beams move: the same beams at shutter close (`beams` being those at shutter open), and (...) times of the
         rays, 0 at shutter open and 1 at shutter close. In between all numbers of a beam are interpolated linearly.
     context
         For looks that ask for it: the time, and the number and the space of the beams' light.
 
     Returns
     -------
-    Array3f
-        (N) radiances; with derivatives, where arrays of the beams, of a `Fog` or of the look have gradients enabled.
+    TensorXf
+        (..., 3) radiances, a Dr.Jit tensor: `.numpy()` or `numpy.asarray` make a NumPy array of it. Leading shapes are
+        broadcast as NumPy does. It has derivatives where numbers of the beams, of a `looks.Fog`, of the look or of
+        the rays have gradients enabled.
 
     Raises
     ------
-    ValueError
-        An unknown estimator, shapes that do not agree, a physical look without a medium.
+    SceneError
+        What is no beams, look, medium or rule; an unknown estimator; numbers or shapes that rays cannot have; a
+        physical look without a medium.
+
+    Examples
+    --------
+    >>> import photonbeams as pb
+    >>> beams = pb.Beams([[0, 0, 0]], [[0, 0, 4]], 0.1, 0.5, [[9, 9, 9]])
+    >>> pb.estimate(beams, [-3, 0, 2], [1, 0, 0], medium=pb.Medium(0.1)).shape
+    (3,)
     """
+    for value, name, kinds in (
+        (beams, "beams", (Beams,)),
+        (look, "look", (Look, NoneType)),
+        (medium, "medium", (Medium, Fog, NoneType)),
+        (rule, "rule", (Rule,)),
+        (context, "context", (Context, NoneType)),
+    ):
+        instance(value, f"estimate: {name}", *kinds)
     check_estimator(estimator)
-    rays = _rays(origin, direction, t_min, t_max, time if close is not None else None)
-    return estimate_rays(
+    check_motion(beams, close, time)
+    rays, shape = _rays(origin, direction, t_min, t_max, time if close is not None else None)
+    tensor: Any = dr.tensor_t(Float)
+    if rays is None:
+        return tensor(Float(), (*shape, 3))
+    found = estimate_rays(
         beams, rays, look=look or Look(), medium=medium, estimator=estimator, points=Points(rule),
         close=close, context=context,
     )  # fmt: skip
+    return tensor(dr.ravel(found), (*shape, 3))
 
 
 def estimate_rays(
@@ -116,7 +148,7 @@ def estimate_rays(
             result = sum_over_grid(beams, close, packed, rays, bound, estimator, points)
         else:
             result = sum_over_all(packed, rays, bound, estimator, points)
-    if not (bound.attached or dr.grad_enabled([each for each in (beams, close) if each is not None])):
+    if not (bound.attached or dr.grad_enabled(beams, close, rays.origin, rays.direction, rays.t_min, rays.t_max)):
         return result
     packed = pack(beams, Array3f(0), shared=False, close=close, identity=bound.of_beams)
     return dr.replace_grad(result, gradients.radiance(packed, rays, bound, count))
@@ -152,22 +184,21 @@ def sum_over_all(packed: Packed, rays: Rays, look: BoundLook, estimator: str, po
 
 
 def check_estimator(estimator: str) -> None:
-    """Raise ValueError unless `estimator` is one of ESTIMATORS."""
-    if estimator not in ESTIMATORS:
-        raise ValueError(f"estimator is {estimator!r}: expected one of {', '.join(ESTIMATORS)}")
+    """Raise SceneError unless `estimator` is one of ESTIMATORS."""
+    choice(estimator, "estimator", ESTIMATORS)
 
 
 def check_motion(beams: Beams, close: Beams | None, time: Any) -> None:
-    """Raise ValueError unless `close` can be `beams` at another time."""
+    """Raise SceneError unless `close` can be `beams` at another time."""
     if close is None:
         return
     if not isinstance(close, Beams):
-        raise ValueError(f"close is a {type(close).__name__}: expected the same Beams at shutter close")
+        raise SceneError(f"close is a {type(close).__name__}: expected the same Beams at shutter close")
     if time is None:
-        raise ValueError("beams move and the rays have no time: expected (N,) times from 0 to 1")
+        raise SceneError("beams move and the rays have no time: expected times from 0 to 1, one a ray")
     both = [{name for name in Beams.DRJIT_STRUCT if getattr(each, name) is not None} for each in (beams, close)]
     if len(beams) != len(close) or both[0] != both[1]:
-        raise ValueError(f"{close} at shutter close are not {beams} at shutter open: expected the same beams")
+        raise SceneError(f"{close} at shutter close are not {beams} at shutter open: expected the same beams")
 
 
 def reach(beams: Beams, close: Beams | None = None) -> float:
@@ -179,45 +210,65 @@ def reach(beams: Beams, close: Beams | None = None) -> float:
     return own if close is None else max(own, reach(close))
 
 
-def _rays(origin: Any, direction: Any, t_min: Any, t_max: Any, time: Any) -> Rays:
-    origin, direction = _vectors(origin, "origin"), _vectors(direction, "direction")
-    low = _numbers(0.0 if t_min is None else t_min, "t_min")
-    high = _numbers(ENDLESS if t_max is None else t_max, "t_max")
-    moment = _numbers(0.0 if time is None else time, "time")
+def _rays(origin: Any, direction: Any, t_min: Any, t_max: Any, time: Any) -> tuple[Rays | None, tuple[int, ...]]:
+    """Return rays, None where there are none, and the shape that they are broadcast to."""
+    given = (
+        _lanes(origin, "origin", 3),
+        _lanes(direction, "direction", 3),
+        _lanes(0.0 if t_min is None else t_min, "t_min"),
+        _lanes(ENDLESS if t_max is None else t_max, "t_max"),
+        _lanes(0.0 if time is None else time, "time"),
+    )
+    shapes = [shape for _, shape in given]
+    try:
+        shape = np.broadcast_shapes(*shapes)
+    except ValueError:
+        text = ", ".join(map(str, shapes))
+        raise SceneError(
+            f"origin, direction, t_min, t_max and time are rays of shapes {text}: expected shapes that broadcast"
+        ) from None
+    if 0 in shape:
+        return None, shape
+    origin, direction, low, high, moment = (_spread(value, own, shape) for value, own in given)
     if bool(dr.any(~((moment >= 0) & (moment <= 1)))):
-        raise ValueError("time is out of range: expected numbers from 0, shutter open, to 1, shutter close")
-    widths = [dr.width(value) for value in (origin, direction, low, high, moment)]
-    count = max(widths)
-    if any(width not in (1, count) for width in widths):
-        raise ValueError(
-            f"origin, direction, t_min, t_max and time have {widths} rays: expected one number of rays, or 1"
-        )
-    active = dr.full(Bool, True, count)
+        raise SceneError("time is out of range: expected numbers from 0, shutter open, to 1, shutter close")
+    active = dr.full(Bool, True, int(np.prod(shape)))
     length = dr.norm(direction)
-    if bool(dr.any(~(length > 0))):
-        raise ValueError("a ray has no direction: expected vectors of positive, finite length")
+    if bool(dr.any(~((length > 0) & dr.isfinite(length)))):
+        raise SceneError("a ray has no direction: expected vectors of positive, finite length")
     rays = Rays(
         dr.select(active, origin, 0), dr.select(active, direction / length, 0),
         dr.select(active, dr.minimum(high, ENDLESS), 0), dr.select(active, low, 0),
         time=None if time is None else dr.select(active, moment, 0),
     )  # fmt: skip
     dr.eval(rays.origin, rays.direction, rays.t_max, rays.t_min, rays.time)
-    return rays
+    return rays, shape
 
 
-def _vectors(value: Any, name: str) -> Any:
-    if dr.is_jit_v(value):
-        return Array3f(value)
-    numbers = np.atleast_2d(np.asarray(value, dtype=np.float32))
-    if numbers.ndim != 2 or numbers.shape[1] != 3:
-        raise ValueError(f"{name} has shape {np.shape(value)}: expected (N, 3)")
-    return to_vectors(numbers)
+def _lanes(value: Any, name: str, size: int = 1) -> tuple[Any, tuple[int, ...]]:
+    """Return numbers, or vectors of three, as a Float or an Array3f, and their leading shape."""
+    expected = "finite numbers (..., 3)" if size == 3 else "numbers (...), one a ray"
+    if value is not None and dr.is_jit_v(value):
+        shape = tuple(value.shape) if dr.is_tensor_v(value) else tuple(value.shape)[::-1]
+        flat = value.array if dr.is_tensor_v(value) else dr.ravel(value)
+    else:
+        found = given(value, name, expected)
+        shape, flat = found.plain.shape, found.attached
+        if not np.all(np.abs(found.plain) <= LARGEST if size == 3 else ~np.isnan(found.plain)):
+            raise SceneError(f"{name} is {shown(value)}: expected {expected}")
+        if flat is None:
+            flat = to_float(np.clip(found.plain, -LARGEST, LARGEST))
+    if size == 1:
+        return Float(flat), shape
+    if shape[-1:] != (3,):
+        raise SceneError(f"{name} has shape {shape}: expected {expected}")
+    return dr.unravel(Array3f, Float(flat)), shape[:-1]
 
 
-def _numbers(value: Any, name: str) -> Any:
-    if dr.is_jit_v(value):
-        return Float(value)
-    numbers = np.atleast_1d(np.asarray(value, dtype=np.float32))
-    if numbers.ndim != 1 or np.any(np.isnan(numbers)):
-        raise ValueError(f"{name} has shape {np.shape(value)}: expected (N,) numbers")
-    return to_float(numbers)
+def _spread(value: Any, own: tuple[int, ...], shape: tuple[int, ...]) -> Any:
+    """Return the entries of an array of the shape `own` as it is broadcast to `shape`; one for all stays one."""
+    count = int(np.prod(own))
+    if own == shape or count == 1:
+        return value
+    places = np.broadcast_to(np.arange(count).reshape(own), shape)
+    return dr.gather(type(value), value, to_uint(places))

@@ -22,8 +22,9 @@ from .records import Packed, load
 # Pairs at most: kernels of derivatives hold a few hundred bytes of each.
 MOST_PAIRS = 1 << 24
 
-# Pieces of a chord, and points in each: derivatives are as smooth as the factors, but for knots of a ramp.
-_PIECES, _RULE = 2, gauss_legendre(6)
+# Pieces of a chord, and points in each: derivatives are as smooth as the factors, but for knots of a ramp. Where the
+# look has corners by the radius, or changes in space, the pieces are finer.
+_PIECES, _FINE_PIECES, _RULE = 2, 12, gauss_legendre(6)
 
 
 def radiance(packed: Packed, rays: Rays, look: BoundLook, count: int) -> Any:
@@ -34,25 +35,28 @@ def radiance(packed: Packed, rays: Rays, look: BoundLook, count: int) -> Any:
     SceneError
         More pairs of rays and beams meet than fit into memory.
     """
+    pieces = _FINE_PIECES if look.rings or look.of_places else _PIECES
     with dr.suspend_grad():
-        ray, beam = _pairs(packed, rays, count)
-    result = dr.zeros(Array3f, count)
-    if not dr.width(ray):
-        return result
-    part = _integral(load(packed, beam, _of(Float, rays.time, ray)), _taken(rays, ray), look, _RULE)
+        ray, beam = _pairs(packed, rays, count, MOST_PAIRS * _PIECES // pieces)
+        result = dr.zeros(Array3f, count)
+        if not dr.width(ray):
+            return result
+        ray, beam = dr.repeat(ray, pieces), dr.repeat(beam, pieces)
+    found = load(packed, beam, _of(Float, rays.time, ray))
+    part = _integral(found, _taken(rays, ray), look, _RULE, pieces)
     dr.scatter_add(result, part, ray)
     return result
 
 
-def _pairs(packed: Packed, rays: Rays, count: int) -> tuple[UInt32, UInt32]:
+def _pairs(packed: Packed, rays: Rays, count: int, most: int) -> tuple[UInt32, UInt32]:
     """Return the numbers of the rays and of the beams that meet, pair by pair."""
     counter = dr.zeros(UInt32, count)
     _meet(packed, rays, counter, None, None, None)
     dr.eval(counter)
     total = int(dr.sum(counter)[0])
-    if total > MOST_PAIRS:
+    if total > most:
         raise SceneError(
-            f"{total:,} pairs of rays and beams have derivatives: expected at most {MOST_PAIRS:,}; take fewer rays"
+            f"{total:,} pairs of rays and beams have derivatives: expected at most {most:,}; take fewer rays"
         )
     base = dr.prefix_sum(counter)
     ray, beam = dr.zeros(UInt32, max(total, 1)), dr.zeros(UInt32, max(total, 1))
@@ -91,13 +95,13 @@ def _taken(rays: Rays, index: Any) -> Rays:
     )  # fmt: skip
 
 
-def _integral(beam: Any, ray: Rays, look: BoundLook, rule: Rule) -> Any:
-    """Return a beam's radiance by the rule, over equal pieces of the chord."""
+def _integral(beam: Any, ray: Rays, look: BoundLook, rule: Rule, pieces: int) -> Any:
+    """Return a beam's radiance by the rule, over one of so many equal pieces of the chord: lane after lane the next."""
     part = chord(beam, ray.origin, ray.direction, ray.t_min, ray.t_max)
-    half = (part.b - part.a) * (0.5 / _PIECES)
+    half = (part.b - part.a) * (0.5 / pieces)
+    number = dr.arange(UInt32, dr.width(ray.index)) % pieces
+    middle = part.a + half * Float(2 * number + 1)
     total = Array3f(0)
-    for piece in range(_PIECES):
-        middle = part.a + half * (2 * piece + 1)
-        for point, weight in zip(rule.points, rule.weights, strict=True):
-            total += integrand(beam, part, dr.fma(half, float(point), middle), look, ray) * (float(weight) * half)
+    for point, weight in zip(rule.points, rule.weights, strict=True):
+        total += integrand(beam, part, dr.fma(half, float(point), middle), look, ray) * (float(weight) * half)
     return dr.select(part.valid, unchanging(beam, part, look) * total, 0)

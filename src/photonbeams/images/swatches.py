@@ -57,9 +57,10 @@ def picture(
     `scale` multiplies radiances; None takes one that makes the picture bright. `given` goes on to `estimate`.
     """
     across, down = np.meshgrid(x, y)
-    near = float(dr.max(dr.maximum(beams.start.z + beams.radius_start, beams.end.z + beams.radius_end))[0])
+    ends: list[Any] = [beams.start.z + beams.radius_start, beams.end.z + beams.radius_end]
+    near = float(dr.max(dr.maximum(*ends))[0])
     origin = np.stack([across.ravel(), down.ravel(), np.full(across.size, max(near, 0.0))], axis=1)
-    radiance = estimate(beams, origin, [[0, 0, -1]], look=look, medium=medium, **given).numpy().T
+    radiance = estimate(beams, origin, [[0, 0, -1]], look=look, medium=medium, **given).numpy()
     if scale is None:
         brightest = float(np.quantile(radiance.max(axis=1), 0.98))
         scale = 0.7 / brightest if brightest > 0 else 1.0

@@ -1,15 +1,31 @@
 """Shading: the four programmable factors of a beam, along, across, eye and angle, and their presets."""
 
-from .across import Across, Biweight, Epanechnikov, Gaussian, Hollow, Modulated, Smoothstep, Tabulated, Uniform
-from .along import Attenuation, ColorRamp, Exponential, Fade, Polynomial, Power, Texture
+from ..numerics.given import Number, Numbers
+from .across import (
+    Across,
+    AcrossLike,
+    Biweight,
+    Epanechnikov,
+    Gaussian,
+    Hollow,
+    Modulated,
+    Smoothstep,
+    Tabulated,
+    Uniform,
+)
+from .along import Attenuation, ColorRamp, Exponential, Fade, Polynomial, Power, Space, Texture
 from .angle import Glow, Isotropic, Scattering
-from .at import At, Context, Fog
-from .factors import Clamp, Constant, Factor, Function, Mix, Product, Sum
+from .at import INPUTS, At, Context, Fog
+from .factors import Clamp, Constant, Factor, FactorLike, Function, Mix, Product, Sum, Value
 from .look import BoundLook, Look
-from .patterns import Expression, Noise, Variation
+from .patterns import Expression, Noise, NoiseSpace, Variation
+from .ramp import Interpolation
+from .syntax import ExpressionError
 
 __all__ = [
+    "INPUTS",
     "Across",
+    "AcrossLike",
     "At",
     "Attenuation",
     "Biweight",
@@ -21,26 +37,34 @@ __all__ = [
     "Epanechnikov",
     "Exponential",
     "Expression",
+    "ExpressionError",
     "Factor",
+    "FactorLike",
     "Fade",
     "Fog",
     "Function",
     "Gaussian",
     "Glow",
     "Hollow",
+    "Interpolation",
     "Isotropic",
     "Look",
     "Mix",
     "Modulated",
     "Noise",
+    "NoiseSpace",
+    "Number",
+    "Numbers",
     "Polynomial",
     "Power",
     "Product",
     "Scattering",
     "Smoothstep",
+    "Space",
     "Sum",
     "Tabulated",
     "Texture",
     "Uniform",
+    "Value",
     "Variation",
 ]

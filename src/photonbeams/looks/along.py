@@ -12,11 +12,12 @@ import drjit as dr
 import numpy as np
 import numpy.typing as npt
 
-from ..numerics.arrays import opaque
-from ..runtime.device import Float
+from ..numerics.given import LARGEST, SMALLEST, Given, derived, given, given_color, given_number, table
+from ..scene import SceneError, choice, has_gradients, shown
 from .at import At
-from .factors import Corner, Decay, Factor
-from .ramp import RESOLUTION, Interpolation, ramp_table
+from .described import constructor
+from .factors import Corner, Decay, Factor, Number, Numbers, Value
+from .ramp import RESOLUTION, Interpolation, check_ramp, ramp_ends, ramp_table
 from .table import Table
 
 #: What a ramp, a texture or a polynomial runs over: fractions of the beam, scene units along the factor's own way,
@@ -27,7 +28,7 @@ Space = Literal["fraction", "distance", "radius", "angle"]
 class Attenuation(Decay):
     """Physical attenuation exp(−σt x), x the distance in the medium; for along and for eye."""
 
-    def exponent(self, at: At) -> Any:
+    def exponent(self, at: At) -> Value:
         """Return minus the optical depth, per channel."""
         return -at.medium.extinction * at.depth
 
@@ -37,15 +38,16 @@ class Exponential(Decay):
 
     Raises
     ------
-    ValueError
+    SceneError
         A length that is not positive.
     """
 
-    def __init__(self, length: float | Sequence[float]) -> None:
-        lengths = _positive(length, "an exponential falloff's length")
-        self._rate = opaque(1 / lengths)
+    @constructor
+    def __init__(self, length: Numbers) -> None:
+        lengths = given_color(length, "an exponential falloff's length", "a positive number, or three", SMALLEST)
+        self._rate = derived(lambda each: 1 / each, lengths, color=True)
 
-    def exponent(self, at: At) -> Any:
+    def exponent(self, at: At) -> Value:
         """Return minus the distance in lengths, per channel."""
         return -self._rate * at.distance
 
@@ -55,17 +57,17 @@ class Power(Factor):
 
     Raises
     ------
-    ValueError
+    SceneError
         An exponent that is not finite, a length that is not positive.
     """
 
-    def __init__(self, exponent: float = 2.0, length: float = 1.0) -> None:
-        if not np.isfinite(exponent):
-            raise ValueError(f"a power falloff's exponent is {exponent}: expected a finite number")
-        self._exponent = dr.opaque(Float, float(exponent))
-        self._rate = dr.opaque(Float, 1 / float(_positive(length, "a power falloff's length")[0]))
+    @constructor
+    def __init__(self, exponent: Number = 2.0, length: Number = 1.0) -> None:
+        self._exponent = given_number(exponent, "a power falloff's exponent", "a finite number").value
+        size = given_number(length, "a power falloff's length", "a positive number", SMALLEST)
+        self._rate = derived(lambda each: 1 / each, size)
 
-    def evaluate(self, at: At) -> Any:
+    def evaluate(self, at: At) -> Value:
         """Return the falloff."""
         return dr.exp2(-self._exponent * dr.log2(1 + dr.maximum(at.distance, 0) * self._rate))
 
@@ -83,22 +85,24 @@ class Polynomial(Factor):
 
     Raises
     ------
-    ValueError
+    SceneError
         Coefficients of another shape or not finite, an end that is not behind its begin.
     """
 
+    @constructor
     def __init__(
-        self, coefficients: npt.ArrayLike, begin: float = 0.0, end: float = 1.0, space: Space = "fraction"
+        self, coefficients: Numbers, begin: Number = 0.0, end: Number = 1.0, space: Space = "fraction"
     ) -> None:
-        numbers = np.asarray(coefficients, dtype=np.float64)
-        if numbers.ndim not in (1, 2) or not len(numbers) or not np.all(np.isfinite(numbers)):
-            raise ValueError("a polynomial falloff expects finite coefficients, (M,) or (M, 3)")
-        rows = np.broadcast_to(numbers.reshape(len(numbers), -1), (len(numbers), 3))
-        self._coefficients = [opaque(row) for row in rows]
+        expected = "finite coefficients, (M,) or (M, 3)"
+        numbers = given(coefficients, "a polynomial falloff", expected)
+        shape = numbers.plain.shape
+        if len(shape) not in (1, 2) or shape[1:] not in ((), (1,), (3,)) or not shape[0] or not _finite(numbers.plain):
+            raise SceneError(f"a polynomial falloff is {shown(coefficients)}: expected {expected}")
+        self._coefficients = [derived(lambda each: each, row, color=True) for row in numbers.rows]
         self._interval = _Interval(begin, end, space)
         self.corners = self._interval.corners((0.0, 1.0))
 
-    def evaluate(self, at: At) -> Any:
+    def evaluate(self, at: At) -> Value:
         """Return the polynomial by Horner's rule."""
         x = self._interval.parameter(at)
         result = self._coefficients[-1]
@@ -122,32 +126,38 @@ class ColorRamp(Factor):
 
     Raises
     ------
-    ValueError
-        Knots that do not ascend, shapes that do not agree, numbers that are not finite.
+    SceneError
+        Knots that do not ascend, shapes that do not agree, numbers that are not finite. Places of steps ("none") whose
+        gradients are enabled: a step has no derivative by its place.
     """
 
+    @constructor
     def __init__(
         self,
-        knots: npt.ArrayLike,
-        colors: npt.ArrayLike,
+        knots: Numbers,
+        colors: Numbers,
         interpolation: Interpolation = "linear",
-        begin: float = 0.0,
-        end: float = 1.0,
+        begin: Number = 0.0,
+        end: Number = 1.0,
         space: Space = "fraction",
     ) -> None:
-        positions = np.asarray(knots, dtype=np.float64)
-        values, low, high = ramp_table(positions, np.asarray(colors, dtype=np.float64), interpolation)
-        width = end - begin
-        self._interval = _Interval(begin + low * width, begin + high * width, space)
-        self._table = Table(values)
-        inside = (positions - low) / (high - low)
+        places = given(knots, "a ramp's knots", "positions (M,) that ascend")
+        shades = given(colors, "a ramp's colours", "colours (M, 3), one a knot")
+        places, shades = places.at_least(1), shades.at_least(2)
+        check_ramp(places.plain, shades.plain, interpolation)
+        if interpolation == "none" and has_gradients((knots, begin, end)):
+            text = "a ramp of steps has gradients enabled for their places: expected plain numbers, or another"
+            raise SceneError(f"{text} interpolation than none, for a step has no derivative by its place")
+        self._interval = _Interval(begin, end, space, ramp_ends(places))
+        self._table = Table(table(lambda x, y: ramp_table(x, y, interpolation), places, shades))
+        inside = (places.plain - places.plain[0]) / (places.plain[-1] - places.plain[0] or 1.0)
         if interpolation == "none":  # in the table a step is a line between two entries: a corner at each
             entries = np.ceil(inside[1:] * (RESOLUTION - 1))
             inside = np.sort(np.concatenate([entries - 1, entries])) / (RESOLUTION - 1)
         if interpolation in ("none", "linear"):
             self.corners = self._interval.corners(tuple(inside))
 
-    def evaluate(self, at: At) -> Any:
+    def evaluate(self, at: At) -> Value:
         """Return the ramp's colour."""
         return self._table(self._interval.parameter(at))
 
@@ -157,12 +167,13 @@ class Fade(ColorRamp):
 
     Raises
     ------
-    ValueError
+    SceneError
         An outer distance that is not beyond the inner one.
     """
 
+    @constructor
     def __init__(
-        self, inner: float, outer: float, interpolation: Interpolation = "smooth", space: Space = "distance"
+        self, inner: Number, outer: Number, interpolation: Interpolation = "smooth", space: Space = "distance"
     ) -> None:
         super().__init__([0.0, 1.0], [(1.0,) * 3, (0.0,) * 3], interpolation, inner, outer, space)
 
@@ -170,28 +181,31 @@ class Fade(ColorRamp):
 class Texture(Factor):
     """A one-dimensional colour texture along the beam: `pixels` (M, 3), or an image (H, W, 3) whose rows are averaged.
 
-    The first column lies at `begin`, the last at `end`. An `Array3f` of pixels may have gradients enabled.
+    The first column lies at `begin`, the last at `end`. Pixels may have gradients enabled, (M, 3) of them.
 
     Raises
     ------
-    ValueError
+    SceneError
         Pixels of another shape or not finite, an end that is not behind its begin.
     """
 
-    def __init__(self, pixels: Any, begin: float = 0.0, end: float = 1.0, space: Space = "fraction") -> None:
+    @constructor
+    def __init__(self, pixels: Numbers, begin: Number = 0.0, end: Number = 1.0, space: Space = "fraction") -> None:
         self._interval = _Interval(begin, end, space)
-        if dr.is_jit_v(pixels):
-            self._table = Table(pixels)
-            return
-        numbers = np.asarray(pixels, dtype=np.float64)
-        if numbers.ndim == 3:
-            numbers = numbers.mean(axis=0)
-        if numbers.ndim != 2 or numbers.shape[1] not in (1, 3) or not len(numbers) or not np.all(np.isfinite(numbers)):
-            raise ValueError(f"a texture along the beam has shape {numbers.shape}: expected finite colours, (M, 3)")
-        row = np.broadcast_to(numbers, (len(numbers), 3))
-        self._table = Table(row if len(row) > 1 else np.repeat(row, 2, axis=0))
+        image = given(pixels, "a texture along the beam", "finite colours, (M, 3)").at_least(2)
+        row = image.plain.mean(axis=0) if image.plain.ndim == 3 and len(image.plain) else image.plain
+        if row.ndim != 2 or row.shape[1] not in (1, 3) or not len(row) or not _finite(row):
+            raise SceneError(f"a texture along the beam has shape {row.shape}: expected finite colours, (M, 3)")
+        if image.attached is None:
+            row = np.broadcast_to(row, (len(row), 3))
+            self._table = Table(row if len(row) > 1 else np.repeat(row, 2, axis=0))
+        elif image.plain.ndim == 2 and row.shape[1] == 3:
+            self._table = Table(image.vectors)
+        else:
+            text = f"a texture of shape {image.plain.shape} has gradients enabled: expected one row of colours, (M, 3)"
+            raise SceneError(text)
 
-    def evaluate(self, at: At) -> Any:
+    def evaluate(self, at: At) -> Value:
         """Return the texture's colour."""
         return self._table(self._interval.parameter(at))
 
@@ -199,14 +213,16 @@ class Texture(Factor):
 class _Interval:
     """The map from an input to [0, 1]."""
 
-    def __init__(self, begin: float, end: float, space: Space) -> None:
-        if space not in get_args(Space):
-            raise ValueError(f"space is {space!r}: expected one of {', '.join(get_args(Space))}")
-        if not (np.isfinite(begin) and np.isfinite(end) and end > begin):
-            raise ValueError(f"a falloff goes from {begin} to {end}: expected its end behind its begin")
-        self._begin, self._width, self._space = float(begin), float(end - begin), space
-        self._offset = dr.opaque(Float, self._begin)
-        self._scale = dr.opaque(Float, 1 / self._width)
+    def __init__(self, begin: Number, end: Number, space: Space, knots: Given | None = None) -> None:
+        choice(space, "space", get_args(Space))
+        ends = [given_number(each, "a falloff's begin or end", "a number") for each in (begin, end)]
+        if not ends[0].plain < ends[1].plain:
+            raise SceneError(f"a falloff goes from {shown(begin)} to {shown(end)}: expected its end behind its begin")
+        ends += [] if knots is None else [knots.rows[0], knots.rows[-1]]
+        low, high = (float(each) for each in _ends(*(each.plain for each in ends)))
+        self._begin, self._width, self._space = low, high - low, space
+        self._offset = derived(lambda *parts: _ends(*parts)[0], *ends)
+        self._scale = derived(lambda *parts: 1 / (_ends(*parts)[1] - _ends(*parts)[0]), *ends)
 
     def parameter(self, at: At) -> Any:
         return dr.clip((getattr(at, self._space) - self._offset) * self._scale, 0, 1)
@@ -218,8 +234,13 @@ class _Interval:
         return tuple((self._space, self._begin + float(x) * self._width) for x in inside)
 
 
-def _positive(value: float | Sequence[float], name: str) -> npt.NDArray[np.float64]:
-    numbers = np.broadcast_to(np.asarray(value, dtype=np.float64), (3,))
-    if not np.all(np.isfinite(numbers)) or np.any(numbers <= 0):
-        raise ValueError(f"{name} is {value}: expected a positive number")
-    return numbers
+def _ends(begin: Any, end: Any, first: Any = None, last: Any = None) -> tuple[Any, Any]:
+    """Return where an interval begins and ends; of a ramp, whose first and last knot lie elsewhere in it, these."""
+    if first is None:
+        return begin, end
+    width = end - begin
+    return begin + first * width, begin + last * width
+
+
+def _finite(numbers: npt.NDArray[np.float64]) -> bool:
+    return bool(np.all(np.abs(numbers) <= LARGEST))

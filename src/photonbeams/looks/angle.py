@@ -6,9 +6,10 @@ from typing import Any
 
 import drjit as dr
 
-from ..runtime.device import Float
+from ..numerics.given import derived, given_number
 from .at import At
-from .factors import Factor
+from .described import constructor
+from .factors import Factor, Number, Value
 
 _INV_4PI = 0.07957747154594767
 
@@ -22,7 +23,7 @@ def henyey_greenstein(cosine: Any, anisotropy: Any) -> Any:
 class Scattering(Factor):
     """The physical factor σs · phase(cos θ), Henyey–Greenstein with the medium's anisotropy."""
 
-    def evaluate(self, at: At) -> Any:
+    def evaluate(self, at: At) -> Value:
         """Return scattering coefficient times phase function."""
         return at.medium.scattering * henyey_greenstein(at.cosine, at.medium.anisotropy)
 
@@ -30,7 +31,7 @@ class Scattering(Factor):
 class Isotropic(Factor):
     """σs / 4π from every side: the medium's brightness without its view dependence."""
 
-    def evaluate(self, at: At) -> Any:
+    def evaluate(self, at: At) -> Value:
         """Return a quarter of the scattering coefficient over π."""
         return at.medium.scattering * _INV_4PI
 
@@ -42,19 +43,20 @@ class Glow(Factor):
 
     Raises
     ------
-    ValueError
+    SceneError
         An anisotropy that is not −0.99 to 0.99, a mix that is not 0 to 1, a negative gain.
     """
 
-    def __init__(self, anisotropy: float = 0.8, mix: float = 0.5, gain: float = 1.0) -> None:
-        if not -0.99 <= anisotropy <= 0.99:
-            raise ValueError(f"a glow's anisotropy is {anisotropy}: expected a number from -0.99 to 0.99")
-        if not 0 <= mix <= 1 or not gain >= 0:
-            raise ValueError(f"a glow has mix {mix} and gain {gain}: expected 0 to 1, and not negative")
-        self._anisotropy = dr.opaque(Float, anisotropy)
-        self._base, self._glow = dr.opaque(Float, (1 - mix) * _INV_4PI), dr.opaque(Float, mix * gain)
+    @constructor
+    def __init__(self, anisotropy: Number = 0.8, mix: Number = 0.5, gain: Number = 1.0) -> None:
+        lobe = given_number(anisotropy, "a glow's anisotropy", "a number from -0.99 to 0.99", -0.99, 0.99)
+        amount = given_number(mix, "a glow's mix", "a number from 0 to 1", 0, 1)
+        factor = given_number(gain, "a glow's gain", "a number that is not negative", 0)
+        self._anisotropy = lobe.value
+        self._base = derived(lambda each: (1 - each) * _INV_4PI, amount)
+        self._glow = derived(lambda each, much: each * much, amount, factor)
 
-    def evaluate(self, at: At) -> Any:
+    def evaluate(self, at: At) -> Value:
         """Return the mixture times the scattering coefficient."""
         lobe = henyey_greenstein(at.cosine, self._anisotropy)
         return at.medium.scattering * dr.fma(self._glow, lobe, self._base)

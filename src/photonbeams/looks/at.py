@@ -8,10 +8,13 @@ from typing import Any
 
 import drjit as dr
 import numpy as np
+import numpy.typing as npt
 
 from ..numerics.arrays import opaque
+from ..numerics.given import Number, Numbers, derived, given_color, given_number
 from ..runtime.device import Array3f, Float
-from ..scene import Medium, SceneError
+from ..scene import Array, Medium, SceneError, arguments, color, number, numbers, shown
+from .described import Described, constructor
 from .vocabulary import NAMES
 
 #: The inputs by the names that expressions and Python functions use, and the attributes of `At` that answer them.
@@ -23,19 +26,70 @@ OF_PLACES = frozenset({"position", "local"})
 OF_RADII = frozenset({"radius", "rho2"})
 
 
-class Fog:
-    """The coefficients of a `Medium` as opaque Dr.Jit values, whose gradients may be enabled.
+class Fog(Described):
+    """The coefficients of a homogeneous medium as Dr.Jit values, whose gradients may be enabled.
 
-    `extinction` and `scattering` per channel and scene unit, `anisotropy` of the phase function.
+    Attributes
+    ----------
+    extinction, scattering
+        Coefficients σt and σs per channel and scene unit.
+    anisotropy
+        Mean cosine of the phase function.
+
+    Raises
+    ------
+    SceneError
+        What is no `Medium`.
+
+    Examples
+    --------
+    >>> import drjit as dr
+    >>> import photonbeams as pb
+    >>> fog = pb.looks.Fog(pb.Medium(0.1, 0.02))
+    >>> dr.enable_grad(fog.extinction)
     """
 
+    extinction: Array3f
+    scattering: Array3f
+    anisotropy: Float
+
+    @constructor
     def __init__(self, medium: Medium) -> None:
+        if not isinstance(medium, Medium):
+            raise SceneError(f"a fog's medium is {shown(medium)}: expected a Medium")
         self.extinction = opaque(medium.extinction)
         self.scattering = opaque(medium.scattering)
         self.anisotropy = dr.opaque(Float, medium.anisotropy)
 
+    @classmethod
+    @arguments
+    def of(cls, scattering: Numbers, absorption: Numbers = 0.0, anisotropy: Number = 0.0) -> Fog:
+        """Return the fog of these coefficients, attached to the AD graph where they are; σt is their sum.
 
-class Context:
+        Parameters
+        ----------
+        scattering, absorption
+            One number for all channels, or three, not negative.
+        anisotropy
+            From −0.99 to 0.99.
+
+        Raises
+        ------
+        SceneError
+            Numbers out of range.
+        """
+        expected = "one or three finite numbers of at least 0"
+        scattered = given_color(scattering, "a fog's scattering", expected, 0.0)
+        absorbed = given_color(absorption, "a fog's absorption", expected, 0.0)
+        mean = given_number(anisotropy, "a fog's anisotropy", "a number from -0.99 to 0.99", -0.99, 0.99)
+        fog = cls(Medium(color(scattered.plain, "scattering"), color(absorbed.plain, "absorption"), float(mean.plain)))
+        fog.scattering = derived(lambda each: each, scattered, color=True)
+        fog.extinction = derived(lambda each, more: each + more, scattered, absorbed, color=True)
+        fog.anisotropy = mean.value
+        return fog
+
+
+class Context(Described):
     """What all beams of a light have in common: the time, the light's number and its space; opaque.
 
     Parameters
@@ -46,12 +100,26 @@ class Context:
         Number of the light.
     to_world
         (4, 4) from the light's space to the world's, for column vectors.
+
+    Raises
+    ------
+    SceneError
+        What is no number, or no matrix that has an inverse.
     """
 
-    def __init__(self, frame: float = 0.0, time: float = 0.0, light: int = 0, to_world: Any = None) -> None:
-        self.frame, self.time = dr.opaque(Float, float(frame)), dr.opaque(Float, float(time))
-        self.light = dr.opaque(Float, float(light))
-        matrix = np.eye(4) if to_world is None else np.linalg.inv(np.asarray(to_world, dtype=np.float64))
+    frame: Float
+    time: Float
+    light: Float
+
+    @constructor
+    def __init__(
+        self, frame: float = 0.0, time: float = 0.0, light: int = 0, to_world: npt.ArrayLike | None = None
+    ) -> None:
+        self.frame, self.time, self.light = (
+            dr.opaque(Float, number(value, f"a context's {name}"))
+            for value, name in ((frame, "frame"), (time, "time"), (light, "light"))
+        )
+        matrix = np.eye(4) if to_world is None else _inverse(to_world)
         self._rows = [opaque(row) for row in matrix[:3, :3]]
         self._shift = opaque(matrix[:3, 3])
 
@@ -59,6 +127,14 @@ class Context:
         """Return a point of the world in the light's space."""
         turned = [dr.dot(row, point) for row in self._rows]
         return type(point)(*turned) + self._shift
+
+
+def _inverse(to_world: npt.ArrayLike) -> Array:
+    expected = "a matrix (4, 4) of finite numbers, with an inverse"
+    matrix = numbers(to_world, "a context's to_world", expected).astype(np.float64)
+    if matrix.shape == (4, 4) and np.all(np.isfinite(matrix)) and np.linalg.det(matrix) != 0:
+        return np.linalg.inv(matrix)
+    raise SceneError(f"a context's to_world is {shown(to_world)}: expected {expected}")
 
 
 @dataclass(frozen=True)

@@ -9,26 +9,36 @@ any precision; parameters are opaque, so that changing one does not compile a ke
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Sequence
+from typing import Any, TypeAlias, Union
 
 import drjit as dr
 import numpy as np
 
-from ..numerics.arrays import opaque
+from ..numerics.given import Number, Numbers, given, given_color, given_number
 from ..runtime.device import Array3f, Float
-from ..scene import SceneError
+from ..scene import SceneError, arguments, shown
 from .at import INPUTS, At
+from .described import Described, constructor, described
 
 #: Where the integrand has a corner: the name of an input ("fraction", "distance", "eye", "radius") and its value there.
-Corner = tuple[str, float]
+Corner: TypeAlias = tuple[str, float]
+
+#: What kernels compute: a Dr.Jit number, or a colour, for each lane.
+Value: TypeAlias = Union["Float", "Array3f"]
+#: What stands for a factor: a factor, a number or a colour, an expression's text, or a Python function.
+FactorLike: TypeAlias = Union["Factor", Numbers, str, Callable[..., Any]]
 
 
-class Factor:
+class Factor(Described):
     """One of along, eye and angle, or what modulates a profile. Subclasses answer `evaluate`.
 
-    Factors multiply and add, with each other, with numbers and with colours; see `mix` and `clamp`.
+    Factors multiply and add, with each other, with numbers and with colours; see `mix` and `clamp`. Of a Dr.Jit array
+    and a factor the factor comes first.
     """
+
+    # NumPy's arrays leave the product to the factor, rather than make one of each of their entries.
+    __array_ufunc__ = None
 
     #: Where the factor has corners: quadrature splits its interval there.
     corners: tuple[Corner, ...] = ()
@@ -37,7 +47,7 @@ class Factor:
     #: Whether it may be negative or not finite.
     wild: bool = False
 
-    def evaluate(self, at: At) -> Any:
+    def evaluate(self, at: At) -> Value:
         """Return the factor's value: a Float, or an Array3f."""
         raise NotImplementedError
 
@@ -48,21 +58,23 @@ class Factor:
         """
         return self.evaluate(at), 0.0
 
-    def __mul__(self, other: Any) -> Factor:
+    def __mul__(self, other: FactorLike) -> Factor:
+        if getattr(other, "is_profile", False):
+            return NotImplemented  # for the profile's own product
         return Product((self, factor(other)))
 
     __rmul__ = __mul__
 
-    def __add__(self, other: Any) -> Factor:
+    def __add__(self, other: FactorLike) -> Factor:
         return Sum((self, factor(other)))
 
     __radd__ = __add__
 
-    def mix(self, other: Any, amount: Any = 0.5) -> Factor:
+    def mix(self, other: FactorLike, amount: FactorLike = 0.5) -> Factor:
         """Return self · (1 − amount) + other · amount; the amount is a number or a factor itself."""
         return Mix(self, factor(other), factor(amount))
 
-    def clamp(self, low: float = 0.0, high: float = 1.0) -> Factor:
+    def clamp(self, low: Number = 0.0, high: Number = 1.0) -> Factor:
         """Return the factor with its values clamped to [low, high]."""
         return Clamp(self, low, high)
 
@@ -70,12 +82,17 @@ class Factor:
 class Product(Factor):
     """The product of factors, as the Talk multiplies a colour texture by physical attenuation."""
 
-    def __init__(self, factors: tuple[Factor, ...]) -> None:
-        flat = [inner for each in factors for inner in (each.factors if isinstance(each, Product) else (each,))]
+    @arguments
+    def __init__(self, factors: Sequence[FactorLike]) -> None:
+        listed = _factors(factors, "a product")
+        flat = [inner for each in listed for inner in (each.factors if isinstance(each, Product) else (each,))]
         self.factors: tuple[Factor, ...] = tuple(flat)
         _inherit(self, self.factors)
 
-    def evaluate(self, at: At) -> Any:
+    def __repr__(self) -> str:
+        return " * ".join(f"({each})" if isinstance(each, Sum) else repr(each) for each in self.factors)
+
+    def evaluate(self, at: At) -> Value:
         """Return the product of the factors' values."""
         value, exponent = self.split(at)
         return value * dr.exp(exponent)
@@ -92,11 +109,15 @@ class Product(Factor):
 class Sum(Factor):
     """The sum of factors."""
 
-    def __init__(self, factors: tuple[Factor, ...]) -> None:
-        self._factors = factors
-        _inherit(self, factors)
+    @arguments
+    def __init__(self, factors: Sequence[FactorLike]) -> None:
+        self._factors = _factors(factors, "a sum")
+        _inherit(self, self._factors)
 
-    def evaluate(self, at: At) -> Any:
+    def __repr__(self) -> str:
+        return " + ".join(map(repr, self._factors))
+
+    def evaluate(self, at: At) -> Value:
         """Return the sum of the factors' values."""
         value = self._factors[0].evaluate(at)
         for each in self._factors[1:]:
@@ -107,12 +128,13 @@ class Sum(Factor):
 class Mix(Factor):
     """first · (1 − amount) + second · amount."""
 
-    def __init__(self, first: Factor, second: Factor, amount: Factor) -> None:
-        self._first, self._second, self._amount = first, second, amount
-        _inherit(self, (first, second, amount))
+    @constructor
+    def __init__(self, first: FactorLike, second: FactorLike, amount: FactorLike = 0.5) -> None:
+        self._first, self._second, self._amount = _factors((first, second, amount), "a mixture")
+        _inherit(self, (self._first, self._second, self._amount))
         self.wild = True  # an amount beyond 0 to 1 makes colours negative
 
-    def evaluate(self, at: At) -> Any:
+    def evaluate(self, at: At) -> Value:
         """Return the mixture."""
         first = self._first.evaluate(at)
         return first + (self._second.evaluate(at) - first) * self._amount.evaluate(at)
@@ -123,18 +145,21 @@ class Clamp(Factor):
 
     Raises
     ------
-    ValueError
+    SceneError
         A range that does not ascend.
     """
 
-    def __init__(self, inner: Factor, low: float = 0.0, high: float = 1.0) -> None:
-        if not low <= high:
-            raise ValueError(f"a factor is clamped to {low} to {high}: expected a range that ascends")
-        self._inner, self._low, self._high = inner, dr.opaque(Float, float(low)), dr.opaque(Float, float(high))
-        _inherit(self, (inner,))
-        self.wild = inner.wild or low < 0
+    @constructor
+    def __init__(self, inner: FactorLike, low: Number = 0.0, high: Number = 1.0) -> None:
+        least, most = (given_number(each, "a clamp's limit", "a number") for each in (low, high))
+        if not least.plain <= most.plain:
+            text = f"a factor is clamped to {shown(low)} to {shown(high)}: expected a range that ascends"
+            raise SceneError(text)
+        self._inner, self._low, self._high = factor(inner), least.value, most.value
+        _inherit(self, (self._inner,))
+        self.wild = self._inner.wild or bool(least.plain < 0)
 
-    def evaluate(self, at: At) -> Any:
+    def evaluate(self, at: At) -> Value:
         """Return the clamped values."""
         return dr.minimum(dr.maximum(self._inner.evaluate(at), self._low), self._high)
 
@@ -142,11 +167,11 @@ class Clamp(Factor):
 class Decay(Factor):
     """A factor exp(exponent). Subclasses answer `exponent`."""
 
-    def exponent(self, at: At) -> Any:
+    def exponent(self, at: At) -> Value:
         """Return the exponent, not above 0 in what is not an artist's whim."""
         raise NotImplementedError
 
-    def evaluate(self, at: At) -> Any:
+    def evaluate(self, at: At) -> Value:
         """Return the exponential."""
         return dr.exp(self.exponent(at))
 
@@ -160,18 +185,17 @@ class Constant(Factor):
 
     Raises
     ------
-    ValueError
+    SceneError
         No number, nor three, or one that is not finite.
     """
 
-    def __init__(self, value: Any = 1.0) -> None:
-        numbers = np.asarray(value, dtype=np.float64)
-        if numbers.shape not in ((), (3,)) or not np.all(np.isfinite(numbers)):
-            raise ValueError(f"a constant factor is {value}: expected a finite number or three")
-        self._value = opaque(numbers)
-        self.wild = bool(np.any(numbers < 0))
+    @constructor
+    def __init__(self, value: Numbers = 1.0) -> None:
+        numbers = given_color(value, "a constant factor", "a finite number or three")
+        self._value = numbers.value
+        self.wild = bool(np.any(numbers.plain < 0))
 
-    def evaluate(self, at: At) -> Any:
+    def evaluate(self, at: At) -> Value:
         """Return the constant."""
         return self._value
 
@@ -187,13 +211,24 @@ class Function(Factor):
 
     rough = wild = True
 
+    @arguments
     def __init__(self, function: Callable[..., Any], argument: str = "distance") -> None:
+        if not callable(function) or isinstance(function, type):
+            raise SceneError(f"a look's function is {shown(function)}: expected a Python function")
+        if not hasattr(At, argument):
+            raise SceneError(f"a function's argument is {shown(argument)}: expected an attribute of At")
         self._function, self.arguments = function, _arguments(function, argument)
 
-    def evaluate(self, at: At) -> Any:
+    def __repr__(self) -> str:
+        return f"Function({described(self._function)})"
+
+    def evaluate(self, at: At) -> Value:
         """Call the function."""
+        return self.called(*(at if each == "at" else getattr(at, each) for each in self.arguments))
+
+    def called(self, *given: Any) -> Any:
+        """Return the function's value for these inputs; SceneError where it fails, or returns no colour."""
         name = getattr(self._function, "__name__", "function")
-        given = [at if each == "at" else getattr(at, each) for each in self.arguments]
         try:
             value = self._function(*given)
         except (Exception, SystemExit) as error:
@@ -236,21 +271,34 @@ def _arguments(function: Callable[..., Any], own: str) -> list[str]:
         return [INPUTS[name] if name in _SPEAKING else own for name in names] or [own]
     unknown = [name for name in names if name not in INPUTS and name != "at"]
     if unknown:
-        raise ValueError(f"a look's function has a parameter {unknown[0]!r}: expected one of {', '.join(INPUTS)}, at")
+        raise SceneError(f"a look's function has a parameter {unknown[0]!r}: expected one of {', '.join(INPUTS)}, at")
     return [INPUTS.get(name, name) for name in names]
 
 
-def factor(value: Any, argument: str = "distance") -> Factor:
+def factor(value: FactorLike, argument: str = "distance", name: str = "a factor") -> Factor:
     """Return `value` as a factor: a Factor, a number, a colour, an expression's text, or a Python function."""
     if isinstance(value, Factor):
         return value
+    if isinstance(value, type):
+        raise SceneError(f"{name} is the class {value.__name__}: expected one of it, {value.__name__}(...)")
     if isinstance(value, str):
         from .patterns import Expression  # which is a factor itself
 
         return Expression(value)
     if callable(value):
         return Function(value, argument)
+    if getattr(value, "is_profile", False):
+        raise SceneError(f"{name} is a profile, {shown(value)}: expected a factor, for profiles belong across the beam")
+    expected = "a factor, a number, a colour, an expression or a function"
+    given(value, name, expected)
     return Constant(value)
+
+
+def _factors(values: Sequence[FactorLike], name: str) -> tuple[Factor, ...]:
+    """Return the parts of a sum or a product as factors."""
+    if not isinstance(values, list | tuple) or not values:
+        raise SceneError(f"{name} of factors is {shown(values)}: expected a list or a tuple of one or more")
+    return tuple(factor(each, name=f"a part of {name}") for each in values)
 
 
 def _inherit(whole: Factor, parts: tuple[Factor, ...]) -> None:

@@ -10,12 +10,12 @@ import numpy as np
 
 from ..numerics.arrays import to_float, to_vectors
 from ..runtime.device import Array3f, Float
-from ..scene import Medium, SceneError
-from .across import Across, Epanechnikov, Modulated, across
+from ..scene import Medium, SceneError, arguments, shown
+from .across import Across, AcrossLike, Epanechnikov, Modulated, across
 from .along import Attenuation
 from .angle import Scattering
 from .at import OF_BEAMS, OF_PLACES, OF_RADII, At, Context, Fog, inputs_of
-from .factors import Constant, Corner, Factor, factor
+from .factors import Constant, Corner, Factor, FactorLike, factor
 
 #: Two corners of a space.
 Box = tuple[Any, Any]
@@ -57,24 +57,42 @@ class Look:
     angle
         View-angle shading. Physical: `Scattering()`, σs times the phase function.
 
-    Each may be a factor of this package, a number or colour, or a Python function of Dr.Jit arrays: of the distance
-    from the light (along), of ρ (across), of the distance to the camera (eye), of the scattering angle's cosine
-    (angle), or of the inputs that its parameters name (`Function`).
+    Each may be a factor of this package, a number or colour, an expression's text, or a Python function of Dr.Jit
+    arrays: of the distance from the light (along), of ρ (across), of the distance to the camera (eye), of the
+    scattering angle's cosine (angle), or of the inputs that its parameters name (`Function`).
+
+    Numbers may be Dr.Jit arrays with gradients enabled: what `estimate` returns is then attached to them.
+
+    Raises
+    ------
+    SceneError
+        What stands for no factor, or for no profile.
 
     Examples
     --------
     >>> import photonbeams as pb
-    >>> look = pb.Look(along=pb.ColorRamp([0, 1], [[1, 0.9, 0.6], [0.8, 0.1, 0]]) * pb.Attenuation())
+    >>> look = pb.Look(along=pb.looks.ColorRamp([0, 1], [[1, 0.9, 0.6], [0.8, 0.1, 0]]) * pb.looks.Attenuation())
     """
 
-    def __init__(self, along: Any = None, across: Any = None, eye: Any = None, angle: Any = None) -> None:
-        self.along: Factor = Attenuation() if along is None else factor(along)
+    @arguments
+    def __init__(
+        self,
+        along: FactorLike | None = None,
+        across: AcrossLike | None = None,
+        eye: FactorLike | None = None,
+        angle: FactorLike | None = None,
+    ) -> None:
+        self.along: Factor = Attenuation() if along is None else factor(along, name="along")
         profile = _profile(across)
         self.across: Across = profile.profile if isinstance(profile, Modulated) else profile
         _ = self.across.scale  # a profile without a sum is an error now, not in a kernel
         self.modulation: Factor | None = profile.factor if isinstance(profile, Modulated) else None
-        self.eye: Factor = Attenuation() if eye is None else factor(eye, "to_camera")
-        self.angle: Factor = Scattering() if angle is None else factor(angle, "cosine")
+        self.eye: Factor = Attenuation() if eye is None else factor(eye, "to_camera", "eye")
+        self.angle: Factor = Scattering() if angle is None else factor(angle, "cosine", "angle")
+
+    def __repr__(self) -> str:
+        across = self.across if self.modulation is None else Modulated(self.across, self.modulation)
+        return f"Look(along={self.along}, across={across}, eye={self.eye}, angle={self.angle})"
 
     def bind(
         self,
@@ -92,11 +110,15 @@ class Look:
         SceneError
             A factor that is not a number or a colour, or is not finite somewhere.
         """
-        fog = medium if medium is None or isinstance(medium, Fog) else Fog(medium)
+        if medium is not None and not isinstance(medium, Medium | Fog):
+            raise SceneError(f"medium is {shown(medium)}: expected a Medium, a looks.Fog or None")
+        if context is not None and not isinstance(context, Context):
+            raise SceneError(f"context is {shown(context)}: expected a looks.Context or None")
+        fog = Fog(medium) if isinstance(medium, Medium) else medium
         return BoundLook(self, fog, reach, context, box)
 
 
-def _profile(value: Any) -> Across | Modulated:
+def _profile(value: AcrossLike | None) -> Across | Modulated:
     return Epanechnikov() if value is None else across(value)
 
 
@@ -122,7 +144,7 @@ class BoundLook:
     corners
         Where the integrand has corners.
     attached
-        Whether factors are attached to the AD graph.
+        Whether factors or the profile are attached to the AD graph.
     """
 
     def __init__(self, look: Look, fog: Fog | None, reach: float, context: Context | None, box: Box) -> None:
@@ -134,7 +156,9 @@ class BoundLook:
         self._wild = any(each.wild for each in self._factors().values())
         probe = self._probe(1, box)
         with dr.resume_grad():
-            self.attached = any(dr.grad_enabled(each.evaluate(probe)) for each in self._factors().values())
+            self.attached = self.profile.attached or any(
+                dr.grad_enabled(each.evaluate(probe)) for each in self._factors().values()
+            )
         asked = {slot: inputs_of(each.evaluate, probe) for slot, each in self._factors().items()}
         self._turning = not asked["angle"] <= _OF_RAYS  # the angle's factor changes along a ray
         self.uses = frozenset().union(*asked.values())

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any, Literal, get_args
+from typing import Literal, get_args
 
 import drjit as dr
-import numpy as np
 
-from ..numerics.arrays import opaque
-from ..runtime.device import Float
+from ..numerics.given import SMALLEST, derived, given_color, given_number
+from ..scene import SceneError, choice, shown, whole
 from .at import INPUTS, At
+from .described import constructor
 from .expression import parse
-from .factors import Factor
+from .factors import Factor, Number, Numbers, Value
 from .noise import MOST_OCTAVES, fbm
 
 NoiseSpace = Literal["world", "light"]
@@ -22,20 +21,20 @@ class Expression(Factor):
     """A line that an artist wrote, such as `smoothstep(0, 1, s) * (0.6 + 0.4 * noise(4 * P + time))`.
 
     Its value is not below 0, and finite whatever the line says. `looks.expression` tells the language, and raises
-    ExpressionError, a ValueError that names the column, for what is no expression.
+    ExpressionError, a SceneError that names the column, for what is no expression.
     """
 
     rough = True
 
+    @constructor
     def __init__(self, text: str) -> None:
+        if not isinstance(text, str):
+            raise SceneError(f"an expression is {shown(text)}: expected a text, such as '1 - s'")
         self.parsed = parse(text)
 
-    def evaluate(self, at: At) -> Any:
+    def evaluate(self, at: At) -> Value:
         """Return the expression's value."""
         return dr.maximum(self.parsed.evaluate(lambda name: getattr(at, INPUTS[name])), 0)
-
-    def __repr__(self) -> str:
-        return f"Expression({self.parsed.text!r})"
 
 
 class Noise(Factor):
@@ -60,36 +59,39 @@ class Noise(Factor):
 
     Raises
     ------
-    ValueError
+    SceneError
         A number outside of its range, or not finite; an unknown space.
     """
 
+    @constructor
     def __init__(
         self,
-        amount: float = 1.0,
-        scale: float = 1.0,
+        amount: Number = 1.0,
+        scale: Number = 1.0,
         octaves: int = 4,
-        contrast: float = 2.0,
-        drift: Sequence[float] = (0.0, 0.0, 0.0),
-        evolution: float = 0.0,
+        contrast: Number = 2.0,
+        drift: Numbers = (0.0, 0.0, 0.0),
+        evolution: Number = 0.0,
         space: NoiseSpace = "world",
     ) -> None:
-        numbers = np.asarray([amount, scale, contrast, evolution, *drift], dtype=np.float64)
-        if numbers.shape != (7,) or not np.all(np.isfinite(numbers)):  # four and a drift of three
-            raise ValueError("noise expects finite numbers, and a drift of three")
-        if not 0 <= amount <= 1 or not contrast >= 0:
-            raise ValueError(f"noise has amount {amount} and contrast {contrast}: expected 0 to 1, and not negative")
-        if not scale > 0 or octaves not in range(1, MOST_OCTAVES + 1):
-            text = f"noise has scale {scale} and {octaves} octaves: expected a positive size and 1 to {MOST_OCTAVES}"
-            raise ValueError(text)
-        if space not in get_args(NoiseSpace):
-            raise ValueError(f"noise has space {space!r}: expected one of {', '.join(get_args(NoiseSpace))}")
-        self._gain, self._rate = dr.opaque(Float, amount * contrast), dr.opaque(Float, 1 / scale)
-        self._drift, self._evolution = opaque(drift), dr.opaque(Float, evolution)
-        self._octaves, self._space = int(octaves), space
-        self._still = evolution == 0
+        parts = (
+            given_number(amount, "a noise's amount", "a number from 0 to 1", 0, 1),
+            given_number(contrast, "a noise's contrast", "a number that is not negative", 0),
+        )
+        self._gain = derived(lambda each, more: each * more, *parts)
+        self._rate = derived(lambda each: 1 / each, given_number(scale, "a noise's scale", "a positive size", SMALLEST))
+        self._octaves = whole(octaves, "a noise's octaves", f" from 1 to {MOST_OCTAVES}")
+        if not 1 <= self._octaves <= MOST_OCTAVES:
+            raise SceneError(f"a noise's octaves is {shown(octaves)}: expected a whole number from 1 to {MOST_OCTAVES}")
+        motion = given_color(drift, "a noise's drift", "three finite numbers")
+        if motion.plain.shape != (3,):
+            raise SceneError(f"a noise's drift is {shown(drift)}: expected three finite numbers")
+        self._drift = motion.value
+        changes = given_number(evolution, "a noise's evolution", "a number")
+        self._evolution, self._still = changes.value, changes.attached is None and not changes.plain
+        self._space = choice(space, "a noise's space", get_args(NoiseSpace))
 
-    def evaluate(self, at: At) -> Any:
+    def evaluate(self, at: At) -> Value:
         """Return the noise."""
         point = at.local if self._space == "light" else at.position
         moved = (point - self._drift * at.time) * self._rate
@@ -103,15 +105,14 @@ class Variation(Factor):
 
     Raises
     ------
-    ValueError
+    SceneError
         An amount that is not 0 to 1.
     """
 
-    def __init__(self, amount: float = 0.5) -> None:
-        if not 0 <= amount <= 1:
-            raise ValueError(f"variation is {amount}: expected 0 to 1")
-        self._amount = dr.opaque(Float, float(amount))
+    @constructor
+    def __init__(self, amount: Number = 0.5) -> None:
+        self._amount = given_number(amount, "a variation", "a number from 0 to 1", 0, 1).value
 
-    def evaluate(self, at: At) -> Any:
+    def evaluate(self, at: At) -> Value:
         """Return the beam's brightness."""
         return dr.fma(self._amount, 2 * at.random - 1, 1)

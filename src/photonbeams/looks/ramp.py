@@ -8,6 +8,10 @@ import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
 
+from ..numerics.given import Given
+from ..runtime.device import Float
+from ..scene import SceneError, choice, shown
+
 Interpolation = Literal["none", "linear", "smooth", "catmull-rom", "monotone"]
 
 # A kernel reads the ramp from a table; at 1024 points a corner moves by at most half a thousandth of the ramp.
@@ -38,21 +42,29 @@ def interpolate(
     return colors[index] + t[..., None] * (colors[index + 1] - colors[index])
 
 
+def check_ramp(knots: npt.NDArray[np.float64], colors: npt.NDArray[np.float64], interpolation: Interpolation) -> None:
+    """Raise SceneError for what is no ramp."""
+    choice(interpolation, "interpolation", get_args(Interpolation))
+    if knots.ndim != 1 or not len(knots) or colors.shape != (len(knots), 3):
+        raise SceneError(f"a ramp has knots {knots.shape} and colours {colors.shape}: expected (M,) and (M, 3)")
+    if not (np.all(np.isfinite(knots)) and np.all(np.isfinite(colors))):
+        raise SceneError("a ramp has a knot or a colour that is not finite: expected finite numbers")
+    if np.any(np.diff(knots) <= 0):
+        raise SceneError(f"a ramp's knots are {shown(knots.tolist())}: expected positions that ascend")
+
+
+def ramp_ends(knots: Given) -> Given:
+    """Return the positions of a ramp's two ends; one knot alone is constant, over any interval."""
+    if len(knots.plain) > 1:
+        return knots
+    (only,) = knots.rows
+    return Given(knots.plain[0] + np.arange(2.0), None if only.attached is None else only.attached + Float([0.0, 1.0]))
+
+
 def ramp_table(
     knots: npt.NDArray[np.float64], colors: npt.NDArray[np.float64], interpolation: Interpolation
-) -> tuple[npt.NDArray[np.float64], float, float]:
-    """Check a ramp and return its table (RESOLUTION, 3) and the positions of the table's two ends."""
-    if interpolation not in get_args(Interpolation):
-        raise ValueError(f"interpolation is {interpolation!r}: expected one of {', '.join(get_args(Interpolation))}")
-    if knots.ndim != 1 or not len(knots) or colors.shape != (len(knots), 3):
-        raise ValueError(f"a ramp has knots {knots.shape} and colours {colors.shape}: expected (M,) and (M, 3)")
-    if not (np.all(np.isfinite(knots)) and np.all(np.isfinite(colors))):
-        raise ValueError("a ramp has a knot or a colour that is not finite")
-    if np.any(np.diff(knots) <= 0):
-        raise ValueError(f"a ramp's knots are {knots.tolist()}: expected positions that ascend")
-    low, high = float(knots[0]), float(knots[-1])
-    if low == high:
-        high = low + 1.0
+) -> npt.NDArray[np.float64]:
+    """Return a ramp's table, (RESOLUTION, 3), from its first knot to its last."""
+    places = np.linspace(knots[0], knots[-1], RESOLUTION)
     # Catmull–Rom may undershoot: light is not negative.
-    values = np.maximum(interpolate(knots, colors, interpolation, np.linspace(low, high, RESOLUTION)), 0.0)
-    return values, low, high
+    return np.maximum(interpolate(knots, colors, interpolation, places), 0.0)

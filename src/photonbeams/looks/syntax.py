@@ -5,11 +5,13 @@ from __future__ import annotations
 import ast
 import warnings
 
+from ..scene import SceneError
+
 LONGEST = 4096  # characters
 DEEPEST = 64  # parts within parts
 
 
-class ExpressionError(ValueError):
+class ExpressionError(SceneError):
     """An expression that cannot be read. As text it is one sentence for the artist.
 
     Attributes

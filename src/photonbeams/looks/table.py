@@ -9,10 +9,11 @@ import numpy as np
 
 from ..numerics.arrays import to_float
 from ..runtime.device import Array2f, Array3f, Array4f, Float, UInt32
+from ..scene import SceneError
 
 
 class Table:
-    """`values` (M,) or (M, 3) at M ≥ 2 equidistant points of [0, 1], or an Array3f of them; clamped outside.
+    """`values` (M,) or (M, 3) at M ≥ 2 equidistant points of [0, 1], or a Float or Array3f of them; clamped outside.
 
     One look-up is one gather of a packet that holds both neighbours' (scalar table) or two packets (colour table),
     since gathers, not arithmetic, bound the estimators' loops.
@@ -20,17 +21,11 @@ class Table:
 
     def __init__(self, values: Any) -> None:
         if dr.is_jit_v(values):  # stays attached to the AD graph, if it is
-            count = dr.width(values)
-            if count < 2:
-                raise ValueError(f"a table has {count} entries: expected at least 2")
-            self.colour, self._data = True, dr.zeros(Float, 4 * count)
-            packet = Array4f(values.x, values.y, values.z, dr.zeros(Float, count))
-            dr.scatter(self._data, packet, dr.arange(UInt32, count))
-            self._last = dr.opaque(UInt32, count - 1)
+            self._attach(values)
             return
         numbers = np.asarray(values, dtype=np.float32)
         if numbers.ndim not in (1, 2) or len(numbers) < 2:
-            raise ValueError(f"a table has shape {numbers.shape}: expected (M,) or (M, 3) with M of at least 2")
+            raise SceneError(f"a table has shape {numbers.shape}: expected (M,) or (M, 3) with M of at least 2")
         self.colour = numbers.ndim == 2
         if self.colour:
             packed = np.zeros((len(numbers), 4), np.float32)
@@ -39,6 +34,20 @@ class Table:
             packed = np.stack([numbers, np.append(numbers[1:], numbers[-1])], axis=1)
         self._data = to_float(packed)
         self._last = dr.opaque(UInt32, len(numbers) - 1)
+
+    def _attach(self, values: Any) -> None:
+        count = dr.width(values)
+        if count < 2:
+            raise SceneError(f"a table has {count} entries: expected at least 2")
+        self.colour = dr.depth_v(values) == 2
+        number, last = dr.arange(UInt32, count), dr.opaque(UInt32, count - 1)
+        if self.colour:
+            packet: Any = Array4f(values.x, values.y, values.z, dr.zeros(Float, count))
+        else:
+            packet = Array2f(values, dr.gather(Float, values, dr.minimum(number + 1, last)))
+        self._data = dr.zeros(Float, dr.size_v(packet) * count)
+        dr.scatter(self._data, packet, number)
+        self._last = last
 
     def __call__(self, x: Any) -> Any:
         """Interpolate at x (any width); returns a Float, or an Array3f for a colour table."""

@@ -17,10 +17,16 @@ from .checks import (
     Array,
     Color,
     SceneError,
+    arguments,
+    choice,
     color,
+    has_gradients,
+    instance,
     number,
+    numbers,
     real,
     rgb,
+    shown,
     whole,
 )  # fmt: skip
 from .lights import SCATTERED, DistantLight, DomeLight, FlatLight, Gobo, Light, Shaping, SphereLight
@@ -31,5 +37,6 @@ from .surfaces import Material, Mesh, Texture
 __all__ = [
     "BLACK", "DEFAULT_BEAMS", "ESCAPE", "FARTHEST", "MOST_BEAMS", "MOST_PIXELS", "SCATTERED", "Array", "Camera",
     "Color", "DistantLight", "DomeLight", "DrawnBeams", "FlatLight", "Gobo", "Grid", "Light", "Material", "Medium",
-    "Mesh", "Scene", "SceneError", "Shaping", "SphereLight", "Texture", "color", "number", "real", "rgb", "whole",
+    "Mesh", "Scene", "SceneError", "Shaping", "SphereLight", "Texture", "arguments", "choice", "color",
+    "has_gradients", "instance", "number", "numbers", "real", "rgb", "shown", "whole",
 ]  # fmt: skip

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import difflib
+import inspect
+import sys
+from collections.abc import Callable, Iterable, Sequence
+from functools import wraps
 from numbers import Integral, Real
-from typing import Any
+from types import NoneType
+from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -40,12 +45,138 @@ class SceneError(ValueError):
     """Something in a scene cannot be rendered; the text is one sentence for the user."""
 
 
+P = ParamSpec("P")
+R = TypeVar("R")
+
+_LONGEST = 300  # characters of a sentence
+_LONGEST_VALUE = 60  # characters of a value in it
+
+
+def shown(value: Any) -> str:
+    """Return a value as a message shows it: on one line, and short."""
+    try:
+        text = " ".join((str(value) if isinstance(value, Real) else repr(value)).split())
+    except Exception:
+        text = f"a {type(value).__name__}"
+    return text if len(text) <= _LONGEST_VALUE else f"{text[:_LONGEST_VALUE]}…"
+
+
+def has_gradients(value: Any) -> bool:
+    """Tell whether a value is, or holds, a Dr.Jit array whose gradients are enabled."""
+    drjit = sys.modules.get("drjit")
+    return drjit is not None and bool(drjit.grad_enabled(value))
+
+
+def numbers(value: Any, name: str, expected: str) -> Array:
+    """Return numbers of any shape as a NumPy array; vectors of Dr.Jit arrays are its rows, (N, 3).
+
+    Raises
+    ------
+    SceneError
+        What holds anything but real numbers, rows of unequal length, and Dr.Jit arrays whose gradients are enabled,
+        since these would be lost. The sentence says what was `expected`.
+    """
+    if has_gradients(value):
+        raise SceneError(f"{name} has gradients enabled, which would be lost: expected {expected}, without them")
+    try:
+        found = np.asarray(_rows(value))
+        if found.dtype.kind == "O" and all(isinstance(each, Real) for each in found.flat):
+            found = found.astype(np.float64)
+    except Exception:  # of any library whose arrays a user may have
+        found = np.asarray(None)
+    if found.dtype.kind not in "buif":
+        raise SceneError(f"{name} is {shown(value)}: expected {expected}")
+    return found
+
+
+def choice(value: Any, name: str, choices: Iterable[str]) -> str:
+    """Return `value` where it is one of these words; SceneError names them where it is not."""
+    listed = tuple(choices)
+    if not isinstance(value, str) or value not in listed:
+        raise SceneError(f"{name} is {shown(value)}: expected one of {', '.join(listed)}")
+    return value
+
+
+def instance(value: Any, name: str, *kinds: type) -> None:
+    """Raise SceneError for a value of another type than these."""
+    if not isinstance(value, kinds):
+        known = " or ".join("None" if each is NoneType else f"a {each.__name__}" for each in kinds)
+        raise SceneError(f"{name} is {shown(value)}: expected {known}")
+
+
+def _rows(value: Any) -> Any:
+    """Return Dr.Jit arrays, also those in lists, as NumPy has them: vectors as rows, of one entry that alone."""
+    drjit = sys.modules.get("drjit")
+    if drjit is None:
+        return value
+    if isinstance(value, list | tuple):
+        return [_rows(each) for each in value]
+    if not drjit.is_jit_v(value) or drjit.is_tensor_v(value):
+        return value
+    rows = value.numpy().T
+    return rows[0] if len(rows) == 1 else rows
+
+
+def arguments(function: Callable[P, R]) -> Callable[P, R]:
+    """Decorate a function that users call: a wrong argument is a SceneError that names the right ones.
+
+    Examples
+    --------
+    >>> @arguments
+    ... def render(passes=1, width=640): ...
+    >>> render(widht=320)
+    Traceback (most recent call last):
+    photonbeams.scene.checks.SceneError: render has no argument 'widht', did you mean width? Expected passes, width
+    """
+    signature = inspect.signature(function)
+    makes = function.__name__ == "__init__"
+
+    @wraps(function)
+    def checked(*given: P.args, **named: P.kwargs) -> R:
+        try:
+            signature.bind(*given, **named)
+        except TypeError as error:
+            name = type(given[0]).__name__ if makes else function.__name__
+            raise SceneError(_misuse(name, signature, len(given), named, error)) from None
+        return function(*given, **named)
+
+    return checked
+
+
+def unknown(name: str, key: str, expected: Iterable[str]) -> str:
+    """Return the sentence for an argument that a function does not have, with the nearest one that it has."""
+    listed = list(expected)
+    near = difflib.get_close_matches(key.lower(), listed, n=1)
+    hint = f", did you mean {near[0]}?" if near else "."
+    text = f"{name} has no argument {shown(key)}{hint} Expected {', '.join(listed) or 'none'}"
+    return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 1]}…"
+
+
+def _misuse(name: str, signature: inspect.Signature, given: int, named: dict[str, Any], error: TypeError) -> str:
+    """Return what is wrong with the arguments of a call that `signature` does not bind."""
+    parameters = {key: each for key, each in signature.parameters.items() if key != "self"}
+    wrong = [key for key in named if key not in parameters]
+    if wrong:
+        return unknown(name, wrong[0], parameters)
+    needed = [key for key, each in parameters.items() if each.default is each.empty]
+    positional = [key for key, each in parameters.items() if each.kind is not each.KEYWORD_ONLY]
+    given -= "self" in signature.parameters
+    if given > len(positional):
+        return f"{name} is given {given} arguments by place: expected up to {len(positional)}, {', '.join(positional)}"
+    missing = [key for key in needed if key not in named and key not in positional[:given]]
+    if missing:
+        return f"{name} lacks {', '.join(missing)}: expected {', '.join(parameters)}"[:_LONGEST]
+    return f"{name}: {error}"
+
+
 def color(value: float | Sequence[float] | Array, name: str, minimum: float = 0.0) -> Color:
     """Return `value`, a number or three of them, as a colour of finite numbers not below `minimum`."""
-    numbers = np.broadcast_to(np.asarray(value, dtype=np.float64), (3,)) if np.size(value) in (1, 3) else None
-    if numbers is None or not np.all(np.isfinite(numbers)) or np.any(numbers < minimum):
-        raise SceneError(f"{name} is {value}: expected one or three finite numbers of at least {minimum:g}")
-    return (float(numbers[0]), float(numbers[1]), float(numbers[2]))
+    expected = f"one or three finite numbers of at least {minimum:g}"
+    found = numbers(value, name, expected).astype(np.float64)
+    if found.size not in (1, 3) or not np.all(np.isfinite(found)) or np.any(found < minimum):
+        raise SceneError(f"{name} is {shown(value)}: expected {expected}")
+    first, second, third = np.broadcast_to(found.ravel(), (3,))
+    return float(first), float(second), float(third)
 
 
 def rgb(pixels: Array) -> Array:
@@ -55,21 +186,22 @@ def rgb(pixels: Array) -> Array:
 
 def number(value: float, name: str, minimum: float = -np.inf, maximum: float = np.inf) -> float:
     """Return `value` as a finite float between `minimum` and `maximum`."""
-    result = float(value)
-    if not np.isfinite(result) or not minimum <= result <= maximum:
-        bounds = " ".join(
-            words
-            for words, bound in ((f"at least {minimum:g}", minimum), (f"at most {maximum:g}", maximum))
-            if np.isfinite(bound)
-        )
-        raise SceneError(f"{name} is {value}: expected a finite number {bounds}".rstrip())
-    return result
+    bounds = [
+        words
+        for words, bound in ((f"at least {minimum:g}", minimum), (f"at most {maximum:g}", maximum))
+        if np.isfinite(bound)
+    ]
+    expected = " ".join(["a finite number", *bounds])
+    found = numbers(value, name, expected)
+    if found.size != 1 or not np.isfinite(found).all() or not minimum <= float(found.ravel()[0]) <= maximum:
+        raise SceneError(f"{name} is {shown(value)}: expected {expected}")
+    return float(found.ravel()[0])
 
 
 def whole(value: Any, name: str, of: str = "") -> int:
     """Return a whole number, NumPy's too, as an int; SceneError where it is none, as 64.0 and "4" are."""
     if not isinstance(value, Integral):
-        raise SceneError(f"{name} is {value!r}: expected a whole number{of}")
+        raise SceneError(f"{name} is {shown(value)}: expected a whole number{of}")
     return int(value)
 
 

@@ -104,6 +104,8 @@ class MitsubaScene:
 
     def check(self, settings: Settings) -> None:
         """Raise SceneError where something in the scene cannot be rendered."""
+        from ..render.scene_frame import SceneFrame
+
         SceneFrame(self.plugin, self.sensor, replace(settings, guiding=False))
 
     def render(

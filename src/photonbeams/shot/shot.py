@@ -157,7 +157,7 @@ class Shot:
         content = stages.read_scene(self.stage, time, self._warned, base)
         content = replace(
             content,
-            medium=self._fog(content.medium),
+            media=self._media(content),
             groups=self._groups_at_all_times(),
             lights=tuple(replace(light, look=self._look(light.name, light.look)) for light in content.lights),
             drawn=tuple(replace(beams, look=self._look(beams.name, beams.look)) for beams in content.drawn),
@@ -187,10 +187,14 @@ class Shot:
 
         return emitted(emit, PassContext(frame=frame, time=self._number(frame), medium=medium))
 
-    def _fog(self, own: scene.Medium | None) -> scene.Medium | None:
-        if callable(self.medium):
-            return self.medium(own)
-        return self.medium or own
+    def _media(self, content: scene.Scene) -> tuple[scene.Medium, ...]:
+        """Return the stage's media, or the shot's instead of them; a function of the first one changes that alone."""
+        if not callable(self.medium):
+            return content.media if self.medium is None else (self.medium,)
+        own = content.medium
+        chosen = self.medium(own)
+        rest = tuple(each for each in content.media if each is not own)
+        return rest if chosen is None else content.media if chosen is own else (chosen, *rest)
 
     def cameras(self, frame: float | None = None) -> tuple[scene.Camera, ...]:
         """Return the camera at a frame, or the left and the right eye's."""

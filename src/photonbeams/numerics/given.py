@@ -1,0 +1,148 @@
+"""Numbers that a user gives, whose gradients may be enabled: checked in NumPy, and attached to Dr.Jit's AD graph.
+
+Kernels take the plain number as an opaque input, whatever it was computed from, so that a step of an optimiser compiles
+none. What an attached number was computed from hangs on that input by `drjit.replace_grad` alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, Union
+
+import drjit as dr
+import numpy as np
+import numpy.typing as npt
+
+from ..runtime.device import Array3f, Float, UInt32
+from ..scene import SceneError, has_gradients, numbers, shown
+from .arrays import opaque, to_float, to_vectors
+
+#: A number; a Dr.Jit `Float` of one entry may have gradients enabled.
+Number: TypeAlias = Union[float, "Float"]
+#: Numbers or vectors, (M,) or (M, 3), as NumPy takes them, or a Dr.Jit array of them, whose gradients may be enabled.
+Numbers: TypeAlias = Union[npt.ArrayLike, "Float", "Array3f", "TensorXf"]
+
+#: Of a number that single precision holds, and the least that can be divided by.
+LARGEST, SMALLEST = 1e38, 1e-37
+
+# Central differences in double precision over this step, relative to the number, err by some 1e-10.
+_STEP = 1e-6
+
+
+if TYPE_CHECKING:
+    from drjit.llvm.ad import TensorXf
+
+
+class Given(NamedTuple):
+    """Numbers in NumPy and, where gradients are enabled, the same as one attached Float, row by row (else None)."""
+
+    plain: npt.NDArray[np.float64]
+    attached: Any = None
+
+    def at_least(self, axes: int) -> Given:
+        """Return the numbers with axes of one entry before their own, so that they have so many."""
+        return Given(np.array(self.plain, ndmin=axes), self.attached)
+
+    @property
+    def rows(self) -> list[Given]:
+        """The entries along the first axis."""
+        size = self.plain[0].size if len(self.plain) else 0
+        if self.attached is None:
+            return [Given(row) for row in self.plain]
+        entries = dr.arange(UInt32, size)
+        parts = (dr.gather(Float, self.attached, entries + size * number) for number in range(len(self.plain)))
+        return [Given(row, part) for row, part in zip(self.plain, parts, strict=True)]
+
+    @property
+    def vectors(self) -> Any:
+        """Attached numbers (N, 3) as an Array3f."""
+        first = 3 * dr.arange(UInt32, len(self.plain))
+        return Array3f(*(dr.gather(Float, self.attached, first + axis) for axis in range(3)))
+
+    @property
+    def value(self) -> Any:
+        """The number as a Float, or the three as an Array3f, opaque, and attached where the numbers are."""
+        value = opaque(self.plain)
+        if self.attached is None:
+            return value
+        entries = [dr.gather(Float, self.attached, UInt32(i)) for i in range(self.plain.size)]
+        return dr.replace_grad(value, type(value)(*entries))
+
+
+def given(value: Any, name: str, expected: str) -> Given:
+    """Return the numbers that a user gave; SceneError says what was `expected` of `name` where they are none."""
+    attached = has_gradients(value)
+    plain = numbers(dr.detach(value) if attached else value, name, expected)
+    return Given(plain.astype(np.float64), _flat(value) if attached else None)
+
+
+def given_number(value: Any, name: str, expected: str, low: float = -LARGEST, high: float = LARGEST) -> Given:
+    """Return one number from `low` to `high`; SceneError says what was `expected`."""
+    found = given(value, name, expected)
+    if found.plain.size != 1 or not low <= float(found.plain.ravel()[0]) <= high:
+        raise SceneError(f"{name} is {shown(value)}: expected {expected}")
+    return Given(found.plain.reshape(()), found.attached)
+
+
+def given_color(value: Any, name: str, expected: str, low: float = -LARGEST) -> Given:
+    """Return one number or three, none below `low`; SceneError says what was `expected`."""
+    found = given(value, name, expected)
+    plain = found.plain.reshape(()) if found.plain.size == 1 else found.plain
+    if plain.shape not in ((), (3,)) or not np.all((plain >= low) & (plain <= LARGEST)):
+        raise SceneError(f"{name} is {shown(value)}: expected {expected}")
+    return Given(plain, found.attached)
+
+
+def _flat(value: Any) -> Any:
+    """Return all entries of an array, or of arrays in lists, as one Float, attached: vector after vector."""
+    if isinstance(value, list | tuple):
+        return dr.concat([_flat(each) for each in value])
+    if not dr.is_array_v(value):
+        return to_float(np.asarray(value, dtype=np.float64))
+    if dr.is_tensor_v(value):
+        return Float(value.array)
+    return Float(dr.ravel(value) if dr.depth_v(value) > 1 else value)
+
+
+def derived(function: Callable[..., Any], *parts: Given, color: bool = False) -> Any:
+    """Return a function of numbers as an input of kernels: a Float or an Array3f, attached where one of them is.
+
+    The function takes NumPy's numbers and Dr.Jit's alike. With `color` one number stands for three.
+    """
+    plain = np.asarray(function(*(each.plain for each in parts)))
+    value = opaque(np.broadcast_to(plain.reshape(-1), (3,)) if color else plain)
+    if all(each.attached is None for each in parts):
+        return value
+    return dr.replace_grad(value, type(value)(function(*(each.value for each in parts))))
+
+
+def table(function: Callable[..., npt.NDArray[np.float64]], *parts: Given) -> Any:
+    """Return a NumPy function of numbers, (K,) or (K, 3), as it is, or as a Float or an Array3f that is attached.
+
+    Its derivatives by each number whose gradients are enabled are central differences in double precision.
+    """
+    plain = [each.plain for each in parts]
+    values = function(*plain)
+    if all(each.attached is None for each in parts):
+        return values
+    tangent: Any = 0
+    for place, each in enumerate(parts):
+        for entry in range(each.plain.size if each.attached is not None else 0):
+            number = dr.gather(Float, each.attached, UInt32(entry))
+            tangent = tangent + _device(_slope(function, plain, place, entry)) * number
+    return dr.replace_grad(_device(values), tangent)
+
+
+def _slope(function: Callable[..., Any], plain: list[Any], place: int, entry: int) -> Any:
+    """Return the derivative of a function by one entry of one of its arguments."""
+    step = _STEP * max(1.0, abs(plain[place].flat[entry]))
+    ends = []
+    for sign in (1, -1):
+        moved = plain[place].copy()
+        moved.flat[entry] += sign * step
+        ends.append(function(*plain[:place], moved, *plain[place + 1 :]))
+    return (ends[0] - ends[1]) / (2 * step)
+
+
+def _device(values: Any) -> Any:
+    return to_vectors(values) if np.ndim(values) == 2 else to_float(values)
