@@ -14,7 +14,7 @@ from cli.results import fails, untouched
 from photonbeams import cli
 from photonbeams.cli.animation import FrameError
 from photonbeams.images.files import read_image, read_layers
-from photonbeams.render import mitsuba_frame as frame
+from photonbeams.render import scene_frame as frame
 from photonbeams.render.checkpoint import Checkpoint
 
 SENSOR = """<sensor type="perspective" id="{name}">
@@ -203,14 +203,14 @@ def test_layers_are_chosen_and_files_that_are_there_skipped(render, scene, out):
 
 def interrupted(monkeypatch, after):
     """Press Ctrl-C when so many passes are done."""
-    add_pass = frame.Frame.add_pass
+    add_pass = frame.SceneFrame.add_pass
 
     def pressed(self, number):
         add_pass(self, number)
         if number + 1 == after:
             os.kill(os.getpid(), signal.SIGINT)
 
-    monkeypatch.setattr(frame.Frame, "add_pass", pressed)
+    monkeypatch.setattr(frame.SceneFrame, "add_pass", pressed)
 
 
 def test_ctrl_c_keeps_a_checkpoint_from_which_the_render_goes_on(render, scene, out, monkeypatch):

@@ -8,7 +8,7 @@ import pytest
 from photonbeams import scene
 from photonbeams.beams.modify import recolour
 from photonbeams.beams.programs import Program
-from photonbeams.render import mitsuba_frame
+from photonbeams.render import scene_frame
 from photonbeams.render.checkpoint import Checkpoint
 from photonbeams.render.settings import Settings
 from photonbeams.render.stage_frame import render
@@ -78,10 +78,10 @@ def test_a_stage_goes_on_to_the_bits_of_an_unbroken_render(tmp_path, moving, pix
 def test_a_mitsuba_scene_goes_on_to_the_bits_of_an_unbroken_render(tmp_path, name):
     content = load(fog=cube_of(fog(0.5)), light=LAMP, sensor=camera(rfilter={"type": name}))
     given = content, content.sensors()[0], Settings(passes=4, beams=1024)
-    whole = mitsuba_frame.render(*given)
+    whole = scene_frame.render(*given)
     with pytest.raises(Stop):
-        mitsuba_frame.render(*given, stopping(2), Checkpoint(tmp_path / "a.npz", 1e9))
-    resumed = mitsuba_frame.render(*given, checkpoint=Checkpoint(tmp_path / "a.npz"))
+        scene_frame.render(*given, stopping(2), Checkpoint(tmp_path / "a.npz", 1e9))
+    resumed = scene_frame.render(*given, checkpoint=Checkpoint(tmp_path / "a.npz"))
     assert all(np.array_equal(each, resumed.layers()[layer]) for layer, each in whole.layers().items())
     assert resumed.error() == whole.error()
 

@@ -4,11 +4,12 @@ import drjit as dr
 import numpy as np
 import pytest
 
-from photonbeams.render.scene_frame import CEILING, FREE_PATHS, SceneFrame, render
+from photonbeams.render.scene_frame import SceneFrame, render
 from photonbeams.render.settings import Settings
 from photonbeams.runtime import device
 from photonbeams.runtime.device import mitsuba
 from photonbeams.scene import SceneError
+from photonbeams.transport.simulation import CEILING, FREE_PATHS
 from transport.scenes import T, camera, cloud, comparison, cube_of, fog, load, rgb, volpath
 
 mi = mitsuba()
@@ -205,7 +206,7 @@ def test_light_that_is_scattered_by_nothing_is_a_plain_picture():
 def test_kernels_do_not_leave_derivatives_on():
     scene = load(fog=cube_of(fog(0.5)), light=LAMP, sensor=camera())
     frame = SceneFrame(scene, scene.sensors()[0], Settings(beams=64))
-    for each in frame.simulated(0)[0].values():
+    for each in frame.simulated(0).sets:
         assert not dr.grad_enabled(each.beams.start, each.beams.radius_end)
 
 
@@ -244,7 +245,7 @@ def test_radii_are_of_the_medium_whatever_lies_around_it(extinction):
         below = {"type": "rectangle", "to_world": T().translate([0, -1, 0]).rotate([1, 0, 0], -90).scale(ground)}
         light = {"type": "point", "position": [0, 3, 0], "intensity": rgb(1.0)}
         both = load(fog=cube_of(fog(extinction)), below=below, light=light, sensor=camera())
-        beams = SceneFrame(both, both.sensors()[0], Settings(beams=512, guiding=False)).simulated(0)[0].values()
+        beams = SceneFrame(both, both.sensors()[0], Settings(beams=512, guiding=False)).simulated(0).sets
         return np.concatenate([each.beams.radius_end.numpy() for each in beams])
 
     near, far = radii(2.0), radii(10_000.0)

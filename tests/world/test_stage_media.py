@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
-from photonbeams.render.mitsuba_frame import Frame, Settings, render
 from tests.comparison import box
 
 from photonbeams import scene
+from photonbeams.render.scene_frame import SceneFrame, render
+from photonbeams.render.settings import Settings
 from photonbeams.runtime.device import mitsuba
 from photonbeams.world.media import Media
 from photonbeams.world.stage_media import media_of
@@ -125,6 +126,6 @@ def test_a_second_frame_of_other_media_compiles_nothing():
 def test_a_frame_knows_how_large_media_of_a_scene_are():
     air, drop = media_of([AIR, solid("/Drop", [-1] * 3, [1] * 3)])
     built = load(drop=drop.shape, light={**LIGHT, "medium": air.plugin}, sensor=camera(medium=air.plugin))
-    frame = Frame(built, built.sensors()[0], Settings(paths=64, guiding=False))
-    sizes = {each.plugin.id(): frame._size(each) for each in frame._volumes.all}
+    frame = SceneFrame(built, built.sensors()[0], Settings(beams=64, guiding=False))
+    sizes = {each.plugin.id(): frame.simulation.size(each) for each in frame.simulation.world.media.all}
     assert sizes["/Drop"] == pytest.approx(np.sqrt(3), rel=1e-5) and sizes["/Air"] >= np.sqrt(3)

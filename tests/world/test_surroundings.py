@@ -2,12 +2,13 @@
 
 import numpy as np
 import pytest
-from photonbeams.render.mitsuba_frame import Frame, Settings, render
-from render.test_mitsuba_frame import SMALL, agree, pictures
 
+from photonbeams.render.scene_frame import SceneFrame, render
+from photonbeams.render.settings import Settings
 from photonbeams.runtime.device import Array3f, mitsuba
 from photonbeams.world.media import Media, number
 from photonbeams.world.surroundings import Surroundings, place_of_sensor, places_of
+from render.test_scene_frame import SMALL, agree, pictures
 from transport.scenes import T, camera, cube_of, fog, load, rgb, volpath
 
 mi = mitsuba()
@@ -118,8 +119,8 @@ def test_fog_that_a_lamp_names_in_the_open_fills_the_space():
     assert found.everywhere == number(medium) and around(scene) == (number(medium),) * 2
     # As large as the scene.
     assert not found.sizes
-    frame = Frame(scene, scene.sensors()[0], Settings(paths=64, guiding=False))
-    assert frame._size(frame._volumes.all[0]) == pytest.approx(9 * np.sqrt(2), rel=0.02)
+    frame = SceneFrame(scene, scene.sensors()[0], Settings(beams=64, guiding=False))
+    assert frame.simulation.size(frame.simulation.world.media.all[0]) == pytest.approx(9 * np.sqrt(2), rel=0.02)
 
 
 def test_fog_of_a_tank_does_not_fill_the_space():

@@ -121,7 +121,7 @@ class Simulation:
     def tracing(self, number: int, max_events: int | None = None) -> paths.Tracing:
         """Return how the light paths of a pass are traced; `max_events` bounds their scattering events further."""
         tuning = self.tuning
-        region = min(max(self.sizes.values(), default=np.inf), self.world.radius)
+        region = max((self.size(each) for each in self.world.media.all), default=self.world.radius)
         return paths.Tracing(
             self.world, tuning.max_events if max_events is None else max_events, tuning.rr_depth, tuning.overlap,
             region, self.emission.count, float(self.emission.power.max()), tuning.short, shrunk(tuning.alpha, number),
@@ -145,11 +145,15 @@ class Simulation:
             return limits, limits
         return limits, limits._replace(ceiling=dr.opaque(Float, np.inf))  # they are kept out of walls one by one
 
+    def size(self, medium: RenderedMedium) -> float:
+        """Return the radius of a medium, that of the world at most."""
+        return min(self.sizes.get(medium.number, np.inf), self.world.radius)
+
     def limits(self, number: int, medium: RenderedMedium | None = None) -> Limits:
         """Return the bounds of radii of beams in a medium, or of photons, in a pass."""
         tuning, size, widest = self.tuning, self.world.radius, np.inf
         if medium is not None:
-            size = min(self.sizes.get(medium.number, np.inf), size)
+            size = self.size(medium)
             if medium.tracked is None:
                 widest = FREE_PATHS / max(*medium.medium.extinction, 1e-30)
         low = tuning.radius or tuning.min_radius or FLOOR * size
