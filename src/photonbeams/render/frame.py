@@ -114,7 +114,7 @@ class Frame(ABC):
         return Tuning(
             settings.seed, None if self._max_depth is None else self._max_depth - 2, settings.rr_depth,
             settings.overlap, settings.alpha, settings.radius, settings.min_radius, settings.max_radius,
-            settings.short, settings.surfaces,
+            settings.short, settings.surfaces, settings.max_depth is None,
         )  # fmt: skip
 
     def add_pass(self, number: int) -> None:

@@ -165,6 +165,12 @@ def check(description: scene.Scene) -> None:
     raise scene.SceneError(text)
 
 
+def most_bounces(description: scene.Scene) -> int:
+    """Return how often light of a scene may be scattered before it is scattered toward the camera."""
+    own = [light.bounces for light in description.lights] + [medium.bounces for medium in description.media]
+    return max((each for each in own if each is not None), default=0)
+
+
 def makers(description: scene.Scene) -> list[str]:
     """Return the names of the lights and drawn beams that make beams."""
     lights = [light.name for light in description.lights if light.emits_beams]
@@ -228,7 +234,7 @@ class StageFrame(Frame):
     def __init__(
         self, shutter: Shutter, window: Window, settings: Settings, holdouts: Sequence[Held] = (),
     ) -> None:  # fmt: skip
-        super().__init__(settings, settings.depth(2))
+        super().__init__(settings, settings.depth(2 + most_bounces(shutter.at(0.0).scene)))
         self._shutter, self._window = shutter, window
         self._slices = None if settings.time_limit is not None else settings.passes
         ends = shutter.ends(0.0, 1.0)

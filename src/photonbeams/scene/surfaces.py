@@ -31,6 +31,7 @@ class Material:
     clearcoat: float = 0.0
     clearcoat_roughness: float = 0.01
     opacity: float | Texture = 1.0
+    presence: bool = False  # opacity says where the surface is, not how clear it is
 
 
 @dataclass(frozen=True)

@@ -175,6 +175,8 @@ class Tracing:
         Whether beams end at the path's next event; in media that vary they always do.
     scale
         The pass's factor on all radii.
+    most
+        Most scattering events on the paths of each emitter, by its source's number; None: `max_events` alone.
     """
 
     world: World
@@ -186,6 +188,14 @@ class Tracing:
     power: float
     short: bool = False
     scale: float = 1.0
+    most: Any = None
+
+    def within(self, depth: UInt32, source: UInt32) -> Bool:
+        """Return whether paths have no more scattering events than they may have."""
+        result = Bool(True)
+        if self.max_events is not None:
+            result = depth <= dr.opaque(UInt32, self.max_events)
+        return result if self.most is None else result & (depth <= dr.gather(UInt32, self.most, source))
 
 
 def begin(tracing: Tracing, emitted: Sequence[Emitted]) -> Paths | None:
@@ -258,8 +268,7 @@ def _split(tracing: Tracing, paths: Paths) -> Paths:
     both = paths.coherent & (paths.medium > 0) & ~varying & Bool(not tracing.short)
     whole = copy(paths)
     whole.branch = dr.select(both, UInt32(PASSED), UInt32(SAMPLED))
-    if tracing.max_events is not None:  # what would be scattered too often ends, and its light goes nowhere
-        both &= paths.depth < dr.opaque(UInt32, tracing.max_events)
+    both &= tracing.within(paths.depth + 1, paths.source)  # what would be scattered too often goes nowhere
     scattered = kept(both, paths)
     if scattered is None:
         return whole
@@ -297,8 +306,7 @@ def _step(tracing: Tracing, paths: Paths, step: int) -> tuple[Any, ...]:
     hits = _photon_hits(paths, event, segments.width)
     in_medium = (paths.medium > 0) & (event.length > 0) & (paths.branch != SCATTERED) & (dr.max(paths.flux) > 0)
     on_surface = event.on_surface & ~paths.straight & event.smooth
-    if tracing.max_events is not None:
-        in_medium &= paths.depth <= dr.opaque(UInt32, tracing.max_events)
+    in_medium &= tracing.within(paths.depth, paths.source)
     bent = event.going & event.on_surface & following.coherent & ~scatter.null
     dr.eval(segments, in_medium, hits, on_surface, following, event.going, bent)
     if step < _COHERENT:
@@ -340,8 +348,7 @@ def _following(tracing: Tracing, paths: Paths, event: Event, scatter: Scatter, s
     # Straight on, a shift grows with the distance; mirrors and lenses see to theirs later.
     following.tangents = Tangents.of([(p + event.way * d, d) for p, d in paths.tangents.columns()])
     going = event.going & (dr.max(following.flux) > 0)
-    if tracing.max_events is not None:
-        going &= following.depth <= dr.opaque(UInt32, tracing.max_events)
+    going &= tracing.within(following.depth, following.source)
     _roulette(tracing, following, passes, stream, going)
     following.radius = dr.select(following.coherent | passes, paths.radius, _scattered_radius(tracing, following))
     event.going = going & (dr.max(following.flux) > 0)

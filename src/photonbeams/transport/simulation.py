@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import zip_longest
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import drjit as dr
 import numpy as np
@@ -13,7 +13,7 @@ import numpy as np
 from .. import scene
 from ..beams import Beams
 from ..beams.sets import BeamSet
-from ..numerics.arrays import compressed
+from ..numerics.arrays import compressed, to_uint
 from ..numerics.hashing import key_of
 from ..runtime.device import Bool, Float, UInt32
 from ..world.media import RenderedMedium
@@ -45,7 +45,10 @@ FLOOR, CEILING, FREE_PATHS = 1e-4, 0.05, 0.25
 
 @dataclass(frozen=True)
 class Tuning:
-    """How light paths are traced: the fields of `render.settings.Settings` that say so."""
+    """How light paths are traced: the fields of `render.settings.Settings` that say so.
+
+    `own_bounces`: each source says how often its light is scattered, `max_events` times at most.
+    """
 
     seed: int = 0
     max_events: int | None = None
@@ -57,6 +60,7 @@ class Tuning:
     max_radius: float | None = None
     short: bool = False
     surfaces: bool = True
+    own_bounces: bool = False
 
 
 def shrunk(alpha: float, number: int) -> float:
@@ -96,6 +100,10 @@ class Simulation:
             kept = (compressed(each.depth >= dr.opaque(UInt32, least), each) for each in segments)
             segments = [part for parts in kept for part in parts]
         hits = [each for _, each in steps if each is not None] if self.tuning.surfaces else []
+        if not all(each.surfaces for each in self.sources):
+            lights = to_uint([*(each.surfaces for each in self.sources), False])
+            parts = (compressed(dr.gather(UInt32, lights, each.source) > 0, each) for each in hits)
+            hits = [each for part in parts for each in part]
         return sets_of(self.cuttings(number), segments), hits
 
     def moved(self, last: World, later: Sequence[Stratum], number: int) -> list[BeamSet]:
@@ -125,7 +133,15 @@ class Simulation:
         return paths.Tracing(
             self.world, tuning.max_events if max_events is None else max_events, tuning.rr_depth, tuning.overlap,
             region, self.emission.count, float(self.emission.power.max()), tuning.short, shrunk(tuning.alpha, number),
+            self._most(),
         )  # fmt: skip
+
+    def _most(self) -> Any:
+        """Return the most scattering events of each emitter's paths, None where all may have as many."""
+        bounces, most = [each.bounces for each in self.sources], self.tuning.max_events
+        if not self.tuning.own_bounces or all(each is None for each in bounces):
+            return None
+        return to_uint([*(each or 0 for each in bounces), 0]) if most is not None else None
 
     def cuttings(self, number: int) -> list[Cutting]:
         """Return how the segments of a pass become beams, for each emitter that makes some and each medium."""
@@ -162,8 +178,10 @@ class Simulation:
         return Limits(*(dr.opaque(Float, each) for each in (low, high, scale)))
 
 
-def lamps_of(world: StageWorld, beams: int, seed: int, light_side: Collection[str]) -> list[Stratum]:
-    """Return the light paths of a stage's lamps that make beams: a fixed count each.
+def lamps_of(
+    world: StageWorld, beams: int, seed: int, light_side: Collection[str], surfaces: bool = False
+) -> list[Stratum]:
+    """Return the light paths of a stage's lamps that make beams, or light `surfaces`: a fixed count each.
 
     A lamp without a portal has one stratum: all its directions. A lamp with a portal has two that add up to it: the
     paths through the portal and, where the camera sees the lamp's own side of it, all others.
@@ -180,7 +198,8 @@ def lamps_of(world: StageWorld, beams: int, seed: int, light_side: Collection[st
     result = []
     for number, light in enumerate(world.description.lights):
         count = beams if light.beam_count is None else light.beam_count
-        if not light.emits_beams or count <= 0:
+        wanted = light.emits_beams or (surfaces and light.lights_surfaces and max(light.radiance) > 0)
+        if not wanted or count <= 0:
             continue
         aside = count
         if light.name in world.portals:
@@ -246,9 +265,9 @@ class StageSimulation:
             replace(each, look=each.look if looks is None else looks.get(each.name, each.look))
             for each in first.sources
         )
-        strata = lamps_of(first, self.beams, self.tuning.seed, self.light_side)
-        moving = [each for each in strata if each.emitter.source in _moving(first, last)]
         scatters = self.tuning.max_events is None or self.tuning.max_events > 0
+        strata = lamps_of(first, self.beams, self.tuning.seed, self.light_side, scatters and self.tuning.surfaces)
+        moving = [each for each in strata if each.emitter.source in _moving(first, last)]
         whole = Simulation(first, emission_of_lamps(strata, scatters), self.tuning, sources, first.sizes, named=True)
         if not moving:
             sets, hits = whole.simulated(number)
@@ -260,7 +279,7 @@ class StageSimulation:
                 part = replace(whole, emission=emission_of_lamps(resting, False), tuning=straight)
                 sets += part.simulated(number)[0]
             part = replace(whole, emission=emission_of_lamps(moving, False), tuning=straight)
-            later = lamps_of(last, self.beams, self.tuning.seed, self.light_side)
+            later = lamps_of(last, self.beams, self.tuning.seed, self.light_side, scatters and self.tuning.surfaces)
             sets += part.moved(last, [later[strata.index(each)] for each in moving], number)
         return sorted(sets, key=lambda each: each.light) + _drawn(first, last, looks or {}), hits
 

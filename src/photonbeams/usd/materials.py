@@ -106,6 +106,8 @@ class _Preview:
     def _cut_out(self, fields: dict[str, Any]) -> None:
         threshold = self._input("opacityThreshold") or 0.0
         opacity = fields.get("opacity")
+        mode = self.shader.GetInput("opacityMode")
+        fields["presence"] = threshold > 0 or (bool(mode) and str(mode.Get(self.reading.time)) == "presence")
         if threshold > 0 and isinstance(opacity, Texture):
             cut = (opacity.pixels >= threshold).astype(np.float32)
             fields["opacity"] = Texture(cut, opacity.wrap, opacity.uv_transform)

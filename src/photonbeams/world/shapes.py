@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,14 +14,17 @@ from ..runtime.device import mitsuba
 
 mi = mitsuba()
 
+#: Roughness up to which a mirror or glass is smooth.
+SMOOTH = 0.05
 
-def shapes_of(meshes: Sequence[scene.Mesh]) -> tuple[Any, ...]:
-    """Return all surfaces as Mitsuba's; meshes of one material share its BSDF."""
+
+def shapes_of(meshes: Sequence[scene.Mesh], sharp: bool = False) -> tuple[Any, ...]:
+    """Return all surfaces as Mitsuba's, mirrors and glass if `sharp`; meshes of one material share its BSDF."""
     bsdfs: dict[int, Any] = {}
     for mesh in meshes:
         key = id(mesh.material)
         if key not in bsdfs:
-            bsdfs[key] = mi.load_dict(bsdf_of(mesh.material))
+            bsdfs[key] = mi.load_dict((sharp_bsdf_of(mesh.material) if sharp else None) or bsdf_of(mesh.material))
     return tuple(shape_of(mesh, bsdfs[id(mesh.material)], _emitter(mesh.material)) for mesh in meshes)
 
 
@@ -62,6 +66,41 @@ def outward(mesh: scene.Mesh) -> scene.Mesh:
     volume = float(np.einsum("ij,ij->", a - a[0], np.cross(b - a[0], c - a[0])))
     faces = np.asarray(mesh.faces)
     return scene.Mesh(mesh.name, mesh.points, faces if volume >= 0 else faces[:, ::-1])
+
+
+def sharp_bsdf_of(material: scene.Material) -> dict[str, Any] | None:
+    """Return a mirror or glass as Mitsuba describes it, None of another material.
+
+    What is transparent, but not absent in parts, is glass of its `ior`; metal that is smooth is a mirror of its colour.
+    """
+    if is_glass(material):
+        assert not isinstance(material.opacity, scene.Texture)
+        plain = {"int_ior": float(material.ior), "ext_ior": 1.0}
+        rough = 1.0 if isinstance(material.roughness, scene.Texture) else float(material.roughness)
+        glass: dict[str, Any] = {"type": "dielectric", **plain}
+        if rough > SMOOTH:
+            glass = {"type": "roughdielectric", "alpha": rough**2, **plain}
+        if material.opacity == 0:
+            return glass
+        solid = bsdf_of(replace(material, opacity=1.0))
+        return {"type": "blendbsdf", "weight": float(material.opacity), "clear": glass, "solid": solid}
+    if is_mirror(material):
+        color = _texture(material.diffuse)
+        conductor = {"type": "conductor", "material": "none", "specular_reflectance": color}
+        return {"type": "twosided", "surface": conductor}
+    return None
+
+
+def is_glass(material: scene.Material) -> bool:
+    """Return whether a surface is transparent, and refracts."""
+    clear = not isinstance(material.opacity, scene.Texture) and material.opacity < 1
+    return clear and not material.presence and material.ior > 1.001
+
+
+def is_mirror(material: scene.Material) -> bool:
+    """Return whether a surface is an ideal mirror."""
+    metal = not isinstance(material.metallic, scene.Texture) and material.metallic > 0.99
+    return metal and not isinstance(material.roughness, scene.Texture) and material.roughness <= SMOOTH
 
 
 def bsdf_of(material: scene.Material) -> dict[str, Any]:

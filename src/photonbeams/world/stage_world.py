@@ -22,7 +22,7 @@ from .gobos import Images, Masked, bare, masked, pack_masked
 from .lights import DistantSource, DomeSource, FlatSource, Light, SphereSource, pack, source
 from .media import Media, medium_at, number
 from .portals import Portal
-from .shapes import cut_out, glows, scene_of, shape_of, shapes_of
+from .shapes import cut_out, glows, is_glass, is_mirror, scene_of, shape_of, shapes_of
 from .sources import Source
 from .stage_media import media_of
 from .visibility import through
@@ -136,6 +136,9 @@ class StageWorld(World):
             The camera's positions, which the bounds shall contain where the scene does not give its own.
         like
             A world of the same shot at another time: what is the same object in both scenes is not built again.
+        sharp
+            Whether smooth metal is a mirror, and what is transparent glass: it takes paths of more than two edges to
+            see what is in it.
 
         Raises
         ------
@@ -146,8 +149,9 @@ class StageWorld(World):
         hidden = {light.portal.name for light in description.lights if light.portal is not None}
         hidden |= {each.mesh.name for each in description.media if each.mesh is not None}
         meshes = tuple(mesh for mesh in description.meshes if mesh.name not in hidden and len(mesh.faces))
+        materials = [mesh.material for mesh in meshes]
         still = like is not None and _same(meshes, like.meshes)
-        shapes = like.shapes if like is not None and still else shapes_of(meshes)
+        shapes = like.shapes if like is not None and still else shapes_of(meshes, sharp)
         surfaces = like.surfaces if like is not None and still else scene_of(shapes)
         media, borders, sizes = _media(description, like)
         kept = like is not None and still and borders is like.borders
@@ -173,8 +177,9 @@ class StageWorld(World):
             images=images,
             bounds=Bounds(center, radius),
             radius=radius,
-            cutouts=any(cut_out(mesh.material) for mesh in meshes),
-            glowing=any(glows(mesh.material) for mesh in meshes),
+            cutouts=any(cut_out(each) and not (sharp and is_glass(each)) for each in materials),
+            mirrors=sharp and any(is_glass(each) or is_mirror(each) for each in materials),
+            glowing=any(map(glows, materials)),
             translucent=translucent(plugin),
         )
 
@@ -233,7 +238,9 @@ class StageWorld(World):
     @cached_property
     def sources(self) -> tuple[Source, ...]:  # type: ignore[override]
         """What the beams of each light have in common."""
-        return tuple(_source(number, light) for number, light in enumerate(self.description.lights))
+        media = [each.bounces for each in self.description.media if each.bounces is not None]
+        usual = max(media) if media else None
+        return tuple(_source(place, light, usual) for place, light in enumerate(self.description.lights))
 
     @cached_property
     def _unshadowing(self) -> list[frozenset[str]]:
@@ -321,11 +328,11 @@ class StageWorld(World):
         return plugin.ray_test(ray, active & (ray.maxt > 0))
 
 
-def _source(number: int, light: scene.Light) -> Source:
+def _source(number: int, light: scene.Light, bounces: int | None) -> Source:
     """Return what the beams of a light have in common."""
     return Source(
         number, light.name, light.group, light.look, light.emits_beams, light.beam_scale, light.scattered,
-        light.lights_surfaces, light.bounces, light.frame, light.guides,
+        light.lights_surfaces, bounces if light.bounces is None else light.bounces, light.frame, light.guides,
     )  # fmt: skip
 
 
