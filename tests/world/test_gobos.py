@@ -10,8 +10,8 @@ from photonbeams import scene
 from photonbeams.numerics.arrays import to_vectors
 from photonbeams.numerics.sampling import sobol_block
 from photonbeams.runtime.device import Array2f, Array3f, Float, UInt32
-from photonbeams.transport import stage_paths as trace
 from photonbeams.transport.stage_emission import emit, emit_through
+from photonbeams.transport.stage_paths import trace
 from photonbeams.world import gobos
 from photonbeams.world.world import World
 

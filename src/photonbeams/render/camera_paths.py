@@ -1,4 +1,4 @@
-"""Camera paths: straight on through borders of media, mirrored and refracted, to the first surfaces that scatter light.
+"""Camera paths: straight on through interfaces of media, mirrored and refracted, to the first surface that scatters light.
 
 Each pixel has one path a pass. Its segments in media gather beams; at surfaces it gathers emission, direct light and
 photons, and goes on where a BSDF has ideal mirrors, refracts, or lets light through, by one sample of these.
@@ -24,7 +24,7 @@ mi = mitsuba()
 
 _LOBE, _TURN, _ROULETTE, _WAY = 301, 302, 303, 304  # names of samples in seeds
 
-# What makes a surface more than a border of media; to Mitsuba going straight on (Null) is one of `Delta`.
+# What makes a surface more than a interface of media; to Mitsuba going straight on (Null) is one of `Delta`.
 _VISIBLE = int(mi.BSDFFlags.Smooth | mi.BSDFFlags.DeltaReflection | mi.BSDFFlags.DeltaTransmission)
 
 # Steps after which a path ends that meets nothing that ends it, as between two mirrors.

@@ -43,7 +43,7 @@ _COHERENT = 8
 class Paths:
     """Light paths after an event.
 
-    `events` counts scattering in media and on surfaces; `straight` are paths that have passed nothing but borders of
+    `events` counts scattering in media and on surfaces; `straight` are paths that have passed nothing but interfaces of
     media; `coherent` are those whose neighbours take the same way, and whose `tangents` tell how far apart they are;
     the others have a `radius`. `first` is the flux at the emitter, `count` the size of the path's sequence, `share` the
     part of a path's neighbours that took the same way where chance chose: of a glass' reflection few hundredths.
