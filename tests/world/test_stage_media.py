@@ -8,7 +8,7 @@ from photonbeams import scene
 from photonbeams.render.scene_frame import SceneFrame, render
 from photonbeams.render.settings import Settings
 from photonbeams.runtime.device import mitsuba
-from photonbeams.world.media import Media
+from photonbeams.world.media import Media, number
 from photonbeams.world.stage_media import media_of
 from transport.scenes import camera, cube_of, fog, load, rgb
 
@@ -106,20 +106,20 @@ def test_a_medium_of_a_scene_looks_as_mitsubas_own():
 
 
 def test_a_second_frame_of_other_media_compiles_nothing():
-    def frame(number):
-        rng = np.random.default_rng(number)
+    def frame(index):
+        rng = np.random.default_rng(index)
         built = media_of([
-            scene.Medium((0.1, 0.2, 0.3 + 0.1 * number), name="/Air"),
-            solid("/Fog", [-1] * 3, [1, 1, 1 + 0.1 * number], 1.0 + number, anisotropy=0.3 + 0.1 * number),
-            smoke(rng.random((4, 4, 4)), 0.5, (1.0 + number,) * 3),
+            scene.Medium((0.1, 0.2, 0.3 + 0.1 * index), name="/Air"),
+            solid("/Fog", [-1] * 3, [1, 1, 1 + 0.1 * index], 1.0 + index, anisotropy=0.3 + 0.1 * index),
+            smoke(rng.random((4, 4, 4)), 0.5, (1.0 + index,) * 3),
         ])  # fmt: skip
         air, thick, thin = built
         both = load(fog=thick.shape, smoke=thin.shape, light={**LIGHT, "medium": air.plugin},
                     sensor=camera((0, 0, 4), medium=air.plugin, size=4))  # fmt: skip
         return render(both, both.sensors()[0], Settings(passes=1, paths=512, max_depth=4, guiding=False))
 
-    for number in range(3):
-        last = frame(number)
+    for index in range(3):
+        last = frame(index)
     assert last.statistics.kernels_compiled == 0 and last.layers()["beams"].any()
 
 
@@ -127,5 +127,6 @@ def test_a_frame_knows_how_large_media_of_a_scene_are():
     air, drop = media_of([AIR, solid("/Drop", [-1] * 3, [1] * 3)])
     built = load(drop=drop.shape, light={**LIGHT, "medium": air.plugin}, sensor=camera(medium=air.plugin))
     frame = SceneFrame(built, built.sensors()[0], Settings(beams=64, guiding=False))
-    sizes = {each.plugin.id(): frame.simulation.size(each) for each in frame.simulation.world.media.all}
-    assert sizes["/Drop"] == pytest.approx(np.sqrt(3), rel=1e-5) and sizes["/Air"] >= np.sqrt(3)
+    sizes = {each.number: frame._size(each) for each in frame._volumes.all}
+    assert sizes[number(drop.plugin)] == pytest.approx(np.sqrt(3), rel=1e-5)
+    assert sizes[number(air.plugin)] >= np.sqrt(3)  # as large as the scene

@@ -208,11 +208,11 @@ class Media:
         return cls([*parts(plugin, mi.Medium), *named], plugin if several else None)
 
     def extinction(self, medium: UInt32) -> Array3f:
-        """Return σt of media by their numbers; 0 in the open."""
+        """Return σt of media by their numbers; 0 in empty space."""
         return dr.gather(Array3f, self._extinction, medium)
 
     def scattering(self, medium: UInt32) -> Array3f:
-        """Return σs of media by their numbers; 0 in the open."""
+        """Return σs of media by their numbers; 0 in empty space."""
         return dr.gather(Array3f, self._scattering, medium)
 
     def varying(self, medium: UInt32) -> tuple[Bool, Bool]:
@@ -221,7 +221,7 @@ class Media:
         return kind.x > 0, kind.y > 0
 
     def absorbed(self, medium: UInt32, distance: Float) -> Array3f:
-        """Return exp(−σt x) of homogeneous media; in the open it is 1, however long the way."""
+        """Return exp(−σt x) of homogeneous media; in empty space it is 1, however long the distance."""
         extinction = self.extinction(medium)
         thick = extinction > 0
         if self._clear:

@@ -161,7 +161,8 @@ def _around(medium: scene.Medium, solids: list[tuple[scene.Medium, _Solid]], war
         if inside > 0.5 and (solid.volume > own.volume or _index(solids, other) < _index(solids, medium)):
             found.append((solid.volume, -_index(solids, other), other))
         if _OVERLAP < inside < 1 - _OVERLAP:
-            text = f"media {other.name} and {medium.name} overlap: expected one inside the other, or side by side"
+            first, second = sorted((other, medium), key=lambda each: _index(solids, each))
+            text = f"media {first.name} and {second.name} overlap: expected one inside the other, or side by side"
             if text not in warned:
                 warned.add(text)
                 _LOG.warning("%s", text)
