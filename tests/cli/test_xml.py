@@ -231,6 +231,17 @@ def test_ctrl_c_keeps_a_checkpoint_from_which_the_render_goes_on(render, scene, 
     assert not kept.exists()
 
 
+def test_a_file_that_the_scene_names_is_a_part_of_it(render, scene, out, monkeypatch):
+    (out / "quad.obj").write_text("v -1 -1 -1.5\nv 1 -1 -1.5\nv 1 1 -1.5\nf 1 2 3\n")
+    mesh = '<shape type="obj"><string name="filename" value="out/quad.obj"/></shape>'
+    asked = (scene('<shape type="cube">', f'{mesh}<shape type="cube">'), "-o", out / "a.exr", "--progress", "none")
+    with monkeypatch.context() as patched:
+        interrupted(patched, 1)
+        assert render(*asked, "--checkpoint", 1000)[0] == 130
+    (out / "quad.obj").write_text((out / "quad.obj").read_text().replace("1 1 -1.5", "1 2 -1.5"))
+    fails(render(*asked, "--resume"), 1, "of another scene or of other settings")
+
+
 def test_ctrl_c_without_a_checkpoint_leaves_nothing(render, scene, out, monkeypatch):
     interrupted(monkeypatch, 1)
     result = render(scene(), "-o", out / "old.exr", "--progress", "none")

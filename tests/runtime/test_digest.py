@@ -1,5 +1,6 @@
 """Hashes of values: the same for what is the same, another for anything else."""
 
+import os
 import subprocess
 import sys
 from dataclasses import dataclass, replace
@@ -107,7 +108,6 @@ def test_looks_are_their_factors():
 @pytest.mark.parametrize("seed", ["1", "2"])
 def test_another_process_has_the_same_hash(seed):
     script = "from photonbeams.runtime.digest import digest; print(digest({'b', 'a', 'c'}, {'x': (1.5, None)}))"
-    done = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, check=True, env={"PYTHONHASHSEED": seed}
-    )
+    env = {**os.environ, "PYTHONHASHSEED": seed}
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True, env=env)
     assert done.stdout.strip() == digest({"b", "a", "c"}, {"x": (1.5, None)})

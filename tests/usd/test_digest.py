@@ -76,6 +76,10 @@ def test_instances_are_what_they_share(folder):
     assert crowd(1.0) == crowd(1.0) != crowd(2.0)
 
 
-def test_a_file_that_is_not_there_is_its_name(folder):
+def test_a_file_that_is_empty_a_folder_or_not_there_is_no_error(folder):
+    (folder / "wood.png").write_bytes(b"")
+    empty = found(folder)
     (folder / "wood.png").unlink()
-    assert found(folder) == found(folder)
+    gone = found(folder)
+    (folder / "wood.png").mkdir()
+    assert found(folder) == gone != empty

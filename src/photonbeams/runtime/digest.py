@@ -42,7 +42,7 @@ class _Feed:
     def add(self, value: Any) -> None:
         """Hand over a value."""
         if isinstance(value, _PLAIN) and not isinstance(value, Enum):
-            self._put(type(value).__name__, repr(value))
+            self._put(type(value).__name__, value)
             return
         if id(value) in self._known:
             self._put("again", self._known[id(value)][0])

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -69,7 +70,7 @@ class MitsubaScene:
 
     def content(self) -> str:
         """Return a hash of the file, its parameters, and the files that they name."""
-        return digest(self._parameters, _contents(self.path, self.path.parent, set(self._parameters.values())))
+        return digest(self._parameters, _contents(self.path, self._parameters.values()))
 
     @property
     def settings(self) -> Settings:
@@ -141,16 +142,17 @@ class MitsubaScene:
         return Frame(passes.layers(), metadata, passes.statistics)
 
 
-def _contents(path: Path, folder: Path, more: set[str]) -> list[bytes]:
+def _contents(path: Path, more: Iterable[str]) -> list[bytes]:
     """Return the bytes of a scene's file, and of the files that it names: textures, volumes, meshes, other scenes."""
-    text = path.read_bytes()
-    names = {each.decode("utf-8", "replace") for each in re.findall(rb'"([^"<>]+)"', text)} | more
-    places = [folder / name for name in sorted(names)]
-    found = [text]
-    for place in places:
-        if len(place.name) < 256 and place.is_file() and place != path:
-            found += _contents(place, folder, set()) if place.suffix == ".xml" else [place.read_bytes()]
-    return found
+    todo, found = [path, *(path.parent / each for each in sorted(more))], dict[Path, bytes]()
+    for place in todo:  # which grows
+        if place in found or not os.path.isfile(place):  # of what is no name at all, Path.is_file raises an error
+            continue
+        found[place] = place.read_bytes()
+        if place.suffix == ".xml":
+            names = re.findall(rb'"([^"<>]+)"', found[place])
+            todo += [path.parent / name.decode("utf-8", "replace") for name in names]
+    return [*found.values()]
 
 
 def _reason(text: str) -> str:

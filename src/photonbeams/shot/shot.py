@@ -79,6 +79,7 @@ class Shot:
         self.simulate, self.emit, self.looks = simulate, emit, looks or {}
         self._sphere: tuple[Array, float] | None = None
         self._groups: frozenset[str] | None = None
+        self._stage_digest: str | None = None
         self._warned: set[Any] = set()
         self._looks: dict[str, Any] = {}
         self._listener = self._listening()
@@ -90,7 +91,7 @@ class Shot:
         def forget(_notice: Any, _stage: Any) -> None:
             shot = own()
             if shot is not None:
-                shot._sphere = shot._groups = None
+                shot._sphere = shot._groups = shot._stage_digest = None
 
         return forget, stages.listener(self.stage, forget)  # which does not keep `forget`
 
@@ -421,8 +422,10 @@ class Shot:
         """Return a hash of what there is to render: the stage with the files that it names, and what Python gave."""
         from ..usd.digest import stage_digest
 
+        if self._stage_digest is None:
+            self._stage_digest = stage_digest(self.stage)
         given = self.camera, self.medium, self.stereo, self.simulate, self.emit, self.looks
-        return digest(stage_digest(self.stage), str(self.time(frame)), given)
+        return digest(self._stage_digest, str(self.time(frame)), given)
 
     def beams(
         self,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from functools import cache
 from hashlib import sha256
 from typing import Any
@@ -19,7 +20,9 @@ def stage_digest(stage: Usd.Stage) -> str:
 
 
 def _file_digest(name: str) -> str:
-    """Return a hash of the file of an asset path, or the path itself where there is none."""
-    resolved = str(Ar.GetResolver().Resolve(name))
-    asset: Any = Ar.GetResolver().OpenAsset(Ar.ResolvedPath(resolved)) if resolved else None
-    return name if asset is None else sha256(asset.GetBuffer()).hexdigest()
+    """Return a hash of the file of an asset path, or the file's name where there is none."""
+    resolver = Ar.GetResolver()
+    resolved = str(resolver.Resolve(name))
+    is_file = resolved and not os.path.isdir(resolved)
+    asset: Any = resolver.OpenAsset(Ar.ResolvedPath(resolved)) if is_file else None
+    return os.path.basename(name) if asset is None else sha256(asset.GetBuffer() or b"").hexdigest()
