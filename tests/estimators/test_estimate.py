@@ -512,6 +512,57 @@ def test_directions_need_not_be_of_unit_length_and_arrays_may_be_dr_jit():
     assert expected.shape == (3,) and expected.all()
 
 
+def test_rays_have_any_leading_shape_and_are_broadcast(rng):
+    origin = as_float32(rng.normal(size=(3, 4, 3)) * 0.05 + [0, 0, -1])
+    direction, t_max = as_float32(rng.normal(size=(4, 3)) * 0.02 + [0, 0, 1]), np.array([[0.5], [1.5], [9.0]])
+    given = {"look": pb.Look(), "medium": MEDIUM}
+    found = pb.estimate(beams_of(ONE), origin, direction, t_max, **given)
+    wide = (np.broadcast_to(direction, (3, 4, 3)).reshape(-1, 3), np.broadcast_to(t_max, (3, 4)).ravel())
+    expected = pb.estimate(beams_of(ONE), origin.reshape(-1, 3), *wide, **given)
+    assert found.shape == (3, 4, 3) and expected.shape == (12, 3)
+    assert np.array_equal(np.asarray(found).reshape(-1, 3), expected.numpy()) and expected.numpy().any()
+    tensor = type(found)
+    again = pb.estimate(beams_of(ONE), tensor(origin.astype(np.float32)), tensor(direction), t_max, **given)
+    assert np.array_equal(again.numpy(), found.numpy())
+    assert pb.estimate(beams_of(ONE), origin[0, 0], direction[0], **given).shape == (3,)
+    assert pb.estimate(beams_of(ONE), origin[:0], direction, **given).shape == (0, 4, 3)
+
+
+@pytest.mark.parametrize(
+    "value", [3, "beams", None, [], [[1, 2], [3]], [None], 1j, float("nan"), pb.Look(), object(), np.ones((2, 2, 2))]
+)
+@pytest.mark.parametrize(
+    "name",
+    [
+        "beams",
+        "origin",
+        "direction",
+        "t_max",
+        "t_min",
+        "look",
+        "medium",
+        "rule",
+        "estimator",
+        "context",
+        "close",
+        "time",
+    ],
+)
+def test_what_estimate_cannot_take_is_told_in_a_sentence(name, value):
+    fine = {
+        ("t_max", 3), ("t_min", 3), ("t_max", None), ("t_min", None), ("look", None), ("context", None),
+        ("close", None), ("time", None),
+    }  # fmt: skip
+    given = {"beams": beams_of(ONE), "origin": np.zeros((3, 3)), "direction": (0, 0, 1), "medium": MEDIUM}
+    given |= {"close": given["beams"]} if name == "time" and value is not None else {}
+    known = (isinstance(value, int | None) and (name, value) in fine) or (name == "look" and isinstance(value, pb.Look))
+    if known or (name in ("t_max", "t_min") and isinstance(value, list) and not value):
+        return
+    with pytest.raises(pb.SceneError) as error:
+        pb.estimate(**(given | {name: value}))
+    assert len(str(error.value)) <= 300 and "\n" not in str(error.value)
+
+
 @pytest.mark.parametrize(
     ("message", "given"),
     [

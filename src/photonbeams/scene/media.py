@@ -26,7 +26,8 @@ class Medium:
     Raises
     ------
     SceneError
-        Coefficients that are negative, not finite, or neither one number nor three; an anisotropy beyond ±0.99.
+        Coefficients that are negative, not finite, or neither one number nor three; an anisotropy beyond ±0.99. Numbers
+        whose gradients are enabled: a `looks.Fog` has those.
     """
 
     scattering: Color
