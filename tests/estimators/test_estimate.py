@@ -1,5 +1,7 @@
 """The estimators toward any rays, against float64 twins, closed forms, and each other."""
 
+import inspect
+
 import drjit as dr
 import numpy as np
 import pytest
@@ -531,32 +533,14 @@ def test_rays_have_any_leading_shape_and_are_broadcast(rng):
 @pytest.mark.parametrize(
     "value", [3, "beams", None, [], [[1, 2], [3]], [None], 1j, float("nan"), pb.Look(), object(), np.ones((2, 2, 2))]
 )
-@pytest.mark.parametrize(
-    "name",
-    [
-        "beams",
-        "origin",
-        "direction",
-        "t_max",
-        "t_min",
-        "look",
-        "medium",
-        "rule",
-        "estimator",
-        "context",
-        "close",
-        "time",
-    ],
-)
+@pytest.mark.parametrize("name", inspect.signature(estimate).parameters)
 def test_what_estimate_cannot_take_is_told_in_a_sentence(name, value):
-    fine = {
-        ("t_max", 3), ("t_min", 3), ("t_max", None), ("t_min", None), ("look", None), ("context", None),
-        ("close", None), ("time", None),
-    }  # fmt: skip
     given = {"beams": beams_of(ONE), "origin": np.zeros((3, 3)), "direction": (0, 0, 1), "medium": MEDIUM}
-    given |= {"close": given["beams"]} if name == "time" and value is not None else {}
-    known = (isinstance(value, int | None) and (name, value) in fine) or (name == "look" and isinstance(value, pb.Look))
-    if known or (name in ("t_max", "t_min") and isinstance(value, list) and not value):
+    if name == "time":
+        given["close"] = given["beams"]
+    optional = value is None and name in ("t_max", "t_min", "look", "context", "close")
+    if optional or (isinstance(value, int) and name in ("t_max", "t_min")) or (name == "look" and "Look" in str(value)):
+        assert np.all(np.isfinite(pb.estimate(**(given | {name: value})).numpy()))
         return
     with pytest.raises(pb.SceneError) as error:
         pb.estimate(**(given | {name: value}))
