@@ -1,5 +1,7 @@
 """The estimators toward any rays, against float64 twins, closed forms, and each other."""
 
+import inspect
+
 import drjit as dr
 import numpy as np
 import pytest
@@ -510,6 +512,39 @@ def test_directions_need_not_be_of_unit_length_and_arrays_may_be_dr_jit():
     found = radiance(ONE, Array3f(*origin), Array3f(*direction.tolist()), pb.Look(), "auto")
     np.testing.assert_allclose(found, [expected], rtol=1e-5)
     assert expected.shape == (3,) and expected.all()
+
+
+def test_rays_have_any_leading_shape_and_are_broadcast(rng):
+    origin = as_float32(rng.normal(size=(3, 4, 3)) * 0.05 + [0, 0, -1])
+    direction, t_max = as_float32(rng.normal(size=(4, 3)) * 0.02 + [0, 0, 1]), np.array([[0.5], [1.5], [9.0]])
+    given = {"look": pb.Look(), "medium": MEDIUM}
+    found = pb.estimate(beams_of(ONE), origin, direction, t_max, **given)
+    wide = (np.broadcast_to(direction, (3, 4, 3)).reshape(-1, 3), np.broadcast_to(t_max, (3, 4)).ravel())
+    expected = pb.estimate(beams_of(ONE), origin.reshape(-1, 3), *wide, **given)
+    assert found.shape == (3, 4, 3) and expected.shape == (12, 3)
+    assert np.array_equal(np.asarray(found).reshape(-1, 3), expected.numpy()) and expected.numpy().any()
+    tensor = type(found)
+    again = pb.estimate(beams_of(ONE), tensor(origin.astype(np.float32)), tensor(direction), t_max, **given)
+    assert np.array_equal(again.numpy(), found.numpy())
+    assert pb.estimate(beams_of(ONE), origin[0, 0], direction[0], **given).shape == (3,)
+    assert pb.estimate(beams_of(ONE), origin[:0], direction, **given).shape == (0, 4, 3)
+
+
+@pytest.mark.parametrize(
+    "value", [3, "beams", None, [], [[1, 2], [3]], [None], 1j, float("nan"), pb.Look(), object(), np.ones((2, 2, 2))]
+)
+@pytest.mark.parametrize("name", inspect.signature(estimate).parameters)
+def test_what_estimate_cannot_take_is_told_in_a_sentence(name, value):
+    given = {"beams": beams_of(ONE), "origin": np.zeros((3, 3)), "direction": (0, 0, 1), "medium": MEDIUM}
+    if name == "time":
+        given["close"] = given["beams"]
+    optional = value is None and name in ("t_max", "t_min", "look", "context", "close")
+    if optional or (isinstance(value, int) and name in ("t_max", "t_min")) or (name == "look" and "Look" in str(value)):
+        assert np.all(np.isfinite(pb.estimate(**(given | {name: value})).numpy()))
+        return
+    with pytest.raises(pb.SceneError) as error:
+        pb.estimate(**(given | {name: value}))
+    assert len(str(error.value)) <= 300 and "\n" not in str(error.value)
 
 
 @pytest.mark.parametrize(

@@ -249,8 +249,7 @@ def test_what_cannot_carry_a_gradient_says_so():
         assert len(str(error.value)) <= 300
 
 
-def test_a_picture_of_an_attached_look_is_that_of_a_plain_one(scene):
-    """Renderers bind looks, too, and keep nothing of the graph."""
+def test_a_bound_look_tells_whether_its_profile_is_attached(scene):
     number = Float(0.4)
     dr.enable_grad(number)
     bound = [bind(pb.Look(across=looks.Gaussian(each)), scene[0], None, FOG) for each in (0.4, number)]
