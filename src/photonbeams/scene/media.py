@@ -25,7 +25,6 @@ class Grid:
     Raises
     ------
     SceneError
-    <<<<<<< HEAD
         Values of another shape, negative or not finite; a transform that is not finite, or flat.
     """
 
@@ -70,11 +69,8 @@ class Medium:
     ------
     SceneError
         Coefficients that are negative, not finite, or neither one number nor three; an anisotropy beyond ±0.99;
-        a negative number of bounces; both a mesh and a grid.
-    =======
-        Coefficients that are negative, not finite, or neither one number nor three; an anisotropy beyond ±0.99. Numbers
-        whose gradients are enabled: a `looks.Fog` has those.
-    >>>>>>> door
+        a negative number of bounces; both a mesh and a grid; numbers whose gradients are enabled: a `looks.Fog` has
+        those.
     """
 
     scattering: Color
