@@ -17,7 +17,7 @@ import numpy as np
 from .. import scene
 from ..numerics.arrays import to_float
 from ..runtime.device import Float
-from ..world.cameras import CameraRays, View, Window
+from ..world.cameras import View, Window
 
 if TYPE_CHECKING:
     pass
@@ -40,9 +40,12 @@ class Held:
         dr.eval(self.depth, self._inverse, self._slopes)
 
     def distances(
-        self, view: View, rays: CameraRays, offset: tuple[float, float], on_lens: tuple[Any, Any] | None = None
+        self, view: View, facing: Any, offset: tuple[float, float], on_lens: tuple[Any, Any] | None = None
     ) -> Float:
-        """Return how far the rays of `view` go, through each pixel at `offset`, from the places `on_lens`."""
+        """Return how far the rays of `view` go, through each pixel at `offset`, from the places `on_lens`.
+
+        `facing` is planar depth per unit of distance.
+        """
         inverse, numerator = self._inverse, Float(1)
         for slope, there, here in zip(self._slopes, offset, self._place, strict=True):
             inverse = dr.fma(slope, dr.opaque(Float, there - here), inverse)
@@ -53,7 +56,7 @@ class Held:
             moved = self._slopes[0] * scale[0] * on_lens[0] - self._slopes[1] * scale[1] * on_lens[1]
             inverse, numerator = inverse - moved / focus, dr.maximum(1 - moved, 0.25)
         # What slopes add up to may be more than there is.
-        return numerator / dr.maximum(inverse, 0.25 * self._inverse) / rays.facing
+        return numerator / dr.maximum(inverse, 0.25 * self._inverse) / facing
 
 
 def slopes(values: Any, axis: int) -> np.ndarray:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import drjit as dr
 import numpy as np
 
+from .. import scene
 from ..numerics.samples import Samples
 from ..transport import paths
 from ..transport.emission import Emitted
@@ -16,37 +18,65 @@ from ..transport.scene_emitters import emission_of, shared_anew
 from ..transport.simulation import Simulation
 from ..world.scene_world import SceneWorld
 from ..world.sensors import Sensor
+from ..world.sources import Source
 from ..world.warnings import warn
 from ..world.world import World
 from .camera_paths import Lighting
 from .checkpoint import Checkpoint
 from .film import Film, reconstruction_filter
 from .frame import Eye, Frame, Simulated
+from .holdouts import Held
 from .passes import Progress, accumulate, subpixel
 from .scene_lighting import SceneLighting
 from .settings import DEFAULT_PATHS, DEFAULTS, Settings
 
 
 class SceneFrame(Frame):
-    """A frame of a Mitsuba scene from one of its sensors; `warned` are texts of warnings that were given."""
+    """A frame of a Mitsuba scene.
 
-    def __init__(self, plugin: Any, sensor: Any, settings: Settings, warned: set[str] | None = None) -> None:
+    Parameters
+    ----------
+    plugin, sensor
+        The scene, and the sensor that looks at it.
+    settings
+        How it is rendered.
+    warned
+        Texts of warnings that were given.
+    extras
+        What the scene itself does not say.
+
+    Raises
+    ------
+    SceneError
+        Something in the scene that cannot be rendered; beams of an emitter that is not there.
+    """
+
+    def __init__(
+        self, plugin: Any, sensor: Any, settings: Settings, warned: set[str] | None = None,
+        extras: Extras | None = None,
+    ) -> None:  # fmt: skip
         super().__init__(settings, settings.depth())
-        self.sensor = Sensor(sensor)
+        extras = extras or Extras()
+        self._sensors = [Sensor(sensor, eye) for eye in extras.eyes or (None,)]
+        self._holdouts: Sequence[Held | None] = extras.holdouts or [None] * len(self._sensors)
         with self.statistics.phase("build"):
-            self._scene = SceneWorld(plugin, sensor)
+            sources, numbers = _sources(plugin, extras.beams)
+            self._scene = SceneWorld(plugin, sensor, sources)
             if settings.short:
                 self._scene.media.all = tuple(each.ending() for each in self._scene.media.all)
-            emission = emission_of(self._scene, settings.beams or DEFAULT_PATHS, settings.seed)
+            emission = emission_of(self._scene, settings.beams or DEFAULT_PATHS, settings.seed, numbers)
         warn(plugin, self._scene.surroundings, set() if warned is None else warned)
-        self.simulation = Simulation(self._scene, emission, self._tuning, self._scene.sources, self._scene.sizes)
-        if settings.guiding in (None, True) and self.sensor.view is not None:
+        named = len(sources) > 1 or sources[0].look is not None or sources[0].beam_scale != 1
+        self.simulation = Simulation(self._scene, emission, self._tuning, sources, self._scene.sizes, named)
+        if settings.guiding in (None, True) and all(each.view is not None for each in self._sensors):
             with self.statistics.phase("guide"):
                 shared_anew(emission, emission.learn(self._importance))
-        film = self.sensor.film
-        left, top = map(int, film.crop_offset())
+        film = sensor.film()
+        shape, corner = (self._sensors[0].height, self._sensors[0].width), tuple(map(int, film.crop_offset()))
         reconstruction = reconstruction_filter(settings.pixel_filter, film.rfilter())
-        self._films = [Film((self.sensor.height, self.sensor.width), (left, top), reconstruction)]
+        groups = sorted({source.group for source in sources})
+        layers = {group: f"beams_{group or 'default'}" for group in groups} if groups != [""] else {}
+        self._films = [Film(shape, (corner[0], corner[1]), reconstruction, layers) for _ in self._sensors]
 
     def _world(self, number: int) -> World:
         return self._scene
@@ -60,22 +90,74 @@ class SceneFrame(Frame):
         return Simulated(*self.simulation.simulated(number), self.simulation.limits(number))
 
     def _eye(self, number: int, view: int, samples: Samples, moving: bool) -> Eye:
-        primary = self.sensor.rays(subpixel(number), self._films[view].order, samples)
-        return Eye(primary, None if self.sensor.view is None else self.sensor.view.projection)
+        sensor, held = self._sensors[view], self._holdouts[view]
+        primary = sensor.rays(subpixel(number), self._films[view].order, samples)
+        if sensor.view is None or held is None:
+            return Eye(primary, None if sensor.view is None else sensor.view.projection)
+        far = held.distances(sensor.view, primary.facing, subpixel(number), sensor.on_lens(samples))
+        return Eye(replace(primary, far=far), sensor.view.projection, held=far)
 
     def _sharp(self, view: int) -> tuple[World, Eye] | None:
-        return None
+        held = self._holdouts[view]
+        if held is None:
+            return None
+        primary = self._sensors[view].rays((0.5, 0.5), self._films[view].order, self._samples(0))
+        return self._scene, Eye(primary, None, held=held.depth)
 
     def _importance(self, emitted: list[Emitted]) -> np.ndarray:
-        """Return how much of light paths is seen."""
-        assert self.sensor.view is not None
-        watch = Watch(self._scene, self.sensor.view.projection)
+        """Return how much of light paths is seen, by any of the eyes."""
+        watches = [Watch(self._scene, each.view.projection) for each in self._sensors if each.view is not None]
         tracing = self.simulation.tracing(0)
         count = sum(dr.width(each.origin) for each in emitted)
         result = np.zeros(count)
         for segments, hits in paths.trace(tracing, paths.begin(tracing, emitted)):
-            result += watch.importance(segments, hits if self.settings.surfaces else None, count)
+            for watch in watches:
+                result += watch.importance(segments, hits if self.settings.surfaces else None, count)
         return result
+
+
+@dataclass(frozen=True)
+class Extras:
+    """What is rendered of a Mitsuba scene beyond what it says itself.
+
+    Attributes
+    ----------
+    beams
+        What is said of beams, by the ids of emitters or of their shapes; "" are all others.
+    eyes
+        Cameras that look instead of the sensor, one for each view.
+    holdouts
+        For each view, where beams end, instead of at the scene's own surfaces.
+    """
+
+    beams: Mapping[str, scene.BeamSettings] = field(default_factory=dict)
+    eyes: Sequence[scene.Camera] = ()
+    holdouts: Sequence[Held] = ()
+
+
+def names_of(emitter: Any) -> list[str]:
+    """Return the names by which one may call an emitter: its id, and that of its shape."""
+    shape = emitter.get_shape()
+    return [each.id() for each in (emitter, shape) if each is not None and each.id()]
+
+
+def _sources(plugin: Any, beams: Mapping[str, scene.BeamSettings]) -> tuple[list[Source], list[int]]:
+    """Return what the beams of emitters have in common, and by the emitters' numbers which of these they have."""
+    usual = beams.get("", scene.BeamSettings())
+    emitters = [names_of(each) for each in plugin.emitters()]
+    for name in beams:
+        if name and not any(name in names for names in emitters):
+            known = ", ".join(dict.fromkeys(names[-1] for names in emitters if names)) or "none"
+            raise scene.SceneError(f"the scene has no emitter '{name}': expected one of {known}")
+    chosen = [next((beams[name] for name in names if name in beams), usual) for names in emitters]
+    different = list({id(each): each for each in chosen}.values()) or [usual]
+    numbers = [next(place for place, each in enumerate(different) if each is own) for own in chosen]
+    sources = []
+    for place, each in enumerate(different):
+        name = next((names[-1] for names, own in zip(emitters, numbers, strict=True) if own == place and names), "")
+        own = Source(place, name, each.group, each.look, beam_scale=each.beam_scale)
+        sources.append(replace(own, scattered=each.scattered, bounces=each.bounces))
+    return sources, numbers
 
 
 def render(
@@ -86,6 +168,7 @@ def render(
     checkpoint: Checkpoint | None = None,
     content: str = "",
     warned: set[str] | None = None,
+    extras: Extras | None = None,
 ) -> SceneFrame:
     """Render a Mitsuba scene from one of its sensors.
 
@@ -101,6 +184,8 @@ def render(
         Where passes are kept on the way, and a hash of what is rendered: passes of another content are refused.
     warned
         Texts of warnings that were given, and are not given again.
+    extras
+        What the scene itself does not say.
 
     Raises
     ------
@@ -110,10 +195,12 @@ def render(
     film, state = sensor.film(), None
     if checkpoint is not None:
         window = [[int(each) for each in part] for part in (film.size(), film.crop_size(), film.crop_offset())]
-        state = checkpoint.begin(content, sensor.id(), window, replace(settings, passes=1, time_limit=None))
+        own = extras or Extras()
+        more = [own.beams, own.eyes, [each.depth for each in own.holdouts]]
+        state = checkpoint.begin(content, sensor.id(), window, replace(settings, passes=1, time_limit=None), more)
 
     def begin() -> SceneFrame:
-        frame = SceneFrame(plugin, sensor, settings, warned)
+        frame = SceneFrame(plugin, sensor, settings, warned, extras)
         if state is not None:
             frame.restore(state)
         return frame

@@ -308,7 +308,7 @@ class StageFrame(Frame):
         sample = (lambda groups: _on_lens(samples, groups)) if own.film or moving else None
         rays = own.rays(subpixel(number), sample)
         held = self._holdouts[view]
-        far = None if held is None else held.distances(own, rays, subpixel(number), own.on_lens(sample))
+        far = None if held is None else held.distances(own, rays.facing, subpixel(number), own.on_lens(sample))
         return Eye(_primary(rays, far), own.projection, own.camera.exposure_scale, far)
 
     def _sharp(self, view: int) -> tuple[World, Eye] | None:

@@ -29,14 +29,14 @@ from .checks import (
     shown,
     whole,
 )  # fmt: skip
-from .lights import SCATTERED, DistantLight, DomeLight, FlatLight, Gobo, Light, Shaping, SphereLight
+from .lights import SCATTERED, BeamSettings, DistantLight, DomeLight, FlatLight, Gobo, Light, Shaping, SphereLight
 from .media import Grid, Medium
 from .scene import Scene
 from .surfaces import Material, Mesh, Texture
 
 __all__ = [
-    "BLACK", "DEFAULT_BEAMS", "ESCAPE", "FARTHEST", "MOST_BEAMS", "MOST_PIXELS", "SCATTERED", "Array", "Camera",
-    "Color", "DistantLight", "DomeLight", "DrawnBeams", "FlatLight", "Gobo", "Grid", "Light", "Material", "Medium",
+    "BLACK", "DEFAULT_BEAMS", "ESCAPE", "FARTHEST", "MOST_BEAMS", "MOST_PIXELS", "SCATTERED", "Array", "BeamSettings",
+    "Camera", "Color", "DistantLight", "DomeLight", "DrawnBeams", "FlatLight", "Gobo", "Grid", "Light", "Material", "Medium",
     "Mesh", "Scene", "SceneError", "Shaping", "SphereLight", "Texture", "arguments", "choice", "color",
     "has_gradients", "instance", "number", "numbers", "real", "rgb", "shown", "whole",
 ]  # fmt: skip

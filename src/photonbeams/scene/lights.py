@@ -77,6 +77,41 @@ class Gobo:
 
 
 @dataclass(frozen=True)
+class BeamSettings:
+    """What is said of the beams of an emitter that is described elsewhere, as in a Mitsuba scene.
+
+    Attributes
+    ----------
+    group, look
+        Its light group, and the look of its beams (None: physical).
+    beam_scale, scattered, bounces
+        As `Light` has them.
+
+    Raises
+    ------
+    SceneError
+        As of `Light`; a factor that is negative or not finite.
+    """
+
+    group: str = ""
+    look: Look | None = None
+    beam_scale: float = 1.0
+    scattered: str = "physical"
+    bounces: int | None = None
+
+    def __post_init__(self) -> None:
+        number(self.beam_scale, "beam_scale", 0.0)
+        _check_scattered(self.scattered, self.bounces)
+
+
+def _check_scattered(scattered: str, bounces: int | None) -> None:
+    if scattered not in SCATTERED:
+        raise SceneError(f"scattered is {scattered!r}: expected {', '.join(SCATTERED)}")
+    if bounces is not None:
+        number(whole(bounces, "bounces"), "bounces", 0)
+
+
+@dataclass(frozen=True)
 class Light:
     """What all lights share.
 
@@ -143,10 +178,7 @@ class Light:
     bounces: int | None = None
 
     def __post_init__(self) -> None:
-        if self.scattered not in SCATTERED:
-            raise SceneError(f"scattered is {self.scattered!r}: expected {', '.join(SCATTERED)}")
-        if self.bounces is not None:
-            number(whole(self.bounces, "bounces"), "bounces", 0)
+        _check_scattered(self.scattered, self.bounces)
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from typing import Any
 
 import drjit as dr
@@ -11,6 +12,7 @@ import numpy as np
 from .. import scene
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from .media import Media
+from .shapes import scene_of
 from .sources import Source
 from .surroundings import Surroundings, place_of_sensor, places_of
 from .world import World, perturbs, translucent
@@ -57,6 +59,17 @@ class SceneWorld(World):
     def medium_of_view(self, origin: Array3f, direction: Array3f) -> UInt32:
         """Return the numbers of the media in which camera rays begin."""
         return self.surroundings.of_sensor(origin, direction)
+
+    def without_surfaces(self) -> SceneWorld:
+        """Return the world with its media alone."""
+        result = copy(self)
+        null = mi.BSDFFlags.Null
+        kept = [
+            each for each in self.plugin.shapes()
+            if each.is_medium_transition() and int(each.bsdf().flags()) == int(null)
+        ]  # fmt: skip
+        result.plugin = scene_of(kept)
+        return result
 
     def seen(self, origin: Array3f, direction: Array3f, reach: Float, active: Bool, seed: UInt32) -> Any:
         """Return the first surface, or boundary of a medium, that camera rays meet within `reach`."""

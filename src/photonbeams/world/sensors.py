@@ -46,13 +46,14 @@ class Sensor:
     width, height
         Size of the film's crop window.
     view
-        The same camera as one of ours, for the tiles; None of sensors that are no such camera.
+        The same camera as one of ours, for the tiles; None of sensors that are no such camera. A camera that is given
+        takes the sensor's place.
     """
 
-    def __init__(self, plugin: Any) -> None:
+    def __init__(self, plugin: Any, camera: scene.Camera | None = None) -> None:
         self.plugin, self.film = plugin, plugin.film()
         self.width, self.height = (int(each) for each in self.film.crop_size())
-        camera = _camera(plugin, self.width, self.height)
+        camera = camera or camera_of(plugin)
         self.view = None if camera is None else View(camera, Window.full(self.width, self.height))
         self._clipping = None if camera is None else tuple(dr.opaque(Float, each) for each in camera.clipping)
 
@@ -71,6 +72,12 @@ class Sensor:
             rays.origin, rays.direction, near / rays.facing, far / rays.facing, ones, rays.facing, rays.lanes
         )
 
+    def on_lens(self, samples: Samples) -> tuple[Any, Any] | None:
+        """Return where on the lens the rays of `rays` begin, to the right and up; None where there is none."""
+        if self.view is None or not self.view.film:
+            return None
+        return self.view.on_lens(lambda groups: (samples.pair(groups, _LENS), dr.zeros(Float, dr.width(groups))))
+
     def _sampled(self, offset: tuple[float, float], order: Any, samples: Samples) -> Primary:
         """Return rays as the sensor itself samples them."""
         index, columns = dr.arange(UInt32, self.width * self.height), dr.opaque(UInt32, self.width)
@@ -85,8 +92,12 @@ class Sensor:
         return Primary(Array3f(ray.o) + wide, Array3f(ray.d) + wide, 0 * wide.x, far, Array3f(weight) + wide)
 
 
-def _camera(plugin: Any, width: int, height: int) -> scene.Camera | None:
-    """Return a sensor as a camera, from the rays that it sends through the middle and the borders of its film."""
+def camera_of(plugin: Any) -> scene.Camera | None:
+    """Return a sensor as a camera that sees its film's crop window, None of one that is no such camera.
+
+    From the rays that it sends through the middle and the edges of that window.
+    """
+    width, height = (int(each) for each in plugin.film().crop_size())
     kind = plugin.class_name()
     orthographic = kind == "OrthographicCamera"
     if kind not in _PINHOLES and not orthographic:
