@@ -42,11 +42,11 @@ def pair(name: str) -> tuple[float, int, float, int]:
     """Write two pictures of a scene; return seconds and passes of ours, seconds and samples of Mitsuba's."""
     from photonbeams.render.scene_frame import render
     from photonbeams.runtime.device import mitsuba
-    from photonbeams.shot.mitsuba import MitsubaScene
+    from photonbeams.shot.scene_shot import SceneShot
 
     mi = mitsuba()
     width, height, limit, exposure = SCENES[name]
-    scene = MitsubaScene(ROOT / "examples" / "mitsuba" / f"{name}.xml")
+    scene = SceneShot(ROOT / "examples" / "mitsuba" / f"{name}.xml")
     scene.resize(width, height)
     settings = replace(scene.settings, passes=1 << 14, time_limit=limit)
     render(scene.plugin, scene.sensor, replace(settings, passes=1))  # compiles

@@ -63,6 +63,7 @@ class Asked:
     session_layers: Sequence[Path]
     fog: Fog
     looks: Sequence[str]
+    groups: Sequence[str]
     simulate: str | None
     emit: str | None
     stereo: Stereo | None

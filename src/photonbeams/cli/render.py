@@ -147,6 +147,10 @@ def render(
             help="A look of your own in Python, for all beams or those of PRIM; repeatable.",
         ),
     ] = None,
+    group: Annotated[
+        list[str] | None,
+        typer.Option(metavar="EMITTER=NAME", help="Light group of an emitter of a Mitsuba scene; repeatable."),
+    ] = None,
     simulate: Annotated[
         str | None, typer.Option(metavar="FILE.py:NAME", help="A Python function that changes the beams of each pass.")
     ] = None,
@@ -239,7 +243,7 @@ def render(
             parse_color("--scattering", scattering), parse_color("--absorption", absorption), anisotropy,
             surfaces=False if beams_only_fog else None,
         ),
-        looks=look or (), simulate=simulate, emit=emit, stereo=eyes,
+        looks=look or (), groups=group or (), simulate=simulate, emit=emit, stereo=eyes,
         view=None if view in (None, Eye.both) else view.value,
         plates=Plates(
             holdout=holdout, channel=holdout_channel, depth=holdout_depth or "auto", scale=holdout_scale or 1.0,

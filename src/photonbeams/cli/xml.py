@@ -7,9 +7,11 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from .animation import Task
+from ..images.numbering import PLACEHOLDER
+from .animation import Task, frame_numbers
 from .asked import Asked
 from .outputs import check_outputs
+from .programs import load_looks
 
 if TYPE_CHECKING:
     from ..images.frame import Frame
@@ -17,13 +19,13 @@ if TYPE_CHECKING:
     from ..render.passes import Progress
     from ..render.settings import Settings
 
-LAYERS = ("rgba", "surface", "beams", "depth")
-
 #: Flags that a Mitsuba scene has a use for; the others are about stages.
 FLAGS = {
-    "scene", "output", "picture", "layers", "camera", "list_cameras", "res", "res_scale", "crop", "passes",
+    "scene", "output", "picture", "layers", "frames", "camera", "list_cameras", "res", "res_scale", "crop", "passes",
     "time_limit", "beams", "bounces", "estimator", "rule", "order", "pixel_filter", "overrides", "exposure", "seed",
-    "threads", "device", "progress", "dry_run", "quiet", "verbose", "skip_existing", "checkpoint", "resume",
+    "threads", "device", "progress", "dry_run", "quiet", "verbose", "skip_existing", "checkpoint", "resume", "look",
+    "group", "stereo", "interaxial", "convergence", "view", "holdout", "holdout_channel", "holdout_depth",
+    "holdout_scale", "over", "over_fog",
 }  # fmt: skip
 
 
@@ -43,51 +45,73 @@ class MitsubaJob:
     _size: tuple[int, int]
 
     def __init__(self, asked: Asked, check: Callable[[], None]) -> None:
-        from ..shot.mitsuba import MitsubaScene
+        from ..shot.scene_shot import SceneShot
 
         self._asked = asked
-        self._scene = MitsubaScene(asked.path, asked.camera, _parameters(asked.overrides))
+        self._numbers = frame_numbers(asked.frames, asked.outputs)
+        if len(self._numbers) > 1 and not PLACEHOLDER.search(asked.path.name):
+            raise typer.BadParameter(f"--frames is {asked.frames}: expected one run of # in {asked.path.name}, too")
+        self._shot = SceneShot(
+            asked.path, asked.camera, asked.stereo, load_looks("--look", asked.looks), _pairs("--group", asked.groups),
+            parameters=_pairs("--set", asked.overrides),
+        )  # fmt: skip
+        self._shot.load(self._numbers[0])
 
     def cameras(self) -> list[str]:
         """Return the names of all sensors."""
-        return self._scene.cameras
+        return self._shot.names
 
     def tasks(self) -> list[Task]:
-        """Return the one frame and its files; `settings` are known then."""
+        """Return the frames and their files; `settings` are known then."""
         asked = self._asked
         if not asked.dry_run:
             check_outputs(asked.outputs)
-        width, height = self._scene.resize(asked.res[0] or None, asked.res[1] or None)
+        self._size = self._resized()
+        self.settings = asked.quality.over(self._shot.settings())
+        return [self._task(number) for number in self._numbers]
+
+    def _task(self, number: float | None) -> Task:
+        name = self._asked.path.stem if number is None else f"{number:.10g}"
+        return Task(number, name, tuple(each.numbered(number or 0.0) for each in self._asked.outputs))
+
+    def _resized(self) -> tuple[int, int]:
+        asked, shot = self._asked, self._shot
+        width, height = shot.resize(asked.res[0] or None, asked.res[1] or None)
         scale = asked.res_scale
-        self._size = self._scene.resize(max(1, round(scale * width)), max(1, round(scale * height)), asked.crop)
-        self.settings = asked.quality.over(self._scene.settings)
-        return [Task(None, asked.path.stem, tuple(asked.outputs))]
+        return shot.resize(max(1, round(scale * width)), max(1, round(scale * height)), asked.crop)
 
     def layers(self, first: Task) -> Sequence[str]:
         """Return the names of the layers that a frame has."""
-        return LAYERS
+        return self._shot.layer_names()
 
     def check(self, first: Task, todo: Sequence[Task]) -> None:
         """Raise, of a dry run, what rendering would raise; else that is soon enough known."""
         if self._asked.dry_run:
-            self._scene.check(self.settings)
+            self._shot.check_scene(self.settings)
 
     def seen(self, first: Task) -> str:
         """Return what is rendered, by which sensor, and how large."""
-        (width, height), scene = self._size, self._scene
-        return f"{self._asked.path} seen by {scene.sensor.id() or scene.cameras[0]}, {width} x {height} pixels"
+        (width, height), shot = self._size, self._shot
+        return f"{self._asked.path} seen by {shot.sensor.id() or shot.names[0]}, {width} x {height} pixels"
 
     def render(self, task: Task, progress: Progress, checkpoint: Checkpoint | None) -> Frame:
         """Return the frame."""
-        return self._scene.render(self.settings, progress, checkpoint)
+        asked = self._asked
+        self._shot.load(task.number)
+        self._resized()
+        return self._shot.render(
+            task.number, settings=self.settings, progress=progress, checkpoint=checkpoint, view=asked.view,
+            holdout=asked.plates.end(), over=asked.plates.plate(),
+        )  # fmt: skip
 
 
-def _parameters(texts: Sequence[str]) -> dict[str, str]:
-    """Return the file's parameters that flags give."""
+def _pairs(flag: str, texts: Sequence[str]) -> dict[str, str]:
+    """Return the values that a flag gives by names."""
     result = {}
     for text in texts:
-        name, _, value = text.partition("=")
-        if not name or not _:
-            raise typer.BadParameter(f"--set is {text}: expected NAME=VALUE, a parameter of the .xml")
+        name, equals, value = text.partition("=")
+        if not name or not equals:
+            expected = "NAME=VALUE, a parameter of the .xml" if flag == "--set" else "EMITTER=NAME, such as lamp=key"
+            raise typer.BadParameter(f"{flag} is {text}: expected {expected}")
         result[name] = value
     return result

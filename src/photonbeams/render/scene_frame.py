@@ -74,8 +74,7 @@ class SceneFrame(Frame):
         film = sensor.film()
         shape, corner = (self._sensors[0].height, self._sensors[0].width), tuple(map(int, film.crop_offset()))
         reconstruction = reconstruction_filter(settings.pixel_filter, film.rfilter())
-        groups = sorted({source.group for source in sources})
-        layers = {group: f"beams_{group or 'default'}" for group in groups} if groups != [""] else {}
+        layers = groups_of(plugin, extras.beams)
         self._films = [Film(shape, (corner[0], corner[1]), reconstruction, layers) for _ in self._sensors]
 
     def _world(self, number: int) -> World:
@@ -139,6 +138,12 @@ def names_of(emitter: Any) -> list[str]:
     """Return the names by which one may call an emitter: its id, and that of its shape."""
     shape = emitter.get_shape()
     return [each.id() for each in (emitter, shape) if each is not None and each.id()]
+
+
+def groups_of(plugin: Any, beams: Mapping[str, scene.BeamSettings]) -> dict[str, str]:
+    """Return the layer of each light group of a scene; none where all beams are of the unnamed one."""
+    groups = sorted({source.group for source in _sources(plugin, beams)[0]})
+    return {group: f"beams_{group or 'default'}" for group in groups} if groups != [""] else {}
 
 
 def _sources(plugin: Any, beams: Mapping[str, scene.BeamSettings]) -> tuple[list[Source], list[int]]:

@@ -36,7 +36,7 @@ from .surfaces import Material, Mesh, Texture
 
 __all__ = [
     "BLACK", "DEFAULT_BEAMS", "ESCAPE", "FARTHEST", "MOST_BEAMS", "MOST_PIXELS", "SCATTERED", "Array", "BeamSettings",
-    "Camera", "Color", "DistantLight", "DomeLight", "DrawnBeams", "FlatLight", "Gobo", "Grid", "Light", "Material", "Medium",
-    "Mesh", "Scene", "SceneError", "Shaping", "SphereLight", "Texture", "arguments", "choice", "color",
+    "Camera", "Color", "DistantLight", "DomeLight", "DrawnBeams", "FlatLight", "Gobo", "Grid", "Light", "Material",
+    "Medium", "Mesh", "Scene", "SceneError", "Shaping", "SphereLight", "Texture", "arguments", "choice", "color",
     "has_gradients", "instance", "number", "numbers", "real", "rgb", "shown", "whole",
 ]  # fmt: skip

@@ -6,6 +6,7 @@ import os
 import weakref
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
 from .. import scene
@@ -46,13 +47,43 @@ _NOTHING = "nothing makes beams"  # said of the first frame where it is so
 Fog = Callable[[scene.Medium | None], scene.Medium | None]
 
 
+def _opened_scene(
+    path: PathLike, camera: str | None, stereo: Stereo | None, looks: Any, groups: Any, overrides: Iterable[str],
+    of_stages: Mapping[str, Any],
+) -> Shot:  # fmt: skip
+    """Return a Mitsuba scene as a shot; SceneError for what stages alone have."""
+    from .scene_shot import SceneShot
+
+    for name, value in of_stages.items():
+        if value:
+            raise scene.SceneError(f"{name} is for stages: a Mitsuba scene (.xml) has no use for it")
+    parameters = {}
+    for text in overrides:
+        key, equals, value = text.partition("=")
+        if not key or not equals:
+            raise scene.SceneError(f"cannot set '{text}': expected NAME=VALUE, a parameter of the .xml")
+        parameters[key] = value
+    return SceneShot(path, camera, stereo, looks, groups, parameters=parameters)
+
+
 def _known(paths: set[str]) -> set[str]:
     """Return paths and the names at their ends, by which a user may call what is there."""
     return paths | {path.rpartition("/")[2] for path in paths}
 
 
 class Shot:
-    """A stage seen by one of its cameras, or by two eyes. `Shot.open` makes one."""
+    """A stage seen by one of its cameras, or by two eyes. `Shot.open` makes one, also of a Mitsuba scene.
+
+    `Shot(mitsuba_scene, camera=..., stereo=..., looks=..., groups=...)` is a `SceneShot`.
+    """
+
+    def __new__(cls, stage: Any = None, *_: Any, **__: Any) -> Shot:
+        """Return a shot of the kind that what it is to show asks for."""
+        if cls is Shot and type(stage).__module__.partition(".")[0] == "mitsuba":
+            from .scene_shot import SceneShot
+
+            return super().__new__(SceneShot)
+        return super().__new__(cls)
 
     def __init__(
         self,
@@ -106,17 +137,19 @@ class Shot:
         simulate: Modifier | None = None,
         emit: Emitter | None = None,
         looks: Look | Mapping[str, Look] | None = None,
+        groups: Mapping[str, str] | None = None,
         session_layers: PathLike | Iterable[PathLike] = (),
         overrides: str | Iterable[str] = (),
     ) -> Shot:
-        """Open a USD stage.
+        """Open a USD stage, or a Mitsuba scene.
 
         Parameters
         ----------
         path
-            A .usd, .usda, .usdc or .usdz file.
+            A .usd, .usda, .usdc or .usdz file; or a Mitsuba .xml, in whose name a run of # is the frame number.
         camera
-            Path or name of the camera; None: the render settings' or the only one.
+            Path or name of the camera; None: the render settings' or the only one. Of a Mitsuba scene its sensor's id
+            or number; None: the first.
         medium
             A fog instead of the stage's own, or for a stage that has none; or a function of the stage's own.
         stereo
@@ -127,9 +160,13 @@ class Shot:
             A function of a `PassContext` that makes beams from nothing: it returns `Beams`, `DrawnBeams`, or several.
         looks
             Looks of your own instead of the stage's: one for all beams, or by the path or the name of a light, of
-            drawn curves, or of the PhotonBeamsLook that they name.
+            drawn curves, or of the PhotonBeamsLook that they name. Of a Mitsuba scene by the ids of its emitters, or of
+            their shapes.
+        groups
+            Of a Mitsuba scene: light groups by the same ids.
         session_layers, overrides
-            Layers over the stage, and values "/prim.attribute=value" over those; one, or several.
+            Layers over the stage, and values "/prim.attribute=value" over those, or NAME=VALUE for the parameters of a
+            Mitsuba scene; one, or several.
 
         Raises
         ------
@@ -138,6 +175,13 @@ class Shot:
         """
         session_layers = [session_layers] if isinstance(session_layers, str | os.PathLike) else session_layers
         overrides = [overrides] if isinstance(overrides, str) else overrides
+        if Path(path).suffix.lower() == ".xml":
+            of_stages = {"medium": medium, "simulate": simulate, "emit": emit, "session_layers": [*session_layers]}
+            return _opened_scene(path, camera, stereo, looks, groups, overrides, of_stages)
+        if groups is not None:
+            raise scene.SceneError(
+                "groups are for Mitsuba scenes: expected photonbeams:lightGroup on the stage's lights"
+            )
         shot = cls(stages.open_stage(path, session_layers, overrides), camera, medium, stereo, simulate, emit, looks)
         shot.cameras()  # a wrong name is an error now, not after a long read
         return shot

@@ -76,7 +76,7 @@ def read_eyes(
     if role not in EYES:
         camera = read_camera(stage, str(prim.GetPath()), time)
         try:
-            return _split(camera, stereo, UsdGeom.GetStageMetersPerUnit(stage))
+            return split(camera, stereo, UsdGeom.GetStageMetersPerUnit(stage))
         except SceneError as error:
             raise SceneError(f"{file_of(stage)}: {camera.name} {error}") from None
     other = _partner(stage, prim, EYES[1 - EYES.index(role)])
@@ -127,7 +127,8 @@ def _partner(stage: Usd.Stage, prim: Usd.Prim, role: str) -> Usd.Prim:
     return found[0]
 
 
-def _split(camera: Camera, stereo: Stereo, meters_per_unit: float) -> tuple[Camera, Camera]:
+def split(camera: Camera, stereo: Stereo, meters_per_unit: float) -> tuple[Camera, Camera]:
+    """Return the two eyes that a camera becomes; raises SceneError without the camera's name."""
     half = 0.5 * (_EYE_DISTANCE / meters_per_unit if stereo.interaxial is None else stereo.interaxial)
     if camera.orthographic:  # all that an eye's place would change is a shift of the picture, the same at all depths
         raise SceneError("is orthographic: expected a perspective camera to be split into two eyes")

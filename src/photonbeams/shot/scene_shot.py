@@ -1,0 +1,320 @@
+"""Scenes in Mitsuba's own format as shots: seen by a sensor, or by two eyes, written as frames of stages are."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Unpack
+
+import numpy as np
+
+from .. import scene
+from ..images.frame import Frame, pixels_of
+from ..images.numbering import PLACEHOLDER, numbered
+from ..images.plates import Holdout, Plate
+from ..runtime.digest import digest
+from ..runtime.files import PathLike
+from ..scene import SceneError
+from ..usd.reading import LOG
+from ..usd.stereo import EYES, Stereo, split, views_of
+from .shot import Shot
+
+if TYPE_CHECKING:
+    from ..looks import Look
+    from ..render.checkpoint import Checkpoint
+    from ..render.passes import Progress
+    from ..render.settings import Given, Settings
+    from ..scene import Array
+
+
+class SceneShot(Shot):
+    """A Mitsuba scene seen by one of its sensors, or by two eyes.
+
+    Parameters
+    ----------
+    subject
+        Mitsuba's scene, or an .xml file; a run of # in its name is the frame number.
+    camera
+        Name (id) or number of the sensor; None is the first.
+    stereo
+        For two eyes, how the sensor becomes two of them; None: one picture.
+    looks, groups
+        Looks by the ids of emitters or of their shapes, or one for all; light groups by the same ids.
+    beams
+        All that may be said of beams, by the same ids: see `scene.BeamSettings`.
+    parameters
+        Values of the file's own parameters ($name).
+    settings
+        How the scene is rendered; None: as its integrator says, if that is `photon_beams`.
+
+    Raises
+    ------
+    SceneError
+        A file that Mitsuba cannot read, without sensors, or without the one that is asked for.
+    """
+
+    def __init__(
+        self,
+        subject: Any,
+        camera: str | None = None,
+        stereo: Stereo | None = None,
+        looks: Look | Mapping[str, Look] | None = None,
+        groups: Mapping[str, str] | None = None,
+        beams: Mapping[str, scene.BeamSettings] | None = None,
+        parameters: Mapping[str, str] | None = None,
+    ) -> None:
+        if stereo is not None and not isinstance(stereo, Stereo):
+            text = "expected a Stereo, such as Stereo(interaxial=0.065, convergence=3)"
+            raise SceneError(f"stereo is {stereo!r}: {text}")
+        self.path = Path(subject) if isinstance(subject, str | os.PathLike) else None
+        self.camera, self.stereo, self._parameters = camera, stereo, dict(parameters or {})
+        self._beams = _beams(looks, groups or {}, beams or {})
+        self._open: tuple[Path | None, Any] = (None, None if self.path else subject)
+        self._warned: set[Any] = set()
+        self._resolution: tuple[int, int] | None = None
+        self._crop: Sequence[float] | None = None
+        if self.path is None or not PLACEHOLDER.search(self.path.name):
+            self.load()
+
+    def __repr__(self) -> str:
+        what = self.path or "a Mitsuba scene"
+        return f"SceneShot({str(what)!r}, camera={self.camera!r})"
+
+    def load(self, frame: float | None = None) -> Any:
+        """Return Mitsuba's scene of a frame, and know its sensors."""
+        path = self.path and numbered(self.path, 0.0 if frame is None else frame)
+        if self._open[1] is None or self._open[0] != path:
+            assert path is not None
+            self._open = path, self._loaded(path)
+        self.plugin = self._open[1]
+        self.names = [each.id() or f"sensor {index}" for index, each in enumerate(self.plugin.sensors())]
+        self.sensor = self.plugin.sensors()[self._index(self.camera)]
+        return self.plugin
+
+    def _loaded(self, path: Path) -> Any:
+        from ..runtime.device import mitsuba
+
+        mi = mitsuba()
+        if not path.is_file():
+            raise SceneError(f"{path}: no such file")
+        try:
+            plugin = mi.load_file(str(path), **self._parameters)
+        except RuntimeError as error:
+            raise SceneError(f"{path}: {_reason(str(error))}") from error
+        if not isinstance(plugin, mi.Scene):
+            raise SceneError(f"{path}: holds a {type(plugin).__name__}: expected a scene")
+        return plugin
+
+    def _index(self, camera: str | None) -> int:
+        if not self.names:
+            raise SceneError(f"{self.path or 'the scene'}: has no sensor: expected one")
+        if camera is None:
+            return 0
+        names = {**{str(index): index for index in range(len(self.names))},
+                 **{name: index for index, name in enumerate(self.names)}}  # fmt: skip
+        if camera not in names:
+            numbers = " or its number, 0" + (f" to {len(self.names) - 1}" if self.names[1:] else "")
+            expected = f"{'one of ' if self.names[1:] else ''}{', '.join(self.names)},{numbers}"
+            raise SceneError(f"{self.path or 'the scene'}: has no sensor '{camera}': expected {expected}")
+        return names[camera]
+
+    def content(self, frame: float | None = None) -> str:
+        """Return a hash of the file, its parameters, and the files that they name; of a scene without a file, none."""
+        if self.path is None:
+            return ""
+        path = numbered(self.path, 0.0 if frame is None else frame)
+        return digest(self._parameters, _contents(path, path.parent, set(self._parameters.values())))
+
+    def settings(self) -> Settings:
+        """Return the settings of the scene's integrator, if that is `photon_beams`, with its sampler's passes."""
+        from ..render.settings import Settings
+
+        own = getattr(self.plugin.integrator(), "settings", None)
+        if own is None:
+            LOG.info("%s: its integrator is not photon_beams, whose defaults are used instead", self.path)
+        return replace(own or Settings(), passes=int(self.sensor.sampler().sample_count()))
+
+    def resize(self, width: int | None, height: int | None, crop: Sequence[float] | None = None) -> tuple[int, int]:
+        """Change the film's size in pixels, and which part of it (in fractions) is rendered; return the size."""
+        from ..runtime.device import mitsuba
+
+        parameters = mitsuba().traverse(self.sensor)
+        size = [int(each) for each in parameters["film.size"]]
+        if width or height:
+            size = [width or max(1, round((height or 0) * size[0] / size[1])),
+                    height or max(1, round((width or 0) * size[1] / size[0]))]  # fmt: skip
+            parameters["film.size"] = size
+            parameters["film.crop_size"], parameters["film.crop_offset"] = size, [0, 0]
+        if crop is not None:
+            left, top, right, bottom = pixels_of(crop, size[0], size[1])
+            parameters["film.crop_offset"] = [left, top]
+            parameters["film.crop_size"] = [right - left, bottom - top]
+        parameters.update()
+        return size[0], size[1]
+
+    def check_scene(self, settings: Settings) -> None:
+        """Raise SceneError where something in the scene cannot be rendered."""
+        from ..render.scene_frame import Extras, SceneFrame
+
+        SceneFrame(self.plugin, self.sensor, replace(settings, guiding=False), None, Extras(self._beams))
+
+    def layer_names(self) -> list[str]:
+        """Return the names of a frame's layers, in their order."""
+        from ..render.film import layer_names
+        from ..render.scene_frame import groups_of
+
+        return layer_names(groups_of(self.plugin, self._beams))
+
+    def eyes(self) -> list[scene.Camera]:
+        """Return the cameras that look instead of the sensor: two eyes, or none."""
+        from ..world.sensors import camera_of
+
+        if self.stereo is None:
+            return []
+        camera = camera_of(self.plugin.sensors()[self._index(self.camera)])
+        if camera is None:
+            raise SceneError(
+                f"sensor {self.camera or self.names[0]}: is no camera: expected a perspective one to split"
+            )
+        try:
+            return list(split(camera, self.stereo, 1.0))
+        except SceneError as error:
+            raise SceneError(f"sensor {camera.name} {error}") from None
+
+    def render(
+        self,
+        frame: float | None = None,
+        passes: int | None = None,
+        *,
+        settings: Settings | None = None,
+        width: int | None = None,
+        height: int | None = None,
+        crop: Sequence[float] | None = None,
+        progress: Progress | None = None,
+        checkpoint: PathLike | Checkpoint | None = None,
+        blur: bool = True,
+        lens: bool = True,
+        view: str | None = None,
+        holdout: PathLike | Array | Holdout | None = None,
+        over: PathLike | Array | Plate | None = None,
+        **given: Unpack[Given],
+    ) -> Frame:
+        """Render a frame; parameters and errors as of a stage's `Shot.render`.
+
+        `frame` chooses the file where the shot's name has a run of #. Nothing in a Mitsuba scene moves, so `blur` has
+        no effect; a lens is the sensor's.
+        """
+        from ..render.checkpoint import Checkpoint
+        from ..render.scene_frame import Extras, render
+        from ..render.settings import Settings
+        from ..world.sensors import Sensor
+
+        self.load(frame)
+        chosen = Settings.of(settings or self.settings(), given if passes is None else {**given, "passes": passes})
+        if width or height or crop is not None:
+            self.resize(width, height, crop)
+        size = tuple(map(int, self.sensor.film().size()))
+        kept, end, plate = Checkpoint.of(checkpoint), Holdout.of(holdout), Plate.of(over)
+        number, names = 0.0 if frame is None else float(frame), views_of(self.stereo, view)
+        eyes = self.eyes()
+        shown = [eyes[EYES.index(name)] for name in names] if eyes else []
+        if not lens:
+            shown = [replace(each, lens_radius=0.0) for each in shown or [_camera(self.sensor)]]
+        sensors = [Sensor(self.sensor, each) for each in shown or [None]]
+        depths = end.read(number, names, size, self._warn) if end is not None else []
+        pixels = plate.read_whole(number, names, size, self._warn) if plate is not None else []
+        ends = [each.seen_by(_view(sensor)) for each, sensor in zip(depths, sensors, strict=False)]
+        extras = Extras(self._beams, shown, ends)
+        about = "" if kept is None else self.content(frame)
+        done = render(self.plugin, self.sensor, chosen, progress, kept, about, self._warned, extras)
+        views = {}
+        for number_, (name, sensor, layers) in enumerate(zip(names, sensors, done.views(), strict=True)):
+            if plate is not None and pixels:
+                layers["rgba"] = plate.under(layers, _part(pixels[number_], self.sensor.film()))
+            views[name] = layers, self._header(sensor, chosen, done.statistics.passes, frame)
+        layers, metadata = views[names[0]]
+        return Frame(layers, metadata, done.statistics, views if len(views) > 1 else {})
+
+    def _header(self, sensor: Any, settings: Settings, passes: int, frame: float | None) -> dict[str, Any]:
+        """Return what an EXR's header says of a view."""
+        film = self.sensor.film()
+        (width, height), (left, top) = (tuple(map(int, each)) for each in (film.size(), film.crop_offset()))
+        crop = [int(each) for each in film.crop_size()]
+        return {
+            **(sensor.view.matrices() if sensor.view is not None else {}),
+            **({} if frame is None else {"frame": float(frame)}),
+            "software": f"photonbeams {version('photonbeams')}",
+            "scene": self.path.name if self.path else "",
+            "camera": self.sensor.id() or self.names[0],
+            "seed": settings.seed,
+            "passes": passes,
+            "displayWindow": (0, 0, width - 1, height - 1),
+            "dataWindow": (left, top, left + crop[0] - 1, top + crop[1] - 1),
+        }
+
+
+def _beams(
+    looks: Look | Mapping[str, Look] | None, groups: Mapping[str, str], beams: Mapping[str, scene.BeamSettings]
+) -> dict[str, scene.BeamSettings]:
+    """Return what is said of beams by emitters."""
+    by_name = looks if isinstance(looks, Mapping) else {} if looks is None else {"": looks}
+    for name, look in by_name.items():
+        if not hasattr(look, "bind"):
+            raise SceneError(f"looks is {look!r}{f' for {name}' if name else ''}: expected a Look")
+    result = dict(beams)
+    for name in {*by_name, *groups}:
+        own = result.get(name, scene.BeamSettings())
+        result[name] = replace(
+            own, look=by_name.get(name, own.look or by_name.get("")), group=groups.get(name, own.group)
+        )
+    return result
+
+
+def _camera(sensor: Any) -> scene.Camera:
+    from ..world.sensors import camera_of
+
+    camera = camera_of(sensor)
+    if camera is None:
+        raise SceneError(f"sensor {sensor.id()}: is no camera: expected a perspective one without its lens")
+    return camera
+
+
+def _view(sensor: Any) -> Any:
+    if sensor.view is None:
+        raise SceneError("the sensor is no camera: expected a perspective or an orthographic one for a holdout")
+    return sensor.view
+
+
+def _part(pixels: Array, film: Any) -> Array:
+    """Return what a film's crop window shows of a whole picture."""
+    left, top = map(int, film.crop_offset())
+    width, height = map(int, film.crop_size())
+    return np.ascontiguousarray(pixels[top : top + height, left : left + width])
+
+
+def _contents(path: Path, more: Iterable[str]) -> list[bytes]:
+    """Return the bytes of a scene's file, and of the files that it names: textures, volumes, meshes, other scenes."""
+    todo, found = [path, *(path.parent / each for each in sorted(more))], dict[Path, bytes]()
+    for place in todo:  # which grows
+        if place in found or not os.path.isfile(place):  # of what is no name at all, Path.is_file raises an error
+            continue
+        found[place] = place.read_bytes()
+        if place.suffix == ".xml":
+            names = re.findall(rb'"([^"<>]+)"', found[place])
+            todo += [path.parent / name.decode("utf-8", "replace") for name in names]
+    return [*found.values()]
+
+
+def _reason(text: str) -> str:
+    """Return what Mitsuba says of a file in one line, without where in its own code or in ours that was."""
+    text = re.sub(r"^\[[\w.]+:\d+\]\s*", "", text.strip())
+    text, _, trace = text.partition("Traceback (most recent call last):")
+    lines = [line.strip() for line in text.splitlines() if line.strip()]
+    if trace:  # of a plug-in in Python: its last line that is not indented is the error, "Class: what is wrong"
+        last = [line for line in trace.splitlines() if re.match(r"[\w.]+: ", line)]
+        lines.append(last[-1].partition(": ")[2] if last else "")
+    return " ".join(lines)[:500].strip()
