@@ -48,7 +48,7 @@ def pair(name: str) -> tuple[float, int, float, int]:
     width, height, limit, exposure = SCENES[name]
     scene = SceneShot(ROOT / "examples" / "mitsuba" / f"{name}.xml")
     scene.resize(width, height)
-    settings = replace(scene.settings, passes=1 << 14, time_limit=limit)
+    settings = replace(scene.settings(), passes=1 << 14, time_limit=limit)
     render(scene.plugin, scene.sensor, replace(settings, passes=1))  # compiles
     seconds, frame = timed(lambda: render(scene.plugin, scene.sensor, settings))
     write(f"{name}-beams", frame.layers()["rgba"][..., :3], exposure)

@@ -228,8 +228,9 @@ def render(
     is_xml = scene.suffix.lower() == ".xml"
     if is_xml:
         check_given(context)
-    else:
-        _check_replaced(outputs, {"--holdout": holdout, "--over": over})
+    elif group:
+        raise typer.BadParameter("--group is for Mitsuba scenes: expected photonbeams:lightGroup on a stage's lights")
+    _check_replaced(outputs, {"--holdout": holdout, "--over": over})
     asked = Asked(
         path=scene, outputs=outputs, layers=layers, exposure=exposure, frames=frames, skip_existing=skip_existing,
         checkpoint=checkpoint, resume=resume,

@@ -127,7 +127,7 @@ class SceneShot(Shot):
         if self.path is None:
             return ""
         path = numbered(self.path, 0.0 if frame is None else frame)
-        return digest(self._parameters, _contents(path, path.parent, set(self._parameters.values())))
+        return digest(self._parameters, _contents(path, self._parameters.values()))
 
     def settings(self) -> Settings:
         """Return the settings of the scene's integrator, if that is `photon_beams`, with its sampler's passes."""
@@ -177,9 +177,8 @@ class SceneShot(Shot):
             return []
         camera = camera_of(self.plugin.sensors()[self._index(self.camera)])
         if camera is None:
-            raise SceneError(
-                f"sensor {self.camera or self.names[0]}: is no camera: expected a perspective one to split"
-            )
+            name = self.camera or self.names[0]
+            raise SceneError(f"sensor {name}: is no camera: expected a perspective one to split")
         try:
             return list(split(camera, self.stereo, 1.0))
         except SceneError as error:
@@ -217,14 +216,14 @@ class SceneShot(Shot):
         chosen = Settings.of(settings or self.settings(), given if passes is None else {**given, "passes": passes})
         if width or height or crop is not None:
             self.resize(width, height, crop)
-        size = tuple(map(int, self.sensor.film().size()))
+        size = int(self.sensor.film().size()[0]), int(self.sensor.film().size()[1])
         kept, end, plate = Checkpoint.of(checkpoint), Holdout.of(holdout), Plate.of(over)
         number, names = 0.0 if frame is None else float(frame), views_of(self.stereo, view)
         eyes = self.eyes()
         shown = [eyes[EYES.index(name)] for name in names] if eyes else []
         if not lens:
             shown = [replace(each, lens_radius=0.0) for each in shown or [_camera(self.sensor)]]
-        sensors = [Sensor(self.sensor, each) for each in shown or [None]]
+        sensors = [Sensor(self.sensor, each) for each in shown] or [Sensor(self.sensor)]
         depths = end.read(number, names, size, self._warn) if end is not None else []
         pixels = plate.read_whole(number, names, size, self._warn) if plate is not None else []
         ends = [each.seen_by(_view(sensor)) for each, sensor in zip(depths, sensors, strict=False)]
@@ -268,9 +267,8 @@ def _beams(
     result = dict(beams)
     for name in {*by_name, *groups}:
         own = result.get(name, scene.BeamSettings())
-        result[name] = replace(
-            own, look=by_name.get(name, own.look or by_name.get("")), group=groups.get(name, own.group)
-        )
+        look = by_name[name] if name in by_name else own.look or by_name.get("")
+        result[name] = replace(own, look=look, group=groups.get(name, own.group))
     return result
 
 

@@ -179,9 +179,8 @@ class Shot:
             of_stages = {"medium": medium, "simulate": simulate, "emit": emit, "session_layers": [*session_layers]}
             return _opened_scene(path, camera, stereo, looks, groups, overrides, of_stages)
         if groups is not None:
-            raise scene.SceneError(
-                "groups are for Mitsuba scenes: expected photonbeams:lightGroup on the stage's lights"
-            )
+            expected = "photonbeams:lightGroup on the lights of a stage"
+            raise scene.SceneError(f"groups are for Mitsuba scenes: expected {expected}")
         shot = cls(stages.open_stage(path, session_layers, overrides), camera, medium, stereo, simulate, emit, looks)
         shot.cameras()  # a wrong name is an error now, not after a long read
         return shot
