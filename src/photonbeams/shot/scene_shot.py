@@ -267,7 +267,7 @@ def _beams(
     result = dict(beams)
     for name in {*by_name, *groups}:
         own = result.get(name, scene.BeamSettings())
-        look = by_name[name] if name in by_name else own.look or by_name.get("")
+        look: Look | None = by_name.get(name) or own.look or by_name.get("")
         result[name] = replace(own, look=look, group=groups.get(name, own.group))
     return result
 
