@@ -267,8 +267,8 @@ def _beams(
     result = dict(beams)
     for name in {*by_name, *groups}:
         own = result.get(name, scene.BeamSettings())
-        look: Look | None = by_name.get(name) or own.look or by_name.get("")
-        result[name] = replace(own, look=look, group=groups.get(name, own.group))
+        chosen = by_name.get(name) or own.look or by_name.get("")
+        result[name] = replace(own, look=chosen, group=groups.get(name, own.group))
     return result
 
 
