@@ -28,6 +28,8 @@ _LOBE, _TURN, _ROULETTE, _WAY, _CUTOUT = 301, 302, 303, 304, 305  # streams of s
 # What makes a surface more than a boundary of media; to Mitsuba going straight on (Null) is one of `Delta`.
 _VISIBLE = int(mi.BSDFFlags.Smooth | mi.BSDFFlags.DeltaReflection | mi.BSDFFlags.DeltaTransmission)
 
+_IDEAL = int(mi.BSDFFlags.Delta | mi.BSDFFlags.Null)
+
 # Steps after which a path ends that meets nothing that ends it, as between two mirrors.
 _STEPS = 128
 
@@ -231,13 +233,17 @@ def _onward(
 ) -> CameraPaths:  # fmt: skip
     """Return paths behind the surface that they met: mirrored, refracted, or straight on."""
     context = mi.BSDFContext()
-    context.type_mask = mi.BSDFFlags.Delta | mi.BSDFFlags.Null
+    context.type_mask = _IDEAL
     bsdf = hit.bsdf()
     flags = bsdf.flags()
     sharp = met & (mi.has_flag(flags, mi.BSDFFlags.Delta) | mi.has_flag(flags, mi.BSDFFlags.Null))
     # In strata over the passes: as often mirrored and as often refracted as the glass would have it.
     lobe, turn = samples.pair(paths.order, _LOBE, step).x, samples.pair(paths.order, _TURN, step)
+    # A cut-out surface was drawn to stop the ray: it does not let it through a second time.
+    lobe *= viewing.world.opacity(hit, sharp)
     sample, weight = bsdf.sample(context, hit, lobe, mi.Point2f(turn), sharp)
+    # Some BSDFs, as Mitsuba's `principled` is one, sample their other lobes whatever they are asked for.
+    sharp &= (sample.sampled_type & _IDEAL) != 0
     direction = hit.to_world(sample.wo)
     null = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Null)
     straight = paths.primary & null
