@@ -31,7 +31,7 @@ def shutter(moving, *cameras):
 
     def at(fraction):
         other = drawn("/b", "fill", fraction if moving else 0.0)
-        content = scene.Scene((wall,), (), (still, other), scene.Medium(scattering=(0.2, 0.2, 0.2)))
+        content = scene.Scene((wall,), (), (still, other), (scene.Medium(scattering=(0.2, 0.2, 0.2)),))
         return Moment(content, cameras or (CAMERA,))
 
     return Shutter(at, moving=True) if moving else Shutter.still(*at(0.0)[:1], *(cameras or (CAMERA,)))

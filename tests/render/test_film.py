@@ -33,7 +33,7 @@ def drawn(shift=(0.0, 0.0, 0.0), power=1.0):
 
 
 def shot(beams=None, meshes=(), lights=()):
-    return scene.Scene(tuple(meshes), tuple(lights), (beams or drawn(),), FOG)
+    return scene.Scene(tuple(meshes), tuple(lights), (beams or drawn(),), (FOG,))
 
 
 def beams_layer(shutter, view=0, **settings):

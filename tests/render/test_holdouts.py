@@ -33,7 +33,7 @@ THROUGH = dataclasses.replace(BEAM, start=np.array([[-1.0, 0.6, -4.0]]), end=np.
 
 
 def beams_layer(camera=CAMERA, meshes=(), beams=UNDER, depth=None, passes=4, window=WINDOW, place=(0.5, 0.5)):
-    still = Shutter.still(scene.Scene(tuple(meshes), (), (beams,), FOG), camera)
+    still = Shutter.still(scene.Scene(tuple(meshes), (), (beams,), (FOG,)), camera)
     held = [Held(depth, window, place)] if depth is not None else []
     return render(still, window, Settings(passes=passes), holdouts=held).layers
 
@@ -123,7 +123,7 @@ def test_a_holdout_stands_still_before_a_moving_camera():
         moved = dataclasses.replace(CAMERA, to_world=matrix)
         return Moment(state, (moved,))
 
-    state = scene.Scene((), (), (BEAM,), FOG)
+    state = scene.Scene((), (), (BEAM,), (FOG,))
     held = [Held(np.full((HEIGHT, WIDTH), 3.9), WINDOW)]
     layers = render(Shutter(at, moving=True), WINDOW, Settings(passes=4), holdouts=held).layers
     # The camera draws back from the beam, which is behind the holdout all the time.
@@ -133,7 +133,7 @@ def test_a_holdout_stands_still_before_a_moving_camera():
 
 def test_a_second_holdout_of_other_depths_compiles_nothing():
     beams_layer(depth=floor_depth())
-    still = Shutter.still(scene.Scene((), (), (THROUGH,), FOG), CAMERA)
+    still = Shutter.still(scene.Scene((), (), (THROUGH,), (FOG,)), CAMERA)
     held = [Held(np.full((HEIGHT, WIDTH), 2.5), WINDOW, (0.7, 0.7))]
     assert render(still, WINDOW, Settings(passes=2), holdouts=held).statistics.kernels_compiled == 0
 

@@ -71,7 +71,7 @@ def test_a_point_in_the_fog_says_so():
         scene.SphereLight(f"/{name}", (1, 1, 1), center=np.array(at, dtype=float))
         for name, at in (("In", (0, 0, 0)), ("Out", (0, 2, 0)))
     )
-    twin = twin_of(scene.Scene(lights=lights, medium=fog), scene.Camera("/c", np.eye(4)), Window.full(4, 4), "files")
+    twin = twin_of(scene.Scene(lights=lights, media=(fog,)), scene.Camera("/c", np.eye(4)), Window.full(4, 4), "files")
     assert twin.parts["In"]["medium"] == {"type": "ref", "id": "fog-medium"}
     assert "medium" not in twin.parts["Out"]
     assert set(twin.files) == {"fog.ply"} and not twin.lost

@@ -66,7 +66,7 @@ class MitsubaJob:
         asked = self._asked
         if not asked.dry_run:
             check_outputs(asked.outputs)
-        self._size = self._resized()
+        self._size = self._resolution()
         self.settings = asked.quality.over(self._shot.settings())
         return [self._task(number) for number in self._numbers]
 
@@ -74,11 +74,10 @@ class MitsubaJob:
         name = self._asked.path.stem if number is None else f"{number:.10g}"
         return Task(number, name, tuple(each.numbered(number or 0.0) for each in self._asked.outputs))
 
-    def _resized(self) -> tuple[int, int]:
-        asked, shot = self._asked, self._shot
-        width, height = shot.resize(asked.res[0] or None, asked.res[1] or None)
-        scale = asked.res_scale
-        return shot.resize(max(1, round(scale * width)), max(1, round(scale * height)), asked.crop)
+    def _resolution(self) -> tuple[int, int]:
+        asked = self._asked
+        width, height = self._shot.size(asked.res[0] or None, asked.res[1] or None)
+        return max(1, round(asked.res_scale * width)), max(1, round(asked.res_scale * height))
 
     def layers(self, first: Task) -> Sequence[str]:
         """Return the names of the layers that a frame has."""
@@ -97,11 +96,10 @@ class MitsubaJob:
     def render(self, task: Task, progress: Progress, checkpoint: Checkpoint | None) -> Frame:
         """Return the frame."""
         asked = self._asked
-        self._shot.load(task.number)
-        self._resized()
+        width, height = self._size
         return self._shot.render(
-            task.number, settings=self.settings, progress=progress, checkpoint=checkpoint, view=asked.view,
-            holdout=asked.plates.end(), over=asked.plates.plate(),
+            task.number, settings=self.settings, width=width, height=height, crop=asked.crop, progress=progress,
+            checkpoint=checkpoint, view=asked.view, holdout=asked.plates.end(), over=asked.plates.plate(),
         )  # fmt: skip
 
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
@@ -75,8 +76,6 @@ class SceneShot(Shot):
         self._beams = _beams(looks, groups or {}, beams or {})
         self._open: tuple[Path | None, Any] = (None, None if self.path else subject)
         self._warned: set[Any] = set()
-        self._resolution: tuple[int, int] | None = None
-        self._crop: Sequence[float] | None = None
         if self.path is None or not PLACEHOLDER.search(self.path.name):
             self.load()
 
@@ -138,23 +137,43 @@ class SceneShot(Shot):
             LOG.info("%s: its integrator is not photon_beams, whose defaults are used instead", self.path)
         return replace(own or Settings(), passes=int(self.sensor.sampler().sample_count()))
 
-    def resize(self, width: int | None, height: int | None, crop: Sequence[float] | None = None) -> tuple[int, int]:
-        """Change the film's size in pixels, and which part of it (in fractions) is rendered; return the size."""
+    def size(self, width: int | None = None, height: int | None = None) -> tuple[int, int]:
+        """Return the size in pixels: as asked for, in the film's aspect where one of two is, else the film's."""
+        own = [int(each) for each in self.sensor.film().size()]
+        if not width and not height:
+            return own[0], own[1]
+        return (
+            width or max(1, round((height or 0) * own[0] / own[1])),
+            height or max(1, round((width or 0) * own[1] / own[0])),
+        )
+
+    @contextmanager
+    def _resized(self, width: int | None, height: int | None, crop: Sequence[float] | None) -> Iterator[None]:
+        """Change the film's size in pixels, and which part of it (in fractions) is rendered, for a while."""
         from ..runtime.device import mitsuba
 
         parameters = mitsuba().traverse(self.sensor)
-        size = [int(each) for each in parameters["film.size"]]
-        if width or height:
-            size = [width or max(1, round((height or 0) * size[0] / size[1])),
-                    height or max(1, round((width or 0) * size[1] / size[0]))]  # fmt: skip
-            parameters["film.size"] = size
-            parameters["film.crop_size"], parameters["film.crop_offset"] = size, [0, 0]
+        names = "film.size", "film.crop_size", "film.crop_offset"
+        own = [list(map(int, parameters[name])) for name in names]
+
+        def change(values: Sequence[Sequence[int]]) -> None:
+            for name, value in zip(names, values, strict=True):
+                parameters[name] = list(value)
+            parameters.update()
+
+        size = list(self.size(width, height))
+        asked = [size, size, [0, 0]] if width or height else own
         if crop is not None:
             left, top, right, bottom = pixels_of(crop, size[0], size[1])
-            parameters["film.crop_offset"] = [left, top]
-            parameters["film.crop_size"] = [right - left, bottom - top]
-        parameters.update()
-        return size[0], size[1]
+            asked = [size, [right - left, bottom - top], [left, top]]
+        if asked == own:
+            yield
+            return
+        try:
+            change(asked)
+            yield
+        finally:
+            change(own)
 
     def check_scene(self, settings: Settings) -> None:
         """Raise SceneError where something in the scene cannot be rendered."""
@@ -214,27 +233,26 @@ class SceneShot(Shot):
 
         self.load(frame)
         chosen = Settings.of(settings or self.settings(), given if passes is None else {**given, "passes": passes})
-        if width or height or crop is not None:
-            self.resize(width, height, crop)
-        size = int(self.sensor.film().size()[0]), int(self.sensor.film().size()[1])
         kept, end, plate = Checkpoint.of(checkpoint), Holdout.of(holdout), Plate.of(over)
         number, names = 0.0 if frame is None else float(frame), views_of(self.stereo, view)
         eyes = self.eyes()
         shown = [eyes[EYES.index(name)] for name in names] if eyes else []
         if not lens:
             shown = [replace(each, lens_radius=0.0) for each in shown or [_camera(self.sensor)]]
-        sensors = [Sensor(self.sensor, each) for each in shown] or [Sensor(self.sensor)]
+        size = self.size(width, height)
         depths = end.read(number, names, size, self._warn) if end is not None else []
         pixels = plate.read_whole(number, names, size, self._warn) if plate is not None else []
-        ends = [each.seen_by(_view(sensor)) for each, sensor in zip(depths, sensors, strict=False)]
-        extras = Extras(self._beams, shown, ends)
-        about = "" if kept is None else self.content(frame)
-        done = render(self.plugin, self.sensor, chosen, progress, kept, about, self._warned, extras)
         views = {}
-        for number_, (name, sensor, layers) in enumerate(zip(names, sensors, done.views(), strict=True)):
-            if plate is not None and pixels:
-                layers["rgba"] = plate.under(layers, _part(pixels[number_], self.sensor.film()))
-            views[name] = layers, self._header(sensor, chosen, done.statistics.passes, frame)
+        with self._resized(width, height, crop):
+            sensors = [Sensor(self.sensor, each) for each in shown] or [Sensor(self.sensor)]
+            ends = [each.seen_by(_view(sensor)) for each, sensor in zip(depths, sensors, strict=False)]
+            extras = Extras(self._beams, shown, ends)
+            about = "" if kept is None else self.content(frame)
+            done = render(self.plugin, self.sensor, chosen, progress, kept, about, self._warned, extras)
+            for place, (name, sensor, layers) in enumerate(zip(names, sensors, done.views(), strict=True)):
+                if plate is not None and pixels:
+                    layers["rgba"] = plate.under(layers, _part(pixels[place], self.sensor.film()))
+                views[name] = layers, self._header(sensor, chosen, done.statistics.passes, frame)
         layers, metadata = views[names[0]]
         return Frame(layers, metadata, done.statistics, views if len(views) > 1 else {})
 
