@@ -20,7 +20,7 @@ from typer.exceptions import TyperException
 
 __all__ = ["app", "main"]
 
-_COMMANDS = ("render", "beams", "swatch", "info", "quadrature", "doctor")
+_COMMANDS = ("render", "beams", "export", "swatch", "info", "quadrature", "doctor")
 _INTERRUPTED = 130
 
 

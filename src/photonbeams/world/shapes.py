@@ -20,7 +20,7 @@ def shapes_of(meshes: Sequence[scene.Mesh]) -> tuple[Any, ...]:
     for mesh in meshes:
         key = id(mesh.material)
         if key not in bsdfs:
-            bsdfs[key] = _bsdf(mesh.material)
+            bsdfs[key] = mi.load_dict(bsdf_of(mesh.material))
     return tuple(shape_of(mesh, bsdfs[id(mesh.material)], _emitter(mesh.material)) for mesh in meshes)
 
 
@@ -63,8 +63,8 @@ def outward(mesh: scene.Mesh) -> scene.Mesh:
     return scene.Mesh(mesh.name, mesh.points, faces if volume >= 0 else faces[:, ::-1])
 
 
-def _bsdf(material: scene.Material) -> Any:
-    """Return a UsdPreviewSurface as Mitsuba's `principled`, seen from both sides, cut out by its opacity."""
+def bsdf_of(material: scene.Material) -> dict[str, Any]:
+    """Describe a UsdPreviewSurface as Mitsuba's `principled`, seen from both sides, cut out by its opacity."""
     alpha = max(float(material.clearcoat_roughness) ** 2, 1e-3)
     surface = {
         "type": "principled",
@@ -78,15 +78,18 @@ def _bsdf(material: scene.Material) -> Any:
     both_sides: dict[str, Any] = {"type": "twosided", "surface": surface}
     if cut_out(material):
         both_sides = {"type": "mask", "opacity": _texture(material.opacity), "surface": both_sides}
-    return mi.load_dict(both_sides)
+    return both_sides
+
+
+def emitter_of(material: scene.Material) -> dict[str, Any]:
+    """Describe the light that a surface emits as an emitter of Mitsuba's."""
+    value = material.emissive
+    radiance = _texture(value) if isinstance(value, scene.Texture) else {"type": "rgb", "value": list(value)}
+    return {"type": "area", "radiance": radiance}
 
 
 def _emitter(material: scene.Material) -> Any:
-    if not glows(material):
-        return None
-    value = material.emissive
-    radiance = _texture(value) if isinstance(value, scene.Texture) else {"type": "rgb", "value": list(value)}
-    return mi.load_dict({"type": "area", "radiance": radiance})
+    return mi.load_dict(emitter_of(material)) if glows(material) else None
 
 
 def _texture(value: scene.Color | scene.Texture | float) -> Any:

@@ -1,0 +1,77 @@
+"""`photonbeams export`: a stage written as a Mitsuba scene."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from .animation import frame_numbers, tasks_of
+from .flags import Device, Fog, check_flags, parse_color, start_device
+from .outputs import Output, checked_path
+from .progress import counted, held_interrupt, messages
+
+
+def export(
+    scene: Annotated[Path, typer.Argument(help="A .usd, .usda, .usdc or .usdz stage.")],
+    output: Annotated[
+        Path, typer.Option("--output", "-o", help="An .xml file to write. A run of # is the frame number.")
+    ],
+    frames: Annotated[
+        str | None,
+        typer.Option("--frames", "-f", metavar="FRAMES", help="As for render; default: the stage's start."),
+    ] = None,
+    camera: Annotated[str | None, typer.Option("--camera", "-cam", help="Path or name of the camera.")] = None,
+    res: Annotated[
+        tuple[int, int], typer.Option(metavar="W H", help="Pixels; 0 takes one from the camera's aperture.")
+    ] = (0, 0),
+    crop: Annotated[
+        tuple[float, float, float, float] | None,
+        typer.Option(metavar="X0 Y0 X1 Y1", help="Part of the picture, in fractions from the top left."),
+    ] = None,
+    scattering: Annotated[
+        str | None, typer.Option(metavar="S|R,G,B", help="A fog for a stage without, or instead of the stage's.")
+    ] = None,
+    absorption: Annotated[str | None, typer.Option(metavar="S|R,G,B", help="Its absorption.")] = None,
+    anisotropy: Annotated[float | None, typer.Option(help="Its mean cosine, -0.99 to 0.99.")] = None,
+    overrides: Annotated[
+        list[str] | None, typer.Option("--set", metavar="/prim.attr=value", help="A value over the stage's.")
+    ] = None,
+    session_layer: Annotated[list[Path] | None, typer.Option(help="A layer over the stage.")] = None,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print errors alone.")] = False,
+    verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Print more.")] = False,
+) -> None:
+    """Write a stage as a Mitsuba scene, with its meshes and images in a folder beside it.
+
+    What Mitsuba cannot say is left out, with a warning.
+
+    For example:
+
+    photonbeams export shot.usda -o out/shot.xml --res 640 0
+    """
+    check_flags(res, crop=crop, anisotropy=anisotropy)
+    fog = Fog(parse_color("--scattering", scattering), parse_color("--absorption", absorption), anisotropy)
+    target = Output(checked_path("--output", output, (".xml",)))
+    with messages(quiet, verbose), held_interrupt() as check:
+        start_device(Device.auto, None)
+        from ..shot import Shot
+        from ..shot.export import check_path
+        from ..shot.export import export as written
+        from ..usd.frames import check_frames
+        from ..usd.stage import open_stage
+
+        numbers = frame_numbers(frames, [target])
+        stage = open_stage(scene, session_layer or (), overrides or ())
+        check_frames(stage, [each for each in numbers if each is not None])
+        shot = Shot(stage, camera, medium=fog.over)
+        tasks = tasks_of(shot, numbers, [target], ())
+        for task in tasks:
+            check_path(shot, task.files[0])
+        for task in tasks:
+            check()
+            files = written(shot, task.files[0], task.number, width=res[0] or None, height=res[1] or None, crop=crop)
+            if not quiet:
+                beside = f", and {counted(len(files) - 1, 'file')} beside it" if files[1:] else ""
+                print(f"wrote {files[0]}{beside}", file=sys.stderr)

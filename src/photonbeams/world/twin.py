@@ -1,0 +1,287 @@
+"""A scene of ours as one of Mitsuba's: its twin, as a dictionary of plug-ins, with files for its meshes and images.
+
+What Mitsuba has no word for is left out, and told in one sentence each. Lengths and colours stay as they are; cameras
+and lights look along −Z with us, along +Z with Mitsuba.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .. import scene
+from ..runtime.device import mitsuba
+from .bounds import bounding_sphere
+from .cameras import Window
+from .shapes import bsdf_of, cut_out, emitter_of, glows, outward, shape_of
+
+mi = mitsuba()
+
+#: Around Y by half a turn: from a space whose −Z looks ahead to one whose +Z does.
+TURNED = np.diag([-1.0, 1.0, -1.0, 1.0])
+
+# Clipping planes cut nothing off on stages: in a twin they stand at these parts of the scene's radius, or further away.
+_NEAR, _FAR = 1e-4, 1e2
+
+Write = Callable[[Path], None]
+
+
+@dataclass
+class Twin:
+    """A Mitsuba scene that is being written.
+
+    Attributes
+    ----------
+    folder
+        Where its files are, as the scene names them.
+    parts
+        Its plug-ins by their ids, as `mi.load_dict` takes them but for the files' names.
+    files
+        What writes each file, by its name in the folder.
+    lost
+        What of the scene is not in it, as sentences.
+    """
+
+    folder: str
+    parts: dict[str, Any] = field(default_factory=dict)
+    files: dict[str, Write] = field(default_factory=dict)
+    lost: list[str] = field(default_factory=list)
+
+    def id_of(self, path: str) -> str:
+        """Return an id for a prim that no other part has."""
+        name = unique = re.sub(r"[^\w-]+", "-", path, flags=re.ASCII).strip("-") or "part"
+        taken, number = {each.lower() for each in self.parts}, 1  # files differ by more than their case
+        while unique.lower() in taken:
+            number += 1
+            unique = f"{name}-{number}"
+        return unique
+
+    def file(self, name: str, write: Write) -> str:
+        """Return how the scene names a file that `write` will write."""
+        self.files[name] = write
+        return f"{self.folder}/{name}"
+
+    def with_images(self, part: dict[str, Any], name: str) -> dict[str, Any]:
+        """Return a plug-in with its images in files."""
+        result = {}
+        for key, value in part.items():
+            if key == "bitmap":
+                key, value = "filename", self.file(f"{name}.exr", partial(_write_image, value))
+            result[key] = self.with_images(value, f"{name}-{key}") if isinstance(value, dict) else value
+        return result
+
+
+def twin_of(content: scene.Scene, camera: scene.Camera, window: Window, folder: str) -> Twin:
+    """Return the twin of a scene as its camera sees it.
+
+    Parameters
+    ----------
+    content, camera, window
+        The scene, its camera, and the picture's size and crop.
+    folder
+        Where the twin's files will be, seen from the file that names them.
+    """
+    from .twin_lights import add_lights  # which describes lights by what is here
+
+    twin = Twin(folder)
+    twin.parts["integrator"] = {"type": "photon_beams", "max_depth": 2}
+    eye = np.asarray(camera.to_world, dtype=np.float64)[:3, 3]
+    media = _Media(twin, content)
+    center, radius = content.bounds or bounding_sphere([content], [eye])
+    reach = float(np.linalg.norm(eye - center)) + radius
+    twin.parts[twin.id_of(camera.name)] = {
+        **sensor_of(camera, window, reach), **media.named("medium", media.at(eye)),
+    }  # fmt: skip
+    _add_surfaces(twin, content, camera.exposure_scale)
+    add_lights(twin, content.lights, camera.exposure_scale, radius, media)
+    for each in content.drawn:
+        twin.lost.append(f"{each.name} is left out: Mitsuba has no beams that are drawn")
+    return twin
+
+
+def sensor_of(camera: scene.Camera, window: Window, reach: float) -> dict[str, Any]:
+    """Describe a camera as a sensor of Mitsuba's; `reach` is how far from it there is anything."""
+    aspect = window.width / window.height
+    width = max(camera.horizontal_aperture, camera.vertical_aperture * aspect)  # as `View` expands it
+    left, top, right, bottom = window.crop
+    film: dict[str, Any] = {
+        "type": "hdrfilm", "width": window.width, "height": window.height, "rfilter": {"type": "box"},
+    }  # fmt: skip
+    if window.crop != (0, 0, window.width, window.height):
+        film |= {"crop_offset_x": left, "crop_offset_y": top, "crop_width": right - left, "crop_height": bottom - top}
+    near, far = min(camera.clipping[0] or np.inf, _NEAR * reach), max(camera.clipping[1], _FAR * reach)
+    to_world = np.asarray(camera.to_world, dtype=np.float64) @ TURNED
+    shift_x, shift_y = camera.horizontal_offset, camera.vertical_offset
+    result: dict[str, Any] = {"near_clip": near, "far_clip": far}
+    if camera.orthographic:
+        to_world = to_world @ _moved([-shift_x, shift_y, 0.0]) @ np.diag([width / 2, width / 2, 1.0, 1.0])
+        result |= {"type": "orthographic"}
+    else:
+        result |= {
+            "type": "thinlens" if camera.lens_radius > 0 else "perspective",
+            "fov": float(np.degrees(2 * np.arctan(width / (2 * camera.focal_length)))),
+            "fov_axis": "x",
+            "principal_point_offset_x": -shift_x / width,
+            "principal_point_offset_y": shift_y / width * aspect,
+        }
+    if camera.lens_radius > 0 and not camera.orthographic:
+        result |= {"aperture_radius": camera.lens_radius, "focus_distance": camera.focus_distance}
+    sampler = {"type": "independent", "sample_count": 16}
+    return {**result, "to_world": matrix(to_world), "film": film, "sampler": sampler}
+
+
+def _moved(by: Sequence[float]) -> np.ndarray:
+    result = np.eye(4)
+    result[:3, 3] = by
+    return result
+
+
+def matrix(values: np.ndarray) -> Any:
+    """Return a (4, 4) transform for column vectors as Mitsuba's."""
+    return mi.ScalarTransform4f(np.asarray(values, dtype=np.float64))
+
+
+def rgb(value: Sequence[float]) -> dict[str, Any]:
+    """Describe a colour."""
+    return {"type": "rgb", "value": [float(each) for each in value]}
+
+
+# -- surfaces ----------------------------------------------------------------------------------------------------------
+
+
+def _add_surfaces(twin: Twin, content: scene.Scene, exposure: float) -> None:
+    """Add the meshes and their materials."""
+    hidden = {light.portal.name for light in content.lights if light.portal is not None}
+    hidden |= {medium.mesh.name for medium in media_of(content) if medium.mesh is not None}
+    bsdfs: dict[int, str] = {}
+    for mesh in content.meshes:
+        if mesh.name in hidden or not len(mesh.faces):
+            continue
+        material, name = mesh.material, twin.id_of(mesh.name)
+        part = _shape(twin, mesh, name)
+        twin.parts[name] = part
+        if id(material) not in bsdfs:
+            bsdfs[id(material)] = own = twin.id_of(f"{mesh.name}-material")
+            twin.parts[own] = twin.with_images(bsdf_of(material), own)
+        part["bsdf"] = {"type": "ref", "id": bsdfs[id(material)]}
+        if glows(material):
+            _warn_of_glow(twin, mesh)
+            part[f"{name}-light"] = twin.with_images(emitter_of(_exposed(material, exposure)), f"{name}-light")
+
+
+def _shape(twin: Twin, mesh: scene.Mesh, name: str) -> dict[str, Any]:
+    """Describe a mesh in a file of its own."""
+    path = twin.file(f"{name}.ply", lambda path: shape_of(mesh).write_ply(str(path)))
+    return {"type": "ply", "filename": path, "face_normals": mesh.normals is None}
+
+
+def _exposed(material: scene.Material, exposure: float) -> scene.Material:
+    """Return a material that emits so much more light."""
+    value = material.emissive
+    if isinstance(value, scene.Texture):
+        return replace(material, emissive=replace(value, pixels=value.pixels * np.float32(exposure)))
+    return replace(material, emissive=tuple(exposure * each for each in value))
+
+
+def _warn_of_glow(twin: Twin, mesh: scene.Mesh) -> None:
+    if not _closed(mesh):
+        twin.lost.append(
+            f"{mesh.name} glows to its front alone: it is not closed, and Mitsuba's emitters have one side"
+        )
+    if cut_out(mesh.material):
+        twin.lost.append(f"{mesh.name} glows where its opacity cuts it out, too: Mitsuba's emitters have no opacity")
+
+
+def _closed(mesh: scene.Mesh) -> bool:
+    """Return whether each edge of a mesh, by the places of its ends, has a triangle on either side."""
+    _, corner = np.unique(np.asarray(mesh.points, dtype=np.float32), axis=0, return_inverse=True)
+    faces = np.ravel(corner)[np.asarray(mesh.faces)]
+    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    there = {(a, b) for a, b in edges.tolist() if a != b}
+    return all((b, a) in there for a, b in there)
+
+
+def _write_image(bitmap: Any, path: Path) -> None:
+    bitmap.write(str(path))
+
+
+# -- media -------------------------------------------------------------------------------------------------------------
+
+
+def media_of(content: scene.Scene) -> tuple[scene.Medium, ...]:
+    """Return the media of a scene."""
+    return () if content.medium is None else (content.medium,)
+
+
+class _Media:
+    """The media of a twin: what fills a closed mesh is inside of a shape without a surface of its own."""
+
+    def __init__(self, twin: Twin, content: scene.Scene) -> None:
+        self._known = {
+            twin.id_of(each.mesh.name if each.mesh is not None else "fog"): each
+            for each in media_of(content)
+            if max(each.extinction) > 0
+        }
+        for name, each in self._known.items():
+            twin.parts[f"{name}-medium"] = medium_of(each)
+            if each.mesh is not None:
+                around = self.at(np.asarray(each.mesh.points, dtype=np.float64)[0], than=each)
+                shape = _shape(twin, outward(each.mesh), name)
+                sides = {**self.named("interior", name), **self.named("exterior", around)}
+                twin.parts[name] = {**shape, "bsdf": {"type": "null"}, **sides}
+            if not each.surfaces:
+                where = each.mesh.name if each.mesh is not None else "the fog"
+                twin.lost.append(f"{where}.photonbeams:surfaces is on: in Mitsuba, surfaces are dimmed by every fog")
+
+    def at(self, point: np.ndarray, than: scene.Medium | None = None) -> str | None:
+        """Return the id of the medium at a point, the smallest there; of other ones than `than`, around that."""
+        found = [
+            (_volume(each), name) for name, each in self._known.items()
+            if each is not than and (each.mesh is None or _inside(each.mesh, point))
+        ]  # fmt: skip
+        return min(found, default=(0.0, None))[1]
+
+    def named(self, key: str, name: str | None) -> dict[str, Any]:
+        """Return what names a medium as a part of a plug-in; nothing for None."""
+        return {} if name is None else {key: {"type": "ref", "id": f"{name}-medium"}}
+
+    @property
+    def endless(self) -> bool:
+        """Whether a medium fills the whole space."""
+        return any(each.mesh is None for each in self._known.values())
+
+
+def medium_of(medium: scene.Medium) -> dict[str, Any]:
+    """Describe a medium."""
+    extinction, peak = np.array(medium.extinction), max(medium.extinction)
+    albedo = np.array(medium.scattering) / np.where(extinction > 0, extinction, 1)
+    phase = {"type": "hg", "g": medium.anisotropy} if medium.anisotropy else {"type": "isotropic"}
+    # Mitsuba takes colours of media for reflectances, which are 1 at most.
+    return {
+        "type": "homogeneous", "sigma_t": rgb(extinction / peak), "scale": peak, "albedo": rgb(albedo), "phase": phase,
+    }  # fmt: skip
+
+
+def _volume(medium: scene.Medium) -> float:
+    """Return the volume that a medium fills."""
+    if medium.mesh is None:
+        return np.inf
+    a, b, c = np.moveaxis(medium.mesh.corners, 1, 0)
+    return abs(float(np.einsum("ij,ij->", a - a[0], np.cross(b - a[0], c - a[0])))) / 6
+
+
+def _inside(mesh: scene.Mesh, point: np.ndarray) -> bool:
+    """Return whether a point is inside of a closed mesh, by the solid angle (van Oosterom and Strackee 1983) of it."""
+    corners = mesh.corners - point
+    a, b, c = np.moveaxis(corners, 1, 0)
+    la, lb, lc = (np.linalg.norm(each, axis=1) for each in (a, b, c))
+    dots = [np.einsum("ij,ij->i", *pair) for pair in ((a, b), (b, c), (c, a))]
+    triple = np.einsum("ij,ij->i", a, np.cross(b, c))
+    angles = 2 * np.arctan2(triple, la * lb * lc + dots[0] * lc + dots[1] * la + dots[2] * lb)
+    return abs(float(angles.sum())) > 2 * np.pi

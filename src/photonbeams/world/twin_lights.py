@@ -1,0 +1,251 @@
+"""Lights of a stage as Mitsuba's emitters.
+
+Lights of a stage cast no shadows, and emitters of some size are shapes: they get a surface that lets all light through.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import drjit as dr
+import numpy as np
+
+from .. import scene
+from ..numerics.arrays import to_vectors
+from .gobos import masked, spread
+from .lights import source
+from .twin import Twin, matrix, mi, rgb
+
+if TYPE_CHECKING:
+    from .twin import _Media
+
+# Degrees from its axis up to which a spot's light is an image; and the image's width in pixels.
+_WIDEST, _PIXELS = 75.0, 512
+
+# Of the scene's radius: lamps that are larger are seen as what they are in Mitsuba, lights without a body.
+_LARGE = 0.1
+
+
+def add_lights(twin: Twin, lights: Sequence[scene.Light], exposure: float, radius: float, media: _Media) -> None:
+    """Add lights, all of them so much brighter; `radius` is the scene's."""
+    domes = []
+    for light in lights:
+        if max(light.radiance) <= 0:
+            continue
+        light = replace(light, radiance=tuple(exposure * each for each in light.radiance))
+        _warn(twin, light, media.endless)
+        if isinstance(light, scene.DomeLight):
+            domes.append(light)
+            continue
+        name = twin.id_of(light.name)
+        size, part = _emitter(twin, light, name)
+        twin.parts[name] = part
+        if size > _LARGE * radius:
+            twin.lost.append(f"{light.name}: what is behind the lamp is seen through it, for it casts no shadow")
+        if size == 0 and not isinstance(light, scene.DistantLight):
+            part |= media.named("medium", media.at(_place(light)))
+    _add_domes(twin, domes)
+
+
+def _emitter(twin: Twin, light: scene.Light, name: str) -> tuple[float, dict[str, Any]]:
+    """Return the size of a light, 0 of a point, and its description."""
+    if isinstance(light, scene.DistantLight):
+        return 0.0, _directional(twin, light)
+    assert isinstance(light, scene.SphereLight | scene.FlatLight)
+    flat, cone = isinstance(light, scene.FlatLight), _cone(light)
+    if isinstance(light, scene.SphereLight) and light.radius == 0:
+        return 0.0, _point(twin, light, cone, name)
+    if cone <= _WIDEST:
+        twin.lost.append(
+            f"{light.name} shines from a point: emitters of some size have no cone in Mitsuba, and its cone is kept"
+        )
+        return 0.0, _spot(twin, light, cone, name)
+    if _shapes(light):
+        twin.lost.append(f"{light.name}.inputs:shaping is left out: emitters of some size have none in Mitsuba")
+    if light.gobo is not None and not (flat and not light.disk):
+        twin.lost.append(
+            f"{light.name}.photonbeams:gobo is left out: Mitsuba has images on rectangles and before spots"
+        )
+    lamp = {f"{name}-light": {"type": "area", **_radiance(twin, light, name)}, "bsdf": {"type": "null"}}
+    if not flat:
+        return light.radius, {"type": "sphere", "center": _place(light).tolist(), "radius": light.radius, **lamp}
+    size = float(max(np.linalg.norm(light.half_x), np.linalg.norm(light.half_y)))
+    return size, {**_flat(twin, light), **lamp}
+
+
+def _place(light: Any) -> np.ndarray:
+    return np.asarray(light.center, dtype=np.float64)
+
+
+def _unit(vector: Any) -> np.ndarray:
+    numbers = np.asarray(vector, dtype=np.float64)
+    return numbers / np.linalg.norm(numbers)
+
+
+def _flat(twin: Twin, light: scene.FlatLight) -> dict[str, Any]:
+    """Describe a rectangle or an ellipse, which has its front along +Z with Mitsuba."""
+    to_world = np.eye(4)
+    axis = _unit(light.axis)
+    x, y = np.asarray(light.half_x, dtype=np.float64), np.asarray(light.half_y, dtype=np.float64)
+    turn = np.sign(np.cross(x, y) @ axis) or 1.0
+    if abs(x @ y) > 1e-6 * np.linalg.norm(x) * np.linalg.norm(y):
+        x, y = _squared(x, y) if light.disk else (x, y - (y @ x) / (x @ x) * x)
+        if not light.disk:
+            twin.lost.append(f"{light.name} is sheared: in Mitsuba it is a rectangle of the same area")
+    to_world[:3] = np.column_stack([turn * x, y, axis, _place(light)])
+    return {"type": "disk" if light.disk else "rectangle", "to_world": matrix(to_world)}
+
+
+def _squared(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return half axes of the same ellipse that are square to each other, turned as they were."""
+    axes, lengths, turned = np.linalg.svd(np.column_stack([x, y]), full_matrices=False)
+    first, second = (axes * lengths).T
+    return first, second * np.sign(np.linalg.det(turned))
+
+
+def _cone(light: scene.SphereLight | scene.FlatLight) -> float:
+    """Return the angle in degrees from its axis beyond which a light is dark: 180 where it is nowhere so."""
+    cone = light.shaping.cone_angle if light.shaping is not None else 180.0
+    if isinstance(light, scene.SphereLight) and light.gobo is not None:
+        cone = min(cone, float(np.degrees(spread(light))))
+    return cone
+
+
+def _point(twin: Twin, light: scene.SphereLight, cone: float, name: str) -> dict[str, Any]:
+    """Describe a point."""
+    if cone > _WIDEST and (_varies(light) or light.gobo is not None):
+        twin.lost.append(
+            f"{light.name}.inputs:shaping is a hard cone, without an image: beyond {_WIDEST:g} degrees Mitsuba has no other"
+        )
+    if cone <= _WIDEST or cone < 180:
+        return _spot(twin, light, cone, name)
+    return {"type": "point", "position": _place(light).tolist(), "intensity": rgb(light.radiance)}
+
+
+def _spot(twin: Twin, light: scene.SphereLight | scene.FlatLight, cone: float, name: str) -> dict[str, Any]:
+    """Describe a point that shines into a cone; what changes over the directions is an image before it."""
+    flat = isinstance(light, scene.FlatLight)
+    to_world = _aimed(light)
+    part = {"type": "spot", "to_world": matrix(to_world), "cutoff_angle": cone, "beam_width": cone}
+    area = light.area if isinstance(light, scene.FlatLight) else np.pi * light.radius**2 or 1.0
+    if cone > _WIDEST or not (_varies(light) or light.gobo is not None or flat):
+        return part | {"intensity": rgb([area * each for each in light.radiance])}
+    peak = area * max(light.radiance)
+    image = mi.Bitmap(np.ascontiguousarray(area / peak * _image(light, cone, to_world), dtype=np.float32))
+    return part | {
+        "intensity": rgb([peak] * 3),
+        **twin.with_images({"texture": {"type": "bitmap", "bitmap": image, "raw": True}}, name),
+    }
+
+
+def _image(light: scene.SphereLight | scene.FlatLight, cone: float, to_world: np.ndarray) -> np.ndarray:
+    """Return the radiance (of a point: the intensity) of a light into a cone, projected on a square around it."""
+    across = np.linspace(-1, 1, _PIXELS, endpoint=False) + 1 / _PIXELS
+    x, y = np.meshgrid(across, across)
+    inner = np.tan(np.radians(cone)) / np.maximum(1.001 * np.hypot(x, y), 1)  # no hard edge on the image itself
+    local = np.stack([x * inner, y * inner, np.ones_like(x)], axis=-1).reshape(-1, 3)
+    local /= np.linalg.norm(local, axis=-1, keepdims=True)
+    direction = to_vectors(local @ to_world[:3, :3].T)
+    bare = source(light)
+    value = bare.emitted(direction)  # type: ignore[union-attr]
+    if isinstance(light, scene.FlatLight):
+        value *= dr.dot(direction, bare.axis)  # type: ignore[union-attr]
+    elif light.gobo is not None:
+        value *= masked(bare, light, None, {}).tint(to_vectors(_place(light)[None]), direction)
+    return np.array(value).T.reshape(_PIXELS, _PIXELS, 3)
+
+
+def _radiance(twin: Twin, light: scene.SphereLight | scene.FlatLight, name: str) -> dict[str, Any]:
+    """Describe what a lamp of some size emits: on a rectangle, an image."""
+    if light.gobo is None or not isinstance(light, scene.FlatLight) or light.disk:
+        return {"radiance": rgb(light.radiance)}
+    rows, columns = light.gobo.image.shape[:2]
+    u, v = np.meshgrid((np.arange(columns) + 0.5) / columns, (np.arange(rows) + 0.5) / rows)
+    to_world = np.array(_flat(twin, light)["to_world"].matrix, dtype=np.float64)
+    local = np.stack([2 * u - 1, 2 * v - 1, 0 * u, 1 + 0 * u], axis=-1).reshape(-1, 4)
+    places = to_vectors((local @ to_world.T)[:, :3])
+    color = masked(source(light), light, None, {}).tint(places, to_vectors(_unit(light.axis)[None]))
+    pixels = np.array(color).T.reshape(rows, columns, 3) * np.array(light.radiance)
+    image = mi.Bitmap(np.ascontiguousarray(pixels, dtype=np.float32))
+    radiance = {"type": "bitmap", "bitmap": image, "raw": True, "wrap_mode": "clamp"}
+    return twin.with_images({"radiance": radiance}, name)
+
+
+def _aimed(light: scene.SphereLight | scene.FlatLight) -> np.ndarray:
+    """Return where a light is, with +Z along its axis."""
+    axis = _unit(light.axis)
+    side = _unit(np.cross(np.eye(3)[int(np.argmin(np.abs(axis)))], axis))
+    result = np.eye(4)
+    result[:3] = np.column_stack([side, np.cross(axis, side), axis, _place(light)])
+    return result
+
+
+def _varies(light: scene.Light) -> bool:
+    """Return whether a light changes within its cone."""
+    return light.shaping is not None and (light.shaping.cone_softness > 0 or light.shaping.focus > 0)
+
+
+def _shapes(light: scene.SphereLight | scene.FlatLight) -> bool:
+    """Return whether a light's cone or focus changes anything."""
+    widest = 90.0 if isinstance(light, scene.FlatLight) else 180.0
+    return _varies(light) or (light.shaping is not None and light.shaping.cone_angle < widest)
+
+
+def _directional(twin: Twin, light: scene.DistantLight) -> dict[str, Any]:
+    """Describe a distant light by the irradiance that it casts on a plane which faces it."""
+    irradiance = np.array(light.radiance)
+    if light.angle > 0:
+        half = np.radians(min(light.angle / 2, 90.0))
+        irradiance = irradiance * np.pi * np.sin(half) ** 2
+        twin.lost.append(
+            f"{light.name}.inputs:angle is left out: Mitsuba's directional light is not seen and casts sharp shadows"
+        )
+    return {"type": "directional", "direction": _unit(light.axis).tolist(), "irradiance": rgb(irradiance)}
+
+
+def _add_domes(twin: Twin, domes: Sequence[scene.DomeLight]) -> None:
+    """Add the environment, of which Mitsuba has one at most."""
+    if domes and all(dome.image is None for dome in domes):
+        total = np.sum([dome.radiance for dome in domes], axis=0)
+        twin.parts[twin.id_of(domes[0].name)] = {"type": "constant", "radiance": rgb(total)}
+        return
+    for number, dome in enumerate(domes):
+        if number:
+            twin.lost.append(f"{dome.name} is left out: Mitsuba has one environment, which is {domes[0].name}")
+            continue
+        name = twin.id_of(dome.name)
+        twin.parts[name] = environment(twin, dome, name)
+
+
+def environment(twin: Twin, dome: scene.DomeLight, name: str) -> dict[str, Any]:
+    """Describe an environment."""
+    if dome.image is None:
+        return {"type": "constant", "radiance": rgb(dome.radiance)}
+    to_world = np.eye(4)
+    to_world[:3, :3] = dome.to_world
+    pixels = np.ascontiguousarray(np.asarray(dome.image)[..., :3] * np.array(dome.radiance), dtype=np.float32)
+    return twin.with_images({"type": "envmap", "bitmap": mi.Bitmap(pixels), "to_world": matrix(to_world)}, name)
+
+
+def _warn(twin: Twin, light: scene.Light, endless: bool) -> None:
+    """Tell what of a light Mitsuba has no word for."""
+    own = "photonbeams:"
+    lost = {
+        f"{own}portal is left out: photon_beams finds by itself where light comes in": light.portal is not None,
+        f"{own}portal:gobo is left out: Mitsuba's emitters shine through no image": light.portal_gobo is not None,
+        f"{own}look is left out: beams are physical in Mitsuba": light.look is not None,
+        f"{own}lightGroup is left out: Mitsuba's pictures have no layers of lights": bool(light.group),
+        f"{own}guides is left out: light flies straight in Mitsuba": bool(light.guides),
+        f"{own}intensity is left out: it is of beams alone": light.emits_beams and light.beam_scale != 1,
+        f"{own}enabled is off, and yet its light is scattered in Mitsuba": not light.emits_beams,
+        "inputs:diffuse is 0, and yet surfaces are lit by it in Mitsuba": not light.lights_surfaces,
+        "collection:lightLink is left out: in Mitsuba it lights everything": bool(light.unlit),
+        "collection:shadowLink is left out: in Mitsuba all surfaces stop it": bool(light.unshadowed),
+    }  # fmt: skip
+    if isinstance(light, scene.DistantLight) and light.gobo is not None:
+        lost[f"{own}gobo is left out: directional light shines through no image in Mitsuba"] = True
+    if endless and isinstance(light, scene.DistantLight | scene.DomeLight):
+        lost["inputs:intensity is dimmed in Mitsuba by fog that fills the whole space: expected a fog in a mesh"] = True
+    twin.lost += [f"{light.name}.{text}" for text, there in lost.items() if there]
