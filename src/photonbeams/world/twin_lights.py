@@ -117,7 +117,7 @@ def _point(twin: Twin, light: scene.SphereLight, cone: float, name: str) -> dict
     """Describe a point."""
     if cone > _WIDEST and (_varies(light) or light.gobo is not None):
         twin.lost.append(
-            f"{light.name}.inputs:shaping is a hard cone, without an image: beyond {_WIDEST:g} degrees Mitsuba has no other"
+            f"{light.name}.inputs:shaping is a hard cone: beyond {_WIDEST:g} degrees Mitsuba has no soft one, no image"
         )
     if cone <= _WIDEST or cone < 180:
         return _spot(twin, light, cone, name)
