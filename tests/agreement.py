@@ -2,35 +2,51 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 
-def blocks(pictures: np.ndarray, size: int) -> np.ndarray:
-    """Return the means of square blocks of pixels (seeds, H, W, 3) as (seeds, blocks, 3)."""
-    seeds, height, width, channels = pictures.shape
-    cut = pictures[:, : height // size * size, : width // size * size]
-    cut = cut.reshape(seeds, height // size, size, width // size, size, channels)
-    return cut.mean(axis=(2, 4)).reshape(seeds, -1, channels)
+class Means(NamedTuple):
+    """Means over seeds and their standard errors: of blocks of pixels (blocks, 3), and of the whole picture (3,)."""
+
+    blocks: np.ndarray
+    block_errors: np.ndarray
+    whole: np.ndarray
+    whole_error: np.ndarray
 
 
-def deviations(ours: np.ndarray, theirs: np.ndarray, size: int = 4, bias: float = 0.0) -> np.ndarray:
-    """Return by how many standard errors the means of blocks differ, beyond a bias.
+def means(pictures: np.ndarray, size: int = 4) -> Means:
+    """Return the means of square blocks of pixels of pictures (seeds, H, W, 3), and of all pixels.
 
     The variance of a block's mean is that of its seeds; few seeds tell it badly, so it is no less than what the median
-    of all blocks has of its mean. `bias` is a part of each block's mean, and of the mean of all.
+    of all blocks has of its mean.
     """
-    values = [blocks(each, size) for each in (ours, theirs)]
-    centers = [each.mean(axis=0) for each in values]
-    scale = np.maximum(centers[1], centers[1].mean(axis=0))
-    squares = []
-    for each, center in zip(values, centers, strict=True):
-        variance = each.var(axis=0, ddof=1) / len(each)
-        usual = np.median(variance / np.maximum(center, 1e-12) ** 2, axis=0)
-        squares.append(np.maximum(variance, usual * center**2))
-    off = np.maximum(np.abs(centers[0] - centers[1]) - bias * scale, 0)
-    return off / np.sqrt(sum(squares) + 1e-30)
+    seeds, height, width, channels = pictures.shape
+    cut = pictures[:, : height // size * size, : width // size * size].astype(np.float64)
+    cut = cut.reshape(seeds, height // size, size, width // size, size, channels)
+    blocks, whole = cut.mean(axis=(2, 4)).reshape(seeds, -1, channels), cut.mean(axis=(1, 2, 3, 4))
+    center = blocks.mean(axis=0)
+    variance = blocks.var(axis=0, ddof=1) / seeds
+    usual = np.median(variance / np.maximum(center, 1e-12) ** 2, axis=0)
+    errors = np.sqrt(np.maximum(variance, usual * center**2))
+    return Means(center, errors, whole.mean(axis=0), whole.std(axis=0, ddof=1) / np.sqrt(seeds))
 
 
-def ratio(ours: np.ndarray, theirs: np.ndarray) -> float:
-    """Return the ratio of the means of two sets of pictures, over all pixels and channels."""
-    return float(ours.mean() / theirs.mean())
+def deviations(ours: Means, theirs: Means, bias: float = 0.0) -> np.ndarray:
+    """Return by how many standard errors the means of blocks differ, beyond a bias.
+
+    `bias` is a part of each block's mean, or of the mean of all where that is more.
+    """
+    scale = np.maximum(theirs.blocks, theirs.whole)
+    off = np.maximum(np.abs(ours.blocks - theirs.blocks) - bias * scale, 0)
+    result: np.ndarray = off / np.sqrt(ours.block_errors**2 + theirs.block_errors**2 + 1e-30)
+    return result
+
+
+def ratio(ours: Means, theirs: Means) -> tuple[float, float]:
+    """Return the ratio of the means over all pixels and channels, and its standard error."""
+    value = float(ours.whole.mean() / theirs.whole.mean())
+    # Channels share their noise: their relative errors are not independent, and the largest is that of all.
+    own, other = (float((each.whole_error / np.maximum(each.whole, 1e-30)).max()) for each in (ours, theirs))
+    return value, value * float(np.hypot(own, other))

@@ -127,8 +127,8 @@ def sensor_of(camera: scene.Camera, window: Window, reach: float) -> dict[str, A
             "type": "thinlens" if camera.lens_radius > 0 else "perspective",
             "fov": float(np.degrees(2 * np.arctan(width / (2 * camera.focal_length)))),
             "fov_axis": "x",
-            "principal_point_offset_x": -shift_x / width,
-            "principal_point_offset_y": shift_y / width * aspect,
+            "principal_point_offset_x": shift_x / width,
+            "principal_point_offset_y": -shift_y / width * aspect,
         }
     if camera.lens_radius > 0 and not camera.orthographic:
         result |= {"aperture_radius": camera.lens_radius, "focus_distance": camera.focus_distance}

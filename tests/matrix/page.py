@@ -1,0 +1,43 @@
+"""docs/matrix.md, written from the rows: `python -m tests.matrix.page`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from .rows import BIAS, BLOCK_BIAS, MATRIX, PENDING, Row
+
+FILE = Path(__file__).parents[2] / "docs" / "matrix.md"
+
+HEAD = f"""# What each door renders
+
+A USD stage and a Mitsuba scene are two doors of one renderer. Each feature stands on this page with what its pictures
+are held to: the mean of the picture is that of Mitsuba's `volpath` within {100 * BIAS:g} %, and a Z-test finds no block
+of 4 x 4 pixels that differs by more than {100 * BLOCK_BIAS:g} % beside the noise. Where both doors have a figure their
+pictures are compared with each other, too.
+
+The scenes are in [`tests/matrix`](../tests/matrix): a box of fog in the dark with a lamp above it. Where a stage says
+all, its Mitsuba scene is what [`photonbeams export`](guide.md#a-stage-as-a-mitsuba-scene) makes of it; the others
+were written by hand. `volpath` had {{samples}} samples a pixel or more.
+
+| feature | stage | Mitsuba scene |
+|---|---|---|
+"""
+
+
+def line(row: Row) -> str:
+    """Return the line of a row."""
+    agreed = f"as `volpath`, within {100 * BIAS:g} %"
+    return f"| {row.name} | {agreed if row in MATRIX else 'not yet'} | {agreed} |"
+
+
+def page() -> str:
+    """Return the page."""
+    from .references import SEEDS
+
+    rows = (*MATRIX, *PENDING)
+    head = HEAD.format(samples=f"{SEEDS * min(row.samples for row in rows):,}")
+    return head + "\n".join(line(row) for row in rows) + "\n"
+
+
+if __name__ == "__main__":
+    FILE.write_text(page(), encoding="utf-8")

@@ -1,0 +1,327 @@
+"""The matrix of features by doors: each row a stage, and the same scene as Mitsuba has it.
+
+All rows look at a box of fog, [-1, 1]³, in the dark, from outside; a lamp above it is not in the picture. What stages
+do not render yet stands in PENDING, with its stage as it is meant to be: move a row to MATRIX as its feature arrives.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import partial
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from photonbeams.runtime.device import mitsuba
+
+mi = mitsuba()
+T = mi.ScalarTransform4f
+
+WIDTH, HEIGHT = 32, 20
+MANY = 8  # bounces: what comes after them is less than the noise in fogs as thin as these
+
+#: By how much of the mean, and of a block of pixels, pictures may differ beside their noise.
+BIAS, BLOCK_BIAS = 0.005, 0.015
+
+#: Colour of the lamp, and of the walls of the room.
+WARM = (1.0, 0.8, 0.5)
+
+Parts = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Row:
+    """A feature.
+
+    Attributes
+    ----------
+    name, stage
+        What it is, and the text of its stage.
+    twin
+        The same by hand, as `mi.load_dict` takes it; None: what `photonbeams export` makes of the stage.
+    bounces
+        How often light is scattered before it is scattered toward the camera.
+    paths, passes
+        Of `photon_beams`.
+    files
+        What writes files that the stage names, by their names.
+    samples
+        Of `volpath`, a pixel and seed.
+    """
+
+    name: str
+    stage: str
+    twin: Callable[[], Parts] | None = None
+    bounces: int = 0
+    paths: int = 4096
+    passes: int = 8
+    files: dict[str, Callable[[Path], None]] = field(default_factory=dict)
+    samples: int = 2048
+
+    @property
+    def max_depth(self) -> int:
+        """The longest path in edges, as Mitsuba counts."""
+        return self.bounces + 2
+
+    @property
+    def fingerprint(self) -> str:
+        """What names the scene that a reference is of."""
+        return sha256(f"{self.stage}{self.bounces}{WIDTH}x{HEIGHT}".encode()).hexdigest()[:12]
+
+
+# -- stages ------------------------------------------------------------------------------------------------------------
+
+
+def stage(*parts: str) -> str:
+    return '#usda 1.0\n(\n    metersPerUnit = 1\n    upAxis = "Y"\n)\n' + CAMERA + "".join(parts)
+
+
+def prim(kind: str, name: str, at: object, *lines: str, turned: object = (0, 0, 0), api: str = "") -> str:
+    body = "\n".join(f"    {each}" for each in lines)
+    applied = f'(prepend apiSchemas = ["{api}"])' if api else ""
+    return f"""
+def {kind} "{name}" {applied}
+{{
+{body}
+    double3 xformOp:translate = {at}
+    float3 xformOp:rotateXYZ = {turned}
+    uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:rotateXYZ"]
+}}
+"""
+
+
+CAMERA = prim(
+    "Camera", "Camera", (0, 0.1, 4), "float focalLength = 24", "float horizontalAperture = 20",
+    "float verticalAperture = 12.5",
+)  # fmt: skip
+
+
+def lamp(at: object = (-0.5, 1.8, 0.3), intensity: float = 200, radius: float = 0.1) -> str:
+    color = f"color3f inputs:color = {WARM}"
+    return prim(
+        "SphereLight", "Lamp", at, f"float inputs:intensity = {intensity}", color, f"float inputs:radius = {radius}"
+    )
+
+
+def fog(
+    name: str, at: object, size: float, scattering: object, absorption: object, g: float = 0.0, turn: float = 0.0
+) -> str:
+    """Return a cube of fog, turned around Y."""
+    return prim(
+        "Cube", name, at, f"double size = {size}", f"color3f photonbeams:scattering = {scattering}",
+        f"color3f photonbeams:absorption = {absorption}", f"float photonbeams:anisotropy = {g}", turned=(0, turn, 0),
+        api="PhotonBeamsMediumAPI",
+    )  # fmt: skip
+
+
+def box(scattering: float | tuple[float, ...], absorption: float | tuple[float, ...], g: float = 0.0) -> str:
+    """Return the box of fog."""
+    return fog("Fog", (0, 0, 0), 2, _three(scattering), _three(absorption), g)
+
+
+def quad(name: str, points: object, material: str, more: str = "") -> str:
+    return f"""
+def Mesh "{name}" (prepend apiSchemas = ["MaterialBindingAPI"])
+{{
+    int[] faceVertexCounts = [4]
+    int[] faceVertexIndices = [0, 1, 2, 3]
+    point3f[] points = {points}
+    rel material:binding = </{material}>
+    {more}
+}}
+"""
+
+
+def material(name: str, *inputs: str) -> str:
+    lines = "\n".join(f"        {each}" for each in inputs)
+    return f"""
+def Material "{name}"
+{{
+    token outputs:surface.connect = </{name}/Surface.outputs:surface>
+    def Shader "Surface"
+    {{
+        uniform token info:id = "UsdPreviewSurface"
+{lines}
+        token outputs:surface
+    }}
+}}
+"""
+
+
+def _three(value: float | tuple[float, ...]) -> tuple[float, ...]:
+    return value if isinstance(value, tuple) else (value,) * 3
+
+
+# -- by hand -----------------------------------------------------------------------------------------------------------
+
+
+def rgb(value: Any) -> Parts:
+    return {"type": "rgb", "value": list(np.broadcast_to(value, 3).astype(float))}
+
+
+def seen() -> Parts:
+    film = {"type": "hdrfilm", "width": WIDTH, "height": HEIGHT, "pixel_format": "rgb", "rfilter": {"type": "box"}}
+    return {
+        "type": "perspective", "fov": float(np.degrees(2 * np.arctan(20 / 2 / 24))), "fov_axis": "x", "near_clip": 1e-3,
+        "to_world": T().look_at([0, 0.1, 4], [0, 0.1, 0], [0, 1, 0]), "film": film,
+    }  # fmt: skip
+
+
+def emitter(at: Any = (-0.5, 1.8, 0.3), intensity: float = 200, radius: float = 0.1) -> Parts:
+    light = {"type": "area", "radiance": rgb(intensity * np.array(WARM))}
+    black = {"type": "diffuse", "reflectance": rgb(0.0)}
+    return {"type": "sphere", "center": list(at), "radius": radius, "emitter": light, "bsdf": black}
+
+
+def medium(scattering: Any, absorption: Any, g: float = 0.0) -> Parts:
+    scattering, absorption = (np.broadcast_to(each, 3).astype(float) for each in (scattering, absorption))
+    extinction = scattering + absorption
+    phase = {"type": "hg", "g": g} if g else {"type": "isotropic"}
+    return {
+        "type": "homogeneous", "sigma_t": rgb(extinction / extinction.max()), "scale": float(extinction.max()),
+        "albedo": rgb(scattering / extinction), "phase": phase,
+    }  # fmt: skip
+
+
+def filled(inside: Any, to_world: Any = None, **more: Any) -> Parts:
+    return {"type": "cube", "to_world": to_world or T(), "bsdf": {"type": "null"}, "interior": inside, **more}
+
+
+def with_box(scattering: Any, absorption: Any, g: float = 0.0, light: Parts | None = None, **more: Any) -> Parts:
+    """Return the box of fog, its lamp and the camera, and more."""
+    parts = {"sensor": seen(), "lamp": light or emitter(), "fog": filled(medium(scattering, absorption, g))}
+    return {"type": "scene", **parts, **more}
+
+
+def nested() -> Parts:
+    outer, inner = mi.load_dict(medium(0.4, 0.1)), mi.load_dict(medium(*DENSE, g=0.3))
+    place = T().translate([0.25, -0.1, 0.1]).rotate([0, 1, 0], 30).scale(0.4)
+    parts = {"fog": filled(outer), "core": filled(inner, place, exterior=outer)}
+    return {"type": "scene", "sensor": seen(), "lamp": emitter(), **parts}
+
+
+def density() -> np.ndarray:
+    """Return noise on 8³ points that vanishes at the border, by z, y and x."""
+    axes = np.linspace(-1, 1, 8)
+    place = np.stack(np.meshgrid(axes, axes, axes, indexing="ij"))
+    noise: np.ndarray = 0.5 + np.random.default_rng(3).random((8, 8, 8))
+    return (noise * np.prod(1 - place**2, axis=0)).astype(np.float32)
+
+
+def write_density(path: Path) -> None:
+    mi.VolumeGrid(density()[..., None]).write(str(path))
+
+
+def smoke() -> Parts:
+    volume = {"type": "gridvolume", "grid": mi.VolumeGrid(density()[..., None]), "raw": True}
+    volume["to_world"] = T().translate(-1).scale(2)
+    cloud = {"type": "heterogeneous", "sigma_t": volume, "albedo": 0.9, "scale": 2.0, "phase": {"type": "hg", "g": 0.4}}
+    return {"type": "scene", "sensor": seen(), "lamp": emitter(), "fog": filled(cloud)}
+
+
+def silver(points: Any) -> Parts:
+    """Return a mirror: a rectangle with these corners, counter-clockwise."""
+    a, b, _, d = np.array(points, dtype=float)
+    x, y = (b - a) / 2, (d - a) / 2
+    place = np.eye(4)
+    place[:3] = np.column_stack([x, y, np.cross(x, y) / np.linalg.norm(np.cross(x, y)), a + x + y])
+    bsdf = {"type": "twosided", "side": {"type": "conductor", "material": "none"}}
+    return {"type": "rectangle", "to_world": T(place), "bsdf": bsdf}
+
+
+# -- rows --------------------------------------------------------------------------------------------------------------
+
+DENSE = ((2.0, 1.2, 0.6), (0.2, 0.2, 0.2))
+COLORED = ((0.2, 0.4, 0.6), (0.1, 0.05, 0.02))
+
+# A shutter of four black boards with a hole in it, between the lamp and the fog.
+Y, HOLE = 1.2, (-0.15, 0.15)
+BOARDS = {
+    "Left": ((-3, -3), (HOLE[0], 3)), "Right": ((HOLE[1], -3), (3, 3)), "Back": ((HOLE[0], -3), (HOLE[1], HOLE[0])),
+    "Front": ((HOLE[0], HOLE[1]), (HOLE[1], 3)),
+}  # fmt: skip
+
+
+def flat(low: tuple[float, float], high: tuple[float, float], y: float = Y) -> list[tuple[float, float, float]]:
+    """Return the corners of a rectangle at a height, seen from above."""
+    return [(low[0], y, high[1]), (high[0], y, high[1]), (high[0], y, low[1]), (low[0], y, low[1])]
+
+
+MATT = ("float inputs:roughness = 1", "float inputs:ior = 1")
+BLACK = material("Black", "color3f inputs:diffuseColor = (0, 0, 0)", *MATT)
+SHUTTER = BLACK + "".join(quad(name, flat(*corners), "Black") for name, corners in BOARDS.items())
+HIGH = (-0.2, 2.2, 0.1)
+OPEN = lamp(HIGH, 800)
+PORTAL = quad("Portal", flat((HOLE[0],) * 2, (HOLE[1],) * 2), "Black")
+THROUGH = OPEN.replace('"Lamp" ', '"Lamp" (prepend apiSchemas = ["PhotonBeamsLightAPI"])').replace(
+    "    float inputs:radius", "    rel photonbeams:portal = </Portal>\n    float inputs:radius"
+)
+
+WALLS = {
+    "Floor": ([(-1.4, -1.1, 1.4), (1.4, -1.1, 1.4), (1.4, -1.1, -1.4), (-1.4, -1.1, -1.4)], (0.7, 0.7, 0.7)),
+    "Wall": ([(-1.4, -1.1, -1.4), (1.4, -1.1, -1.4), (1.4, 2, -1.4), (-1.4, 2, -1.4)], (0.7, 0.7, 0.7)),
+    "Left": ([(-1.4, -1.1, 1.4), (-1.4, -1.1, -1.4), (-1.4, 2, -1.4), (-1.4, 2, 1.4)], (0.8, 0.2, 0.1)),
+    "Right": ([(1.4, -1.1, -1.4), (1.4, -1.1, 1.4), (1.4, 2, 1.4), (1.4, 2, -1.4)], (0.1, 0.6, 0.2)),
+}
+ROOM = "".join(
+    material(f"{name}Paint", f"color3f inputs:diffuseColor = {color}", *MATT) + quad(name, points, f"{name}Paint")
+    for name, (points, color) in WALLS.items()
+)
+
+FLOOR = [(-1.6, -1.05, 1.6), (1.6, -1.05, 1.6), (1.6, -1.05, -1.6), (-1.6, -1.05, -1.6)]
+MIRROR = material(
+    "Silver", "color3f inputs:diffuseColor = (1, 1, 1)", "float inputs:metallic = 1", "float inputs:roughness = 0"
+) + quad("Mirror", FLOOR, "Silver")
+
+GLASS = material("Glass", "float inputs:opacity = 0", "float inputs:ior = 1.5", "float inputs:roughness = 0")
+FAR = {"at": (-0.35, 3.4, 0.2), "intensity": 300, "radius": 0.3}
+BALL = GLASS + prim(
+    "Sphere", "Ball", (-0.2, 1.5, 0.1), "double radius = 0.38", "rel material:binding = </Glass>",
+    api="MaterialBindingAPI",
+)  # fmt: skip
+CLEAR = {"type": "dielectric", "int_ior": 1.5, "ext_ior": 1.0}
+SHAPE = {"type": "sphere", "center": [-0.2, 1.5, 0.1], "radius": 0.38, "bsdf": CLEAR}
+
+SMOKE = prim(
+    "Volume", "Smoke", (0, 0, 0), "rel field:density = </Smoke/density>", "float photonbeams:density = 2",
+    "color3f photonbeams:albedo = (0.9, 0.9, 0.9)", "float photonbeams:anisotropy = 0.4", api="PhotonBeamsMediumAPI",
+)[:-2] + """
+    def FieldAsset "density"
+    {
+        asset filePath = @./smoke.vol@
+        token fieldName = "density"
+        double3 xformOp:translate = (-1, -1, -1)
+        double3 xformOp:scale = (2, 2, 2)
+        uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:scale"]
+    }
+}
+"""  # fmt: skip
+
+#: What both doors render: each row is compared to `volpath`, and door to door.
+MATRIX = (
+    Row("single scattering, isotropic", stage(lamp(), box(0.4, 0.1))),
+    Row("single scattering, Henyey-Greenstein 0.8", stage(lamp(), box(0.4, 0.1, 0.8))),
+    Row("single scattering, coloured", stage(lamp(), box(*COLORED))),
+    Row("a hole without a portal", stage(OPEN, SHUTTER, box(0.4, 0.1)), paths=16384, samples=4096),
+    Row("a hole with a portal", stage(THROUGH, SHUTTER, PORTAL, box(0.4, 0.1)), paths=16384, samples=4096),
+)
+
+#: What stages do not render yet. Move a row into MATRIX as its feature arrives; `--bounces` is `Row.bounces`.
+PENDING = (
+    Row("multiple scattering, isotropic", stage(lamp(), box(1.2, 0.1)), partial(with_box, 1.2, 0.1), MANY),
+    Row("multiple scattering, Henyey-Greenstein 0.8", stage(lamp(), box(1.2, 0.1, 0.8)),
+        partial(with_box, 1.2, 0.1, 0.8), MANY, samples=4096),
+    Row("multiple scattering, coloured", stage(lamp(), box((0.4, 0.8, 1.2), (0.2, 0.1, 0.05))),
+        partial(with_box, (0.4, 0.8, 1.2), (0.2, 0.1, 0.05)), MANY),
+    Row("a grid", stage(lamp(), SMOKE), smoke, MANY, files={"smoke.vol": write_density}),
+    Row("nested media", stage(lamp(), box(0.4, 0.1), fog("Core", (0.25, -0.1, 0.1), 0.8, *DENSE, 0.3, 30)),
+        nested, MANY),
+    Row("a glass ball with its caustic", stage(lamp(**FAR), BALL, box(0.4, 0.1)),
+        lambda: with_box(0.4, 0.1, light=emitter(**FAR), ball=SHAPE), MANY, samples=16384),
+    Row("a mirror", stage(lamp(), MIRROR, box(0.4, 0.1)),
+        lambda: with_box(0.4, 0.1, mirror=silver(FLOOR)), MANY, samples=8192),
+    Row("a diffuse room", stage(lamp(), ROOM, box(0.2, 0.05)), None, MANY),
+)  # fmt: skip

@@ -1,0 +1,87 @@
+"""Every feature through both doors: a stage and its Mitsuba twin make the picture that `volpath` makes of it."""
+
+import numpy as np
+import pytest
+from tests.agreement import deviations, means, ratio
+from tests.matrix.page import FILE, page
+from tests.matrix.references import opened, reference, twin
+from tests.matrix.rows import BIAS, BLOCK_BIAS, HEIGHT, MATRIX, PENDING, WIDTH, mi
+
+SEEDS = 4
+# Of its neighbours' spacing, the width of a beam: light that sticks out of the fog is lost, and wide beams lose more.
+OVERLAP = 0.6
+ROWS = {row.name: row for row in (*MATRIX, *PENDING)}
+STAGES = [row.name for row in MATRIX]
+
+
+@pytest.fixture(scope="module")
+def stages(tmp_path_factory):
+    """Return the means of a row's stage."""
+    known = {}
+
+    def found(name):
+        if name not in known:
+            row = ROWS[name]
+            shot = opened(row, tmp_path_factory.mktemp("stage"))
+            settings = {"passes": row.passes, "beams": row.paths, "width": WIDTH, "height": HEIGHT, "overlap": OVERLAP}
+            settings |= {"bounces": row.bounces} if row.bounces else {}
+            frames = [shot.render(seed=seed, **settings) for seed in range(SEEDS)]
+            known[name] = means(np.array([each.layers["rgba"][..., :3] for each in frames]))
+        return known[name]
+
+    return found
+
+
+@pytest.fixture(scope="module")
+def twins(tmp_path_factory):
+    """Return the means of a row's Mitsuba scene."""
+    known = {}
+
+    def found(name):
+        if name not in known:
+            row = ROWS[name]
+            scene = twin(row, tmp_path_factory.mktemp("twin"))
+            integrator = mi.load_dict(
+                {"type": "photon_beams", "max_depth": row.max_depth, "paths": row.paths, "overlap": OVERLAP}
+            )
+            pictures = [mi.render(scene, integrator=integrator, spp=row.passes, seed=seed) for seed in range(SEEDS)]
+            known[name] = means(np.array([np.array(each)[..., :3] for each in pictures]))
+        return known[name]
+
+    return found
+
+
+def agree(ours, theirs):
+    """Assert that two pictures are the same.
+
+    Their means may differ by the bias that beams of some width have at the fog's border, beside four standard errors;
+    blocks by three times as much. Of 120 numbers with a variance from four seeds none should be six standard errors
+    off.
+    """
+    value, error = ratio(ours, theirs)
+    assert abs(value - 1) < BIAS + 4 * error, (value, error)
+    assert error < BIAS, "too noisy to tell"
+    assert deviations(ours, theirs, BLOCK_BIAS).max() < 6
+
+
+@pytest.mark.parametrize("name", STAGES)
+def test_a_stage_is_the_picture_of_volpath(name, stages):
+    agree(stages(name), reference(ROWS[name]))
+
+
+@pytest.mark.parametrize("name", ROWS)
+def test_a_mitsuba_scene_is_the_picture_of_volpath(name, twins):
+    agree(twins(name), reference(ROWS[name]))
+
+
+@pytest.mark.parametrize("name", STAGES)
+def test_both_doors_make_one_picture(name, stages, twins):
+    agree(stages(name), twins(name))
+
+
+def test_a_portal_does_not_change_the_light(stages):
+    agree(stages("a hole with a portal"), stages("a hole without a portal"))
+
+
+def test_the_page_of_the_matrix_is_up_to_date():
+    assert FILE.read_text(encoding="utf-8") == page(), "run python -m tests.matrix.page"
