@@ -11,13 +11,13 @@ FILE = Path(__file__).parents[2] / "docs" / "matrix.md"
 HEAD = f"""# What each door renders
 
 A USD stage and a Mitsuba scene are two doors of one renderer. Each feature stands on this page with what its pictures
-are held to: the mean of the picture is that of Mitsuba's `volpath` within {100 * BIAS:g} %, and a Z-test finds no block
-of 4 x 4 pixels that differs by more than {100 * BLOCK_BIAS:g} % beside the noise. Where both doors have a figure their
+are held to: the mean of a picture is that of Mitsuba's `volpath` within {100 * BIAS:g} %, and a Z-test finds no block
+of 4 x 4 pixels that differs by more than {100 * BLOCK_BIAS:g} % beside the noise. Where both doors have a figure, their
 pictures are compared with each other, too.
 
-The scenes are in [`tests/matrix`](../tests/matrix): a box of fog in the dark with a lamp above it. Where a stage says
-all, its Mitsuba scene is what [`photonbeams export`](guide.md#a-stage-as-a-mitsuba-scene) makes of it; the others
-were written by hand. `volpath` had {{samples}} samples a pixel or more.
+The scenes are in [`tests/matrix`](../tests/matrix): a box of fog in the dark with a lamp above it. Where a Mitsuba
+scene is not written by hand, it is what [`photonbeams export`](guide.md#a-stage-as-a-mitsuba-scene) makes of the stage.
+`volpath` had {{samples}} samples a pixel or more.
 
 | feature | stage | Mitsuba scene |
 |---|---|---|

@@ -52,14 +52,16 @@ class Twin:
     parts: dict[str, Any] = field(default_factory=dict)
     files: dict[str, Write] = field(default_factory=dict)
     lost: list[str] = field(default_factory=list)
+    _taken: set[str] = field(default_factory=set)
 
     def id_of(self, path: str) -> str:
-        """Return an id for a prim that no other part has."""
+        """Return an id for a prim that no other part has, nor gets."""
         name = unique = re.sub(r"[^\w-]+", "-", path, flags=re.ASCII).strip("-") or "part"
-        taken, number = {each.lower() for each in self.parts}, 1  # files differ by more than their case
-        while unique.lower() in taken:
+        number = 1
+        while unique.lower() in self._taken:  # names of files differ by more than their case
             number += 1
             unique = f"{name}-{number}"
+        self._taken.add(unique.lower())
         return unique
 
     def file(self, name: str, write: Write) -> str:
@@ -92,7 +94,7 @@ def twin_of(content: scene.Scene, camera: scene.Camera, window: Window, folder: 
     twin = Twin(folder)
     twin.parts["integrator"] = {"type": "photon_beams", "max_depth": 2}
     eye = np.asarray(camera.to_world, dtype=np.float64)[:3, 3]
-    media = _Media(twin, content)
+    media = TwinMedia(twin, content)
     center, radius = content.bounds or bounding_sphere([content], [eye])
     reach = float(np.linalg.norm(eye - center)) + radius
     twin.parts[twin.id_of(camera.name)] = {
@@ -147,7 +149,12 @@ def matrix(values: np.ndarray) -> Any:
     return mi.ScalarTransform4f(np.asarray(values, dtype=np.float64))
 
 
-def rgb(value: Sequence[float]) -> dict[str, Any]:
+def scaled(color: scene.Color, factor: float) -> scene.Color:
+    """Return a colour times a factor."""
+    return (factor * color[0], factor * color[1], factor * color[2])
+
+
+def rgb(value: Sequence[float] | np.ndarray) -> dict[str, Any]:
     """Describe a colour."""
     return {"type": "rgb", "value": [float(each) for each in value]}
 
@@ -186,7 +193,7 @@ def _exposed(material: scene.Material, exposure: float) -> scene.Material:
     value = material.emissive
     if isinstance(value, scene.Texture):
         return replace(material, emissive=replace(value, pixels=value.pixels * np.float32(exposure)))
-    return replace(material, emissive=tuple(exposure * each for each in value))
+    return replace(material, emissive=scaled(value, exposure))
 
 
 def _warn_of_glow(twin: Twin, mesh: scene.Mesh) -> None:
@@ -219,7 +226,7 @@ def media_of(content: scene.Scene) -> tuple[scene.Medium, ...]:
     return () if content.medium is None else (content.medium,)
 
 
-class _Media:
+class TwinMedia:
     """The media of a twin: what fills a closed mesh is inside of a shape without a surface of its own."""
 
     def __init__(self, twin: Twin, content: scene.Scene) -> None:

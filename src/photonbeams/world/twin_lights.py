@@ -16,32 +16,34 @@ from .. import scene
 from ..numerics.arrays import to_vectors
 from .gobos import masked, spread
 from .lights import source
-from .twin import Twin, matrix, mi, rgb
+from .twin import Twin, matrix, mi, rgb, scaled
 
 if TYPE_CHECKING:
-    from .twin import _Media
+    from .twin import TwinMedia
 
 # Degrees from its axis up to which a spot's light is an image; and the image's width in pixels.
 _WIDEST, _PIXELS = 75.0, 512
+
+_NO_IMAGE = "{}.photonbeams:gobo is left out: Mitsuba has images on rectangles and before spots alone"
 
 # Of the scene's radius: lamps that are larger are seen as what they are in Mitsuba, lights without a body.
 _LARGE = 0.1
 
 
-def add_lights(twin: Twin, lights: Sequence[scene.Light], exposure: float, radius: float, media: _Media) -> None:
+def add_lights(twin: Twin, lights: Sequence[scene.Light], exposure: float, radius: float, media: TwinMedia) -> None:
     """Add lights, all of them so much brighter; `radius` is the scene's."""
     domes = []
     for light in lights:
         if max(light.radiance) <= 0:
             continue
-        light = replace(light, radiance=tuple(exposure * each for each in light.radiance))
+        light = replace(light, radiance=scaled(light.radiance, exposure))
         _warn(twin, light, media.endless)
         if isinstance(light, scene.DomeLight):
             domes.append(light)
             continue
         name = twin.id_of(light.name)
         size, part = _emitter(twin, light, name)
-        twin.parts[name] = part
+        twin.parts[f"{name}-shape" if size > 0 else name] = part
         if size > _LARGE * radius:
             twin.lost.append(f"{light.name}: what is behind the lamp is seen through it, for it casts no shadow")
         if size == 0 and not isinstance(light, scene.DistantLight):
@@ -54,7 +56,7 @@ def _emitter(twin: Twin, light: scene.Light, name: str) -> tuple[float, dict[str
     if isinstance(light, scene.DistantLight):
         return 0.0, _directional(twin, light)
     assert isinstance(light, scene.SphereLight | scene.FlatLight)
-    flat, cone = isinstance(light, scene.FlatLight), _cone(light)
+    cone = _cone(light)
     if isinstance(light, scene.SphereLight) and light.radius == 0:
         return 0.0, _point(twin, light, cone, name)
     if cone <= _WIDEST:
@@ -64,15 +66,18 @@ def _emitter(twin: Twin, light: scene.Light, name: str) -> tuple[float, dict[str
         return 0.0, _spot(twin, light, cone, name)
     if _shapes(light):
         twin.lost.append(f"{light.name}.inputs:shaping is left out: emitters of some size have none in Mitsuba")
-    if light.gobo is not None and not (flat and not light.disk):
-        twin.lost.append(
-            f"{light.name}.photonbeams:gobo is left out: Mitsuba has images on rectangles and before spots"
-        )
-    lamp = {f"{name}-light": {"type": "area", **_radiance(twin, light, name)}, "bsdf": {"type": "null"}}
-    if not flat:
-        return light.radius, {"type": "sphere", "center": _place(light).tolist(), "radius": light.radius, **lamp}
-    size = float(max(np.linalg.norm(light.half_x), np.linalg.norm(light.half_y)))
-    return size, {**_flat(twin, light), **lamp}
+    if isinstance(light, scene.FlatLight):
+        size = float(max(np.linalg.norm(light.half_x), np.linalg.norm(light.half_y)))
+        return size, {**_flat(twin, light), **_shining(_face(twin, light, name), name)}
+    if light.gobo is not None:
+        twin.lost.append(_NO_IMAGE.format(light.name))
+    ball = {"type": "sphere", "center": _place(light).tolist(), "radius": light.radius}
+    return light.radius, {**ball, **_shining(rgb(light.radiance), name)}
+
+
+def _shining(radiance: dict[str, Any], name: str) -> dict[str, Any]:
+    """Return what makes a shape a lamp, which lets the light of others through."""
+    return {name: {"type": "area", "radiance": radiance}, "bsdf": {"type": "null"}}
 
 
 def _place(light: Any) -> np.ndarray:
@@ -157,10 +162,13 @@ def _image(light: scene.SphereLight | scene.FlatLight, cone: float, to_world: np
     return np.array(value).T.reshape(_PIXELS, _PIXELS, 3)
 
 
-def _radiance(twin: Twin, light: scene.SphereLight | scene.FlatLight, name: str) -> dict[str, Any]:
-    """Describe what a lamp of some size emits: on a rectangle, an image."""
-    if light.gobo is None or not isinstance(light, scene.FlatLight) or light.disk:
-        return {"radiance": rgb(light.radiance)}
+def _face(twin: Twin, light: scene.FlatLight, name: str) -> dict[str, Any]:
+    """Describe what a rectangle or an ellipse emits: on a rectangle, an image."""
+    if light.gobo is None:
+        return rgb(light.radiance)
+    if light.disk:
+        twin.lost.append(_NO_IMAGE.format(light.name))
+        return rgb(light.radiance)
     rows, columns = light.gobo.image.shape[:2]
     u, v = np.meshgrid((np.arange(columns) + 0.5) / columns, (np.arange(rows) + 0.5) / rows)
     to_world = np.array(_flat(twin, light)["to_world"].matrix, dtype=np.float64)
@@ -170,7 +178,7 @@ def _radiance(twin: Twin, light: scene.SphereLight | scene.FlatLight, name: str)
     pixels = np.array(color).T.reshape(rows, columns, 3) * np.array(light.radiance)
     image = mi.Bitmap(np.ascontiguousarray(pixels, dtype=np.float32))
     radiance = {"type": "bitmap", "bitmap": image, "raw": True, "wrap_mode": "clamp"}
-    return twin.with_images({"radiance": radiance}, name)
+    return twin.with_images(radiance, f"{name}-radiance")
 
 
 def _aimed(light: scene.SphereLight | scene.FlatLight) -> np.ndarray:

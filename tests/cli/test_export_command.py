@@ -1,0 +1,76 @@
+"""`photonbeams export`."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from photonbeams.runtime.device import mitsuba
+
+mi = mitsuba()
+
+STAGE = """#usda 1.0
+(
+    startTimeCode = 1
+)
+def Camera "Camera"
+{
+    float horizontalAperture = 20
+    float verticalAperture = 10
+    float focalLength = 20
+    double3 xformOp:translate.timeSamples = { 1: (0, 0, 4), 3: (0, 2, 4) }
+    uniform token[] xformOpOrder = ["xformOp:translate"]
+}
+def SphereLight "Lamp"
+{
+    bool treatAsPoint = 1
+}
+def Cube "Block"
+{
+}
+"""
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    (tmp_path / "stage.usda").write_text(STAGE)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_a_stage_is_written_with_a_fog_and_a_size(folder, call):
+    fog = ["--scattering", "0.1,0.2,0.3", "--anisotropy", "0.5"]
+    code, _, said = call("export", "stage.usda", "-o", "out/twin.xml", "--res", "32", "0", *fog)
+    assert code == 0 and said.splitlines()[-1] == "wrote out/twin.xml, and 1 file beside it"
+    scene = mi.load_file("out/twin.xml")
+    (sensor,) = scene.sensors()
+    assert tuple(sensor.film().size()) == (32, 16)
+    value = sensor.get_medium().get_scattering_coefficients(mi.MediumInteraction3f())[0]
+    assert np.allclose(np.ravel(value), (0.1, 0.2, 0.3))
+    assert sorted(Path("out").iterdir()) == [Path("out/twin"), Path("out/twin.xml")]
+
+
+def test_each_frame_is_a_file_with_the_camera_where_it_is_then(folder, call):
+    code, _, said = call("export", "stage.usda", "-o", "twin.##.xml", "-f", "1:3x2", "-q")
+    assert code == 0 and not said
+    height = [
+        float(np.ravel(mi.load_file(f"twin.0{frame}.xml").sensors()[0].world_transform().translation())[1])
+        for frame in (1, 3)
+    ]
+    assert height == [0, 2]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "message"),
+    [
+        (["-o", "out.usda"], 2, "--output is out.usda: expected a name that ends in .xml"),
+        (["-o", "out.xml", "-f", "1:2"], 2, "one file for 2 frames: expected one run of # in its name"),
+        (["-o", "out.xml", "--crop", "0", "0", "2", "1"], 2, "--crop is 0 0 2 1: expected"),
+        (["-o", "out.xml", "-cam", "Nobody"], 1, "Nobody"),
+        (["-o", "stage.usda/out.xml"], 1, "stage.usda"),
+    ],
+)
+def test_what_cannot_be_done_is_told_in_a_sentence(folder, call, arguments, code, message):
+    found, _, said = call("export", "stage.usda", *arguments, "-q")
+    assert found == code and said.startswith("Error: ") and message in said and len(said.splitlines()) == 1
+    assert [each.name for each in folder.iterdir()] == ["stage.usda"]
