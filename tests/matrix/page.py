@@ -11,9 +11,9 @@ FILE = Path(__file__).parents[2] / "docs" / "matrix.md"
 HEAD = f"""# What each door renders
 
 A USD stage and a Mitsuba scene are two doors of one renderer. Each feature stands on this page with what its pictures
-are held to: the mean of a picture is that of Mitsuba's `volpath` within {100 * BIAS:g} %, and a Z-test finds no block
-of 4 x 4 pixels that differs by more than {100 * BLOCK_BIAS:g} % beside the noise. Where both doors have a figure, their
-pictures are compared with each other, too.
+are held to: the mean of a picture is that of Mitsuba's `volpath` within {100 * BIAS:g} %, beside four standard errors,
+and a Z-test finds no block of 4 x 4 pixels that differs by more than {100 * BLOCK_BIAS:g} %, beside six. The two doors
+are held to each other in the same way.
 
 The scenes are in [`tests/matrix`](../tests/matrix): a box of fog in the dark with a lamp above it. Where a Mitsuba
 scene is not written by hand, it is what [`photonbeams export`](guide.md#a-stage-as-a-mitsuba-scene) makes of the stage.
@@ -26,8 +26,8 @@ scene is not written by hand, it is what [`photonbeams export`](guide.md#a-stage
 
 def line(row: Row) -> str:
     """Return the line of a row."""
-    agreed = f"as `volpath`, within {100 * BIAS:g} %"
-    return f"| {row.name} | {agreed if row in MATRIX else 'not yet'} | {agreed} |"
+    agreed = f"as `volpath`, within {100 * BIAS:g} %" if row in MATRIX else "not compared yet"
+    return f"| {row.name} | {agreed} | {agreed} |"
 
 
 def page() -> str:

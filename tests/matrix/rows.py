@@ -44,8 +44,8 @@ class Row:
         The same by hand, as `mi.load_dict` takes it; None: what `photonbeams export` makes of the stage.
     bounces
         How often light is scattered before it is scattered toward the camera.
-    paths, passes
-        Of `photon_beams`.
+    beams, plugin
+        Beams a pass of the stage, and what `photon_beams` is asked for.
     files
         What writes files that the stage names, by their names.
     samples
@@ -56,8 +56,8 @@ class Row:
     stage: str
     twin: Callable[[], Parts] | None = None
     bounces: int = 0
-    paths: int = 4096
-    passes: int = 8
+    beams: int = 16384
+    plugin: dict[str, float] = field(default_factory=lambda: {"paths": 4096, "radius": 0.02, "alpha": 1.0})
     files: dict[str, Callable[[Path], None]] = field(default_factory=dict)
     samples: int = 2048
 
@@ -285,6 +285,9 @@ BALL = GLASS + prim(
 CLEAR = {"type": "dielectric", "int_ior": 1.5, "ext_ior": 1.0}
 SHAPE = {"type": "sphere", "center": [-0.2, 1.5, 0.1], "radius": 0.38, "bsdf": CLEAR}
 
+# Radii from photon differentials, narrow beside the hole.
+FINE = {"paths": 65536, "overlap": 0.2}
+
 SMOKE = prim(
     "Volume", "Smoke", (0, 0, 0), "rel field:density = </Smoke/density>", "float photonbeams:density = 2",
     "color3f photonbeams:albedo = (0.9, 0.9, 0.9)", "float photonbeams:anisotropy = 0.4", api="PhotonBeamsMediumAPI",
@@ -305,8 +308,8 @@ MATRIX = (
     Row("single scattering, isotropic", stage(lamp(), box(0.4, 0.1))),
     Row("single scattering, Henyey-Greenstein 0.8", stage(lamp(), box(0.4, 0.1, 0.8))),
     Row("single scattering, coloured", stage(lamp(), box(*COLORED))),
-    Row("a hole without a portal", stage(OPEN, SHUTTER, box(0.4, 0.1)), paths=16384, samples=4096),
-    Row("a hole with a portal", stage(THROUGH, SHUTTER, PORTAL, box(0.4, 0.1)), paths=16384, samples=4096),
+    Row("a hole without a portal", stage(OPEN, SHUTTER, box(0.4, 0.1)), beams=131072, plugin=FINE, samples=4096),
+    Row("a hole with a portal", stage(THROUGH, SHUTTER, PORTAL, box(0.4, 0.1)), plugin=FINE, samples=4096),
 )
 
 #: What stages do not render yet. Move a row into MATRIX as its feature arrives; `--bounces` is `Row.bounces`.

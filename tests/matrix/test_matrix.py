@@ -5,13 +5,13 @@ import pytest
 from tests.agreement import deviations, means, ratio
 from tests.matrix.page import FILE, page
 from tests.matrix.references import opened, reference, twin
-from tests.matrix.rows import BIAS, BLOCK_BIAS, HEIGHT, MATRIX, PENDING, WIDTH, mi
+from tests.matrix.rows import BIAS, BLOCK_BIAS, HEIGHT, MATRIX, WIDTH, mi
 
-SEEDS = 4
+# An odd number of passes: the middle of all places that they look through in a pixel is then the pixel's.
+SEEDS, PASSES = 3, 9
 # Of its neighbours' spacing, the width of a beam: light that sticks out of the fog is lost, and wide beams lose more.
-OVERLAP = 0.6
-ROWS = {row.name: row for row in (*MATRIX, *PENDING)}
-STAGES = [row.name for row in MATRIX]
+OVERLAP = 0.2
+ROWS = {row.name: row for row in MATRIX}
 
 
 @pytest.fixture(scope="module")
@@ -23,7 +23,7 @@ def stages(tmp_path_factory):
         if name not in known:
             row = ROWS[name]
             shot = opened(row, tmp_path_factory.mktemp("stage"))
-            settings = {"passes": row.passes, "beams": row.paths, "width": WIDTH, "height": HEIGHT, "overlap": OVERLAP}
+            settings = {"passes": PASSES, "beams": row.beams, "width": WIDTH, "height": HEIGHT, "overlap": OVERLAP}
             settings |= {"bounces": row.bounces} if row.bounces else {}
             frames = [shot.render(seed=seed, **settings) for seed in range(SEEDS)]
             known[name] = means(np.array([each.layers["rgba"][..., :3] for each in frames]))
@@ -41,10 +41,8 @@ def twins(tmp_path_factory):
         if name not in known:
             row = ROWS[name]
             scene = twin(row, tmp_path_factory.mktemp("twin"))
-            integrator = mi.load_dict(
-                {"type": "photon_beams", "max_depth": row.max_depth, "paths": row.paths, "overlap": OVERLAP}
-            )
-            pictures = [mi.render(scene, integrator=integrator, spp=row.passes, seed=seed) for seed in range(SEEDS)]
+            integrator = mi.load_dict({"type": "photon_beams", "max_depth": row.max_depth, **row.plugin})
+            pictures = [mi.render(scene, integrator=integrator, spp=PASSES, seed=seed) for seed in range(SEEDS)]
             known[name] = means(np.array([np.array(each)[..., :3] for each in pictures]))
         return known[name]
 
@@ -55,16 +53,16 @@ def agree(ours, theirs):
     """Assert that two pictures are the same.
 
     Their means may differ by the bias that beams of some width have at the fog's border, beside four standard errors;
-    blocks by three times as much. Of 120 numbers with a variance from four seeds none should be six standard errors
+    blocks by three times as much. Of 120 numbers with a variance from three seeds none should be six standard errors
     off.
     """
     value, error = ratio(ours, theirs)
     assert abs(value - 1) < BIAS + 4 * error, (value, error)
-    assert error < BIAS, "too noisy to tell"
+    assert error < 2 * BIAS, "too noisy to tell"
     assert deviations(ours, theirs, BLOCK_BIAS).max() < 6
 
 
-@pytest.mark.parametrize("name", STAGES)
+@pytest.mark.parametrize("name", ROWS)
 def test_a_stage_is_the_picture_of_volpath(name, stages):
     agree(stages(name), reference(ROWS[name]))
 
@@ -74,7 +72,7 @@ def test_a_mitsuba_scene_is_the_picture_of_volpath(name, twins):
     agree(twins(name), reference(ROWS[name]))
 
 
-@pytest.mark.parametrize("name", STAGES)
+@pytest.mark.parametrize("name", ROWS)
 def test_both_doors_make_one_picture(name, stages, twins):
     agree(stages(name), twins(name))
 

@@ -100,6 +100,10 @@ def twin_of(content: scene.Scene, camera: scene.Camera, window: Window, folder: 
     twin.parts[twin.id_of(camera.name)] = {
         **sensor_of(camera, window, reach), **media.named("medium", media.at(eye)),
     }  # fmt: skip
+    if camera.lens_radius > 0 and not camera.orthographic and (camera.horizontal_offset or camera.vertical_offset):
+        twin.lost.append(
+            f"{camera.name}.horizontalApertureOffset and the vertical one are left out, for fStop is not 0"
+        )
     _add_surfaces(twin, content, camera.exposure_scale)
     add_lights(twin, content.lights, camera.exposure_scale, radius, media)
     for each in content.drawn:
@@ -125,15 +129,19 @@ def sensor_of(camera: scene.Camera, window: Window, reach: float) -> dict[str, A
         to_world = to_world @ _moved([-shift_x, shift_y, 0.0]) @ np.diag([width / 2, width / 2, 1.0, 1.0])
         result |= {"type": "orthographic"}
     else:
-        result |= {
-            "type": "thinlens" if camera.lens_radius > 0 else "perspective",
-            "fov": float(np.degrees(2 * np.arctan(width / (2 * camera.focal_length)))),
-            "fov_axis": "x",
-            "principal_point_offset_x": shift_x / width,
-            "principal_point_offset_y": -shift_y / width * aspect,
-        }
-    if camera.lens_radius > 0 and not camera.orthographic:
-        result |= {"aperture_radius": camera.lens_radius, "focus_distance": camera.focus_distance}
+        field = float(np.degrees(2 * np.arctan(width / (2 * camera.focal_length))))
+        result |= {"type": "perspective", "fov": field, "fov_axis": "x"}
+        if camera.lens_radius > 0:  # with which Mitsuba's sensors are not shifted
+            result |= {
+                "type": "thinlens",
+                "aperture_radius": camera.lens_radius,
+                "focus_distance": camera.focus_distance,
+            }
+        elif shift_x or shift_y:
+            result |= {
+                "principal_point_offset_x": shift_x / width,
+                "principal_point_offset_y": -shift_y / width * aspect,
+            }
     sampler = {"type": "independent", "sample_count": 16}
     return {**result, "to_world": matrix(to_world), "film": film, "sampler": sampler}
 
