@@ -40,7 +40,7 @@ SCENE = f"""<scene version="3.0.0">
     <emitter type="point"><point name="position" x="0.3" y="0.4" z="0"/><rgb name="intensity" value="3"/></emitter>
 </scene>
 """
-LAYERS = ["rgba", "surface", "beams", "depth"]
+LAYERS = ["rgba", "surface", "beams", "transmittance", "depth"]
 
 
 @pytest.fixture
@@ -154,7 +154,7 @@ def test_parameters_of_the_file_are_set(render, scene, out):
 
 def test_flags_are_over_the_integrator_and_the_rest_is_its_own(render, scene, out, monkeypatch):
     seen = []
-    monkeypatch.setattr(frame, "Frame", lambda *given: seen.append(given[2]) or 1 / 0)
+    monkeypatch.setattr(frame, "SceneFrame", lambda *given: seen.append(given[2]) or 1 / 0)
     text = ('<integrator type="photon_beams"><integer name="paths" value="77"/><integer name="order" value="3"/>'
             '<integer name="max_depth" value="5"/><string name="estimator" value="frustum"/></integrator>')  # fmt: skip
     flags = ("--passes", 9, "--beams", 50, "--seed", 4, "--estimator", "billboard", "--order", 2, "--time-limit", 60,
@@ -270,10 +270,9 @@ def test_a_file_that_is_no_checkpoint_is_named(render, scene, out):
     ("flags", "parts"),
     [
         (("--scattering", 0.1), ("--scattering is for stages",)),
-        (("-f", "1:3"), ("--frames is for stages",)),
-        (("--look", "a.py:b"), ("--look is for stages",)),
-        (("--stereo",), ("--stereo is for stages",)),
-        (("--holdout", "a.exr"), ("--holdout is for stages",)),
+        (("-f", "1:3"), ("--frames is 1:3",)),
+        (("--look", "a.py:b"), ("a.py",)),
+        (("--group", "lamp"), ("--group is lamp", "EMITTER=NAME")),
         (("--beams", 0), ("--beams is 0",)),
         (("--crop", 0, 0, 2, 1), ("--crop is 0 0 2 1",)),
         (("--checkpoint", -1), ("--checkpoint is -1.0: expected a positive",)),

@@ -7,7 +7,7 @@ import pytest
 
 from photonbeams.render.scene_frame import render
 from photonbeams.render.settings import Settings
-from photonbeams.runtime.device import Array3f, Bool, UInt32, mitsuba
+from photonbeams.runtime.device import Array3f, UInt32, mitsuba
 from photonbeams.scene import SceneError
 from photonbeams.world.media import Media, medium_at, number
 from transport.scenes import T, camera, cloud, cube_of, fog, load, rgb
@@ -27,7 +27,7 @@ def nested():
     return scene, outer, inner
 
 
-def test_points_are_in_the_medium_whose_borders_they_see():
+def test_points_are_in_the_medium_whose_interfaces_walks_meet():
     scene, outer, inner = nested()
     points = {(0, 0, 0): inner, (0.9, 0.9, 0.9): inner, (0, 0, 1.5): outer, (0, 0, 3): outer, (3.9, 0, 0): outer,
               (0, 3, 0): None, (0, 0, 9): None, (9, 9, 9): None}  # fmt: skip
@@ -35,14 +35,15 @@ def test_points_are_in_the_medium_whose_borders_they_see():
     for direction in rng.normal(size=(16, 3)):
         unit = Array3f((direction / np.linalg.norm(direction)).tolist())
         origin = Array3f(np.array(list(points), dtype=np.float32).T)
-        found = medium_at(scene, origin, unit, UInt32(0), Bool(True)).numpy()
+        found = medium_at(scene, origin, unit, UInt32(7), UInt32(0)).numpy()
         assert found.tolist() == [number(medium) for medium in points.values()]
 
 
-def test_where_no_border_is_seen_the_medium_is_the_one_that_fills_the_space():
-    scene = load(wall={"type": "rectangle"})
-    found = medium_at(scene, Array3f(0, 0, 1), Array3f(0, 0, -1), UInt32(7), Bool(True))
-    assert found.numpy().tolist() == [7]
+def test_where_no_interface_is_met_the_medium_is_the_usual_one_or_the_background():
+    room = load(room={"type": "sphere", "bsdf": {"type": "twosided", "side": {"type": "diffuse"}}})
+    for origin, expected in (((0, 0, 0.5), 7), ((0, 0, 2), 5)):
+        found = medium_at(room, Array3f(*origin), Array3f(0, 0, -1), UInt32(7), UInt32(5))
+        assert found.numpy().tolist() == [expected]
 
 
 def test_homogeneous_media_are_read():

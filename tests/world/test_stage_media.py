@@ -100,7 +100,7 @@ def dr_place(point):
 def test_a_medium_of_a_scene_looks_as_mitsubas_own():
     (built,) = media_of([solid("/Fog", [-1] * 3, [1] * 3, 0.5)])
     scenes = (load(fog=each, light=LIGHT, sensor=camera(size=8)) for each in (built.shape, cube_of(fog(0.5, 1.0))))
-    ours, theirs = (render(each, each.sensors()[0], Settings(passes=2, paths=1024, guiding=False)) for each in scenes)
+    ours, theirs = (render(each, each.sensors()[0], Settings(passes=2, beams=1024, guiding=False)) for each in scenes)
     # The same samples through the same box: rays leave a mesh and a cube by the same offsets.
     np.testing.assert_allclose(ours.layers()["beams"], theirs.layers()["beams"], rtol=0.01, atol=1e-4)
 
@@ -116,7 +116,7 @@ def test_a_second_frame_of_other_media_compiles_nothing():
         air, thick, thin = built
         both = load(fog=thick.shape, smoke=thin.shape, light={**LIGHT, "medium": air.plugin},
                     sensor=camera((0, 0, 4), medium=air.plugin, size=4))  # fmt: skip
-        return render(both, both.sensors()[0], Settings(passes=1, paths=512, max_depth=4, guiding=False))
+        return render(both, both.sensors()[0], Settings(passes=1, beams=512, max_depth=4, guiding=False))
 
     for index in range(3):
         last = frame(index)
@@ -127,6 +127,7 @@ def test_a_frame_knows_how_large_media_of_a_scene_are():
     air, drop = media_of([AIR, solid("/Drop", [-1] * 3, [1] * 3)])
     built = load(drop=drop.shape, light={**LIGHT, "medium": air.plugin}, sensor=camera(medium=air.plugin))
     frame = SceneFrame(built, built.sensors()[0], Settings(beams=64, guiding=False))
-    sizes = {each.number: frame._size(each) for each in frame._volumes.all}
+    simulation = frame.simulation
+    sizes = {each.number: simulation.size(each) for each in simulation.world.media.all}
     assert sizes[number(drop.plugin)] == pytest.approx(np.sqrt(3), rel=1e-5)
     assert sizes[number(air.plugin)] >= np.sqrt(3)  # as large as the scene

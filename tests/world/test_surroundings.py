@@ -72,7 +72,7 @@ def test_a_room_is_full_of_its_fog_whoever_names_it(light):
 
 
 def test_a_room_full_of_fog_looks_the_same_whoever_names_it():
-    settings = Settings(passes=2, paths=4096, guiding=False)
+    settings = Settings(passes=2, beams=4096, guiding=False)
     scenes = {name: scene for name, (scene, _) in makes(**INSIDE).items()}
     found = {name: render(each, each.sensors()[0], settings).layers()["rgba"] for name, each in scenes.items()}
     for name in ("lamp", "sensor"):
