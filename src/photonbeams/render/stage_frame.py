@@ -18,7 +18,7 @@ from ..numerics.samples import Samples
 from ..runtime import device
 from ..runtime.device import Array3f, Float, UInt32
 from ..transport.portal_visibility import lights_seen
-from ..transport.simulation import StageSimulation
+from ..transport.simulation import StageSimulation, renumbering
 from ..world.cameras import CameraRays, View, Window
 from ..world.sensors import Primary
 from ..world.shutter import Moment, Shutter, slice_of, turn, with_lens
@@ -290,6 +290,8 @@ class StageFrame(Frame):
         settings, times, between = self.settings, self._times(number), self._between(number)
         worlds = [self._world_of(moment) for moment in self._shutter.ends(times[0], times[-1])]
         sets, hits = self._simulation.simulated(worlds, number, between.scene.looks())
+        media = renumbering(worlds[0], self._world_of(between))
+        sets = [each._replace(medium=media.get(each.medium, each.medium)) for each in sets]
         if settings.program is not None:
             x, y, z = (float(each[0]) for each in worlds[0].bounds.center)
             bounds = (x, y, z), worlds[0].radius

@@ -106,8 +106,11 @@ class Simulation:
             hits = [each for part in parts for each in part]
         return sets_of(self.cuttings(number), segments), hits
 
-    def moved(self, last: World, later: Sequence[Stratum], number: int) -> list[BeamSet]:
-        """Return beams straight from their lamps, and where they are in the world `last`, whose lamps are `later`."""
+    def moved(self, last: World, later: Sequence[Stratum], number: int, media: Mapping[int, int]) -> list[BeamSet]:
+        """Return beams straight from their lamps, and where they are in the world `last`, whose lamps are `later`.
+
+        `media` are the numbers of this world's media by those that they have in `last`.
+        """
         tracing = [self.tracing(number), replace(self, world=last).tracing(number)]
         emitted = [self.emission.emit(number), [each.emit(number) for each in later]]
         begun = [paths.leaving(*each) for each in zip(tracing, emitted, strict=True)]
@@ -120,6 +123,8 @@ class Simulation:
         both = [paths.straight(each, start) for each, start in zip(tracing, kept, strict=True)]
         steps = []
         for (opened, there), (closed, then) in zip_longest(*both, fillvalue=(None, None)):
+            if closed is not None:
+                closed.medium = _renumbered(closed.medium, media)
             known = [each for each in (opened, closed) if each is not None]  # the one that has ended is nowhere
             nowhere = dr.zeros(Bool, dr.width(known[0].length))
             masks = [nowhere if mask is None else mask for mask in (there, then)]
@@ -280,12 +285,26 @@ class StageSimulation:
                 sets += part.simulated(number)[0]
             part = replace(whole, emission=emission_of_lamps(moving, False), tuning=straight)
             later = lamps_of(last, self.beams, self.tuning.seed, self.light_side, scatters and self.tuning.surfaces)
-            sets += part.moved(last, [later[strata.index(each)] for each in moving], number)
+            sets += part.moved(last, [later[strata.index(each)] for each in moving], number, renumbering(last, first))
         return sorted(sets, key=lambda each: each.light) + _drawn(first, last, looks or {}), hits
 
     def limits(self, world: StageWorld, number: int) -> Limits:
         """Return the bounds of radii of photons on surfaces in a pass."""
         return Simulation(world, Emission([], np.zeros(3)), self.tuning, (), {}).limits(number)
+
+
+def renumbering(one: StageWorld, other: StageWorld) -> dict[int, int]:
+    """Return the numbers that media of one world have in another of the same stage, by those that they have in it."""
+    if one.media is other.media:
+        return {}
+    return {number: other.numbers[name] for name, number in one.numbers.items() if name in other.numbers}
+
+
+def _renumbered(numbers: UInt32, media: Mapping[int, int]) -> UInt32:
+    result = numbers
+    for old, new in media.items():
+        result = dr.select(numbers == dr.opaque(UInt32, old), dr.opaque(UInt32, new), result)
+    return result
 
 
 def _moving(first: StageWorld, last: StageWorld) -> set[int]:

@@ -226,6 +226,12 @@ class StageWorld(World):
         table[numbers] = [mesh.name not in unlit for mesh in self.meshes]
         return to_uint(table)
 
+    @cached_property
+    def numbers(self) -> dict[str, int]:
+        """The numbers of the media by their names: worlds of two times may know one medium by two numbers."""
+        media = zip(self.description.media, self.media.all, strict=True)
+        return {described.name: medium.number for described, medium in media}
+
     @property
     def sharp(self) -> bool:
         """Whether anything may send camera paths on: a boundary of media, a mirror, glass."""
