@@ -251,6 +251,7 @@ class StageFrame(Frame):
         self._films = [Film(window.shape, window.crop[:2], reconstruction, groups) for _ in ends[0].cameras]
         self._holdouts: Sequence[Held | None] = holdouts or [None] * len(self._films)
         self._turned = False
+        self._middle: tuple[int, Moment] | None = None  # the last pass and the moment in its middle
 
     def _world_of(self, moment: Moment) -> StageWorld:
         """Return the world of a moment; of those before it, what is still the same is kept."""
@@ -272,8 +273,10 @@ class StageFrame(Frame):
         return [*slice_of(number, self._slices)] if self._shutter.moving else [0.0]
 
     def _between(self, number: int) -> Moment:
-        times = self._times(number)
-        return self._shutter.at(0.5 * (times[0] + times[-1]))
+        if self._middle is None or self._middle[0] != number:
+            times = self._times(number)
+            self._middle = number, self._shutter.at(0.5 * (times[0] + times[-1]))
+        return self._middle[1]
 
     def _clock(self, number: int) -> tuple[float, float]:
         return self._shutter.clock(0.5 * sum(slice_of(number, self._slices)))
