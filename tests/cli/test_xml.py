@@ -270,7 +270,7 @@ def test_a_file_that_is_no_checkpoint_is_named(render, scene, out):
     ("flags", "parts"),
     [
         (("--scattering", 0.1), ("--scattering is for stages",)),
-        (("-f", "1:3"), ("--frames is 1:3",)),
+        (("-f", "1:3"), ("one file for 3 frames",)),
         (("--look", "a.py:b"), ("a.py",)),
         (("--group", "lamp"), ("--group is lamp", "EMITTER=NAME")),
         (("--beams", 0), ("--beams is 0",)),

@@ -24,7 +24,7 @@ def stages(tmp_path_factory):
             row = ROWS[name]
             shot = opened(row, tmp_path_factory.mktemp("stage"))
             settings = {"passes": PASSES, "beams": row.beams, "width": WIDTH, "height": HEIGHT, "overlap": OVERLAP}
-            settings |= {"bounces": row.bounces} if row.bounces else {}
+            settings |= {"max_depth": row.max_depth} if row.bounces else {}
             frames = [shot.render(seed=seed, **settings) for seed in range(SEEDS)]
             known[name] = means(np.array([each.layers["rgba"][..., :3] for each in frames]))
         return known[name]
