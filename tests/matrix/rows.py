@@ -289,10 +289,10 @@ SHAPE = {"type": "sphere", "center": [-0.2, 1.5, 0.1], "radius": 0.38, "bsdf": C
 FINE = {"paths": 65536, "overlap": 0.2}
 
 SMOKE = prim(
-    "Volume", "Smoke", (0, 0, 0), "rel field:density = </Smoke/density>", "float photonbeams:density = 2",
-    "color3f photonbeams:albedo = (0.9, 0.9, 0.9)", "float photonbeams:anisotropy = 0.4", api="PhotonBeamsMediumAPI",
+    "Volume", "Smoke", (0, 0, 0), "rel field:density = </Smoke/density>",
+    "color3f photonbeams:scattering = (1.8, 1.8, 1.8)", "color3f photonbeams:absorption = (0.2, 0.2, 0.2)", "float photonbeams:anisotropy = 0.4", api="PhotonBeamsMediumAPI",
 )[:-2] + """
-    def FieldAsset "density"
+    def OpenVDBAsset "density"
     {
         asset filePath = @./smoke.vol@
         token fieldName = "density"

@@ -86,7 +86,7 @@ def check_flags(
         ("--order", order, order is None or 1 <= order <= MOST_POINTS, f"1 to {MOST_POINTS} points"),
         ("--anisotropy", anisotropy, anisotropy is None or -0.99 <= anisotropy <= 0.99, "-0.99 to 0.99"),
         ("--exposure", exposure, -100 <= exposure <= 100, "-100 to 100 stops"),
-        ("--bounces", bounces, bounces is None or 0 <= bounces <= MOST_BOUNCES, f"0 to {MOST_BOUNCES}"),
+        ("--bounces", bounces, bounces is None or -1 <= bounces <= MOST_BOUNCES, f"0 to {MOST_BOUNCES}, or -1"),
         ("--checkpoint", checkpoint, checkpoint is None or checkpoint > 0, "a positive number of seconds"),
         ("--threads", threads, threads is None or 1 <= threads <= MOST_THREADS, f"1 to {MOST_THREADS}"),
     )
@@ -110,6 +110,11 @@ class Quality:
     pixel_filter: Filter | None = None
     seed: int | None = None
 
+    def _max_depth(self, own: Settings) -> int | None:
+        if self.bounces is None:
+            return own.max_depth
+        return -1 if self.bounces < 0 else self.bounces + 2
+
     def over(self, own: Settings) -> Settings:
         """Return a scene's settings with what is given; a rule has as many points as theirs without `--order`."""
         return replace(
@@ -118,7 +123,7 @@ class Quality:
             time_limit=self.time_limit or own.time_limit,
             seed=own.seed if self.seed is None else self.seed,
             beams=self.beams or own.beams,
-            max_depth=own.max_depth if self.bounces is None else self.bounces + 2,
+            max_depth=self._max_depth(own),
             estimator=self.estimator.value if self.estimator else own.estimator,
             rule=self._rule(len(own.rule)) or own.rule,
             pixel_filter=self.pixel_filter.value if self.pixel_filter else own.pixel_filter,

@@ -115,7 +115,7 @@ def render(
         int | None,
         typer.Option(
             metavar="N",
-            help="How often light is scattered or reflected before it is scattered once toward the camera; "
+            help="How often light is scattered or reflected before it is scattered once toward the camera, -1: any; "
             "default: 0, or the integrator's max_depth less 2.",
         ),
     ] = None,

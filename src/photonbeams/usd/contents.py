@@ -81,7 +81,7 @@ def read_scene(stage: Usd.Stage, time: Any = None, warned: set[str] | None = Non
 
 
 def _check_media(reading: Reading, media: list[tuple[Usd.Prim, Medium]]) -> None:
-    """Raise SceneError where two media fill the whole space; warn of those that are not rendered."""
+    """Raise SceneError where two media fill the whole space."""
     filling = [prim for prim, medium in media if not medium.bounded]
     for prim in filling[1:]:
         first = filling[0].GetPath()
@@ -89,12 +89,6 @@ def _check_media(reading: Reading, media: list[tuple[Usd.Prim, Medium]]) -> None
             f"{reading.place(prim)} is a medium of the whole space, as {first} is: expected one such medium, the "
             "others on closed gprims"
         )
-    homogeneous = [prim for prim, medium in media if medium.grid is None]
-    for prim, medium in media:
-        if medium.grid is not None:
-            reading.warn(prim, "is a medium on a grid, which is not rendered: it is skipped")
-        elif prim != homogeneous[0]:
-            reading.warn(prim, f"is a second medium: that of {homogeneous[0].GetPath()} is used alone")
 
 
 def _collect(reading: Reading, item: _Item, contents: _Contents) -> None:
