@@ -284,13 +284,20 @@ class StageSimulation:
                 part = replace(whole, emission=emission_of_lamps(resting, False), tuning=straight)
                 sets += part.simulated(number)[0]
             part = replace(whole, emission=emission_of_lamps(moving, False), tuning=straight)
-            later = lamps_of(last, self.beams, self.tuning.seed, self.light_side, scatters and self.tuning.surfaces)
-            sets += part.moved(last, [later[strata.index(each)] for each in moving], number, renumbering(last, first))
+            later = [_later(each, last) for each in moving]
+            sets += part.moved(last, later, number, renumbering(last, first))
         return sorted(sets, key=lambda each: each.light) + _drawn(first, last, looks or {}), hits
 
     def limits(self, world: StageWorld, number: int) -> Limits:
         """Return the bounds of radii of photons on surfaces in a pass."""
         return Simulation(world, Emission([], np.zeros(3)), self.tuning, (), {}).limits(number)
+
+
+def _later(stratum: Stratum, last: StageWorld) -> Stratum:
+    """Return the same light paths of a lamp at another time."""
+    emitter = stratum.emitter
+    assert isinstance(emitter, LampEmitter)
+    return replace(stratum, emitter=LampEmitter(last, emitter.source, emitter.through))
 
 
 def renumbering(one: StageWorld, other: StageWorld) -> dict[int, int]:
