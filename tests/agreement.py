@@ -20,7 +20,7 @@ def means(pictures: np.ndarray, size: int = 4) -> Means:
     """Return the means of square blocks of pixels of pictures (seeds, H, W, 3), and of all pixels.
 
     The variance of a block's mean is that of its seeds; few seeds tell it badly, so it is no less than what the median
-    of all blocks has of its mean.
+    of all blocks with light has of its mean.
     """
     seeds, height, width, channels = pictures.shape
     cut = pictures[:, : height // size * size, : width // size * size].astype(np.float64)
@@ -28,7 +28,8 @@ def means(pictures: np.ndarray, size: int = 4) -> Means:
     blocks, whole = cut.mean(axis=(2, 4)).reshape(seeds, -1, channels), cut.mean(axis=(1, 2, 3, 4))
     center = blocks.mean(axis=0)
     variance = blocks.var(axis=0, ddof=1) / seeds
-    usual = np.median(variance / np.maximum(center, 1e-12) ** 2, axis=0)
+    relative = np.where(center > 0, variance / np.maximum(center, 1e-12) ** 2, np.nan)
+    usual = np.nan_to_num(np.nanmedian(relative, axis=0))
     errors = np.sqrt(np.maximum(variance, usual * center**2))
     return Means(center, errors, whole.mean(axis=0), whole.std(axis=0, ddof=1) / np.sqrt(seeds))
 
