@@ -98,9 +98,9 @@ def test_arrays_of_drjit_are_their_numbers():
 
 
 def test_looks_are_their_factors():
-    looks = [pb.Look(), pb.Look(along="s"), pb.Look(along="2 * s"), pb.Look(along=pb.looks.Exponential(1.0)),
-             pb.Look(along=pb.looks.Exponential(2.0)), pb.Look(across=pb.looks.Gaussian(2.0)), pb.Look(across=pb.looks.Gaussian(3.0)),
-             pb.Look(along=lambda s: s), pb.Look(along=lambda s: 2 * s)]  # fmt: skip
+    alongs = ["s", "2 * s", pb.looks.Exponential(1.0), pb.looks.Exponential(2.0), lambda s: s, lambda s: 2 * s]
+    looks = [pb.Look(), *(pb.Look(along=each) for each in alongs)]
+    looks += [pb.Look(across=pb.looks.Gaussian(width)) for width in (2.0, 3.0)]
     found = [digest(each) for each in looks]
     assert len(set(found)) == len(found) and digest(pb.Look(along="s")) == found[1]
 
