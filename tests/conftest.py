@@ -15,6 +15,9 @@ settings.load_profile("photonbeams")
 # References are stored for the CPU; PHOTONBEAMS_DEVICE=cuda runs the same tests on a GPU.
 os.environ.setdefault("PHOTONBEAMS_DEVICE", "cpu")
 
+# Before any test imports Dr.Jit, for this names the libLLVM that it loads.
+import photonbeams  # noqa: E402, F401
+
 
 @pytest.fixture
 def rng():
