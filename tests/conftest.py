@@ -1,6 +1,7 @@
 """What every test needs: Dr.Jit started on the CPU, hypothesis without deadlines, and stages of a few lines of USD."""
 
 import os
+import signal
 from collections.abc import Callable
 from pathlib import Path
 
@@ -14,6 +15,9 @@ settings.load_profile("photonbeams")
 
 # References are stored for the CPU; PHOTONBEAMS_DEVICE=cuda runs the same tests on a GPU.
 os.environ.setdefault("PHOTONBEAMS_DEVICE", "cpu")
+
+# Some tests press Ctrl-C, which a parent that runs this in the background may have told its children to ignore.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # Before any test imports Dr.Jit, for this names the libLLVM that it loads.
 import photonbeams  # noqa: E402, F401
