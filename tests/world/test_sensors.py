@@ -18,9 +18,10 @@ def rays(given):
     """Return a sensor, and the origins and directions of our rays, (H, W, 3)."""
     sensor = load(sensor=given).sensors()[0]
     own = Sensor(sensor)
-    count = own.width * own.height
+    height, width = own.window.shape
+    count = width * height
     found = own.rays(OFFSET, dr.arange(UInt32, count), Samples(0, 0))
-    shape = (3, own.height, own.width)
+    shape = (3, height, width)
     origin, direction = (each.numpy() * np.ones((1, count)) for each in (found.origin, found.direction))
     return sensor, origin.reshape(shape).transpose(1, 2, 0), direction.reshape(shape).transpose(1, 2, 0), found
 

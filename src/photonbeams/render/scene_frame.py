@@ -71,11 +71,10 @@ class SceneFrame(Frame):
         if settings.guiding in (None, True) and all(each.view is not None for each in self._sensors):
             with self.statistics.phase("guide"):
                 shared_anew(emission, emission.learn(self._importance))
-        film = sensor.film()
-        shape, corner = (self._sensors[0].height, self._sensors[0].width), tuple(map(int, film.crop_offset()))
-        reconstruction = reconstruction_filter(settings.pixel_filter, film.rfilter())
+        window = self._sensors[0].window
+        reconstruction = reconstruction_filter(settings.pixel_filter, sensor.film().rfilter())
         layers = groups_of(plugin, extras.beams)
-        self._films = [Film(shape, (corner[0], corner[1]), reconstruction, layers) for _ in self._sensors]
+        self._films = [Film(window.shape, window.crop[:2], reconstruction, layers) for _ in self._sensors]
 
     def _world(self, number: int) -> World:
         return self._scene

@@ -11,12 +11,10 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
-import numpy as np
-
 from .. import scene
 from ..images.frame import Frame, pixels_of
 from ..images.numbering import PLACEHOLDER, numbered
-from ..images.plates import Holdout, Plate
+from ..images.plates import Holdout, Plate, part_of
 from ..runtime.digest import digest
 from ..runtime.files import PathLike
 from ..scene import SceneError
@@ -235,15 +233,15 @@ class SceneShot(Shot):
         chosen = Settings.of(settings or self.settings(), given if passes is None else {**given, "passes": passes})
         kept, end, plate = Checkpoint.of(checkpoint), Holdout.of(holdout), Plate.of(over)
         number, names = 0.0 if frame is None else float(frame), views_of(self.stereo, view)
-        eyes = self.eyes()
-        shown = [eyes[EYES.index(name)] for name in names] if eyes else []
-        if not lens:
-            shown = [replace(each, lens_radius=0.0) for each in shown or [_camera(self.sensor)]]
         size = self.size(width, height)
         depths = end.read(number, names, size, self._warn) if end is not None else []
         pixels = plate.read_whole(number, names, size, self._warn) if plate is not None else []
         views = {}
         with self._resized(width, height, crop):
+            eyes = self.eyes()
+            shown = [eyes[EYES.index(name)] for name in names] if eyes else []
+            if not lens:
+                shown = [replace(each, lens_radius=0.0) for each in shown or [_camera(self.sensor)]]
             sensors = [Sensor(self.sensor, each) for each in shown] or [Sensor(self.sensor)]
             ends = [each.seen_by(_view(sensor)) for each, sensor in zip(depths, sensors, strict=False)]
             extras = Extras(self._beams, shown, ends)
@@ -251,16 +249,13 @@ class SceneShot(Shot):
             done = render(self.plugin, self.sensor, chosen, progress, kept, about, self._warned, extras)
             for place, (name, sensor, layers) in enumerate(zip(names, sensors, done.views(), strict=True)):
                 if plate is not None and pixels:
-                    layers["rgba"] = plate.under(layers, _part(pixels[place], self.sensor.film()))
+                    layers["rgba"] = plate.under(layers, part_of(pixels[place], sensor.window))
                 views[name] = layers, self._header(sensor, chosen, done.statistics.passes, frame)
         layers, metadata = views[names[0]]
         return Frame(layers, metadata, done.statistics, views if len(views) > 1 else {})
 
     def _header(self, sensor: Any, settings: Settings, passes: int, frame: float | None) -> dict[str, Any]:
         """Return what an EXR's header says of a view."""
-        film = self.sensor.film()
-        (width, height), (left, top) = (tuple(map(int, each)) for each in (film.size(), film.crop_offset()))
-        crop = [int(each) for each in film.crop_size()]
         return {
             **(sensor.view.matrices() if sensor.view is not None else {}),
             **({} if frame is None else {"frame": float(frame)}),
@@ -269,8 +264,7 @@ class SceneShot(Shot):
             "camera": self.sensor.id() or self.names[0],
             "seed": settings.seed,
             "passes": passes,
-            "displayWindow": (0, 0, width - 1, height - 1),
-            "dataWindow": (left, top, left + crop[0] - 1, top + crop[1] - 1),
+            **sensor.window.header(),
         }
 
 
@@ -303,13 +297,6 @@ def _view(sensor: Any) -> Any:
     if sensor.view is None:
         raise SceneError("the sensor is no camera: expected a perspective or an orthographic one for a holdout")
     return sensor.view
-
-
-def _part(pixels: Array, film: Any) -> Array:
-    """Return what a film's crop window shows of a whole picture."""
-    left, top = map(int, film.crop_offset())
-    width, height = map(int, film.crop_size())
-    return np.ascontiguousarray(pixels[top : top + height, left : left + width])
 
 
 def _contents(path: Path, more: Iterable[str]) -> list[bytes]:

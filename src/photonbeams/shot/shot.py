@@ -451,8 +451,7 @@ class Shot:
             **header(self.stage, self.time(frame), exposure.duration),
             "seed": chosen.seed,
             "passes": picture.statistics.passes,
-            "displayWindow": (0, 0, size[0] - 1, size[1] - 1),
-            "dataWindow": (*window.crop[:2], window.crop[2] - 1, window.crop[3] - 1),
+            **window.header(),
         }
         views = {
             name: (layers, {**View(cameras[eye], window).matrices(), **facts, "camera": cameras[eye].name})

@@ -35,6 +35,11 @@ class Window:
         """Height and width of the rendered part."""
         return self.crop[3] - self.crop[1], self.crop[2] - self.crop[0]
 
+    def header(self) -> dict[str, Any]:
+        """Return displayWindow and dataWindow as EXR headers have them, the last pixels included."""
+        x0, y0, x1, y1 = self.crop
+        return {"displayWindow": (0, 0, self.width - 1, self.height - 1), "dataWindow": (x0, y0, x1 - 1, y1 - 1)}
+
 
 class CameraRays(NamedTuple):
     """A ray a pixel: origins (1 or W · H), unit directions, planar depth per unit of t, and what groups share.

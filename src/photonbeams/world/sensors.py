@@ -43,8 +43,8 @@ class Sensor:
     ----------
     plugin, film
         Mitsuba's sensor and its film.
-    width, height
-        Size of the film's crop window.
+    window
+        The film's size and its crop window.
     view
         The same camera as one of ours, for the tiles; None of sensors that are no such camera. A camera that is given
         takes the sensor's place.
@@ -52,9 +52,9 @@ class Sensor:
 
     def __init__(self, plugin: Any, camera: scene.Camera | None = None) -> None:
         self.plugin, self.film = plugin, plugin.film()
-        self.width, self.height = (int(each) for each in self.film.crop_size())
+        self.window = _window(self.film)
         camera = camera or camera_of(plugin)
-        self.view = None if camera is None else View(camera, Window.full(self.width, self.height))
+        self.view = None if camera is None else View(camera, self.window)
         self._clipping = None if camera is None else tuple(dr.opaque(Float, each) for each in camera.clipping)
 
     def rays(self, offset: tuple[float, float], order: Any, samples: Samples) -> Primary:
@@ -67,7 +67,7 @@ class Sensor:
 
         rays = self.view.rays(offset, place if self.view.film else None)
         near, far = self._clipping  # type: ignore[misc]
-        ones = dr.ones(Array3f, self.width * self.height)
+        ones = dr.ones(Array3f, dr.width(rays.direction))
         return Primary(
             rays.origin, rays.direction, near / rays.facing, far / rays.facing, ones, rays.facing, rays.lanes
         )
@@ -80,24 +80,33 @@ class Sensor:
 
     def _sampled(self, offset: tuple[float, float], order: Any, samples: Samples) -> Primary:
         """Return rays as the sensor itself samples them."""
-        index, columns = dr.arange(UInt32, self.width * self.height), dr.opaque(UInt32, self.width)
-        x = (Float(index % columns) + dr.opaque(Float, offset[0])) / dr.opaque(Float, self.width)
-        y = (Float(index // columns) + dr.opaque(Float, offset[1])) / dr.opaque(Float, self.height)
+        height, width = self.window.shape
+        index, columns = dr.arange(UInt32, width * height), dr.opaque(UInt32, width)
+        x = (Float(index % columns) + dr.opaque(Float, offset[0])) / dr.opaque(Float, width)
+        y = (Float(index // columns) + dr.opaque(Float, offset[1])) / dr.opaque(Float, height)
         aperture = samples.pair(order, _LENS)
         ray, weight = self.plugin.sample_ray_differential(  # some sensors have no other, as `irradiancemeter`
             Float(self.plugin.shutter_open()), Float(0.5), mi.Point2f(x, y), mi.Point2f(aperture), True
         )
-        wide = dr.zeros(Array3f, self.width * self.height)
+        wide = dr.zeros(Array3f, width * height)
         far = dr.minimum(ray.maxt, dr.largest(Float)) + wide.x
         return Primary(Array3f(ray.o) + wide, Array3f(ray.d) + wide, 0 * wide.x, far, Array3f(weight) + wide)
 
 
-def camera_of(plugin: Any) -> scene.Camera | None:
-    """Return a sensor as a camera that sees its film's crop window, None of one that is no such camera.
+def _window(film: Any) -> Window:
+    (width, height), (left, top), (columns, rows) = (
+        map(int, each) for each in (film.size(), film.crop_offset(), film.crop_size())
+    )
+    return Window(width, height, (left, top, left + columns, top + rows))
 
-    From the rays that it sends through the middle and the edges of that window.
+
+def camera_of(plugin: Any) -> scene.Camera | None:
+    """Return a sensor as a camera that sees its whole film, None of one that is no such camera.
+
+    From the rays that it sends through the middle and the edges of the film.
     """
-    width, height = (int(each) for each in plugin.film().crop_size())
+    window = _window(plugin.film())
+    width, height = window.width, window.height
     kind = plugin.class_name()
     orthographic = kind == "OrthographicCamera"
     if kind not in _PINHOLES and not orthographic:
@@ -106,7 +115,8 @@ def camera_of(plugin: Any) -> scene.Camera | None:
     near, far = (float(parameters[name]) for name in ("near_clip", "far_clip"))
     world = np.asarray(plugin.world_transform().matrix, dtype=np.float64).reshape(4, 4, -1)[..., 0]
     forward, center = world[:3, 2] / np.linalg.norm(world[:3, 2]), world[:3, 3]
-    across, down = (_slopes(plugin, forward, (0, 0.5), (1, 0.5)), _slopes(plugin, forward, (0.5, 0), (0.5, 1)))
+    across = _slopes(plugin, forward, window, (0, 0.5), (1, 0.5))
+    down = _slopes(plugin, forward, window, (0.5, 0), (0.5, 1))
     if not np.all(np.isfinite([across, down])):
         name = plugin.id() or kind
         raise scene.SceneError(
@@ -131,10 +141,13 @@ def camera_of(plugin: Any) -> scene.Camera | None:
     )  # fmt: skip
 
 
-def _slopes(plugin: Any, forward: np.ndarray, *places: tuple[float, float]) -> list[np.ndarray]:
+def _slopes(plugin: Any, forward: np.ndarray, window: Window, *places: tuple[float, float]) -> list[np.ndarray]:
     """Return where rays through places of the film are, at distance 1 from a camera or on an orthographic one."""
+    (rows, columns), (left, top, _, _) = window.shape, window.crop
     result = []
-    for x, y in places:
+    for across, down in places:
+        # Mitsuba counts in crop windows.
+        x, y = (across * window.width - left) / columns, (down * window.height - top) / rows
         ray, _ = plugin.sample_ray(Float(0), Float(0.5), mi.Point2f(x, y), mi.Point2f(0.5), True)
         origin, direction = (np.ravel(np.asarray(each, dtype=np.float64)) for each in (ray.o, ray.d))
         if plugin.class_name() == "OrthographicCamera":

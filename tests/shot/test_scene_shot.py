@@ -1,0 +1,46 @@
+"""Mitsuba scenes as shots: what two eyes, holdouts and plates are in a part of the picture."""
+
+import numpy as np
+import pytest
+
+import photonbeams as pb
+from transport.scenes import T, camera, cube_of, fog, load, rgb
+
+LAMP = {"type": "point", "position": [0.3, 0.4, 0.2], "intensity": rgb([3.0, 2.0, 1.0])}
+WALL = {"type": "rectangle", "to_world": T().translate([0, 0, -1.5]).scale(4)}
+CROP = (0.5, 0.25, 1, 0.75)
+SIZE = {"width": 24, "height": 16}
+
+
+@pytest.fixture(scope="module")
+def shot():
+    scene = load(fog=cube_of(fog(0.5)), lamp=LAMP, wall=WALL, sensor=camera((0.2, 0.3, 4), **SIZE))
+    return pb.Shot(scene, stereo=pb.Stereo(interaxial=0.4, convergence=4))
+
+
+def pictures(shot, **given):
+    """Return the layers of both eyes; guiding would look at what is in the picture."""
+    frame = shot.render(passes=1, beams=500, max_depth=2, guiding=False, **given)
+    return [frame.views[eye][0] for eye in ("left", "right")]
+
+
+@pytest.mark.parametrize("more", ["", "holdout", "over"])
+def test_a_crop_shows_its_part_of_the_whole_to_both_eyes(shot, more):
+    rows, columns = np.mgrid[: SIZE["height"], : SIZE["width"]]
+    depth = (3.0 + 0.05 * columns + 0.02 * rows).astype(np.float32)
+    plate = np.stack([rows, columns, rows + columns], axis=2).astype(np.float32)
+    given = {"": {}, "holdout": {"holdout": np.stack([depth, depth + 0.3])}, "over": {"over": plate}}[more]
+    whole, part = pictures(shot, **given), pictures(shot, crop=CROP, **given)
+    for layers, own in zip(whole, part, strict=True):
+        for name in ("rgba", "beams", "surface"):
+            # The same light and the same samples of it, up to how float32 rounds places in pixels.
+            np.testing.assert_allclose(own[name], layers[name][4:12, 12:24], rtol=1e-3, atol=1e-5, err_msg=name)
+    assert not np.allclose(whole[0]["beams"], whole[1]["beams"], rtol=1e-2)
+    assert part[0]["beams"].any()
+
+
+def test_a_render_leaves_the_film_as_it_was(shot):
+    small = shot.render(passes=1, beams=100, width=12, crop=CROP)
+    assert small.layers["rgba"].shape == (4, 6, 4)
+    assert shot.size() == (SIZE["width"], SIZE["height"])
+    assert shot.render(passes=1, beams=100).layers["rgba"].shape == (16, 24, 4)
