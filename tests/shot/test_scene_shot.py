@@ -39,6 +39,16 @@ def test_a_crop_shows_its_part_of_the_whole_to_both_eyes(shot, more):
     assert part[0]["beams"].any()
 
 
+def test_a_holdout_far_away_hides_no_beam(shot):
+    """Beams end at the scene's own wall, too: light does not get behind it."""
+    far = np.full((2, SIZE["height"], SIZE["width"]), 50.0, np.float32)
+    own, held = pictures(shot), pictures(shot, holdout=far)
+    for layers, other in zip(own, held, strict=True):
+        assert layers["beams"].any()
+        np.testing.assert_allclose(other["beams"], layers["beams"], rtol=1e-3, atol=1e-5)
+        assert not other["surface"].any()
+
+
 def test_a_render_leaves_the_film_as_it_was(shot):
     small = shot.render(passes=1, beams=100, width=12, crop=CROP)
     assert small.layers["rgba"].shape == (4, 6, 4)

@@ -63,10 +63,10 @@ class SceneWorld(World):
     def without_surfaces(self) -> SceneWorld:
         """Return the world with its media alone."""
         result = copy(self)
-        null = mi.BSDFFlags.Null
+        lobes, null = int(mi.BSDFFlags.All), int(mi.BSDFFlags.Null)  # flags tell of more than lobes
         kept = [
             each for each in self.plugin.shapes()
-            if each.is_medium_transition() and int(each.bsdf().flags()) == int(null)
+            if each.is_medium_transition() and int(each.bsdf().flags()) & lobes == null
         ]  # fmt: skip
         result.plugin = scene_of(kept)
         return result
