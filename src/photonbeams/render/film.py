@@ -6,7 +6,7 @@ columns, by gathers, whose order is always the same.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from math import ceil, floor
 from typing import Any
@@ -230,6 +230,11 @@ def reconstruction_filter(name: str | None, own: Any = None) -> Any:
     """Return Mitsuba's pixel filter of a name, or `own` where there is none; None for the box."""
     chosen = own if name is None else mi.load_dict({"type": name})
     return None if chosen is None or chosen.is_box_filter() else chosen
+
+
+def group_layers(groups: Collection[str]) -> dict[str, str]:
+    """Return the layers of light groups; none where all beams are of the unnamed one."""
+    return {group: f"beams_{group or 'default'}" for group in sorted(groups)} if set(groups) - {""} else {}
 
 
 def layer_names(groups: Mapping[str, str]) -> list[str]:

@@ -10,7 +10,7 @@ al. 2011).
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -46,8 +46,12 @@ _BITS = 16
 
 @dataclass(frozen=True)
 class Simulated:
-    """What light leaves in a pass: beams, photons on surfaces with the bounds of their radii."""
+    """What light leaves in a pass: beams, photons on surfaces with the bounds of their radii.
 
+    `world` is what camera paths meet in the pass.
+    """
+
+    world: World
     sets: list[BeamSet]
     hits: list[paths.PhotonHits]
     limits: Limits
@@ -80,10 +84,6 @@ class Frame(ABC):
         self._max_depth = max_depth
         self._points = Points(settings.rule)
         self._films: list[Film] = []
-
-    @abstractmethod
-    def _world(self, number: int) -> World:
-        """Return what the camera paths of a pass meet."""
 
     @abstractmethod
     def _lighting(self, world: World) -> Lighting:
@@ -122,15 +122,14 @@ class Frame(ABC):
         statistics, samples = self.statistics, self._samples(number)
         with statistics.phase("simulate"):
             light = self.simulated(number)
-            world = self._world(number)
             most = None if self._max_depth is None else self._max_depth - 2
-            photons = PhotonMaps(light.hits, light.limits, most, world.translucent) if light.hits else None
+            photons = PhotonMaps(light.hits, light.limits, most, light.world.translucent) if light.hits else None
         statistics.beams += sum(len(each.beams) for each in light.sets)
         moving = any(each.close is not None for each in light.sets)
         for view, film in enumerate(self._films):
             with statistics.phase("surfaces"):
                 eye = self._eye(number, view, samples, moving)
-            seen = self._seen(number, world, eye, film, samples, photons, light.sets)
+            seen = self._seen(number, light, eye, film, samples, photons)
             if number == 0:
                 seen.depth = self._depth(view, film, samples, seen.depth)
             with statistics.phase("beams"):
@@ -138,17 +137,16 @@ class Frame(ABC):
         statistics.passes += 1
 
     def _seen(
-        self, number: int, world: World, eye: Eye, film: Film, samples: Samples, photons: PhotonMaps | None,
-        sets: Sequence[BeamSet],
+        self, number: int, light: Simulated, eye: Eye, film: Film, samples: Samples, photons: PhotonMaps | None
     ) -> PassPicture:  # fmt: skip
         """Return what a view sees in a pass."""
         clock, statistics = self._clock(number), self.statistics
-        viewing = self._viewing(world, eye)
+        viewing = self._viewing(light.world, eye)
         estimating = Estimating(
             self.settings.estimator, self._points, self._max_depth,
             lambda each: Context(*clock, each.light, each.to_world),
         )  # fmt: skip
-        gathering = Gathering(eye.view, eye.primary, world.media, sets, estimating, statistics)
+        gathering = Gathering(eye.view, eye.primary, light.world.media, light.sets, estimating, statistics)
         with statistics.phase("surfaces"):
             begun = camera_paths.begin(viewing, eye.primary, film.order)
         picture = _Picture(dr.width(eye.primary.direction))

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 import drjit as dr
 import numpy as np
@@ -19,8 +19,6 @@ if TYPE_CHECKING:
 # then within 1.5 % of the integral in the median, from beside (1.0 %) and from inside the shaft (1.4 %, worst of three
 # seeds); at 1.5 the inside has 3 %, at 2.5 the blur of the shaft's edge has cost half a percent of its light.
 OVERLAP = 2.2
-# Passes continue one low-discrepancy sequence, whose spacing in four dimensions shrinks with this power of its length.
-SHRINKAGE = -0.25
 
 
 @dataclass
@@ -73,6 +71,9 @@ class Accumulating(Protocol):
     def state(self) -> dict[str, np.ndarray]:
         """Return what another frame goes on from."""
 
+    def restore(self, state: Mapping[str, np.ndarray]) -> None:
+        """Go on from the state of another frame."""
+
 
 Frame = TypeVar("Frame", bound=Accumulating)
 
@@ -82,16 +83,21 @@ def accumulate(
     settings: Settings,
     progress: Progress | None = None,
     checkpoint: Checkpoint | None = None,
+    about: Sequence[Any] = (),
 ) -> Frame:
     """Return a frame with all its passes, or with those that were begun within the time limit: at least one.
 
-    `begin` returns the frame, to which some may have been added already. `progress` is called before each further pass
-    and after the last; where it raises KeyboardInterrupt, what is done is kept in the checkpoint first.
+    `begin` returns the frame, which goes on from the checkpoint if that has passes of what it is `about`. `progress` is
+    called before each further pass and after the last; where it raises KeyboardInterrupt, what is done is kept in the
+    checkpoint first.
     """
+    state = None if checkpoint is None else checkpoint.begin(*about)
     start, limit = time.perf_counter(), settings.time_limit
     with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
         dr.kernel_history_clear()
         frame = begin()
+        if state is not None:
+            frame.restore(state)
         for number in range(frame.statistics.passes, settings.passes):
             _tell(frame, settings, progress, checkpoint)
             frame.add_pass(number)

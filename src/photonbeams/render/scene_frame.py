@@ -17,13 +17,13 @@ from ..transport.guiding import Watch
 from ..transport.scene_emitters import emission_of, shared_anew
 from ..transport.simulation import Simulation
 from ..world.scene_world import SceneWorld
-from ..world.sensors import Sensor
+from ..world.sensors import Sensor, window_of
 from ..world.sources import Source
 from ..world.warnings import warn
 from ..world.world import World
 from .camera_paths import Lighting
 from .checkpoint import Checkpoint
-from .film import Film, reconstruction_filter
+from .film import Film, group_layers, reconstruction_filter
 from .frame import Eye, Frame, Simulated
 from .holdouts import Held
 from .passes import Progress, accumulate, subpixel
@@ -73,11 +73,8 @@ class SceneFrame(Frame):
                 shared_anew(emission, emission.learn(self._importance))
         window = self._sensors[0].window
         reconstruction = reconstruction_filter(settings.pixel_filter, sensor.film().rfilter())
-        layers = groups_of(plugin, extras.beams)
+        layers = group_layers({source.group for source in sources})
         self._films = [Film(window.shape, window.crop[:2], reconstruction, layers) for _ in self._sensors]
-
-    def _world(self, number: int) -> World:
-        return self._scene
 
     def _lighting(self, world: World) -> Lighting:
         assert isinstance(world, SceneWorld)
@@ -85,7 +82,9 @@ class SceneFrame(Frame):
 
     def simulated(self, number: int) -> Simulated:
         """Return what light leaves in pass `number`."""
-        return Simulated(*self.simulation.simulated(number), self.simulation.limits(number))
+        return Simulated(
+            self._scene, *self.simulation.simulated(number), self._tuning.limits(number, self._scene.radius)
+        )
 
     def _eye(self, number: int, view: int, samples: Samples, moving: bool) -> Eye:
         sensor, held = self._sensors[view], self._holdouts[view]
@@ -140,9 +139,8 @@ def names_of(emitter: Any) -> list[str]:
 
 
 def groups_of(plugin: Any, beams: Mapping[str, scene.BeamSettings]) -> dict[str, str]:
-    """Return the layer of each light group of a scene; none where all beams are of the unnamed one."""
-    groups = sorted({source.group for source in _sources(plugin, beams)[0]})
-    return {group: f"beams_{group or 'default'}" for group in groups} if groups != [""] else {}
+    """Return the layer of each light group of a scene."""
+    return group_layers({source.group for source in _sources(plugin, beams)[0]})
 
 
 def _sources(plugin: Any, beams: Mapping[str, scene.BeamSettings]) -> tuple[list[Source], list[int]]:
@@ -196,17 +194,11 @@ def render(
     SceneError
         Something in the scene that cannot be rendered.
     """
-    film, state = sensor.film(), None
-    if checkpoint is not None:
-        window = [[int(each) for each in part] for part in (film.size(), film.crop_size(), film.crop_offset())]
-        own = extras or Extras()
-        more = [own.beams, own.eyes, [each.depth for each in own.holdouts]]
-        state = checkpoint.begin(content, sensor.id(), window, replace(settings, passes=1, time_limit=None), more)
-
-    def begin() -> SceneFrame:
-        frame = SceneFrame(plugin, sensor, settings, warned, extras)
-        if state is not None:
-            frame.restore(state)
-        return frame
-
-    return accumulate(begin, settings, progress, checkpoint)
+    own = extras or Extras()
+    about = [
+        content, sensor.id(), window_of(sensor.film()), replace(settings, passes=1, time_limit=None),
+        own.beams, own.eyes, [each.depth for each in own.holdouts],
+    ]  # fmt: skip
+    return accumulate(
+        lambda: SceneFrame(plugin, sensor, settings, warned, extras), settings, progress, checkpoint, about
+    )

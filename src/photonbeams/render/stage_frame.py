@@ -14,7 +14,7 @@ import numpy as np
 from .. import scene
 from ..beams.guides import known_guides, pieces_along
 from ..beams.sets import BeamSet
-from ..numerics.samples import Samples
+from ..numerics.samples import BITS, Samples
 from ..runtime import device
 from ..runtime.device import Array3f, Float, UInt32
 from ..transport.portal_visibility import lights_seen
@@ -26,7 +26,7 @@ from ..world.stage_world import StageWorld
 from ..world.world import World
 from .camera_paths import Lighting
 from .checkpoint import Checkpoint
-from .film import Film, reconstruction_filter
+from .film import Film, group_layers, reconstruction_filter
 from .film import layer_names as names_of
 from .frame import Eye, Frame, Simulated
 from .holdouts import Held
@@ -37,10 +37,6 @@ from .stage_lighting import StageLighting
 _WIDEST_TURN = 30.0  # degrees: half of it in the middle of the way, the camera's axes are shorter by 3.4 %
 
 _LENS, _TIME = 101, 102  # streams of samples
-
-# Passes of a pixel have a block of 2^_BITS places in a sequence, where nobody knows how many there will be.
-_BITS = 16
-
 
 # Bytes at the peak of a pass on the CPU: resident memory of renders of 2 to 20 million pixels and 1 to 3 million beams.
 PIXEL_BYTES, BEAM_BYTES = 300, 350
@@ -92,17 +88,8 @@ def render(
     description = shutter.at(0.0).scene
     check(description)
     _check_memory(description, window, settings)
-    state = None
-    if checkpoint is not None:
-        state = checkpoint.begin(content, *_identity(shutter, window, settings, holdouts))
-
-    def begin() -> StageFrame:
-        frame = StageFrame(shutter, window, settings, holdouts)
-        if state is not None:
-            frame.restore(state)
-        return frame
-
-    frame = accumulate(begin, settings, progress, checkpoint)
+    about = [content, *_identity(shutter, window, settings, holdouts)]
+    frame = accumulate(lambda: StageFrame(shutter, window, settings, holdouts), settings, progress, checkpoint, about)
     return Picture(frame.views(), frame.statistics)
 
 
@@ -212,10 +199,9 @@ def layer_names(description: scene.Scene) -> list[str]:
 
 
 def _group_layers(description: scene.Scene) -> dict[str, str]:
-    """Return the layer of each light group of the shot; none where all beams are of the unnamed one."""
+    """Return the layer of each light group of the shot."""
     groups = {light.group for light in description.lights if light.emits_beams}
-    groups |= {drawn.group for drawn in description.drawn} | description.groups
-    return {group: f"beams_{group or 'default'}" for group in sorted(groups)} if groups - {""} else {}
+    return group_layers(groups | {drawn.group for drawn in description.drawn} | description.groups)
 
 
 class StageFrame(Frame):
@@ -236,7 +222,7 @@ class StageFrame(Frame):
     ) -> None:  # fmt: skip
         super().__init__(settings, settings.depth(2 + most_bounces(shutter.at(0.0).scene)))
         self._shutter, self._window = shutter, window
-        self._slices = None if settings.time_limit is not None else settings.passes
+        self._slices = _slices(settings)
         ends = shutter.ends(0.0, 1.0)
         self._eyes = [np.asarray(camera.to_world)[:3, 3] for moment in ends for camera in moment.cameras]
         self._worlds: list[StageWorld] = []
@@ -251,7 +237,6 @@ class StageFrame(Frame):
         self._films = [Film(window.shape, window.crop[:2], reconstruction, groups) for _ in ends[0].cameras]
         self._holdouts: Sequence[Held | None] = holdouts or [None] * len(self._films)
         self._turned = False
-        self._middle: tuple[int, Moment] | None = None  # the last pass and the moment in its middle
 
     def _world_of(self, moment: Moment) -> StageWorld:
         """Return the world of a moment; of those before it, what is still the same is kept."""
@@ -265,24 +250,20 @@ class StageFrame(Frame):
         return world
 
     def _samples(self, number: int) -> Samples:
-        bits = _BITS if self._slices is None else (self.settings.passes - 1).bit_length()
-        return Samples(self.settings.seed, number, min(bits, _BITS))
+        if self._slices is None:
+            return super()._samples(number)
+        return Samples(self.settings.seed, number, min(_block(self.settings).bit_length() - 1, BITS))
 
     def _times(self, number: int) -> list[float]:
         """Return the fractions of the shutter at which a pass opens and, where anything moves, closes."""
         return [*slice_of(number, self._slices)] if self._shutter.moving else [0.0]
 
     def _between(self, number: int) -> Moment:
-        if self._middle is None or self._middle[0] != number:
-            times = self._times(number)
-            self._middle = number, self._shutter.at(0.5 * (times[0] + times[-1]))
-        return self._middle[1]
+        times = self._times(number)
+        return self._shutter.at(0.5 * (times[0] + times[-1]))
 
     def _clock(self, number: int) -> tuple[float, float]:
         return self._shutter.clock(0.5 * sum(slice_of(number, self._slices)))
-
-    def _world(self, number: int) -> World:
-        return self._world_of(self._between(number))
 
     def _lighting(self, world: World) -> Lighting:
         assert isinstance(world, StageWorld)
@@ -293,14 +274,15 @@ class StageFrame(Frame):
         settings, times, between = self.settings, self._times(number), self._between(number)
         worlds = [self._world_of(moment) for moment in self._shutter.ends(times[0], times[-1])]
         sets, hits = self._simulation.simulated(worlds, number, between.scene.looks())
-        media = renumbering(worlds[0], self._world_of(between))
+        world = self._world_of(between)
+        media = renumbering(worlds[0], world)
         sets = [each._replace(medium=media.get(each.medium, each.medium)) for each in sets]
         if settings.program is not None:
             x, y, z = (float(each[0]) for each in worlds[0].bounds.center)
             bounds = (x, y, z), worlds[0].radius
             sets = settings.program(sets, number, settings.seed, times, between.scene.medium, bounds)
         dr.eval([(each.beams, each.close) for each in sets])
-        return Simulated(sets, hits, self._simulation.limits(worlds[0], number))
+        return Simulated(world, sets, hits, self._tuning.limits(number, worlds[0].radius))
 
     def _eye(self, number: int, view: int, samples: Samples, moving: bool) -> Eye:
         times, between = self._times(number), self._between(number)

@@ -34,7 +34,7 @@ _WIDE = 2 * np.pi / 3  # a cone wider than this is sampled as part of the whole 
 _GRAZING = 0.02  # the least cosine for a footprint: a beam along a surface would be infinitely wide
 
 
-class Emission:
+class LampRays:
     """Light paths at the light.
 
     `flux` is the power of each, `portal` the distance at which it passes the portal (infinite: none), `valid` which are
@@ -73,7 +73,7 @@ class Emission:
         return Tangents.of(columns)
 
 
-def emit(light: scene.Light, source: Any, bounds: Bounds, u: Array2f, v: Array2f, count: int) -> Emission:
+def emit(light: scene.Light, source: Any, bounds: Bounds, u: Array2f, v: Array2f, count: int) -> LampRays:
     """Return `count` light paths in all directions of a light: u places them on the light, v directs them."""
     lamp = bare(source)
     if isinstance(lamp, SphereSource):
@@ -92,13 +92,13 @@ def emit(light: scene.Light, source: Any, bounds: Bounds, u: Array2f, v: Array2f
 
 def emit_through(
     light: scene.Light, source: Any, portal: Portal, bounds: Bounds, u: Array2f, v: Array2f, count: int
-) -> Emission:
+) -> LampRays:
     """Return light paths through a portal: v places them on the portal, u picks the point or direction of the light.
 
     Flux = (radiance / pdf) · |cos θ| · area / count, where θ is the angle at the portal. `count` is the number of
     candidates; those that miss the portal are not valid.
     """
-    result = Emission()
+    result = LampRays()
     point, normal, result.valid = portal.sample(v)
     light_sample = source.before_pane(point, u) if isinstance(source, Masked) else source.illuminate(point, u)
     cosine = dr.abs(dr.dot(normal, light_sample.direction))
@@ -119,8 +119,8 @@ def emit_through(
     return result
 
 
-def _emit_sphere(light: scene.Light, source: SphereSource, u: Array2f, v: Array2f) -> Emission:
-    result = Emission()
+def _emit_sphere(light: scene.Light, source: SphereSource, u: Array2f, v: Array2f) -> LampRays:
+    result = LampRays()
     result.direction, density = _directions(light, source.axis, v, flat=False)
     s, t = perpendicular(result.direction)
     offset = disk(u)
@@ -133,8 +133,8 @@ def _emit_sphere(light: scene.Light, source: SphereSource, u: Array2f, v: Array2
     return result
 
 
-def _emit_flat(light: scene.Light, source: FlatSource, u: Array2f, v: Array2f) -> Emission:
-    result = Emission()
+def _emit_flat(light: scene.Light, source: FlatSource, u: Array2f, v: Array2f) -> LampRays:
+    result = LampRays()
     result.direction, density = _directions(light, source.axis, v, flat=True)
     cosine = dr.dot(result.direction, source.axis)
     result.origin = source.position(u)
@@ -144,9 +144,9 @@ def _emit_flat(light: scene.Light, source: FlatSource, u: Array2f, v: Array2f) -
     return result
 
 
-def _emit_from_infinity(source: Any, bounds: Bounds, u: Array2f, v: Array2f) -> Emission:
+def _emit_from_infinity(source: Any, bounds: Bounds, u: Array2f, v: Array2f) -> LampRays:
     """Return paths that begin on the disc which touches the bounding sphere and covers it."""
-    result = Emission()
+    result = LampRays()
     light_sample = source.illuminate(dr.zeros(Array3f, dr.width(u)), v)
     result.direction = -light_sample.direction
     s, t = perpendicular(result.direction)
@@ -159,7 +159,7 @@ def _emit_from_infinity(source: Any, bounds: Bounds, u: Array2f, v: Array2f) -> 
     return result
 
 
-def _spread(result: Emission, density: Float) -> None:
+def _spread(result: LampRays, density: Float) -> None:
     """Note that positions stay apart as they are and that directions, of this density, fan out."""
     width = dr.width(result.origin)
     result.extent_y = dr.rsqrt(density)
@@ -214,7 +214,7 @@ class LampEmitter:
         medium = self.world.medium_at(paths.origin, paths.direction, dr.max(flux) > 0)
         return EmissionSample(paths.origin, paths.direction, flux, paths.tangents(), reach, paths.portal, medium)
 
-    def _emission(self, u: Array2f, v: Array2f) -> Emission:
+    def _emission(self, u: Array2f, v: Array2f) -> LampRays:
         if self.through:
             assert self.portal is not None
             return emit_through(self.light, self.lamp, self.portal, self.world.bounds, u, v, 1)

@@ -62,6 +62,12 @@ class Tuning:
     surfaces: bool = True
     own_bounces: bool = False
 
+    def limits(self, number: int, size: float, widest: float = np.inf) -> Limits:
+        """Return the bounds of radii in a pass, in a region of this radius; `widest` bounds them where nobody says."""
+        low = self.radius or self.min_radius or FLOOR * size
+        high = self.radius or self.max_radius or max(min(CEILING * size, widest), low)
+        return Limits(*(dr.opaque(Float, each) for each in (low, high, shrunk(self.alpha, number))))
+
 
 def shrunk(alpha: float, number: int) -> float:
     """Return the factor on all radii in a pass: R_{i+1} / R_i = (i + α) / (i + 1) (Progressive Photon Beams)."""
@@ -161,7 +167,8 @@ class Simulation:
 
     def _both_limits(self, number: int, medium: RenderedMedium) -> tuple[Limits, Limits]:
         """Return the bounds of radii of scattered light, and of light straight from an emitter."""
-        limits = self.limits(number, medium)
+        widest = np.inf if medium.tracked is not None else FREE_PATHS / max(*medium.medium.extinction, 1e-30)
+        limits = self.tuning.limits(number, self.size(medium), widest)
         if not self.world.narrows or self.tuning.radius or self.tuning.max_radius:
             return limits, limits
         return limits, limits._replace(ceiling=dr.opaque(Float, np.inf))  # they are kept out of walls one by one
@@ -169,18 +176,6 @@ class Simulation:
     def size(self, medium: RenderedMedium) -> float:
         """Return the radius of a medium, that of the world at most."""
         return min(self.sizes.get(medium.number, np.inf), self.world.radius)
-
-    def limits(self, number: int, medium: RenderedMedium | None = None) -> Limits:
-        """Return the bounds of radii of beams in a medium, or of photons, in a pass."""
-        tuning, size, widest = self.tuning, self.world.radius, np.inf
-        if medium is not None:
-            size = self.size(medium)
-            if medium.tracked is None:
-                widest = FREE_PATHS / max(*medium.medium.extinction, 1e-30)
-        low = tuning.radius or tuning.min_radius or FLOOR * size
-        high = tuning.radius or tuning.max_radius or max(min(CEILING * size, widest), low)
-        scale = shrunk(tuning.alpha, number)
-        return Limits(*(dr.opaque(Float, each) for each in (low, high, scale)))
 
 
 def lamps_of(
@@ -287,10 +282,6 @@ class StageSimulation:
             later = [_later(each, last) for each in moving]
             sets += part.moved(last, later, number, renumbering(last, first))
         return sorted(sets, key=lambda each: each.light) + _drawn(first, last, looks or {}), hits
-
-    def limits(self, world: StageWorld, number: int) -> Limits:
-        """Return the bounds of radii of photons on surfaces in a pass."""
-        return Simulation(world, Emission([], np.zeros(3)), self.tuning, (), {}).limits(number)
 
 
 def _later(stratum: Stratum, last: StageWorld) -> Stratum:

@@ -52,7 +52,7 @@ class Sensor:
 
     def __init__(self, plugin: Any, camera: scene.Camera | None = None) -> None:
         self.plugin, self.film = plugin, plugin.film()
-        self.window = _window(self.film)
+        self.window = window_of(self.film)
         camera = camera or camera_of(plugin)
         self.view = None if camera is None else View(camera, self.window)
         self._clipping = None if camera is None else tuple(dr.opaque(Float, each) for each in camera.clipping)
@@ -93,7 +93,8 @@ class Sensor:
         return Primary(Array3f(ray.o) + wide, Array3f(ray.d) + wide, 0 * wide.x, far, Array3f(weight) + wide)
 
 
-def _window(film: Any) -> Window:
+def window_of(film: Any) -> Window:
+    """Return the size of Mitsuba's film and its crop window."""
     (width, height), (left, top), (columns, rows) = (
         map(int, each) for each in (film.size(), film.crop_offset(), film.crop_size())
     )
@@ -105,7 +106,7 @@ def camera_of(plugin: Any) -> scene.Camera | None:
 
     From the rays that it sends through the middle and the edges of the film.
     """
-    window = _window(plugin.film())
+    window = window_of(plugin.film())
     width, height = window.width, window.height
     kind = plugin.class_name()
     orthographic = kind == "OrthographicCamera"

@@ -26,7 +26,7 @@ from .shapes import cut_out, glows, is_glass, is_mirror, scene_of, shape_of, sha
 from .sources import Source
 from .stage_media import media_of
 from .visibility import through
-from .world import World, translucent
+from .world import World, by_link, translucent
 
 mi = mitsuba()
 
@@ -257,10 +257,15 @@ class StageWorld(World):
         _, unshadowed = self._linked(light)
         return self._unshadowing.index(unshadowed) + 1 if unshadowed else 0
 
+    @property
+    def _by_link(self) -> list[Any]:
+        """The Mitsuba scenes of surfaces alone that stop the light of links, by link number less 1."""
+        return [self.blockers[names] for names in self._unshadowing]
+
     @cached_property
     def _stoppers(self) -> list[Any]:
         if not self.borders:
-            return [self.blockers[names] for names in self._unshadowing]
+            return self._by_link
         shapes = list(zip(self.meshes, self.shapes, strict=True))
         return [
             scene_of([*(shape for mesh, shape in shapes if mesh.name not in names), *self.borders])
@@ -308,28 +313,23 @@ class StageWorld(World):
 
         A surface of some opacity stops that part of the rays, decided by a hash of `seed`; the rest goes through.
         """
-        others = [self.blockers[names] for names in self._unshadowing]
-        return self._first(self.surfaces, others, origin, direction, active, seed, link)
+        return self._first(self.surfaces, self._by_link, origin, direction, active, seed, link)
 
     def blocked(
         self, origin: Array3f, direction: Array3f, distance: Float, active: Bool, seed: UInt32,
         link: UInt32 | None = None,
     ) -> Bool:  # fmt: skip
         """Return which rays hit a surface before `distance`."""
-        others = [self.blockers[names] for names in self._unshadowing] if link is not None else []
-        if not others:
-            return self._stopped(self.surfaces, origin, direction, distance, active, seed)
-        result = self._stopped(self.surfaces, origin, direction, distance, active & (link == 0), seed)
-        for place, each in enumerate(others, 1):
-            own = active & (link == dr.opaque(UInt32, place))
-            result |= self._stopped(each, origin, direction, distance, own, seed)
+        first, *more = by_link(self.surfaces, self._by_link, link)
+        result = self._stopped(first[0], origin, direction, distance, active & first[1], seed)
+        for each, own in more:
+            result |= self._stopped(each, origin, direction, distance, active & own, seed)
         return result
 
     def _stopped(
         self, plugin: Any, origin: Array3f, direction: Array3f, distance: Float, active: Bool, seed: UInt32
     ) -> Bool:
-        skip = self._skipped(plugin, origin, direction, active, seed) if self.cutouts else 0
-        ray = mi.Ray3f(mi.Point3f(origin + skip * direction), mi.Vector3f(direction))
+        ray, skip = self._beyond_cutouts(plugin, origin, direction, active, seed)
         ray.maxt = dr.minimum(distance, dr.largest(Float)) - skip
         return plugin.ray_test(ray, active & (ray.maxt > 0))
 

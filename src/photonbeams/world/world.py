@@ -86,21 +86,23 @@ class World:
         self, plugin: Any, others: Sequence[Any], origin: Any, direction: Any, active: Bool, seed: UInt32,
         link: UInt32 | None,
     ) -> Any:  # fmt: skip
-        if not others or link is None:
-            return self._met(plugin, origin, direction, active, seed)
-        hit = self._met(plugin, origin, direction, active & (link == 0), seed)
-        for number, each in enumerate(others, 1):
-            own = link == dr.opaque(UInt32, number)
+        first, *more = by_link(plugin, others, link)
+        hit = self._met(first[0], origin, direction, active & first[1], seed)
+        for each, own in more:
             hit = dr.select(own, self._met(each, origin, direction, active & own, seed), hit)
         return hit
 
     def _met(self, plugin: Any, origin: Any, direction: Any, active: Bool, seed: UInt32) -> Any:
-        skip = self._skipped(plugin, origin, direction, active, seed) if self.cutouts else 0
-        ray = mi.Ray3f(mi.Point3f(origin + skip * direction), mi.Vector3f(direction))
+        ray, skip = self._beyond_cutouts(plugin, origin, direction, active, seed)
         hit = plugin.ray_intersect(ray, active)
         if self.cutouts:
             hit.t += skip
         return hit
+
+    def _beyond_cutouts(self, plugin: Any, origin: Any, direction: Any, active: Bool, seed: UInt32) -> tuple[Any, Any]:
+        """Return rays that begin beyond the surfaces that let them pass, and how far that is."""
+        skip = self._skipped(plugin, origin, direction, active, seed) if self.cutouts else 0
+        return mi.Ray3f(mi.Point3f(origin + skip * direction), mi.Vector3f(direction)), skip
 
     def _skipped(self, plugin: Any, origin: Any, direction: Any, active: Bool, seed: UInt32) -> Float:
         """Return how far rays go before the surface that stops them; boundaries of media do."""
@@ -125,6 +127,14 @@ class World:
         if not self.cutouts:
             return Float(1)
         return dr.maximum(1 - dr.mean(hit.bsdf().eval_null_transmission(hit, active)), 1e-6)
+
+
+def by_link(plugin: Any, others: Sequence[Any], link: UInt32 | None) -> list[tuple[Any, Any]]:
+    """Return Mitsuba scenes and which rays meet them: those of link 0 meet `plugin`, those of 1 the first other."""
+    if not others or link is None:
+        return [(plugin, Bool(True))]
+    linked = [(each, link == dr.opaque(UInt32, number)) for number, each in enumerate(others, 1)]
+    return [(plugin, link == 0), *linked]
 
 
 def perturbs(plugin: Any) -> bool:
