@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from copy import copy
+from functools import cached_property
 from typing import Any
 
 import drjit as dr
@@ -63,13 +64,17 @@ class SceneWorld(World):
     def without_surfaces(self) -> SceneWorld:
         """Return the world with its media alone."""
         result = copy(self)
+        result.plugin = self._boundaries
+        return result
+
+    @cached_property
+    def _boundaries(self) -> Any:
         lobes, null = int(mi.BSDFFlags.All), int(mi.BSDFFlags.Null)  # flags tell of more than lobes
         kept = [
             each for each in self.plugin.shapes()
             if each.is_medium_transition() and int(each.bsdf().flags()) & lobes == null
         ]  # fmt: skip
-        result.plugin = scene_of(kept)
-        return result
+        return scene_of(kept)
 
     def seen(self, origin: Array3f, direction: Array3f, reach: Float, active: Bool, seed: UInt32) -> Any:
         """Return the first surface, or boundary of a medium, that camera rays meet within `reach`."""
