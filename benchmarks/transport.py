@@ -22,7 +22,7 @@ from tests.transport.scenes import comparison, rgb
 
 from photonbeams.estimators import image as images
 from photonbeams.render import gathering as gatherings
-from photonbeams.render.scene_frame import SceneFrame, render
+from photonbeams.render.scene_frame import SceneRenderer, render
 from photonbeams.render.settings import Settings
 from photonbeams.runtime.device import mitsuba
 
@@ -130,7 +130,7 @@ def beside_the_peer(console: Console) -> None:
     settings = Settings(passes=1, beams=1 << 14, radius=0.01, alpha=1.0, guiding=False)
     found = render(scene, scene.sensors()[0], settings).statistics.beams
     settings = replace(settings, beams=round(settings.beams * PEER_BEAMS / found))
-    frame = SceneFrame(scene, scene.sensors()[0], settings)
+    frame = SceneRenderer(scene, scene.sensors()[0], settings)
     frame.add_pass(0)
     spent = []
     for number in (1, 2):
@@ -178,7 +178,7 @@ def mirrors(console: Console) -> None:
     """Print the tests per second of a picture that is seen by way of a mirror."""
     scene = mirror_scene()
     settings = Settings(passes=1, beams=4096, surfaces=False)
-    frame = SceneFrame(scene, scene.sensors()[0], settings)
+    frame = SceneRenderer(scene, scene.sensors()[0], settings)
     seconds, tests = [], 0
 
     def counted(beams: Any, rays: Any, **given: Any) -> Any:
@@ -244,7 +244,7 @@ def measure() -> dict[str, float]:
     scene = comparison(*SIZE)
     sample = render(scene, scene.sensors()[0], Settings(passes=1, beams=1 << 14)).statistics.beams
     paths = round(MILLION / sample * (1 << 14))
-    frame = SceneFrame(scene, scene.sensors()[0], Settings(beams=paths))
+    frame = SceneRenderer(scene, scene.sensors()[0], Settings(beams=paths))
     frame.add_pass(0)
     gathering, spent = 0.0, 0.0
 

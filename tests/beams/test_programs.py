@@ -334,7 +334,7 @@ def test_half_the_power_is_half_the_picture():
     shutter = Shutter.still(room(), camera())
     settings = Settings(passes=2, beams=256)
     half = replace(settings, program=Program(lambda b, c: recolour((0.5, 0.5, 0.5))(b, c)))
-    pictures = [render(shutter, WINDOW, each).layers["beams"] for each in (settings, half)]
+    pictures = [render(shutter, WINDOW, each).layers()["beams"] for each in (settings, half)]
     assert pictures[0].any() and np.allclose(pictures[1], 0.5 * pictures[0], rtol=1e-4)
 
 
@@ -348,4 +348,4 @@ def test_what_moves_is_changed_at_both_ends_of_the_shutter():
     assert len(first["start"]) == 6 * 64 and first.keys() == last.keys()
     moved = last["start"] - first["start"]
     assert np.allclose(moved.reshape(-1, 6, 3)[:, 0], (0, 0.2, 0), atol=0.02)
-    assert render(shutter, WINDOW, settings).layers["beams"].any()
+    assert render(shutter, WINDOW, settings).layers()["beams"].any()

@@ -28,7 +28,7 @@ def stage(tmp_path):
 
 def interrupted(monkeypatch, after):
     """Press Ctrl-C when so many passes are done in all."""
-    add_pass, done = frame.StageFrame.add_pass, []
+    add_pass, done = frame.StageRenderer.add_pass, []
 
     def pressed(self, number):
         add_pass(self, number)
@@ -36,7 +36,7 @@ def interrupted(monkeypatch, after):
         if len(done) == after:
             os.kill(os.getpid(), signal.SIGINT)
 
-    monkeypatch.setattr(frame.StageFrame, "add_pass", pressed)
+    monkeypatch.setattr(frame.StageRenderer, "add_pass", pressed)
 
 
 def test_frames_of_two_eyes_go_on_where_ctrl_c_ended_them(render, stage, out, monkeypatch):

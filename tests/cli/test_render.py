@@ -320,7 +320,7 @@ def test_layers_choose_what_the_exr_holds_and_groups_have_theirs(render, stage, 
 def test_a_wrong_flag_is_refused_before_rendering(render, stage, tmp_path, monkeypatch, flags, parts):
     path = stage()
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(frame, "StageFrame", None)  # that anything is rendered
+    monkeypatch.setattr(frame, "StageRenderer", None)  # that anything is rendered
     fails(render(path, "-o", "a.exr", *SMALL, *flags, small=False), 2, *parts)
     assert [each.name for each in tmp_path.iterdir()] == ["stage.usda"]
 
@@ -517,7 +517,7 @@ def test_odd_names_and_values_render(render, stage, out, tmp_path):
 
 
 def test_an_output_that_cannot_be_written_is_named_before_rendering(render, stage, out, monkeypatch):
-    monkeypatch.setattr(frame, "StageFrame", None)  # that anything is rendered
+    monkeypatch.setattr(frame, "StageRenderer", None)  # that anything is rendered
     (out / "folder.exr").mkdir()
     fails(render(stage(), "-o", out / "folder.exr"), 1, str(out / "folder.exr"), "Is a directory")
     (out / "folder.exr").rmdir()
@@ -582,7 +582,7 @@ def test_an_interrupt_is_one_also_where_it_is_wrapped(render, stage, out, monkey
         except KeyboardInterrupt as interrupt:
             raise RuntimeError("dr.while_loop(): encountered an exception (see above).") from interrupt
 
-    monkeypatch.setattr(frame.StageFrame, "add_pass", interrupted)
+    monkeypatch.setattr(frame.StageRenderer, "add_pass", interrupted)
     code, stdout, stderr = render(stage(), "-o", out / "old.exr", "--progress", "none")
     assert (code, stdout, stderr) == (130, "", "Interrupted; nothing was written\n")
     assert untouched(out)

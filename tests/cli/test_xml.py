@@ -154,7 +154,7 @@ def test_parameters_of_the_file_are_set(render, scene, out):
 
 def test_flags_are_over_the_integrator_and_the_rest_is_its_own(render, scene, out, monkeypatch):
     seen = []
-    monkeypatch.setattr(frame, "SceneFrame", lambda *given: seen.append(given[2]) or 1 / 0)
+    monkeypatch.setattr(frame, "SceneRenderer", lambda *given: seen.append(given[2]) or 1 / 0)
     text = ('<integrator type="photon_beams"><integer name="paths" value="77"/><integer name="order" value="3"/>'
             '<integer name="max_depth" value="5"/><string name="estimator" value="frustum"/></integrator>')  # fmt: skip
     flags = ("--passes", 9, "--beams", 50, "--seed", 4, "--estimator", "billboard", "--order", 2, "--time-limit", 60,
@@ -203,14 +203,14 @@ def test_layers_are_chosen_and_files_that_are_there_skipped(render, scene, out):
 
 def interrupted(monkeypatch, after):
     """Press Ctrl-C when so many passes are done."""
-    add_pass = frame.SceneFrame.add_pass
+    add_pass = frame.SceneRenderer.add_pass
 
     def pressed(self, number):
         add_pass(self, number)
         if number + 1 == after:
             os.kill(os.getpid(), signal.SIGINT)
 
-    monkeypatch.setattr(frame.SceneFrame, "add_pass", pressed)
+    monkeypatch.setattr(frame.SceneRenderer, "add_pass", pressed)
 
 
 def test_ctrl_c_keeps_a_checkpoint_from_which_the_render_goes_on(render, scene, out, monkeypatch):

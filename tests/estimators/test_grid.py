@@ -187,7 +187,7 @@ def test_rays_walk_every_cell_on_their_way_once(rng):
     rays = random_rays(rng, 2000)
     grid, _, span = boxed(rng, rays)
     number = dr.arange(UInt32, grid.cells + 1)
-    full = cells.Lists(dr.minimum(number, grid.cells - 1), number, grid.cells)  # one item a cell, of its number
+    full = cells.CellLists(dr.minimum(number, grid.cells - 1), number, grid.cells)  # one item a cell, of its number
 
     def visit(total, ray, cell, interval):
         enter, leave = dr.maximum(interval[0], span[0]), dr.minimum(interval[1], span[1])

@@ -11,7 +11,7 @@ from photonbeams.estimators.estimate import bind
 from photonbeams.runtime.device import Array3f, Float
 from photonbeams.scene import SceneError
 
-CONTEXT = looks.Context(time=0.7)
+CONTEXT = looks.LightContext(time=0.7)
 COLOURS = [[1.0, 0.2, 0.1], [0.3, 0.9, 0.2], [0.1, 0.3, 1.0]]
 
 
@@ -118,7 +118,7 @@ def test_of_noise_at_a_place(rng):
     def value(numbers):
         amount, scale, contrast, drift, evolution = numbers
         noise = looks.Noise(amount, scale, 2, contrast, (drift, 0.1, 0.2), evolution)
-        return dr.sum(noise.evaluate(looks.At(place=lambda: where, context=CONTEXT)) * weights)
+        return dr.sum(noise.evaluate(looks.ShadingContext(place=lambda: where, context=CONTEXT)) * weights)
 
     values = [0.4, 1.5, 0.9, 0.3, 0.4]
     attached = [Float(value) for value in values]
@@ -241,7 +241,7 @@ def test_what_cannot_carry_a_gradient_says_so():
         (lambda: pb.thin(number), "fraction has gradients enabled"),
         (lambda: pb.recolour(colour), "colour has gradients enabled"),
         (lambda: pb.curved(np.eye(3), number, (1, 1, 1)), "radius has gradients enabled"),
-        (lambda: looks.Context(time=number), "time has gradients enabled"),
+        (lambda: looks.LightContext(time=number), "time has gradients enabled"),
         (lambda: pb.medium_of_colors(colour, (0.1, 0.1, 0.1)), "near has gradients enabled"),
     ):
         with pytest.raises(SceneError, match=message) as error:

@@ -23,7 +23,8 @@ WRONG = {
 CLASSES = [
     each
     for each in (getattr(looks, name) for name in looks.__all__)
-    if inspect.isclass(each) and issubclass(each, looks.Factor | looks.Across | looks.Fog | looks.Context | looks.Look)
+    if inspect.isclass(each)
+    and issubclass(each, looks.Factor | looks.Across | looks.Fog | looks.LightContext | looks.Look)
     and each not in (looks.Factor, looks.Across)
 ]  # fmt: skip
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from looks import noise_twin
 from photonbeams.looks import expression, guarded
-from photonbeams.looks.expression import FUNCTIONS, NAMES, Expression, ExpressionError, parse
+from photonbeams.looks.expression import FUNCTIONS, NAMES, ExpressionError, ParsedExpression, parse
 from photonbeams.numerics.arrays import to_float
 from photonbeams.runtime.device import Array3f, Float, UInt32
 
@@ -300,7 +300,7 @@ def test_expressions_are_equal_by_their_text_and_can_be_sent():
     assert one.text == "1 - s" and repr(one) == "Expression('1 - s')"
     assert one == parse("1 - s") and hash(one) == hash(parse("1 - s")) and one != parse("1 -s") and one != "1 - s"
     sent = pickle.loads(pickle.dumps(one))
-    assert isinstance(sent, Expression) and sent == one and float(sent.evaluate(lambda _: Float(0.25))[0]) == 0.75
+    assert isinstance(sent, ParsedExpression) and sent == one and float(sent.evaluate(lambda _: Float(0.25))[0]) == 0.75
 
 
 def test_values_have_the_types_that_looks_expect():

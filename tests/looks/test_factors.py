@@ -22,7 +22,9 @@ FRACTION = DISTANCE / 5
 def values(factor, **given):
     """Return a factor's values at DISTANCE, (N, 3)."""
     at = {"distance": DISTANCE, "depth": DEPTH, "fraction": FRACTION} | given
-    found = factor.evaluate(pb.looks.At(**{name: Float(x) for name, x in at.items()}, fog=pb.looks.Fog(MEDIUM)))
+    found = factor.evaluate(
+        pb.looks.ShadingContext(**{name: Float(x) for name, x in at.items()}, fog=pb.looks.Fog(MEDIUM))
+    )
     return np.asarray(Array3f(0) + dr.zeros(Float, len(DISTANCE)) + found, dtype=float).T
 
 
@@ -254,7 +256,7 @@ def test_rates_tell_how_fast_the_factors_change():
 @pytest.mark.parametrize("make", [pb.looks.Attenuation, pb.looks.Scattering, pb.looks.Isotropic, pb.looks.Glow])
 def test_a_physical_factor_without_a_medium_says_so(make):
     with pytest.raises(ValueError, match="physical factor: give estimate\\(\\) a medium"):
-        make().evaluate(pb.looks.At(depth=Float(1), cosine=Float(0)))
+        make().evaluate(pb.looks.ShadingContext(depth=Float(1), cosine=Float(0)))
 
 
 NAN = float("nan")

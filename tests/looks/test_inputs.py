@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import photonbeams as pb
-from photonbeams.looks.at import INPUTS
+from photonbeams.looks.context import INPUTS
 from photonbeams.numerics.hashing import hash32
 from photonbeams.runtime.device import Array3f, Float, UInt32
 from photonbeams.scene import SceneError
@@ -61,7 +61,7 @@ FIELDS = {"random": [0.125, 0.5, 0.875], "id": [7, 8, 9], "generation": [0, 1, 2
 @pytest.mark.parametrize("estimator", ["billboard", "frustum"])
 @pytest.mark.parametrize("name", [name for name in INPUTS if VALUES[name] is not None])
 def test_an_input_is_what_its_name_says(name, estimator):
-    context = pb.looks.Context(frame=60, time=2.5, light=3, to_world=TO_WORLD)
+    context = pb.looks.LightContext(frame=60, time=2.5, light=3, to_world=TO_WORLD)
     expected = np.asarray(VALUES[name], dtype=float)
     expected = np.repeat(expected[:, None], 3, axis=1) if expected.ndim == 1 else expected
     # In each place, shifted so that no value is negative; across and angle are asked for it, too.
@@ -122,7 +122,7 @@ def test_noise_is_one_in_the_mean_and_goes_with_the_light():
     points = rng.uniform(-50, 50, (20_000, 3))
 
     def values(noise, context=None):
-        at = pb.looks.At(place=lambda: Array3f(points.T), context=context)
+        at = pb.looks.ShadingContext(place=lambda: Array3f(points.T), context=context)
         return np.asarray(noise.evaluate(at), dtype=float)
 
     found = values(pb.looks.Noise(1, scale=2, contrast=1))
@@ -130,7 +130,7 @@ def test_noise_is_one_in_the_mean_and_goes_with_the_light():
     assert found.mean() == pytest.approx(1, abs=5 * found.std() / np.sqrt(len(found)))
     assert found.std() > 0.15 and found.min() >= 0
     np.testing.assert_allclose(values(pb.looks.Noise(0.0)), 1)
-    moved = pb.looks.Context(to_world=[[1, 0, 0, 3], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
+    moved = pb.looks.LightContext(to_world=[[1, 0, 0, 3], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
     with_light = values(pb.looks.Noise(space="light"), moved)
     points = points - [3, 0, 0]
     np.testing.assert_allclose(with_light, values(pb.looks.Noise(), moved), atol=1e-4)
@@ -140,7 +140,7 @@ def test_noise_drifts_by_its_speed():
     points = np.random.default_rng(4).uniform(-5, 5, (500, 3))
 
     def values(points, time):
-        at = pb.looks.At(place=lambda: Array3f(points.T), context=pb.looks.Context(time=time))
+        at = pb.looks.ShadingContext(place=lambda: Array3f(points.T), context=pb.looks.LightContext(time=time))
         return np.asarray(pb.looks.Noise(drift=(1, 0, -2), scale=0.5).evaluate(at), dtype=float)
 
     np.testing.assert_allclose(values(points + np.array([3, 0, -6]), 3.0), values(points, 0.0), atol=1e-3)
@@ -190,7 +190,7 @@ def test_other_numbers_in_a_look_compile_nothing():
             "eye": pb.looks.Fade(number, 10, "linear"),
             "angle": pb.looks.ColorRamp([0, number], [[1, 1, 1], [number] * 3], space="angle"),
         }
-        return seen(pb.Look(**factors), pb.looks.Context(number, number, 2, TO_WORLD + 0 * number))
+        return seen(pb.Look(**factors), pb.looks.LightContext(number, number, 2, TO_WORLD + 0 * number))
 
     with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
         render(0.5)

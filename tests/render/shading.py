@@ -25,7 +25,7 @@ def shade(world, origin, direction, index, seed=1, active=None):
     count = dr.width(direction)
     ones = dr.ones(Array3f, count)
     primary = Primary(origin, direction, dr.zeros(Float, count), dr.full(Float, dr.largest(Float), count), ones)
-    viewing = camera_paths.Viewing(world, StageLighting(world), 2, 5, False, sharp=world.sharp)
+    viewing = camera_paths.CameraTracing(world, StageLighting(world), 2, 5, False, sharp=world.sharp)
     paths = camera_paths.begin(viewing, primary, UInt32(index))
     if active is not None:
         paths.alive = Bool(active)

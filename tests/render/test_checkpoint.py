@@ -65,11 +65,11 @@ def test_a_stage_goes_on_to_the_bits_of_an_unbroken_render(tmp_path, moving, pix
         with pytest.raises(Stop):
             render(*given, stopping(after), checkpoint=Checkpoint(tmp_path / "a.npz", 1e9))
     resumed = render(*given, checkpoint=Checkpoint(tmp_path / "a.npz"))
-    assert list(whole.layers) == ["rgba", "surface", "beams", "beams_fill", "beams_key", "transmittance", "depth"]
-    assert whole.layers["beams_fill"].any() and whole.layers["beams_key"].any()
-    for before, after in zip(whole.views, resumed.views, strict=True):
+    assert list(whole.layers()) == ["rgba", "surface", "beams", "beams_fill", "beams_key", "transmittance", "depth"]
+    assert whole.layers()["beams_fill"].any() and whole.layers()["beams_key"].any()
+    for before, after in zip(whole.views(), resumed.views(), strict=True):
         assert all(np.array_equal(before[name], after[name]) for name in before)
-    assert not np.array_equal(whole.views[0]["beams"], whole.views[1]["beams"])
+    assert not np.array_equal(whole.views()[0]["beams"], whole.views()[1]["beams"])
     counts = [(each.passes, each.beams, each.tests, each.error) for each in (whole.statistics, resumed.statistics)]
     assert counts[0] == counts[1]
 
@@ -92,7 +92,7 @@ def test_more_passes_go_on_where_samples_do_not_depend_on_their_number(tmp_path)
         render(shutter(False), WINDOW, Settings(passes=3), stopping(3), checkpoint=Checkpoint(kept, 1e9))
     longer = render(shutter(False), WINDOW, Settings(passes=4), checkpoint=Checkpoint(kept))
     whole = render(shutter(False), WINDOW, Settings(passes=4))
-    assert all(np.array_equal(whole.layers[name], longer.layers[name]) for name in whole.layers)
+    assert all(np.array_equal(whole.layers()[name], longer.layers()[name]) for name in whole.layers())
 
 
 @pytest.mark.parametrize(

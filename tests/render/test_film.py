@@ -38,7 +38,7 @@ def shot(beams=None, meshes=(), lights=()):
 
 def beams_layer(shutter, view=0, **settings):
     settings = {"passes": 1} | settings
-    return render(shutter, WINDOW, Settings(**settings)).views[view]["beams"][..., 0].astype(np.float64)
+    return render(shutter, WINDOW, Settings(**settings)).views()[view]["beams"][..., 0].astype(np.float64)
 
 
 def through_pixels(lens=(0.0, 0.0)):
@@ -143,7 +143,7 @@ def test_a_turning_camera_sees_beams_and_surfaces_at_the_same_place():
         turn = np.array([[np.cos(angle), 0, np.sin(angle), 0], [0, 1, 0, 0], [-np.sin(angle), 0, np.cos(angle), 0]])
         return Moment(state, (moved(CAMERA, np.vstack([turn, [0, 0, 0, 1]])),))
 
-    layers = render(Shutter(at, moving=True), WINDOW, Settings(passes=64)).layers
+    layers = render(Shutter(at, moving=True), WINDOW, Settings(passes=64)).layers()
     beams, surface = (layers[name][..., 0].astype(float) for name in ("beams", "surface"))
     columns = np.arange(WIDTH) + 0.5
     for picture in (beams, surface):
@@ -174,7 +174,7 @@ def test_a_moving_surface_covers_a_pixel_for_its_share_of_the_time():
         corners = [[x - 9, -2, -4], [x, -2, -4], [x, 2, -4], [x - 9, 2, -4]]
         return Moment(shot(drawn((0, 0, -9)), [quad("/wall", corners, glow)]), (CAMERA,))
 
-    alpha = render(Shutter(at, moving=True), WINDOW, Settings(passes=16)).layers["rgba"][..., 3]
+    alpha = render(Shutter(at, moving=True), WINDOW, Settings(passes=16)).layers()["rgba"][..., 3]
     # The edge passes x = −1 … 1 at distance 4: what it has passed was covered since.
     edge = ((np.arange(WIDTH) + 0.5) / WIDTH - 0.5) * 1.2 * 4
     expected = np.clip((1 - edge) / 2, 0, 1)
@@ -183,11 +183,11 @@ def test_a_moving_surface_covers_a_pixel_for_its_share_of_the_time():
 
 def test_without_motion_lens_or_eye_distance_nothing_changes():
     state = shot()
-    still = render(Shutter.still(state, CAMERA), WINDOW, Settings(passes=2)).layers
-    eyes = render(Shutter.still(state, CAMERA, dataclasses.replace(CAMERA)), WINDOW, Settings(passes=2)).views
+    still = render(Shutter.still(state, CAMERA), WINDOW, Settings(passes=2)).layers()
+    eyes = render(Shutter.still(state, CAMERA, dataclasses.replace(CAMERA)), WINDOW, Settings(passes=2)).views()
     for other in eyes:
         assert all(np.array_equal(other[name], still[name]) for name in still)
-    repeated = render(Shutter.still(shot(), CAMERA), WINDOW, Settings(passes=2)).layers
+    repeated = render(Shutter.still(shot(), CAMERA), WINDOW, Settings(passes=2)).layers()
     assert all(np.array_equal(repeated[name], still[name]) for name in still)
 
 
@@ -214,7 +214,7 @@ def test_another_lens_crop_or_aspect_compiles_nothing(monkeypatch):
 def test_depth_is_that_of_a_pinhole_as_the_shutter_opens():
     wall = quad("/wall", [[-9, -9, -6], [9, -9, -6], [9, 9, -6], [-9, 9, -6]])
     lens = dataclasses.replace(CAMERA, lens_radius=0.5)
-    layers = render(Shutter.still(shot(meshes=[wall]), lens), WINDOW, Settings(passes=2)).layers
+    layers = render(Shutter.still(shot(meshes=[wall]), lens), WINDOW, Settings(passes=2)).layers()
     assert np.allclose(layers["depth"], 6, rtol=1e-5)
 
 
@@ -226,7 +226,7 @@ def test_depth_and_surfaces_are_those_of_their_own_times():
         return Moment(shot(meshes=[quad("/wall", [[-99, -99, z], [99, -99, z], [99, 99, z], [-99, 99, z]])]), (CAMERA,))
 
     for passes in (1, 4):
-        depth = render(Shutter(at, moving=True), WINDOW, Settings(passes=passes)).layers["depth"]
+        depth = render(Shutter(at, moving=True), WINDOW, Settings(passes=passes)).layers()["depth"]
         assert np.allclose(depth, 4, rtol=1e-5)
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from comparison import quad
 from photonbeams import scene
-from photonbeams.render.holdouts import Held, slopes
+from photonbeams.render.holdouts import HoldoutDepth, slopes
 from photonbeams.render.settings import Settings
 from photonbeams.render.stage_frame import render
 from photonbeams.world.cameras import View, Window
@@ -34,8 +34,8 @@ THROUGH = dataclasses.replace(BEAM, start=np.array([[-1.0, 0.6, -4.0]]), end=np.
 
 def beams_layer(camera=CAMERA, meshes=(), beams=UNDER, depth=None, passes=4, window=WINDOW, place=(0.5, 0.5)):
     still = Shutter.still(scene.Scene(tuple(meshes), (), (beams,), (FOG,)), camera)
-    held = [Held(depth, window, place)] if depth is not None else []
-    return render(still, window, Settings(passes=passes), holdouts=held).layers
+    held = [HoldoutDepth(depth, window, place)] if depth is not None else []
+    return render(still, window, Settings(passes=passes), holdouts=held).layers()
 
 
 def floor_depth(place=(0.5, 0.5)):
@@ -124,8 +124,8 @@ def test_a_holdout_stands_still_before_a_moving_camera():
         return Moment(state, (moved,))
 
     state = scene.Scene((), (), (BEAM,), (FOG,))
-    held = [Held(np.full((HEIGHT, WIDTH), 3.9), WINDOW)]
-    layers = render(Shutter(at, moving=True), WINDOW, Settings(passes=4), holdouts=held).layers
+    held = [HoldoutDepth(np.full((HEIGHT, WIDTH), 3.9), WINDOW)]
+    layers = render(Shutter(at, moving=True), WINDOW, Settings(passes=4), holdouts=held).layers()
     # The camera draws back from the beam, which is behind the holdout all the time.
     assert layers["beams"].max() == 0
     assert np.all(layers["depth"] == np.float32(3.9))
@@ -134,7 +134,7 @@ def test_a_holdout_stands_still_before_a_moving_camera():
 def test_a_second_holdout_of_other_depths_compiles_nothing():
     beams_layer(depth=floor_depth())
     still = Shutter.still(scene.Scene((), (), (THROUGH,), (FOG,)), CAMERA)
-    held = [Held(np.full((HEIGHT, WIDTH), 2.5), WINDOW, (0.7, 0.7))]
+    held = [HoldoutDepth(np.full((HEIGHT, WIDTH), 2.5), WINDOW, (0.7, 0.7))]
     assert render(still, WINDOW, Settings(passes=2), holdouts=held).statistics.kernels_compiled == 0
 
 
@@ -147,4 +147,4 @@ def test_cosines_are_those_of_the_angle_to_the_cameras_axis():
 
 def test_a_holdout_of_another_shape_is_refused():
     with pytest.raises(scene.SceneError, match=r"shape \(24, 30\): expected \(24, 40\)"):
-        Held(np.ones((24, 30)), WINDOW)
+        HoldoutDepth(np.ones((24, 30)), WINDOW)

@@ -4,7 +4,7 @@ import drjit as dr
 import numpy as np
 import pytest
 
-from photonbeams.render.scene_frame import SceneFrame, render
+from photonbeams.render.scene_frame import SceneRenderer, render
 from photonbeams.render.settings import Settings
 from photonbeams.runtime import device
 from photonbeams.runtime.device import mitsuba
@@ -170,7 +170,7 @@ def test_a_checkpoint_of_another_picture_is_refused():
     state = render(scene, scene.sensors()[0], Settings(passes=1, beams=64)).state()
     other = load(fog=cube_of(fog(0.5)), light=LAMP, sensor=camera(size=8))
     with pytest.raises(SceneError, match="checkpoint is of another picture"):
-        SceneFrame(other, other.sensors()[0], Settings()).restore(state)
+        SceneRenderer(other, other.sensors()[0], Settings()).restore(state)
 
 
 def test_the_error_is_told_by_the_passes():
@@ -205,7 +205,7 @@ def test_light_that_is_scattered_by_nothing_is_a_plain_picture():
 
 def test_kernels_do_not_leave_derivatives_on():
     scene = load(fog=cube_of(fog(0.5)), light=LAMP, sensor=camera())
-    frame = SceneFrame(scene, scene.sensors()[0], Settings(beams=64))
+    frame = SceneRenderer(scene, scene.sensors()[0], Settings(beams=64))
     for each in frame.simulated(0).sets:
         assert not dr.grad_enabled(each.beams.start, each.beams.radius_end)
 
@@ -245,7 +245,7 @@ def test_radii_are_of_the_medium_whatever_lies_around_it(extinction):
         below = {"type": "rectangle", "to_world": T().translate([0, -1, 0]).rotate([1, 0, 0], -90).scale(ground)}
         light = {"type": "point", "position": [0, 3, 0], "intensity": rgb(1.0)}
         both = load(fog=cube_of(fog(extinction)), below=below, light=light, sensor=camera())
-        beams = SceneFrame(both, both.sensors()[0], Settings(beams=512, guiding=False)).simulated(0).sets
+        beams = SceneRenderer(both, both.sensors()[0], Settings(beams=512, guiding=False)).simulated(0).sets
         return np.concatenate([each.beams.radius_end.numpy() for each in beams])
 
     near, far = radii(2.0), radii(10_000.0)

@@ -5,7 +5,7 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
-from photonbeams.render.settings import Given, Settings
+from photonbeams.render.settings import Settings, SettingsArguments
 from photonbeams.scene import SceneError
 from photonbeams.scene.cameras import FILTERS
 
@@ -62,4 +62,4 @@ def test_a_depth_is_the_scenes_own_or_any():
 
 
 def test_everything_but_passes_may_be_given_by_name():
-    assert Given.__annotations__.keys() == {each.name for each in fields(Settings)} - {"passes"}
+    assert SettingsArguments.__annotations__.keys() == {each.name for each in fields(Settings)} - {"passes"}

@@ -231,7 +231,7 @@ def test_images_lie_on_surfaces_with_their_first_row_at_v_one():
     uvs = np.array([[0, 0], [1, 0], [1, 1], [0, 1.0]])
     shift = np.array([[1, 0, 0.5], [0, 1, 0], [0, 0, 1.0]])
     for transform, spot in ((np.eye(3), [0.5, 0.5]), (shift, [-0.5, 0.5])):
-        glow = scene.Material(emissive=scene.Texture(pixels, "repeat", transform))
+        glow = scene.Material(emissive=scene.UVTexture(pixels, "repeat", transform))
         card = dataclasses.replace(quad("/card", [[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], glow), uvs=uvs)
         corners = np.array([[x, y, 0] for x in (-0.5, 0.5) for y in (-0.5, 0.5)])
         origin, direction = rays(corners + np.array([0, 0, 1]), corners)

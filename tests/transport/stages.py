@@ -21,9 +21,9 @@ VACUUM = scene.Medium(scene.BLACK)
 
 
 def trace(world, *, beams_per_light=scene.DEFAULT_BEAMS, pass_index=0, seed=0, light_side=(), overlap=1.0, close=None,
-          looks=None, max_events=0):  # fmt: skip
+          looks=None, max_bounces=0):  # fmt: skip
     """Return the sets of beams of a pass whose radii are those of the first."""
-    tuning = Tuning(seed, max_events, overlap=overlap, alpha=1.0)
+    tuning = Tuning(seed, max_bounces, overlap=overlap, alpha=1.0)
     worlds = [in_a_medium(each) for each in ([world] if close is None else [world, close])]
     if close is not None and close.surfaces is world.surfaces:
         worlds[1] = StageWorld.build(worlds[1].description, like=worlds[0])

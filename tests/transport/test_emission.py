@@ -56,9 +56,9 @@ def test_tangents_are_the_derivatives_of_rays(name):
         ray, _ = scene.emitters()[0].sample_ray(Float(0), Float(0.5), u, v, True)
         return [np.broadcast_to(np.array(each), (3, count)) for each in (ray.o, ray.d)]
 
-    for k, tangents in enumerate(emitted.tangents.columns()):
+    for k, differentials in enumerate(emitted.differentials.columns()):
         shift = step * np.eye(4)[k][:, None]
-        for tangent, high, low in zip(tangents, rays(base + shift), rays(base - shift), strict=True):
+        for tangent, high, low in zip(differentials, rays(base + shift), rays(base - shift), strict=True):
             expected = (high - low) / (2 * step)
             found = np.broadcast_to(np.array(tangent), (3, count))
             # The median: samples near a fold of a map, or the border of a pixel or a triangle, have differences of

@@ -6,16 +6,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from photonbeams.numerics.sampling import sobol_points
-from photonbeams.render.scene_frame import SceneFrame, render
+from photonbeams.render.scene_frame import SceneRenderer, render
 from photonbeams.render.settings import Settings
-from photonbeams.transport.guiding import Guide, learn
+from photonbeams.transport.guiding import GuidingMap, learn
 from transport.scenes import camera, comparison, cube_of, fog, load, rgb
 
 
 @given(seed=st.integers(0, 1000), power=st.floats(0, 8))
 def test_a_guide_is_a_map_of_the_cube_onto_itself(seed, power):
     rng = np.random.default_rng(seed)
-    guide = Guide(rng.random((2, 3, 4, 5)) ** power)
+    guide = GuidingMap(rng.random((2, 3, 4, 5)) ** power)
     points = sobol_points(4096, 0, (seed,))
     place, stretch = guide(points)
     assert (place >= 0).all() and (place < 1).all()
@@ -28,7 +28,7 @@ def test_a_guide_is_a_map_of_the_cube_onto_itself(seed, power):
 
 
 def test_stretches_are_the_derivatives_of_the_map():
-    guide = Guide(np.random.default_rng(2).random((4, 4, 8, 8)) ** 4)
+    guide = GuidingMap(np.random.default_rng(2).random((4, 4, 8, 8)) ** 4)
     points, step = sobol_points(2048, 0, (3,)).astype(np.float64), 1e-6
     place, stretch = guide(points)
     for axis in range(4):
@@ -80,7 +80,7 @@ def test_lights_that_are_not_seen_get_fewer_paths():
         for name, place in (("seen", [0, 0, 0]), ("behind", [0, 0, 50]))
     }
     scene = load(fog=cube_of(fog(0.5)), sensor=camera(), **lights)
-    frame = SceneFrame(scene, scene.sensors()[0], Settings())
+    frame = SceneRenderer(scene, scene.sensors()[0], Settings())
     counts = {
         tuple(np.round(np.array(scene.emitters()[number].bbox().center()).ravel())): stratum.count
         for number, stratum in enumerate(frame.simulation.emission.strata)

@@ -31,7 +31,7 @@ def tracing(scene, medium, **given):
     """Return how light paths are traced where a medium fills the space."""
     world = SceneWorld(scene, None)
     world.media = Media([medium])
-    plain = {"max_events": None, "rr_depth": 5, "overlap": OVERLAP, "region": 1.0, "paths": COUNT, "power": 1.0}
+    plain = {"max_bounces": None, "rr_depth": 5, "overlap": OVERLAP, "region": 1.0, "paths": COUNT, "power": 1.0}
     return paths.Tracing(world, **{**plain, **given})
 
 
@@ -144,7 +144,7 @@ def test_paths_end_after_so_many_events():
     medium = mi.load_dict(fog(2.0, 1.0))
     scene = load(cube=cube_of(medium), light={"type": "point"})
     for most in (0, 2):
-        found = steps(tracing(scene, medium, max_events=most), emitted(scene, medium, 1024))
+        found = steps(tracing(scene, medium, max_bounces=most), emitted(scene, medium, 1024))
         depth = np.concatenate([each.depth.numpy() for each, _ in found if each is not None])
         assert depth.max() == most
 

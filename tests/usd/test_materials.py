@@ -5,7 +5,7 @@ import zipfile
 import numpy as np
 import pytest
 
-from photonbeams.scene import Material, SceneError, Texture
+from photonbeams.scene import Material, SceneError, UVTexture
 from photonbeams.usd.stage import open_stage, read_scene
 
 # Two rows: the upper red and half transparent, the lower a grey of which sRGB's 0.5 is 0.214.
@@ -92,7 +92,7 @@ def test_an_input_may_come_from_the_materials_interface(scene):
 
 def test_a_texture_is_decoded_to_linear_with_its_top_row_first(read):
     found = read(material(DIFFUSE, texture())).material.diffuse
-    assert isinstance(found, Texture)
+    assert isinstance(found, UVTexture)
     assert found.pixels.shape == (2, 1, 3)
     assert found.pixels.dtype == np.float32
     assert np.allclose(found.pixels[0, 0], [1, 0, 0])

@@ -5,7 +5,7 @@ import pytest
 from tests.comparison import box
 
 from photonbeams import scene
-from photonbeams.render.scene_frame import SceneFrame, render
+from photonbeams.render.scene_frame import SceneRenderer, render
 from photonbeams.render.settings import Settings
 from photonbeams.runtime.device import mitsuba
 from photonbeams.world.media import Media, number
@@ -23,7 +23,7 @@ def solid(name, low, high, strength=1.0, **more):
 
 def smoke(values=None, size=1.0, color=(1.0, 1.0, 1.0), name="/Smoke"):
     values = np.ones((2, 3, 4)) if values is None else values
-    return scene.Medium(color, grid=scene.Grid(values, np.diag([size, size, size, 1])), name=name)
+    return scene.Medium(color, grid=scene.DensityGrid(values, np.diag([size, size, size, 1])), name=name)
 
 
 def names(built):
@@ -82,7 +82,7 @@ def test_a_density_lies_as_the_grid_has_it(channels):
     """Between centres of cells it is linear, by (Z, Y, X), and its coefficients are those of density 1."""
     values = np.random.default_rng(0).random((2, 3, 4, channels)).astype(np.float32)
     to_world = np.array([[0, -2, 0, 1], [3, 0, 0, 2], [0, 0, 1, 3], [0, 0, 0, 1]], dtype=float)
-    grid = scene.Grid(values if channels == 3 else values[..., 0], to_world)
+    grid = scene.DensityGrid(values if channels == 3 else values[..., 0], to_world)
     medium = scene.Medium((2.0, 1.0, 0.5), (1.0, 1.0, 1.0), grid=grid)
     place = dr_place(to_world @ [2.5 / 4, 1 / 2, 0.25, 1])  # in the third column, the second row, the first layer
     plugin = media_of([medium])[0].plugin
@@ -126,7 +126,7 @@ def test_a_second_frame_of_other_media_compiles_nothing():
 def test_a_frame_knows_how_large_media_of_a_scene_are():
     air, drop = media_of([AIR, solid("/Drop", [-1] * 3, [1] * 3)])
     built = load(drop=drop.shape, light={**LIGHT, "medium": air.plugin}, sensor=camera(medium=air.plugin))
-    frame = SceneFrame(built, built.sensors()[0], Settings(beams=64, guiding=False))
+    frame = SceneRenderer(built, built.sensors()[0], Settings(beams=64, guiding=False))
     simulation = frame.simulation
     sizes = {each.number: simulation.size(each) for each in simulation.world.media.all}
     assert sizes[number(drop.plugin)] == pytest.approx(np.sqrt(3), rel=1e-5)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from photonbeams.render.scene_frame import SceneFrame, render
+from photonbeams.render.scene_frame import SceneRenderer, render
 from photonbeams.render.settings import Settings
 from photonbeams.runtime.device import Array3f, mitsuba
 from photonbeams.world.media import Media, number
@@ -115,7 +115,7 @@ def test_fog_that_a_lamp_names_in_the_open_fills_the_space():
     assert found.everywhere == number(medium) and around(scene) == (number(medium),) * 2
     # As large as the scene.
     assert not found.sizes
-    frame = SceneFrame(scene, scene.sensors()[0], Settings(beams=64, guiding=False))
+    frame = SceneRenderer(scene, scene.sensors()[0], Settings(beams=64, guiding=False))
     assert frame.simulation.size(frame.simulation.world.media.all[0]) == pytest.approx(9 * np.sqrt(2), rel=0.02)
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from photonbeams.render.scene_frame import SceneFrame
+from photonbeams.render.scene_frame import SceneRenderer
 from photonbeams.render.settings import Settings
 from photonbeams.runtime.device import mitsuba
 from transport.scenes import T, camera, cube_of, fog, load, rgb
@@ -14,7 +14,7 @@ LIGHT = {"type": "point", "position": [0.3, 0.4, 0.2], "intensity": rgb(1.0)}
 def warnings(caplog, **parts):
     caplog.clear()
     scene = load(**{"light": LIGHT, **parts})
-    SceneFrame(scene, scene.sensors()[0], Settings(beams=64, guiding=False))
+    SceneRenderer(scene, scene.sensors()[0], Settings(beams=64, guiding=False))
     return [each.getMessage() for each in caplog.records if each.name == "photonbeams"]
 
 

@@ -58,10 +58,10 @@ def test_materials_of_every_kind_become_surfaces():
     uvs = np.array([[0, 0], [1, 0], [1, 1], [0, 1.0]])
     normals = np.broadcast_to([0.0, 0, 1], (4, 3))
     materials = [
-        scene.Material(diffuse=scene.Texture(np.repeat(image, 3, axis=2)), roughness=scene.Texture(image, "clamp")),
-        scene.Material(metallic=scene.Texture(image, "mirror"), opacity=scene.Texture(image), ior=0.7),
+        scene.Material(diffuse=scene.UVTexture(np.repeat(image, 3, axis=2)), roughness=scene.UVTexture(image, "clamp")),
+        scene.Material(metallic=scene.UVTexture(image, "mirror"), opacity=scene.UVTexture(image), ior=0.7),
         scene.Material(diffuse=(2.0, 0.5, -0.0), clearcoat=1.0, clearcoat_roughness=0.5, ior=1.0),
-        scene.Material(diffuse=scene.Texture(image), emissive=scene.Texture(image), opacity=0.5),
+        scene.Material(diffuse=scene.UVTexture(image), emissive=scene.UVTexture(image), opacity=0.5),
     ]
     cards = [
         dataclasses.replace(

@@ -18,7 +18,7 @@ from . import Beams
 _SHORTEST = 1e-6
 
 
-class Paths:
+class BeamPaths:
     """Straight beams as whole light paths, from the light on.
 
     Attributes
@@ -41,7 +41,7 @@ class Paths:
 
 
 def pieces(
-    beams: Beams, paths: Paths, points: Any, places: Any, ends: tuple[Any, Any], before: Any, steps: int
+    beams: Beams, paths: BeamPaths, points: Any, places: Any, ends: tuple[Any, Any], before: Any, steps: int
 ) -> Beams:
     """Return beams in so many pieces each, path after path.
 

@@ -23,7 +23,7 @@ from ..runtime.device import Array3f, Float, UInt32
 from ..scene import Array, SceneError
 from ..scene.vectors import unit
 from . import Beams
-from .bending import Paths, bent_length, pieces
+from .bending import BeamPaths, bent_length, pieces
 
 _ROWS = 512  # of a guide's table
 _SMOOTH = float(np.cos(np.radians(10)))  # a polyline that turns less, half of it at a point, is a smooth curve
@@ -115,8 +115,8 @@ def led(beams: Beams, guides: Sequence[Guide], inner: int | None = None) -> Beam
     if not guides or not len(beams):
         return beams
     inner = pieces_along(guides) if inner is None else inner
-    paths = Paths(beams, "guides")
-    table = _Table(guides, paths.origin)
+    paths = BeamPaths(beams, "guides")
+    table = _GuideTable(guides, paths.origin)
     steps = inner + 2  # one piece before the guide, and one beyond it
     way, _ = _nodes(table, paths, dr.zeros(Float, len(beams)), paths.offset, inner)
     points, places = _nodes(table, paths, paths.offset, paths.length, inner)
@@ -128,7 +128,7 @@ def led(beams: Beams, guides: Sequence[Guide], inner: int | None = None) -> Beam
     return pieces(beams, paths, points, places, (ends[0], ends[1]), bent_length(way, len(beams), steps), steps)
 
 
-def _nodes(table: _Table, paths: Paths, begin: Any, length: Any, inner: int) -> tuple[Any, Any]:
+def _nodes(table: _GuideTable, paths: BeamPaths, begin: Any, length: Any, inner: int) -> tuple[Any, Any]:
     """Return where nodes of paths come to lie, and how far from `begin` they were; of the part `length` long.
 
     The first and the last are its ends; the others are spread over what of it lies beside the guide.
@@ -147,7 +147,7 @@ def _nodes(table: _Table, paths: Paths, begin: Any, length: Any, inner: int) -> 
     return points, place
 
 
-class _Table:
+class _GuideTable:
     """The guides' tables one after the other in device memory, and which of them each path follows."""
 
     def __init__(self, guides: Sequence[Guide], origin: Array3f) -> None:
@@ -164,9 +164,9 @@ class _Table:
         self.chosen = nearest
         dr.eval(self.chosen)
 
-    def of_paths(self, path: UInt32) -> _Table:
+    def of_paths(self, path: UInt32) -> _GuideTable:
         """Return the tables for lanes of these paths."""
-        result = object.__new__(_Table)
+        result = object.__new__(_GuideTable)
         result._rows, result._lengths = self._rows, self._lengths
         result.chosen = dr.gather(UInt32, self.chosen, path)
         return result
@@ -174,7 +174,7 @@ class _Table:
     def _row(self, column: int, row: UInt32) -> Array3f:
         return dr.gather(Array3f, self._rows[column], self.chosen * _ROWS + row)
 
-    def within(self, paths: Paths, begin: Any, length: Any) -> tuple[Float, Float]:
+    def within(self, paths: BeamPaths, begin: Any, length: Any) -> tuple[Float, Float]:
         """Return what lies beside the guide of paths from `begin` on, `length` long, as distances from `begin`."""
         start, axis = self._row(0, UInt32(0)), self._row(1, UInt32(0))
         rate: Any = dr.dot(paths.direction, axis)

@@ -19,7 +19,7 @@ from ..numerics.hashing import hash32, unit_float
 from ..runtime.device import Array3f, Float, UInt32
 from ..scene import SceneError
 from . import Beams
-from .bending import Paths, bent_length, pieces
+from .bending import BeamPaths, bent_length, pieces
 from .guides import Guide, led
 from .programs import Modifier, PassContext
 
@@ -51,7 +51,7 @@ def aim(target: npt.ArrayLike, amount: float = 1.0) -> Modifier:
     amount = scene.number(amount, "aim: amount", 0, 1)
 
     def aimed(beams: Beams, _: PassContext) -> Beams:
-        paths = Paths(beams, "aim")
+        paths = BeamPaths(beams, "aim")
         to = opaque(place) - paths.origin
         to = to * dr.rsqrt(dr.maximum(dr.squared_norm(to), 1e-30))
         mixed = dr.lerp(paths.direction, to, dr.opaque(Float, amount))
@@ -100,7 +100,7 @@ def bend(field: Callable[[Any], Any] | Sequence[npt.ArrayLike], steps: int = 32)
 
 def _along_field(beams: Beams, field: Callable[[Any], Any], steps: int) -> Beams:
     """Return beams that follow ds: x' = d, d' = the field's part across d; by the midpoint rule."""
-    paths = Paths(beams, "bend")
+    paths = BeamPaths(beams, "bend")
     count, width = dr.opaque(UInt32, steps), len(beams)
     inv = dr.rcp(Float(count))
     number = dr.arange(UInt32, width)

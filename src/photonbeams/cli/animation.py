@@ -18,7 +18,7 @@ from .progress import Progress, bar, counted, frame_line, report_line, summary_l
 if TYPE_CHECKING:
     from ..render.passes import Statistics
     from ..shot import Shot
-    from ..usd.settings import Product
+    from ..usd.settings import RenderProduct
 
 
 class FrameError(Exception):
@@ -76,7 +76,7 @@ def frame_numbers(text: str | None, outputs: Sequence[Output]) -> list[float | N
 
 
 def tasks_of(
-    shot: Shot, numbers: Iterable[float | None], outputs: Sequence[Output], products: Sequence[Product]
+    shot: Shot, numbers: Iterable[float | None], outputs: Sequence[Output], products: Sequence[RenderProduct]
 ) -> list[Task]:
     """Return what is to be done: each frame with the files that flags name or, without them, render products."""
     from ..usd.settings import product_file

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from .flags import Device, Fog, Quality, start_device
+from .flags import Device, FogFlags, Quality, start_device
 from .outputs import Output
 from .progress import Progress
 
@@ -61,7 +61,7 @@ class Asked:
     render_settings: str | None
     overrides: Sequence[str]
     session_layers: Sequence[Path]
-    fog: Fog
+    fog: FogFlags
     looks: Sequence[str]
     groups: Sequence[str]
     simulate: str | None

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from .animation import Task, frame_numbers, tasks_of
-from .flags import Device, Fog, check_flags, parse_color, start_device
+from .flags import Device, FogFlags, check_flags, parse_color, start_device
 from .outputs import Output, checked_path
 from .programs import load_function
 from .progress import counted, held_interrupt, messages
@@ -58,7 +58,7 @@ def beams(
     photonbeams beams shot.usda -o out/beams.usdc --beams 512
     """
     check_flags(beams=beams, anisotropy=anisotropy, threads=threads)
-    fog = Fog(parse_color("--scattering", scattering), parse_color("--absorption", absorption), anisotropy)
+    fog = FogFlags(parse_color("--scattering", scattering), parse_color("--absorption", absorption), anisotropy)
     target = Output(checked_path("--output", output, (".usd", ".usda", ".usdc")))
     with messages(quiet, verbose), held_interrupt() as check:
         start_device(device, threads)

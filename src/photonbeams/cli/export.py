@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from .animation import frame_numbers, tasks_of
-from .flags import Device, Fog, check_flags, parse_color, start_device
+from .flags import Device, FogFlags, check_flags, parse_color, start_device
 from .outputs import Output, checked_path
 from .progress import counted, held_interrupt, messages
 
@@ -52,7 +52,7 @@ def export(
     photonbeams export shot.usda -o out/shot.xml --res 640 0
     """
     check_flags(res, crop=crop, anisotropy=anisotropy)
-    fog = Fog(parse_color("--scattering", scattering), parse_color("--absorption", absorption), anisotropy)
+    fog = FogFlags(parse_color("--scattering", scattering), parse_color("--absorption", absorption), anisotropy)
     target = Output(checked_path("--output", output, (".xml",)))
     with messages(quiet, verbose), held_interrupt() as check:
         start_device(Device.auto, None)

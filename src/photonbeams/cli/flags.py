@@ -151,7 +151,7 @@ def parse_color(flag: str, text: str | None) -> Color | None:
 
 
 @dataclass(frozen=True)
-class Fog:
+class FogFlags:
     """The fog that flags give."""
 
     scattering: Color | None

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from .asked import Asked, Plates
-from .flags import Device, Estimator, Filter, Fog, Quality, RuleName, check_flags, parse_color
+from .flags import Device, Estimator, Filter, FogFlags, Quality, RuleName, check_flags, parse_color
 from .job import run
 from .outputs import Output, parse_outputs
 from .progress import Progress
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from ..usd.stereo import Stereo
 
 
-class Eye(StrEnum):
+class ViewName(StrEnum):
     """Which of two eyes."""
 
     left = "left"
@@ -167,7 +167,7 @@ def render(
         float | None,
         typer.Option(help="Distance without disparity, scene units; default: the focus, or infinitely far."),
     ] = None,
-    view: Annotated[Eye | None, typer.Option(help="One of the two eyes; default: both, in one file.")] = None,
+    view: Annotated[ViewName | None, typer.Option(help="One of the two eyes; default: both, in one file.")] = None,
     holdout: Annotated[
         str | None,
         typer.Option(
@@ -240,12 +240,12 @@ def render(
         ),
         camera=camera, list_cameras=list_cameras, res=res, res_scale=res_scale, crop=crop,
         render_settings=render_settings, overrides=overrides or (), session_layers=session_layer or (),
-        fog=Fog(
+        fog=FogFlags(
             parse_color("--scattering", scattering), parse_color("--absorption", absorption), anisotropy,
             surfaces=False if beams_only_fog else None,
         ),
         looks=look or (), groups=group or (), simulate=simulate, emit=emit, stereo=eyes,
-        view=None if view in (None, Eye.both) else view.value,
+        view=None if view in (None, ViewName.both) else view.value,
         plates=Plates(
             holdout=holdout, channel=holdout_channel, depth=holdout_depth or "auto", scale=holdout_scale or 1.0,
             over=over, fog=over_fog,
@@ -256,7 +256,7 @@ def render(
     run(asked, MitsubaJob if is_xml else StageJob)
 
 
-def _stereo(stereo: bool, interaxial: float | None, convergence: float | None, view: Eye | None) -> Stereo | None:
+def _stereo(stereo: bool, interaxial: float | None, convergence: float | None, view: ViewName | None) -> Stereo | None:
     """Return how the camera becomes two eyes, or None for one."""
     flags = {"--interaxial": interaxial, "--convergence": convergence, "--view": view}
     for flag, value in flags.items():

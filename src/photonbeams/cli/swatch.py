@@ -54,10 +54,10 @@ def swatch(
         stage = open_stage(scene, session_layer or (), overrides or ())
         found, medium, seconds = find_looks(stage, look or (), frame)
     from ..images.swatches import FOG, Specimen, sheet
-    from ..looks import Context
+    from ..looks import LightContext
     from ..usd.shading import build_look
 
-    specimen = Specimen(medium or FOG, length, *radius, context=Context(frame or 0.0, seconds))
+    specimen = Specimen(medium or FOG, length, *radius, context=LightContext(frame or 0.0, seconds))
     figure = sheet([(spec.name, build_look(spec), specimen) for spec in found])
     with atomic_path(output) as path:
         figure.savefig(path)

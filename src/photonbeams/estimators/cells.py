@@ -37,7 +37,7 @@ L = TypeVar("L", covariant=True)
 
 
 @dataclass
-class Grid:
+class CellGrid:
     """Cubes of one size: numbers in kernels are opaque."""
 
     low: Any  # corner, world space
@@ -48,7 +48,7 @@ class Grid:
     margin: Any  # by how much more than they are things are listed, in cells
 
     @classmethod
-    def of(cls, low: npt.NDArray[np.float64], high: npt.NDArray[np.float64], size: float, rounding: float) -> Grid:
+    def of(cls, low: npt.NDArray[np.float64], high: npt.NDArray[np.float64], size: float, rounding: float) -> CellGrid:
         """Return the grid of cells of this size, or somewhat larger, from one corner to the other at least.
 
         `rounding` is how far a place may be from where it is meant.
@@ -93,7 +93,7 @@ def fitting(extent: npt.NDArray[np.float64], size: float) -> tuple[float, npt.ND
 
 
 @dataclass
-class Lists:
+class CellLists:
     """The items of each cell: `items[first[cell] : first[cell + 1]]`."""
 
     items: Any
@@ -134,7 +134,7 @@ class Sorting:
         self.first = dr.prefix_sum(self.sums)
         self.entries = int(dr.gather(UInt32, self.first, dr.opaque(UInt32, cells))[0])
 
-    def lists(self) -> Lists:
+    def lists(self) -> CellLists:
         """Return the lists."""
         self.base = dr.prefix_sum(self.counter)
         width = max(self.entries, 2)
@@ -144,7 +144,7 @@ class Sorting:
         dr.eval(self.keys, self.items, self.counter)
         if self._cells > _BUCKETS:
             self._by_second_digit()
-        return Lists(self.items, self.first, self.entries)
+        return CellLists(self.items, self.first, self.entries)
 
     def _count(self, cell: Any, item: Any, lane: Any, active: Any) -> None:
         dr.scatter_inc(self.counter, _bucket(cell, lane), active)

@@ -21,7 +21,6 @@ import numpy.typing as npt
 
 from ..looks import (
     Across,
-    At,
     Attenuation,
     Biweight,
     ColorRamp,
@@ -32,6 +31,7 @@ from ..looks import (
     Gaussian,
     Polynomial,
     Power,
+    ShadingContext,
     Smoothstep,
     Tabulated,
     Texture,
@@ -251,6 +251,6 @@ def _values(along: Factor, s: Array) -> Array:
     """Return a falloff's values, (3, *s.shape) float64, from the code that kernels are made of."""
     float64 = import_module(f"drjit.{device.backend()}.ad").Float64
     distance: Any = float64(s.ravel())
-    at = At(distance=distance, depth=distance, fraction=distance * (1 / _LENGTH), fog=Fog(_MEDIUM))
+    at = ShadingContext(distance=distance, depth=distance, fraction=distance * (1 / _LENGTH), fog=Fog(_MEDIUM))
     values = np.asarray(along.evaluate(at), dtype=np.float64)
     return np.broadcast_to(values, (3, s.size)).reshape(3, *s.shape)

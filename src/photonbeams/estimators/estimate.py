@@ -9,7 +9,7 @@ import drjit as dr
 import numpy as np
 
 from ..beams import Beams
-from ..looks import BoundLook, Context, Fog, Look
+from ..looks import BoundLook, Fog, LightContext, Look
 from ..numerics.arrays import to_float, to_uint
 from ..numerics.given import LARGEST, Numbers, given
 from ..quadrature import Rule, gauss_legendre
@@ -54,7 +54,7 @@ def estimate(
     t_min: Numbers | None = None,
     close: Beams | None = None,
     time: Numbers | None = None,
-    context: Context | None = None,
+    context: LightContext | None = None,
 ) -> TensorXf:
     """Return the radiance of beams toward rays.
 
@@ -104,7 +104,7 @@ def estimate(
         (look, "look", (Look, NoneType)),
         (medium, "medium", (Medium, Fog, NoneType)),
         (rule, "rule", (Rule,)),
-        (context, "context", (Context, NoneType)),
+        (context, "context", (LightContext, NoneType)),
     ):
         instance(value, f"estimate: {name}", *kinds)
     check_estimator(estimator)
@@ -129,7 +129,7 @@ def estimate_rays(
     estimator: str = "auto",
     points: Points,
     close: Beams | None = None,
-    context: Context | None = None,
+    context: LightContext | None = None,
 ) -> Any:
     """Return the radiance of beams toward rays, (N,) each, of which each has its own origin, t_min and t_max.
 
@@ -155,7 +155,7 @@ def estimate_rays(
 
 
 def bind(
-    look: Look, beams: Beams, close: Beams | None, medium: Medium | Fog | None, context: Context | None = None
+    look: Look, beams: Beams, close: Beams | None, medium: Medium | Fog | None, context: LightContext | None = None
 ) -> BoundLook:
     """Return a look in a medium, for these beams."""
     ends = [each for state in (beams, close) if state is not None for each in (state.start, state.end)]

@@ -25,7 +25,7 @@ from ..looks import BoundLook
 from ..numerics.arrays import opaque
 from ..runtime.device import Array3f, Array4f, Bool, Float, Int32, UInt32
 from .billboard import billboard
-from .cells import ROUNDING, Grid, Lists, Sorting, batches, fitting
+from .cells import ROUNDING, CellGrid, CellLists, Sorting, batches, fitting
 from .cones import around, half_line
 from .frustum import frustum
 from .geometry import Rays, between
@@ -53,7 +53,7 @@ def sum_over_grid(
     grid, marks, span = built
     for lists in batches(partial(Sorting, grid.cells, marks.visit), len(beams)):
         if lists.entries:
-            radiance = radiance + walk(rays, span, grid, lists, _Sum(packed, look, estimator, points))
+            radiance = radiance + walk(rays, span, grid, lists, _CellVisitor(packed, look, estimator, points))
             dr.eval(radiance)
     return radiance
 
@@ -211,7 +211,7 @@ def _reach(rate: Any, growth: Any, first: Any, half: Any, begin: Any, stop: Any)
 # -- The grid ----------------------------------------------------------------------------------------------------------
 
 
-def build(beams: Beams, close: Beams | None, rays: Rays) -> tuple[Grid, Marks, tuple[Any, Any]] | None:
+def build(beams: Beams, close: Beams | None, rays: Rays) -> tuple[CellGrid, Marks, tuple[Any, Any]] | None:
     """Return the grid for these rays, what holds the beams, and the rays' span in it; None if no ray meets its box."""
     marks = marks_of(beams, close)
     low, high = marks.box()
@@ -233,7 +233,7 @@ def build(beams: Beams, close: Beams | None, rays: Rays) -> tuple[Grid, Marks, t
     low, high = np.maximum(low, seen_low) - rounding, np.minimum(high, seen_high) + rounding
     length = float(dr.sum(dr.select(hit, t1 - t0, 0))[0])
     size = _best(high - low, met, length, *marks.sizes(low, high))
-    grid = Grid.of(low, high, max(size, 8 * rounding), rounding)
+    grid = CellGrid.of(low, high, max(size, 8 * rounding), rounding)
     marks.grid = grid
     return grid, marks, _span(rays, low, high)
 
@@ -278,7 +278,7 @@ def _best(
 # -- Rays through it ---------------------------------------------------------------------------------------------------
 
 
-class _Sum:
+class _CellVisitor:
     """Adds what beams give to a ray, each where it counts."""
 
     def __init__(self, packed: Packed, look: BoundLook, estimator: str, points: Points) -> None:
@@ -304,10 +304,10 @@ def _added(
     return radiance
 
 
-class _Way:
+class _GridWalk:
     """How a ray goes from cell to cell."""
 
-    def __init__(self, ray: Rays, span: tuple[Any, Any], grid: Grid) -> None:
+    def __init__(self, ray: Rays, span: tuple[Any, Any], grid: CellGrid) -> None:
         self._ray, self._grid, self._end = ray, grid, span[1]
         self._flat = [dr.abs(each) < 1e-9 for each in ray.direction]  # as `between` has it
         self._inv = [dr.rcp(dr.select(flat, 1, each)) for flat, each in zip(self._flat, ray.direction, strict=True)]
@@ -341,7 +341,7 @@ class _Way:
 
 
 @dr.syntax
-def walk(ray: Rays, span: tuple[Any, Any], grid: Grid, lists: Lists, visit: Any, total: Any = None) -> Any:
+def walk(ray: Rays, span: tuple[Any, Any], grid: CellGrid, lists: CellLists, visit: Any, total: Any = None) -> Any:
     """Return what `visit(total, ray, beam, (t_enter, t_exit))` makes of `total`, cell by cell, beam by beam.
 
     One loop, in which each turn takes a ray to the next cell if it is through with its list, and to the next beam:
@@ -349,7 +349,7 @@ def walk(ray: Rays, span: tuple[Any, Any], grid: Grid, lists: Lists, visit: Any,
     """
     if dr.hint(total is None, mode="scalar"):
         total = Array3f(0)
-    way = _Way(ray, span, grid)
+    way = _GridWalk(ray, span, grid)
     inside = span[0] <= span[1]
     x, y, z = way.begin(span[0])
     i, stop = lists.of(grid.number(x, y, z), inside)

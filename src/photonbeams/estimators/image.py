@@ -13,7 +13,7 @@ from typing import Any
 import drjit as dr
 
 from ..beams import Beams
-from ..looks import Context, Look
+from ..looks import LightContext, Look
 from ..runtime.device import Array3f, Bool, Float, UInt32
 from ..scene import Medium
 from .billboard import billboard_sum
@@ -23,7 +23,7 @@ from .frustum import frustum_sum
 from .geometry import Rays
 from .points import Points
 from .records import Packed, pack
-from .tiles import TILE, Bins, Lists, Projection, footprints
+from .tiles import TILE, Bins, Projection, TileLists, footprints
 
 #: Pixels a lane of the billboard's kernel. A beam is gathered once for all of them: of 1, 4 and 8 pixels, 8 are the
 #: fastest on two AVX-512 cores.
@@ -70,7 +70,7 @@ def estimate_image(
     estimator: str = "auto",
     points: Points,
     close: Beams | None = None,
-    context: Context | None = None,
+    context: LightContext | None = None,
 ) -> Estimate:
     """Return the radiance of beams toward every pixel; the same numbers as `estimate`, to float32 rounding."""
     check_estimator(estimator)
@@ -182,7 +182,7 @@ def _lane_rays(rays: PixelRays, view: Projection, pixel: Any, inside: Any, group
 
 
 def _billboards(
-    lists: Lists, view: Projection, rays: PixelRays, packed: Packed, look: Any, points: Points, flags: Any
+    lists: TileLists, view: Projection, rays: PixelRays, packed: Packed, look: Any, points: Points, flags: Any
 ) -> Any:
     lane = _Lanes(view, PIXELS)
     pixels = [lane.pixel(number) for number in range(PIXELS)]
@@ -207,7 +207,7 @@ def _billboards(
 
 
 def _frustums(
-    lists: Lists, view: Projection, rays: PixelRays, packed: Packed, look: Any, points: Points, blended: bool
+    lists: TileLists, view: Projection, rays: PixelRays, packed: Packed, look: Any, points: Points, blended: bool
 ) -> Any:
     lane = _Lanes(view, 1)
     pixel, inside = lane.pixel(0)

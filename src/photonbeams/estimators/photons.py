@@ -17,7 +17,7 @@ import numpy as np
 
 from ..looks.across import Epanechnikov
 from ..runtime.device import Array3f, Array4f, Bool, Float, Int32, UInt32
-from .cells import ENTRIES, ROUNDING, Grid, Lists, Sorting
+from .cells import ENTRIES, ROUNDING, CellGrid, CellLists, Sorting
 
 #: A disc's half thickness, in radii, and the least cosine between its normal and that of a point that it lights: what
 #: is farther off, or turned more, is another surface.
@@ -56,7 +56,7 @@ class PhotonMap:
 
     def __init__(self, photons: Photons) -> None:
         self._profile = Epanechnikov()
-        self._lists: Lists | None = None
+        self._lists: CellLists | None = None
         count = len(photons)
         if count == 0:
             return
@@ -98,7 +98,7 @@ class PhotonMap:
         return _sum(first, stop, self._lists.items, self._data, self._profile, position, normal, reflect)
 
 
-def _grid(photons: Photons) -> Grid:
+def _grid(photons: Photons) -> CellGrid:
     """Return the grid for the photons.
 
     In cells of two radii a disc lies in four to eight; a point then tests (2 + 2)² / π discs for each that it lies in.
@@ -122,11 +122,11 @@ def _grid(photons: Photons) -> Grid:
         + count
     ) > max(ENTRIES, 2 * count):
         size *= 1.25
-    return Grid.of(low, high, size, rounding)
+    return CellGrid.of(low, high, size, rounding)
 
 
 @dr.syntax
-def _cells_of(item: Any, lane: Any, data: Any, grid: Grid, entry: Any) -> None:
+def _cells_of(item: Any, lane: Any, data: Any, grid: CellGrid, entry: Any) -> None:
     """Visit the cells that a photon's disc may lie in: of those around it the ones near its centre and its plane."""
     place, normal = dr.gather(Array4f, data, item * 4), dr.gather(Array4f, data, item * 4 + 1).xyz
     centre, radius = grid.local(place.xyz), place.w * grid.inv

@@ -300,7 +300,7 @@ def _from_zero(tile: Any) -> Any:
 
 
 @dataclass
-class Lists:
+class TileLists:
     """The beams of each tile: `beams[first[tile] : stop[tile]]`."""
 
     beams: Any
@@ -308,7 +308,7 @@ class Lists:
     stop: Any
     entries: int
 
-    def keep(self, flags: Any) -> Lists:
+    def keep(self, flags: Any) -> TileLists:
         """Return the lists with the flagged entries alone, in their order."""
         index: Any = dr.compress(flags > 0)
         before = dr.prefix_sum(flags)
@@ -317,7 +317,7 @@ class Lists:
         def place(i: Any) -> Any:
             return dr.select(i < entries, dr.gather(UInt32, before, dr.minimum(i, entries - 1)), total)
 
-        kept = Lists(dr.gather(UInt32, self.beams, index), place(self.first), place(self.stop), dr.width(index))
+        kept = TileLists(dr.gather(UInt32, self.beams, index), place(self.first), place(self.stop), dr.width(index))
         dr.eval(kept.beams, kept.first, kept.stop)
         return kept
 
@@ -341,7 +341,7 @@ class Bins:
         last = dr.opaque(UInt32, self._cells - 1)
         self.entries = int((dr.gather(UInt32, self._base, last) + dr.gather(UInt32, counter, last))[0])
 
-    def lists(self) -> Lists:
+    def lists(self) -> TileLists:
         """Return the beams of each tile."""
         out, cursor = dr.zeros(UInt32, max(self.entries, 1)), dr.zeros(UInt32, self._cells)
         if self.entries:
@@ -351,4 +351,4 @@ class Bins:
         last, total = dr.opaque(UInt32, self._view.tiles - 1), dr.opaque(UInt32, self.entries)
         stop = dr.select(tile < last, dr.gather(UInt32, self._base, dr.minimum(tile + 1, last) * _LANES), total)
         dr.eval(out, first, stop)
-        return Lists(out, first, stop, self.entries)
+        return TileLists(out, first, stop, self.entries)

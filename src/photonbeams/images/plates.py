@@ -26,7 +26,7 @@ from .display import is_encoded, srgb_decoded
 from .files import HALF_MAX
 
 if TYPE_CHECKING:
-    from ..render.holdouts import Held
+    from ..render.holdouts import HoldoutDepth
     from ..world.cameras import View, Window
 
 KINDS = ("auto", "planar", "distance")
@@ -53,13 +53,13 @@ class Depth:
     distance: bool = False
     place: float = 0.5
 
-    def seen_by(self, view: View) -> Held:
+    def seen_by(self, view: View) -> HoldoutDepth:
         """Return where beams end in what a view's window shows."""
-        from ..render.holdouts import Held
+        from ..render.holdouts import HoldoutDepth
 
         values, place = part_of(self.values, view.window), (self.place, self.place)
         # A lens, if there is one, is around the camera's place, from which distances are.
-        return Held(values * view.cosines(place) if self.distance else values, view.window, place)
+        return HoldoutDepth(values * view.cosines(place) if self.distance else values, view.window, place)
 
 
 @dataclass(frozen=True)

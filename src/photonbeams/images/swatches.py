@@ -14,7 +14,7 @@ import numpy as np
 
 from ..beams import Beams
 from ..estimators.estimate import estimate
-from ..looks import At, BoundLook, Context, Look
+from ..looks import BoundLook, LightContext, Look, ShadingContext
 from ..runtime.device import Array3f, Float
 from ..scene import Medium
 from .display import srgb_encoded, tone_mapped
@@ -36,7 +36,7 @@ class Specimen:
     length: float = 4.0
     radius_start: float = 0.15
     radius_end: float = 0.4
-    context: Context | None = None
+    context: LightContext | None = None
 
     @property
     def beams(self) -> Beams:
@@ -128,7 +128,7 @@ def curves(look: BoundLook, specimen: Specimen) -> list[tuple[str, np.ndarray, n
     s = np.linspace(0, specimen.length, _SAMPLES)
     middle = 0.5 * specimen.length
 
-    def place(x: Any) -> At:
+    def place(x: Any) -> ShadingContext:
         distance = Float(x)
         return look.at(
             distance=distance, depth=distance, from_light=distance, fraction=distance * (1 / specimen.length),

@@ -15,7 +15,7 @@ from .across import (
 )
 from .along import Attenuation, ColorRamp, Exponential, Fade, Polynomial, Power, Space, Texture
 from .angle import Glow, Isotropic, Scattering
-from .at import INPUTS, At, Context, Fog
+from .context import INPUTS, Fog, LightContext, ShadingContext
 from .factors import Clamp, Constant, Factor, FactorLike, Function, Mix, Product, Sum, Value
 from .look import BoundLook, Look
 from .patterns import Expression, Noise, NoiseSpace, Variation
@@ -26,14 +26,12 @@ __all__ = [
     "INPUTS",
     "Across",
     "AcrossLike",
-    "At",
     "Attenuation",
     "Biweight",
     "BoundLook",
     "Clamp",
     "ColorRamp",
     "Constant",
-    "Context",
     "Epanechnikov",
     "Exponential",
     "Expression",
@@ -48,6 +46,7 @@ __all__ = [
     "Hollow",
     "Interpolation",
     "Isotropic",
+    "LightContext",
     "Look",
     "Mix",
     "Modulated",
@@ -59,6 +58,7 @@ __all__ = [
     "Power",
     "Product",
     "Scattering",
+    "ShadingContext",
     "Smoothstep",
     "Space",
     "Sum",

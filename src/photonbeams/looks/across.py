@@ -363,10 +363,10 @@ def across(value: AcrossLike) -> Across | Modulated:
 
 def _written(expression: Factor) -> Across | Modulated:
     """Return an expression as a profile."""
-    from .at import At, inputs_of
+    from .context import ShadingContext, inputs_of
 
-    alone = inputs_of(expression.evaluate, At(rho2=Float(0.5))) <= {"radius"}
-    value = expression.evaluate(At(rho2=Float(0.5)))
+    alone = inputs_of(expression.evaluate, ShadingContext(rho2=Float(0.5))) <= {"radius"}
+    value = expression.evaluate(ShadingContext(rho2=Float(0.5)))
     if not alone or dr.size_v(value) == 3:
         return Modulated(Uniform(), expression)
-    return AcrossFunction(lambda rho: expression.evaluate(At(rho2=rho * rho)), expression)
+    return AcrossFunction(lambda rho: expression.evaluate(ShadingContext(rho2=rho * rho)), expression)

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from ..numerics.given import LARGEST, SMALLEST, Given, derived, given, given_color, given_number, table
 from ..scene import SceneError, choice, has_gradients, shown
-from .at import At
+from .context import ShadingContext
 from .described import constructor
 from .factors import Corner, Decay, Factor, Number, Numbers, Value
 from .ramp import RESOLUTION, Interpolation, check_ramp, ramp_ends, ramp_table
@@ -28,7 +28,7 @@ Space = Literal["fraction", "distance", "radius", "angle"]
 class Attenuation(Decay):
     """Physical attenuation exp(−σt x), x the distance in the medium; for along and for eye."""
 
-    def exponent(self, at: At) -> Value:
+    def exponent(self, at: ShadingContext) -> Value:
         """Return minus the optical depth, per channel."""
         return -at.medium.extinction * at.depth
 
@@ -47,7 +47,7 @@ class Exponential(Decay):
         lengths = given_color(length, "an exponential falloff's length", "a positive number, or three", SMALLEST)
         self._rate = derived(lambda each: 1 / each, lengths, color=True)
 
-    def exponent(self, at: At) -> Value:
+    def exponent(self, at: ShadingContext) -> Value:
         """Return minus the distance in lengths, per channel."""
         return -self._rate * at.distance
 
@@ -67,7 +67,7 @@ class Power(Factor):
         size = given_number(length, "a power falloff's length", "a positive number", SMALLEST)
         self._rate = derived(lambda each: 1 / each, size)
 
-    def evaluate(self, at: At) -> Value:
+    def evaluate(self, at: ShadingContext) -> Value:
         """Return the falloff."""
         return dr.exp2(-self._exponent * dr.log2(1 + dr.maximum(at.distance, 0) * self._rate))
 
@@ -102,7 +102,7 @@ class Polynomial(Factor):
         self._interval = _Interval(begin, end, space)
         self.corners = self._interval.corners((0.0, 1.0))
 
-    def evaluate(self, at: At) -> Value:
+    def evaluate(self, at: ShadingContext) -> Value:
         """Return the polynomial by Horner's rule."""
         x = self._interval.parameter(at)
         result = self._coefficients[-1]
@@ -157,7 +157,7 @@ class ColorRamp(Factor):
         if interpolation in ("none", "linear"):
             self.corners = self._interval.corners(tuple(inside))
 
-    def evaluate(self, at: At) -> Value:
+    def evaluate(self, at: ShadingContext) -> Value:
         """Return the ramp's colour."""
         return self._table(self._interval.parameter(at))
 
@@ -205,7 +205,7 @@ class Texture(Factor):
             text = f"a texture of shape {image.plain.shape} has gradients enabled: expected one row of colours, (M, 3)"
             raise SceneError(text)
 
-    def evaluate(self, at: At) -> Value:
+    def evaluate(self, at: ShadingContext) -> Value:
         """Return the texture's colour."""
         return self._table(self._interval.parameter(at))
 
@@ -224,7 +224,7 @@ class _Interval:
         self._offset = derived(lambda *parts: _ends(*parts)[0], *ends)
         self._scale = derived(lambda *parts: 1 / (_ends(*parts)[1] - _ends(*parts)[0]), *ends)
 
-    def parameter(self, at: At) -> Any:
+    def parameter(self, at: ShadingContext) -> Any:
         return dr.clip((getattr(at, self._space) - self._offset) * self._scale, 0, 1)
 
     def corners(self, inside: Sequence[float]) -> tuple[Corner, ...]:

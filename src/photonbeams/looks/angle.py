@@ -7,7 +7,7 @@ from typing import Any
 import drjit as dr
 
 from ..numerics.given import derived, given_number
-from .at import At
+from .context import ShadingContext
 from .described import constructor
 from .factors import Factor, Number, Value
 
@@ -23,7 +23,7 @@ def henyey_greenstein(cosine: Any, anisotropy: Any) -> Any:
 class Scattering(Factor):
     """The physical factor σs · phase(cos θ), Henyey–Greenstein with the medium's anisotropy."""
 
-    def evaluate(self, at: At) -> Value:
+    def evaluate(self, at: ShadingContext) -> Value:
         """Return scattering coefficient times phase function."""
         return at.medium.scattering * henyey_greenstein(at.cosine, at.medium.anisotropy)
 
@@ -31,7 +31,7 @@ class Scattering(Factor):
 class Isotropic(Factor):
     """σs / 4π from every side: the medium's brightness without its view dependence."""
 
-    def evaluate(self, at: At) -> Value:
+    def evaluate(self, at: ShadingContext) -> Value:
         """Return a quarter of the scattering coefficient over π."""
         return at.medium.scattering * _INV_4PI
 
@@ -56,7 +56,7 @@ class Glow(Factor):
         self._base = derived(lambda each: (1 - each) * _INV_4PI, amount)
         self._glow = derived(lambda each, much: each * much, amount, factor)
 
-    def evaluate(self, at: At) -> Value:
+    def evaluate(self, at: ShadingContext) -> Value:
         """Return the mixture times the scattering coefficient."""
         lobe = henyey_greenstein(at.cosine, self._anisotropy)
         return at.medium.scattering * dr.fma(self._glow, lobe, self._base)

@@ -30,32 +30,40 @@ from ..runtime.device import Float
 from . import guarded
 from .guarded import divided, power, times, truth, vector_type
 from .syntax import DEEPEST, EXPECTED, LONGEST, ExpressionError, excerpt, too_deep, tree
-from .vocabulary import CONSTANTS, FUNCTIONS, NAMES, NOISE_PARTS, Function, Kind, Parameter, describe
+from .vocabulary import CONSTANTS, FUNCTIONS, NAMES, NOISE_PARTS, ExpressionFunction, Kind, Parameter, describe
 
 __all__ = [
-    "CONSTANTS", "DEEPEST", "FUNCTIONS", "LONGEST", "MOST_PARTS", "NAMES", "Expression", "ExpressionError", "describe",
+    "CONSTANTS",
+    "DEEPEST",
+    "FUNCTIONS",
+    "LONGEST",
+    "MOST_PARTS",
+    "NAMES",
+    "ExpressionError",
+    "ParsedExpression",
+    "describe",
     "parse",
 ]  # fmt: skip
 
 MOST_PARTS = 1000  # numbers, names, operators and calls; an octave of noise is worth `NOISE_PARTS` of them
 
 
-class _Values(NamedTuple):
+class _Operands(NamedTuple):
     """What the parts of an expression are computed from, all of one precision."""
 
     inputs: dict[str, Any]
     numbers: tuple[Any, ...]  # of the text, in its order
 
 
-class _Part(NamedTuple):
+class _Node(NamedTuple):
     """A part of an expression, checked."""
 
     kind: Kind
-    compute: Callable[[_Values], Any]
+    compute: Callable[[_Operands], Any]
     varies: bool = False  # whether an input is in it
 
 
-class Expression:
+class ParsedExpression:
     """An expression that has been parsed; `parse` makes it. Expressions of equal text are equal.
 
     Attributes
@@ -70,7 +78,7 @@ class Expression:
 
     __slots__ = ("_compute", "_double", "_single", "kind", "names", "text")
 
-    def __init__(self, text: str, part: _Part, names: frozenset[str], numbers: list[float]) -> None:
+    def __init__(self, text: str, part: _Node, names: frozenset[str], numbers: list[float]) -> None:
         self.text, self.kind, self.names = text, part.kind, names
         self._compute = part.compute
         double: Any = dr.float64_array_t(Float)
@@ -91,13 +99,13 @@ class Expression:
         scalar = dr.float64_array_t(Float) if double else Float
         types = {"scalar": scalar, "vector": vector_type(scalar)}
         inputs = {name: guarded.finite(types[NAMES[name].kind](value)) for name, value in found.items()}
-        return self._compute(_Values(inputs, self._double if double else self._single))
+        return self._compute(_Operands(inputs, self._double if double else self._single))
 
     def __repr__(self) -> str:
         return f"Expression({self.text!r})"
 
     def __eq__(self, other: object) -> bool:
-        return self.text == other.text if isinstance(other, Expression) else NotImplemented
+        return self.text == other.text if isinstance(other, ParsedExpression) else NotImplemented
 
     def __hash__(self) -> int:
         return hash(self.text)
@@ -112,7 +120,7 @@ def _opaque(value: Any) -> Any:
     return dr.opaque(Float, float(value))
 
 
-def parse(text: str) -> Expression:
+def parse(text: str) -> ParsedExpression:
     """Return a text as an expression.
 
     Raises
@@ -123,7 +131,7 @@ def parse(text: str) -> Expression:
     stripped = text.strip()
     parser = _Parser(stripped)
     part = parser.part(tree(stripped), 1)
-    return Expression(stripped, part, frozenset(parser.names), parser.numbers)
+    return ParsedExpression(stripped, part, frozenset(parser.names), parser.numbers)
 
 
 _OPERATORS: dict[type[ast.AST], Callable[[Any, Any], Any]] = {
@@ -155,12 +163,12 @@ class _Parser:
         self.names: set[str] = set()
         self.numbers: list[float] = []
 
-    def part(self, node: ast.expr, depth: int) -> _Part:
+    def part(self, node: ast.expr, depth: int) -> _Node:
         """Return the checked part for a node, `depth` levels down."""
         if depth > DEEPEST:
             self._refuse(node, too_deep())
         self._count(node, 1)
-        readers: dict[type[ast.expr], Callable[[Any, int], _Part]] = {
+        readers: dict[type[ast.expr], Callable[[Any, int], _Node]] = {
             ast.Constant: self._number,
             ast.Name: self._name,
             ast.UnaryOp: self._sign,
@@ -192,26 +200,26 @@ class _Parser:
                 f"calls, where an octave of noise counts as {NOISE_PARTS}",
             )
 
-    def _scalar(self, node: ast.expr, depth: int, what: str) -> _Part:
+    def _scalar(self, node: ast.expr, depth: int, what: str) -> _Node:
         part = self.part(node, depth)
         if part.kind == "vector":
             self._refuse(node, f"{what} is a vector: expected a scalar, such as one of its components .x, .y or .z")
         return part
 
-    def _number(self, node: ast.Constant, depth: int) -> _Part:
+    def _number(self, node: ast.Constant, depth: int) -> _Node:
         if type(node.value) not in (int, float):
             self._refuse(node, f"{node.value!r} is no number: {EXPECTED}")
         return self._literal(node, node.value)
 
-    def _literal(self, node: Any, value: Any) -> _Part:
+    def _literal(self, node: Any, value: Any) -> _Node:
         # An integer of many digits is compared as such: it may be beyond every float.
         if value > guarded.LARGEST:
             self._refuse(node, f"this number is too large: expected at most {guarded.LARGEST:g}")
         index = len(self.numbers)
         self.numbers.append(float(value))
-        return _Part("scalar", lambda values: values.numbers[index])
+        return _Node("scalar", lambda values: values.numbers[index])
 
-    def _name(self, node: ast.Name, depth: int) -> _Part:
+    def _name(self, node: ast.Name, depth: int) -> _Node:
         name = node.id
         if name in CONSTANTS:
             return self._literal(node, CONSTANTS[name])
@@ -220,12 +228,12 @@ class _Parser:
         if name not in NAMES:
             self._refuse(node, _unknown(name, "a name", [*NAMES, *CONSTANTS], FUNCTIONS))
         self.names.add(name)
-        return _Part(NAMES[name].kind, lambda values: values.inputs[name], varies=True)
+        return _Node(NAMES[name].kind, lambda values: values.inputs[name], varies=True)
 
-    def _sign(self, node: ast.UnaryOp, depth: int) -> _Part:
+    def _sign(self, node: ast.UnaryOp, depth: int) -> _Node:
         if isinstance(node.op, ast.Not):
             operand = self._scalar(node.operand, depth + 1, "what stands after not")
-            return _Part("scalar", lambda values: _not(operand.compute(values)), operand.varies)
+            return _Node("scalar", lambda values: _not(operand.compute(values)), operand.varies)
         if not isinstance(node.op, (ast.USub, ast.UAdd)):
             self._refuse(node, f"this operator has no meaning here: {EXPECTED}")
         operand = self.part(node.operand, depth + 1)
@@ -233,67 +241,67 @@ class _Parser:
             return operand
         return operand._replace(compute=lambda values: -operand.compute(values))
 
-    def _operation(self, node: ast.BinOp, depth: int) -> _Part:
+    def _operation(self, node: ast.BinOp, depth: int) -> _Node:
         function = _OPERATORS.get(type(node.op))
         if function is None:
             hint = "expected floor(a / b)" if isinstance(node.op, ast.FloorDiv) else "expected + - * / % or **"
             self._refuse(node, f"this has an operator without a meaning here: {hint}")
         return _applied(function, [self.part(node.left, depth + 1), self.part(node.right, depth + 1)])
 
-    def _comparison(self, node: ast.Compare, depth: int) -> _Part:
+    def _comparison(self, node: ast.Compare, depth: int) -> _Node:
         if any(type(each) not in _COMPARISONS for each in node.ops):
             self._refuse(node, "this comparison has no meaning here: expected < <= > >= == or !=")
         functions = [_COMPARISONS[type(each)] for each in node.ops]
         nodes = [node.left, *node.comparators]
         parts = [self._scalar(each, depth + 1, "one side of a comparison") for each in nodes]
 
-        def compute(values: _Values) -> Any:
+        def compute(values: _Operands) -> Any:
             computed = [part.compute(values) for part in parts]
             masks = [function(*computed[k : k + 2]) for k, function in enumerate(functions)]
             return truth(reduce(operator.and_, masks), computed[0])
 
-        return _Part("scalar", compute, any(part.varies for part in parts))
+        return _Node("scalar", compute, any(part.varies for part in parts))
 
-    def _logic(self, node: ast.BoolOp, depth: int) -> _Part:
+    def _logic(self, node: ast.BoolOp, depth: int) -> _Node:
         word, join = ("and", operator.and_) if isinstance(node.op, ast.And) else ("or", operator.or_)
         parts = [self._scalar(each, depth + 1, f"one side of {word}") for each in node.values]
 
-        def compute(values: _Values) -> Any:
+        def compute(values: _Operands) -> Any:
             computed = [part.compute(values) for part in parts]
             return truth(reduce(join, [each != 0 for each in computed]), computed[0])
 
-        return _Part("scalar", compute, any(part.varies for part in parts))
+        return _Node("scalar", compute, any(part.varies for part in parts))
 
-    def _choice(self, node: ast.IfExp, depth: int) -> _Part:
+    def _choice(self, node: ast.IfExp, depth: int) -> _Node:
         condition = self._scalar(node.test, depth + 1, "the condition")
         first, second = self.part(node.body, depth + 1), self.part(node.orelse, depth + 1)
         return _call(FUNCTIONS["select"], [condition, first, second])
 
-    def _list(self, node: ast.List, depth: int) -> _Part:
+    def _list(self, node: ast.List, depth: int) -> _Node:
         if len(node.elts) != 3:
             count = f"{len(node.elts)} component{'' if len(node.elts) == 1 else 's'}"
             self._refuse(node, f"a vector has {count}: expected three, as in [1, 0.5, s]")
         parts = [self._scalar(each, depth + 1, "a component of a vector") for each in node.elts]
         return _call(FUNCTIONS["vec"], parts)
 
-    def _component(self, node: ast.Attribute, depth: int) -> _Part:
+    def _component(self, node: ast.Attribute, depth: int) -> _Node:
         if node.attr not in _COMPONENTS:
             self._refuse(node, f".{node.attr} is no component: expected .x, .y, .z, .r, .g or .b")
         return self._indexed(node.value, depth, _COMPONENTS[node.attr])
 
-    def _subscript(self, node: ast.Subscript, depth: int) -> _Part:
+    def _subscript(self, node: ast.Subscript, depth: int) -> _Node:
         index = node.slice
         if not (isinstance(index, ast.Constant) and type(index.value) is int and 0 <= index.value <= 2):
             self._refuse(index, "this is no component's number: expected [0], [1] or [2]")
         return self._indexed(node.value, depth, index.value)
 
-    def _indexed(self, node: ast.expr, depth: int, index: int) -> _Part:
+    def _indexed(self, node: ast.expr, depth: int, index: int) -> _Node:
         part = self.part(node, depth + 1)
         if part.kind == "scalar":
             self._refuse(node, "a scalar has no components: expected a vector before them")
-        return _Part("scalar", lambda values: part.compute(values)[index], part.varies)
+        return _Node("scalar", lambda values: part.compute(values)[index], part.varies)
 
-    def _call(self, node: ast.Call, depth: int) -> _Part:
+    def _call(self, node: ast.Call, depth: int) -> _Node:
         if not isinstance(node.func, ast.Name):
             self._refuse(node, "what is called is no function's name: expected a call such as clamp(s, 0, 1)")
         name = node.func.id
@@ -313,7 +321,7 @@ class _Parser:
             self._refuse(node, f"{name} has what varies first: expected its edges first, {function.signature}")
         return _call(function, arguments)
 
-    def _arguments(self, node: ast.Call, function: Function) -> list[ast.expr | None]:
+    def _arguments(self, node: ast.Call, function: ExpressionFunction) -> list[ast.expr | None]:
         """Return the arguments' nodes in the order of the parameters; None: left out."""
         least, most = function.arity
         names = [each.name for each in function.parameters]
@@ -333,13 +341,13 @@ class _Parser:
             self._refuse(node, f"{function.name} has {count}: expected {function.signature}")
         return [given.get(name) for name in names]
 
-    def _argument(self, function: Function, parameter: Parameter, node: ast.expr | None, depth: int) -> Any:
+    def _argument(self, function: ExpressionFunction, parameter: Parameter, node: ast.expr | None, depth: int) -> Any:
         """Return an argument as a part; a whole number as it is, and None where there is none."""
         default = parameter.default
         if parameter.kind == "whole":
             return self._whole(parameter, node) if node is not None else int(default or 0)
         if node is None:
-            return None if default is None else _Part("scalar", lambda values: default)
+            return None if default is None else _Node("scalar", lambda values: default)
         what = f"{function.name}'s {parameter.name}"
         if parameter.kind == "scalar":
             return self._scalar(node, depth, what)
@@ -357,27 +365,27 @@ class _Parser:
         return value
 
 
-def _call(function: Function, arguments: list[Any]) -> _Part:
+def _call(function: ExpressionFunction, arguments: list[Any]) -> _Node:
     """Return a call with arguments that are checked: parts, whole numbers, and None."""
     mixed = function.result == "any"
     broadcast = [k for k, each in enumerate(function.parameters) if each.kind == "any" and mixed]
     vector = any(arguments[k].kind == "vector" for k in broadcast)
 
-    def compute(values: _Values) -> Any:
-        computed = [each.compute(values) if isinstance(each, _Part) else each for each in arguments]
+    def compute(values: _Operands) -> Any:
+        computed = [each.compute(values) if isinstance(each, _Node) else each for each in arguments]
         if vector:
             for k in broadcast:
                 computed[k] = _as_vector(computed[k])
         return function.compute(*computed)
 
     kind: Kind = "vector" if vector or function.result == "vector" else "scalar"
-    return _Part(kind, compute, any(each.varies for each in arguments if isinstance(each, _Part)))
+    return _Node(kind, compute, any(each.varies for each in arguments if isinstance(each, _Node)))
 
 
-def _applied(function: Callable[..., Any], parts: list[_Part]) -> _Part:
+def _applied(function: Callable[..., Any], parts: list[_Node]) -> _Node:
     """Return an operator between parts, in each component where one of them is a vector."""
     parameters = tuple(Parameter(name) for name in "ab")
-    return _call(Function("", parameters, "any", "", function), parts)
+    return _call(ExpressionFunction("", parameters, "any", "", function), parts)
 
 
 def _as_vector(value: Any) -> Any:

@@ -2,8 +2,8 @@
 
     contribution = power · along(s) · across(ρ) · eye(t) · angle(θ)
 
-A factor sees where it is evaluated (`At`) and answers a number or a colour. Everything is written for Dr.Jit arrays of
-any precision; parameters are opaque, so that changing one does not compile a kernel anew.
+A factor takes a `ShadingContext` and returns a number or a colour. Everything is written for Dr.Jit arrays of any
+precision; parameters are opaque, so that changing one does not compile a kernel anew.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import numpy as np
 from ..numerics.given import Number, Numbers, given, given_color, given_number
 from ..runtime.device import Array3f, Float
 from ..scene import SceneError, arguments, shown
-from .at import INPUTS, At
+from .context import INPUTS, ShadingContext
 from .described import Described, constructor, described
 
 #: Where the integrand has a corner: the name of an input ("fraction", "distance", "eye", "radius") and its value there.
@@ -47,11 +47,11 @@ class Factor(Described):
     #: Whether it may be negative or not finite.
     wild: bool = False
 
-    def evaluate(self, at: At) -> Value:
+    def evaluate(self, at: ShadingContext) -> Value:
         """Return the factor's value: a Float, or an Array3f."""
         raise NotImplementedError
 
-    def split(self, at: At) -> tuple[Any, Any]:
+    def split(self, at: ShadingContext) -> tuple[Any, Any]:
         """Return (value, exponent) with the factor equal to value · exp(exponent).
 
         The exponents of a look are summed before one exponential is taken of them: it is the dearest step of all.
@@ -92,12 +92,12 @@ class Product(Factor):
     def __repr__(self) -> str:
         return " * ".join(f"({each})" if isinstance(each, Sum) else repr(each) for each in self.factors)
 
-    def evaluate(self, at: At) -> Value:
+    def evaluate(self, at: ShadingContext) -> Value:
         """Return the product of the factors' values."""
         value, exponent = self.split(at)
         return value * dr.exp(exponent)
 
-    def split(self, at: At) -> tuple[Any, Any]:
+    def split(self, at: ShadingContext) -> tuple[Any, Any]:
         """Return the product of the values and the sum of the exponents."""
         value, exponent = self.factors[0].split(at)
         for each in self.factors[1:]:
@@ -117,7 +117,7 @@ class Sum(Factor):
     def __repr__(self) -> str:
         return " + ".join(map(repr, self._factors))
 
-    def evaluate(self, at: At) -> Value:
+    def evaluate(self, at: ShadingContext) -> Value:
         """Return the sum of the factors' values."""
         value = self._factors[0].evaluate(at)
         for each in self._factors[1:]:
@@ -134,7 +134,7 @@ class Mix(Factor):
         _inherit(self, (self._first, self._second, self._amount))
         self.wild = True  # an amount beyond 0 to 1 makes colours negative
 
-    def evaluate(self, at: At) -> Value:
+    def evaluate(self, at: ShadingContext) -> Value:
         """Return the mixture."""
         first = self._first.evaluate(at)
         return first + (self._second.evaluate(at) - first) * self._amount.evaluate(at)
@@ -159,7 +159,7 @@ class Clamp(Factor):
         _inherit(self, (self._inner,))
         self.wild = self._inner.wild or bool(least.plain < 0)
 
-    def evaluate(self, at: At) -> Value:
+    def evaluate(self, at: ShadingContext) -> Value:
         """Return the clamped values."""
         return dr.minimum(dr.maximum(self._inner.evaluate(at), self._low), self._high)
 
@@ -167,15 +167,15 @@ class Clamp(Factor):
 class Decay(Factor):
     """A factor exp(exponent). Subclasses answer `exponent`."""
 
-    def exponent(self, at: At) -> Value:
+    def exponent(self, at: ShadingContext) -> Value:
         """Return the exponent, not above 0 in what is not an artist's whim."""
         raise NotImplementedError
 
-    def evaluate(self, at: At) -> Value:
+    def evaluate(self, at: ShadingContext) -> Value:
         """Return the exponential."""
         return dr.exp(self.exponent(at))
 
-    def split(self, at: At) -> tuple[Any, Any]:
+    def split(self, at: ShadingContext) -> tuple[Any, Any]:
         """Return 1 and the exponent."""
         return 1.0, self.exponent(at)
 
@@ -195,7 +195,7 @@ class Constant(Factor):
         self._value = numbers.value
         self.wild = bool(np.any(numbers.plain < 0))
 
-    def evaluate(self, at: At) -> Value:
+    def evaluate(self, at: ShadingContext) -> Value:
         """Return the constant."""
         return self._value
 
@@ -205,8 +205,8 @@ class Function(Factor):
 
     A function of one parameter gets the factor's own input, `argument`; one of several gets the inputs that its
     parameters name (`INPUTS`: s, distance, r, t, angle, cosine, P, Pl, time, frame, random, id, light, generation); a
-    parameter of the name `at` gets the `At` itself. Numbers that the function closes over become part of the kernel:
-    make them `drjit.opaque(...)` values where they change from frame to frame.
+    parameter of the name `at` gets the `ShadingContext` itself. Numbers that the function closes over become part of
+    the kernel: make them `drjit.opaque(...)` values where they change from frame to frame.
     """
 
     rough = wild = True
@@ -215,14 +215,14 @@ class Function(Factor):
     def __init__(self, function: Callable[..., Any], argument: str = "distance") -> None:
         if not callable(function) or isinstance(function, type):
             raise SceneError(f"a look's function is {shown(function)}: expected a Python function")
-        if not hasattr(At, argument):
+        if not hasattr(ShadingContext, argument):
             raise SceneError(f"a function's argument is {shown(argument)}: expected an attribute of At")
         self._function, self.arguments = function, _arguments(function, argument)
 
     def __repr__(self) -> str:
         return f"Function({described(self._function)})"
 
-    def evaluate(self, at: At) -> Value:
+    def evaluate(self, at: ShadingContext) -> Value:
         """Call the function."""
         return self.called(*(at if each == "at" else getattr(at, each) for each in self.arguments))
 

@@ -14,7 +14,7 @@ from ..scene import Medium, SceneError, arguments, shown
 from .across import Across, AcrossLike, Epanechnikov, Modulated, across
 from .along import Attenuation
 from .angle import Scattering
-from .at import OF_BEAMS, OF_PLACES, OF_RADII, At, Context, Fog, inputs_of
+from .context import OF_BEAMS, OF_PLACES, OF_RADII, Fog, LightContext, ShadingContext, inputs_of
 from .factors import Constant, Corner, Factor, FactorLike, factor
 
 #: Two corners of a space.
@@ -98,7 +98,7 @@ class Look:
         self,
         medium: Medium | Fog | None,
         reach: float,
-        context: Context | None = None,
+        context: LightContext | None = None,
         box: Box = ((-1.0,) * 3, (1.0,) * 3),
     ) -> BoundLook:
         """Return the look in this medium, for beams and rays of at most `reach` scene units.
@@ -112,7 +112,7 @@ class Look:
         """
         if medium is not None and not isinstance(medium, Medium | Fog):
             raise SceneError(f"medium is {shown(medium)}: expected a Medium, a looks.Fog or None")
-        if context is not None and not isinstance(context, Context):
+        if context is not None and not isinstance(context, LightContext):
             raise SceneError(f"context is {shown(context)}: expected a looks.Context or None")
         fog = Fog(medium) if isinstance(medium, Medium) else medium
         return BoundLook(self, fog, reach, context, box)
@@ -130,7 +130,7 @@ class BoundLook:
     profile
         The profile across the beam.
     uses
-        What the factors ask of `At`, save for distances.
+        What the factors ask of `ShadingContext`, save for distances.
     by_radius
         Whether factors change with ρ: the billboard has to project them with the profile.
     of_beams
@@ -147,8 +147,8 @@ class BoundLook:
         Whether factors or the profile are attached to the AD graph.
     """
 
-    def __init__(self, look: Look, fog: Fog | None, reach: float, context: Context | None, box: Box) -> None:
-        self._look, self._fog, self._context = look, fog, context or Context()
+    def __init__(self, look: Look, fog: Fog | None, reach: float, context: LightContext | None, box: Box) -> None:
+        self._look, self._fog, self._context = look, fog, context or LightContext()
         self.profile = look.across
         self._modulation = look.modulation or Constant(1.0)
         eye = tuple(("eye" if name == "distance" else name, place) for name, place in look.eye.corners)
@@ -179,11 +179,11 @@ class BoundLook:
         look = self._look
         return {"along": look.along, "across": self._modulation, "eye": look.eye, "angle": look.angle}
 
-    def at(self, **where: Any) -> At:
-        """Return a place in this medium and context (see `At`)."""
-        return At(fog=self._fog, context=self._context, **where)
+    def at(self, **where: Any) -> ShadingContext:
+        """Return a place in this medium and context (see `ShadingContext`)."""
+        return ShadingContext(fog=self._fog, context=self._context, **where)
 
-    def light(self, at: At, reach_depth: Any) -> Any:
+    def light(self, at: ShadingContext, reach_depth: Any) -> Any:
         """Return all factors that may change along a ray, but the profile; `reach_depth` is the eye's way in the fog.
 
         `at` has the light's distance and depth as its own. Light is neither negative nor endless.
@@ -191,7 +191,7 @@ class BoundLook:
         light = self._light(at, reach_depth)
         return _tamed(light) if self._wild else light
 
-    def _light(self, at: At, reach_depth: Any) -> Any:
+    def _light(self, at: ShadingContext, reach_depth: Any) -> Any:
         look = self._look
         light, fading = look.along.split(at)
         eye, dimming = look.eye.split(at.own(at.to_camera, reach_depth))
@@ -213,7 +213,7 @@ class BoundLook:
         value = self._look.angle.evaluate(self.at(cosine=cosine, beam=beam))
         return _tamed(value) if self._look.angle.wild else value
 
-    def factor(self, slot: str, at: At, **where: Any) -> Any:
+    def factor(self, slot: str, at: ShadingContext, **where: Any) -> Any:
         """Return one factor ("along", "across", "eye", "angle") at a place; of "across" what modulates the profile."""
         return self._factors()[slot].evaluate(replace(at, **where))
 
@@ -233,7 +233,7 @@ class BoundLook:
 
     # -- How fast it changes ------------------------------------------------------------------------------------------
 
-    def _probe(self, width: int, box: Box) -> At:
+    def _probe(self, width: int, box: Box) -> ShadingContext:
         """Return a place for each of _LINES lines, `width` times, at the light and at the camera.
 
         Fractions and all that does not change along a ray are spread over what they can be.
@@ -284,7 +284,7 @@ class BoundLook:
             moved = replace(probe, place=lambda: start + offset)
             self.rate_place = dr.opaque(Float, self._rate(moved, Float(0)) / size)
 
-    def _rate(self, at: At, reach_depth: Any) -> float:
+    def _rate(self, at: ShadingContext, reach_depth: Any) -> float:
         """Return how fast the look changes over the unit interval: by its slope, or by the root of its curvature.
 
         Both relative to the largest value, and equal for an exponential. A faint wave has little slope; what the
@@ -304,7 +304,7 @@ class BoundLook:
         bends = np.quantile(np.abs(np.diff(lines, 2, axis=-1)), _BENT, axis=-1).max() * (_SAMPLES - 1) ** 2 / peak
         return float(max(slope, np.sqrt(bends) if bends > _ROUNDING else 0.0))
 
-    def _complain(self, at: At, reach_depth: Any) -> None:
+    def _complain(self, at: ShadingContext, reach_depth: Any) -> None:
         """Raise SceneError for the factor that is not finite."""
         for slot, each in self._factors().items():
             here = at.own(at.to_camera, reach_depth) if slot == "eye" else at

@@ -8,7 +8,7 @@ import drjit as dr
 
 from ..numerics.given import SMALLEST, derived, given_color, given_number
 from ..scene import SceneError, choice, shown, whole
-from .at import INPUTS, At
+from .context import INPUTS, ShadingContext
 from .described import constructor
 from .expression import parse
 from .factors import Factor, Number, Numbers, Value
@@ -32,7 +32,7 @@ class Expression(Factor):
             raise SceneError(f"an expression is {shown(text)}: expected a text, such as '1 - s'")
         self.parsed = parse(text)
 
-    def evaluate(self, at: At) -> Value:
+    def evaluate(self, at: ShadingContext) -> Value:
         """Return the expression's value."""
         return dr.maximum(self.parsed.evaluate(lambda name: getattr(at, INPUTS[name])), 0)
 
@@ -91,7 +91,7 @@ class Noise(Factor):
         self._evolution, self._still = changes.value, changes.attached is None and not changes.plain
         self._space = choice(space, "a noise's space", get_args(NoiseSpace))
 
-    def evaluate(self, at: At) -> Value:
+    def evaluate(self, at: ShadingContext) -> Value:
         """Return the noise."""
         point = at.local if self._space == "light" else at.position
         moved = (point - self._drift * at.time) * self._rate
@@ -113,6 +113,6 @@ class Variation(Factor):
     def __init__(self, amount: Number = 0.5) -> None:
         self._amount = given_number(amount, "a variation", "a number from 0 to 1", 0, 1).value
 
-    def evaluate(self, at: At) -> Value:
+    def evaluate(self, at: ShadingContext) -> Value:
         """Return the beam's brightness."""
         return dr.fma(self._amount, 2 * at.random - 1, 1)

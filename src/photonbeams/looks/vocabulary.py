@@ -17,7 +17,17 @@ import drjit as dr
 from . import guarded, noise
 from .guarded import divided, fraction, power, saturated, times, truth, vector_type
 
-__all__ = ["CONSTANTS", "FUNCTIONS", "NAMES", "NOISE_PARTS", "Function", "Input", "Kind", "Parameter", "describe"]
+__all__ = [
+    "CONSTANTS",
+    "FUNCTIONS",
+    "NAMES",
+    "NOISE_PARTS",
+    "ExpressionFunction",
+    "Input",
+    "Kind",
+    "Parameter",
+    "describe",
+]
 
 Kind = Literal["scalar", "vector"]
 
@@ -26,7 +36,7 @@ NOISE_PARTS = 10
 
 
 class Input(NamedTuple):
-    """An input: whether it is a scalar or a vector, the attribute of `At` that answers it, and what it means."""
+    """An input: a scalar or a vector, the attribute of `ShadingContext` that holds it, and what it means."""
 
     kind: Kind
     attribute: str
@@ -89,7 +99,7 @@ class Parameter(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Function:
+class ExpressionFunction:
     """A function of expressions.
 
     Attributes
@@ -221,13 +231,13 @@ def _parameter(text: str) -> Parameter:
     return Parameter(name, known, optional, value)
 
 
-def _functions() -> dict[str, Function]:
-    table: dict[str, Function] = {}
+def _functions() -> dict[str, ExpressionFunction]:
+    table: dict[str, ExpressionFunction] = {}
 
     def add(names: str, parameters: str, result: Any, compute: Callable[..., Any], doc: str, parts: int = 1) -> None:
         listed = tuple(map(_parameter, parameters.split()))
         for name in names.split():
-            table[name] = Function(name, listed, result, doc, compute, parts)
+            table[name] = ExpressionFunction(name, listed, result, doc, compute, parts)
 
     add("abs", "x", "any", dr.abs, "x without its sign")
     add("sign", "x", "any", guarded.sign, "-1, 0 or 1 by the sign of x")
@@ -294,7 +304,7 @@ def _functions() -> dict[str, Function]:
     return table
 
 
-FUNCTIONS: dict[str, Function] = _functions()
+FUNCTIONS: dict[str, ExpressionFunction] = _functions()
 
 
 def describe() -> str:

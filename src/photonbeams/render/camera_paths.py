@@ -123,7 +123,7 @@ class Lighting(Protocol):
 
 
 @dataclass(frozen=True)
-class Viewing:
+class CameraTracing:
     """How camera paths are followed.
 
     Attributes
@@ -147,7 +147,7 @@ class Viewing:
     sharp: bool = True
 
 
-def begin(viewing: Viewing, primary: Primary, order: UInt32) -> CameraPaths:
+def begin(viewing: CameraTracing, primary: Primary, order: UInt32) -> CameraPaths:
     """Return the camera paths of a pass."""
     count = dr.width(primary.direction)
     paths = CameraPaths()
@@ -165,7 +165,7 @@ def begin(viewing: Viewing, primary: Primary, order: UInt32) -> CameraPaths:
 
 
 def follow(
-    viewing: Viewing, paths: CameraPaths, samples: Samples, photons: PhotonMaps | None
+    viewing: CameraTracing, paths: CameraPaths, samples: Samples, photons: PhotonMaps | None
 ) -> Iterator[tuple[CameraPaths, CameraVertex]]:
     """Yield camera paths and where they arrive, step by step."""
     step = 0
@@ -182,7 +182,7 @@ def follow(
 
 
 def _step(
-    viewing: Viewing, paths: CameraPaths, samples: Samples, step: UInt32, photons: PhotonMaps | None
+    viewing: CameraTracing, paths: CameraPaths, samples: Samples, step: UInt32, photons: PhotonMaps | None
 ) -> tuple[CameraVertex, CameraPaths | None]:
     world, alive = viewing.world, paths.alive
     start = paths.origin + paths.near * paths.direction
@@ -222,13 +222,13 @@ def _step(
     return vertex, _onward(viewing, paths, hit, (throughput, clear), met, samples, step)
 
 
-def _within(viewing: Viewing, depth: UInt32, more: int) -> Any:
+def _within(viewing: CameraTracing, depth: UInt32, more: int) -> Any:
     """Return whether paths of so many events and more edges are no longer than asked for."""
     return Bool(True) if viewing.max_depth is None else depth + more <= dr.opaque(UInt32, viewing.max_depth)
 
 
 def _onward(
-    viewing: Viewing, paths: CameraPaths, hit: Any, weights: tuple[Array3f, Array3f], met: Bool, samples: Samples,
+    viewing: CameraTracing, paths: CameraPaths, hit: Any, weights: tuple[Array3f, Array3f], met: Bool, samples: Samples,
     step: UInt32,
 ) -> CameraPaths:  # fmt: skip
     """Return paths behind the surface that they met: mirrored, refracted, or straight on."""

@@ -20,7 +20,7 @@ import numpy as np
 from ..beams.sets import BeamSet
 from ..estimators.points import Points
 from ..estimators.tiles import Projection
-from ..looks import Context
+from ..looks import LightContext
 from ..numerics.samples import Samples
 from ..runtime.device import Array3f, Bool, Float
 from ..transport import paths
@@ -29,7 +29,7 @@ from ..transport.simulation import Tuning
 from ..world.sensors import Primary
 from ..world.world import World
 from . import camera_paths
-from .camera_paths import Lighting, Viewing
+from .camera_paths import CameraTracing, Lighting
 from .film import Film, PassPicture, films_state, restore_films
 from .gathering import Estimating, Gathering
 from .passes import Statistics, subpixel
@@ -58,7 +58,7 @@ class Simulated:
 
 
 @dataclass(frozen=True)
-class Eye:
+class ViewRays:
     """A view's rays in a pass, its screen (None where it has none), and a factor on its light.
 
     `held` is where rays end that see no surfaces, in units of distance, or None.
@@ -70,7 +70,7 @@ class Eye:
     held: Any = None
 
 
-class Frame(ABC):
+class FrameRenderer(ABC):
     """The films of all views of a frame.
 
     Attributes
@@ -94,11 +94,11 @@ class Frame(ABC):
         """Return what light leaves in pass `number`."""
 
     @abstractmethod
-    def _eye(self, number: int, view: int, samples: Samples, moving: bool) -> Eye:
+    def _eye(self, number: int, view: int, samples: Samples, moving: bool) -> ViewRays:
         """Return the rays of a view in a pass; `moving` tells that beams move while it looks."""
 
     @abstractmethod
-    def _sharp(self, view: int) -> tuple[World, Eye] | None:
+    def _sharp(self, view: int) -> tuple[World, ViewRays] | None:
         """Return the pinhole by which depths are seen, and what it sees, where the view itself is blurred."""
 
     def _clock(self, number: int) -> tuple[float, float]:
@@ -137,14 +137,14 @@ class Frame(ABC):
         statistics.passes += 1
 
     def _seen(
-        self, number: int, light: Simulated, eye: Eye, film: Film, samples: Samples, photons: PhotonMaps | None
+        self, number: int, light: Simulated, eye: ViewRays, film: Film, samples: Samples, photons: PhotonMaps | None
     ) -> PassPicture:  # fmt: skip
         """Return what a view sees in a pass."""
         clock, statistics = self._clock(number), self.statistics
         viewing = self._viewing(light.world, eye)
         estimating = Estimating(
             self.settings.estimator, self._points, self._max_depth,
-            lambda each: Context(*clock, each.light, each.to_world),
+            lambda each: LightContext(*clock, each.light, each.to_world),
         )  # fmt: skip
         gathering = Gathering(eye.view, eye.primary, light.world.media, light.sets, estimating, statistics)
         with statistics.phase("surfaces"):
@@ -168,12 +168,12 @@ class Frame(ABC):
             picture.distance * facing,
         )  # fmt: skip
 
-    def _viewing(self, world: World, eye: Eye) -> Viewing:
+    def _viewing(self, world: World, eye: ViewRays) -> CameraTracing:
         settings = self.settings
         if eye.held is not None:
             world = world.without_surfaces()
-            return Viewing(world, _Nothing(), None, settings.rr_depth, True, surfaces=False, sharp=world.sharp)
-        return Viewing(
+            return CameraTracing(world, _Nothing(), None, settings.rr_depth, True, surfaces=False, sharp=world.sharp)
+        return CameraTracing(
             world, self._lighting(world), self._max_depth, settings.rr_depth, settings.hide_emitters,
             settings.surfaces, world.sharp,
         )  # fmt: skip

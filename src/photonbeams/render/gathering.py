@@ -16,7 +16,7 @@ from ..estimators.geometry import Rays
 from ..estimators.image import PixelRays, estimate_image, lane_of
 from ..estimators.points import Points
 from ..estimators.tiles import Projection
-from ..looks import Context
+from ..looks import LightContext
 from ..numerics.arrays import compressed, joined
 from ..runtime.device import Array3f, Bool, Float, UInt32
 from ..scene import SceneError
@@ -67,7 +67,7 @@ class Estimating:
     estimator: str
     points: Points
     max_depth: int | None
-    context: Callable[[BeamSet], Context] | None = None
+    context: Callable[[BeamSet], LightContext] | None = None
 
 
 class Gathering:
@@ -131,7 +131,7 @@ class Gathering:
             dr.eval(self.radiance[each.group])
             self._statistics.tests += part.billboard_tests + part.frustum_tests
 
-    def _context(self, each: BeamSet) -> Context | None:
+    def _context(self, each: BeamSet) -> LightContext | None:
         return None if self._estimating.context is None else self._estimating.context(each)
 
     def finish(self) -> None:

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     pass
 
 
-class Held:
+class HoldoutDepth:
     """Planar depths of one view's window, (H, W), positive, infinite where there is nothing.
 
     `place` is where in each pixel they are, from 0 to 1 each way.

@@ -75,16 +75,16 @@ class Accumulating(Protocol):
         """Go on from the state of another frame."""
 
 
-Frame = TypeVar("Frame", bound=Accumulating)
+Rendered = TypeVar("Rendered", bound=Accumulating)
 
 
 def accumulate(
-    begin: Callable[[], Frame],
+    begin: Callable[[], Rendered],
     settings: Settings,
     progress: Progress | None = None,
     checkpoint: Checkpoint | None = None,
     about: Sequence[Any] = (),
-) -> Frame:
+) -> Rendered:
     """Return a frame with all its passes, or with those that were begun within the time limit: at least one.
 
     `begin` returns the frame, which goes on from the checkpoint if that has passes of what it is `about`. `progress` is

@@ -13,7 +13,7 @@ from .. import scene
 from ..numerics.samples import Samples
 from ..transport import paths
 from ..transport.emission import Emitted
-from ..transport.guiding import Watch
+from ..transport.guiding import CameraImportance
 from ..transport.scene_emitters import emission_of, shared_anew
 from ..transport.simulation import Simulation
 from ..world.scene_world import SceneWorld
@@ -24,14 +24,14 @@ from ..world.world import World
 from .camera_paths import Lighting
 from .checkpoint import Checkpoint
 from .film import Film, group_layers, reconstruction_filter
-from .frame import Eye, Frame, Simulated
-from .holdouts import Held
+from .frame import FrameRenderer, Simulated, ViewRays
+from .holdouts import HoldoutDepth
 from .passes import Progress, accumulate, subpixel
 from .scene_lighting import SceneLighting
 from .settings import DEFAULT_PATHS, DEFAULTS, Settings
 
 
-class SceneFrame(Frame):
+class SceneRenderer(FrameRenderer):
     """A frame of a Mitsuba scene.
 
     Parameters
@@ -58,7 +58,7 @@ class SceneFrame(Frame):
         super().__init__(settings, settings.depth())
         extras = extras or Extras()
         self._sensors = [Sensor(sensor, eye) for eye in extras.eyes or (None,)]
-        self._holdouts: Sequence[Held | None] = extras.holdouts or [None] * len(self._sensors)
+        self._holdouts: Sequence[HoldoutDepth | None] = extras.holdouts or [None] * len(self._sensors)
         with self.statistics.phase("build"):
             sources, numbers = _sources(plugin, extras.beams)
             self._scene = SceneWorld(plugin, sensor, sources)
@@ -86,24 +86,26 @@ class SceneFrame(Frame):
             self._scene, *self.simulation.simulated(number), self._tuning.limits(number, self._scene.radius)
         )
 
-    def _eye(self, number: int, view: int, samples: Samples, moving: bool) -> Eye:
+    def _eye(self, number: int, view: int, samples: Samples, moving: bool) -> ViewRays:
         sensor, held = self._sensors[view], self._holdouts[view]
         primary = sensor.rays(subpixel(number), self._films[view].order, samples)
         if sensor.view is None or held is None:
-            return Eye(primary, None if sensor.view is None else sensor.view.projection)
+            return ViewRays(primary, None if sensor.view is None else sensor.view.projection)
         far = held.distances(sensor.view, primary.facing, subpixel(number), sensor.on_lens(samples))
-        return Eye(replace(primary, far=far), sensor.view.projection, held=far)
+        return ViewRays(replace(primary, far=far), sensor.view.projection, held=far)
 
-    def _sharp(self, view: int) -> tuple[World, Eye] | None:
+    def _sharp(self, view: int) -> tuple[World, ViewRays] | None:
         held = self._holdouts[view]
         if held is None:
             return None
         primary = self._sensors[view].rays((0.5, 0.5), self._films[view].order, self._samples(0))
-        return self._scene, Eye(primary, None, held=held.depth)
+        return self._scene, ViewRays(primary, None, held=held.depth)
 
     def _importance(self, emitted: list[Emitted]) -> np.ndarray:
         """Return how much of light paths is seen, by any of the eyes."""
-        watches = [Watch(self._scene, each.view.projection) for each in self._sensors if each.view is not None]
+        watches = [
+            CameraImportance(self._scene, each.view.projection) for each in self._sensors if each.view is not None
+        ]
         tracing = self.simulation.tracing(0)
         count = sum(dr.width(each.origin) for each in emitted)
         result = np.zeros(count)
@@ -129,7 +131,7 @@ class Extras:
 
     beams: Mapping[str, scene.BeamSettings] = field(default_factory=dict)
     eyes: Sequence[scene.Camera] = ()
-    holdouts: Sequence[Held] = ()
+    holdouts: Sequence[HoldoutDepth] = ()
 
 
 def names_of(emitter: Any) -> list[str]:
@@ -171,7 +173,7 @@ def render(
     content: str = "",
     warned: set[str] | None = None,
     extras: Extras | None = None,
-) -> SceneFrame:
+) -> SceneRenderer:
     """Render a Mitsuba scene from one of its sensors.
 
     Parameters
@@ -200,5 +202,5 @@ def render(
         own.beams, own.eyes, [each.depth for each in own.holdouts],
     ]  # fmt: skip
     return accumulate(
-        lambda: SceneFrame(plugin, sensor, settings, warned, extras), settings, progress, checkpoint, about
+        lambda: SceneRenderer(plugin, sensor, settings, warned, extras), settings, progress, checkpoint, about
     )

@@ -160,7 +160,7 @@ class Settings:
 DEFAULTS = Settings()
 
 
-class Given(TypedDict, total=False):
+class SettingsArguments(TypedDict, total=False):
     """What may be given of `Settings` by name, beside `passes`."""
 
     time_limit: float | None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
@@ -28,9 +28,9 @@ from .camera_paths import Lighting
 from .checkpoint import Checkpoint
 from .film import Film, group_layers, reconstruction_filter
 from .film import layer_names as names_of
-from .frame import Eye, Frame, Simulated
-from .holdouts import Held
-from .passes import Progress, Statistics, accumulate, subpixel
+from .frame import FrameRenderer, Simulated, ViewRays
+from .holdouts import HoldoutDepth
+from .passes import Progress, accumulate, subpixel
 from .settings import DEFAULTS, Settings
 from .stage_lighting import StageLighting
 
@@ -42,28 +42,15 @@ _LENS, _TIME = 101, 102  # streams of samples
 PIXEL_BYTES, BEAM_BYTES = 300, 350
 
 
-@dataclass(frozen=True)
-class Picture:
-    """A frame's layers, (H, W, C) float32, by name, for each view, and what they took."""
-
-    views: list[dict[str, np.ndarray]]
-    statistics: Statistics
-
-    @property
-    def layers(self) -> dict[str, np.ndarray]:
-        """The layers of the first view."""
-        return self.views[0]
-
-
 def render(
     shutter: Shutter,
     window: Window,
     settings: Settings = DEFAULTS,
     progress: Progress | None = None,
-    holdouts: Sequence[Held] = (),
+    holdouts: Sequence[HoldoutDepth] = (),
     checkpoint: Checkpoint | None = None,
     content: str = "",
-) -> Picture:
+) -> StageRenderer:
     """Render one frame.
 
     Parameters
@@ -89,11 +76,10 @@ def render(
     check(description)
     _check_memory(description, window, settings)
     about = [content, *_identity(shutter, window, settings, holdouts)]
-    frame = accumulate(lambda: StageFrame(shutter, window, settings, holdouts), settings, progress, checkpoint, about)
-    return Picture(frame.views(), frame.statistics)
+    return accumulate(lambda: StageRenderer(shutter, window, settings, holdouts), settings, progress, checkpoint, about)
 
 
-def _identity(shutter: Shutter, window: Window, settings: Settings, holdouts: Sequence[Held]) -> list[Any]:
+def _identity(shutter: Shutter, window: Window, settings: Settings, holdouts: Sequence[HoldoutDepth]) -> list[Any]:
     """Return what, beside a shot's content, has to be the same for passes to be of one picture."""
     program = settings.program and (settings.program.modifier, settings.program.frame)
     return [
@@ -120,7 +106,7 @@ def simulate(shutter: Shutter, window: Window, settings: Settings = DEFAULTS, nu
         description = shutter.at(0.0).scene
     check(description)
     _check_memory(description, window, settings)
-    return StageFrame(shutter, window, settings).simulated(number).sets
+    return StageRenderer(shutter, window, settings).simulated(number).sets
 
 
 def _in_vacuum(at: Callable[[float], Moment]) -> Callable[[float], Moment]:
@@ -204,7 +190,7 @@ def _group_layers(description: scene.Scene) -> dict[str, str]:
     return group_layers(groups | {drawn.group for drawn in description.drawn} | description.groups)
 
 
-class StageFrame(Frame):
+class StageRenderer(FrameRenderer):
     """A frame of a stage.
 
     Parameters
@@ -218,7 +204,7 @@ class StageFrame(Frame):
     """
 
     def __init__(
-        self, shutter: Shutter, window: Window, settings: Settings, holdouts: Sequence[Held] = (),
+        self, shutter: Shutter, window: Window, settings: Settings, holdouts: Sequence[HoldoutDepth] = (),
     ) -> None:  # fmt: skip
         super().__init__(settings, settings.depth(2 + most_bounces(shutter.at(0.0).scene)))
         self._shutter, self._window = shutter, window
@@ -235,7 +221,7 @@ class StageFrame(Frame):
         self._simulation = StageSimulation(self._tuning, settings.beams or scene.DEFAULT_BEAMS, light_side)
         reconstruction, groups = reconstruction_filter(settings.pixel_filter), _group_layers(ends[0].scene)
         self._films = [Film(window.shape, window.crop[:2], reconstruction, groups) for _ in ends[0].cameras]
-        self._holdouts: Sequence[Held | None] = holdouts or [None] * len(self._films)
+        self._holdouts: Sequence[HoldoutDepth | None] = holdouts or [None] * len(self._films)
         self._turned = False
 
     def _world_of(self, moment: Moment) -> StageWorld:
@@ -284,7 +270,7 @@ class StageFrame(Frame):
         dr.eval([(each.beams, each.close) for each in sets])
         return Simulated(world, sets, hits, self._tuning.limits(number, worlds[0].radius))
 
-    def _eye(self, number: int, view: int, samples: Samples, moving: bool) -> Eye:
+    def _eye(self, number: int, view: int, samples: Samples, moving: bool) -> ViewRays:
         times, between = self._times(number), self._between(number)
         cameras = [moment.cameras[view] for moment in self._shutter.ends(times[0], times[-1])]
         self._warn_of_turn(cameras)
@@ -296,9 +282,9 @@ class StageFrame(Frame):
         rays = own.rays(subpixel(number), sample)
         held = self._holdouts[view]
         far = None if held is None else held.distances(own, rays.facing, subpixel(number), own.on_lens(sample))
-        return Eye(_primary(rays, far), own.projection, own.camera.exposure_scale, far)
+        return ViewRays(_primary(rays, far), own.projection, own.camera.exposure_scale, far)
 
-    def _sharp(self, view: int) -> tuple[World, Eye] | None:
+    def _sharp(self, view: int) -> tuple[World, ViewRays] | None:
         held = self._holdouts[view]
         moment = self._shutter.at(0.0)
         camera = moment.cameras[view]
@@ -306,7 +292,9 @@ class StageFrame(Frame):
             return None
         sharp = View(replace(camera, lens_radius=0.0), self._window)
         rays = sharp.rays(subpixel(0))
-        return self._world_of(moment), Eye(_primary(rays), sharp.projection, held=None if held is None else held.depth)
+        return self._world_of(moment), ViewRays(
+            _primary(rays), sharp.projection, held=None if held is None else held.depth
+        )
 
     def _warn_of_turn(self, cameras: list[scene.Camera]) -> None:
         """Warn once of a camera that turns so far within a pass that a straight line is no picture of its way."""

@@ -30,13 +30,46 @@ from .checks import (
     whole,
 )  # fmt: skip
 from .lights import SCATTERED, BeamSettings, DistantLight, DomeLight, FlatLight, Gobo, Light, Shaping, SphereLight
-from .media import Grid, Medium
+from .media import DensityGrid, Medium
 from .scene import Scene
-from .surfaces import Material, Mesh, Texture
+from .surfaces import Material, Mesh, UVTexture
 
 __all__ = [
-    "BLACK", "DEFAULT_BEAMS", "ESCAPE", "FARTHEST", "MOST_BEAMS", "MOST_PIXELS", "SCATTERED", "Array", "BeamSettings",
-    "Camera", "Color", "DistantLight", "DomeLight", "DrawnBeams", "FlatLight", "Gobo", "Grid", "Light", "Material",
-    "Medium", "Mesh", "Scene", "SceneError", "Shaping", "SphereLight", "Texture", "arguments", "choice", "color",
-    "has_gradients", "instance", "number", "numbers", "real", "rgb", "shown", "whole",
+    "BLACK",
+    "DEFAULT_BEAMS",
+    "ESCAPE",
+    "FARTHEST",
+    "MOST_BEAMS",
+    "MOST_PIXELS",
+    "SCATTERED",
+    "Array",
+    "BeamSettings",
+    "Camera",
+    "Color",
+    "DensityGrid",
+    "DistantLight",
+    "DomeLight",
+    "DrawnBeams",
+    "FlatLight",
+    "Gobo",
+    "Light",
+    "Material",
+    "Medium",
+    "Mesh",
+    "Scene",
+    "SceneError",
+    "Shaping",
+    "SphereLight",
+    "UVTexture",
+    "arguments",
+    "choice",
+    "color",
+    "has_gradients",
+    "instance",
+    "number",
+    "numbers",
+    "real",
+    "rgb",
+    "shown",
+    "whole",
 ]  # fmt: skip

@@ -11,7 +11,7 @@ from .surfaces import Mesh
 
 
 @dataclass(frozen=True)
-class Grid:
+class DensityGrid:
     """A density on a grid of cells.
 
     Attributes
@@ -79,7 +79,7 @@ class Medium:
     mesh: Mesh | None = None
     surfaces: bool = True
     name: str = ""
-    grid: Grid | None = None
+    grid: DensityGrid | None = None
     bounces: int | None = None
 
     def __post_init__(self) -> None:

@@ -11,7 +11,7 @@ from .vectors import Plane, plane_of
 
 
 @dataclass(frozen=True)
-class Texture:
+class UVTexture:
     """An image over the UV square: `pixels` (H, W, 1 or 3), scene-linear float32, first row at v = 1."""
 
     pixels: Array
@@ -23,14 +23,14 @@ class Texture:
 class Material:
     """The inputs of a UsdPreviewSurface that the renderer uses."""
 
-    diffuse: Color | Texture = (0.18, 0.18, 0.18)
-    emissive: Color | Texture = BLACK
-    roughness: float | Texture = 0.5
-    metallic: float | Texture = 0.0
+    diffuse: Color | UVTexture = (0.18, 0.18, 0.18)
+    emissive: Color | UVTexture = BLACK
+    roughness: float | UVTexture = 0.5
+    metallic: float | UVTexture = 0.0
     ior: float = 1.5
     clearcoat: float = 0.0
     clearcoat_roughness: float = 0.01
-    opacity: float | Texture = 1.0
+    opacity: float | UVTexture = 1.0
     presence: bool = False  # opacity says where the surface is, not how clear it is
 
 

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from ..looks import Look
     from ..render.checkpoint import Checkpoint
     from ..render.passes import Progress
-    from ..render.settings import Given, Settings
+    from ..render.settings import Settings, SettingsArguments
     from ..scene import Array
 
 
@@ -175,9 +175,9 @@ class SceneShot(Shot):
 
     def check_scene(self, settings: Settings) -> None:
         """Raise SceneError where something in the scene cannot be rendered."""
-        from ..render.scene_frame import Extras, SceneFrame
+        from ..render.scene_frame import Extras, SceneRenderer
 
-        SceneFrame(self.plugin, self.sensor, replace(settings, guiding=False), None, Extras(self._beams))
+        SceneRenderer(self.plugin, self.sensor, replace(settings, guiding=False), None, Extras(self._beams))
 
     def layer_names(self) -> list[str]:
         """Return the names of a frame's layers, in their order."""
@@ -217,7 +217,7 @@ class SceneShot(Shot):
         view: str | None = None,
         holdout: PathLike | Array | Holdout | None = None,
         over: PathLike | Array | Plate | None = None,
-        **given: Unpack[Given],
+        **given: Unpack[SettingsArguments],
     ) -> Frame:
         """Render a frame; parameters and errors as of a stage's `Shot.render`.
 

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from ..looks import Look
     from ..render.checkpoint import Checkpoint
     from ..render.passes import Progress
-    from ..render.settings import Given, Settings
+    from ..render.settings import Settings, SettingsArguments
     from ..scene import Array
 
 DEFAULT_WIDTH = 1280
@@ -376,7 +376,7 @@ class Shot:
         view: str | None = None,
         holdout: PathLike | Array | Holdout | None = None,
         over: PathLike | Array | Plate | None = None,
-        **given: Unpack[Given],
+        **given: Unpack[SettingsArguments],
     ) -> Frame:
         """Render a frame.
 
@@ -443,22 +443,23 @@ class Shot:
         shutter = exposure.shutter(eyes, self.stage.GetTimeCodesPerSecond() or 1.0)
         ends = [each.seen_by(View(cameras[eye], window)) for each, eye in zip(depths, eyes, strict=False)]
         about = "" if kept is None else self.content(frame)
-        picture = render(shutter, window, chosen, progress, ends, kept, about)
+        done = render(shutter, window, chosen, progress, ends, kept, about)
+        pictures = done.views()
         if plate is not None and pixels:
-            for layers, each in zip(picture.views, pixels, strict=True):
+            for layers, each in zip(pictures, pixels, strict=True):
                 layers["rgba"] = plate.under(layers, part_of(each, window))
         facts = {
             **header(self.stage, self.time(frame), exposure.duration),
             "seed": chosen.seed,
-            "passes": picture.statistics.passes,
+            "passes": done.statistics.passes,
             **window.header(),
         }
         views = {
             name: (layers, {**View(cameras[eye], window).matrices(), **facts, "camera": cameras[eye].name})
-            for name, eye, layers in zip(names, eyes, picture.views, strict=True)
+            for name, eye, layers in zip(names, eyes, pictures, strict=True)
         }
         layers, metadata = views[names[0]]
-        return Frame(layers, metadata, picture.statistics, views if len(views) > 1 else {})
+        return Frame(layers, metadata, done.statistics, views if len(views) > 1 else {})
 
     def content(self, frame: float | None = None) -> str:
         """Return a hash of what there is to render: the stage with the files that it names, and what Python gave."""
@@ -475,7 +476,7 @@ class Shot:
         *,
         view: str | None = None,
         settings: Settings | None = None,
-        **given: Unpack[Given],
+        **given: Unpack[SettingsArguments],
     ) -> list[BeamSet]:
         """Return the beams that the first pass of a frame has: of each light, and of each set of drawn beams.
 
@@ -500,7 +501,7 @@ class Shot:
         return simulate(exposure.shutter(eyes), Window.full(*size), chosen)
 
     def drawn_beams(
-        self, frame: float | None = None, *, settings: Settings | None = None, **given: Unpack[Given]
+        self, frame: float | None = None, *, settings: Settings | None = None, **given: Unpack[SettingsArguments]
     ) -> list[scene.DrawnBeams]:
         """Return those beams as plain numbers, as `write_beams` takes them."""
         return [
@@ -514,7 +515,7 @@ class Shot:
         frame: float | None = None,
         *,
         settings: Settings | None = None,
-        **given: Unpack[Given],
+        **given: Unpack[SettingsArguments],
     ) -> int:
         """Write those beams as BasisCurves to a .usd, .usda or .usdc file, whole or not at all; return how many."""
         stages.check_not_read(self.stage, path)

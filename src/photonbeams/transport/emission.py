@@ -18,8 +18,8 @@ from ..numerics.arrays import to_float
 from ..numerics.hashing import key_of
 from ..numerics.sampling import pairs, sobol_points
 from ..runtime.device import Array2f, Array3f, Float, UInt32
-from .guiding import PILOT, Guide, Numbers, learn
-from .tangents import Tangents
+from .differentials import RayDifferentials
+from .guiding import PILOT, GuidingMap, Numbers, learn
 
 # Paths that tell how much power an emitter has.
 PROBE = 4096
@@ -39,7 +39,7 @@ class EmissionSample:
     origin: Any
     direction: Any
     flux: Any
-    tangents: Tangents
+    differentials: RayDifferentials
     reach: Any
     portal: Any
     medium: Any
@@ -69,12 +69,12 @@ class Emitter(Protocol):
 
 @dataclass(frozen=True)
 class Emitted:
-    """Light paths as they leave their emitter; arrays as `transport.paths.Paths` has them."""
+    """Light paths as they leave their emitter; arrays as `transport.paths.LightPaths` has them."""
 
     origin: Any
     direction: Any
     flux: Any
-    tangents: Tangents
+    differentials: RayDifferentials
     count: Any
     index: Any
     key: Any
@@ -103,7 +103,7 @@ class Stratum:
     emitter: Emitter
     count: int
     sequence: tuple[int, ...]
-    guide: Guide | None = None
+    guide: GuidingMap | None = None
     key: int = field(init=False)
 
     def __post_init__(self) -> None:
@@ -125,25 +125,25 @@ class Stratum:
         sample = self.emitter.sample(*pairs(points))
         nothing = dr.zeros(Array3f, count)
         weight: Any = dr.opaque(Float, 1 / count)
-        tangents = sample.tangents
+        differentials = sample.differentials
         if stretch is not None:
             weight = to_float(np.prod(stretch, axis=1) / count)
             factors = [to_float(column) for column in stretch.T]
-            columns = zip(tangents.columns(), factors, strict=True)
-            tangents = Tangents.of([(p * factor, d * factor) for (p, d), factor in columns])
+            columns = zip(differentials.columns(), factors, strict=True)
+            differentials = RayDifferentials.of([(p * factor, d * factor) for (p, d), factor in columns])
         flux = sample.flux * weight + nothing
         valid = dr.isfinite(dr.sum(flux)) & (dr.min(flux) >= 0)
         number = dr.arange(UInt32, count) + dr.opaque(UInt32, (block * count) & 0xFFFFFFFF)
         wide = dr.zeros(UInt32, count)
         result = Emitted(
-            sample.origin + nothing, sample.direction + nothing, dr.select(valid, flux, 0), tangents,
+            sample.origin + nothing, sample.direction + nothing, dr.select(valid, flux, 0), differentials,
             dr.opaque(Float, count) + nothing.x, number, dr.opaque(UInt32, self.key) + wide,
             dr.opaque(UInt32, self.emitter.source) + wide, dr.opaque(UInt32, self.emitter.link) + wide,
             sample.reach + nothing.x, sample.portal + nothing.x, sample.medium + wide,
             self.emitter.halvings,
         )  # fmt: skip
-        dr.eval(result.origin, result.direction, result.flux, result.tangents, result.count, result.index, result.key,
-                result.source, result.link, result.reach, result.portal, result.medium)  # fmt: skip
+        dr.eval(result.origin, result.direction, result.flux, result.differentials, result.count, result.index,
+                result.key, result.source, result.link, result.reach, result.portal, result.medium)  # fmt: skip
         return result
 
 

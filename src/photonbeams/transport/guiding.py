@@ -37,7 +37,7 @@ _POINTS = 4
 _ENOUGH = 0.6
 
 
-class Guide:
+class GuidingMap:
     """A map of the 4D unit cube onto itself, denser where samples are wanted.
 
     Parameters
@@ -74,7 +74,7 @@ class Guide:
         return np.minimum(place, np.nextafter(np.float32(1), np.float32(0))), stretch
 
 
-def learn(points: Numbers, importance: Numbers) -> Guide | None:
+def learn(points: Numbers, importance: Numbers) -> GuidingMap | None:
     """Return the guide to samples (N, 4) of this importance (N,); None where it is not worth having."""
     if not importance.sum() > 0:
         return None
@@ -87,10 +87,10 @@ def learn(points: Numbers, importance: Numbers) -> Guide | None:
     density = np.maximum(uniform_filter(density, size=3, mode="nearest"), 0)  # by differences of sums: −1e-17 for 0
     if density.sum() ** 2 > _ENOUGH * density.size * (density**2).sum():
         return None
-    return Guide(density)
+    return GuidingMap(density)
 
 
-class Watch:
+class CameraImportance:
     """How much of light paths a camera sees."""
 
     def __init__(self, world: World, view: Any) -> None:

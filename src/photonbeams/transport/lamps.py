@@ -22,8 +22,8 @@ from ..world.lights import DistantSource, DomeSource, FlatSource, SphereSource
 from ..world.portals import Portal
 from ..world.stage_world import StageWorld
 from ..world.warp import disk, perpendicular, power_cone, sphere
+from .differentials import RayDifferentials
 from .emission import EmissionSample
-from .tangents import Tangents
 
 _PROBE = 4096  # paths that tell how much of a lamp its images leave
 
@@ -60,7 +60,7 @@ class LampRays:
     y0: Any
     y1: Any
 
-    def tangents(self) -> Tangents:
+    def differentials(self) -> RayDifferentials:
         """Return the derivatives of rays by the four sample numbers.
 
         The maps preserve measure and are nearly isotropic: either number of a pair moves a path as far as the other, at
@@ -70,7 +70,7 @@ class LampRays:
         for extent, shift, turn in ((self.extent_x, self.x0, self.x1), (self.extent_y, self.y0, self.y1)):
             for side in perpendicular(self.direction):
                 columns.append((side * (extent * shift), side * (extent * turn)))
-        return Tangents.of(columns)
+        return RayDifferentials.of(columns)
 
 
 def emit(light: scene.Light, source: Any, bounds: Bounds, u: Array2f, v: Array2f, count: int) -> LampRays:
@@ -212,7 +212,7 @@ class LampEmitter:
         flux = dr.select(paths.valid, paths.flux, 0)
         reach = self.world.bounds.exit(paths.origin, paths.direction, self._escape)
         medium = self.world.medium_at(paths.origin, paths.direction, dr.max(flux) > 0)
-        return EmissionSample(paths.origin, paths.direction, flux, paths.tangents(), reach, paths.portal, medium)
+        return EmissionSample(paths.origin, paths.direction, flux, paths.differentials(), reach, paths.portal, medium)
 
     def _emission(self, u: Array2f, v: Array2f) -> LampRays:
         if self.through:

@@ -18,13 +18,13 @@ from ..world.warp import perpendicular
 from .radii import width
 
 if TYPE_CHECKING:
-    from .paths import Paths
+    from .paths import LightPaths
 
 _RIM = 6  # rays along a beam's rim that look for surfaces in its way
 _SLACK = 0.25  # radii that the rim may be stopped short of the plane where the axis ended: surfaces are curved
 
 
-def narrow(world: StageWorld, paths: Paths, overlap: float, scale: Any, halvings: Any, most: int) -> None:
+def narrow(world: StageWorld, paths: LightPaths, overlap: float, scale: Any, halvings: Any, most: int) -> None:
     """Find where paths that leave their lamps are stopped, and the factors on their radii.
 
     Parameters
@@ -42,7 +42,9 @@ def narrow(world: StageWorld, paths: Paths, overlap: float, scale: Any, halvings
     against = dr.select(dr.dot(normal, paths.direction) > 0, -normal, normal)
     against = dr.select(met, against, -paths.direction)
     begin = dr.select(paths.portal < paths.total, paths.portal, 0)
-    radius = width(paths.tangents, paths.direction, paths.total, paths.count, dr.opaque(Float, overlap))(paths.total)
+    radius = width(paths.differentials, paths.direction, paths.total, paths.count, dr.opaque(Float, overlap))(
+        paths.total
+    )
     radius *= scale
     dr.eval(paths.total, against, begin, radius)
     for number in range(most):
@@ -52,7 +54,9 @@ def narrow(world: StageWorld, paths: Paths, overlap: float, scale: Any, halvings
         dr.eval(paths.narrow)
 
 
-def _rim_blocked(world: StageWorld, paths: Paths, begin: Float, against: Array3f, at_end: Float, active: Bool) -> Bool:
+def _rim_blocked(
+    world: StageWorld, paths: LightPaths, begin: Float, against: Array3f, at_end: Float, active: Bool
+) -> Bool:
     """Return whether a ray from the axis' begin to the rim's end meets a surface before the one that stopped the axis.
 
     From the axis, not from the rim: beside a portal's edge the rim begins in the wall, and that is no leak.

@@ -22,11 +22,11 @@ from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from ..world.media import pointers
 from ..world.stage_world import StageWorld
 from ..world.world import World
+from .differentials import RayDifferentials, copies, differentiate, of_copies
 from .emission import Emitted
-from .events import LOBE, PASSED, SAMPLED, SCATTERED, TURN, Event, Scatter, reflect, sampled
+from .interactions import LOBE, PASSED, SAMPLED, SCATTERED, TURN, Interaction, Scatter, reflect, sampled
 from .narrowing import narrow
 from .radii import Width, width
-from .tangents import Tangents, copies, differentiate, of_copies
 
 mi = mitsuba()
 
@@ -43,7 +43,7 @@ _DOZEN = 3.0
 _COHERENT = 8
 
 
-class Paths:
+class LightPaths:
     """Light paths after a scattering event, or as they leave their emitter.
 
     Attributes
@@ -77,8 +77,9 @@ class Paths:
     DRJIT_STRUCT: ClassVar[dict[str, Any]] = {
         "origin": Array3f, "direction": Array3f, "flux": Array3f, "initial": Float, "medium": UInt32,
         "number": UInt32, "index": UInt32, "key": UInt32, "source": UInt32, "link": UInt32, "depth": UInt32,
-        "straight": Bool, "coherent": Bool, "tangents": Tangents, "radius": Float, "count": Float, "fraction": Float,
-        "branch": UInt32, "reach": Float, "offset": Float, "portal": Float, "total": Float, "narrow": Float,
+        "straight": Bool, "coherent": Bool, "differentials": RayDifferentials, "radius": Float, "count": Float,
+        "fraction": Float, "branch": UInt32, "reach": Float, "offset": Float, "portal": Float, "total": Float,
+        "narrow": Float,
     }  # fmt: skip
 
     origin: Any
@@ -94,7 +95,7 @@ class Paths:
     depth: Any
     straight: Any
     coherent: Any
-    tangents: Any
+    differentials: Any
     radius: Any
     count: Any
     fraction: Any
@@ -112,7 +113,7 @@ _STRAIGHT = ("portal", "total", "narrow")
 
 
 class Segments:
-    """Segments of light paths: `flux` at the start, `normal` of the surface at the end; the rest as `Paths` has it."""
+    """Segments of light paths: `flux` at the start, `normal` at the end; other attributes are those of `LightPaths`."""
 
     DRJIT_STRUCT: ClassVar[dict[str, Any]] = {
         "origin": Array3f, "direction": Array3f, "flux": Array3f, "length": Float, "normal": Array3f, "width": Width,
@@ -176,11 +177,11 @@ class Tracing:
     scale
         The pass's factor on all radii.
     most
-        Most scattering events on the paths of each emitter, by its source's number; None: `max_events` alone.
+        Most scattering events on the paths of each emitter, by its source's number; None: `max_bounces` alone.
     """
 
     world: World
-    max_events: int | None
+    max_bounces: int | None
     rr_depth: int
     overlap: float
     region: float
@@ -193,23 +194,23 @@ class Tracing:
     def within(self, depth: UInt32, source: UInt32) -> Bool:
         """Return whether paths have no more scattering events than they may have."""
         result = Bool(True)
-        if self.max_events is not None:
-            result = depth <= dr.opaque(UInt32, self.max_events)
+        if self.max_bounces is not None:
+            result = depth <= dr.opaque(UInt32, self.max_bounces)
         return result if self.most is None else result & (depth <= dr.gather(UInt32, self.most, source))
 
 
-def begin(tracing: Tracing, emitted: Sequence[Emitted]) -> Paths | None:
+def begin(tracing: Tracing, emitted: Sequence[Emitted]) -> LightPaths | None:
     """Return light paths as they leave their emitters, or None where there are none, or all would be too long."""
     paths = leaving(tracing, emitted)
     return None if paths is None else kept(paths.initial > 0, paths)
 
 
-def leaving(tracing: Tracing, emitted: Sequence[Emitted]) -> Paths | None:
+def leaving(tracing: Tracing, emitted: Sequence[Emitted]) -> LightPaths | None:
     """Return all light paths, those without light too; None where there are none, or all would be too long."""
-    if not emitted or (tracing.max_events is not None and tracing.max_events < 0):
+    if not emitted or (tracing.max_bounces is not None and tracing.max_bounces < 0):
         return None
-    paths = Paths()
-    for name in ("origin", "direction", "flux", "tangents", "count", "index", "key", "source", "link", "reach",
+    paths = LightPaths()
+    for name in ("origin", "direction", "flux", "differentials", "count", "index", "key", "source", "link", "reach",
                  "portal", "medium"):  # fmt: skip
         setattr(paths, name, joined([getattr(each, name) for each in emitted]))
     total = dr.width(paths.origin)
@@ -230,7 +231,7 @@ def leaving(tracing: Tracing, emitted: Sequence[Emitted]) -> Paths | None:
     return paths
 
 
-def trace(tracing: Tracing, paths: Paths | None) -> Iterator[tuple[Segments | None, PhotonHits | None]]:
+def trace(tracing: Tracing, paths: LightPaths | None) -> Iterator[tuple[Segments | None, PhotonHits | None]]:
     """Yield segments in media and photons on surfaces, step by step; either may be None."""
     step = 0
     while paths is not None:
@@ -241,7 +242,7 @@ def trace(tracing: Tracing, paths: Paths | None) -> Iterator[tuple[Segments | No
         step += 1
 
 
-def straight(tracing: Tracing, paths: Paths) -> Iterator[tuple[Segments, Bool]]:
+def straight(tracing: Tracing, paths: LightPaths) -> Iterator[tuple[Segments, Bool]]:
     """Yield segments of light straight from its lamp, step by step, and which of them are in a medium.
 
     All paths stay where they are, so that the same ones at another time can be told by their places.
@@ -258,7 +259,7 @@ def straight(tracing: Tracing, paths: Paths) -> Iterator[tuple[Segments, Bool]]:
         paths, step = following, step + 1
 
 
-def _split(tracing: Tracing, paths: Paths) -> Paths:
+def _split(tracing: Tracing, paths: LightPaths) -> LightPaths:
     """Return paths with those in two whose light is sharp: what is scattered before the next surface, and what is not.
 
     In thin fog few paths would be scattered, each of them bright. Of one that is split both parts carry what they
@@ -274,7 +275,7 @@ def _split(tracing: Tracing, paths: Paths) -> Paths:
         return whole
     scattered = copy(scattered)
     scattered.branch = dr.full(UInt32, SCATTERED, dr.width(scattered.branch))
-    result: Paths = joined([whole, scattered])
+    result: LightPaths = joined([whole, scattered])
     dr.eval(result)
     return result
 
@@ -295,11 +296,11 @@ def kept(mask: Bool, value: Any) -> Any:
     return found[0]
 
 
-def _step(tracing: Tracing, paths: Paths, step: int) -> tuple[Any, ...]:
+def _step(tracing: Tracing, paths: LightPaths, step: int) -> tuple[Any, ...]:
     """Return what one step of all paths leaves: segments, photons, the paths after it, and masks of which are there."""
     stream = hash32(paths.key, dr.opaque(UInt32, step), paths.branch)
     hit = tracing.world.intersect(paths.origin, paths.direction, Bool(True), hash32(stream, paths.index), paths.link)
-    event = Event(tracing, paths, hit, stream)
+    event = Interaction(tracing, paths, hit, stream)
     segments = _segments(tracing, paths, event)
     scatter = reflect(tracing.world, hit, event.on_surface, paths.medium, paths.index, stream)
     following = _following(tracing, paths, event, scatter, stream)
@@ -316,9 +317,9 @@ def _step(tracing: Tracing, paths: Paths, step: int) -> tuple[Any, ...]:
     return segments, in_medium, hits, on_surface, following, event.going
 
 
-def _following(tracing: Tracing, paths: Paths, event: Event, scatter: Scatter, stream: UInt32) -> Paths:
+def _following(tracing: Tracing, paths: LightPaths, event: Interaction, scatter: Scatter, stream: UInt32) -> LightPaths:
     """Return the paths after their event; `event.going` loses those that end."""
-    following = Paths()
+    following = LightPaths()
     place = dr.zeros(mi.MediumInteraction3f, dr.width(paths.origin))
     place.p, place.wi = mi.Point3f(event.position), mi.Vector3f(-paths.direction)
     place.sh_frame = mi.Frame3f(place.wi)
@@ -346,7 +347,7 @@ def _following(tracing: Tracing, paths: Paths, event: Event, scatter: Scatter, s
     following.branch = dr.zeros(UInt32, dr.width(paths.number))
     following.fraction = paths.fraction * dr.select(event.on_surface, scatter.probability, 1)
     # Straight on, a shift grows with the distance; mirrors and lenses see to theirs later.
-    following.tangents = Tangents.of([(p + event.way * d, d) for p, d in paths.tangents.columns()])
+    following.differentials = RayDifferentials.of([(p + event.way * d, d) for p, d in paths.differentials.columns()])
     going = event.going & (dr.max(following.flux) > 0)
     going &= tracing.within(following.depth, following.source)
     _roulette(tracing, following, passes, stream, going)
@@ -355,12 +356,12 @@ def _following(tracing: Tracing, paths: Paths, event: Event, scatter: Scatter, s
     return following
 
 
-def _chosen(event: Event, scattered: Any, reflected: Any, same: Any) -> Any:
+def _chosen(event: Interaction, scattered: Any, reflected: Any, same: Any) -> Any:
     """Return the value that belongs to what happens to each path."""
     return dr.select(event.scatters, scattered, dr.select(event.on_surface, reflected, same))
 
 
-def _scattered_radius(tracing: Tracing, following: Paths) -> Float:
+def _scattered_radius(tracing: Tracing, following: LightPaths) -> Float:
     """Return the radius of beams that were scattered at random.
 
     N lines through a region of size ℓ cross it √(ℓ²/N) apart. They lie at random, so that they should overlap more than
@@ -372,7 +373,7 @@ def _scattered_radius(tracing: Tracing, following: Paths) -> Float:
     return usual * dr.clip(light, 1, _BRIGHTEST)
 
 
-def _roulette(tracing: Tracing, paths: Paths, passes: Bool, stream: UInt32, active: Bool) -> None:
+def _roulette(tracing: Tracing, paths: LightPaths, passes: Bool, stream: UInt32, active: Bool) -> None:
     """End paths at random that have lost most of their light, and give theirs to the others."""
     survival = dr.minimum(dr.max(paths.flux) * dr.rcp(dr.maximum(paths.initial, 1e-30)), 0.95)
     tried = active & ~passes & (paths.depth >= dr.opaque(UInt32, tracing.rr_depth))
@@ -382,7 +383,7 @@ def _roulette(tracing: Tracing, paths: Paths, passes: Bool, stream: UInt32, acti
     paths.fraction = dr.select(tried & survives, paths.fraction * survival, paths.fraction)
 
 
-def _carry(tracing: Tracing, paths: Paths, following: Paths, bent: Bool, stream: UInt32) -> None:
+def _carry(tracing: Tracing, paths: LightPaths, following: LightPaths, bent: Bool, stream: UInt32) -> None:
     """Carry the tangents of paths over mirrors and through lenses, by forward-mode differentiation.
 
     Each path stands there four times, once for each tangent: a graph with calls of BSDFs is traversed but once.
@@ -394,7 +395,7 @@ def _carry(tracing: Tracing, paths: Paths, following: Paths, bent: Bool, stream:
     copy, which = copies(count)
     lane = dr.gather(UInt32, lanes, copy)
     shift, turn = Array3f(0), Array3f(0)
-    for k, (p, d) in enumerate(paths.tangents.columns()):
+    for k, (p, d) in enumerate(paths.differentials.columns()):
         shift = dr.select(which == k, dr.gather(Array3f, p, lane), shift)
         turn = dr.select(which == k, dr.gather(Array3f, d, lane), turn)
     origin = mi.Point3f(dr.gather(Array3f, paths.origin, lane))
@@ -409,16 +410,16 @@ def _carry(tracing: Tracing, paths: Paths, following: Paths, bent: Bool, stream:
     dr.eval(shift, turn)
     columns = []
     bent_columns = of_copies(shift, turn, count).columns()
-    for unbent, changed in zip(following.tangents.columns(), bent_columns, strict=True):
+    for unbent, changed in zip(following.differentials.columns(), bent_columns, strict=True):
         column = [Array3f(each) for each in unbent]
         for each, value in zip(column, changed, strict=True):
             dr.scatter(each, value, lanes)
         columns.append((column[0], column[1]))
-    following.tangents = Tangents.of(columns)
-    dr.eval(following.tangents)
+    following.differentials = RayDifferentials.of(columns)
+    dr.eval(following.differentials)
 
 
-def _segments(tracing: Tracing, paths: Paths, event: Event) -> Segments:
+def _segments(tracing: Tracing, paths: LightPaths, event: Interaction) -> Segments:
     """Return the segments of paths up to the next surface, or event."""
     result = Segments()
     result.origin, result.direction, result.flux = paths.origin, paths.direction, paths.flux
@@ -431,7 +432,7 @@ def _segments(tracing: Tracing, paths: Paths, event: Event) -> Segments:
     for name in (*_NAMES, *_STRAIGHT):
         setattr(result, name, getattr(paths, name))
     neighbours = paths.count * paths.fraction
-    own = width(paths.tangents, paths.direction, event.length, neighbours, dr.opaque(Float, tracing.overlap))
+    own = width(paths.differentials, paths.direction, event.length, neighbours, dr.opaque(Float, tracing.overlap))
     squared = dr.square(paths.radius)
     result.width = Width(
         dr.select(paths.coherent, own.a, squared), dr.select(paths.coherent, own.b, 0),
@@ -440,7 +441,7 @@ def _segments(tracing: Tracing, paths: Paths, event: Event) -> Segments:
     return result
 
 
-def _photon_hits(paths: Paths, event: Event, across: Width) -> PhotonHits:
+def _photon_hits(paths: LightPaths, event: Interaction, across: Width) -> PhotonHits:
     """Return what arrives at surfaces."""
     result = PhotonHits()
     result.position, result.direction = event.position, paths.direction

@@ -19,7 +19,7 @@ from typing import Any, ClassVar, NamedTuple
 import drjit as dr
 
 from ..runtime.device import Array3f, Float
-from .tangents import Tangents
+from .differentials import RayDifferentials
 
 
 class Width:
@@ -74,12 +74,12 @@ class _Spread:
         return dr.maximum(dr.fma(dr.fma(self.c, s, self.b), s, self.a), 0)
 
 
-def width(tangents: Tangents, direction: Array3f, length: Float, count: Float, overlap: Float) -> Width:
+def width(differentials: RayDifferentials, direction: Array3f, length: Float, count: Float, overlap: Float) -> Width:
     """Return the width of segments whose paths are `count` samples of one sequence.
 
     `overlap` is the width of a beam in spacings of its neighbours.
     """
-    columns = tangents.columns()
+    columns = differentials.columns()
     place, aim = _Spread.of(columns[:2], direction), _Spread.of(columns[2:], direction)
     ratio = dr.maximum(place(0), place(length)) * dr.rcp(dr.maximum(dr.maximum(aim(0), aim(length)), 1e-30))
     cells = dr.clip(dr.sqrt(count * ratio), dr.minimum(count, 1), dr.maximum(count, 1))

@@ -11,8 +11,8 @@ import numpy as np
 from ..runtime.device import Array2f, Array3f, Float, mitsuba
 from ..world.media import check_finite
 from ..world.scene_world import SceneWorld
+from .differentials import RayDifferentials, copies, differentiate, of_copies
 from .emission import Emission, EmissionSample, Stratum, probed_flux
-from .tangents import Tangents, copies, differentiate, of_copies
 
 mi = mitsuba()
 
@@ -34,16 +34,16 @@ class SceneEmitter:
 
     def sample(self, u: Array2f, v: Array2f) -> EmissionSample:
         """Return light paths for emission samples, with derivatives by forward-mode differentiation."""
-        tangents = self._tangents(u, v)
+        differentials = self._tangents(u, v)
         ray, weight = self._ray(mi.Point2f(u), mi.Point2f(v))
         origin, direction = Array3f(ray.o), Array3f(ray.d)
         medium = self._world.surroundings.of_emitter(self._number, origin, direction)
-        return EmissionSample(origin, direction, Array3f(weight), tangents, self._reach, Float(dr.inf), medium)
+        return EmissionSample(origin, direction, Array3f(weight), differentials, self._reach, Float(dr.inf), medium)
 
     def _ray(self, u: Any, v: Any) -> Any:
         return self._plugin.sample_ray(Float(0), Float(0.5), u, v, True)
 
-    def _tangents(self, u: Array2f, v: Array2f) -> Tangents:
+    def _tangents(self, u: Array2f, v: Array2f) -> RayDifferentials:
         count = dr.width(u)
         lane, which = copies(count)
         inputs = [mi.Point2f(dr.gather(Array2f, each, lane)) for each in (u, v)]

@@ -47,11 +47,11 @@ FLOOR, CEILING, FREE_PATHS = 1e-4, 0.05, 0.25
 class Tuning:
     """How light paths are traced: the fields of `render.settings.Settings` that say so.
 
-    `own_bounces`: each source says how often its light is scattered, `max_events` times at most.
+    `own_bounces`: each source says how often its light is scattered, `max_bounces` times at most.
     """
 
     seed: int = 0
-    max_events: int | None = None
+    max_bounces: int | None = None
     rr_depth: int = 5
     overlap: float = 2.2
     alpha: float = 0.7
@@ -137,19 +137,19 @@ class Simulation:
             steps.append(([known[0], known[-1]], masks))
         return moving_sets(self.cuttings(number), steps, last.sources)
 
-    def tracing(self, number: int, max_events: int | None = None) -> paths.Tracing:
-        """Return how the light paths of a pass are traced; `max_events` bounds their scattering events further."""
+    def tracing(self, number: int, max_bounces: int | None = None) -> paths.Tracing:
+        """Return how the light paths of a pass are traced; `max_bounces` bounds their scattering events further."""
         tuning = self.tuning
         region = max((self.size(each) for each in self.world.media.all), default=self.world.radius)
         return paths.Tracing(
-            self.world, tuning.max_events if max_events is None else max_events, tuning.rr_depth, tuning.overlap,
+            self.world, tuning.max_bounces if max_bounces is None else max_bounces, tuning.rr_depth, tuning.overlap,
             region, self.emission.count, float(self.emission.power.max()), tuning.short, shrunk(tuning.alpha, number),
             self._most(),
         )  # fmt: skip
 
     def _most(self) -> Any:
         """Return the most scattering events of each emitter's paths, None where all may have as many."""
-        bounces, most = [each.bounces for each in self.sources], self.tuning.max_events
+        bounces, most = [each.bounces for each in self.sources], self.tuning.max_bounces
         if not self.tuning.own_bounces or all(each is None for each in bounces):
             return None
         return to_uint([*(each or 0 for each in bounces), 0]) if most is not None else None
@@ -265,7 +265,7 @@ class StageSimulation:
             replace(each, look=each.look if looks is None else looks.get(each.name, each.look))
             for each in first.sources
         )
-        scatters = self.tuning.max_events is None or self.tuning.max_events > 0
+        scatters = self.tuning.max_bounces is None or self.tuning.max_bounces > 0
         strata = lamps_of(first, self.beams, self.tuning.seed, self.light_side, scatters and self.tuning.surfaces)
         moving = [each for each in strata if each.emitter.source in _moving(first, last)]
         whole = Simulation(first, emission_of_lamps(strata, scatters), self.tuning, sources, first.sizes, named=True)
@@ -274,7 +274,7 @@ class StageSimulation:
         else:
             sets, hits = whole.simulated(number, least=1) if scatters else ([], [])
             resting = [each for each in strata if each not in moving]
-            straight = replace(self.tuning, max_events=0)
+            straight = replace(self.tuning, max_bounces=0)
             if resting:
                 part = replace(whole, emission=emission_of_lamps(resting, False), tuning=straight)
                 sets += part.simulated(number)[0]

@@ -48,7 +48,7 @@ def read_curves(reading: Reading, prim: Usd.Prim, to_world: Array, name: str) ->
     if counts.sum() != len(points) or np.any(counts < 0):
         text = f"sums to {counts.sum()}: expected the number of points, {len(points)}, and none below 0"
         raise reading.fail(prim, "curveVertexCounts", text)
-    source = _Source(sample, prim, counts, *_kind(reading, prim))
+    source = _CurvesPrim(sample, prim, counts, *_kind(reading, prim))
     radii = source.widths()
     spans = Spans.of(counts, source.drawable() & radii.present(counts), source.kind, source.wrap)
     radii.warn_of_thin(source)
@@ -109,7 +109,7 @@ def _guides(reading: Reading, prim: Usd.Prim) -> list[Array]:
     counts = np.asarray(reading.value(prim, "curveVertexCounts", ()), dtype=np.int64)
     if points is None or np.any(counts < 0) or counts.sum() != len(points):
         return []
-    source = _Source(reading, prim, counts, *_kind(reading, prim))
+    source = _CurvesPrim(reading, prim, counts, *_kind(reading, prim))
     spans = Spans.of(counts, source.drawable(), source.kind, source.wrap)
     span, t = spans.nodes(np.full(len(spans.curve), 1 if source.kind == "linear" else _GUIDE_POINTS))
     to_world = reading.to_world(prim)
@@ -136,7 +136,7 @@ def _scale(to_world: Array) -> float:
 
 
 @dataclass(frozen=True)
-class _Values:
+class _Primvar:
     """Values of curves: one for all, one for each ("uniform"), or along them ("varying", "vertex")."""
 
     values: Array  # (V, C)
@@ -165,13 +165,13 @@ class _Values:
         found = self.values[:, 0] > 0
         return found if self.interpolation == "uniform" else np.full(len(counts), bool(found.any()))
 
-    def warn_of_thin(self, source: _Source) -> None:
+    def warn_of_thin(self, source: _CurvesPrim) -> None:
         """Warn of curves without width."""
         source.warn_of(np.flatnonzero(source.drawable() & ~self.present(source.counts)), "without width", "widths")
 
 
 @dataclass(frozen=True)
-class _Source:
+class _CurvesPrim:
     """Curves on a stage: their prim, points a curve, basis ("linear" too) and wrap."""
 
     reading: Reading
@@ -207,7 +207,7 @@ class _Source:
         fitting = [kind for kind, size in sizes.items() if size == count]
         return declared if declared in fitting else next(iter(fitting), None)
 
-    def widths(self) -> _Values:
+    def widths(self) -> _Primvar:
         """Return the widths, which are diameters."""
         reading, prim = self.reading, self.prim
         primvar = UsdGeom.PrimvarsAPI(prim).GetPrimvar("widths")
@@ -221,36 +221,36 @@ class _Source:
         declared = primvar.GetInterpolation() if name != "widths" else UsdGeom.Curves(prim).GetWidthsInterpolation()
         return self._values(widths, str(declared), name)
 
-    def power(self) -> _Values:
+    def power(self) -> _Primvar:
         """Return the power: for all curves, for each, or along them."""
         name = "photonbeams:power"
         power = self.reading.array(self.prim, name, 3)
         if power is None:
-            return _Values(np.ones((1, 3)), "constant")
+            return _Primvar(np.ones((1, 3)), "constant")
         if np.any(power < 0):
             index = int(np.argmax(np.any(power < 0, axis=1)))
             text = f"is {tuple(power[index].tolist())}: expected no negative power"
             raise self.reading.fail(self.prim, f"{name}[{index}]", text)
         return self._values(power, "", name)
 
-    def colour(self) -> _Values:
+    def colour(self) -> _Primvar:
         """Return the display colour where it changes along the curves: else it is for viewports alone."""
         primvar = UsdGeom.PrimvarsAPI(self.prim).GetPrimvar("displayColor")
         if not primvar or primvar.GetInterpolation() not in ("varying", "vertex"):
-            return _Values(np.ones((1, 3)), "constant")
+            return _Primvar(np.ones((1, 3)), "constant")
         name = "primvars:displayColor"
         colour = self.reading.array(self.prim, name, 3, primvar.ComputeFlattened(self.reading.time))
         if colour is None:
-            return _Values(np.ones((1, 3)), "constant")
+            return _Primvar(np.ones((1, 3)), "constant")
         return self._values(np.maximum(colour, 0), str(primvar.GetInterpolation()), name)
 
-    def _values(self, values: Array, declared: str, name: str) -> _Values:
+    def _values(self, values: Array, declared: str, name: str) -> _Primvar:
         found = self.interpolation(len(values), declared)
         if found is None:
             kind = f" of interpolation '{declared}'" if declared else ""
             text = f"has {len(values)} values{kind}: expected 1, {len(self.counts)} or {self.counts.sum()}"
             raise self.reading.fail(self.prim, name, text)
-        return _Values(values, found)
+        return _Primvar(values, found)
 
     def each(self, name: str, columns: int) -> Array | None:
         """Return (curves, columns) an attribute of each curve, or None where it is not authored."""
@@ -263,13 +263,13 @@ class _Source:
         return np.broadcast_to(values, (len(self.counts), columns))
 
 
-def _pieces(source: _Source, spans: Spans) -> Array:
+def _pieces(source: _CurvesPrim, spans: Spans) -> Array:
     """Return how many pieces each span takes, at any time."""
     if source.kind == "linear" or not len(spans.curve):
         return np.ones(len(spans.curve), dtype=np.int64)
     found = np.ones(len(spans.curve), dtype=np.int64)
     for reading in _shapes(source):
-        shape = _Source(reading, source.prim, source.counts, source.kind, source.wrap)
+        shape = _CurvesPrim(reading, source.prim, source.counts, source.kind, source.wrap)
         points = reading.array(source.prim, "points", 3)
         if points is not None and len(points) == source.counts.sum():
             radii = 0.5 * shape.widths().at(spans, *spans.samples()).reshape(len(spans.curve), -1)
@@ -277,7 +277,7 @@ def _pieces(source: _Source, spans: Spans) -> Array:
     return found
 
 
-def _shapes(source: _Source) -> list[Reading]:
+def _shapes(source: _CurvesPrim) -> list[Reading]:
     """Return readings at the times at which the curves' shape is looked at."""
     times = source.prim.GetAttribute("points").GetTimeSamples()
     if len(times) < 2:
@@ -311,7 +311,7 @@ class _Nodes:
         return _Nodes(*(each[kept] for each in (self.curve, self.points, self.radii, self.power)))
 
 
-def _beams(source: _Source, nodes: _Nodes, closed: bool, graded: bool, to_world: Array) -> dict[str, Any]:
+def _beams(source: _CurvesPrim, nodes: _Nodes, closed: bool, graded: bool, to_world: Array) -> dict[str, Any]:
     """Return the fields of the beams between nodes."""
     sizes = np.bincount(nodes.curve)
     first, last, following = segments(sizes[sizes > 0], closed)
@@ -351,7 +351,7 @@ def _beams(source: _Source, nodes: _Nodes, closed: bool, graded: bool, to_world:
     return {name: value if value is None else value[wide] for name, value in fields.items()}
 
 
-def _turn_ends(source: _Source, fields: dict[str, Any], curve: Array, following: Array, to_world: Array) -> None:
+def _turn_ends(source: _CurvesPrim, fields: dict[str, Any], curve: Array, following: Array, to_world: Array) -> None:
     """Set the directions of the light at the two ends of each curve to those that are authored."""
     begins = np.ones(len(curve), dtype=bool)
     begins[following[following >= 0]] = False

@@ -170,7 +170,7 @@ def read_look(reading: Reading, user: Usd.Prim, prim: Usd.Prim) -> LookSpec:
         raise reading.fail(user, "photonbeams:look", text)
     key = ("look", prim.GetPath())
     if key not in reading.cache:
-        source = _Source(reading, prim)
+        source = _LookAttributes(reading, prim)
         _warn_of_unknown(source)
         reading.cache[key] = LookSpec(
             str(prim.GetPath()), _along(source), _across(source), _eye(source), _angle(source), _noise(source),
@@ -214,7 +214,7 @@ def find_looks(
 
 
 @dataclass(frozen=True)
-class _Source:
+class _LookAttributes:
     """A look's attributes, without their common prefix."""
 
     reading: Reading
@@ -250,7 +250,7 @@ class _Source:
         return self.reading.fail(self.prim, f"photonbeams:{name}", text)
 
 
-def _warn_of_unknown(source: _Source) -> None:
+def _warn_of_unknown(source: _LookAttributes) -> None:
     definition = Usd.SchemaRegistry().FindConcretePrimDefinition("PhotonBeamsLook")
     if not definition:  # schemas that were registered after OpenUSD looked for them, see schemas.register
         return
@@ -260,7 +260,7 @@ def _warn_of_unknown(source: _Source) -> None:
             source.reading.warn(source.prim, "is no attribute of a PhotonBeamsLook: it is ignored", str(name))
 
 
-def _along(source: _Source) -> AlongSpec:
+def _along(source: _LookAttributes) -> AlongSpec:
     falloff = source.choice("along:falloff", AlongSpec.falloff, _FALLOFFS)
     coefficients = source.numbers("along:coefficients")
     if falloff == "polynomial" and not coefficients:
@@ -283,7 +283,7 @@ def _along(source: _Source) -> AlongSpec:
     )
 
 
-def _curve(source: _Source, slot: str, span: Span) -> CurveSpec:
+def _curve(source: _LookAttributes, slot: str, span: Span) -> CurveSpec:
     """Return what is set of a factor's ramp, texture and expression."""
     knots, colors = source.numbers(f"{slot}:ramp:knots"), source.colors(f"{slot}:ramp:colors")
     if len(knots) != len(colors):
@@ -303,7 +303,7 @@ def _curve(source: _Source, slot: str, span: Span) -> CurveSpec:
     return CurveSpec(knots, colors, _INTERPOLATIONS[interpolation], _texture(source, slot), span, expression)
 
 
-def _noise(source: _Source) -> NoiseSpec:
+def _noise(source: _LookAttributes) -> NoiseSpec:
     octaves = source.reading.value(source.prim, "photonbeams:noise:octaves", NoiseSpec.octaves)
     if not (isinstance(octaves, int) and 1 <= octaves <= 8):
         raise source.fail("noise:octaves", f"is {octaves}: expected a whole number from 1 to 8")
@@ -322,7 +322,7 @@ def _noise(source: _Source) -> NoiseSpec:
     )
 
 
-def _span(source: _Source) -> Span:
+def _span(source: _LookAttributes) -> Span:
     space = source.choice("along:space", Span.space, ("fraction", "distance"))
     begin, end = source.number("along:begin", Span.begin), source.number("along:end", Span.end)
     if end <= begin:
@@ -330,7 +330,7 @@ def _span(source: _Source) -> Span:
     return Span(space, begin, end)
 
 
-def _texture(source: _Source, slot: str) -> Array | None:
+def _texture(source: _LookAttributes, slot: str) -> Array | None:
     name = f"{slot}:texture"
     pixels = read_image(source.reading, source.prim, f"photonbeams:{name}")
     if pixels is None:
@@ -341,7 +341,7 @@ def _texture(source: _Source, slot: str) -> Array | None:
     return row
 
 
-def _across(source: _Source) -> AcrossSpec:
+def _across(source: _LookAttributes) -> AcrossSpec:
     profile = source.choice("across:profile", AcrossSpec.profile, _PROFILES)
     values = source.numbers("across:values")
     if profile == "tabulated" and (len(values) < 2 or min(values) < 0 or max(values) == 0):
@@ -358,7 +358,7 @@ def _across(source: _Source) -> AcrossSpec:
     )
 
 
-def _eye(source: _Source) -> EyeSpec:
+def _eye(source: _LookAttributes) -> EyeSpec:
     falloff = source.choice("eye:falloff", EyeSpec.falloff, ("physical", "none", "exponential"))
     span = Span("distance", source.number("eye:begin", Span.begin), source.number("eye:end", Span.end))
     if span.end <= span.begin:
@@ -366,7 +366,7 @@ def _eye(source: _Source) -> EyeSpec:
     return EyeSpec(falloff, source.positive("eye:length", EyeSpec.length), _curve(source, "eye", span))
 
 
-def _angle(source: _Source) -> AngleSpec:
+def _angle(source: _LookAttributes) -> AngleSpec:
     return AngleSpec(
         shading=source.choice("angle:shading", AngleSpec.shading, ("physical", "constant", "glow")),
         anisotropy=source.number("angle:anisotropy", AngleSpec.anisotropy, -0.99, 0.99),

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from pxr import Usd, UsdShade
 
-from ..scene import Array, Material, SceneError, Texture, color, number, rgb
+from ..scene import Array, Material, SceneError, UVTexture, color, number, rgb
 from .reading import Reading
 from .textures import read_image
 
@@ -88,7 +88,7 @@ class _Preview:
         fields: dict[str, Any] = {}
         for name, own in {**_COLORS, **_NUMBERS, **_PLAIN}.items():
             value = self._input(name)
-            if isinstance(value, Texture) and name in _PLAIN:
+            if isinstance(value, UVTexture) and name in _PLAIN:
                 self.reading.warn(self.shader.GetPrim(), "is a texture: its mean is used", f"inputs:{name}")
                 value = float(value.pixels.mean())
             if value is not None:
@@ -108,9 +108,9 @@ class _Preview:
         opacity = fields.get("opacity")
         mode = self.shader.GetInput("opacityMode")
         fields["presence"] = threshold > 0 or (bool(mode) and str(mode.Get(self.reading.time)) == "presence")
-        if threshold > 0 and isinstance(opacity, Texture):
+        if threshold > 0 and isinstance(opacity, UVTexture):
             cut = (opacity.pixels >= threshold).astype(np.float32)
-            fields["opacity"] = Texture(cut, opacity.wrap, opacity.uv_transform)
+            fields["opacity"] = UVTexture(cut, opacity.wrap, opacity.uv_transform)
         elif threshold > 0 and opacity is not None:
             fields["opacity"] = float(opacity >= threshold)
 
@@ -163,7 +163,7 @@ class _Preview:
         if chosen.shape[:2] == (1, 1):
             flat = chosen.reshape(-1).tolist()
             return flat[0] if name not in _COLORS else tuple(np.broadcast_to(flat, 3).tolist())
-        return Texture(chosen, self._wrap(node), self._coordinates(node))
+        return UVTexture(chosen, self._wrap(node), self._coordinates(node))
 
     def _pixels(self, node: UsdShade.Shader, attribute: Usd.Attribute | None) -> Array | None:
         if attribute is None:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from pxr import Usd, UsdGeom, UsdShade
 
-from ..scene import FARTHEST, Array, Material, Mesh, Texture
+from ..scene import FARTHEST, Array, Material, Mesh, UVTexture
 from ..scene.vectors import unit
 from .gprims import GPRIMS, gprim_polygons
 from .materials import Bound, bound_material
@@ -91,7 +91,7 @@ def _surface(reading: Reading, prim: Usd.Prim, bound: Bound, has_uvs: bool) -> M
         material = material if mean is None else replace(material, diffuse=mean)
     if has_uvs:
         return material
-    textured = {key: value for key, value in vars(material).items() if isinstance(value, Texture)}
+    textured = {key: value for key, value in vars(material).items() if isinstance(value, UVTexture)}
     if not textured:
         return material
     reading.warn(prim, f"has no primvar '{bound.uv_name}' for its textures: their mean colour is used")

@@ -27,7 +27,7 @@ Window = tuple[float, float, float, float]
 
 
 @dataclass(frozen=True)
-class Product:
+class RenderProduct:
     """A RenderProduct: its prim's path, and the layers that its orderedVars name, if any."""
 
     path: str
@@ -62,7 +62,7 @@ class RenderSettings:
     disable_motion_blur: bool | None = None
     disable_depth_of_field: bool | None = None
     pixel_filter: str | None = None
-    products: tuple[Product, ...] = ()
+    products: tuple[RenderProduct, ...] = ()
 
     def crop(self, width: int, height: int) -> Window | None:
         """Return the data window from the top left, on the edges of the pixels whose centres it holds; at least one."""
@@ -116,11 +116,11 @@ def read_settings(stage: Usd.Stage, path: str | None = None, given: Collection[s
         disable_motion_blur=still,
         disable_depth_of_field=values["disableDepthOfField"],
         pixel_filter=values[PIXEL_FILTER],
-        products=tuple(Product(str(raster.GetPath()), _variables(reading, raster)) for raster in rasters),
+        products=tuple(RenderProduct(str(raster.GetPath()), _variables(reading, raster)) for raster in rasters),
     )
 
 
-def product_file(stage: Usd.Stage, product: Product, time: Any = None) -> Path:
+def product_file(stage: Usd.Stage, product: RenderProduct, time: Any = None) -> Path:
     """Return the file that a product names at a time: names may be animated.
 
     Raises
@@ -159,7 +159,7 @@ def _rasters(reading: Reading, settings: Usd.Prim) -> list[Usd.Prim]:
     """Return the products of settings that can be rendered."""
     rasters = []
     for prim in reading.targets(settings, "products"):
-        if not prim.IsA(UsdRender.Product):
+        if not prim.IsA(UsdRender.RenderProduct):
             raise reading.fail(settings, "products", f"names {prim.GetPath()}: expected a RenderProduct")
         kind = str(reading.value(prim, "productType", "raster"))
         if kind == "raster":

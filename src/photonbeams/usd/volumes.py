@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from pxr import Ar, Sdf, Usd
 
-from ..scene import Array, Grid, SceneError
+from ..scene import Array, DensityGrid, SceneError
 from .reading import Reading
 from .textures import resolved, stamp
 
@@ -21,7 +21,7 @@ _HEADER = struct.Struct("<3sB5i6f")
 _DENSITY = "field:density"
 
 
-def read_grid(reading: Reading, prim: Usd.Prim, to_world: Array) -> Grid | None:
+def read_grid(reading: Reading, prim: Usd.Prim, to_world: Array) -> DensityGrid | None:
     """Return the density of a volume, or None, with a warning, where its file is of a kind that is not read.
 
     Raises
@@ -47,7 +47,7 @@ def read_grid(reading: Reading, prim: Usd.Prim, to_world: Array) -> Grid | None:
         local = np.linalg.inv(reading.to_world(prim)) @ reading.to_world(field)
         box = np.diag([*(high - low), 1.0])
         box[:3, 3] = low
-        return Grid(values, to_world @ local @ box)
+        return DensityGrid(values, to_world @ local @ box)
     except (SceneError, ValueError, OSError, np.linalg.LinAlgError) as error:
         raise reading.fail(
             field, "filePath", f"names {asset.path}: expected a .vol file of a density ({error})"

@@ -20,7 +20,7 @@ import numpy as np
 from .. import scene
 from ..numerics.arrays import opaque, to_uint, to_vectors
 from ..runtime.device import Array2f, Array3f, Bool, Float, UInt32
-from .lights import DomeSource, Illumination, Sight, SphereSource, pack
+from .lights import DomeSource, Illumination, LightHit, SphereSource, pack
 
 if TYPE_CHECKING:
     from .portals import Portal
@@ -144,7 +144,7 @@ class Masked:
         sample.weight = sample.weight * self.tint(point, -sample.direction)
         return sample
 
-    def see(self, origin: Array3f, direction: Array3f) -> Sight:
+    def see(self, origin: Array3f, direction: Array3f) -> LightHit:
         """Return what a ray sees of the light."""
         sight = self.bare.see(origin, direction)
         factor = self.tint(origin, -direction) * self._passing(origin, direction, sight.distance)

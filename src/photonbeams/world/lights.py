@@ -45,7 +45,7 @@ class Illumination:
         self.pdf: Any = pdf
 
 
-class Sight:
+class LightHit:
     """What a ray sees of a light: `distance` (infinite where it misses), `radiance`, and the pdf of `illuminate`."""
 
     DRJIT_STRUCT: ClassVar[dict[str, Any]] = {"hit": Bool, "distance": Float, "radiance": Array3f, "pdf": Float}
@@ -57,7 +57,7 @@ class Sight:
         self.pdf: Any = pdf
 
 
-class Shaping:
+class ShapingFactor:
     """A light's cone and focus: a factor on its radiance as a function of the angle from its axis."""
 
     DRJIT_STRUCT: ClassVar[dict[str, Any]] = {"start": Float, "cutoff": Float, "focus": Float, "tint": Array3f}
@@ -68,7 +68,7 @@ class Shaping:
     tint: Any
 
     @classmethod
-    def of(cls, shaping: scene.Shaping | None) -> Shaping:
+    def of(cls, shaping: scene.Shaping | None) -> ShapingFactor:
         """Return the shaping of a light; None has no effect."""
         result = cls()
         given = shaping or scene.Shaping()
@@ -95,7 +95,7 @@ class SphereSource:
     """A sphere that radiates evenly, or, with radius 0, a point whose `radiance` is a radiant intensity."""
 
     DRJIT_STRUCT: ClassVar[dict[str, Any]] = {
-        "radiance": Array3f, "center": Array3f, "radius": Float, "axis": Array3f, "shaping": Shaping,
+        "radiance": Array3f, "center": Array3f, "radius": Float, "axis": Array3f, "shaping": ShapingFactor,
     }  # fmt: skip
 
     radiance: Any
@@ -110,7 +110,7 @@ class SphereSource:
         result = cls()
         result.radiance, result.center = opaque(light.radiance), opaque(light.center)
         result.radius, result.axis = opaque(light.radius), opaque(_unit(light.axis))
-        result.shaping = Shaping.of(light.shaping)
+        result.shaping = ShapingFactor.of(light.shaping)
         return result
 
     def emitted(self, direction: Array3f) -> Array3f:
@@ -132,7 +132,7 @@ class SphereSource:
         weight = dr.select(outside, self.emitted(-towards) * scale, 0)
         return Illumination(towards, distance, weight, pdf)
 
-    def see(self, origin: Array3f, direction: Array3f) -> Sight:
+    def see(self, origin: Array3f, direction: Array3f) -> LightHit:
         """Return what a ray sees of the sphere; a point is not seen."""
         to = self.center - origin
         along = dr.dot(to, direction)
@@ -141,7 +141,7 @@ class SphereSource:
         one_minus_cos, outside = self._subtended(dr.squared_norm(to))
         hit = (self.radius > 0) & outside & (room >= 0) & (distance > 0)
         radiance = dr.select(hit, self.emitted(-direction), 0)
-        return Sight(hit, dr.select(hit, distance, dr.inf), radiance, dr.rcp(dr.two_pi * one_minus_cos))
+        return LightHit(hit, dr.select(hit, distance, dr.inf), radiance, dr.rcp(dr.two_pi * one_minus_cos))
 
     def _subtended(self, squared_distance: Float) -> tuple[Float, Any]:
         """Return 1 − cos of the cone that the sphere subtends, and whether the point is outside."""
@@ -156,7 +156,7 @@ class FlatSource:
 
     DRJIT_STRUCT: ClassVar[dict[str, Any]] = {
         "radiance": Array3f, "center": Array3f, "half_x": Array3f, "half_y": Array3f, "dual_x": Array3f,
-        "dual_y": Array3f, "axis": Array3f, "area": Float, "disk": Float, "shaping": Shaping,
+        "dual_y": Array3f, "axis": Array3f, "area": Float, "disk": Float, "shaping": ShapingFactor,
     }  # fmt: skip
 
     radiance: Any
@@ -181,7 +181,7 @@ class FlatSource:
         result.dual_x, result.dual_y = opaque(dual[:, 0]), opaque(dual[:, 1])
         result.axis, result.area = opaque(_unit(light.axis)), opaque(light.area)
         result.disk = opaque(1.0 if light.disk else 0.0)
-        result.shaping = Shaping.of(light.shaping)
+        result.shaping = ShapingFactor.of(light.shaping)
         return result
 
     def emitted(self, direction: Array3f) -> Array3f:
@@ -204,7 +204,7 @@ class FlatSource:
         weight = self.emitted(-towards) * (cosine * self.area / squared)
         return Illumination(towards, distance, weight, squared / dr.maximum(cosine * self.area, 1e-30))
 
-    def see(self, origin: Array3f, direction: Array3f) -> Sight:
+    def see(self, origin: Array3f, direction: Array3f) -> LightHit:
         """Return what a ray sees of the light's front."""
         cosine = -dr.dot(direction, self.axis)
         distance = dr.dot(origin - self.center, self.axis) / dr.select(cosine > 0, cosine, 1)
@@ -214,7 +214,7 @@ class FlatSource:
         hit = (cosine > 0) & (distance > 0) & inside & (self.area > 0)
         radiance = dr.select(hit, self.emitted(-direction), 0)
         pdf = distance * distance / dr.maximum(cosine * self.area, 1e-30)
-        return Sight(hit, dr.select(hit, distance, dr.inf), radiance, pdf)
+        return LightHit(hit, dr.select(hit, distance, dr.inf), radiance, pdf)
 
 
 class DistantSource:
@@ -245,11 +245,11 @@ class DistantSource:
             towards + nowhere, dr.inf + nowhere, weight + nowhere, dr.select(wide, dr.rcp(solid_angle), 0) + nowhere
         )
 
-    def see(self, origin: Array3f, direction: Array3f) -> Sight:
+    def see(self, origin: Array3f, direction: Array3f) -> LightHit:
         """Return what a ray sees of the light, at infinity."""
         hit = dr.squared_norm(direction + self.axis) < 2 * self.one_minus_cos  # chord² = 2 (1 − cos)
         pdf = dr.rcp(dr.maximum(dr.two_pi * self.one_minus_cos, 1e-30))
-        return Sight(hit, dr.inf + 0 * origin.x, dr.select(hit, self.radiance, 0), pdf + 0 * origin.x)
+        return LightHit(hit, dr.inf + 0 * origin.x, dr.select(hit, self.radiance, 0), pdf + 0 * origin.x)
 
 
 class DomeSource:
@@ -284,7 +284,7 @@ class DomeSource:
         weight = dr.select(sample.pdf > 0, Array3f(weight), 0)
         return Illumination(Array3f(sample.d), dr.inf + nowhere, weight + nowhere, sample.pdf + nowhere)
 
-    def see(self, origin: Array3f, direction: Array3f) -> Sight:
+    def see(self, origin: Array3f, direction: Array3f) -> LightHit:
         """Return what a ray sees that meets nothing."""
         interaction = dr.zeros(mi.SurfaceInteraction3f)
         interaction.wi = mi.Vector3f(-direction)
@@ -293,7 +293,7 @@ class DomeSource:
         radiance = Array3f(self.emitter.eval(interaction))
         nowhere = 0 * origin.x
         pdf = self.emitter.pdf_direction(interaction, sample) + nowhere
-        return Sight(nowhere == 0, dr.inf + nowhere, radiance + nowhere, pdf)
+        return LightHit(nowhere == 0, dr.inf + nowhere, radiance + nowhere, pdf)
 
 
 Light = SphereSource | FlatSource | DistantSource | DomeSource

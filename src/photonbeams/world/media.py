@@ -15,14 +15,13 @@ import drjit as dr
 import numpy as np
 
 from .. import scene
-from ..looks import Attenuation, Look
-from ..looks import Scattering as PhysicalScattering
-from ..looks.at import At
+from ..looks import Attenuation, Look, Scattering
+from ..looks.context import ShadingContext
 from ..looks.factors import Factor
 from ..numerics.arrays import to_uint, to_vectors
 from ..numerics.hashing import hash32, unit_float
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
-from .tracking import Track, Tracked, Way, walk
+from .tracking import MediumSegment, Track, Tracked, walk
 
 mi = mitsuba()
 
@@ -42,14 +41,14 @@ _TRANSMITS = int(
 )  # fmt: skip
 
 
-class Scattering(Factor):
+class MediumScattering(Factor):
     """σs · phase(cos θ) of a Mitsuba medium that varies, or whose phase function is none of Henyey and Greenstein's."""
 
     def __init__(self, plugin: Any) -> None:
         self._plugin, self._phase = plugin, plugin.phase_function()
         self.rough = not plugin.is_homogeneous()
 
-    def evaluate(self, at: At) -> Any:
+    def evaluate(self, at: ShadingContext) -> Any:
         """Return scattering coefficient times phase function; it turns with the light, so any direction does for it."""
         place = dr.zeros(mi.MediumInteraction3f)
         place.p = mi.Point3f(at.position)
@@ -71,7 +70,7 @@ class Ended(Factor):
     Beams end where a flight does, so that as many are left at s as light is; of what has no colour nothing else is.
     """
 
-    def evaluate(self, at: At) -> Any:
+    def evaluate(self, at: ShadingContext) -> Any:
         """Return the share of each channel; the channels' weights are the beam's power, by which flights choose."""
         left = dr.exp(-at.medium.extinction * at.depth)
         return ended(left, getattr(at.beam, "power", Array3f(1)))
@@ -122,14 +121,14 @@ class RenderedMedium:
         if look is None:
             return self.look
         own = self.look
-        if type(own.along) is Attenuation and type(own.eye) is Attenuation and type(own.angle) is PhysicalScattering:
+        if type(own.along) is Attenuation and type(own.eye) is Attenuation and type(own.angle) is Scattering:
             return look
         result = copy(look)
         if type(look.along) is Attenuation:
             result.along = own.along
         if type(look.eye) is Attenuation:
             result.eye = own.eye
-        if type(look.angle) is PhysicalScattering:
+        if type(look.angle) is Scattering:
             result.angle = own.angle
         return result
 
@@ -142,11 +141,11 @@ class RenderedMedium:
         if self.tracked is not None:
             self.tracked.track = Track(self.way(origin, direction, near, far, seed), self.extinction, active)
 
-    def way(self, origin: Any, direction: Any, near: Any, far: Any, seed: Any) -> Way:
+    def way(self, origin: Any, direction: Any, near: Any, far: Any, seed: Any) -> MediumSegment:
         """Return the part of rays, from `near` to `far`, on which the medium is not nothing."""
         _, enter, leave = self.plugin.intersect_aabb(mi.Ray3f(mi.Point3f(origin), mi.Vector3f(direction)))
         majorant = dr.opaque(Float, max(self.medium.extinction))
-        return Way(origin, direction, dr.maximum(near, enter), dr.minimum(far, leave), majorant, seed)
+        return MediumSegment(origin, direction, dr.maximum(near, enter), dr.minimum(far, leave), majorant, seed)
 
 
 def _extinction(media: Any, point: Any, active: Any) -> Array3f:
@@ -248,7 +247,7 @@ class Media:
         inside, enter, leave = media.intersect_aabb(ray)
         majorant = dr.max(self.extinction(medium))
 
-        way = Way(origin, direction, dr.maximum(enter, 0), dr.minimum(leave, distance), majorant, seed)
+        way = MediumSegment(origin, direction, dr.maximum(enter, 0), dr.minimum(leave, distance), majorant, seed)
         return dr.select(varying, walk(way, lambda point: _extinction(media, point, varying), varying & inside), plain)
 
     def beyond(self, hit: Any, direction: Any, medium: UInt32, active: Bool) -> UInt32:
@@ -458,7 +457,7 @@ def _rendered(own: int, plugin: Any) -> RenderedMedium:
     if plugin.is_homogeneous():
         return RenderedMedium(own, plugin, medium, look)
     tracked = Tracked(float(sigma_t.max()))
-    look = Look(along=1.0, eye=tracked, angle=Scattering(plugin))
+    look = Look(along=1.0, eye=tracked, angle=MediumScattering(plugin))
     return RenderedMedium(own, plugin, medium, look, tracked, _has_color(plugin))
 
 
@@ -517,4 +516,4 @@ def _scattering(plugin: Any) -> tuple[float, Look]:
         g = float(np.ravel(mi.traverse(phase)["g"])[0])
         if abs(g) <= 0.99:
             return g, Look()
-    return 0.0, Look(angle=Scattering(plugin))
+    return 0.0, Look(angle=MediumScattering(plugin))

@@ -74,9 +74,9 @@ def sharp_bsdf_of(material: scene.Material) -> dict[str, Any] | None:
     What is transparent, but not absent in parts, is glass of its `ior`; metal that is smooth is a mirror of its colour.
     """
     if is_glass(material):
-        assert not isinstance(material.opacity, scene.Texture)
+        assert not isinstance(material.opacity, scene.UVTexture)
         plain = {"int_ior": float(material.ior), "ext_ior": 1.0}
-        rough = 1.0 if isinstance(material.roughness, scene.Texture) else float(material.roughness)
+        rough = 1.0 if isinstance(material.roughness, scene.UVTexture) else float(material.roughness)
         glass: dict[str, Any] = {"type": "dielectric", **plain}
         if rough > SMOOTH:
             glass = {"type": "roughdielectric", "alpha": rough**2, **plain}
@@ -93,14 +93,14 @@ def sharp_bsdf_of(material: scene.Material) -> dict[str, Any] | None:
 
 def is_glass(material: scene.Material) -> bool:
     """Return whether a surface is transparent, and refracts."""
-    clear = not isinstance(material.opacity, scene.Texture) and material.opacity < 1
+    clear = not isinstance(material.opacity, scene.UVTexture) and material.opacity < 1
     return clear and not material.presence and material.ior > 1.001
 
 
 def is_mirror(material: scene.Material) -> bool:
     """Return whether a surface is an ideal mirror."""
-    metal = not isinstance(material.metallic, scene.Texture) and material.metallic > 0.99
-    return metal and not isinstance(material.roughness, scene.Texture) and material.roughness <= SMOOTH
+    metal = not isinstance(material.metallic, scene.UVTexture) and material.metallic > 0.99
+    return metal and not isinstance(material.roughness, scene.UVTexture) and material.roughness <= SMOOTH
 
 
 def bsdf_of(material: scene.Material) -> dict[str, Any]:
@@ -124,7 +124,7 @@ def bsdf_of(material: scene.Material) -> dict[str, Any]:
 def emitter_of(material: scene.Material) -> dict[str, Any]:
     """Describe the light that a surface emits as an emitter of Mitsuba's."""
     value = material.emissive
-    radiance = _texture(value) if isinstance(value, scene.Texture) else {"type": "rgb", "value": list(value)}
+    radiance = _texture(value) if isinstance(value, scene.UVTexture) else {"type": "rgb", "value": list(value)}
     return {"type": "area", "radiance": radiance}
 
 
@@ -132,9 +132,9 @@ def _emitter(material: scene.Material) -> Any:
     return mi.load_dict(emitter_of(material)) if glows(material) else None
 
 
-def _texture(value: scene.Color | scene.Texture | float) -> Any:
+def _texture(value: scene.Color | scene.UVTexture | float) -> Any:
     """Return a number, a colour or an image as a Mitsuba texture, in the range of a reflectance unless an image."""
-    if isinstance(value, scene.Texture):
+    if isinstance(value, scene.UVTexture):
         pixels = np.asarray(value.pixels, dtype=np.float32)
         flip = np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 1.0], [0.0, 0.0, 1.0]])  # Mitsuba's first row is at v = 0
         return {
@@ -151,9 +151,9 @@ def _texture(value: scene.Color | scene.Texture | float) -> Any:
 
 def cut_out(material: scene.Material) -> bool:
     """Return whether a surface lets a part of the light through."""
-    return isinstance(material.opacity, scene.Texture) or material.opacity < 1
+    return isinstance(material.opacity, scene.UVTexture) or material.opacity < 1
 
 
 def glows(material: scene.Material) -> bool:
     """Return whether a surface emits light."""
-    return isinstance(material.emissive, scene.Texture) or max(material.emissive) > 0
+    return isinstance(material.emissive, scene.UVTexture) or max(material.emissive) > 0

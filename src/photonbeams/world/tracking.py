@@ -16,7 +16,7 @@ from typing import Any
 
 import drjit as dr
 
-from ..looks.at import At
+from ..looks.context import ShadingContext
 from ..looks.factors import Factor
 from ..numerics.hashing import hash32, unit_float
 from ..runtime.device import Array3f, Array4f, Bool, Float, UInt32, mitsuba
@@ -36,7 +36,7 @@ Extinction = Callable[[Any], Any]
 
 
 @dataclass
-class Way:
+class MediumSegment:
     """The part of rays that lies in a medium: o + t d for t from `near` to `far`, and the medium's majorant there."""
 
     origin: Any
@@ -48,7 +48,9 @@ class Way:
 
 
 @dr.syntax
-def walk(way: Way, extinction: Extinction, active: Any, counter: Any = None, base: Any = None, out: Any = None) -> Any:
+def walk(
+    way: MediumSegment, extinction: Extinction, active: Any, counter: Any = None, base: Any = None, out: Any = None
+) -> Any:
     """Return the transmittance of rays over their ways.
 
     Parameters
@@ -83,7 +85,7 @@ def walk(way: Way, extinction: Extinction, active: Any, counter: Any = None, bas
     return product * dr.exp(-depth)
 
 
-def _control(way: Way, extinction: Extinction, begin: Any, step: Any) -> tuple[Any, Any]:
+def _control(way: MediumSegment, extinction: Extinction, begin: Any, step: Any) -> tuple[Any, Any]:
     """Return a piece's control, and the rate of its points."""
     first, last = (extinction(dr.fma(way.direction, begin + place * step, way.origin)) for place in _PROBES)
     rate = dr.maximum(dr.max(dr.abs(first - last)), _LEAST * way.majorant)
@@ -93,7 +95,7 @@ def _control(way: Way, extinction: Extinction, begin: Any, step: Any) -> tuple[A
 class Track:
     """Transmittance at all distances along rays, by the number of a ray."""
 
-    def __init__(self, way: Way, extinction: Extinction, active: Any) -> None:
+    def __init__(self, way: MediumSegment, extinction: Extinction, active: Any) -> None:
         count = dr.width(way.direction)
         self._near, self._step = Float(way.near), dr.maximum(way.far - way.near, 0) * (1 / SEGMENTS)
         counter = dr.zeros(UInt32, count)
@@ -128,7 +130,7 @@ class Track:
 
 
 @dr.syntax
-def _depths(way: Way, extinction: Extinction, active: Any) -> Any:
+def _depths(way: MediumSegment, extinction: Extinction, active: Any) -> Any:
     """Return the control's optical depth at the ends of pieces, (SEGMENTS + 1) packets a ray."""
     count = dr.width(way.direction)
     result = dr.zeros(Float, 4 * (SEGMENTS + 1) * count)
@@ -153,7 +155,7 @@ class Tracked(Factor):
         self.track: Track | None = None
         self._extinction = dr.opaque(Float, extinction)
 
-    def evaluate(self, at: At) -> Any:
+    def evaluate(self, at: ShadingContext) -> Any:
         """Return the transmittance; where only its rate of change is asked for, that of the densest medium."""
         if self.track is None or at.ray is None:
             return dr.exp(-self._extinction * at.depth) * Array3f(1)

@@ -199,7 +199,7 @@ def _shape(twin: Twin, mesh: scene.Mesh, name: str) -> dict[str, Any]:
 def _exposed(material: scene.Material, exposure: float) -> scene.Material:
     """Return a material that emits so much more light."""
     value = material.emissive
-    if isinstance(value, scene.Texture):
+    if isinstance(value, scene.UVTexture):
         return replace(material, emissive=replace(value, pixels=value.pixels * np.float32(exposure)))
     return replace(material, emissive=scaled(value, exposure))
 

@@ -9,7 +9,7 @@ import drjit as dr
 from ..runtime.device import Array3f, UInt32
 
 
-class Tangents:
+class RayDifferentials:
     """Derivatives of rays by the four numbers of their emission: (3,) each, of origin `p` and of direction `d`."""
 
     DRJIT_STRUCT: ClassVar[dict[str, Any]] = {f"{name}{k}": Array3f for name in "pd" for k in range(4)}
@@ -19,7 +19,7 @@ class Tangents:
         return [(getattr(self, f"p{k}"), getattr(self, f"d{k}")) for k in range(4)]
 
     @classmethod
-    def of(cls, columns: list[tuple[Any, Any]]) -> Tangents:
+    def of(cls, columns: list[tuple[Any, Any]]) -> RayDifferentials:
         """Return derivatives by each number as a struct."""
         result = cls()
         for k, (p, d) in enumerate(columns):
@@ -47,7 +47,9 @@ def copies(count: int) -> tuple[UInt32, UInt32]:
     return lane // 4, lane % 4
 
 
-def of_copies(shift: Any, turn: Any, count: int) -> Tangents:
+def of_copies(shift: Any, turn: Any, count: int) -> RayDifferentials:
     """Return the derivatives of such lanes as those of each by all four numbers."""
     lane = dr.arange(UInt32, count) * 4
-    return Tangents.of([(dr.gather(Array3f, shift, lane + k), dr.gather(Array3f, turn, lane + k)) for k in range(4)])
+    return RayDifferentials.of(
+        [(dr.gather(Array3f, shift, lane + k), dr.gather(Array3f, turn, lane + k)) for k in range(4)]
+    )

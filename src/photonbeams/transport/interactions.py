@@ -14,7 +14,7 @@ from ..world.tracking import free_flight
 
 if TYPE_CHECKING:
     from ..world.world import World
-    from .paths import Paths, Tracing
+    from .paths import LightPaths, Tracing
 
 mi = mitsuba()
 
@@ -25,14 +25,14 @@ _FLIGHT, LOBE, TURN = 1, 2, 3
 SAMPLED, SCATTERED, PASSED = 0, 1, 2
 
 
-class Event:
+class Interaction:
     """What happens next on paths.
 
     `scatters`: light is scattered in the medium. `tinted`: it goes on, but for its colour. `on_surface`: it meets a
     surface. `way` is how far that is, `weight` what the flight there weighs, `length` how far the next surface is.
     """
 
-    def __init__(self, tracing: Tracing, paths: Paths, hit: Any, stream: UInt32) -> None:
+    def __init__(self, tracing: Tracing, paths: LightPaths, hit: Any, stream: UInt32) -> None:
         media, index = tracing.world.media, paths.index
         self.hit = hit
         self.valid = hit.is_valid()
@@ -59,7 +59,7 @@ class Event:
 
 
 def _flight(
-    media: Media, paths: Paths, share: Array3f, length: Float, index: UInt32, stream: UInt32
+    media: Media, paths: LightPaths, share: Array3f, length: Float, index: UInt32, stream: UInt32
 ) -> tuple[Float, Array3f]:
     """Return how far light flies in homogeneous media, and what that weighs.
 

@@ -1,4 +1,4 @@
-"""Where a look is evaluated: everything that its factors may ask for."""
+"""The shading context of looks: everything that their factors may ask for."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from ..scene import Array, Medium, SceneError, arguments, color, number, numbers
 from .described import Described, constructor
 from .vocabulary import NAMES
 
-#: The inputs by the names that expressions and Python functions use, and the attributes of `At` that answer them.
+#: The inputs by the names that expressions and Python functions use: attributes of `ShadingContext`.
 INPUTS = {name: each.attribute for name, each in NAMES.items()}
 
-#: Attributes of `At` that differ between beams, between places in space, and with the distance from the axis.
+#: Attributes that differ between beams, between places in space, and with the distance from the axis.
 OF_BEAMS = frozenset({"random", "id", "generation"})
 OF_PLACES = frozenset({"position", "local"})
 OF_RADII = frozenset({"radius", "rho2"})
@@ -89,7 +89,7 @@ class Fog(Described):
         return fog
 
 
-class Context(Described):
+class LightContext(Described):
     """What all beams of a light have in common: the time, the light's number and its space; opaque.
 
     Parameters
@@ -138,7 +138,7 @@ def _inverse(to_world: npt.ArrayLike) -> Array:
 
 
 @dataclass(frozen=True)
-class At:
+class ShadingContext:
     """Where a factor is evaluated. All values are Dr.Jit arrays of one width, or numbers.
 
     Attributes
@@ -176,9 +176,9 @@ class At:
     beam: Any = None
     ray: Any = None
     fog: Fog | None = None
-    context: Context | None = None
+    context: LightContext | None = None
 
-    def own(self, distance: Any, depth: Any) -> At:
+    def own(self, distance: Any, depth: Any) -> ShadingContext:
         """Return this for a factor whose own distance is another one."""
         return replace(self, distance=distance, depth=depth)
 
@@ -241,9 +241,9 @@ class At:
 
 
 class _Watched:
-    """Stands for an At and remembers what it is asked for."""
+    """Stands in for a ShadingContext and remembers which attributes are read."""
 
-    def __init__(self, at: At) -> None:
+    def __init__(self, at: ShadingContext) -> None:
         self._at, self.asked = at, set[str]()
 
     def __getattr__(self, name: str) -> Any:
@@ -251,8 +251,8 @@ class _Watched:
         return getattr(self._at, name)
 
 
-def inputs_of(evaluate: Callable[[Any], Any], at: At) -> frozenset[str]:
-    """Return the names of At's attributes that a factor asks for."""
+def inputs_of(evaluate: Callable[[Any], Any], at: ShadingContext) -> frozenset[str]:
+    """Return the names of the attributes of a ShadingContext that a factor reads."""
     watched = _Watched(at)
     evaluate(watched)
     return frozenset(watched.asked)
