@@ -25,12 +25,12 @@ def shade(world, origin, direction, index, seed=1, active=None):
     count = dr.width(direction)
     ones = dr.ones(Array3f, count)
     primary = Primary(origin, direction, dr.zeros(Float, count), dr.full(Float, dr.largest(Float), count), ones)
-    viewing = camera_paths.CameraTracing(world, StageLighting(world), 2, 5, False, sharp=world.sharp)
-    paths = camera_paths.begin(viewing, primary, UInt32(index))
+    tracing = camera_paths.CameraTracing(world, StageLighting(world), 2, 5, False, sharp=world.sharp)
+    paths = camera_paths.begin(tracing, primary, UInt32(index))
     if active is not None:
         paths.alive = Bool(active)
     result = Shaded(*(dr.zeros(kind, count) for kind in (Array3f, Float)), dr.full(Float, dr.inf, count), ones)
-    for step, vertex in camera_paths.follow(viewing, paths, Samples(seed, 0, 0), None):
+    for step, vertex in camera_paths.follow(tracing, paths, Samples(seed, 0, 0), None):
         dr.scatter_add(result.radiance, vertex.radiance, step.pixel, step.alive)
         own = step.alive & step.primary
         dr.scatter(result.transmittance, vertex.transmittance, step.pixel, own)

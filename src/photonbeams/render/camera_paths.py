@@ -1,7 +1,7 @@
 """Camera paths: straight through boundaries of media, mirrored and refracted, to the first surfaces that scatter light.
 
 Each pixel has one path a pass. Its segments in media gather beams; at surfaces it gathers emission, direct light and
-photons, and goes on where a BSDF has ideal mirrors, refracts, or lets light through, by one sample of these.
+photons. It continues by one sample of the BSDF's specular and null lobes, where there are any.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ mi = mitsuba()
 
 _LOBE, _TURN, _ROULETTE, _WAY, _CUTOUT = 301, 302, 303, 304, 305  # streams of samples
 
-# What makes a surface more than a boundary of media; to Mitsuba going straight on (Null) is one of `Delta`.
+# Lobes that make a surface more than a boundary of media; Mitsuba's `Delta` includes `Null`.
 _VISIBLE = int(mi.BSDFFlags.Smooth | mi.BSDFFlags.DeltaReflection | mi.BSDFFlags.DeltaTransmission)
 
 _IDEAL = int(mi.BSDFFlags.Delta | mi.BSDFFlags.Null)
 
-# Steps after which a path ends that meets nothing that ends it, as between two mirrors.
+# Steps after which paths end that nothing else ends, as between two mirrors.
 _STEPS = 128
 
 
@@ -40,15 +40,15 @@ class CameraPaths:
     Attributes
     ----------
     throughput, clear
-        The weight of light that a path meets; the same without the fogs that surfaces do not feel.
+        The path's throughput; the same without the transmittance of beams-only media.
     medium
-        Number of the medium that it is in.
+        Number of the medium around it.
     pixel, order
-        The path's pixel, and what names its samples.
+        The path's pixel, and the pixel's place in the sample sequences.
     primary
-        Whether it is still the pixel's own ray.
+        Whether the path is still straight: on the pixel's own ray.
     depth
-        Mirrors and refractions so far.
+        Specular bounces so far.
     """
 
     DRJIT_STRUCT: ClassVar[dict[str, Any]] = {
@@ -71,10 +71,20 @@ class CameraPaths:
 
 
 class CameraVertex:
-    """Where paths arrive in one step: `radiance` of surfaces times the throughput, `end` on the ray.
+    """The end of one step of camera paths.
 
-    `solid` tells surfaces and lamps from boundaries of media and from the background; `transmittance` is that of the
-    fogs that surfaces feel, from the camera on; `seed` is that of the transmittance up to there.
+    Attributes
+    ----------
+    radiance
+        The radiance of the surface or the background, times the throughput.
+    solid
+        Whether it is a surface or a lamp: no boundary of media, no background.
+    end
+        Distance along the ray.
+    transmittance
+        That of the media from the camera on, without beams-only ones.
+    seed
+        Seed of the samples of transmittance along the segment.
     """
 
     DRJIT_STRUCT: ClassVar[dict[str, Any]] = {
@@ -89,7 +99,7 @@ class CameraVertex:
 
 
 class Lamp:
-    """What paths meet of lamps that are no surfaces: `distance` (infinite where there is none) and `radiance`."""
+    """The nearest lamp that is not a surface: its `distance` (infinite where there is none) and `radiance`."""
 
     DRJIT_STRUCT: ClassVar[dict[str, Any]] = {"distance": Float, "radiance": Array3f}
 
@@ -100,7 +110,7 @@ class Lamp:
 
 @dataclass(frozen=True)
 class ShadingPoint:
-    """Surfaces that paths have met: Mitsuba's interaction, the medium before them, and what names their samples."""
+    """Camera vertices on surfaces: Mitsuba's interaction, the medium in front, and what seeds their samples."""
 
     hit: Any
     medium: Any
@@ -110,16 +120,16 @@ class ShadingPoint:
 
 
 class Lighting(Protocol):
-    """How a world's emitters are seen, and how they light surfaces."""
+    """The emitters of a world: as camera paths see them, and as they light surfaces."""
 
     def lamp(self, origin: Array3f, direction: Array3f) -> Lamp | None:
-        """Return the nearest lamp that rays see shine; None where all emitters are surfaces."""
+        """Return the nearest lamp along rays; None where all emitters are surfaces."""
 
     def emission(self, hit: Any, origin: Array3f, direction: Array3f, active: Bool) -> Array3f:
-        """Return the radiance of surfaces that glow, and of the background where nothing is met."""
+        """Return the emitted radiance of surfaces, and the background's where rays meet nothing."""
 
     def direct(self, point: ShadingPoint, active: Bool) -> Array3f:
-        """Return the radiance toward the path of light that comes straight from emitters to smooth BSDFs."""
+        """Return the direct light that smooth BSDFs reflect along the path."""
 
 
 @dataclass(frozen=True)
@@ -129,13 +139,13 @@ class CameraTracing:
     Attributes
     ----------
     world, lighting
-        What they meet, and what lights that.
+        The world, and its lighting.
     max_depth, rr_depth, hide_emitters
-        As Mitsuba's integrators have them; a depth of None is any.
+        As in Mitsuba's integrators; a `max_depth` of None is no limit.
     surfaces
-        Whether surfaces are shaded; if not, paths see emitters alone.
+        Whether surfaces are shaded; if not, paths see only emitters.
     sharp
-        Whether anything in the world may send paths on: a boundary of media, a mirror, glass.
+        Whether paths may continue in this world, at a boundary of media, a mirror or glass.
     """
 
     world: World
@@ -147,7 +157,7 @@ class CameraTracing:
     sharp: bool = True
 
 
-def begin(viewing: CameraTracing, primary: Primary, order: UInt32) -> CameraPaths:
+def begin(tracing: CameraTracing, primary: Primary, order: UInt32) -> CameraPaths:
     """Return the camera paths of a pass."""
     count = dr.width(primary.direction)
     paths = CameraPaths()
@@ -159,18 +169,18 @@ def begin(viewing: CameraTracing, primary: Primary, order: UInt32) -> CameraPath
     paths.primary = paths.alive = dr.full(Bool, True, count)
     paths.depth = dr.zeros(UInt32, count)
     start = paths.origin + paths.near * paths.direction
-    paths.medium = viewing.world.medium_of_view(start, paths.direction)
+    paths.medium = tracing.world.medium_of_view(start, paths.direction)
     dr.eval(paths)
     return paths
 
 
 def follow(
-    viewing: CameraTracing, paths: CameraPaths, samples: Samples, photons: PhotonMaps | None
+    tracing: CameraTracing, paths: CameraPaths, samples: Samples, photons: PhotonMaps | None
 ) -> Iterator[tuple[CameraPaths, CameraVertex]]:
-    """Yield camera paths and where they arrive, step by step."""
+    """Yield camera paths and their next vertices, step by step."""
     step = 0
     while step < _STEPS:
-        vertex, following = _step(viewing, paths, samples, dr.opaque(UInt32, step), photons)
+        vertex, following = _step(tracing, paths, samples, dr.opaque(UInt32, step), photons)
         dr.eval(vertex, following)
         yield paths, vertex
         if following is None or not bool(dr.any(following.alive)):
@@ -182,67 +192,67 @@ def follow(
 
 
 def _step(
-    viewing: CameraTracing, paths: CameraPaths, samples: Samples, step: UInt32, photons: PhotonMaps | None
+    tracing: CameraTracing, paths: CameraPaths, samples: Samples, step: UInt32, photons: PhotonMaps | None
 ) -> tuple[CameraVertex, CameraPaths | None]:
-    world, alive = viewing.world, paths.alive
+    world, alive = tracing.world, paths.alive
     start = paths.origin + paths.near * paths.direction
     reach = dr.minimum(paths.far - paths.near, dr.largest(Float))
     hit = world.seen(start, paths.direction, reach, alive, samples.bits(paths.order, _CUTOUT, step))
-    lamp = viewing.lighting.lamp(start, paths.direction)
+    lamp = tracing.lighting.lamp(start, paths.direction)
     met = alive & hit.is_valid()
-    way = dr.select(met, hit.t, reach)
+    distance = dr.select(met, hit.t, reach)
     on_lamp = Bool(False)
     if lamp is not None:
-        on_lamp = alive & (lamp.distance < way)
-        met, way = met & ~on_lamp, dr.select(on_lamp, lamp.distance, way)
+        on_lamp = alive & (lamp.distance < distance)
+        met, distance = met & ~on_lamp, dr.select(on_lamp, lamp.distance, distance)
     vertex = CameraVertex()
-    vertex.end = paths.near + way
+    vertex.end = paths.near + distance
     vertex.seed = samples.bits(paths.order, _WAY, step)
-    passed = world.media.transmittance(paths.medium, start, paths.direction, way, vertex.seed, alive)
+    passed = world.media.transmittance(paths.medium, start, paths.direction, distance, vertex.seed, alive)
     felt = world.media.felt(paths.medium, passed)
     throughput, clear = paths.throughput * passed, paths.clear * felt
     vertex.transmittance = dr.select(alive, clear, 0)
-    shown = alive & _within(viewing, paths.depth, 1)
-    if viewing.hide_emitters:
+    shown = alive & _within(tracing, paths.depth, 1)
+    if tracing.hide_emitters:
         shown &= paths.depth > 0
-    radiance = viewing.lighting.emission(hit, start, paths.direction, shown & ~on_lamp)
+    radiance = tracing.lighting.emission(hit, start, paths.direction, shown & ~on_lamp)
     if lamp is not None:
         radiance = dr.select(on_lamp & shown, lamp.radiance, radiance)
     flags = hit.bsdf().flags()
-    smooth = met & mi.has_flag(flags, mi.BSDFFlags.Smooth) & _within(viewing, paths.depth, 2)
-    if viewing.surfaces:
-        radiance += viewing.lighting.direct(ShadingPoint(hit, paths.medium, paths.order, step, samples), smooth)
+    smooth = met & mi.has_flag(flags, mi.BSDFFlags.Smooth) & _within(tracing, paths.depth, 2)
+    if tracing.surfaces:
+        radiance += tracing.lighting.direct(ShadingPoint(hit, paths.medium, paths.order, step, samples), smooth)
         if photons is not None:
             radiance += photons(hit, paths.depth, smooth)
     vertex.radiance = dr.select(alive, radiance * clear, 0)
     visible = (UInt32(flags) & _VISIBLE) != 0
     vertex.solid = on_lamp | (met & (visible | ~mi.has_flag(flags, mi.BSDFFlags.Null)))
-    if not viewing.sharp:
+    if not tracing.sharp:
         return vertex, None
-    return vertex, _onward(viewing, paths, hit, (throughput, clear), met, samples, step)
+    return vertex, _onward(tracing, paths, hit, (throughput, clear), met, samples, step)
 
 
-def _within(viewing: CameraTracing, depth: UInt32, more: int) -> Any:
-    """Return whether paths of so many events and more edges are no longer than asked for."""
-    return Bool(True) if viewing.max_depth is None else depth + more <= dr.opaque(UInt32, viewing.max_depth)
+def _within(tracing: CameraTracing, depth: UInt32, more: int) -> Any:
+    """Return whether paths of a depth, with `more` edges, are no longer than `max_depth`."""
+    return Bool(True) if tracing.max_depth is None else depth + more <= dr.opaque(UInt32, tracing.max_depth)
 
 
 def _onward(
-    viewing: CameraTracing, paths: CameraPaths, hit: Any, weights: tuple[Array3f, Array3f], met: Bool, samples: Samples,
+    tracing: CameraTracing, paths: CameraPaths, hit: Any, weights: tuple[Array3f, Array3f], met: Bool, samples: Samples,
     step: UInt32,
 ) -> CameraPaths:  # fmt: skip
-    """Return paths behind the surface that they met: mirrored, refracted, or straight on."""
+    """Return the paths continued from the surface: reflected, refracted, or straight through."""
     context = mi.BSDFContext()
     context.type_mask = _IDEAL
     bsdf = hit.bsdf()
     flags = bsdf.flags()
     sharp = met & (mi.has_flag(flags, mi.BSDFFlags.Delta) | mi.has_flag(flags, mi.BSDFFlags.Null))
-    # In strata over the passes: as often mirrored and as often refracted as the glass would have it.
+    # Stratified over the passes: glass reflects and refracts each pixel's paths in the right proportion.
     lobe, turn = samples.pair(paths.order, _LOBE, step).x, samples.pair(paths.order, _TURN, step)
-    # A cut-out surface was drawn to stop the ray: it does not let it through a second time.
-    lobe *= viewing.world.opacity(hit, sharp)
+    # A cut-out surface was already sampled as opaque: its null lobe is not sampled again.
+    lobe *= tracing.world.opacity(hit, sharp)
     sample, weight = bsdf.sample(context, hit, lobe, mi.Point2f(turn), sharp)
-    # Some BSDFs, as Mitsuba's `principled` is one, sample their other lobes whatever they are asked for.
+    # Some BSDFs ignore the mask: Mitsuba's `principled` samples all its lobes.
     sharp &= (sample.sampled_type & _IDEAL) != 0
     direction = hit.to_world(sample.wo)
     null = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Null)
@@ -251,19 +261,19 @@ def _onward(
     factor = dr.select(sharp & (sample.pdf > 0), Array3f(weight), 0)
     following.throughput, following.clear = (each * factor for each in weights)
     spawned = hit.spawn_ray(direction)
-    # A primary ray keeps its origin, from which tiles see it; it begins anew where it passed the surface.
-    way = dr.dot(Array3f(spawned.o) - paths.origin, paths.direction)
+    # A primary ray keeps its origin, for the tiles; its `near` moves to the surface that it passed.
+    distance = dr.dot(Array3f(spawned.o) - paths.origin, paths.direction)
     following.origin = dr.select(straight, paths.origin, Array3f(spawned.o))
     following.direction = dr.select(straight, paths.direction, Array3f(direction))
-    following.near = dr.select(straight, way, 0)
+    following.near = dr.select(straight, distance, 0)
     following.far = dr.select(straight, paths.far, dr.largest(Float))
-    following.medium = viewing.world.media.beyond(hit, direction, paths.medium, sharp)
+    following.medium = tracing.world.media.beyond(hit, direction, paths.medium, sharp)
     following.depth = paths.depth + dr.select(null, 0, 1)
     following.pixel, following.order, following.primary = paths.pixel, paths.order, straight
     most = dr.max(dr.maximum(following.throughput, following.clear))
-    alive = sharp & (most > 0) & _within(viewing, following.depth, 1)
+    alive = sharp & (most > 0) & _within(tracing, following.depth, 1)
     survival = dr.minimum(most, 0.95)
-    tried = following.depth >= dr.opaque(UInt32, viewing.rr_depth)
+    tried = following.depth >= dr.opaque(UInt32, tracing.rr_depth)
     survives = samples.single(paths.order, _ROULETTE, step) < survival
     factor = dr.select(tried, dr.rcp(dr.maximum(survival, 1e-30)), 1)
     following.throughput, following.clear = following.throughput * factor, following.clear * factor

@@ -1,4 +1,4 @@
-"""Checkpoints: what a frame has so far, in a file from which a later render goes on to the same bits."""
+"""Checkpoints: the state of a frame in a file, from which a later render resumes to the same bits."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from .passes import Accumulating
 
 
 class Checkpoint:
-    """A file for what a frame has so far.
+    """A file for the state of a frame.
 
     Parameters
     ----------
@@ -45,9 +45,9 @@ class Checkpoint:
         return given if given is None or isinstance(given, cls) else cls(given)  # type: ignore[arg-type]
 
     def begin(self, *about: Any) -> dict[str, np.ndarray] | None:
-        """Return the state to go on from, None to begin anew.
+        """Return the state to resume from, None to start anew.
 
-        `about` is all that has to be the same for passes to be of one picture.
+        `about` is everything that has to be the same for passes to be of one picture.
 
         Raises
         ------
@@ -78,7 +78,7 @@ class Checkpoint:
         return self.every is not None and time.perf_counter() - self._written >= self.every
 
     def save(self, frame: Accumulating) -> None:
-        """Write what a frame has, unless nothing is ever written, or it has no pass yet."""
+        """Write the state of a frame that has at least one pass, unless the checkpoint is never written."""
         if self.every is None or not frame.statistics.passes:
             return
         with atomic_path(self.path) as beside, beside.open("wb") as file:

@@ -29,16 +29,16 @@ _BEAMS = "beams/"  # sums of light groups are called this and the group
 
 @dataclass
 class PassPicture:
-    """What one pass sees of a view, a value a pixel, row by row.
+    """The picture of a view in one pass: a value for each pixel, row by row.
 
     Attributes
     ----------
     surface, alpha
-        (W · H, 3) radiance of surfaces, and (W · H,) where they are.
+        (W · H, 3) radiance of surfaces, and (W · H,) their coverage.
     beams
         Light groups, "" for the unnamed one, each with a (W · H, 3) radiance; a group may be there more than once.
     transmittance
-        (W · H, 3) of the media up to the surfaces, or None where nobody asks for it.
+        (W · H, 3) transmittance of the media up to the surfaces, or None.
     depth
         (W · H,) planar depths; of the first pass alone.
     """
@@ -60,14 +60,14 @@ class Film:
     reconstruction
         A filter as `reconstruction_filter` returns it; None is the box.
     groups
-        Light groups and the layers that they have; a group that is not here is in `beams` alone.
+        The layer of each light group; a group without one is in `beams` alone.
 
     Attributes
     ----------
     order
         Numbers of the pixels, row by row, for their samples: the same ones in every crop window.
     passes
-        Number of passes that were added.
+        Passes so far.
     """
 
     def __init__(
@@ -84,25 +84,25 @@ class Film:
         self.passes = 0
         self._sums: dict[str, Any] = {}
 
-    def add(self, seen: PassPicture, offset: tuple[float, float], exposure: Any = 1.0) -> None:
+    def add(self, picture: PassPicture, offset: tuple[float, float], exposure: Any = 1.0) -> None:
         """Add a pass whose samples lie at `offset` in each pixel; `exposure` multiplies its light."""
-        surface = seen.surface * exposure
-        beams = [(_BEAMS + group, radiance * exposure) for group, radiance in seen.beams]
-        values = [("surface", surface), ("alpha", seen.alpha), *beams]
-        if seen.transmittance is not None:
-            values.append(("transmittance", seen.transmittance))
+        surface = picture.surface * exposure
+        beams = [(_BEAMS + group, radiance * exposure) for group, radiance in picture.beams]
+        values = [("surface", surface), ("alpha", picture.alpha), *beams]
+        if picture.transmittance is not None:
+            values.append(("transmittance", picture.transmittance))
         if self._filter is not None:
             values = self._filtered(values, offset)
         light = dr.dot(sum((radiance for _, radiance in beams), surface), Array3f(1 / 3))
         for name, value in [*values, ("light", light), ("squares", light * light)]:
             self._sums[name] = self._sum(name, type(value)) + value
-        if seen.depth is not None and "depth" not in self._sums:
-            self._sums["depth"] = seen.depth
+        if picture.depth is not None and "depth" not in self._sums:
+            self._sums["depth"] = picture.depth
         dr.eval(self._sums)
         self.passes += 1
 
     def _sum(self, name: str, kind: Any) -> Any:
-        """Return a sum so far; a constant in the first pass would give that kernels of its own."""
+        """Return a sum so far; in the first pass it is opaque, for a constant would need another kernel."""
         if name not in self._sums:
             self._sums[name] = dr.zeros(kind, self._shape[0] * self._shape[1])
             dr.make_opaque(self._sums[name])
@@ -150,11 +150,11 @@ class Film:
         return float(np.median(np.sqrt(variance) / mean[lit])) if lit.any() else 0.0
 
     def state(self) -> dict[str, np.ndarray]:
-        """Return what another film of the same view goes on from, to the same bits."""
+        """Return the state from which another film of the same view resumes, to the same bits."""
         return {**{name: value.numpy() for name, value in self._sums.items()}, "passes": np.array(self.passes)}
 
     def restore(self, state: Mapping[str, np.ndarray]) -> None:
-        """Go on from the state of another film; raises SceneError where that is of another picture."""
+        """Resume from the state of another film; raise SceneError where that is of another picture."""
         sums, count = {name: each for name, each in state.items() if name != "passes"}, self._shape[0] * self._shape[1]
         complete = {"passes", "surface", "alpha", "light", "squares"} <= set(state)
         same = complete and ("weight" in sums) is (self._filter is not None)
@@ -199,7 +199,7 @@ def films_state(films: Sequence[Film], statistics: Statistics) -> dict[str, np.n
 
 
 def restore_films(films: Sequence[Film], statistics: Statistics, state: Mapping[str, np.ndarray]) -> None:
-    """Take the state of the films of another frame; raises SceneError where that is of another picture."""
+    """Resume the films of a frame from a state; raise SceneError where that is of another picture."""
     for view, film in enumerate(films):
         own = f"{view}/"
         film.restore({name.removeprefix(own): each for name, each in state.items() if name.startswith(own)})

@@ -1,8 +1,8 @@
-"""One frame: the mean of independent passes, each with light paths and camera paths of its own.
+"""One frame: the mean of independent passes, each with its own light paths and camera paths.
 
-A stage and a Mitsuba scene differ in where their worlds, light paths and camera rays come from; all else is the same.
-Where anything moves, each pass looks at its own slice of the shutter. Within a slice all motion is linear: light
-straight from its lamp is traced at its two ends with the same samples, the camera stands at both, and rays have times
+Stages and Mitsuba scenes have their own worlds, light paths and camera rays; everything else is here. If anything
+moves, each pass covers a slice of the shutter interval. Motion within a slice is linear: light straight from its lamp
+is traced at both ends of the slice with the same samples, the camera is known at both ends, and camera rays have times
 in between. Radii shrink from pass to pass, so that bias and variance both vanish (Progressive Photon Beams, Jarosz et
 al. 2011).
 """
@@ -31,24 +31,17 @@ from ..world.world import World
 from . import camera_paths
 from .camera_paths import CameraTracing, Lighting
 from .film import Film, PassPicture, films_state, restore_films
-from .gathering import Estimating, Gathering
+from .gathering import EstimatorOptions, Gathering
 from .passes import Statistics, subpixel
 from .photons import PhotonMaps
 from .settings import Settings
 
-_WIDEST_TURN = 30.0  # degrees: half of it in the middle of the way, the camera's axes are shorter by 3.4 %
-
-_LENS, _TIME = 101, 102  # streams of samples
-
-# Passes of a pixel have a block of 2^_BITS places in a sequence, where nobody knows how many there will be.
-_BITS = 16
-
 
 @dataclass(frozen=True)
 class Simulated:
-    """What light leaves in a pass: beams, photons on surfaces with the bounds of their radii.
+    """The result of tracing light in a pass: beams, and photon hits with the bounds of their radii.
 
-    `world` is what camera paths meet in the pass.
+    `world` is the world of the pass's camera paths.
     """
 
     world: World
@@ -59,24 +52,24 @@ class Simulated:
 
 @dataclass(frozen=True)
 class ViewRays:
-    """A view's rays in a pass, its screen (None where it has none), and a factor on its light.
+    """A view's camera rays in a pass, their projection (None where there is none), and the exposure.
 
-    `held` is where rays end that see no surfaces, in units of distance, or None.
+    `holdout` are the distances at which rays end that see no surfaces, or None.
     """
 
     primary: Primary
     view: Projection | None
     exposure: float = 1.0
-    held: Any = None
+    holdout: Any = None
 
 
 class FrameRenderer(ABC):
-    """The films of all views of a frame.
+    """A frame that is being rendered: the films of all its views.
 
     Attributes
     ----------
     settings, statistics
-        How the frame is rendered, and what it took so far.
+        How the frame is rendered, and the statistics so far.
     """
 
     def __init__(self, settings: Settings, max_depth: int | None) -> None:
@@ -87,19 +80,19 @@ class FrameRenderer(ABC):
 
     @abstractmethod
     def _lighting(self, world: World) -> Lighting:
-        """Return what lights it."""
+        """Return the lighting of a world."""
 
     @abstractmethod
     def simulated(self, number: int) -> Simulated:
-        """Return what light leaves in pass `number`."""
+        """Return the beams and photons of pass `number`."""
 
     @abstractmethod
-    def _eye(self, number: int, view: int, samples: Samples, moving: bool) -> ViewRays:
-        """Return the rays of a view in a pass; `moving` tells that beams move while it looks."""
+    def _view_rays(self, number: int, view: int, samples: Samples, moving: bool) -> ViewRays:
+        """Return the camera rays of a view in a pass; `moving` tells that beams move during the pass."""
 
     @abstractmethod
-    def _sharp(self, view: int) -> tuple[World, ViewRays] | None:
-        """Return the pinhole by which depths are seen, and what it sees, where the view itself is blurred."""
+    def _pinhole(self, view: int) -> tuple[World, ViewRays] | None:
+        """Return the world and the rays of a pinhole camera for depths; None where the view itself is sharp."""
 
     def _clock(self, number: int) -> tuple[float, float]:
         """Return frame number and seconds of a pass, for looks that change with time."""
@@ -109,12 +102,16 @@ class FrameRenderer(ABC):
         return Samples(self.settings.seed, number)
 
     @property
+    def _max_bounces(self) -> int | None:
+        """The most bounces of light before it is scattered toward the camera: two edges less than the longest path."""
+        return None if self._max_depth is None else self._max_depth - 2
+
+    @property
     def _tuning(self) -> Tuning:
         settings = self.settings
         return Tuning(
-            settings.seed, None if self._max_depth is None else self._max_depth - 2, settings.rr_depth,
-            settings.overlap, settings.alpha, settings.radius, settings.min_radius, settings.max_radius,
-            settings.short, settings.surfaces, settings.max_depth is None,
+            settings.seed, self._max_bounces, settings.rr_depth, settings.overlap, settings.alpha, settings.radius,
+            settings.min_radius, settings.max_radius, settings.short, settings.surfaces, settings.max_depth is None,
         )  # fmt: skip
 
     def add_pass(self, number: int) -> None:
@@ -122,35 +119,36 @@ class FrameRenderer(ABC):
         statistics, samples = self.statistics, self._samples(number)
         with statistics.phase("simulate"):
             light = self.simulated(number)
-            most = None if self._max_depth is None else self._max_depth - 2
-            photons = PhotonMaps(light.hits, light.limits, most, light.world.translucent) if light.hits else None
+            photons = None
+            if light.hits:
+                photons = PhotonMaps(light.hits, light.limits, self._max_bounces, light.world.translucent)
         statistics.beams += sum(len(each.beams) for each in light.sets)
         moving = any(each.close is not None for each in light.sets)
         for view, film in enumerate(self._films):
             with statistics.phase("surfaces"):
-                eye = self._eye(number, view, samples, moving)
-            seen = self._seen(number, light, eye, film, samples, photons)
+                rays = self._view_rays(number, view, samples, moving)
+            picture = self._pass_picture(number, light, rays, film, samples, photons)
             if number == 0:
-                seen.depth = self._depth(view, film, samples, seen.depth)
+                picture.depth = self._depth(view, film, samples, picture.depth)
             with statistics.phase("beams"):
-                film.add(seen, subpixel(number), dr.opaque(Float, eye.exposure))
+                film.add(picture, subpixel(number), dr.opaque(Float, rays.exposure))
         statistics.passes += 1
 
-    def _seen(
-        self, number: int, light: Simulated, eye: ViewRays, film: Film, samples: Samples, photons: PhotonMaps | None
+    def _pass_picture(
+        self, number: int, light: Simulated, rays: ViewRays, film: Film, samples: Samples, photons: PhotonMaps | None
     ) -> PassPicture:  # fmt: skip
-        """Return what a view sees in a pass."""
+        """Return the picture of a view in a pass."""
         clock, statistics = self._clock(number), self.statistics
-        viewing = self._viewing(light.world, eye)
-        estimating = Estimating(
+        tracing = self._camera_tracing(light.world, rays)
+        options = EstimatorOptions(
             self.settings.estimator, self._points, self._max_depth,
             lambda each: LightContext(*clock, each.light, each.to_world),
         )  # fmt: skip
-        gathering = Gathering(eye.view, eye.primary, light.world.media, light.sets, estimating, statistics)
+        gathering = Gathering(rays.view, rays.primary, light.world.media, light.sets, options, statistics)
         with statistics.phase("surfaces"):
-            begun = camera_paths.begin(viewing, eye.primary, film.order)
-        picture = _Picture(dr.width(eye.primary.direction))
-        steps = camera_paths.follow(viewing, begun, samples, photons)
+            begun = camera_paths.begin(tracing, rays.primary, film.order)
+        picture = _CameraImage(dr.width(rays.primary.direction))
+        steps = camera_paths.follow(tracing, begun, samples, photons)
         while True:
             with statistics.phase("surfaces"):
                 step = next(steps, None)
@@ -162,36 +160,36 @@ class FrameRenderer(ABC):
                 gathering.add(*step)
         with statistics.phase("beams"):
             gathering.finish()
-        facing = 1.0 if eye.primary.facing is None else eye.primary.facing
+        facing = 1.0 if rays.primary.facing is None else rays.primary.facing
         return PassPicture(
             picture.surface, picture.alpha, [*gathering.radiance.items()], picture.transmittance,
             picture.distance * facing,
         )  # fmt: skip
 
-    def _viewing(self, world: World, eye: ViewRays) -> CameraTracing:
+    def _camera_tracing(self, world: World, rays: ViewRays) -> CameraTracing:
         settings = self.settings
-        if eye.held is not None:
+        if rays.holdout is not None:
             world = world.without_surfaces()
-            return CameraTracing(world, _Nothing(), None, settings.rr_depth, True, surfaces=False, sharp=world.sharp)
+            return CameraTracing(world, _NoLighting(), None, settings.rr_depth, True, surfaces=False, sharp=world.sharp)
         return CameraTracing(
             world, self._lighting(world), self._max_depth, settings.rr_depth, settings.hide_emitters,
             settings.surfaces, world.sharp,
         )  # fmt: skip
 
     def _depth(self, view: int, film: Film, samples: Samples, own: Any) -> Any:
-        """Return planar depths as a pinhole at shutter open sees them: a blurred depth is the depth of nothing."""
-        sharp = self._sharp(view)
+        """Return planar depths from a pinhole at shutter open: a mean of depths would be no surface's depth."""
+        sharp = self._pinhole(view)
         if sharp is None:
             return own
-        world, eye = sharp
-        if eye.held is not None:
-            return eye.held
-        viewing = replace(self._viewing(world, eye), surfaces=False)
-        picture = _Picture(dr.width(eye.primary.direction))
-        begun = camera_paths.begin(viewing, eye.primary, film.order)
-        for step in camera_paths.follow(viewing, begun, samples, None):
+        world, rays = sharp
+        if rays.holdout is not None:
+            return rays.holdout
+        tracing = replace(self._camera_tracing(world, rays), surfaces=False)
+        picture = _CameraImage(dr.width(rays.primary.direction))
+        begun = camera_paths.begin(tracing, rays.primary, film.order)
+        for step in camera_paths.follow(tracing, begun, samples, None):
             picture.add(*step)
-        return picture.distance * eye.primary.facing
+        return picture.distance * rays.primary.facing
 
     def layers(self) -> dict[str, np.ndarray]:
         """Return the layers of the first view."""
@@ -214,15 +212,15 @@ class FrameRenderer(ABC):
         restore_films(self._films, self.statistics, state)
 
 
-class _Picture:
-    """What camera paths see in a pass, by pixels."""
+class _CameraImage:
+    """The surfaces that camera paths see in a pass, by pixels."""
 
     def __init__(self, count: int) -> None:
         self.surface, self.transmittance = dr.zeros(Array3f, count), dr.zeros(Array3f, count)
         self.alpha, self.distance = dr.zeros(Float, count), dr.full(Float, dr.inf, count)
 
     def add(self, step: camera_paths.CameraPaths, vertex: camera_paths.CameraVertex) -> None:
-        """Add what paths see in one step."""
+        """Add one step of camera paths."""
         dr.scatter_add(self.surface, vertex.radiance, step.pixel, step.alive)
         own = step.alive & step.primary
         dr.scatter(self.transmittance, vertex.transmittance, step.pixel, own)
@@ -232,8 +230,8 @@ class _Picture:
         dr.eval(self.surface, self.transmittance, self.alpha, self.distance)
 
 
-class _Nothing:
-    """What lights a world in which nothing is seen."""
+class _NoLighting:
+    """The lighting of a world without surfaces."""
 
     def lamp(self, origin: Array3f, direction: Array3f) -> None:
         """Return None."""

@@ -1,8 +1,9 @@
-"""What camera paths see of the beams of a pass: the pixels' own rays by tiles, all other segments by a grid."""
+"""Gather the beams of a pass along camera paths: primary rays by tiles, all other segments by a grid."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -25,7 +26,7 @@ from ..world.sensors import Primary
 from .camera_paths import CameraPaths, CameraVertex
 from .passes import Statistics
 
-# Segments beside the pixels' own rays that are kept for one look into the grid, which takes as long to build as to ask.
+# Segments that are collected for one query of the grid, which takes as long to build as to query.
 _MOST = 1 << 22
 
 
@@ -58,10 +59,10 @@ class PathSegments:
 
 
 @dataclass(frozen=True)
-class Estimating:
-    """How beams are estimated: `estimator` and `points` as for `estimate_image`, the longest path, and the clock.
+class EstimatorOptions:
+    """Options of the estimate: `estimator` and `points` as for `estimate_image`, and the longest path.
 
-    `context` returns what the beams of a set have in common.
+    `context` returns the light context of a set of beams.
     """
 
     estimator: str
@@ -76,18 +77,18 @@ class Gathering:
     Parameters
     ----------
     view, primary
-        The screen of the pixels' own rays, or None, and these rays.
+        The projection of the primary rays, or None, and these rays.
     media, sets
-        Through which media, and the beams.
+        The media, and the beams in them.
     estimating, statistics
-        How, and where tests are counted.
+        Options of the estimate, and the statistics that count its tests.
     """
 
     def __init__(
         self, view: Projection | None, primary: Primary, media: Media, sets: Sequence[BeamSet],
-        estimating: Estimating, statistics: Statistics,
+        options: EstimatorOptions, statistics: Statistics,
     ) -> None:  # fmt: skip
-        self._view, self._primary, self._estimating, self._statistics = view, primary, estimating, statistics
+        self._view, self._primary, self._options, self._statistics = view, primary, options, statistics
         self._media = [
             (medium, own) for medium in media.all if (own := [each for each in sets if each.medium == medium.number])
         ]
@@ -121,10 +122,10 @@ class Gathering:
         dr.eval(rays.t_max, rays.t_min)
         assert self._view is not None
         for each in sets:
-            with naming(each):
+            with naming_look(each):
                 part = estimate_image(
                     each.beams, self._view, rays, look=medium.shaded(each.look), medium=medium.medium,
-                    estimator=self._estimating.estimator, points=self._estimating.points, close=each.close,
+                    estimator=self._options.estimator, points=self._options.points, close=each.close,
                     context=self._context(each),
                 )  # fmt: skip
             self.radiance[each.group] += dr.select(own, part.radiance * paths.throughput, 0)
@@ -132,10 +133,10 @@ class Gathering:
             self._statistics.tests += part.billboard_tests + part.frustum_tests
 
     def _context(self, each: BeamSet) -> LightContext | None:
-        return None if self._estimating.context is None else self._estimating.context(each)
+        return None if self._options.context is None else self._options.context(each)
 
     def finish(self) -> None:
-        """Add what was kept for the grid."""
+        """Add the segments that were collected for the grid."""
         if not self._steps:
             return
         widths = [dr.width(each.pixel) for each in self._steps]
@@ -150,7 +151,7 @@ class Gathering:
         self._steps = []
 
     def _add_found(self, group: str, found: Any, widths: Sequence[int]) -> None:
-        """Add what segments have found to their pixels, in turn: a pixel has one path, but several segments."""
+        """Add the radiance along segments to their pixels, step by step: a pixel has one segment in each."""
         first = 0
         for step, width in zip(self._steps, widths, strict=True):
             here = dr.gather(Array3f, found, dr.arange(UInt32, width) + dr.opaque(UInt32, first))
@@ -159,11 +160,11 @@ class Gathering:
             first += width
 
     def _pairs(self, each: BeamSet, segments: PathSegments, own: Bool) -> list[tuple[Any, BeamSet]]:
-        """Return lanes and the beams that they see: all, unless together they would be longer than paths may be."""
+        """Return lanes and the beams for them: beams that would make paths longer than allowed are left out."""
         lanes: Any = dr.compress(own)
         if not len(lanes):
             return []
-        most = self._estimating.max_depth
+        most = self._options.max_depth
         if most is None:
             return [(lanes, each)]
         result = []
@@ -182,10 +183,10 @@ class Gathering:
         dr.eval(rays.origin, rays.direction, rays.t_max, rays.t_min, rays.time)
         seed = dr.gather(UInt32, segments.seed, lanes)
         medium.track(origin, direction, rays.t_min, far, seed, dr.full(Bool, True, count))
-        with naming(each):
+        with naming_look(each):
             return estimate_rays(
                 beams.beams, rays, look=medium.shaded(each.look), medium=medium.medium, close=beams.close,
-                estimator=self._estimating.estimator, points=self._estimating.points, context=self._context(each),
+                estimator=self._options.estimator, points=self._options.points, context=self._context(each),
             )  # fmt: skip
 
     def _time(self, pixel: UInt32) -> Any:
@@ -197,7 +198,7 @@ class Gathering:
 
 
 def up_to(each: BeamSet, most: int) -> BeamSet | None:
-    """Return the beams whose light was scattered at most so often before, or None."""
+    """Return the beams of at most `most` bounces, or None."""
     if most < 0:
         return None
     if each.depth is None:
@@ -207,15 +208,12 @@ def up_to(each: BeamSet, most: int) -> BeamSet | None:
     return each._replace(beams=kept[0], close=kept[1] if len(kept) > 1 else None) if kept else None
 
 
-class naming:  # noqa: N801 (reads as a statement)
-    """Say in errors of a look whose it is, which only the set of beams knows."""
-
-    def __init__(self, each: BeamSet) -> None:
-        self._name = each.name
-
-    def __enter__(self) -> None:
-        return
-
-    def __exit__(self, _kind: Any, error: BaseException | None, _trace: Any) -> None:
-        if isinstance(error, SceneError) and self._name:
-            raise SceneError(f"{self._name}: {error}") from error
+@contextmanager
+def naming_look(each: BeamSet) -> Iterator[None]:
+    """Prefix errors of a look with the name of its set of beams, which the look does not know."""
+    try:
+        yield
+    except SceneError as error:
+        if not each.name:
+            raise
+        raise SceneError(f"{each.name}: {error}") from error

@@ -1,15 +1,15 @@
-"""Another picture's depth, at which camera rays end.
+"""Holdouts: another picture's depth, at which camera rays end.
 
-Rays of a pixel pass it at many places, from many places of a lens, and its depth is that of one ray. So each pixel is a
-piece of a plane, on which 1/Z is linear in the picture, and its slope is that of 1/Z. Without that, rays would end
-behind what they see at a slant, and show the beams that lie there. The slope is the smaller of the two to the
-neighbours on either side, and none where these disagree in sign (the minmod limiter, Roe 1986): at the edge of a thing
-it is the thing's own, and depth never lies between a near thing and a far one.
+A pixel's rays differ in their place on the pixel and on the lens, and its depth is that of one ray. So each pixel is a
+piece of a plane, on which 1/Z is linear in the picture. Without the slope of 1/Z, rays would end behind surfaces at a
+slant, and show beams that lie there. The slope is the smaller of those to the neighbours on either side, and 0 where
+these differ in sign (the minmod limiter, Roe 1986): at the edge of an object it is the object's own, and a depth never
+lies between a near object and a far one.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import drjit as dr
 import numpy as np
@@ -19,14 +19,11 @@ from ..numerics.arrays import to_float
 from ..runtime.device import Float
 from ..world.cameras import View, Window
 
-if TYPE_CHECKING:
-    pass
-
 
 class HoldoutDepth:
-    """Planar depths of one view's window, (H, W), positive, infinite where there is nothing.
+    """The holdout of one view: planar depths, (H, W), positive, infinite for the background.
 
-    `place` is where in each pixel they are, from 0 to 1 each way.
+    `place` is the point within each pixel at which they were sampled, from 0 to 1 each way.
     """
 
     def __init__(self, depth: np.ndarray, window: Window, place: tuple[float, float] = (0.5, 0.5)) -> None:
@@ -42,7 +39,7 @@ class HoldoutDepth:
     def distances(
         self, view: View, facing: Any, offset: tuple[float, float], on_lens: tuple[Any, Any] | None = None
     ) -> Float:
-        """Return how far the rays of `view` go, through each pixel at `offset`, from the places `on_lens`.
+        """Return the distances at which the rays of `view` end, through each pixel at `offset`, from points `on_lens`.
 
         `facing` is planar depth per unit of distance.
         """

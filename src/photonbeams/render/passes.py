@@ -1,4 +1,4 @@
-"""Passes: a frame is the mean of many, each a picture of its own."""
+"""Passes: a frame is their mean, each of them a picture by itself."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ OVERLAP = 2.2
 
 @dataclass
 class Statistics:
-    """What a frame took: beams and passes, seconds by phase, ray–beam tests, and what was compiled.
+    """Statistics of a frame: passes, beams, ray–beam tests, seconds by phase, and compiled kernels.
 
-    `error` is the relative standard error of its pixels, None where that is not known. Of a frame that was resumed,
-    beams, passes and tests are those of all of it, seconds and kernels those since then.
+    `error` is the relative standard error of the pixels, None where it is not known. For a resumed frame, passes, beams
+    and tests count the whole frame, seconds and kernels count since the resumption.
     """
 
     passes: int = 0
@@ -87,9 +87,9 @@ def accumulate(
 ) -> Rendered:
     """Return a frame with all its passes, or with those that were begun within the time limit: at least one.
 
-    `begin` returns the frame, which goes on from the checkpoint if that has passes of what it is `about`. `progress` is
-    called before each further pass and after the last; where it raises KeyboardInterrupt, what is done is kept in the
-    checkpoint first.
+    `begin` returns the frame, which resumes from the checkpoint if that holds passes of the same picture, described by
+    `about`. `progress` is called before each pass and after the last; where it raises KeyboardInterrupt, the checkpoint
+    is written first.
     """
     state = None if checkpoint is None else checkpoint.begin(*about)
     start, limit = time.perf_counter(), settings.time_limit
@@ -110,7 +110,7 @@ def accumulate(
 
 
 def _tell(frame: Accumulating, settings: Settings, progress: Progress | None, checkpoint: Checkpoint | None) -> None:
-    """Say how far a frame is, and keep what it has where that is due."""
+    """Report progress, and write the checkpoint where that is due."""
     statistics = frame.statistics
     try:
         if progress is not None:
@@ -129,10 +129,10 @@ def _known(error: float) -> float | None:
 
 
 def subpixel(number: int) -> tuple[float, float]:
-    """Return where in its pixel a pass looks: from the centre on, the R2 sequence (Roberts 2018), each place twice.
+    """Return the offset of a pass within its pixels: the R2 sequence (Roberts 2018) from the centre on.
 
-    The second time mirrored at the centre: a picture of few passes would lie a tenth of a pixel beside the one of many.
-    One offset for all pixels: edges are then as smooth after a few passes as the passes are many, without noise.
+    Each point is followed by its mirror image at the centre: otherwise a picture of few passes would be shifted by a
+    tenth of a pixel. All pixels have the same offset, so edges are smooth after a few passes, without noise.
     """
     g = 1.32471795724474602596  # the plastic number
     place = (number + 1) // 2

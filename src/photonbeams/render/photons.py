@@ -17,19 +17,18 @@ mi = mitsuba()
 
 
 class PhotonMaps:
-    """The photons of a pass on surfaces, for camera paths of every depth.
+    """The photon maps of a pass, one for each depth of camera paths.
 
     Parameters
     ----------
     hits
-        What the steps of light paths left; at least one.
+        Photon hits of the steps of light paths; at least one.
     limits
         Bounds of radii.
     most
-        Most scattering events on a light path that ends in the eye: of a path over mirrors there may be fewer. None:
-        any.
+        Most bounces on the whole path from the light to the camera; None: any number.
     translucent
-        Whether light passes surfaces of the scene and is scattered by them.
+        Whether the scene has surfaces with diffuse or glossy transmission.
     """
 
     def __init__(self, hits: Sequence[PhotonHits], limits: Limits, most: int | None, translucent: bool) -> None:
@@ -39,7 +38,7 @@ class PhotonMaps:
         self._maps: dict[int, PhotonMap | None] = {}
 
     def __call__(self, hit: Any, depth: UInt32, active: Bool) -> Array3f:
-        """Return what surfaces reflect of photons toward paths with so many events on their way to the eye."""
+        """Return the radiance that surfaces reflect of photons toward camera paths of these depths."""
         result = dr.zeros(Array3f, dr.width(hit.t))
         if self._most is None:
             return self._reflected(self._map(0), hit, active)
@@ -79,7 +78,7 @@ class PhotonMaps:
 
 
 def _photons(hits: PhotonHits, limits: Limits) -> Photons:
-    """Return photons whose normals are on the side that the light came from."""
+    """Return photons with normals on the side of the incident light."""
     away = dr.dot(hits.normal, hits.direction) > 0
     normal = dr.select(away, -hits.normal, hits.normal)
     radius = limits(hits.radius) + Float(0)

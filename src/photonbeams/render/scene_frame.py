@@ -14,7 +14,7 @@ from ..numerics.samples import Samples
 from ..transport import paths
 from ..transport.emission import Emitted
 from ..transport.guiding import CameraImportance
-from ..transport.scene_emitters import emission_of, shared_anew
+from ..transport.scene_emitters import emission_of, redistribute
 from ..transport.simulation import Simulation
 from ..world.scene_world import SceneWorld
 from ..world.sensors import Sensor, window_of
@@ -70,7 +70,7 @@ class SceneRenderer(FrameRenderer):
         self.simulation = Simulation(self._scene, emission, self._tuning, sources, self._scene.sizes, named)
         if settings.guiding in (None, True) and all(each.view is not None for each in self._sensors):
             with self.statistics.phase("guide"):
-                shared_anew(emission, emission.learn(self._importance))
+                redistribute(emission, emission.learn(self._importance))
         window = self._sensors[0].window
         reconstruction = reconstruction_filter(settings.pixel_filter, sensor.film().rfilter())
         layers = group_layers({source.group for source in sources})
@@ -86,32 +86,32 @@ class SceneRenderer(FrameRenderer):
             self._scene, *self.simulation.simulated(number), self._tuning.limits(number, self._scene.radius)
         )
 
-    def _eye(self, number: int, view: int, samples: Samples, moving: bool) -> ViewRays:
-        sensor, held = self._sensors[view], self._holdouts[view]
+    def _view_rays(self, number: int, view: int, samples: Samples, moving: bool) -> ViewRays:
+        sensor, holdout = self._sensors[view], self._holdouts[view]
         primary = sensor.rays(subpixel(number), self._films[view].order, samples)
-        if sensor.view is None or held is None:
+        if sensor.view is None or holdout is None:
             return ViewRays(primary, None if sensor.view is None else sensor.view.projection)
-        far = held.distances(sensor.view, primary.facing, subpixel(number), sensor.on_lens(samples))
-        return ViewRays(replace(primary, far=far), sensor.view.projection, held=far)
+        far = holdout.distances(sensor.view, primary.facing, subpixel(number), sensor.on_lens(samples))
+        return ViewRays(replace(primary, far=far), sensor.view.projection, holdout=far)
 
-    def _sharp(self, view: int) -> tuple[World, ViewRays] | None:
-        held = self._holdouts[view]
-        if held is None:
+    def _pinhole(self, view: int) -> tuple[World, ViewRays] | None:
+        holdout = self._holdouts[view]
+        if holdout is None:
             return None
         primary = self._sensors[view].rays((0.5, 0.5), self._films[view].order, self._samples(0))
-        return self._scene, ViewRays(primary, None, held=held.depth)
+        return self._scene, ViewRays(primary, None, holdout=holdout.depth)
 
     def _importance(self, emitted: list[Emitted]) -> np.ndarray:
         """Return how much of light paths is seen, by any of the eyes."""
-        watches = [
+        cameras = [
             CameraImportance(self._scene, each.view.projection) for each in self._sensors if each.view is not None
         ]
         tracing = self.simulation.tracing(0)
         count = sum(dr.width(each.origin) for each in emitted)
         result = np.zeros(count)
         for segments, hits in paths.trace(tracing, paths.begin(tracing, emitted)):
-            for watch in watches:
-                result += watch.importance(segments, hits if self.settings.surfaces else None, count)
+            for each in cameras:
+                result += each.importance(segments, hits if self.settings.surfaces else None, count)
         return result
 
 

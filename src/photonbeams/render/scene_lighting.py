@@ -1,7 +1,7 @@
-"""Mitsuba's emitters: as they are seen, and as they light surfaces, past nothing but boundaries of media.
+"""Mitsuba's emitters: as camera paths see them, and as they light surfaces through boundaries of media.
 
-One sample of an emitter and one of the BSDF, combined by multiple importance sampling (power heuristic, Veach 1997), as
-Mitsuba's `volpath` does; what is scattered or refracted on its way comes from photons.
+Direct light takes one sample of an emitter and one of the BSDF, combined by multiple importance sampling (power
+heuristic, Veach 1997), as in Mitsuba's `volpath`. Light that is scattered or refracted on its way comes from photons.
 """
 
 from __future__ import annotations
@@ -32,12 +32,12 @@ class SceneLighting:
         return
 
     def emission(self, hit: Any, origin: Array3f, direction: Array3f, active: Bool) -> Array3f:
-        """Return the radiance of emitters that paths see, near and far."""
+        """Return the emitted radiance of surfaces, and of the environment."""
         value = Array3f(hit.emitter(self._world.plugin, active).eval(hit, active))
         return dr.select(active & dr.isfinite(dr.sum(value)), value, 0)
 
     def direct(self, point: ShadingPoint, active: Bool) -> Array3f:
-        """Return the radiance toward the path of light that comes straight from emitters to smooth BSDFs."""
+        """Return the direct light that smooth BSDFs reflect along the path."""
         plugin, media, hit, samples = self._world.plugin, self._world.media, point.hit, point.samples
         order, step = point.order, point.step
         bsdf = hit.bsdf()

@@ -270,7 +270,7 @@ class StageRenderer(FrameRenderer):
         dr.eval([(each.beams, each.close) for each in sets])
         return Simulated(world, sets, hits, self._tuning.limits(number, worlds[0].radius))
 
-    def _eye(self, number: int, view: int, samples: Samples, moving: bool) -> ViewRays:
+    def _view_rays(self, number: int, view: int, samples: Samples, moving: bool) -> ViewRays:
         times, between = self._times(number), self._between(number)
         cameras = [moment.cameras[view] for moment in self._shutter.ends(times[0], times[-1])]
         self._warn_of_turn(cameras)
@@ -280,20 +280,20 @@ class StageRenderer(FrameRenderer):
         )  # fmt: skip
         sample = (lambda groups: _on_lens(samples, groups)) if own.film or moving else None
         rays = own.rays(subpixel(number), sample)
-        held = self._holdouts[view]
-        far = None if held is None else held.distances(own, rays.facing, subpixel(number), own.on_lens(sample))
+        holdout = self._holdouts[view]
+        far = None if holdout is None else holdout.distances(own, rays.facing, subpixel(number), own.on_lens(sample))
         return ViewRays(_primary(rays, far), own.projection, own.camera.exposure_scale, far)
 
-    def _sharp(self, view: int) -> tuple[World, ViewRays] | None:
-        held = self._holdouts[view]
+    def _pinhole(self, view: int) -> tuple[World, ViewRays] | None:
+        holdout = self._holdouts[view]
         moment = self._shutter.at(0.0)
         camera = moment.cameras[view]
-        if held is None and camera.lens_radius == 0 and not self._shutter.moving:
+        if holdout is None and camera.lens_radius == 0 and not self._shutter.moving:
             return None
         sharp = View(replace(camera, lens_radius=0.0), self._window)
         rays = sharp.rays(subpixel(0))
         return self._world_of(moment), ViewRays(
-            _primary(rays), sharp.projection, held=None if held is None else held.depth
+            _primary(rays), sharp.projection, holdout=None if holdout is None else holdout.depth
         )
 
     def _warn_of_turn(self, cameras: list[scene.Camera]) -> None:

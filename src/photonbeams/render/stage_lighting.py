@@ -1,7 +1,7 @@
-"""The lamps of a stage: as camera paths see them, and as they light surfaces, by the light that makes their beams, too.
+"""The lamps of a stage: as camera paths see them, and as they light surfaces.
 
-From each lamp one sample, and one sample of the BSDF for all of them, combined by multiple importance sampling (power
-heuristic, Veach 1997). Lamps hide what is behind them from the camera, and cast no shadows.
+Direct light takes one sample of each lamp, and one sample of the BSDF for all lamps, combined by multiple importance
+sampling (power heuristic, Veach 1997). Lamps occlude what is behind them from the camera, and cast no shadows.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ mi = mitsuba()
 
 _BSDF, _LIGHT, _DOME = 2, 3, 4  # streams of samples
 
-# Part of the distance by which shadow rays end before their light, which may lie on a surface.
-_EARLIER = 1e-4
+# Fraction of the distance by which shadow rays end before their light, which may lie on a surface.
+_SHORTENED = 1e-4
 
 
 class StageLighting:
@@ -33,15 +33,15 @@ class StageLighting:
         self._world = world
 
     def lamp(self, origin: Array3f, direction: Array3f) -> Lamp | None:
-        """Return the nearest lamp that rays see shine; a lamp that is dark from there is not there."""
+        """Return the nearest lamp along rays, of those that emit toward them."""
         if not self._world.lamps:
             return None
 
         def nearer(light: Any, _: UInt32, state: tuple[Any, ...]) -> tuple[Any, ...]:
             distance, radiance = state
-            sight = light.see(origin, direction)
-            front = sight.hit & (sight.distance < distance) & (dr.max(sight.radiance) > 0)
-            return dr.select(front, sight.distance, distance), dr.select(front, sight.radiance, radiance)
+            found = light.see(origin, direction)
+            front = found.hit & (found.distance < distance) & (dr.max(found.radiance) > 0)
+            return dr.select(front, found.distance, distance), dr.select(front, found.radiance, radiance)
 
         width = max(dr.width(origin), dr.width(direction))
         state: tuple[Any, ...] = (dr.full(Float, dr.inf, width), dr.zeros(Array3f, width))
@@ -50,20 +50,20 @@ class StageLighting:
         return Lamp(*state)
 
     def emission(self, hit: Any, origin: Array3f, direction: Array3f, active: Bool) -> Array3f:
-        """Return the radiance of surfaces that glow, to both sides, and of the background where nothing is met."""
+        """Return the emitted radiance of surfaces, on both sides, and the background's where rays meet nothing."""
         met = hit.is_valid()
         glow = self._glow(hit, active & met)
         return glow + dr.select(active & ~met, self._background(origin, direction), 0)
 
     def _background(self, origin: Array3f, direction: Array3f) -> Array3f:
-        """Return the radiance of what is infinitely far away: environments and the discs of distant lights."""
+        """Return the radiance at infinity: environments and the discs of distant lights."""
         result = dr.zeros(Array3f, max(dr.width(origin), dr.width(direction)))
         for dome, _ in self._world.domes:
             result += dome.see(origin, direction).radiance
 
         def add(light: Any, _: UInt32, state: tuple[Any, ...]) -> tuple[Any, ...]:
-            sight = light.see(origin, direction)
-            return (state[0] + dr.select(dr.isfinite(sight.distance), 0, sight.radiance),)
+            found = light.see(origin, direction)
+            return (state[0] + dr.select(dr.isfinite(found.distance), 0, found.radiance),)
 
         for lamps in self._world.lamps:
             (result,) = _each(lamps, (result,), add)
@@ -78,7 +78,7 @@ class StageLighting:
         return Array3f(front.emitter(self._world.plugin).eval(front, active))
 
     def direct(self, point: ShadingPoint, active: Bool) -> Array3f:
-        """Return the light of all lamps that surfaces reflect to the eye, one sample of each."""
+        """Return the direct light that surfaces reflect along the path, by one sample of each lamp."""
         world, radiance = self._world, dr.zeros(Array3f, dr.width(point.hit.t))
         if not world.lamps and not world.domes:
             return radiance
@@ -102,14 +102,14 @@ def _each(lamps: Lamps, state: tuple[Any, ...], body: Any) -> tuple[Any, ...]:
 
 
 class _Reflection:
-    """A surface's BSDF at hits, and one sample of it."""
+    """The BSDFs at camera vertices, and one sample of each."""
 
     def __init__(self, world: StageWorld, point: ShadingPoint, active: Bool) -> None:
         hit = point.hit
         self.point, self.hit, self.active = point, hit, active
         self.bsdf = hit.bsdf()
         self.context = mi.BSDFContext()
-        # A cut-out surface was drawn to stop the ray; undo the factor of opacity that Mitsuba's `mask` puts on top.
+        # A cut-out surface was already sampled as opaque: undo the factor of opacity of Mitsuba's `mask`.
         self.opacity = world.opacity(hit, active)
         lobe = point.samples.single(point.order, _BSDF, point.step)
         u = point.samples.pair(point.order, _BSDF, point.step)
@@ -128,14 +128,14 @@ class _Reflection:
         return alive & ~world.blocked(self.origin, self.direction, Float(dr.inf), alive, self.seed)
 
     def sees(self, world: StageWorld, met: Bool, distance: Float) -> Bool:
-        """Return which samples that meet a light, at some distance, see it."""
+        """Return which BSDF samples that meet a light, at a distance, are not blocked."""
         # Small lights are met seldom. The seed is that of `open`: a cut-out that lets one ray through lets the other.
         behind = met & ~self.open & dr.isfinite(distance)
-        reach = distance * (1 - _EARLIER)
+        reach = distance * (1 - _SHORTENED)
         return met & (self.open | (behind & ~world.blocked(self.origin, self.direction, reach, behind, self.seed)))
 
     def of_lights(self, links: Links) -> _Reflection:
-        """Return the reflection of lights that light some surfaces, and that some surfaces stop."""
+        """Return the reflection of lights with links: they light some surfaces, and some surfaces block them."""
         result = copy(self)
         result.active = links.lights(self.hit, self.active)
         result.weight = dr.select(result.active, self.weight, 0)
@@ -167,7 +167,7 @@ def _linked(world: StageWorld, reflection: _Reflection, links: Links | None) -> 
 
 
 def _reflected(world: StageWorld, reflection: _Reflection, light: Any, names: tuple[Any, ...]) -> Array3f:
-    """Return what a surface reflects of one light: a sample of the light and the sample of the BSDF, weighted."""
+    """Return the reflected radiance of one light: a light sample and the BSDF sample, weighted."""
     hit, point = reflection.hit, reflection.point
     place, medium = Array3f(hit.p), point.medium
     stream = (*names, point.step)
@@ -177,14 +177,14 @@ def _reflected(world: StageWorld, reflection: _Reflection, light: Any, names: tu
     value = value * sample.weight * weight
     useful = reflection.active & (dr.max(value) > 0)
     start = Array3f(hit.spawn_ray(mi.Vector3f(sample.direction)).o)
-    reach = sample.distance * (1 - _EARLIER)
+    reach = sample.distance * (1 - _SHORTENED)
     seed = point.samples.bits(point.order, *stream)
     free = useful & ~world.blocked(start, sample.direction, reach, useful, seed)
     dimming = world.dimming(start, sample.direction, sample.distance, medium, seed, free)
     result = dr.select(free, value * dimming, 0)
 
-    sight = light.see(place, reflection.direction)
-    met = reflection.sees(world, sight.hit & (dr.max(reflection.weight) > 0), sight.distance)
-    weight = power_heuristic(reflection.pdf, sight.pdf)
-    dimming = world.dimming(start, reflection.direction, sight.distance, medium, hash32(seed), met)
-    return result + dr.select(met, reflection.weight * sight.radiance * weight * dimming, 0)
+    found = light.see(place, reflection.direction)
+    met = reflection.sees(world, found.hit & (dr.max(reflection.weight) > 0), found.distance)
+    weight = power_heuristic(reflection.pdf, found.pdf)
+    dimming = world.dimming(start, reflection.direction, found.distance, medium, hash32(seed), met)
+    return result + dr.select(met, reflection.weight * found.radiance * weight * dimming, 0)

@@ -24,7 +24,7 @@ _WAIST = 0.8
 
 
 class Piece:
-    """A piece of each segment as a beam, at one time, and whether it is there."""
+    """A piece of each segment as a beam, at one time; `there` tells which segments have it."""
 
     DRJIT_STRUCT: ClassVar[dict[str, Any]] = {"there": Bool, "beams": Beams, "depth": UInt32}
 
@@ -45,9 +45,9 @@ class Cutting:
     limits, straight
         Bounds of radii of scattered light, and of light straight from the emitter.
     named
-        Whether beams have what looks and programs may ask for: their place on the light path, and their names.
+        Whether beams carry what looks and programs may read: their place on the light path, random number and id.
     short
-        Whether beams end at the path's next event.
+        Whether beams end at the path's next scattering event.
     """
 
     medium: RenderedMedium
@@ -162,7 +162,7 @@ def moving_sets(cuttings: Sequence[Cutting], steps: Sequence[Moments], later: Se
 
 
 def _pair(first: Piece, last: Piece) -> list[Beams]:
-    """Return pieces that are there at either time; at the other they have no power, if they are not there."""
+    """Return the pieces that exist at either time; where one does not exist, it has no power."""
     kept = compressed(first.there | last.there, first, last)
     return [_present(*kept), _present(*reversed(kept))] if kept else []
 
@@ -183,7 +183,7 @@ def _set(cutting: Cutting, look: Any, beams: Beams, close: Beams | None = None, 
 
 
 def _sets(cutting: Cutting, found: Piece) -> list[BeamSet]:
-    """Return an emitter's beams in a medium: light straight from it and scattered light apart, if they look apart."""
+    """Return an emitter's beams in a medium: two sets where its straight and its scattered light have other looks."""
     source = cutting.source
     like = source.look is None or source.scattered == "look"
     if like and source.scattered != "off" and not source.guides:
@@ -197,7 +197,7 @@ def _sets(cutting: Cutting, found: Piece) -> list[BeamSet]:
 
 
 def _led(sources: Sequence[Source], *states: Beams) -> list[Beams]:
-    """Return light straight from a lamp along the lamp's guides, if it has any; the lamp and its light at all times."""
+    """Return light straight from a lamp along the lamp's guides, if it has any: a state of the beams for each time."""
     guides = [known_guides(each.guides) for each in sources]
     count = max(pieces_along(each) for each in guides)
     return [led(state, each, count) for state, each in zip(states, guides, strict=True)]

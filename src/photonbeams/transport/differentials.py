@@ -1,4 +1,4 @@
-"""Derivatives of rays by the four numbers of their emission sample: ray differentials of light (Igehy 1999)."""
+"""Ray differentials of light (Igehy 1999): derivatives of rays by the four numbers of their emission sample."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from ..runtime.device import Array3f, UInt32
 
 
 class RayDifferentials:
-    """Derivatives of rays by the four numbers of their emission: (3,) each, of origin `p` and of direction `d`."""
+    """Derivatives of rays by their emission sample, four each: (3,) of origin `p` and (3,) of direction `d`."""
 
     DRJIT_STRUCT: ClassVar[dict[str, Any]] = {f"{name}{k}": Array3f for name in "pd" for k in range(4)}
 
@@ -32,7 +32,7 @@ def differentiate(inputs: list[Any], outputs: list[Any], directions: list[Any]) 
     """Return the derivatives of outputs along a direction in the space of the inputs (forward mode).
 
     `inputs` are attached to the AD graph, and `outputs` are computed from them. There is no second traversal of a graph
-    with calls of Mitsuba's plug-ins: Dr.Jit forgets what they need. For several directions let lanes stand for each.
+    with calls of Mitsuba's plug-ins: Dr.Jit forgets what they need. For several directions, give each lanes of its own.
     """
     for value, direction in zip(inputs, directions, strict=True):
         dr.set_grad(value, direction)
@@ -42,13 +42,13 @@ def differentiate(inputs: list[Any], outputs: list[Any], directions: list[Any]) 
 
 
 def copies(count: int) -> tuple[UInt32, UInt32]:
-    """Return numbers of lanes that stand for each of `count` four times, and which of the four they are."""
+    """Return for 4 · `count` lanes, four for each path, the path and which of its four derivatives the lane has."""
     lane = dr.arange(UInt32, 4 * count) + dr.opaque(UInt32, 0)
     return lane // 4, lane % 4
 
 
 def of_copies(shift: Any, turn: Any, count: int) -> RayDifferentials:
-    """Return the derivatives of such lanes as those of each by all four numbers."""
+    """Return the ray differentials of `count` paths from the derivatives of their `copies`."""
     lane = dr.arange(UInt32, count) * 4
     return RayDifferentials.of(
         [(dr.gather(Array3f, shift, lane + k), dr.gather(Array3f, turn, lane + k)) for k in range(4)]

@@ -1,8 +1,8 @@
 """Where light paths begin: samples of emitters, in strata, and how far apart they are.
 
-Each stratum (an emitter, or the part of a lamp's light that passes its portal) has a 4D Sobol sequence of its own: two
-numbers place a path on the emitter, two direct it. With each path go the derivatives of its origin and its direction by
-these four numbers; `paths` carries them on.
+Each stratum (an emitter, or the part of a lamp's light that passes its portal) has a 4D Sobol sequence of its own. A
+point of it is an emission sample: two dimensions place a path on the emitter, two choose its direction. Each path
+carries ray differentials, the derivatives of its origin and its direction by the emission sample.
 """
 
 from __future__ import annotations
@@ -18,13 +18,14 @@ from ..numerics.arrays import to_float
 from ..numerics.hashing import key_of
 from ..numerics.sampling import pairs, sobol_points
 from ..runtime.device import Array2f, Array3f, Float, UInt32
+from ..scene import Array
 from .differentials import RayDifferentials
-from .guiding import PILOT, GuidingMap, Numbers, learn
+from .guiding import PILOT, GuidingMap, learn
 
-# Paths that tell how much power an emitter has.
+# Paths that estimate an emitter's flux.
 PROBE = 4096
 
-# Points of SciPy's Sobol sequences, after which another one begins.
+# Length of SciPy's Sobol sequences, after which another one begins.
 _SEQUENCE = 1 << 30
 
 
@@ -32,7 +33,7 @@ _SEQUENCE = 1 << 30
 class EmissionSample:
     """Light paths as an emitter samples them, (N,) each.
 
-    `flux` is the whole emitter's, as one path alone would have it; `reach` is how far a path goes that meets nothing,
+    `flux` is an estimate of the whole emitter's flux from one path; `reach` is the length of a path that meets nothing,
     `portal` the distance at which it passes its portal, or infinity; `medium` is the number of the medium around it.
     """
 
@@ -55,7 +56,7 @@ class Emitter(Protocol):
     source, link
         Numbers of the `Source` that its beams belong to, and of the surfaces that stop its light.
     halvings
-        How often a beam is halved that a surface stands in the way of.
+        How often a beam is halved at most where a surface blocks its rim.
     """
 
     name: str
@@ -95,9 +96,9 @@ class Stratum:
     emitter, count
         Who sends them, and how many a pass.
     sequence
-        What names the stratum's Sobol sequence.
+        Seeds of the stratum's Sobol sequence.
     guide
-        The map of the samples toward what is seen, or None.
+        A map of the samples toward visible light, or None.
     """
 
     emitter: Emitter
@@ -109,13 +110,13 @@ class Stratum:
     def __post_init__(self) -> None:
         self.key = key_of(*self.sequence)
 
-    def points(self, block: int, more: tuple[int, ...] = ()) -> Numbers:
+    def points(self, block: int, more: tuple[int, ...] = ()) -> Array:
         """Return the emission samples of pass `block`, (count, 4)."""
         blocks = max(1, _SEQUENCE // self.count)
         more = more or ((2, block // blocks) if block >= blocks else ())
         return sobol_points(self.count, block % blocks, (*self.sequence, *more))
 
-    def emit(self, block: int, points: Numbers | None = None) -> Emitted:
+    def emit(self, block: int, points: Array | None = None) -> Emitted:
         """Return the light paths of pass `block`; `points` are taken instead of the pass's own, and not guided."""
         count, stretch = self.count, None
         if points is None:
@@ -163,13 +164,13 @@ class Emission:
         """Return the light paths of pass `block`."""
         return [stratum.emit(block) for stratum in self.strata]
 
-    def learn(self, importance: Callable[[list[Emitted]], Numbers]) -> np.ndarray:
-        """Guide emission toward what is seen, and return how much of each stratum is seen.
+    def learn(self, importance: Callable[[list[Emitted]], Array]) -> np.ndarray:
+        """Guide emission toward visible light, and return the importance of each stratum.
 
         Parameters
         ----------
         importance
-            Returns for light paths of a pilot pass how much of their light is seen, (N,), in their order.
+            Returns the importance of light paths of a pilot pass, (N,), in their order.
         """
         total = max(self.count, 1)
         pilot = [

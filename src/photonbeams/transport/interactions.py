@@ -1,4 +1,4 @@
-"""Scattering events of light paths: how far light travels, and what surfaces make of it."""
+"""Interactions of light paths: how far light travels, and how media and surfaces scatter it."""
 
 from __future__ import annotations
 
@@ -21,15 +21,24 @@ mi = mitsuba()
 # Streams of samples.
 _FLIGHT, LOBE, TURN = 1, 2, 3
 
-#: What becomes of a path at the next step: that is sampled, it is scattered in the medium, or it reaches the surface.
+#: A path's next interaction: it is sampled, it is in the medium, or it is on the next surface.
 SAMPLED, SCATTERED, PASSED = 0, 1, 2
 
 
 class Interaction:
-    """What happens next on paths.
+    """The next interaction of each path.
 
-    `scatters`: light is scattered in the medium. `tinted`: it goes on, but for its colour. `on_surface`: it meets a
-    surface. `way` is how far that is, `weight` what the flight there weighs, `length` how far the next surface is.
+    Attributes
+    ----------
+    scatters, tinted, on_surface
+        Whether the medium scatters the light, whether the medium changes its colour alone (a null collision), and
+        whether it meets a surface.
+    distance, weight
+        Distance to the interaction, and the weight of the free flight up to it.
+    length
+        Distance to the next surface.
+    fractions
+        The fraction of the path's flux in each channel.
     """
 
     def __init__(self, tracing: Tracing, paths: LightPaths, hit: Any, stream: UInt32) -> None:
@@ -37,39 +46,41 @@ class Interaction:
         self.hit = hit
         self.valid = hit.is_valid()
         self.length = dr.select(self.valid, hit.t, dr.select(paths.medium > 0, paths.reach, 0))
-        self.share = paths.flux * dr.rcp(dr.maximum(dr.sum(paths.flux), 1e-30))
-        distance, weight = _flight(media, paths, self.share, self.length, index, stream)
+        self.fractions = paths.flux * dr.rcp(dr.maximum(dr.sum(paths.flux), 1e-30))
+        distance, weight = _flight(media, paths, self.fractions, self.length, index, stream)
         self.scatters = distance < self.length
         self.tinted = self.varying = dr.zeros(Bool, dr.width(distance))
         if media.any_varying:
             self.varying, colored = media.varying(paths.medium)
             other, collided, scatters, color = free_flight(
                 pointers(dr.select(self.varying, paths.medium, 0)), paths.origin, paths.direction, self.length,
-                self.share, hash32(index, stream, UInt32(_FLIGHT)), self.varying, colored,
+                self.fractions, hash32(index, stream, UInt32(_FLIGHT)), self.varying, colored,
             )  # fmt: skip
             distance, weight = dr.select(self.varying, other, distance), dr.select(self.varying, color, weight)
             self.scatters = dr.select(self.varying, scatters, self.scatters)
             self.tinted = self.varying & collided & ~scatters
         self.on_surface = self.valid & ~self.scatters & ~self.tinted
-        self.way = dr.minimum(distance, self.length)
+        self.distance = dr.minimum(distance, self.length)
         self.weight = weight
-        self.position = paths.origin + self.way * paths.direction
+        self.position = paths.origin + self.distance * paths.direction
         self.smooth = self.valid & mi.has_flag(hit.bsdf().flags(), mi.BSDFFlags.Smooth)
         self.going = self.scatters | self.tinted | self.on_surface
 
 
 def _flight(
-    media: Media, paths: LightPaths, share: Array3f, length: Float, index: UInt32, stream: UInt32
+    media: Media, paths: LightPaths, fractions: Array3f, length: Float, index: UInt32, stream: UInt32
 ) -> tuple[Float, Array3f]:
-    """Return how far light flies in homogeneous media, and what that weighs.
+    """Return the distances of free flights in homogeneous media, and their weights.
 
-    A channel is chosen by the light that is left in it, so that no colour is carried by few paths.
+    A channel is chosen with a probability proportional to its flux, so that no colour is carried by few paths.
     """
     extinction = media.extinction(paths.medium)
     u = pixel_sample(index, hash32(stream, UInt32(_FLIGHT)))
-    own = dr.select(u.x < share.x, extinction.x, dr.select(u.x < share.x + share.y, extinction.y, extinction.z))
+    own = dr.select(
+        u.x < fractions.x, extinction.x, dr.select(u.x < fractions.x + fractions.y, extinction.y, extinction.z)
+    )
     surely = paths.branch == SCATTERED
-    # The part of flights that end before the surface; by its series where float32 would cancel.
+    # The probability that a flight ends before the surface; by its series where float32 would cancel.
     depth = own * dr.minimum(length, 1e30)
     ending = dr.select(surely, _ending(depth), 1)
     distance = dr.select(own > 0, -dr.log(1 - u.y * ending) * dr.rcp(dr.maximum(own, 1e-30)), dr.inf)
@@ -79,7 +90,7 @@ def _flight(
     passed = media.absorbed(paths.medium, dr.minimum(distance, length))
     rate = dr.select(surely, extinction * dr.rcp(dr.maximum(_ending(extinction * dr.minimum(length, 1e30)), 1e-30)),
                      extinction)  # fmt: skip
-    density = dr.sum(share * passed * dr.select(scatters, rate, 1))
+    density = dr.sum(fractions * passed * dr.select(scatters, rate, 1))
     scattering = dr.select(scatters, media.scattering(paths.medium), Array3f(1))
     weight = dr.select(density > 0, passed * scattering * dr.rcp(density), 0)
     weight = dr.select(surely & ~scatters, 0, weight)
@@ -125,24 +136,25 @@ def reflect(world: World, hit: Any, active: Any, medium: UInt32, index: UInt32, 
 def _of_own_normal(hit: Any, sample: Any, weight: Any, ideal: Any, active: Any) -> Array3f:
     """Return the weight of a sample, but for the cosines to the geometric normal, where a BSDF has its own normal N.
 
-    For light, Mitsuba's BSDFs have the cosine of the way out to N where the way in belongs. What the camera would see
-    by the reverse way has the right one, over the chance of the sample. An ideal lobe has no value there; but its N is
-    known, for reflection and refraction mean that the way in and η times the way out add up to a multiple of N.
+    In importance mode, Mitsuba's BSDFs multiply by the cosine between N and the outgoing direction where the incident
+    one belongs. The value in the reverse direction has the right cosine; it is divided by the sample's pdf. An ideal
+    lobe has no such value; but its N is known: for reflection and refraction, the incident direction plus η times the
+    outgoing one is a multiple of N.
     """
     seen = type(hit)(hit)
     seen.wi = sample.wo
     bsdf = hit.bsdf()
     value = Array3f(bsdf.eval(mi.BSDFContext(), seen, hit.wi, active))
-    chance = bsdf.pdf(mi.BSDFContext(mi.TransportMode.Importance), hit, sample.wo, active)
+    pdf = bsdf.pdf(mi.BSDFContext(mi.TransportMode.Importance), hit, sample.wo, active)
     normal = hit.wi + sample.eta * sample.wo
     ratio = dr.abs(dr.dot(normal, hit.wi) * dr.rcp(dr.dot(normal, sample.wo)))
-    return dr.select(ideal, Array3f(weight) * ratio, dr.select(chance > 0, value * dr.rcp(chance), 0))
+    return dr.select(ideal, Array3f(weight) * ratio, dr.select(pdf > 0, value * dr.rcp(pdf), 0))
 
 
 def sampled(world: World, hit: Any, active: Any, index: UInt32, stream: UInt32) -> Any:
     """Return Mitsuba's sample of the BSDF and its weight.
 
-    A cut-out surface that stops a path has done so already, with the probability of its opacity.
+    A cut-out surface that stops a path was already sampled, with the probability of its opacity.
     """
     lobe = unit_float(hash32(index, stream, UInt32(LOBE)))
     if world.cutouts:

@@ -1,7 +1,7 @@
-"""Beams straight from a lamp are kept out of surfaces that stand in the way of their rim.
+"""Narrow the beams straight from a lamp where a surface blocks their rim.
 
-A beam is one ray with a width. Where a surface stands in the way of the rim but not of the axis, in corners and at
-edges, a wide beam would shine through it. Its light stays; the beam becomes narrower.
+A beam is one ray with a width. Where a surface blocks the rim but not the axis, in corners and at edges, a wide beam
+would shine through it. The beam keeps its flux and becomes narrower.
 """
 
 from __future__ import annotations

@@ -2,7 +2,8 @@
 
 A wavefront: all paths take their next step at once, one kernel a step; those that go on are kept, in order. A segment
 reaches from one scattering event to the next surface, and carries the light that leaves the event (a *long* beam); or
-it ends at the next event in the medium (*short*). Events in the medium follow the transmittance, on surfaces the BSDF.
+it ends at the next event in the medium (*short*). Free flights are sampled by transmittance, directions by phase
+functions and BSDFs.
 """
 
 from __future__ import annotations
@@ -30,16 +31,16 @@ from .radii import Width, width
 
 mi = mitsuba()
 
-# Stream of samples, beside those of events.
+# Stream of samples, beside those of interactions.
 _ROULETTE = 4
 
-# Most that a path counts for when its radius is chosen: see `_scattered_radius`.
+# Largest weight of a path where its radius is chosen: see `_scattered_radius`.
 _BRIGHTEST = 8.0
 
-# Factor on the radius of photons on surfaces that arrive there at random: see `_photon_hits`.
+# Factor on the radius of photons whose paths were scattered at random: see `_photon_hits`.
 _DOZEN = 3.0
 
-# After so many steps photon differentials are carried no further: what is still sharp then is faint.
+# Steps after which ray differentials are dropped: light that is still specular by then is faint.
 _COHERENT = 8
 
 
@@ -49,26 +50,26 @@ class LightPaths:
     Attributes
     ----------
     flux, initial
-        What a path carries now, and the largest channel of what it began with.
+        The flux of a path, and the largest channel of the flux that it was emitted with.
     medium
-        Number of the medium that it is in.
+        Number of the medium around it.
     number, index, key, source, link
-        The path's place in its pass; what names its samples, the place in its sequence and the sequence; its emitter's
+        The path's place in its pass; its place in its sample sequence, and a key of that sequence; its emitter's
         number, and the number of the surfaces that stop its emitter's light.
     depth
         Scattering events so far, in media and on surfaces.
     straight
-        Whether it has passed nothing but boundaries of media.
+        Whether it has met nothing but boundaries of media.
     coherent, tangents, radius
-        Whether its neighbours take the same path, and the derivatives that tell how far apart they are; the radius of
-        the others.
+        Whether all its interactions were specular, so that its differentials tell how far apart its neighbours are; and
+        the radius of other paths.
     count, fraction
-        Length of the path's sequence, and the fraction of its neighbours that took the same branch where branches were
-        sampled: of a glass' reflection, a few hundredths.
+        Length of the path's sequence, and the probability of the specular lobes that it took: of a reflection on glass,
+        a few hundredths.
     branch
-        What becomes of it at the next step, if that is not sampled.
+        The kind of its next interaction: sampled, or set by `_split`.
     reach
-        How far it goes where it meets nothing.
+        Its length where it meets nothing.
     offset, portal, total, narrow
         Of light straight from a lamp: distance from the lamp; distance of the portal from the lamp, or infinity;
         distance from the lamp to the surface that stops it; a factor on its radius.
@@ -165,19 +166,19 @@ class Tracing:
     ----------
     world
         What they meet.
-    max_events, rr_depth
-        Most scattering events on a light path (None: any number), and after how many Russian roulette begins.
+    max_bounces, rr_depth
+        Most bounces of a light path (None: any number), and after how many Russian roulette begins.
     overlap
         Width of a beam in spacings of its neighbours.
     region, paths, power
-        Size of the region that scattered light crosses, and how many paths of how much light there are: see
+        Size of the region that scattered light crosses, the number of light paths, and their flux: see
         `_scattered_radius`.
     short
-        Whether beams end at the path's next event; in media that vary they always do.
+        Whether beams end at the path's next scattering event; in heterogeneous media they always do.
     scale
         The pass's factor on all radii.
-    most
-        Most scattering events on the paths of each emitter, by its source's number; None: `max_bounces` alone.
+    bounces_by_source
+        Most bounces by the numbers of sources; None: `max_bounces` alone.
     """
 
     world: World
@@ -189,14 +190,16 @@ class Tracing:
     power: float
     short: bool = False
     scale: float = 1.0
-    most: Any = None
+    bounces_by_source: Any = None
 
     def within(self, depth: UInt32, source: UInt32) -> Bool:
-        """Return whether paths have no more scattering events than they may have."""
+        """Return whether a depth is allowed on the paths of a source."""
         result = Bool(True)
         if self.max_bounces is not None:
             result = depth <= dr.opaque(UInt32, self.max_bounces)
-        return result if self.most is None else result & (depth <= dr.gather(UInt32, self.most, source))
+        if self.bounces_by_source is None:
+            return result
+        return result & (depth <= dr.gather(UInt32, self.bounces_by_source, source))
 
 
 def begin(tracing: Tracing, emitted: Sequence[Emitted]) -> LightPaths | None:
@@ -206,7 +209,7 @@ def begin(tracing: Tracing, emitted: Sequence[Emitted]) -> LightPaths | None:
 
 
 def leaving(tracing: Tracing, emitted: Sequence[Emitted]) -> LightPaths | None:
-    """Return all light paths, those without light too; None where there are none, or all would be too long."""
+    """Return all light paths, also those without flux; None where there are none, or all would be too long."""
     if not emitted or (tracing.max_bounces is not None and tracing.max_bounces < 0):
         return None
     paths = LightPaths()
@@ -245,7 +248,7 @@ def trace(tracing: Tracing, paths: LightPaths | None) -> Iterator[tuple[Segments
 def straight(tracing: Tracing, paths: LightPaths) -> Iterator[tuple[Segments, Bool]]:
     """Yield segments of light straight from its lamp, step by step, and which of them are in a medium.
 
-    All paths stay where they are, so that the same ones at another time can be told by their places.
+    Paths keep their lanes, so that they correspond to the same paths at another time.
     """
     step, alive = 0, paths.initial > 0
     while True:
@@ -260,16 +263,16 @@ def straight(tracing: Tracing, paths: LightPaths) -> Iterator[tuple[Segments, Bo
 
 
 def _split(tracing: Tracing, paths: LightPaths) -> LightPaths:
-    """Return paths with those in two whose light is sharp: what is scattered before the next surface, and what is not.
+    """Split coherent paths in two: one is scattered before the next surface, the other reaches it.
 
-    In thin fog few paths would be scattered, each of them bright. Of one that is split both parts carry what they
-    should, so that as many paths are scattered as there are; it makes as many more, for one event each.
+    In thin fog few paths would be scattered, each of them bright. The two parts share the flux by the probabilities of
+    their branches, so that every path is scattered once; this doubles their number for one interaction.
     """
     varying, _ = tracing.world.media.varying(paths.medium)
     both = paths.coherent & (paths.medium > 0) & ~varying & Bool(not tracing.short)
     whole = copy(paths)
     whole.branch = dr.select(both, UInt32(PASSED), UInt32(SAMPLED))
-    both &= tracing.within(paths.depth + 1, paths.source)  # what would be scattered too often goes nowhere
+    both &= tracing.within(paths.depth + 1, paths.source)  # no path for what would exceed the depth
     scattered = kept(both, paths)
     if scattered is None:
         return whole
@@ -283,7 +286,7 @@ def _split(tracing: Tracing, paths: LightPaths) -> LightPaths:
 def kept(mask: Bool, value: Any) -> Any:
     """Return the entries of a struct where `mask`, None where there are none.
 
-    One alone has a dark one beside it: to Dr.Jit arrays of one entry are numbers, and want kernels of their own.
+    A single entry gets a second one without flux: Dr.Jit treats arrays of one entry as scalars, in other kernels.
     """
     found = compressed(mask, value)
     if not found:
@@ -297,76 +300,80 @@ def kept(mask: Bool, value: Any) -> Any:
 
 
 def _step(tracing: Tracing, paths: LightPaths, step: int) -> tuple[Any, ...]:
-    """Return what one step of all paths leaves: segments, photons, the paths after it, and masks of which are there."""
+    """Return the result of one step of all paths: segments, photons and continued paths, each with a mask."""
     stream = hash32(paths.key, dr.opaque(UInt32, step), paths.branch)
     hit = tracing.world.intersect(paths.origin, paths.direction, Bool(True), hash32(stream, paths.index), paths.link)
-    event = Interaction(tracing, paths, hit, stream)
-    segments = _segments(tracing, paths, event)
-    scatter = reflect(tracing.world, hit, event.on_surface, paths.medium, paths.index, stream)
-    following = _following(tracing, paths, event, scatter, stream)
-    hits = _photon_hits(paths, event, segments.width)
-    in_medium = (paths.medium > 0) & (event.length > 0) & (paths.branch != SCATTERED) & (dr.max(paths.flux) > 0)
-    on_surface = event.on_surface & ~paths.straight & event.smooth
+    interaction = Interaction(tracing, paths, hit, stream)
+    segments = _segments(tracing, paths, interaction)
+    scatter = reflect(tracing.world, hit, interaction.on_surface, paths.medium, paths.index, stream)
+    following = _following(tracing, paths, interaction, scatter, stream)
+    hits = _photon_hits(paths, interaction, segments.width)
+    in_medium = (paths.medium > 0) & (interaction.length > 0) & (paths.branch != SCATTERED) & (dr.max(paths.flux) > 0)
+    on_surface = interaction.on_surface & ~paths.straight & interaction.smooth
     in_medium &= tracing.within(paths.depth, paths.source)
-    bent = event.going & event.on_surface & following.coherent & ~scatter.null
-    dr.eval(segments, in_medium, hits, on_surface, following, event.going, bent)
+    bent = interaction.going & interaction.on_surface & following.coherent & ~scatter.null
+    dr.eval(segments, in_medium, hits, on_surface, following, interaction.going, bent)
     if step < _COHERENT:
         _carry(tracing, paths, following, bent, stream)
     else:
         following.coherent = dr.zeros(Bool, dr.width(bent))
-    return segments, in_medium, hits, on_surface, following, event.going
+    return segments, in_medium, hits, on_surface, following, interaction.going
 
 
-def _following(tracing: Tracing, paths: LightPaths, event: Interaction, scatter: Scatter, stream: UInt32) -> LightPaths:
-    """Return the paths after their event; `event.going` loses those that end."""
+def _following(
+    tracing: Tracing, paths: LightPaths, interaction: Interaction, scatter: Scatter, stream: UInt32
+) -> LightPaths:
+    """Return the paths after their interaction; those that end are removed from `interaction.going`."""
     following = LightPaths()
     place = dr.zeros(mi.MediumInteraction3f, dr.width(paths.origin))
-    place.p, place.wi = mi.Point3f(event.position), mi.Vector3f(-paths.direction)
+    place.p, place.wi = mi.Point3f(interaction.position), mi.Vector3f(-paths.direction)
     place.sh_frame = mi.Frame3f(place.wi)
-    place.medium = pointers(dr.select(event.scatters, paths.medium, 0))
+    place.medium = pointers(dr.select(interaction.scatters, paths.medium, 0))
     phase = place.medium.phase_function()
     lobe = unit_float(hash32(paths.index, stream, UInt32(LOBE)))
     u = pixel_sample(paths.index, hash32(stream, UInt32(TURN)))
-    turned, weight, _ = phase.sample(mi.PhaseFunctionContext(), place, lobe, mi.Point2f(u), event.scatters)
-    following.direction = _chosen(event, Array3f(turned), scatter.direction, paths.direction)
-    following.origin = dr.select(event.on_surface, scatter.origin, event.position)
-    following.flux = paths.flux * event.weight * _chosen(event, Array3f(weight), scatter.weight, Array3f(1))
-    passes = event.tinted | (event.on_surface & scatter.null)
+    turned, weight, _ = phase.sample(mi.PhaseFunctionContext(), place, lobe, mi.Point2f(u), interaction.scatters)
+    following.direction = _chosen(interaction, Array3f(turned), scatter.direction, paths.direction)
+    following.origin = dr.select(interaction.on_surface, scatter.origin, interaction.position)
+    following.flux = paths.flux * interaction.weight * _chosen(interaction, Array3f(weight), scatter.weight, Array3f(1))
+    passes = interaction.tinted | (interaction.on_surface & scatter.null)
     following.depth = paths.depth + dr.select(passes, 0, 1)
-    following.medium = dr.select(event.on_surface, scatter.medium, paths.medium)
+    following.medium = dr.select(interaction.on_surface, scatter.medium, paths.medium)
     following.straight = paths.straight & passes
-    following.coherent = paths.coherent & (event.tinted | (event.on_surface & scatter.delta))
+    following.coherent = paths.coherent & (interaction.tinted | (interaction.on_surface & scatter.delta))
     for name in (*_NAMES, *_STRAIGHT, "count", "initial"):
         setattr(following, name, getattr(paths, name))
     following.narrow = dr.select(passes, paths.narrow, 1)
     following.link = dr.select(passes, paths.link, 0)
     following.offset = paths.offset + dr.dot(following.origin - paths.origin, paths.direction)
     following.reach = dr.select(
-        passes, paths.reach - event.way, tracing.world.escape(following.origin, following.direction)
+        passes, paths.reach - interaction.distance, tracing.world.escape(following.origin, following.direction)
     )
     following.branch = dr.zeros(UInt32, dr.width(paths.number))
-    following.fraction = paths.fraction * dr.select(event.on_surface, scatter.probability, 1)
-    # Straight on, a shift grows with the distance; mirrors and lenses see to theirs later.
-    following.differentials = RayDifferentials.of([(p + event.way * d, d) for p, d in paths.differentials.columns()])
-    going = event.going & (dr.max(following.flux) > 0)
+    following.fraction = paths.fraction * dr.select(interaction.on_surface, scatter.probability, 1)
+    # Along a segment, the derivative of the origin grows with the distance; `_carry` sees to mirrors and lenses.
+    following.differentials = RayDifferentials.of(
+        [(p + interaction.distance * d, d) for p, d in paths.differentials.columns()]
+    )
+    going = interaction.going & (dr.max(following.flux) > 0)
     going &= tracing.within(following.depth, following.source)
     _roulette(tracing, following, passes, stream, going)
     following.radius = dr.select(following.coherent | passes, paths.radius, _scattered_radius(tracing, following))
-    event.going = going & (dr.max(following.flux) > 0)
+    interaction.going = going & (dr.max(following.flux) > 0)
     return following
 
 
-def _chosen(event: Interaction, scattered: Any, reflected: Any, same: Any) -> Any:
-    """Return the value that belongs to what happens to each path."""
-    return dr.select(event.scatters, scattered, dr.select(event.on_surface, reflected, same))
+def _chosen(interaction: Interaction, scattered: Any, reflected: Any, same: Any) -> Any:
+    """Return for each path the value of its kind of interaction."""
+    return dr.select(interaction.scatters, scattered, dr.select(interaction.on_surface, reflected, same))
 
 
 def _scattered_radius(tracing: Tracing, following: LightPaths) -> Float:
     """Return the radius of beams that were scattered at random.
 
-    N lines through a region of size ℓ cross it √(ℓ²/N) apart. They lie at random, so that they should overlap more than
-    those in strata. What a ray sees of one is its light over its width; a path with more light than others is wider by
-    as much, or it would be a bright streak.
+    N lines through a region of size ℓ cross it √(ℓ²/N) apart. They lie at random, so they should overlap more than
+    stratified ones. The radiance of a beam is its flux over its width; a path with more flux than others is wider by
+    the same factor, or it would be a bright streak.
     """
     light = dr.max(following.flux) * dr.opaque(Float, tracing.paths / max(tracing.power, 1e-30))
     usual = dr.opaque(Float, tracing.overlap * tracing.region / np.sqrt(tracing.paths))
@@ -374,7 +381,7 @@ def _scattered_radius(tracing: Tracing, following: LightPaths) -> Float:
 
 
 def _roulette(tracing: Tracing, paths: LightPaths, passes: Bool, stream: UInt32, active: Bool) -> None:
-    """End paths at random that have lost most of their light, and give theirs to the others."""
+    """End paths by Russian roulette, with the survival probability flux / initial flux."""
     survival = dr.minimum(dr.max(paths.flux) * dr.rcp(dr.maximum(paths.initial, 1e-30)), 0.95)
     tried = active & ~passes & (paths.depth >= dr.opaque(UInt32, tracing.rr_depth))
     survives = unit_float(hash32(paths.index, stream, UInt32(_ROULETTE))) < survival
@@ -384,9 +391,9 @@ def _roulette(tracing: Tracing, paths: LightPaths, passes: Bool, stream: UInt32,
 
 
 def _carry(tracing: Tracing, paths: LightPaths, following: LightPaths, bent: Bool, stream: UInt32) -> None:
-    """Carry the tangents of paths over mirrors and through lenses, by forward-mode differentiation.
+    """Propagate ray differentials over mirrors and through lenses, by forward-mode differentiation.
 
-    Each path stands there four times, once for each tangent: a graph with calls of BSDFs is traversed but once.
+    Each path has four lanes, one for each derivative: Dr.Jit traverses a graph with calls of BSDFs only once.
     """
     lanes: Any = dr.compress(bent)
     if not len(lanes):
@@ -419,20 +426,20 @@ def _carry(tracing: Tracing, paths: LightPaths, following: LightPaths, bent: Boo
     dr.eval(following.differentials)
 
 
-def _segments(tracing: Tracing, paths: LightPaths, event: Interaction) -> Segments:
-    """Return the segments of paths up to the next surface, or event."""
+def _segments(tracing: Tracing, paths: LightPaths, interaction: Interaction) -> Segments:
+    """Return the segments of paths up to the next surface, or up to the interaction."""
     result = Segments()
     result.origin, result.direction, result.flux = paths.origin, paths.direction, paths.flux
-    short = Bool(tracing.short) | event.varying
-    result.length = dr.select(short, event.way, event.length)
-    normal = Array3f(event.hit.n)
+    short = Bool(tracing.short) | interaction.varying
+    result.length = dr.select(short, interaction.distance, interaction.length)
+    normal = Array3f(interaction.hit.n)
     against = dr.select(dr.dot(normal, paths.direction) > 0, -normal, normal)
-    result.normal = dr.select(event.valid & (event.on_surface | ~short), against, -paths.direction)
+    result.normal = dr.select(interaction.valid & (interaction.on_surface | ~short), against, -paths.direction)
     result.medium, result.depth, result.offset = paths.medium, paths.depth, paths.offset
     for name in (*_NAMES, *_STRAIGHT):
         setattr(result, name, getattr(paths, name))
     neighbours = paths.count * paths.fraction
-    own = width(paths.differentials, paths.direction, event.length, neighbours, dr.opaque(Float, tracing.overlap))
+    own = width(paths.differentials, paths.direction, interaction.length, neighbours, dr.opaque(Float, tracing.overlap))
     squared = dr.square(paths.radius)
     result.width = Width(
         dr.select(paths.coherent, own.a, squared), dr.select(paths.coherent, own.b, 0),
@@ -441,15 +448,15 @@ def _segments(tracing: Tracing, paths: LightPaths, event: Interaction) -> Segmen
     return result
 
 
-def _photon_hits(paths: LightPaths, event: Interaction, across: Width) -> PhotonHits:
-    """Return what arrives at surfaces."""
+def _photon_hits(paths: LightPaths, interaction: Interaction, across: Width) -> PhotonHits:
+    """Return the photons that hit surfaces."""
     result = PhotonHits()
-    result.position, result.direction = event.position, paths.direction
-    result.normal = Array3f(event.hit.n)
+    result.position, result.direction = interaction.position, paths.direction
+    result.normal = Array3f(interaction.hit.n)
     # On a slant the footprint is longer by 1 / cos, and its area with it.
     cosine = dr.maximum(dr.abs(dr.dot(result.normal, paths.direction)), 0.05)
-    # Photons that arrive at random should overlap more than lines do, of which a ray meets many: a dozen a place.
-    result.radius = across(event.way) * dr.rsqrt(cosine) * dr.select(paths.coherent, Float(1), Float(_DOZEN))
-    result.flux, result.depth = paths.flux * event.weight, paths.depth
+    # Photons at random places should overlap more than beams, of which a ray meets many: a dozen at each point.
+    result.radius = across(interaction.distance) * dr.rsqrt(cosine) * dr.select(paths.coherent, Float(1), Float(_DOZEN))
+    result.flux, result.depth = paths.flux * interaction.weight, paths.depth
     result.number, result.source = paths.number, paths.source
     return result

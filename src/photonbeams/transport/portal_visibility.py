@@ -1,7 +1,7 @@
-"""Which lights' own side of their portal the camera sees.
+"""Portal visibility: whether the camera sees light that does not pass its portal.
 
-A portal's beams light only what lies behind it. Where the camera looks through the portal, or past it, at fog that the
-light reaches without passing the portal, the other paths of the light are needed too.
+Light paths through a portal light only what lies behind it. Where the camera sees fog that the light reaches without
+passing the portal, the light's other paths are needed too.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _NUDGE = 1e-4  # of the world's radius: keeps the points at a ray's end off the 
 
 
 def lights_seen(world: StageWorld, origin: Array3f, direction: Array3f) -> frozenset[str]:
-    """Return the names of the lights whose paths that miss their portal the camera sees lit fog of.
+    """Return the names of the lights that light visible fog by paths which miss their portal.
 
     Parameters
     ----------

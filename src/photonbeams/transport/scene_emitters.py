@@ -1,4 +1,4 @@
-"""The emitters of a Mitsuba scene as ours: rays as `Emitter.sample_ray` takes them, and their derivatives."""
+"""Mitsuba's emitters: light paths by `Emitter.sample_ray`, with their ray differentials."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _LEAST = 1 / 64
 
 
 class SceneEmitter:
-    """An emitter of a Mitsuba scene, by its number there: alone it does not keep its shape alive."""
+    """An emitter of a Mitsuba scene; it keeps the scene, for an emitter alone does not keep its shape alive."""
 
     link = 0
     halvings = 0
@@ -82,8 +82,8 @@ def _strata(emitters: Sequence[SceneEmitter], weights: np.ndarray, count: int, s
     ]
 
 
-def shared_anew(emission: Emission, seen: np.ndarray) -> None:
-    """Give each emitter as much of a pass as of what is seen, by half; half goes by its power, as before."""
+def redistribute(emission: Emission, seen: np.ndarray) -> None:
+    """Distribute light paths among the emitters: half by power, as before, and half by the importance `seen`."""
     if not seen.sum() > 0:
         return
     total = emission.count

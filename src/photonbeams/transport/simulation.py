@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 LIGHT_SIDE = 0.25  # the fraction of a lamp's beams that do not go through its portal, where they are seen
 
-# How many paths at most are tried for one whose light its lamp's images leave.
+# Most candidates for one path whose light passes its lamp's images, and most candidates of a stratum.
 _MOST_DARK, _MOST_PATHS = 64, 1 << 22
 
 _PORTAL, _ALL = 0, 1  # names of strata in seeds
@@ -45,9 +45,9 @@ FLOOR, CEILING, FREE_PATHS = 1e-4, 0.05, 0.25
 
 @dataclass(frozen=True)
 class Tuning:
-    """How light paths are traced: the fields of `render.settings.Settings` that say so.
+    """How light paths are traced: those fields of `render.settings.Settings` that transport reads.
 
-    `own_bounces`: each source says how often its light is scattered, `max_bounces` times at most.
+    `own_bounces`: each source sets the bounces of its light, up to `max_bounces`.
     """
 
     seed: int = 0
@@ -63,13 +63,13 @@ class Tuning:
     own_bounces: bool = False
 
     def limits(self, number: int, size: float, widest: float = np.inf) -> Limits:
-        """Return the bounds of radii in a pass, in a region of this radius; `widest` bounds them where nobody says."""
+        """Return the bounds of radii in a pass, in a region of radius `size`; `widest` bounds the default."""
         low = self.radius or self.min_radius or FLOOR * size
         high = self.radius or self.max_radius or max(min(CEILING * size, widest), low)
-        return Limits(*(dr.opaque(Float, each) for each in (low, high, shrunk(self.alpha, number))))
+        return Limits(*(dr.opaque(Float, each) for each in (low, high, radius_scale(self.alpha, number))))
 
 
-def shrunk(alpha: float, number: int) -> float:
+def radius_scale(alpha: float, number: int) -> float:
     """Return the factor on all radii in a pass: R_{i+1} / R_i = (i + α) / (i + 1) (Progressive Photon Beams)."""
     return float(np.prod([(i + alpha) / (i + 1) for i in range(1, number + 1)]))
 
@@ -87,7 +87,7 @@ class Simulation:
     sizes
         Radius of each medium, by number; without one it is the world's.
     named
-        Whether beams have what looks and programs may ask for.
+        Whether beams carry what looks and programs may read.
     """
 
     world: World
@@ -98,7 +98,7 @@ class Simulation:
     named: bool = False
 
     def simulated(self, number: int, least: int = 0) -> tuple[list[BeamSet], list[paths.PhotonHits]]:
-        """Return the beams of pass `number` whose light was scattered `least` times, and its photons on surfaces."""
+        """Return the beams of pass `number` that have `least` bounces or more, and its photons on surfaces."""
         tracing = self.tracing(number)
         steps = list(paths.trace(tracing, paths.begin(tracing, self.emission.emit(number))))
         segments = [each for each, _ in steps if each is not None]
@@ -137,18 +137,18 @@ class Simulation:
             steps.append(([known[0], known[-1]], masks))
         return moving_sets(self.cuttings(number), steps, last.sources)
 
-    def tracing(self, number: int, max_bounces: int | None = None) -> paths.Tracing:
-        """Return how the light paths of a pass are traced; `max_bounces` bounds their scattering events further."""
+    def tracing(self, number: int) -> paths.Tracing:
+        """Return how the light paths of a pass are traced."""
         tuning = self.tuning
         region = max((self.size(each) for each in self.world.media.all), default=self.world.radius)
         return paths.Tracing(
-            self.world, tuning.max_bounces if max_bounces is None else max_bounces, tuning.rr_depth, tuning.overlap,
-            region, self.emission.count, float(self.emission.power.max()), tuning.short, shrunk(tuning.alpha, number),
-            self._most(),
+            self.world, tuning.max_bounces, tuning.rr_depth, tuning.overlap, region, self.emission.count,
+            float(self.emission.power.max()), tuning.short, radius_scale(tuning.alpha, number),
+            self._bounces_by_source(),
         )  # fmt: skip
 
-    def _most(self) -> Any:
-        """Return the most scattering events of each emitter's paths, None where all may have as many."""
+    def _bounces_by_source(self) -> Any:
+        """Return the most bounces by the numbers of sources, None where they are the same for all."""
         bounces, most = [each.bounces for each in self.sources], self.tuning.max_bounces
         if not self.tuning.own_bounces or all(each is None for each in bounces):
             return None
@@ -156,7 +156,7 @@ class Simulation:
 
     def cuttings(self, number: int) -> list[Cutting]:
         """Return how the segments of a pass become beams, for each emitter that makes some and each medium."""
-        # A look of an artist's may show beams in a medium that scatters nothing.
+        # An artist's look may show beams in a medium that does not scatter.
         media = [each for each in self.world.media.all if self.named or max(each.medium.scattering) > 0]
         makers = [source for source in self.sources if source.beams]
         return [
@@ -171,7 +171,9 @@ class Simulation:
         limits = self.tuning.limits(number, self.size(medium), widest)
         if not self.world.narrows or self.tuning.radius or self.tuning.max_radius:
             return limits, limits
-        return limits, limits._replace(ceiling=dr.opaque(Float, np.inf))  # they are kept out of walls one by one
+        return limits, limits._replace(
+            ceiling=dr.opaque(Float, np.inf)
+        )  # `narrowing` keeps them out of walls one by one
 
     def size(self, medium: RenderedMedium) -> float:
         """Return the radius of a medium, that of the world at most."""
@@ -314,7 +316,7 @@ def _moving(first: StageWorld, last: StageWorld) -> set[int]:
 
 
 def _drawn(first: StageWorld, last: StageWorld, looks: Mapping[str, Look | None]) -> list[BeamSet]:
-    """Return the beams that someone drew, by the media in which they begin."""
+    """Return the drawn beams, by the media in which they begin."""
     sets = []
     for number, drawn in enumerate(first.description.drawn):
         later = last.description.drawn[number]
@@ -346,5 +348,5 @@ def _by_media(world: StageWorld, whole: BeamSet) -> list[BeamSet]:
 
 
 def _are_same(drawn: scene.DrawnBeams, later: scene.DrawnBeams) -> bool:
-    """Return whether drawn beams can be followed from one time to the other."""
+    """Return whether drawn beams at two times correspond one to one."""
     return len(later.start) == len(drawn.start) and later.arrays().keys() == drawn.arrays().keys()
