@@ -9,7 +9,8 @@ from photonbeams.render.scene_frame import render
 from photonbeams.render.settings import Settings
 from photonbeams.runtime.device import Array3f, UInt32, mitsuba
 from photonbeams.scene import SceneError
-from photonbeams.world.media import Media, medium_at, number
+from photonbeams.world.interfaces import medium_at, number
+from photonbeams.world.media import Media
 from transport.scenes import T, camera, cloud, cube_of, fog, load, rgb
 
 mi = mitsuba()

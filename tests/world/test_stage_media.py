@@ -8,7 +8,8 @@ from photonbeams import scene
 from photonbeams.render.scene_frame import SceneRenderer, render
 from photonbeams.render.settings import Settings
 from photonbeams.runtime.device import mitsuba
-from photonbeams.world.media import Media, number
+from photonbeams.world.interfaces import number
+from photonbeams.world.media import Media
 from photonbeams.world.stage_media import media_of
 from transport.scenes import camera, cube_of, fog, load, rgb
 

@@ -6,7 +6,8 @@ import pytest
 from photonbeams.render.scene_frame import SceneRenderer, render
 from photonbeams.render.settings import Settings
 from photonbeams.runtime.device import Array3f, mitsuba
-from photonbeams.world.media import Media, number
+from photonbeams.world.interfaces import number
+from photonbeams.world.media import Media
 from photonbeams.world.surroundings import Surroundings, place_of_sensor, places_of
 from render.test_scene_frame import SMALL, agree, pictures
 from transport.scenes import T, camera, cube_of, fog, load, rgb, volpath

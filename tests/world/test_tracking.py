@@ -6,7 +6,8 @@ import pytest
 
 from photonbeams.numerics.hashing import hash32
 from photonbeams.runtime.device import Array3f, Bool, Float, UInt32, mitsuba
-from photonbeams.world.media import Media, pointers
+from photonbeams.world.interfaces import pointers
+from photonbeams.world.media import Media
 from photonbeams.world.tracking import Track, free_flight, walk
 from transport.scenes import cloud
 
@@ -35,7 +36,7 @@ def volume(request):
 def ways(volume, count):
     zeros = dr.zeros(Array3f, count)
     seed = hash32(dr.arange(UInt32, count))
-    return volume.way(zeros + Array3f(ORIGIN), zeros + Array3f(DIRECTION), Float(0), Float(LENGTH), seed)
+    return volume.segment(zeros + Array3f(ORIGIN), zeros + Array3f(DIRECTION), Float(0), Float(LENGTH), seed)
 
 
 def test_transmittance_is_unbiased_and_has_little_noise(volume):

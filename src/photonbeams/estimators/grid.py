@@ -326,8 +326,8 @@ class _GridWalk:
         grid, ray = self._grid, self._ray
         leaves = []
         for axis in range(3):
-            border = Float(cell[axis] + dr.select(self._step[axis] > 0, Int32(1), Int32(0)))
-            place = dr.fma(border, grid.size, grid.low[axis]) - ray.origin[axis]
+            edge = Float(cell[axis] + dr.select(self._step[axis] > 0, Int32(1), Int32(0)))
+            place = dr.fma(edge, grid.size, grid.low[axis]) - ray.origin[axis]
             leaves.append(dr.select(self._flat[axis], _FAR, place * self._inv[axis]))
         by_x = (leaves[0] <= leaves[1]) & (leaves[0] <= leaves[2])
         by_y = ~by_x & (leaves[1] <= leaves[2])

@@ -63,7 +63,7 @@ class SceneRenderer(FrameRenderer):
             sources, numbers = _sources(plugin, extras.beams)
             self._scene = SceneWorld(plugin, sensor, sources)
             if settings.short:
-                self._scene.media.all = tuple(each.ending() for each in self._scene.media.all)
+                self._scene.media.all = tuple(each.for_short_beams() for each in self._scene.media.all)
             emission = emission_of(self._scene, settings.beams or DEFAULT_PATHS, settings.seed, numbers)
         warn(plugin, self._scene.surroundings, set() if warned is None else warned)
         named = len(sources) > 1 or sources[0].look is not None or sources[0].beam_scale != 1

@@ -14,7 +14,7 @@ from ..beams.sets import BeamSet
 from ..numerics.arrays import compressed, joined, opaque
 from ..numerics.hashing import hash32, unit_float
 from ..runtime.device import Bool, Float, UInt32
-from ..world.media import RenderedMedium, ended
+from ..world.media import RenderedMedium, over_mean
 from ..world.sources import Source
 from .paths import Segments
 from .radii import Limits
@@ -94,7 +94,7 @@ class Cutting:
         if self.medium.tracked is not None:
             return segments.flux
         left = dr.exp(-opaque(self.medium.medium.extinction) * s)
-        return segments.flux * (ended(left, segments.flux) if self.short else left)
+        return segments.flux * (over_mean(left, segments.flux) if self.short else left)
 
     def _beams(self, segments: Segments, ends: tuple[Any, Any], radii: tuple[Any, Any], normal: Any) -> Beams:
         result = Beams()

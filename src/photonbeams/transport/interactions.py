@@ -9,7 +9,8 @@ import drjit as dr
 from ..numerics.hashing import hash32, unit_float
 from ..numerics.sampling import pixel_sample
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
-from ..world.media import Media, pointers
+from ..world.interfaces import pointers
+from ..world.media import Media
 from ..world.tracking import free_flight
 
 if TYPE_CHECKING:

@@ -20,7 +20,7 @@ from ..numerics.arrays import compressed, joined
 from ..numerics.hashing import hash32, unit_float
 from ..numerics.sampling import pixel_sample
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
-from ..world.media import pointers
+from ..world.interfaces import pointers
 from ..world.stage_world import StageWorld
 from ..world.world import World
 from .differentials import RayDifferentials, copies, differentiate, of_copies

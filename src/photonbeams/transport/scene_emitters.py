@@ -9,7 +9,7 @@ import drjit as dr
 import numpy as np
 
 from ..runtime.device import Array2f, Array3f, Float, mitsuba
-from ..world.media import check_finite
+from ..world.checks import check_finite
 from ..world.scene_world import SceneWorld
 from .differentials import RayDifferentials, copies, differentiate, of_copies
 from .emission import Emission, EmissionSample, Stratum, probed_flux

@@ -331,7 +331,7 @@ def _drawn(first: StageWorld, last: StageWorld, looks: Mapping[str, Look | None]
 def _by_media(world: StageWorld, whole: BeamSet) -> list[BeamSet]:
     """Return a set of beams in parts that begin in different media; those that begin in none are not seen."""
     media = world.media.all
-    if len(media) < 2 and not world.borders:
+    if len(media) < 2 and not world.boundaries:
         return [whole._replace(medium=each.number) for each in media]
     beams = whole.beams
     axis = beams.end - beams.start

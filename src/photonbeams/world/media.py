@@ -1,7 +1,7 @@
-"""The media of a Mitsuba scene, and which of them is where.
+"""Media as kernels and estimators need them: coefficients, transmittance, looks.
 
-Mitsuba's own integrators follow media from the sensor on, over the surfaces that a path passes, and believe what the
-sensor names. Light paths begin at emitters, which seldom name anything: see `surroundings`.
+Mitsuba's own integrators track media from the sensor on, over the surfaces that a path passes, and rely on the medium
+that the sensor names. Light paths begin at emitters, which seldom name one: see `surroundings`.
 """
 
 from __future__ import annotations
@@ -19,37 +19,26 @@ from ..looks import Attenuation, Look, Scattering
 from ..looks.context import ShadingContext
 from ..looks.factors import Factor
 from ..numerics.arrays import to_uint, to_vectors
-from ..numerics.hashing import hash32, unit_float
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
+from .checks import check_numbers, check_phase
+from .interfaces import medium_ahead, number, numbers, pointers
 from .tracking import MediumSegment, Track, Tracked, walk
 
 mi = mitsuba()
 
-# Stands for a medium that is not known.
-UNKNOWN = 0xFFFFFFFF
-
-# Surfaces that a ray may pass on its way to an interface of media, and steps of a walk to one.
-_LAYERS, _STEPS = 64, 32
-
-# From here on a distance is infinite.
+# Distances from here on count as infinite.
 _FAR = 1e30
-
-# Surfaces behind which a medium goes on, where they do not name any.
-_TRANSMITS = int(
-    mi.BSDFFlags.Null | mi.BSDFFlags.DeltaTransmission | mi.BSDFFlags.GlossyTransmission
-    | mi.BSDFFlags.DiffuseTransmission
-)  # fmt: skip
 
 
 class MediumScattering(Factor):
-    """σs · phase(cos θ) of a Mitsuba medium that varies, or whose phase function is none of Henyey and Greenstein's."""
+    """σs · phase(cos θ) of a heterogeneous medium, or of one whose phase function is not Henyey–Greenstein's."""
 
     def __init__(self, plugin: Any) -> None:
         self._plugin, self._phase = plugin, plugin.phase_function()
         self.rough = not plugin.is_homogeneous()
 
     def evaluate(self, at: ShadingContext) -> Any:
-        """Return scattering coefficient times phase function; it turns with the light, so any direction does for it."""
+        """Return scattering coefficient times phase function, which depends on the scattering angle alone."""
         place = dr.zeros(mi.MediumInteraction3f)
         place.p = mi.Point3f(at.position)
         light = mi.Vector3f(0, 0, 1)
@@ -64,26 +53,27 @@ class MediumScattering(Factor):
         return dr.select(_in_grid(self._plugin, at.position), scattering * Array3f(value), 0)
 
 
-class Ended(Factor):
-    """Along short beams: what is left of light that surely comes as far, exp(−σt s) over its mean by channels.
+class ShortBeamAttenuation(Factor):
+    """Attenuation along short beams: exp(−σt s) over its mean over the channels.
 
-    Beams end where a flight does, so that as many are left at s as light is; of what has no colour nothing else is.
+    Short beams end with their free flight, so that the number of beams that reach s falls with the transmittance; for
+    grey media the factor is 1.
     """
 
     def evaluate(self, at: ShadingContext) -> Any:
-        """Return the share of each channel; the channels' weights are the beam's power, by which flights choose."""
+        """Return the factor of each channel; the mean is weighted by the beam's power, as free flights are sampled."""
         left = dr.exp(-at.medium.extinction * at.depth)
-        return ended(left, getattr(at.beam, "power", Array3f(1)))
+        return over_mean(left, getattr(at.beam, "power", Array3f(1)))
 
 
 def _in_grid(plugin: Any, point: Any) -> Any:
-    """Return whether points lie where a medium that varies is known: beyond, grids are clamped, and the medium ends."""
+    """Return whether points lie in the box of a heterogeneous medium: beyond it grids are clamped, but it ends."""
     inside, enter, leave = plugin.intersect_aabb(mi.Ray3f(mi.Point3f(point), mi.Vector3f(0.6, 0.64, 0.48)))
     return inside & (enter <= 0) & (leave >= 0)
 
 
-def ended(left: Any, power: Any) -> Any:
-    """Return what is left over its mean, weighted by the power."""
+def over_mean(left: Any, power: Any) -> Any:
+    """Return a transmittance over its mean, weighted by the power."""
     return left * dr.sum(power) * dr.rcp(dr.maximum(dr.dot(left, power), 1e-30))
 
 
@@ -94,15 +84,15 @@ class RenderedMedium:
     Attributes
     ----------
     number
-        What names it in arrays of media.
+        Its number in arrays of media.
     plugin
         Mitsuba's medium.
     medium, look
-        What estimators need to know of it; of a medium that varies, the greatest coefficients.
+        Its coefficients (of a heterogeneous medium the greatest) and its physical look, for estimators.
     tracked
-        Of a medium that varies: the look's factor toward the camera, for which rays have to be tracked.
+        Of a heterogeneous medium: the look's factor toward the camera, for which rays have to be tracked.
     colored
-        Of a medium that varies: whether its extinction has a colour.
+        Of a heterogeneous medium: whether its extinction has a colour.
     """
 
     number: int
@@ -112,9 +102,13 @@ class RenderedMedium:
     tracked: Tracked | None = None
     colored: bool = False
 
-    def ending(self) -> RenderedMedium:
-        """Return the same for short beams."""
-        return self if self.tracked is not None else replace(self, look=Look(along=Ended(), angle=self.look.angle))
+    def for_short_beams(self) -> RenderedMedium:
+        """Return the same medium for short beams."""
+        return (
+            self
+            if self.tracked is not None
+            else replace(self, look=Look(along=ShortBeamAttenuation(), angle=self.look.angle))
+        )
 
     def shaded(self, look: Look | None) -> Look:
         """Return the look of beams in the medium: physical, or an artist's with the medium's own physical factors."""
@@ -137,12 +131,12 @@ class RenderedMedium:
         return _extinction(self.plugin, point, Bool(True))
 
     def track(self, origin: Any, direction: Any, near: Any, far: Any, seed: Any, active: Any) -> None:
-        """Track rays from `near` to `far`, for the look's factor toward the camera, where the medium varies."""
+        """Track rays from `near` to `far` for the factor toward the camera; homogeneous media need no tracking."""
         if self.tracked is not None:
-            self.tracked.track = Track(self.way(origin, direction, near, far, seed), self.extinction, active)
+            self.tracked.track = Track(self.segment(origin, direction, near, far, seed), self.extinction, active)
 
-    def way(self, origin: Any, direction: Any, near: Any, far: Any, seed: Any) -> MediumSegment:
-        """Return the part of rays, from `near` to `far`, on which the medium is not nothing."""
+    def segment(self, origin: Any, direction: Any, near: Any, far: Any, seed: Any) -> MediumSegment:
+        """Return the segments of rays, from `near` to `far`, that lie in the medium's bounding box."""
         _, enter, leave = self.plugin.intersect_aabb(mi.Ray3f(mi.Point3f(origin), mi.Vector3f(direction)))
         majorant = dr.opaque(Float, max(self.medium.extinction))
         return MediumSegment(origin, direction, dr.maximum(near, enter), dr.minimum(far, leave), majorant, seed)
@@ -161,13 +155,13 @@ class Media:
     Parameters
     ----------
     plugins
-        Mitsuba's media, each as often as it may be.
+        Mitsuba's media; repeated ones count once.
     around
-        The Mitsuba scene, where several of its shapes hold media, which may touch.
+        The Mitsuba scene, if several of its shapes hold media, which may touch; else None.
     filling, clear
-        The medium that fills the whole space, and whether it leaves what is infinitely far away as it is.
+        The medium that fills the whole space, and whether it leaves light from infinity undimmed.
     unfelt
-        Media that beams alone feel.
+        Beams-only media, which do not dim surfaces.
 
     Raises
     ------
@@ -181,17 +175,17 @@ class Media:
     ) -> None:  # fmt: skip
         found = {number(plugin): plugin for plugin in plugins if plugin is not None}
         for each in found.values():  # all of them first: Mitsuba calls all phase functions where it calls one
-            _check_phase(each)
+            check_phase(each)
         # In the order of the scene: numbers differ from one process to the next, and so would the sums of light.
         self.all = tuple(_rendered(each, found[each]) for each in found)
         size = max(found, default=0) + 2  # a gather from an array of one is a broadcast, hence another kernel
         table = np.zeros((3, size, 3))
-        for volume in self.all:
-            table[0, volume.number] = volume.medium.extinction
-            table[1, volume.number] = volume.medium.scattering
-            table[2, volume.number, :2] = volume.tracked is not None, volume.colored
+        for each in self.all:
+            table[0, each.number] = each.medium.extinction
+            table[1, each.number] = each.medium.scattering
+            table[2, each.number, :2] = each.tracked is not None, each.colored
         self._extinction, self._scattering, self._kinds = (to_vectors(each) for each in table)
-        self.any_varying = any(volume.tracked is not None for volume in self.all)
+        self.any_varying = any(each.tracked is not None for each in self.all)
         self._around = around
         self.filling, self._clear = number(filling), clear
         felt = np.ones(size, dtype=np.uint32)
@@ -215,7 +209,7 @@ class Media:
         return dr.gather(Array3f, self._scattering, medium)
 
     def varying(self, medium: UInt32) -> tuple[Bool, Bool]:
-        """Return which media vary, and whose extinction then has a colour."""
+        """Return which media are heterogeneous, and which of these have a coloured extinction."""
         kind = dr.gather(Array3f, self._kinds, medium)
         return kind.x > 0, kind.y > 0
 
@@ -228,7 +222,7 @@ class Media:
         return dr.select(thick, dr.exp(-extinction * distance), 1)
 
     def felt(self, medium: UInt32, transmittance: Array3f) -> Array3f:
-        """Return a transmittance as surfaces feel it: 1 of a fog that beams alone feel."""
+        """Return a transmittance for surfaces: 1 of beams-only media."""
         if self._felt is None:
             return transmittance
         return dr.select(dr.gather(UInt32, self._felt, medium) > 0, transmittance, 1)
@@ -236,7 +230,7 @@ class Media:
     def transmittance(
         self, medium: UInt32, origin: Array3f, direction: Array3f, distance: Float, seed: UInt32, active: Bool
     ) -> Array3f:
-        """Return the transmittance over a distance along rays; of media that vary an unbiased estimate."""
+        """Return the transmittance over a distance along rays; of heterogeneous media an unbiased estimate."""
         plain = self.absorbed(medium, distance)
         if not self.any_varying:
             return plain
@@ -247,14 +241,16 @@ class Media:
         inside, enter, leave = media.intersect_aabb(ray)
         majorant = dr.max(self.extinction(medium))
 
-        way = MediumSegment(origin, direction, dr.maximum(enter, 0), dr.minimum(leave, distance), majorant, seed)
-        return dr.select(varying, walk(way, lambda point: _extinction(media, point, varying), varying & inside), plain)
+        segment = MediumSegment(origin, direction, dr.maximum(enter, 0), dr.minimum(leave, distance), majorant, seed)
+        return dr.select(
+            varying, walk(segment, lambda point: _extinction(media, point, varying), varying & inside), plain
+        )
 
     def beyond(self, hit: Any, direction: Any, medium: UInt32, active: Bool) -> UInt32:
-        """Return the number of the medium that rays enter at a hit, where it is an interface; else that they are in.
+        """Return the number of the medium that rays enter at a hit; where it is no interface, the medium before it.
 
-        Light that is reflected stays in its medium where the interface names none on that side. Where two interfaces
-        lie on each other a ray meets one of them: if it then is in empty space, we ask the next one.
+        Reflected light stays in its medium where the interface names none on that side. Where two interfaces coincide,
+        a ray meets only one of them: if that leads into empty space, the next interface decides.
         """
         direction = mi.Vector3f(direction)
         interface = hit.is_medium_transition()
@@ -266,7 +262,7 @@ class Media:
             return entered
         lost = active & interface & ~back & (entered == 0)
         start = Array3f(hit.spawn_ray(direction).o)
-        return dr.select(lost, _ahead(self._around, start, Array3f(direction), lost), entered)
+        return dr.select(lost, medium_ahead(self._around, start, Array3f(direction), lost), entered)
 
 
 def _repeats(shape: Any) -> bool:
@@ -274,7 +270,7 @@ def _repeats(shape: Any) -> bool:
 
 
 class _Parts(mi.TraversalCallback):  # type: ignore[misc, name-defined]
-    """Collects the objects that another one consists of, each once."""
+    """Collects the parts of one of Mitsuba's objects, each once."""
 
     def __init__(self, found: dict[Any, None]) -> None:
         super().__init__()
@@ -283,7 +279,7 @@ class _Parts(mi.TraversalCallback):  # type: ignore[misc, name-defined]
     def put(self, name: str, value: Any, flags: Any, cpptype: Any = None) -> None:
         if isinstance(value, mi.Object) and value not in self.found:
             self.found[value] = None
-            value.traverse(_Parts(self.found))  # another one, for Mitsuba calls no Python method within itself
+            value.traverse(_Parts(self.found))  # a new callback: Mitsuba does not call Python methods recursively
 
 
 def parts(plugin: Any, kind: type) -> list[Any]:
@@ -302,145 +298,10 @@ def boxes(shapes: Iterable[Any]) -> dict[int, Any]:
     return result
 
 
-def number(plugin: Any) -> int:
-    """Return the number of a medium, 0 for None."""
-    return 0 if plugin is None else int(numbers(mi.MediumPtr(plugin))[0])
-
-
-def numbers(media: Any) -> UInt32:
-    """Return the numbers of an array of media."""
-    return UInt32(dr.reinterpret_array(mi.UInt32, media))
-
-
-def pointers(media: UInt32) -> Any:
-    """Return the media with these numbers."""
-    return dr.reinterpret_array(mi.MediumPtr, mi.UInt32(media))
-
-
-def shape_number(plugin: Any) -> int:
-    """Return the number of a shape in arrays of shapes."""
-    return int(UInt32(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(plugin)))[0])
-
-
-@dataclass(frozen=True)
-class Met:
-    """What rays meet.
-
-    Attributes
-    ----------
-    hit
-        Mitsuba's surface interaction.
-    interface
-        Whether the surface names media.
-    near, far
-        The numbers of those before and behind it, UNKNOWN where it names none.
-    transmits
-        Whether a ray may pass the surface.
-    """
-
-    hit: Any
-    interface: Any
-    near: Any
-    far: Any
-    transmits: Any
-
-
-def meet(plugin: Any, origin: Any, direction: Any, active: Any) -> Met:
-    """Return what rays meet in a Mitsuba scene, and what it tells of the media there."""
-    along = mi.Vector3f(direction)
-    hit = plugin.ray_intersect(mi.Ray3f(mi.Point3f(origin), along), active)
-    valid = active & hit.is_valid()
-    interface = valid & hit.is_medium_transition()
-    near, far = (dr.select(interface, numbers(hit.target_medium(each)), UNKNOWN) for each in (-along, along))
-    transmits = valid & ((UInt32(hit.bsdf().flags()) & _TRANSMITS) != 0)
-    return Met(hit, interface, near, far, transmits)
-
-
-def reflected(hit: Any, direction: Any, aside: Any) -> Array3f:
-    """Return directions away from surfaces, on the side that rays come from, by a random unit vector."""
-    normal = Array3f(hit.n)
-    normal = dr.select(dr.dot(normal, direction) > 0, -normal, normal)
-    result = normal * 1.001 + aside
-    return result * dr.rsqrt(dr.maximum(dr.squared_norm(result), 1e-12))
-
-
-def medium_at(
-    plugin: Any, origin: Array3f, direction: Array3f, otherwise: UInt32, everywhere: UInt32, active: Any = True
-) -> UInt32:
-    """Return the number of the medium at points, found by a random walk from each.
-
-    A walk is reflected by surfaces, and passes those that transmit light and name no medium: it stays in the medium
-    that it began in, which the first interface on its way names. What names no medium on this side is empty space, if
-    nothing else on the way tells more.
-
-    Parameters
-    ----------
-    plugin
-        The Mitsuba scene.
-    origin, direction
-        Rays along which walks begin.
-    otherwise
-        The medium of points whose walks find no interface.
-    everywhere
-        The medium of the background.
-    active
-        Which points are asked for.
-    """
-    width = max(dr.width(origin), dr.width(direction))
-    lane = dr.arange(UInt32, width) + dr.opaque(UInt32, 0)
-
-    def further(here: Array3f, along: Array3f, medium: UInt32, step: UInt32, going: Bool) -> tuple[Any, ...]:
-        met = meet(plugin, here, along, going)
-        escaped = going & ~met.hit.is_valid()
-        medium = dr.select(met.interface, met.near, medium)
-        medium = dr.select(escaped, everywhere, medium)
-        going = going & ~escaped & ~(met.interface & (met.near > 0))
-        along = dr.select(met.transmits & ~met.interface, along, reflected(met.hit, along, _unit(hash32(lane, step))))
-        here = dr.select(going, Array3f(met.hit.spawn_ray(mi.Vector3f(along)).o), here)
-        return here, along, medium, step + 1, going
-
-    state = (
-        origin + dr.zeros(Array3f, width), direction + dr.zeros(Array3f, width), dr.full(UInt32, UNKNOWN, width),
-        dr.zeros(UInt32, width), active & dr.full(Bool, True, width),
-    )  # fmt: skip
-    end: Any = dr.while_loop(state, lambda *each: each[4] & (each[3] < _STEPS), further, label="medium_at")
-    found = UInt32(end[2])
-    return dr.select(found == UNKNOWN, otherwise, found)
-
-
-def _unit(seed: UInt32) -> Array3f:
-    """Return random unit vectors."""
-    z = 2 * unit_float(seed) - 1
-    sine, cosine = dr.sincos(2 * dr.pi * unit_float(hash32(seed)))
-    across = dr.safe_sqrt(1 - z * z)
-    return Array3f(across * cosine, across * sine, z)
-
-
-def _ahead(plugin: Any, origin: Array3f, direction: Array3f, active: Bool) -> UInt32:
-    """Return the number of the medium that the next interface along rays names on this side, 0 if there is none.
-
-    Rays pass surfaces that transmit light and name no medium; opaque ones tell nothing.
-    """
-
-    def further(here: Array3f, medium: UInt32, layer: UInt32, going: Bool) -> tuple[Any, ...]:
-        met = meet(plugin, here, direction, going)
-        medium = dr.select(met.interface, met.near, medium)
-        going = going & met.hit.is_valid() & met.transmits & ~met.interface
-        here = dr.select(going, Array3f(met.hit.spawn_ray(mi.Vector3f(direction)).o), here)
-        return here, medium, layer + 1, going
-
-    width = max(dr.width(origin), dr.width(direction))
-    state = (
-        origin + dr.zeros(Array3f, width), dr.zeros(UInt32, width), dr.zeros(UInt32, width),
-        active & dr.full(Bool, True, width),
-    )  # fmt: skip
-    return dr.while_loop(state, lambda *each: each[3] & (each[2] < _LAYERS), further, label="ahead")[1]
-
-
 def _rendered(own: int, plugin: Any) -> RenderedMedium:
     """Return a medium as estimators see it."""
     name = plugin.id() or plugin.class_name()
-    _check_numbers(plugin, name)
+    check_numbers(plugin, name)
     place = dr.zeros(mi.MediumInteraction3f)
     scattering, _, extinction = plugin.get_scattering_coefficients(place)
     if not plugin.is_homogeneous():
@@ -459,46 +320,6 @@ def _rendered(own: int, plugin: Any) -> RenderedMedium:
     tracked = Tracked(float(sigma_t.max()))
     look = Look(along=1.0, eye=tracked, angle=MediumScattering(plugin))
     return RenderedMedium(own, plugin, medium, look, tracked, _has_color(plugin))
-
-
-def _check_phase(plugin: Any) -> None:
-    """Raise SceneError where a medium's phase function depends on more than the angle."""
-    phase = plugin.phase_function()
-    if mi.has_flag(phase.flags(), mi.PhaseFunctionFlags.Microflake):
-        name = plugin.id() or plugin.class_name()
-        raise scene.SceneError(
-            f"medium {name}: its phase function {phase.class_name()} depends on where its flakes look: "
-            "expected one that depends on the angle alone"
-        )
-
-
-def _check_numbers(plugin: Any, name: str) -> None:
-    """Raise SceneError where a number of a medium is not finite, or none that such a coefficient may have."""
-    check_finite(plugin, f"medium {name}")
-    for key, value in mi.traverse(plugin):
-        numbers = _numbers(value)
-        if not numbers.size:
-            continue
-        if key.startswith(("sigma_t.", "albedo.")) and key.endswith((".data", ".value")) and numbers.min() < 0:
-            raise scene.SceneError(f"medium {name}: {key} has numbers below 0, such as {numbers.min():g}")
-        if key.startswith("albedo.") and key.endswith((".data", ".value")) and numbers.max() > 1 + 1e-5:
-            raise scene.SceneError(f"medium {name}: {key} has numbers above 1, such as {numbers.max():g}")
-
-
-def check_finite(plugin: Any, name: str) -> None:
-    """Raise SceneError where a number of an object of Mitsuba's, or of an image or a grid of it, is not finite."""
-    for key, value in mi.traverse(plugin):
-        if not np.all(np.isfinite(_numbers(value))):
-            raise scene.SceneError(f"{name}: {key} has numbers that are not finite")
-
-
-def _numbers(value: Any) -> np.ndarray:
-    """Return the numbers of a parameter; none of one that is not made of numbers."""
-    value = getattr(value, "matrix", value)
-    try:
-        return np.asarray(getattr(value, "array", value), dtype=float)
-    except (TypeError, ValueError):
-        return np.zeros(0)
 
 
 def _has_color(plugin: Any) -> bool:

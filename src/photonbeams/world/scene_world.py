@@ -1,4 +1,4 @@
-"""A Mitsuba scene as a world: its emitters are shapes among the others, its media are where its shapes say."""
+"""The world of a Mitsuba scene, whose emitters may be shapes, and whose shapes bound its media."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from .world import World, perturbs, translucent
 
 mi = mitsuba()
 
-# Greatest radius of a scene: the squares and cubes of what is longer are beyond the numbers that there are.
+# Greatest radius of a scene: squares and cubes of longer distances overflow float32.
 LARGEST = 1e9
 
 
@@ -54,7 +54,7 @@ class SceneWorld(World):
         self._escape = dr.opaque(Float, self.reach)
 
     def escape(self, origin: Array3f, direction: Array3f) -> Float:
-        """Return how far light goes that meets nothing."""
+        """Return the lengths of light paths that meet nothing."""
         return self._escape + 0 * origin.x
 
     def medium_of_view(self, origin: Array3f, direction: Array3f) -> UInt32:
@@ -64,12 +64,12 @@ class SceneWorld(World):
     def without_surfaces(self) -> SceneWorld:
         """Return the world with its media alone."""
         result = copy(self)
-        result.plugin = self._boundaries
+        result.plugin = self._boundary_scene
         return result
 
     @cached_property
-    def _boundaries(self) -> Any:
-        lobes, null = int(mi.BSDFFlags.All), int(mi.BSDFFlags.Null)  # flags tell of more than lobes
+    def _boundary_scene(self) -> Any:
+        lobes, null = int(mi.BSDFFlags.All), int(mi.BSDFFlags.Null)  # flags hold more than lobes
         kept = [
             each for each in self.plugin.shapes()
             if each.is_medium_transition() and int(each.bsdf().flags()) & lobes == null

@@ -1,4 +1,4 @@
-"""Mitsuba's sensors as cameras of ours: where their rays lie on a screen, so that tiles can list beams."""
+"""Mitsuba's sensors as cameras, so that their primary rays can use tiles."""
 
 from __future__ import annotations
 
@@ -21,10 +21,11 @@ _LENS = 101  # name of samples in seeds
 
 @dataclass(frozen=True)
 class Primary:
-    """Rays of a pass, one a pixel of the crop window, row by row.
+    """Primary rays of a pass, one for each pixel of the crop window, row by row.
 
-    `facing` is planar depth per unit of distance, `lanes` what groups of pixels share (`render.camera.CameraRays`),
-    both None where there is no screen; `near` and `far` bound the rays, `weight` is what their light counts.
+    `near` and `far` bound the rays, `weight` is their initial throughput. `facing` is planar depth per unit of
+    distance, `lanes` are the origins and times of groups of pixels (`world.cameras.CameraRays`), both None where the
+    sensor has no projection.
     """
 
     origin: Any
@@ -46,8 +47,8 @@ class Sensor:
     window
         The film's size and its crop window.
     view
-        The same camera as one of ours, for the tiles; None of sensors that are no such camera. A camera that is given
-        takes the sensor's place.
+        The camera that is given instead of the sensor, else the sensor as a camera; None where it is neither
+        perspective nor orthographic.
     """
 
     def __init__(self, plugin: Any, camera: scene.Camera | None = None) -> None:
@@ -73,7 +74,7 @@ class Sensor:
         )
 
     def on_lens(self, samples: Samples) -> tuple[Any, Any] | None:
-        """Return where on the lens the rays of `rays` begin, to the right and up; None where there is none."""
+        """Return the points on the lens where the rays of `rays` begin, to the right and up; None without a lens."""
         if self.view is None or not self.view.film:
             return None
         return self.view.on_lens(lambda groups: (samples.pair(groups, _LENS), dr.zeros(Float, dr.width(groups))))
@@ -85,7 +86,7 @@ class Sensor:
         x = (Float(index % columns) + dr.opaque(Float, offset[0])) / dr.opaque(Float, width)
         y = (Float(index // columns) + dr.opaque(Float, offset[1])) / dr.opaque(Float, height)
         aperture = samples.pair(order, _LENS)
-        ray, weight = self.plugin.sample_ray_differential(  # some sensors have no other, as `irradiancemeter`
+        ray, weight = self.plugin.sample_ray_differential(  # the only rays that some sensors have, as `irradiancemeter`
             Float(self.plugin.shutter_open()), Float(0.5), mi.Point2f(x, y), mi.Point2f(aperture), True
         )
         wide = dr.zeros(Array3f, width * height)
@@ -102,9 +103,9 @@ def window_of(film: Any) -> Window:
 
 
 def camera_of(plugin: Any) -> scene.Camera | None:
-    """Return a sensor as a camera that sees its whole film, None of one that is no such camera.
+    """Return a sensor as a camera of its whole film; None where it is neither perspective nor orthographic.
 
-    From the rays that it sends through the middle and the edges of the film.
+    It is measured by the rays through the middle and the edges of the film.
     """
     window = window_of(plugin.film())
     width, height = window.width, window.height
@@ -143,7 +144,7 @@ def camera_of(plugin: Any) -> scene.Camera | None:
 
 
 def _slopes(plugin: Any, forward: np.ndarray, window: Window, *places: tuple[float, float]) -> list[np.ndarray]:
-    """Return where rays through places of the film are, at distance 1 from a camera or on an orthographic one."""
+    """Return the points of rays through places of the film: at depth 1, or on the film of an orthographic camera."""
     (rows, columns), (left, top, _, _) = window.shape, window.crop
     result = []
     for across, down in places:

@@ -1,4 +1,4 @@
-"""The shutter: a shot at the times for which it is open, and the slice of them that each pass looks at."""
+"""The shutter interval of a shot, and the slice of it that each pass covers."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _MOST_SLICES = 1 << 16
 
 
 class Moment(NamedTuple):
-    """A shot at one time: all of it, and its cameras, one for each view."""
+    """A shot at one time: its scene, and its cameras, one for each view."""
 
     scene: scene.Scene
     cameras: tuple[scene.Camera, ...]
@@ -28,15 +28,14 @@ class Shutter:
     Attributes
     ----------
     at
-        Returns the shot at a fraction of the shutter, from 0 (open) to 1 (close). What is the same object at two times
-        is at rest between them.
+        Returns the shot at a fraction of the shutter interval, from 0 (open) to 1 (close). An object that is identical
+        at two times is at rest between them.
     moving
-        Whether anything moves; `at` is asked for 0 alone where nothing does.
+        Whether anything moves; if not, `at` is called with 0 alone.
     clock
-        Returns frame number and seconds at a fraction of the shutter, for looks that change with time.
+        Returns frame number and seconds at a fraction of the shutter interval, for looks that change with time.
     before
-        Returns the shot at a fraction of the shutter at which a slice of it closes: what jumps there has not jumped
-        yet. None: as `at`.
+        Returns the shot at the end of a slice: just before a discontinuity at that time. None: as `at`.
     """
 
     at: Callable[[float], Moment]
@@ -51,7 +50,7 @@ class Shutter:
         return cls(lambda _: moment)
 
     def ends(self, begin: float, end: float) -> list[Moment]:
-        """Return the shot as a slice opens and as it closes; where nothing moves, the one moment that there is."""
+        """Return the shot at the beginning and at the end of a slice; a single moment where nothing moves."""
         if not self.moving:
             return [self.at(0.0)]
         return [self.at(begin), (self.before or self.at)(end)]
@@ -73,11 +72,11 @@ def with_lens(camera: scene.Camera, middle: scene.Camera) -> scene.Camera:
 
 
 def slice_of(number: int, passes: int | None) -> tuple[float, float]:
-    """Return the slice of the shutter that a pass looks at, as fractions.
+    """Return the slice of the shutter interval that a pass covers, as fractions.
 
-    Each of so many passes has one of as many slices, in the order of a van der Corput sequence. Where nobody knows how
-    many there will be (None: a time limit), the first has the whole shutter, the next two its halves, the next four
-    its quarters, and so on: wherever that ends, it has covered the shutter.
+    A known number of passes share as many equal slices, in the order of a van der Corput sequence. Where the number is
+    unknown (None: a time limit), the first pass covers the whole interval, the next two its halves, the next four its
+    quarters, and so on: the interval is covered wherever that ends.
     """
     if passes is not None and passes <= _MOST_SLICES:
         rank = _order(passes)[number]

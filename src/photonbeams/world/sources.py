@@ -1,4 +1,4 @@
-"""Where light comes from, as pictures tell it apart: an emitter, or several that share a group and a look."""
+"""Sources of light: an emitter, or several that share a light group and a look."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ if TYPE_CHECKING:
     from ..looks import Look
     from ..scene import Array
 
-#: What becomes of a lamp's scattered beams: they are physical, have the lamp's look, or are left out.
+#: Choices for a lamp's scattered beams: physical, with the lamp's look, or left out.
 SCATTERED = ("physical", "look", "off")
 
 
 @dataclass(frozen=True)
 class Source:
-    """What the beams of an emitter have in common.
+    """The attributes that all beams of a source share.
 
     Attributes
     ----------
@@ -24,11 +24,11 @@ class Source:
     group, look
         Its light group, and the look of its beams (None: physical).
     beams, beam_scale, scattered
-        Whether it makes beams; a factor on their power; and what becomes of scattered beams, one of `SCATTERED`.
+        Whether it makes beams; a factor on their power; and the choice for scattered beams, one of `SCATTERED`.
     surfaces
         Whether it lights surfaces.
     bounces
-        How often its light is scattered before it is scattered toward the camera; None: as often as the settings say.
+        The most bounces of its light before it is scattered toward the camera; None: the settings'.
     to_world
         (4, 4) from the light's own space, for looks.
     guides

@@ -18,9 +18,9 @@ mi = mitsuba()
 
 _LOG = logging.getLogger("photonbeams")
 
-# Points of a boundary that tell in which media it lies, and how far inside of it they are, in parts of its size.
+# Points of a boundary that tell in which media it lies, and their depth below its faces, as a fraction of their size.
 _POINTS, _INSIDE = 64, 1e-4
-# A boundary lies in a medium where all but this part of its points do.
+# A boundary lies in a medium if all but this fraction of its points do.
 _OVERLAP = 0.02
 
 _CORNERS = np.array([[x, y, z] for z in (0, 1) for y in (0, 1) for x in (0, 1)], dtype=np.float64)
@@ -42,8 +42,8 @@ class BuiltMedium:
 def media_of(media: Sequence[scene.Medium], warned: set[str] | None = None) -> list[BuiltMedium]:
     """Return the media of a scene as Mitsuba's, in their order.
 
-    A bounded one has a shape without a surface of its own, whose interior is the medium, and whose exterior is the
-    smallest medium around it: another bounded one, or the one that fills the space.
+    A bounded medium has a shape with a null BSDF: its interior is the medium, its exterior is the smallest medium
+    around it, which is another bounded one, or the one that fills the space.
 
     Parameters
     ----------
@@ -128,12 +128,12 @@ class _Solid:
         area = np.linalg.norm(normals, axis=1)
         some = np.flatnonzero(area > 1e-12 * area.max(initial=0))
         some = some[np.unique(np.linspace(0, len(some) - 1, _POINTS).astype(int))] if len(some) else some
-        # Beside the faces' own size, or points would leave what is thin.
+        # In proportion to the faces' size, or points would leave thin media.
         depth = _INSIDE * np.sqrt(area[some])[:, None]
         self.points = self._corners[some].mean(axis=1) - depth * normals[some] / area[some][:, None]
 
     def contains(self, points: Array) -> Array:
-        """Return which points are inside, by the solid angle that the faces have as they see them."""
+        """Return which points are inside, by the solid angle that the faces subtend."""
         return np.array([self._winding(each) > 0.5 for each in points], dtype=bool)
 
     def _winding(self, point: Array) -> float:

@@ -1,7 +1,7 @@
-"""The shot as Mitsuba sees it: surfaces to hit, fog to pass, portals and lights, and the sphere around it all.
+"""The world of a stage: surfaces and boundaries of media as Mitsuba scenes, media, lights and portals.
 
-Lights are not in the Mitsuba scene: `world.lights` samples and intersects them, so that beams and surfaces see the
-same light. A surface that glows is an `area` emitter, read where a ray hits it.
+Lights are not in the Mitsuba scene: `world.lights` samples and intersects them, so that beams and surfaces have the
+same light. A surface that glows is an `area` emitter, evaluated where a ray hits it.
 """
 
 from __future__ import annotations
@@ -19,8 +19,9 @@ from ..numerics.arrays import to_uint
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from .bounds import Bounds, bounding_sphere
 from .gobos import Images, Masked, bare, masked, pack_masked
+from .interfaces import medium_at, number
 from .lights import DistantSource, DomeSource, FlatSource, Light, SphereSource, pack, source
-from .media import Media, medium_at, number
+from .media import Media
 from .portals import Portal
 from .shapes import cut_out, glows, is_glass, is_mirror, scene_of, shape_of, shapes_of
 from .sources import Source
@@ -32,7 +33,7 @@ mi = mitsuba()
 
 
 class Links(NamedTuple):
-    """What lights are linked to: the world with the surfaces that stop them, and by shape whether they light it."""
+    """The links of lights: the world with the surfaces that block them, and for each shape whether they light it."""
 
     world: StageWorld
     lit: Any | None
@@ -45,9 +46,9 @@ class Links(NamedTuple):
 
 
 class Lamps(NamedTuple):
-    """All lights of one kind and the same links: a struct of arrays of it, their number (opaque), and more.
+    """All lights of one kind with the same links: a struct of arrays, and their number (opaque).
 
-    `pixels` are the images of lights that are behind some. `links` says what they light, None everything.
+    `pixels` are the images of lights with gobos. `links` are None where they light everything.
     """
 
     kind: Any
@@ -73,28 +74,28 @@ class Lamps(NamedTuple):
 
 @dataclass(frozen=True)
 class StageWorld(World):
-    """All of a shot but its camera, ready for rays.
+    """The world of a stage at one time.
 
     Attributes
     ----------
     description
-        The plain numbers that it was built from.
+        The scene that it was built from.
     meshes, shapes, surfaces
-        What is a surface, each as a Mitsuba shape, and the Mitsuba scene of them (Embree on the CPU, OptiX on a GPU).
+        The surfaces, each as a Mitsuba shape, and the Mitsuba scene of them (Embree on the CPU, OptiX on a GPU).
     blockers
-        Mitsuba scenes without some of the surfaces, by their names: what stops lights that those do not stop.
+        Mitsuba scenes without some of the surfaces, by the names of these: for lights with shadow links.
     plugin
         The Mitsuba scene of the surfaces and of the boundaries of media.
     media, borders, sizes
-        The media; Mitsuba's shapes around those that have a boundary, and the radii of these, by number.
+        The media; Mitsuba's shapes of their boundaries, and the radii of bounded media, by number.
     lights, portals
         The lights as Dr.Jit sees them, in the order of `description.lights`, and by the name of the light its portal.
     images
-        The images before lights and on portals that are on the device.
+        The images of gobos that are on the device.
     bounds, radius
         A sphere around everything, including the viewpoints.
     cutouts, glowing, translucent
-        Whether any surface lets rays pass, whether any emits light, and whether light passes any that scatters it.
+        Whether any surface is cut out, whether any emits light, and whether any has diffuse or glossy transmission.
     """
 
     description: scene.Scene
@@ -104,7 +105,7 @@ class StageWorld(World):
     blockers: dict[frozenset[str], Any]
     plugin: Any
     media: Media
-    borders: tuple[Any, ...]
+    boundaries: tuple[Any, ...]
     sizes: dict[int, float]
     lights: tuple[Light, ...]
     portals: dict[str, Portal]
@@ -133,12 +134,12 @@ class StageWorld(World):
         description
             The scene.
         viewpoints
-            The camera's positions, which the bounds shall contain where the scene does not give its own.
+            The camera's positions, which the bounds contain unless the scene gives its own.
         like
             A world of the same shot at another time: what is the same object in both scenes is not built again.
         sharp
-            Whether smooth metal is a mirror, and what is transparent glass: it takes paths of more than two edges to
-            see what is in it.
+            Whether smooth metal is an ideal mirror, and transparent materials are glass: camera paths need more than
+            two edges to show what they reflect and refract.
 
         Raises
         ------
@@ -153,9 +154,9 @@ class StageWorld(World):
         still = like is not None and _same(meshes, like.meshes)
         shapes = like.shapes if like is not None and still else shapes_of(meshes, sharp)
         surfaces = like.surfaces if like is not None and still else scene_of(shapes)
-        media, borders, sizes = _media(description, like)
-        kept = like is not None and still and borders is like.borders
-        plugin = like.plugin if kept else scene_of([*shapes, *borders]) if borders else surfaces  # type: ignore[union-attr]
+        media, boundaries, sizes = _media(description, like)
+        kept = like is not None and still and boundaries is like.boundaries
+        plugin = like.plugin if kept else scene_of([*shapes, *boundaries]) if boundaries else surfaces  # type: ignore[union-attr]
         portals = {
             light.name: _known_portal(light, like) or Portal(light.portal, shape_of(light.portal))
             for light in description.lights
@@ -169,7 +170,7 @@ class StageWorld(World):
             surfaces=surfaces,
             plugin=plugin,
             media=media,
-            borders=borders,
+            boundaries=boundaries,
             sizes=sizes,
             blockers=_blockers(description, meshes, shapes, like.blockers if like is not None and still else {}),
             lights=tuple(masked(source(light), light, portals.get(light.name), images) for light in description.lights),
@@ -205,12 +206,12 @@ class StageWorld(World):
         )
 
     def stopping(self, light: scene.Light) -> StageWorld:
-        """Return the world with those surfaces alone that stop a light: itself, where all do."""
+        """Return the world with only those surfaces that block a light: itself, where all do."""
         _, unshadowed = self._linked(light)
         return replace(self, surfaces=self.blockers[unshadowed]) if unshadowed else self
 
     def _linked(self, light: scene.Light) -> tuple[frozenset[str], frozenset[str]]:
-        """Return which of the surfaces a light does not light, and which do not stop it."""
+        """Return which of the surfaces a light does not light, and which do not block it."""
         return _among(light.unlit, self.meshes), _among(light.unshadowed, self.meshes)
 
     def _links(self, unlit: frozenset[str], unshadowed: frozenset[str]) -> Links | None:
@@ -220,7 +221,7 @@ class StageWorld(World):
         return Links(world, self._lit_shapes(unlit) if unlit else None)
 
     def _lit_shapes(self, unlit: frozenset[str]) -> Any:
-        """Return by the number that Mitsuba gave each shape whether it is lit, 1 or 0."""
+        """Return for each shape, by Mitsuba's number, whether it is lit, 1 or 0."""
         numbers = [int(_number(mi.ShapePtr(shape))[0]) for shape in self.shapes]
         table = np.zeros(max(numbers, default=0) + 2, dtype=np.uint32)
         table[numbers] = [mesh.name not in unlit for mesh in self.meshes]
@@ -234,12 +235,12 @@ class StageWorld(World):
 
     @property
     def sharp(self) -> bool:
-        """Whether anything may send camera paths on: a boundary of media, a mirror, glass."""
-        return self.mirrors or bool(self.borders)
+        """Whether camera paths may continue anywhere: at a boundary of media, a mirror, glass."""
+        return self.mirrors or bool(self.boundaries)
 
     def without_surfaces(self) -> StageWorld:
         """Return the world with its media alone."""
-        return replace(self, plugin=self._boundaries, cutouts=False, mirrors=False)
+        return replace(self, plugin=self._boundary_scene, cutouts=False, mirrors=False)
 
     @cached_property
     def sources(self) -> tuple[Source, ...]:  # type: ignore[override]
@@ -253,31 +254,31 @@ class StageWorld(World):
         return sorted(self.blockers, key=sorted)
 
     def link_of(self, light: scene.Light) -> int:
-        """Return the number of the surfaces that stop a light."""
+        """Return the number of the set of surfaces that block a light."""
         _, unshadowed = self._linked(light)
         return self._unshadowing.index(unshadowed) + 1 if unshadowed else 0
 
     @property
     def _by_link(self) -> list[Any]:
-        """The Mitsuba scenes of surfaces alone that stop the light of links, by link number less 1."""
+        """The Mitsuba scenes of surfaces that block the lights of links, by link number less 1."""
         return [self.blockers[names] for names in self._unshadowing]
 
     @cached_property
-    def _stoppers(self) -> list[Any]:
-        if not self.borders:
+    def _blocking_scenes(self) -> list[Any]:
+        if not self.boundaries:
             return self._by_link
         shapes = list(zip(self.meshes, self.shapes, strict=True))
         return [
-            scene_of([*(shape for mesh, shape in shapes if mesh.name not in names), *self.borders])
+            scene_of([*(shape for mesh, shape in shapes if mesh.name not in names), *self.boundaries])
             for names in self._unshadowing
         ]
 
-    def stoppers(self) -> Sequence[Any]:
-        """Return Mitsuba scenes that stop light instead of `plugin`, by link number less 1."""
-        return self._stoppers
+    def blocking_scenes(self) -> Sequence[Any]:
+        """Return Mitsuba scenes that block light instead of `plugin`, by link number less 1."""
+        return self._blocking_scenes
 
     def escape(self, origin: Array3f, direction: Array3f) -> Float:
-        """Return how far light goes that meets nothing."""
+        """Return the lengths of light paths that meet nothing."""
         return self.bounds.exit(origin, direction, scene.ESCAPE)
 
     def medium_of_view(self, origin: Array3f, direction: Array3f) -> UInt32:
@@ -287,31 +288,31 @@ class StageWorld(World):
     def dimming(
         self, origin: Array3f, direction: Array3f, distance: Float, medium: UInt32, seed: UInt32, active: Bool
     ) -> Array3f:
-        """Return the transmittance, as surfaces feel it, along rays that begin in a medium and meet no surface."""
+        """Return the transmittance for surfaces along rays that begin in a medium and meet no surface."""
         if not self.media.all:
             return Array3f(1)
-        if not self.borders:
+        if not self.boundaries:
             passed = self.media.transmittance(medium, origin, direction, distance, seed, active)
             return self.media.felt(medium, passed)
         ray = mi.Ray3f(mi.Point3f(origin), mi.Vector3f(direction))
         ray.maxt = dr.minimum(distance, dr.largest(Float))
-        return through(self._boundaries, self.media, ray, medium, seed, active)[0]
+        return through(self._boundary_scene, self.media, ray, medium, seed, active)[0]
 
     def medium_at(self, origin: Array3f, direction: Array3f, active: Bool) -> UInt32:
         """Return the numbers of the media at points; rays along `direction` look for it."""
         filling = dr.opaque(UInt32, self.media.filling)
-        if not self.borders:
+        if not self.boundaries:
             return filling + dr.zeros(UInt32, max(dr.width(origin), dr.width(direction)))
-        return medium_at(self._boundaries, origin, direction, filling, filling, active)
+        return medium_at(self._boundary_scene, origin, direction, filling, filling, active)
 
     @cached_property
-    def _boundaries(self) -> Any:
-        return scene_of(self.borders)
+    def _boundary_scene(self) -> Any:
+        return scene_of(self.boundaries)
 
     def solid(self, origin: Array3f, direction: Array3f, active: Bool, seed: UInt32, link: UInt32 | None = None) -> Any:
-        """Return the first surface that rays hit, as a SurfaceInteraction3f; no boundary of a medium is one.
+        """Return the first surface that rays hit, as a SurfaceInteraction3f, past boundaries of media.
 
-        A surface of some opacity stops that part of the rays, decided by a hash of `seed`; the rest goes through.
+        A cut-out surface stops rays with the probability of its opacity, by a hash of `seed`.
         """
         return self._first(self.surfaces, self._by_link, origin, direction, active, seed, link)
 
@@ -353,7 +354,7 @@ def _known_portal(light: scene.Light, like: StageWorld | None) -> Portal | None:
 
 
 def _known_images(description: scene.Scene, like: StageWorld | None) -> Images:
-    """Return those of the images of another world that this scene uses, too."""
+    """Return the images of another world that this scene uses, too."""
     gobos = [gobo for light in description.lights for gobo in (light.gobo, light.portal_gobo) if gobo is not None]
     known = {} if like is None else like.images
     return {id(gobo.image): known[id(gobo.image)] for gobo in gobos if id(gobo.image) in known}
@@ -372,7 +373,7 @@ def _among(names: frozenset[str], meshes: Sequence[scene.Mesh]) -> frozenset[str
 def _blockers(
     description: scene.Scene, meshes: Sequence[scene.Mesh], shapes: Sequence[Any], known: dict[frozenset[str], Any]
 ) -> dict[frozenset[str], Any]:
-    """Return the surfaces that stop lights which not all of them stop."""
+    """Return the surfaces that block lights with shadow links, by the names of those that do not."""
     absent = {_among(light.unshadowed, meshes) for light in description.lights} - {frozenset()}
 
     def rest(names: frozenset[str]) -> Any:
@@ -384,16 +385,16 @@ def _blockers(
 def _media(description: scene.Scene, like: StageWorld | None) -> tuple[Media, tuple[Any, ...], dict[int, float]]:
     """Return the media of a scene, the boundaries of those that have any, and the radii of these by number."""
     if like is not None and _same(like.description.media, description.media):
-        return like.media, like.borders, like.sizes
+        return like.media, like.boundaries, like.sizes
     built = media_of(description.media)
     unfelt = [each.plugin for each in built if not each.medium.surfaces]
     filling = next((each.plugin for each in built if each.shape is None), None)
-    borders = tuple(each.shape for each in built if each.shape is not None)
+    boundaries = tuple(each.shape for each in built if each.shape is not None)
     sizes = {
         number(each.plugin): 0.5 * float(np.linalg.norm(np.ravel(each.shape.bbox().extents())))
         for each in built
         if each.shape is not None
     }
-    around = scene_of(borders) if len(borders) > 1 else None
+    around = scene_of(boundaries) if len(boundaries) > 1 else None
     media = Media([each.plugin for each in built], around, filling=filling, clear=True, unfelt=unfelt)
-    return media, borders, sizes
+    return media, boundaries, sizes

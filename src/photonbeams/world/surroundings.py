@@ -1,42 +1,52 @@
-"""Which medium surrounds the emitters and the sensor of a scene, which fills the background, and how large each is.
+"""Find which medium surrounds the emitters and the sensor of a scene, which fills the background, and their sizes.
 
-What emitters, sensors and shapes name is believed. Where they name nothing, random walks ask the geometry: a walk stays
-in one medium while it is reflected from surfaces, or passes surfaces that name no media, so that the first interface on
-its way tells in which medium it began. A wall that names no medium tells nothing. The same walks, let through the
-interfaces, measure how far each medium reaches, and find statements that contradict each other.
+The media that emitters, sensors and shapes name are taken as stated. Where they name none, random walks find them: a
+walk stays in one medium while surfaces reflect it, or while it passes surfaces that name no media, so that the first
+interface that it meets tells in which medium it began. A wall that names no medium tells nothing. Walks that pass
+interfaces measure the extent of each medium, and find statements that contradict each other.
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import drjit as dr
 import numpy as np
 
-from ..numerics.arrays import to_float, to_vectors
 from ..numerics.sampling import pairs, sobol_points
-from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
+from ..runtime.device import Array3f, Float, UInt32, mitsuba
 from ..scene import Array
-from .media import UNKNOWN, Media, boxes, medium_at, meet, number, parts, reflected, shape_number
+from .interfaces import UNKNOWN, medium_at, number, shape_number
+from .media import Media, boxes, parts
+from .walks import (
+    ASKING,
+    CROSSING,
+    ONWARD,
+    Walks,
+    first_interface,
+    known_media,
+    named_medium,
+    normalized,
+    random_directions,
+    walk,
+)
 
 mi = mitsuba()
 
-# Steps of a walk, and walks from each emitter, from outside of the scene, and around shapes that name media.
-_STEPS, _WALKS, _OUTSIDE, _AROUND = 12, 64, 1024, 4096
-# A region that is all but closed lets this part of the walks out; statements are believed from this part of them on.
+# Walks from each emitter, from outside of the scene, and around shapes that name media.
+_WALKS, _OUTSIDE, _AROUND = 64, 1024, 4096
+# Fraction of walks that may leave a closed region, and the least fraction of walks that confirms a statement.
 _LEAK, _RARE = 0.02, 0.02
-# Which surfaces walks pass: those that transmit light and name no media; every other interface too; all but interfaces.
-_ASKING, _CROSSING, _ONWARD = 0, 1, 2
-# Most shapes around which walks begin.
+# Most shapes around which walks start.
 _SHAPES = 1024
 
 
 @dataclass(frozen=True)
 class Place:
-    """Where paths begin: some of their rays, and what they begin at.
+    """An emitter or a sensor, and some of its rays.
 
     Attributes
     ----------
@@ -54,32 +64,9 @@ class Place:
     named: Any = None
 
 
-@dataclass
-class _Walks:
-    """What walks met, (steps, N): `near` and `far` are the media that an interface names, UNKNOWN elsewhere."""
-
-    alive: Array
-    valid: Array
-    crossed: Array
-    near: Array
-    far: Array
-    shape: Array
-    start: Array
-    end: Array
-
-    def part(self, begin: int, end: int | None) -> _Walks:
-        """Return some of the walks."""
-        return _Walks(*(getattr(self, name)[:, begin:end] for name in self.__dataclass_fields__))
-
-    def steps(self) -> Iterator[_Walks]:
-        """Yield the steps one by one."""
-        for each in range(len(self.alive)):
-            yield _Walks(*(getattr(self, name)[each] for name in self.__dataclass_fields__))
-
-
 @dataclass(frozen=True)
 class _Answer:
-    """The medium around a place: `usual` where most of its paths begin, `known` unless they begin in several."""
+    """The medium around a place: `usual` is that of most rays, `known` tells that it is the same for all."""
 
     usual: int
     known: bool
@@ -95,14 +82,14 @@ class Surroundings:
     media
         Its media.
     emitters, sensor
-        Where light paths and camera paths begin.
+        The places where light paths and camera paths begin.
 
     Attributes
     ----------
     everywhere
-        The number of the medium that fills the space up to the background, 0 where there is none.
+        The number of the medium that fills the background, 0 where there is none.
     sizes
-        Radius of a ball around each medium by its number; no entry for what reaches as far as the scene.
+        Radius of each medium by its number; no entry for media as large as the scene.
     conflicts
         Sentences about statements that contradict each other.
     """
@@ -140,7 +127,7 @@ class Surroundings:
         bounds = np.cumsum([0, *(len(each) for each in origins)]).tolist()
         outside = survey.outside()
         begin = np.concatenate([*origins, outside[0]]), np.concatenate([*directions, outside[1]])
-        asking, onward = (_walk(self._scene, *begin, rng, kind) for kind in (_ASKING, _ONWARD))
+        asking, onward = (walk(self._scene, *begin, rng, kind) for kind in (ASKING, ONWARD))
         self.everywhere = survey.everywhere(asking.part(bounds[-1], None), places)
         self._answers, states = [], []
         for place, *part in zip(places, bounds[:-1], bounds[1:], strict=True):
@@ -152,13 +139,13 @@ class Surroundings:
         state = np.concatenate([*states, np.full(len(around[0]), UNKNOWN)])
         source = np.repeat(np.arange(len(places) + 1), [*map(len, origins), len(around[0])])
         if len(state):
-            walks = _walk(self._scene, *begin, rng, _CROSSING)
+            walks = walk(self._scene, *begin, rng, CROSSING)
             self.sizes = survey.measure(walks, state, [*(each.name for each in places), ""], source)
         self.conflicts = survey.conflicts
 
 
 class _Survey:
-    """What walks through a scene tell of its media."""
+    """A survey of the media of a scene, by walks through it."""
 
     def __init__(self, plugin: Any, media: Media, rng: np.random.Generator) -> None:
         self._scene, self._rng = plugin, rng
@@ -179,16 +166,16 @@ class _Survey:
         if self._naming:
             aims.append(self._near_shapes(_OUTSIDE // 2, 0.0))
         aim = np.concatenate(aims)
-        origin = center + (1.1 * radius + 1e-3) * _directions(self._rng, len(aim))
-        return origin, _units(aim - origin)
+        origin = center + (1.1 * radius + 1e-3) * random_directions(self._rng, len(aim))
+        return origin, normalized(aim - origin)
 
     def around(self) -> tuple[Array, Array]:
         """Return rays that begin near shapes that name media."""
         count = _AROUND if self._naming else 0
-        return self._near_shapes(count, 0.2), _directions(self._rng, count)
+        return self._near_shapes(count, 0.2), random_directions(self._rng, count)
 
     def _near_shapes(self, count: int, margin: float) -> Array:
-        """Return points, (count, 3), in boxes around shapes that name media, by a part of their size larger."""
+        """Return points, (count, 3), in boxes around shapes that name media, enlarged by a fraction of their size."""
         if not count:
             return np.zeros((0, 3))
         corners = np.array([_corners(each.bbox()) for each in self._naming])  # (shapes, 2, 3)
@@ -198,13 +185,13 @@ class _Survey:
         result: Array = low - edge + self._rng.random((count, 3)) * (size + 2 * edge)
         return result
 
-    def everywhere(self, walks: _Walks, places: Sequence[Place]) -> int:
-        """Return the medium that walks from outside begin in.
+    def everywhere(self, walks: Walks, places: Sequence[Place]) -> int:
+        """Return the medium in which walks from outside of the scene begin.
 
-        It is the one that faces them; else one that an emitter or a sensor names, unless shapes bound it: those that
-        have it inside, or on the other side of what is outside.
+        It is the one that faces them; else one that an emitter or a sensor names, unless shapes bound it: they have it
+        inside, or behind an interface to empty space.
         """
-        first, other, _ = _first(walks)
+        first, other, _ = first_interface(walks)
         told = first[first != UNKNOWN]
         facing = Counter(told[told > 0].tolist()).most_common(1)
         if facing and facing[0][1] > 0.5 * len(told):
@@ -216,42 +203,42 @@ class _Survey:
                 return own
         return 0
 
-    def answer(self, place: Place, asking: _Walks, onward: _Walks, everywhere: int) -> _Answer:
-        """Return the medium around a place: what it names, else what most of its walks tell.
+    def answer(self, place: Place, asking: Walks, onward: Walks, everywhere: int) -> _Answer:
+        """Return the medium around a place: the one that it names, else the one that most of its walks find.
 
-        Behind walls that name no medium on any side there is the medium that is around them, which walks through the
-        walls tell; and where these tell nothing there is `everywhere`.
+        Walls that name no medium lie within the medium around them, which walks through the walls find; where these
+        find none either, it is `everywhere`.
         """
         if place.named is not None:
             own = number(place.named)
             self._check(place, own, asking)
             return _Answer(own, True)
-        told = _told(asking, everywhere)
-        told = told if len(told) else _told(onward, everywhere)
+        told = known_media(asking, everywhere)
+        told = told if len(told) else known_media(onward, everywhere)
         if not len(told):
             return _Answer(everywhere, True)
         values, counts = np.unique(told, return_counts=True)
         one_place = np.ptp(place.origin, axis=0).max() <= 1e-6 * np.abs(place.origin).max(initial=1e-30)
         return _Answer(int(values[counts.argmax()]), len(values) == 1 or bool(one_place))
 
-    def _check(self, place: Place, own: int, walks: _Walks) -> None:
+    def _check(self, place: Place, own: int, walks: Walks) -> None:
         """Note a contradiction between what an emitter or a sensor names and what the shapes around it name."""
-        first, _, shape = _first(walks)
-        named = _named(walks)
+        first, _, shape = first_interface(walks)
+        named = named_medium(walks)
         told = np.where(named > 0, named, first)
         known = told != UNKNOWN
         if not known.any() or (told[known] == own).mean() > _RARE:
             return
         other = Counter(told[known].tolist()).most_common(1)[0][0]
-        if other == 0 and own not in self._inside:  # `warnings` tells of shapes that name no exterior
+        if other == 0 and own not in self._inside:  # `warnings` reports shapes that name no exterior
             return
         teller = Counter(shape[known & (first == other)].tolist()).most_common(1)
         if not teller:
             return
         self._note(place.name, own, self._shape(teller[0][0]), int(other))
 
-    def measure(self, walks: _Walks, state: Array, sources: list[str], source: Array) -> dict[int, float]:
-        """Return the radii of media from what walks saw of them, where `state` is the medium that each begins in."""
+    def measure(self, walks: Walks, state: Array, sources: list[str], source: Array) -> dict[int, float]:
+        """Return the radii of media from the points that walks reached; `state` is the medium in which each begins."""
         lows: dict[int, Array] = {}
         highs: dict[int, Array] = {}
         steps: Counter[int] = Counter()
@@ -281,9 +268,9 @@ class _Survey:
         return self._radii(lows, highs, {own for own in steps if escapes[own] > _LEAK * steps[own]})
 
     def _radii(self, lows: dict[int, Array], highs: dict[int, Array], open_: set[int]) -> dict[int, float]:
-        """Return half the diagonals of boxes around media: around shapes that hold them and what is seen from inside.
+        """Return half the diagonals of boxes around media: around their shapes and the points that walks reached.
 
-        A medium that no shape holds and that has no end is as large as the scene.
+        A medium without a shape that walks leave to infinity is as large as the scene: it has no entry.
         """
         held = boxes(self._scene.shapes())
         result = {}
@@ -328,7 +315,7 @@ class _Survey:
 
 
 def places_of(plugin: Any) -> list[Place]:
-    """Return where light paths of a Mitsuba scene begin, by its emitters."""
+    """Return the places where light paths of a Mitsuba scene begin: its emitters."""
     u, v = _samples()
     result = []
     for each in plugin.emitters():
@@ -338,13 +325,13 @@ def places_of(plugin: Any) -> list[Place]:
 
 
 def place_of_sensor(plugin: Any) -> Place:
-    """Return where camera paths of one of Mitsuba's sensors begin."""
+    """Return the place where camera paths begin: one of Mitsuba's sensors."""
     ray, _ = plugin.sample_ray_differential(Float(0), Float(0.5), *_samples(), True)
     return place_of(f"sensor {plugin.id() or plugin.class_name()}", ray.o, ray.d, _named_by(plugin))
 
 
 def _samples() -> tuple[Any, Any]:
-    """Return samples of rays, two numbers each for where they begin and where they go."""
+    """Return samples of rays, two dimensions each for place and direction."""
     u, v = pairs(sobol_points(_WALKS, 0, (_WALKS,)))
     return mi.Point2f(u), mi.Point2f(v)
 
@@ -357,7 +344,7 @@ def _named_by(plugin: Any) -> Any:
 
 
 def place_of(name: str, origin: Any, direction: Any, named: Any = None, most: int = _WALKS) -> Place:
-    """Return a place from the rays of an emitter or a sensor: some of them, and as many the other way."""
+    """Return a place from the rays of an emitter or a sensor: some of them, and their reverse."""
     wide = dr.zeros(Array3f, max(dr.width(origin), dr.width(direction)))
     origin, direction = ((Array3f(each) + wide).numpy().T.astype(np.float64) for each in (origin, direction))
     good = np.isfinite(origin).all(axis=1) & np.isfinite(direction).all(axis=1) & (np.abs(direction).max(axis=1) > 0)
@@ -367,72 +354,9 @@ def place_of(name: str, origin: Any, direction: Any, named: Any = None, most: in
     return Place(name, np.concatenate([origin, origin]), np.concatenate([direction, -direction]), named)
 
 
-def _walk(plugin: Any, origin: Array, direction: Array, rng: np.random.Generator, kind: int) -> _Walks:
-    """Return what random walks meet."""
-    count = len(origin)
-    here, along, alive = to_vectors(origin), to_vectors(direction), dr.full(Bool, True, count)
-    crossing, onward = dr.opaque(Float, 0.5 if kind == _CROSSING else -1.0), dr.opaque(Bool, kind == _ONWARD)
-    rows: dict[str, list[Array]] = {name: [] for name in _Walks.__dataclass_fields__}
-    for _ in range(_STEPS):
-        aside, chance = to_vectors(_directions(rng, count)), to_float(rng.random(count))
-        met = meet(plugin, here, along, alive)
-        valid = alive & met.hit.is_valid()
-        through = valid & (met.transmits | onward) & (~met.interface | (chance < crossing))
-        following = dr.select(through, along, reflected(met.hit, along, aside))
-        spawned = Array3f(met.hit.spawn_ray(mi.Vector3f(following)).o)
-        shape = dr.select(valid, UInt32(dr.reinterpret_array(mi.UInt32, met.hit.shape)), 0)
-        values = {
-            "alive": alive, "valid": valid, "crossed": through & met.interface, "near": met.near, "far": met.far,
-            "shape": shape, "start": here, "end": Array3f(met.hit.p),
-        }  # fmt: skip
-        dr.eval(values, following, spawned)
-        for name, value in values.items():
-            rows[name].append(value.numpy().T if name in ("start", "end") else value.numpy())
-        here, along, alive = spawned, following, valid
-    columns = {name: np.array(row) for name, row in rows.items()}
-    for name in ("near", "far", "shape"):
-        columns[name] = columns[name].astype(np.int64)
-    return _Walks(**columns)
-
-
-def _first(walks: _Walks) -> tuple[Array, Array, Array]:
-    """Return the media before and behind the first interface of each walk, UNKNOWN without one, and its shape."""
-    met = walks.valid & (walks.near != UNKNOWN)
-    step, lane = met.argmax(axis=0), np.arange(met.shape[1])
-    some = met.any(axis=0)
-    near, far, shape = (each[step, lane] for each in (walks.near, walks.far, walks.shape))
-    return np.where(some, near, UNKNOWN), np.where(some, far, UNKNOWN), np.where(some, shape, 0)
-
-
-def _named(walks: _Walks) -> Array:
-    """Return the first medium on this side of an interface of each walk, 0 where there is none."""
-    met = walks.valid & (walks.near != UNKNOWN) & (walks.near > 0)
-    step, lane = met.argmax(axis=0), np.arange(met.shape[1])
-    return np.where(met.any(axis=0), walks.near[step, lane], 0)
-
-
-def _told(walks: _Walks, everywhere: int) -> Array:
-    """Return the media that walks began in, of those that tell: by what is named, the background, or what is not."""
-    escaped = (walks.alive & ~walks.valid).any(axis=0)
-    named, empty = _named(walks), _first(walks)[0] == 0
-    told = np.where(named > 0, named, np.where(escaped, everywhere, np.where(empty, 0, UNKNOWN)))
-    result: Array = told[told != UNKNOWN]
-    return result
-
-
 def _corners(box: Any) -> tuple[Array, Array]:
     """Return the corners of one of Mitsuba's boxes; those of a box of nothing are the origin."""
     low, high = (np.ravel(np.asarray(each, dtype=np.float64)) for each in (box.min, box.max))
     if not (np.isfinite(low).all() and np.isfinite(high).all() and (low <= high).all()):
         return np.zeros(3), np.zeros(3)
     return low, high
-
-
-def _directions(rng: np.random.Generator, count: int) -> Array:
-    """Return unit vectors, (count, 3), all directions as likely."""
-    return _units(rng.normal(size=(count, 3)))
-
-
-def _units(vectors: Array) -> Array:
-    result: Array = vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-30)
-    return result

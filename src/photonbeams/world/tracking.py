@@ -1,11 +1,11 @@
-"""Transmittance through media that vary: residual ratio tracking (Novák et al. 2014), unbiased and with little noise.
+"""Transmittance through heterogeneous media: residual ratio tracking (Novák et al. 2014), unbiased, with little noise.
 
-A ray's way through a medium is cut into SEGMENTS pieces. In each, two probes give a control c, whose optical depth is
-known, and a rate μ about as large as what the medium differs from it. At points of a Poisson process of that rate the
-estimate is multiplied by 1 − (σt − c) / μ, whose mean is exp(−∫ σt − c), whatever c and μ are.
+A ray's segment in a medium is cut into SEGMENTS pieces. In each, two probes give a control c, whose optical depth is
+known, and a rate μ, about the largest residual |σt − c|. At points of a Poisson process of that rate the estimate is
+multiplied by 1 − (σt − c) / μ; the product has the mean exp(−∫ σt − c), whatever c and μ are.
 
 A `Track` keeps the estimate for all distances along a ray: the control's optical depth at the ends of pieces, and the
-product after each point. Light is delayed by free flights instead (delta tracking, Woodcock et al. 1965).
+product after each point. Light paths sample free flights instead (delta tracking, Woodcock et al. 1965).
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ mi = mitsuba()
 
 SEGMENTS = 32
 
-# Gauss's two points on [0, 1], and the least rate of a piece as a share of the medium's majorant: where both probes
-# meet nothing there may still be something between them. With 32 pieces and 0.4, light through noise on a grid of 8³
+# Gauss's two points on [0, 1], and the least rate of a piece as a fraction of the majorant: where both probes find
+# nothing, there may still be something between them. With 32 pieces and 0.4, light through noise on a grid of 8³
 # (32³) spreads by 5 % (10 %) a ray, at 1.7 points; with 16 and 0.02 it is 34 % (48 %) at 0.1 (0.3).
 _PROBES = (0.21132486540518713, 0.7886751345948129)
 _LEAST = 0.4
@@ -37,7 +37,7 @@ Extinction = Callable[[Any], Any]
 
 @dataclass
 class MediumSegment:
-    """The part of rays that lies in a medium: o + t d for t from `near` to `far`, and the medium's majorant there."""
+    """Segments of rays in a medium: o + t d for t from `near` to `far`, and the medium's majorant."""
 
     origin: Any
     direction: Any
@@ -49,35 +49,35 @@ class MediumSegment:
 
 @dr.syntax
 def walk(
-    way: MediumSegment, extinction: Extinction, active: Any, counter: Any = None, base: Any = None, out: Any = None
+    segment: MediumSegment, extinction: Extinction, active: Any, counter: Any = None, base: Any = None, out: Any = None
 ) -> Any:
-    """Return the transmittance of rays over their ways.
+    """Return the transmittance of rays over their segments.
 
     Parameters
     ----------
     counter
-        (rays,) to which the numbers of points are written; None: not wanted.
+        (rays,) to which the numbers of points are written, or None.
     base, out
-        Where each ray's points begin in the list, and the list: (t, product after it) of each.
+        Index of each ray's first point in the list, and the list: (t, product after it) of each point, or None.
     """
     piece = UInt32(0)
     drawn, points = UInt32(0), UInt32(0)
     depth, product = Array3f(0), Array3f(1)
-    step = dr.maximum(way.far - way.near, 0) * (1 / SEGMENTS)
+    step = dr.maximum(segment.far - segment.near, 0) * (1 / SEGMENTS)
     going = active & (step > 0)
     while going & (piece < SEGMENTS):
-        begin = dr.fma(Float(piece), step, way.near)
-        control, rate = _control(way, extinction, begin, step)
+        begin = dr.fma(Float(piece), step, segment.near)
+        control, rate = _control(segment, extinction, begin, step)
         depth += control * step
-        t = begin - dr.log(1 - unit_float(hash32(way.seed, drawn))) * dr.rcp(rate)
+        t = begin - dr.log(1 - unit_float(hash32(segment.seed, drawn))) * dr.rcp(rate)
         drawn += 1
         while t < begin + step:
-            here = extinction(dr.fma(way.direction, t, way.origin))
+            here = extinction(dr.fma(segment.direction, t, segment.origin))
             product *= 1 - (here - control) * dr.rcp(rate)
             if dr.hint(out is not None, mode="scalar"):
                 dr.scatter(out, Array4f(t, product.x, product.y, product.z), base + points)
             points += 1
-            t -= dr.log(1 - unit_float(hash32(way.seed, drawn))) * dr.rcp(rate)
+            t -= dr.log(1 - unit_float(hash32(segment.seed, drawn))) * dr.rcp(rate)
             drawn += 1
         piece += 1
     if dr.hint(counter is not None, mode="scalar"):
@@ -85,27 +85,27 @@ def walk(
     return product * dr.exp(-depth)
 
 
-def _control(way: MediumSegment, extinction: Extinction, begin: Any, step: Any) -> tuple[Any, Any]:
+def _control(segment: MediumSegment, extinction: Extinction, begin: Any, step: Any) -> tuple[Any, Any]:
     """Return a piece's control, and the rate of its points."""
-    first, last = (extinction(dr.fma(way.direction, begin + place * step, way.origin)) for place in _PROBES)
-    rate = dr.maximum(dr.max(dr.abs(first - last)), _LEAST * way.majorant)
+    first, last = (extinction(dr.fma(segment.direction, begin + place * step, segment.origin)) for place in _PROBES)
+    rate = dr.maximum(dr.max(dr.abs(first - last)), _LEAST * segment.majorant)
     return 0.5 * (first + last), dr.maximum(rate, 1e-20)
 
 
 class Track:
     """Transmittance at all distances along rays, by the number of a ray."""
 
-    def __init__(self, way: MediumSegment, extinction: Extinction, active: Any) -> None:
-        count = dr.width(way.direction)
-        self._near, self._step = Float(way.near), dr.maximum(way.far - way.near, 0) * (1 / SEGMENTS)
+    def __init__(self, segment: MediumSegment, extinction: Extinction, active: Any) -> None:
+        count = dr.width(segment.direction)
+        self._near, self._step = Float(segment.near), dr.maximum(segment.far - segment.near, 0) * (1 / SEGMENTS)
         counter = dr.zeros(UInt32, count)
-        dr.eval(walk(way, extinction, active, counter), counter)
+        dr.eval(walk(segment, extinction, active, counter), counter)
         self._first = dr.prefix_sum(counter)
         self._stop = self._first + counter
         total = int(dr.sum(counter)[0])
         self._points = dr.zeros(Float, 4 * max(total, 1))
-        dr.eval(walk(way, extinction, active, counter, self._first, self._points))
-        self._depths = _depths(way, extinction, active)
+        dr.eval(walk(segment, extinction, active, counter, self._first, self._points))
+        self._depths = _depths(segment, extinction, active)
         dr.eval(self._near, self._step, self._first, self._stop, self._points, self._depths)
 
     @dr.syntax
@@ -130,15 +130,15 @@ class Track:
 
 
 @dr.syntax
-def _depths(way: MediumSegment, extinction: Extinction, active: Any) -> Any:
+def _depths(segment: MediumSegment, extinction: Extinction, active: Any) -> Any:
     """Return the control's optical depth at the ends of pieces, (SEGMENTS + 1) packets a ray."""
-    count = dr.width(way.direction)
+    count = dr.width(segment.direction)
     result = dr.zeros(Float, 4 * (SEGMENTS + 1) * count)
     ray, piece, depth = dr.arange(UInt32, count), UInt32(0), Array3f(0)
-    step = dr.maximum(way.far - way.near, 0) * (1 / SEGMENTS)
+    step = dr.maximum(segment.far - segment.near, 0) * (1 / SEGMENTS)
     going = active & (step > 0)
     while going & (piece < SEGMENTS):
-        control, _ = _control(way, extinction, dr.fma(Float(piece), step, way.near), step)
+        control, _ = _control(segment, extinction, dr.fma(Float(piece), step, segment.near), step)
         depth += control * step
         piece += 1
         dr.scatter(result, Array4f(depth.x, depth.y, depth.z, 0), ray * (SEGMENTS + 1) + piece)
@@ -146,9 +146,9 @@ def _depths(way: MediumSegment, extinction: Extinction, active: Any) -> Any:
 
 
 class Tracked(Factor):
-    """The factor toward the camera of a medium that varies: a track of each ray.
+    """The factor toward the camera of a heterogeneous medium: a track of each ray.
 
-    The track of a pass is set before its beams are gathered; until then there is none, and nothing is dimmed.
+    The track is set before beams are gathered. Until then the factor is the transmittance at the greatest extinction.
     """
 
     def __init__(self, extinction: float) -> None:
@@ -156,31 +156,31 @@ class Tracked(Factor):
         self._extinction = dr.opaque(Float, extinction)
 
     def evaluate(self, at: ShadingContext) -> Any:
-        """Return the transmittance; where only its rate of change is asked for, that of the densest medium."""
+        """Return the transmittance; without a track, that at the greatest extinction."""
         if self.track is None or at.ray is None:
             return dr.exp(-self._extinction * at.depth) * Array3f(1)
         return self.track(at.ray, at.to_camera)
 
 
 @dr.syntax
-def free_flight(media: Any, origin: Any, direction: Any, length: Any, share: Any, seed: Any, active: Any, colored: Any
-                ) -> tuple[Any, Any, Any, Any]:  # fmt: skip
-    """Return free flights of light through media that vary.
+def free_flight(media: Any, origin: Any, direction: Any, length: Any, fractions: Any, seed: Any, active: Any,
+                colored: Any) -> tuple[Any, Any, Any, Any]:  # fmt: skip
+    """Return free flights of light through heterogeneous media.
 
     Parameters
     ----------
     media
         Pointers to the media.
     share
-        How much of the light each channel has: collisions are chosen for it.
+        The fraction of the flux in each channel, by which collisions are sampled.
     colored
         Media whose extinction has a colour: the flight ends at each tentative collision, for its light changes there.
 
     Returns
     -------
     distance, collided, scattered, weight
-        How far they go, whether they end in the medium, and whether light is scattered there, or goes on with the
-        weight's change of colour. Of flights that reach `length` the weight is 1.
+        Distances, whether flights end in the medium, and whether light is scattered there or continues (a null
+        collision); and their weights, 1 for flights that reach `length`.
     """
     ray = mi.Ray3f(mi.Point3f(origin), mi.Vector3f(direction))
     inside, enter, leave = media.intersect_aabb(ray)
@@ -199,11 +199,11 @@ def free_flight(media: Any, origin: Any, direction: Any, length: Any, share: Any
             place.p = mi.Point3f(dr.fma(direction, t, origin))
             sigma_s, _, sigma_t = media.get_scattering_coefficients(place, going)
             sigma_s, sigma_t = Array3f(sigma_s), dr.minimum(Array3f(sigma_t), majorant)
-            chance = dr.sum(share * sigma_t) * dr.rcp(majorant)
-            real = unit_float(hash32(seed, drawn, UInt32(1))) < chance
+            probability = dr.sum(fractions * sigma_t) * dr.rcp(majorant)
+            real = unit_float(hash32(seed, drawn, UInt32(1))) < probability
             there = dr.select(
-                real, sigma_s * dr.rcp(majorant * dr.maximum(chance, 1e-20)),
-                (majorant - sigma_t) * dr.rcp(majorant * dr.maximum(1 - chance, 1e-20)),
+                real, sigma_s * dr.rcp(majorant * dr.maximum(probability, 1e-20)),
+                (majorant - sigma_t) * dr.rcp(majorant * dr.maximum(1 - probability, 1e-20)),
             )  # fmt: skip
             if real | colored:
                 weight, collided, scattered, going = there, Bool(True), real, Bool(False)

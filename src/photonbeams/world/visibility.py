@@ -1,4 +1,4 @@
-"""What of light passes along rays: through media, and through surfaces as far as those let it straight through."""
+"""Transmittance along rays, through media and through surfaces with null lobes."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ _LAYERS = 64
 
 
 def through(plugin: Any, media: Media, ray: Any, medium: UInt32, seed: UInt32, active: Bool) -> tuple[Array3f, Any]:
-    """Return what of light passes along rays up to their ends, and the surface that each meets there, if any.
+    """Return the transmittance along rays up to their ends, and the surface that each meets there, if any.
 
-    Rays pass surfaces as far as those let them straight through, and no other.
+    Surfaces transmit by their null lobes alone.
     """
     end = dr.minimum(ray.maxt, dr.largest(Float))
 
@@ -29,14 +29,14 @@ def through(plugin: Any, media: Media, ray: Any, medium: UInt32, seed: UInt32, a
         step = mi.Ray3f(place, ray.d)
         step.maxt = left
         found = plugin.ray_intersect(step, going)
-        way = dr.select(found.is_valid(), found.t, left)
-        dimmed = media.transmittance(medium, Array3f(place), Array3f(ray.d), way, hash32(seed, layer), going)
+        distance = dr.select(found.is_valid(), found.t, left)
+        dimmed = media.transmittance(medium, Array3f(place), Array3f(ray.d), distance, hash32(seed, layer), going)
         passed = dr.select(going, passed * media.felt(medium, dimmed), passed)
         hit = dr.select(going, found, hit)
         going = going & found.is_valid()
         clear = Array3f(found.bsdf().eval_null_transmission(found, going))
         endless = left >= dr.largest(Float)
-        # An endless ray ends at the surface itself; one toward a lamp has been stopped.
+        # An endless ray ends at the surface itself; one toward a lamp is blocked.
         solid = going & (dr.max(clear) <= 0)
         passed = dr.select(solid & ~endless, 0, passed)
         going = going & ~solid

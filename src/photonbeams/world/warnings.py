@@ -1,4 +1,4 @@
-"""What of a Mitsuba scene can be rendered as it is, but was hardly meant so: one warning for each such thing."""
+"""Warn about valid Mitsuba scenes that are probably mistakes: one warning for each mistake."""
 
 from __future__ import annotations
 
@@ -6,7 +6,8 @@ import logging
 from typing import Any
 
 from ..runtime.device import mitsuba
-from .media import boxes, number, parts
+from .interfaces import number
+from .media import boxes, parts
 from .surroundings import Surroundings
 
 mi = mitsuba()
@@ -15,23 +16,23 @@ _LOG = logging.getLogger("photonbeams")
 
 
 def warn(plugin: Any, surroundings: Surroundings, warned: set[str]) -> None:
-    """Warn of what in a scene was hardly meant so.
+    """Warn about probable mistakes in a scene.
 
     Parameters
     ----------
     plugin, surroundings
-        The Mitsuba scene, and which media surround what in it.
+        The Mitsuba scene, and the media around its emitters and sensor.
     warned
         Texts of warnings that were given, to which new ones are added; share it between pictures, so that each is given
         once.
     """
-    for text in [*_doubts(plugin, surroundings.everywhere), *surroundings.conflicts]:
+    for text in [*_warnings(plugin, surroundings.everywhere), *surroundings.conflicts]:
         if text not in warned:
             warned.add(text)
             _LOG.warning("%s", text)
 
 
-def _doubts(plugin: Any, everywhere: int) -> list[str]:
+def _warnings(plugin: Any, everywhere: int) -> list[str]:
     result = [
         f"shape {each.id() or each.class_name()}: stands in a medium, but names no exterior, so that the space around "
         "it counts as empty: expected that medium as its exterior"

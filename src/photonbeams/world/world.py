@@ -1,4 +1,4 @@
-"""What light paths and camera paths meet: surfaces, media and lamps, of a stage or of a Mitsuba scene."""
+"""The world that light paths and camera paths meet: surfaces and media, of a stage or of a Mitsuba scene."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _LAYERS = 32  # of cut-out surfaces that a ray may pass
 
 
 class World:
-    """All that rays meet.
+    """The surfaces and media that rays meet.
 
     Attributes
     ----------
@@ -31,12 +31,12 @@ class World:
     sources
         What the beams of each emitter have in common, by the emitters' numbers.
     cutouts
-        Whether surfaces of some opacity stop that part of the rays: `intersect` then passes them with the probability
-        of the rest. If not, such a surface is one whose BSDF may let paths pass.
+        Whether cut-out surfaces stop rays with the probability of their opacity: `intersect` then passes the others. If
+        not, they are surfaces whose BSDFs have null lobes.
     perturbed, translucent
-        Whether BSDFs may turn the normal without saying how, and whether light passes surfaces that scatter it.
+        Whether BSDFs may perturb the normal (bump and normal maps), and whether any has diffuse or glossy transmission.
     narrows
-        Whether beams straight from a lamp are made narrower where a surface stands in their way.
+        Whether beams straight from a lamp are narrowed where a surface blocks their rim.
     """
 
     plugin: Any
@@ -50,19 +50,19 @@ class World:
 
     @property
     def sharp(self) -> bool:
-        """Whether anything may send camera paths on: a boundary of media, a mirror, glass."""
+        """Whether camera paths may continue anywhere: at a boundary of media, a mirror, glass."""
         return True
 
     def without_surfaces(self) -> World:
         """Return the world with its media alone."""
         raise NotImplementedError
 
-    def stoppers(self) -> Sequence[Any]:
-        """Return Mitsuba scenes that stop light instead of `plugin`, by link number less 1."""
+    def blocking_scenes(self) -> Sequence[Any]:
+        """Return Mitsuba scenes that block light instead of `plugin`, by link number less 1."""
         return ()
 
     def escape(self, origin: Array3f, direction: Array3f) -> Float:
-        """Return how far light goes that meets nothing."""
+        """Return the lengths of light paths that meet nothing."""
         raise NotImplementedError
 
     def medium_of_view(self, origin: Array3f, direction: Array3f) -> UInt32:
@@ -78,9 +78,10 @@ class World:
     def intersect(self, origin: Any, direction: Any, active: Bool, seed: UInt32, link: UInt32 | None = None) -> Any:
         """Return the first surface, or boundary of a medium, that rays meet, as a SurfaceInteraction3f.
 
-        `seed` decides which cut-out surfaces let a ray pass; `link` says which surfaces stop light (`stoppers`).
+        `seed` decides which cut-out surfaces let a ray pass; `link` selects the surfaces that block light
+        (`blocking_scenes`).
         """
-        return self._first(self.plugin, self.stoppers(), origin, direction, active, seed, link)
+        return self._first(self.plugin, self.blocking_scenes(), origin, direction, active, seed, link)
 
     def _first(
         self, plugin: Any, others: Sequence[Any], origin: Any, direction: Any, active: Bool, seed: UInt32,
@@ -100,12 +101,12 @@ class World:
         return hit
 
     def _beyond_cutouts(self, plugin: Any, origin: Any, direction: Any, active: Bool, seed: UInt32) -> tuple[Any, Any]:
-        """Return rays that begin beyond the surfaces that let them pass, and how far that is."""
+        """Return rays that begin beyond the cut-out surfaces that they pass, and the distance to there."""
         skip = self._skipped(plugin, origin, direction, active, seed) if self.cutouts else 0
         return mi.Ray3f(mi.Point3f(origin + skip * direction), mi.Vector3f(direction)), skip
 
     def _skipped(self, plugin: Any, origin: Any, direction: Any, active: Bool, seed: UInt32) -> Float:
-        """Return how far rays go before the surface that stops them; boundaries of media do."""
+        """Return the distance to the last cut-out surface that rays pass; boundaries of media stop them."""
         origin, direction = dr.detach(Array3f(origin)), dr.detach(Array3f(direction))
         # Beyond the rounding of a hit's place.
         step = 1e-5 * dr.max(dr.abs(origin))
@@ -123,7 +124,7 @@ class World:
         return skip
 
     def opacity(self, hit: Any, active: Any) -> Float:
-        """Return the opacity of cut-out surfaces that have stopped a ray, above 0; of others 1."""
+        """Return the opacity of cut-out surfaces that stopped a ray, above 0; 1 of others."""
         if not self.cutouts:
             return Float(1)
         return dr.maximum(1 - dr.mean(hit.bsdf().eval_null_transmission(hit, active)), 1e-6)
@@ -138,12 +139,12 @@ def by_link(plugin: Any, others: Sequence[Any], link: UInt32 | None) -> list[tup
 
 
 def perturbs(plugin: Any) -> bool:
-    """Return whether a scene has BSDFs that turn the normal and do not tell how."""
+    """Return whether a scene has BSDFs that perturb the normal."""
     return any(each.class_name() in ("NormalMap", "BumpMap") for each in parts(plugin, mi.BSDF))
 
 
 def translucent(plugin: Any) -> bool:
-    """Return whether a scene has surfaces that light passes through and is scattered by."""
+    """Return whether a scene has surfaces with diffuse or glossy transmission."""
     flags = [each.flags() for each in parts(plugin, mi.BSDF)]
     kinds = (mi.BSDFFlags.DiffuseTransmission, mi.BSDFFlags.GlossyTransmission)
     return any(mi.has_flag(int(each), kind) for each in flags for kind in kinds)

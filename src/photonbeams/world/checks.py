@@ -1,0 +1,52 @@
+"""Check media and emitters of Mitsuba's for numbers that cannot be rendered, which Mitsuba accepts."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..runtime.device import mitsuba
+from ..scene import SceneError
+
+mi = mitsuba()
+
+
+def check_phase(plugin: Any) -> None:
+    """Raise SceneError where a medium's phase function depends on more than the angle."""
+    phase = plugin.phase_function()
+    if mi.has_flag(phase.flags(), mi.PhaseFunctionFlags.Microflake):
+        name = plugin.id() or plugin.class_name()
+        raise SceneError(
+            f"medium {name}: its phase function {phase.class_name()} depends on where its flakes look: "
+            "expected one that depends on the angle alone"
+        )
+
+
+def check_numbers(plugin: Any, name: str) -> None:
+    """Raise SceneError where a number of a medium is not finite, or none that such a coefficient may have."""
+    check_finite(plugin, f"medium {name}")
+    for key, value in mi.traverse(plugin):
+        numbers = _numbers(value)
+        if not numbers.size:
+            continue
+        if key.startswith(("sigma_t.", "albedo.")) and key.endswith((".data", ".value")) and numbers.min() < 0:
+            raise SceneError(f"medium {name}: {key} has numbers below 0, such as {numbers.min():g}")
+        if key.startswith("albedo.") and key.endswith((".data", ".value")) and numbers.max() > 1 + 1e-5:
+            raise SceneError(f"medium {name}: {key} has numbers above 1, such as {numbers.max():g}")
+
+
+def check_finite(plugin: Any, name: str) -> None:
+    """Raise SceneError where a number of an object of Mitsuba's, or of an image or a grid of it, is not finite."""
+    for key, value in mi.traverse(plugin):
+        if not np.all(np.isfinite(_numbers(value))):
+            raise SceneError(f"{name}: {key} has numbers that are not finite")
+
+
+def _numbers(value: Any) -> np.ndarray:
+    """Return the numbers of a parameter; none of one that is not made of numbers."""
+    value = getattr(value, "matrix", value)
+    try:
+        return np.asarray(getattr(value, "array", value), dtype=float)
+    except (TypeError, ValueError):
+        return np.zeros(0)

@@ -1,0 +1,160 @@
+"""Interfaces of media: which media a surface names, and which medium is at a point."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+
+from ..numerics.hashing import hash32, unit_float
+from ..runtime.device import Array3f, Bool, UInt32, mitsuba
+
+mi = mitsuba()
+
+# Number of an unknown medium.
+UNKNOWN = 0xFFFFFFFF
+
+# Most surfaces in front of an interface of media, and most steps of a random walk to one.
+_LAYERS, _STEPS = 64, 32
+
+# Surfaces that transmit light: a medium goes on behind them, where they name none.
+_TRANSMITS = int(
+    mi.BSDFFlags.Null | mi.BSDFFlags.DeltaTransmission | mi.BSDFFlags.GlossyTransmission
+    | mi.BSDFFlags.DiffuseTransmission
+)  # fmt: skip
+
+
+def number(plugin: Any) -> int:
+    """Return the number of a medium, 0 for None."""
+    return 0 if plugin is None else int(numbers(mi.MediumPtr(plugin))[0])
+
+
+def numbers(media: Any) -> UInt32:
+    """Return the numbers of an array of media."""
+    return UInt32(dr.reinterpret_array(mi.UInt32, media))
+
+
+def pointers(media: UInt32) -> Any:
+    """Return the media with these numbers."""
+    return dr.reinterpret_array(mi.MediumPtr, mi.UInt32(media))
+
+
+def shape_number(plugin: Any) -> int:
+    """Return the number of a shape in arrays of shapes."""
+    return int(UInt32(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(plugin)))[0])
+
+
+@dataclass(frozen=True)
+class Met:
+    """The surfaces that rays meet, and the media that they name.
+
+    Attributes
+    ----------
+    hit
+        Mitsuba's surface interaction.
+    interface
+        Whether the surface names media.
+    near, far
+        The numbers of the media before and behind it, UNKNOWN where it names none.
+    transmits
+        Whether a ray may pass the surface.
+    """
+
+    hit: Any
+    interface: Any
+    near: Any
+    far: Any
+    transmits: Any
+
+
+def meet(plugin: Any, origin: Any, direction: Any, active: Any) -> Met:
+    """Return the surfaces that rays meet in a Mitsuba scene, and the media that these name."""
+    along = mi.Vector3f(direction)
+    hit = plugin.ray_intersect(mi.Ray3f(mi.Point3f(origin), along), active)
+    valid = active & hit.is_valid()
+    interface = valid & hit.is_medium_transition()
+    near, far = (dr.select(interface, numbers(hit.target_medium(each)), UNKNOWN) for each in (-along, along))
+    transmits = valid & ((UInt32(hit.bsdf().flags()) & _TRANSMITS) != 0)
+    return Met(hit, interface, near, far, transmits)
+
+
+def reflected(hit: Any, direction: Any, aside: Any) -> Array3f:
+    """Return directions reflected by surfaces: cosine-distributed, from random unit vectors `aside`."""
+    normal = Array3f(hit.n)
+    normal = dr.select(dr.dot(normal, direction) > 0, -normal, normal)
+    result = normal * 1.001 + aside
+    return result * dr.rsqrt(dr.maximum(dr.squared_norm(result), 1e-12))
+
+
+def medium_at(
+    plugin: Any, origin: Array3f, direction: Array3f, otherwise: UInt32, everywhere: UInt32, active: Any = True
+) -> UInt32:
+    """Return the number of the medium at points, found by a random walk from each.
+
+    A walk is reflected by surfaces, and passes those that transmit light and name no medium: it stays in the medium in
+    which it began, which the first interface that it meets names. An interface without a medium on the near side means
+    empty space, unless a later one on the walk names a medium.
+
+    Parameters
+    ----------
+    plugin
+        The Mitsuba scene.
+    origin, direction
+        Rays along which walks begin.
+    otherwise
+        The medium of points whose walks find no interface.
+    everywhere
+        The medium of the background.
+    active
+        Which points are asked for.
+    """
+    width = max(dr.width(origin), dr.width(direction))
+    lane = dr.arange(UInt32, width) + dr.opaque(UInt32, 0)
+
+    def further(here: Array3f, along: Array3f, medium: UInt32, step: UInt32, going: Bool) -> tuple[Any, ...]:
+        met = meet(plugin, here, along, going)
+        escaped = going & ~met.hit.is_valid()
+        medium = dr.select(met.interface, met.near, medium)
+        medium = dr.select(escaped, everywhere, medium)
+        going = going & ~escaped & ~(met.interface & (met.near > 0))
+        along = dr.select(met.transmits & ~met.interface, along, reflected(met.hit, along, _unit(hash32(lane, step))))
+        here = dr.select(going, Array3f(met.hit.spawn_ray(mi.Vector3f(along)).o), here)
+        return here, along, medium, step + 1, going
+
+    state = (
+        origin + dr.zeros(Array3f, width), direction + dr.zeros(Array3f, width), dr.full(UInt32, UNKNOWN, width),
+        dr.zeros(UInt32, width), active & dr.full(Bool, True, width),
+    )  # fmt: skip
+    end: Any = dr.while_loop(state, lambda *each: each[4] & (each[3] < _STEPS), further, label="medium_at")
+    found = UInt32(end[2])
+    return dr.select(found == UNKNOWN, otherwise, found)
+
+
+def _unit(seed: UInt32) -> Array3f:
+    """Return random unit vectors."""
+    z = 2 * unit_float(seed) - 1
+    sine, cosine = dr.sincos(2 * dr.pi * unit_float(hash32(seed)))
+    across = dr.safe_sqrt(1 - z * z)
+    return Array3f(across * cosine, across * sine, z)
+
+
+def medium_ahead(plugin: Any, origin: Array3f, direction: Array3f, active: Bool) -> UInt32:
+    """Return the number of the medium that the next interface along rays names on the near side, 0 if there is none.
+
+    Rays pass surfaces that transmit light and name no medium; opaque ones stop them.
+    """
+
+    def further(here: Array3f, medium: UInt32, layer: UInt32, going: Bool) -> tuple[Any, ...]:
+        met = meet(plugin, here, direction, going)
+        medium = dr.select(met.interface, met.near, medium)
+        going = going & met.hit.is_valid() & met.transmits & ~met.interface
+        here = dr.select(going, Array3f(met.hit.spawn_ray(mi.Vector3f(direction)).o), here)
+        return here, medium, layer + 1, going
+
+    width = max(dr.width(origin), dr.width(direction))
+    state = (
+        origin + dr.zeros(Array3f, width), dr.zeros(UInt32, width), dr.zeros(UInt32, width),
+        active & dr.full(Bool, True, width),
+    )  # fmt: skip
+    return dr.while_loop(state, lambda *each: each[3] & (each[2] < _LAYERS), further, label="ahead")[1]
