@@ -23,8 +23,8 @@ from ..estimators.tiles import Projection
 from ..looks import LightContext
 from ..numerics.samples import Samples
 from ..runtime.device import Array3f, Bool, Float
-from ..transport import paths
 from ..transport.radii import Limits
+from ..transport.records import PhotonHits
 from ..transport.simulation import Tuning
 from ..world.sensors import Primary
 from ..world.world import World
@@ -46,7 +46,7 @@ class Simulated:
 
     world: World
     sets: list[BeamSet]
-    hits: list[paths.PhotonHits]
+    hits: list[PhotonHits]
     limits: Limits
 
 

@@ -10,8 +10,8 @@ import drjit as dr
 from ..estimators.photons import PhotonMap, Photons
 from ..numerics.arrays import compressed, joined
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
-from ..transport.paths import PhotonHits
 from ..transport.radii import Limits
+from ..transport.records import PhotonHits
 
 mi = mitsuba()
 

@@ -16,8 +16,8 @@ from ..numerics.hashing import hash32, unit_float
 from ..runtime.device import Bool, Float, UInt32
 from ..world.media import RenderedMedium, over_mean
 from ..world.sources import Source
-from .paths import Segments
 from .radii import Limits
+from .records import Segments
 
 # A segment is cut at its focus where it is narrower there, by this factor, than a straight cone would be.
 _WAIST = 0.8

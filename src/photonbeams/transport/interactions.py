@@ -15,7 +15,8 @@ from ..world.tracking import free_flight
 
 if TYPE_CHECKING:
     from ..world.world import World
-    from .paths import LightPaths, Tracing
+    from .paths import Tracing
+    from .records import LightPaths
 
 mi = mitsuba()
 

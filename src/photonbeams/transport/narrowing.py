@@ -18,7 +18,7 @@ from ..world.warp import perpendicular
 from .radii import width
 
 if TYPE_CHECKING:
-    from .paths import LightPaths
+    from .records import LightPaths
 
 _RIM = 6  # rays along a beam's rim that look for surfaces in its way
 _SLACK = 0.25  # radii that the rim may be stopped short of the plane where the axis ended: surfaces are curved

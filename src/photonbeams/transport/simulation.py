@@ -26,6 +26,7 @@ from .beams import Cutting, moving_sets, sets_of
 from .emission import Emission, Stratum, probed_flux
 from .lamps import LampEmitter
 from .radii import Limits
+from .records import PhotonHits
 
 if TYPE_CHECKING:
     from ..looks import Look
@@ -97,7 +98,7 @@ class Simulation:
     sizes: Mapping[int, float]
     named: bool = False
 
-    def simulated(self, number: int, least: int = 0) -> tuple[list[BeamSet], list[paths.PhotonHits]]:
+    def simulated(self, number: int, least: int = 0) -> tuple[list[BeamSet], list[PhotonHits]]:
         """Return the beams of pass `number` that have `least` bounces or more, and its photons on surfaces."""
         tracing = self.tracing(number)
         steps = list(paths.trace(tracing, paths.begin(tracing, self.emission.emit(number))))
@@ -250,7 +251,7 @@ class StageSimulation:
 
     def simulated(
         self, worlds: Sequence[StageWorld], number: int, looks: Mapping[str, Look | None] | None = None
-    ) -> tuple[list[BeamSet], list[paths.PhotonHits]]:
+    ) -> tuple[list[BeamSet], list[PhotonHits]]:
         """Return the beams of pass `number` and its photons on surfaces.
 
         Parameters
