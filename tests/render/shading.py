@@ -8,7 +8,7 @@ from photonbeams.numerics.samples import Samples
 from photonbeams.render import camera_paths
 from photonbeams.render.stage_lighting import StageLighting
 from photonbeams.runtime.device import Array3f, Bool, Float, UInt32
-from photonbeams.world.sensors import Primary
+from photonbeams.world.sensors import PrimaryRays
 
 
 class Shaded(NamedTuple):
@@ -24,7 +24,7 @@ def shade(world, origin, direction, index, seed=1, active=None):
     """Return what rays see; `index` are the places of their samples."""
     count = dr.width(direction)
     ones = dr.ones(Array3f, count)
-    primary = Primary(origin, direction, dr.zeros(Float, count), dr.full(Float, dr.largest(Float), count), ones)
+    primary = PrimaryRays(origin, direction, dr.zeros(Float, count), dr.full(Float, dr.largest(Float), count), ones)
     tracing = camera_paths.CameraTracing(world, StageLighting(world), 2, 5, False, sharp=world.sharp)
     paths = camera_paths.begin(tracing, primary, UInt32(index))
     if active is not None:

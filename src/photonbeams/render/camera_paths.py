@@ -15,7 +15,7 @@ import drjit as dr
 from ..numerics.arrays import compressed
 from ..numerics.samples import Samples
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
-from ..world.sensors import Primary
+from ..world.sensors import PrimaryRays
 from ..world.world import World
 
 if TYPE_CHECKING:
@@ -157,7 +157,7 @@ class CameraTracing:
     sharp: bool = True
 
 
-def begin(tracing: CameraTracing, primary: Primary, order: UInt32) -> CameraPaths:
+def begin(tracing: CameraTracing, primary: PrimaryRays, order: UInt32) -> CameraPaths:
     """Return the camera paths of a pass."""
     count = dr.width(primary.direction)
     paths = CameraPaths()

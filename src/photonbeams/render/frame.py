@@ -26,7 +26,7 @@ from ..runtime.device import Array3f, Bool, Float
 from ..transport.radii import Limits
 from ..transport.records import PhotonHits
 from ..transport.simulation import Tuning
-from ..world.sensors import Primary
+from ..world.sensors import PrimaryRays
 from ..world.world import World
 from . import camera_paths
 from .camera_paths import CameraTracing, Lighting
@@ -57,7 +57,7 @@ class ViewRays:
     `holdout` are the distances at which rays end that see no surfaces, or None.
     """
 
-    primary: Primary
+    primary: PrimaryRays
     view: Projection | None
     exposure: float = 1.0
     holdout: Any = None

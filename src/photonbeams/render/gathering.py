@@ -22,7 +22,7 @@ from ..numerics.arrays import compressed, joined
 from ..runtime.device import Array3f, Bool, Float, UInt32
 from ..scene import SceneError
 from ..world.media import Media, RenderedMedium
-from ..world.sensors import Primary
+from ..world.sensors import PrimaryRays
 from .camera_paths import CameraPaths, CameraVertex
 from .passes import Statistics
 
@@ -85,7 +85,7 @@ class Gathering:
     """
 
     def __init__(
-        self, view: Projection | None, primary: Primary, media: Media, sets: Sequence[BeamSet],
+        self, view: Projection | None, primary: PrimaryRays, media: Media, sets: Sequence[BeamSet],
         options: EstimatorOptions, statistics: Statistics,
     ) -> None:  # fmt: skip
         self._view, self._primary, self._options, self._statistics = view, primary, options, statistics

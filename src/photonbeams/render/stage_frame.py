@@ -20,7 +20,7 @@ from ..runtime.device import Array3f, Float, UInt32
 from ..transport.portal_visibility import lights_seen
 from ..transport.simulation import StageSimulation, renumbering
 from ..world.cameras import CameraRays, View, Window
-from ..world.sensors import Primary
+from ..world.sensors import PrimaryRays
 from ..world.shutter import Moment, Shutter, slice_of, turn, with_lens
 from ..world.stage_world import StageWorld
 from ..world.world import World
@@ -312,11 +312,11 @@ def _on_lens(samples: Samples, groups: UInt32) -> tuple[Any, Any]:
     return samples.pair(groups, _LENS), samples.pair(groups, _TIME).x
 
 
-def _primary(rays: CameraRays, far: Any = None) -> Primary:
+def _primary(rays: CameraRays, far: Any = None) -> PrimaryRays:
     count = dr.width(rays.direction)
     far = dr.full(Float, dr.largest(Float), count) if far is None else far
     ones = dr.ones(Array3f, count)
-    return Primary(rays.origin, rays.direction, dr.zeros(Float, count), far, ones, rays.facing, rays.lanes)
+    return PrimaryRays(rays.origin, rays.direction, dr.zeros(Float, count), far, ones, rays.facing, rays.lanes)
 
 
 def _pieces(light: scene.Light) -> int:

@@ -20,7 +20,7 @@ _LENS = 101  # name of samples in seeds
 
 
 @dataclass(frozen=True)
-class Primary:
+class PrimaryRays:
     """Primary rays of a pass, one for each pixel of the crop window, row by row.
 
     `near` and `far` bound the rays, `weight` is their initial throughput. `facing` is planar depth per unit of
@@ -58,7 +58,7 @@ class Sensor:
         self.view = None if camera is None else View(camera, self.window)
         self._clipping = None if camera is None else tuple(dr.opaque(Float, each) for each in camera.clipping)
 
-    def rays(self, offset: tuple[float, float], order: Any, samples: Samples) -> Primary:
+    def rays(self, offset: tuple[float, float], order: Any, samples: Samples) -> PrimaryRays:
         """Return a ray through each pixel at `offset` in [0, 1)²; `order` are the pixels' numbers for their samples."""
         if self.view is None:
             return self._sampled(offset, order, samples)
@@ -69,7 +69,7 @@ class Sensor:
         rays = self.view.rays(offset, place if self.view.film else None)
         near, far = self._clipping  # type: ignore[misc]
         ones = dr.ones(Array3f, dr.width(rays.direction))
-        return Primary(
+        return PrimaryRays(
             rays.origin, rays.direction, near / rays.facing, far / rays.facing, ones, rays.facing, rays.lanes
         )
 
@@ -79,7 +79,7 @@ class Sensor:
             return None
         return self.view.on_lens(lambda groups: (samples.pair(groups, _LENS), dr.zeros(Float, dr.width(groups))))
 
-    def _sampled(self, offset: tuple[float, float], order: Any, samples: Samples) -> Primary:
+    def _sampled(self, offset: tuple[float, float], order: Any, samples: Samples) -> PrimaryRays:
         """Return rays as the sensor itself samples them."""
         height, width = self.window.shape
         index, columns = dr.arange(UInt32, width * height), dr.opaque(UInt32, width)
@@ -91,7 +91,7 @@ class Sensor:
         )
         wide = dr.zeros(Array3f, width * height)
         far = dr.minimum(ray.maxt, dr.largest(Float)) + wide.x
-        return Primary(Array3f(ray.o) + wide, Array3f(ray.d) + wide, 0 * wide.x, far, Array3f(weight) + wide)
+        return PrimaryRays(Array3f(ray.o) + wide, Array3f(ray.d) + wide, 0 * wide.x, far, Array3f(weight) + wide)
 
 
 def window_of(film: Any) -> Window:

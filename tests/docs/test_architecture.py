@@ -1,0 +1,35 @@
+"""The page for people who change the code names what there is."""
+
+import re
+from functools import reduce
+from importlib import import_module
+
+from docs.pages import ROOT
+
+PAGE = (ROOT / "docs/architecture.md").read_text()
+SOURCE = ROOT / "src/photonbeams"
+
+
+def test_every_step_of_the_walk_is_defined_in_its_module():
+    steps = re.findall(r"^\| (\w+) \| `([\w/]+)\.py` \| (.+?) \|", PAGE, re.MULTILINE)
+    assert [number for number, *_ in steps] == [*map(str, range(1, 50)), *"abcdefghij"]
+    for _, path, cell in steps:
+        module = import_module(f"photonbeams.{path.replace('/', '.')}")
+        for name in re.findall(r"`([\w.]+)`", cell):
+            found = reduce(getattr, name.split("."), module)
+            assert found.__module__ == module.__name__, f"{path}: {name}"
+
+
+def test_every_file_is_there_and_every_class_is_defined_somewhere():
+    for path in re.findall(r"`((?:\w+/)*\w+\.py|\w+/(?:schema|estimators)/)`", PAGE):
+        assert (SOURCE / path).exists() or (ROOT / path).exists(), path
+    code = "\n".join(path.read_text() for path in SOURCE.rglob("*.py"))
+    for name in re.findall(r"`(?:looks\.|scene\.)?([A-Z]\w+)(?:\.\w+)*`", PAGE):
+        assert re.search(rf"^class {name}\b", code, re.MULTILINE), name
+
+
+def test_the_rooms_are_those_whose_imports_are_tested():
+    from test_rooms import ROOMS
+
+    table = PAGE.split("| room |")[1].split("\n\n")[0]
+    assert re.findall(r"^\| `(\w+)` \|", table, re.MULTILINE) == list(ROOMS)
