@@ -8,8 +8,9 @@ from typing import Annotated
 
 import typer
 
+from . import options
 from .animation import Task, frame_numbers, tasks_of
-from .flags import Device, FogFlags, check_flags, parse_color, start_device
+from .flags import Device, FogFlags, check_flags, start_device
 from .outputs import Output, checked_path
 from .programs import load_function
 from .progress import counted, held_interrupt, messages
@@ -21,35 +22,24 @@ def beams(
         Path,
         typer.Option("--output", "-o", help="A .usd, .usda or .usdc file to write. A run of # is the frame number."),
     ],
-    frames: Annotated[
-        str | None,
-        typer.Option("--frames", "-f", metavar="FRAMES", help="As for render; default: the stage's start."),
-    ] = None,
+    frames: options.Frames = None,
     camera: Annotated[
         str | None,
         typer.Option("--camera", "-cam", help="Path or name of the camera: what it can see of a light decides."),
     ] = None,
     beams: Annotated[int, typer.Option(help="Beams of each light that does not say.")] = 4096,
-    scattering: Annotated[
-        str | None, typer.Option(metavar="S|R,G,B", help="A fog for a stage without, or instead of the stage's.")
-    ] = None,
-    absorption: Annotated[str | None, typer.Option(metavar="S|R,G,B", help="Its absorption.")] = None,
-    anisotropy: Annotated[float | None, typer.Option(help="Its mean cosine, -0.99 to 0.99.")] = None,
-    simulate: Annotated[
-        str | None, typer.Option(metavar="FILE.py:NAME", help="A Python function that changes the beams.")
-    ] = None,
-    emit: Annotated[
-        str | None, typer.Option(metavar="FILE.py:NAME", help="A Python function that makes beams from nothing.")
-    ] = None,
-    overrides: Annotated[
-        list[str] | None, typer.Option("--set", metavar="/prim.attr=value", help="A value over the stage's.")
-    ] = None,
-    session_layer: Annotated[list[Path] | None, typer.Option(help="A layer over the stage.")] = None,
+    scattering: options.Scattering = None,
+    absorption: options.Absorption = None,
+    anisotropy: options.Anisotropy = None,
+    simulate: options.Simulate = None,
+    emit: options.Emit = None,
+    overrides: options.Overrides = None,
+    session_layer: options.SessionLayers = None,
     seed: Annotated[int, typer.Option(help="Seed of all samples.")] = 0,
-    threads: Annotated[int | None, typer.Option(help="Processor threads.")] = None,
+    threads: options.Threads = None,
     device: Annotated[Device, typer.Option(help="Where to trace light.")] = Device.auto,
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print errors alone.")] = False,
-    verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Print more.")] = False,
+    quiet: options.Quiet = False,
+    verbose: options.Verbose = False,
 ) -> None:
     """Write the beams of a frame's first pass as curves, which other programs show and `render` reads.
 
@@ -58,7 +48,7 @@ def beams(
     photonbeams beams shot.usda -o out/beams.usdc --beams 512
     """
     check_flags(beams=beams, anisotropy=anisotropy, threads=threads)
-    fog = FogFlags(parse_color("--scattering", scattering), parse_color("--absorption", absorption), anisotropy)
+    fog = FogFlags.parse(scattering, absorption, anisotropy)
     target = Output(checked_path("--output", output, (".usd", ".usda", ".usdc")))
     with messages(quiet, verbose), held_interrupt() as check:
         start_device(device, threads)

@@ -8,8 +8,9 @@ from typing import Annotated
 
 import typer
 
+from . import options
 from .animation import frame_numbers, tasks_of
-from .flags import Device, FogFlags, check_flags, parse_color, start_device
+from .flags import Device, FogFlags, check_flags, start_device
 from .outputs import Output, checked_path
 from .progress import counted, held_interrupt, messages
 
@@ -19,29 +20,17 @@ def export(
     output: Annotated[
         Path, typer.Option("--output", "-o", help="An .xml file to write. A run of # is the frame number.")
     ],
-    frames: Annotated[
-        str | None,
-        typer.Option("--frames", "-f", metavar="FRAMES", help="As for render; default: the stage's start."),
-    ] = None,
+    frames: options.Frames = None,
     camera: Annotated[str | None, typer.Option("--camera", "-cam", help="Path or name of the camera.")] = None,
-    res: Annotated[
-        tuple[int, int], typer.Option(metavar="W H", help="Pixels; 0 takes one from the camera's aperture.")
-    ] = (0, 0),
-    crop: Annotated[
-        tuple[float, float, float, float] | None,
-        typer.Option(metavar="X0 Y0 X1 Y1", help="Part of the picture, in fractions from the top left."),
-    ] = None,
-    scattering: Annotated[
-        str | None, typer.Option(metavar="S|R,G,B", help="A fog for a stage without, or instead of the stage's.")
-    ] = None,
-    absorption: Annotated[str | None, typer.Option(metavar="S|R,G,B", help="Its absorption.")] = None,
-    anisotropy: Annotated[float | None, typer.Option(help="Its mean cosine, -0.99 to 0.99.")] = None,
-    overrides: Annotated[
-        list[str] | None, typer.Option("--set", metavar="/prim.attr=value", help="A value over the stage's.")
-    ] = None,
-    session_layer: Annotated[list[Path] | None, typer.Option(help="A layer over the stage.")] = None,
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print errors alone.")] = False,
-    verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Print more.")] = False,
+    res: options.Resolution = (0, 0),
+    crop: options.Crop = None,
+    scattering: options.Scattering = None,
+    absorption: options.Absorption = None,
+    anisotropy: options.Anisotropy = None,
+    overrides: options.Overrides = None,
+    session_layer: options.SessionLayers = None,
+    quiet: options.Quiet = False,
+    verbose: options.Verbose = False,
 ) -> None:
     """Write a stage as a Mitsuba scene, with its meshes and images in a folder beside it.
 
@@ -52,7 +41,7 @@ def export(
     photonbeams export shot.usda -o out/shot.xml --res 640 0
     """
     check_flags(res, crop=crop, anisotropy=anisotropy)
-    fog = FogFlags(parse_color("--scattering", scattering), parse_color("--absorption", absorption), anisotropy)
+    fog = FogFlags.parse(scattering, absorption, anisotropy)
     target = Output(checked_path("--output", output, (".xml",)))
     with messages(quiet, verbose), held_interrupt() as check:
         start_device(Device.auto, None)

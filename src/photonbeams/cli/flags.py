@@ -152,12 +152,20 @@ def parse_color(flag: str, text: str | None) -> Color | None:
 
 @dataclass(frozen=True)
 class FogFlags:
-    """The fog that flags give."""
+    """The fog that the flags describe; None where they leave a value to the stage."""
 
     scattering: Color | None
     absorption: Color | None
     anisotropy: float | None
-    surfaces: bool | None = None
+    surfaces: bool | None
+
+    @classmethod
+    def parse(
+        cls, scattering: str | None, absorption: str | None, anisotropy: float | None, beams_only: bool = False
+    ) -> FogFlags:
+        """Return the fog of the flags' texts; raise BadParameter where a colour is none."""
+        colors = parse_color("--scattering", scattering), parse_color("--absorption", absorption)
+        return cls(*colors, anisotropy, False if beams_only else None)
 
     def over(self, own: Medium | None) -> Medium | None:
         """Return this fog instead of a stage's own: what the flags leave out comes from that."""

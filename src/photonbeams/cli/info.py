@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import typer
 
+from . import options
 from .console import standard_output
 
 if TYPE_CHECKING:
@@ -24,10 +25,7 @@ _NO_NEWS = ("channels", "chunkCount", "lineOrder", "name", "type", "view", "scre
 
 def info(
     path: Annotated[Path, typer.Argument(help="A stage, or an image.")],
-    session_layer: Annotated[
-        list[Path] | None,
-        typer.Option(metavar="FILE", help="A layer over the stage; may be repeated, the first is the strongest."),
-    ] = None,
+    session_layer: options.SessionLayers = None,
 ) -> None:
     """Show what a USD stage or an image file holds.
 

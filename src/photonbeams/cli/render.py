@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from . import options
 from .asked import Asked, Plates
-from .flags import Device, Estimator, Filter, FogFlags, Quality, RuleName, check_flags, parse_color
+from .flags import Device, Estimator, Filter, FogFlags, Quality, RuleName, check_flags
 from .job import run
 from .outputs import Output, parse_outputs
 from .progress import Progress
@@ -57,15 +58,7 @@ def render(
     layers: Annotated[
         str | None, typer.Option(metavar="NAME,NAME", help="Layers of an .exr, beside rgba; default: all.")
     ] = None,
-    frames: Annotated[
-        str | None,
-        typer.Option(
-            "--frames",
-            "-f",
-            metavar="FRAMES",
-            help="Such as 101, 101:105, 105:101, 101:109x2, or several with commas; default: the stage's start.",
-        ),
-    ] = None,
+    frames: options.Frames = None,
     skip_existing: Annotated[
         bool, typer.Option("--skip-existing", help="Leave out frames whose files are all there.")
     ] = False,
@@ -83,17 +76,12 @@ def render(
         typer.Option("--camera", "-cam", help="Path or name of the camera (of a Mitsuba scene: its sensor's id)."),
     ] = None,
     list_cameras: Annotated[bool, typer.Option("--list-cameras", help="List the cameras and stop.")] = False,
-    res: Annotated[
-        tuple[int, int], typer.Option(metavar="W H", help="Size in pixels; what is 0 comes from the aperture.")
-    ] = (
+    res: options.Resolution = (
         0,
         0,
     ),
     res_scale: Annotated[float, typer.Option(help="Factor on the size.")] = 1.0,
-    crop: Annotated[
-        tuple[float, float, float, float] | None,
-        typer.Option(metavar="X0 Y0 X1 Y1", help="Part to render, in fractions from the top left."),
-    ] = None,
+    crop: options.Crop = None,
     passes: Annotated[
         int | None,
         typer.Option(help="Passes that a frame is the mean of; default: 16, or the sampler's of a Mitsuba scene."),
@@ -132,11 +120,9 @@ def render(
         Filter | None,
         typer.Option("--filter", help="Pixel filter; default: the render settings', or box; a Mitsuba film's own."),
     ] = None,
-    scattering: Annotated[
-        str | None, typer.Option(metavar="S|R,G,B", help="A fog for a stage without, or instead of the stage's.")
-    ] = None,
-    absorption: Annotated[str | None, typer.Option(metavar="S|R,G,B", help="Its absorption.")] = None,
-    anisotropy: Annotated[float | None, typer.Option(help="Its mean cosine, -0.99 to 0.99.")] = None,
+    scattering: options.Scattering = None,
+    absorption: options.Absorption = None,
+    anisotropy: options.Anisotropy = None,
     beams_only_fog: Annotated[
         bool, typer.Option("--beams-only-fog", help="A fog that beams alone feel: surfaces are as if without it.")
     ] = False,
@@ -151,12 +137,8 @@ def render(
         list[str] | None,
         typer.Option(metavar="EMITTER=NAME", help="Light group of an emitter of a Mitsuba scene; repeatable."),
     ] = None,
-    simulate: Annotated[
-        str | None, typer.Option(metavar="FILE.py:NAME", help="A Python function that changes the beams of each pass.")
-    ] = None,
-    emit: Annotated[
-        str | None, typer.Option(metavar="FILE.py:NAME", help="A Python function that makes beams from nothing.")
-    ] = None,
+    simulate: options.Simulate = None,
+    emit: options.Emit = None,
     stereo: Annotated[
         bool, typer.Option("--stereo", help="Two eyes: a pair of cameras with stereoRole, or the camera split in two.")
     ] = False,
@@ -193,21 +175,18 @@ def render(
             "--set", metavar="/prim.attr=value", help="A value over the stage's; NAME=VALUE of a Mitsuba scene."
         ),
     ] = None,
-    session_layer: Annotated[
-        list[Path] | None,
-        typer.Option(metavar="FILE", help="A layer over the stage; may be repeated, the first is the strongest."),
-    ] = None,
+    session_layer: options.SessionLayers = None,
     exposure: Annotated[float, typer.Option(help="Stops, for pictures alone.")] = 0.0,
     seed: Annotated[
         int | None,
         typer.Option(help="Seed of all samples, the same for all frames: beams stay where they are; default: 0."),
     ] = None,
-    threads: Annotated[int | None, typer.Option(help="Processor threads.")] = None,
+    threads: options.Threads = None,
     device: Annotated[Device, typer.Option(help="Where to render.")] = Device.auto,
     progress: Annotated[Progress | None, typer.Option(help="Default: rich on a terminal, else plain.")] = None,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Read everything, render nothing.")] = False,
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print errors alone.")] = False,
-    verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Print more.")] = False,
+    quiet: options.Quiet = False,
+    verbose: options.Verbose = False,
 ) -> None:
     """Render frames of a stage, or a Mitsuba scene.
 
@@ -240,10 +219,7 @@ def render(
         ),
         camera=camera, list_cameras=list_cameras, res=res, res_scale=res_scale, crop=crop,
         render_settings=render_settings, overrides=overrides or (), session_layers=session_layer or (),
-        fog=FogFlags(
-            parse_color("--scattering", scattering), parse_color("--absorption", absorption), anisotropy,
-            surfaces=False if beams_only_fog else None,
-        ),
+        fog=FogFlags.parse(scattering, absorption, anisotropy, beams_only_fog),
         looks=look or (), groups=group or (), simulate=simulate, emit=emit, stereo=eyes,
         view=None if view in (None, ViewName.both) else view.value,
         plates=Plates(

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from . import options
 from .progress import messages
 
 
@@ -24,13 +25,8 @@ def swatch(
         0.15,
         0.4,
     ),
-    session_layer: Annotated[
-        list[Path] | None,
-        typer.Option(metavar="FILE", help="A layer over the stage; may be repeated, the first is the strongest."),
-    ] = None,
-    overrides: Annotated[
-        list[str] | None, typer.Option("--set", metavar="PRIM.ATTR=VALUE", help="A value over the stage's.")
-    ] = None,
+    session_layer: options.SessionLayers = None,
+    overrides: options.Overrides = None,
 ) -> None:
     """Draw looks: a beam from the side, its cross-section, and the curves of its factors.
 

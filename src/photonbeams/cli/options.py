@@ -1,0 +1,47 @@
+"""Options that several commands have, as types for typer."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+Scattering = Annotated[
+    str | None, typer.Option(metavar="S|R,G,B", help="A fog for a stage without, or instead of the stage's.")
+]
+Absorption = Annotated[str | None, typer.Option(metavar="S|R,G,B", help="Its absorption.")]
+Anisotropy = Annotated[float | None, typer.Option(help="Its mean cosine, -0.99 to 0.99.")]
+Crop = Annotated[
+    tuple[float, float, float, float] | None,
+    typer.Option(metavar="X0 Y0 X1 Y1", help="Part to render, in fractions from the top left."),
+]
+Frames = Annotated[
+    str | None,
+    typer.Option(
+        "--frames",
+        "-f",
+        metavar="FRAMES",
+        help="Such as 101, 101:105, 105:101, 101:109x2, or several with commas; default: the stage's start.",
+    ),
+]
+Resolution = Annotated[
+    tuple[int, int], typer.Option(metavar="W H", help="Size in pixels; what is 0 comes from the aperture.")
+]
+Simulate = Annotated[
+    str | None, typer.Option(metavar="FILE.py:NAME", help="A Python function that changes the beams of each pass.")
+]
+Emit = Annotated[
+    str | None, typer.Option(metavar="FILE.py:NAME", help="A Python function that makes beams from nothing.")
+]
+Overrides = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="/prim.attr=value", help="A value over the stage's; may be repeated."),
+]
+SessionLayers = Annotated[
+    list[Path] | None,
+    typer.Option(metavar="FILE", help="A layer over the stage; may be repeated, the first is the strongest."),
+]
+Threads = Annotated[int | None, typer.Option(help="Processor threads.")]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors alone.")]
+Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Print more.")]
