@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from kernels import compiled
 from looks import noise_twin
 from photonbeams.looks import expression, guarded
 from photonbeams.looks.expression import FUNCTIONS, NAMES, ExpressionError, ParsedExpression, parse
@@ -316,30 +317,22 @@ def test_values_have_the_types_that_looks_expect():
 
 
 def test_a_changed_number_compiles_no_kernel():
-    def compiled(number):
-        with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
-            dr.kernel_history()
-            text = (
-                f"mix({number} * P, [{number}, 1, s ** {number}], fbm(P * {number}, 2, {number}, 0.5)) + (s < {number})"
-            )
-            values = {"P": dr.opaque(Array3f, [1, 2, 3]), "s": to_float(np.linspace(1, 2, 8))}
-            dr.eval(parse(text).evaluate(values.__getitem__))
-            return [kernel for kernel in dr.kernel_history() if kernel.get("hash") and not kernel["cache_hit"]]
+    def evaluate(number):
+        text = f"mix({number} * P, [{number}, 1, s ** {number}], fbm(P * {number}, 2, {number}, 0.5)) + (s < {number})"
+        values = {"P": dr.opaque(Array3f, [1, 2, 3]), "s": to_float(np.linspace(1, 2, 8))}
+        dr.eval(parse(text).evaluate(values.__getitem__))
 
-    compiled(0.25)
+    evaluate(0.25)
     for number in (0.75, 0, 1, 2, 1000):
-        assert not compiled(number)
+        assert not compiled(evaluate, number)
 
 
 def test_python_numbers_as_inputs_compile_no_kernel():
-    def compiled(frame):
-        with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
-            dr.kernel_history()
-            dr.eval(parse("sin(frame) * 1.25").evaluate(lambda _: frame))
-            return [kernel for kernel in dr.kernel_history() if kernel.get("hash") and not kernel["cache_hit"]]
+    def evaluate(frame):
+        dr.eval(parse("sin(frame) * 1.25").evaluate(lambda _: frame))
 
-    compiled(1)
-    assert not compiled(2)
+    evaluate(1)
+    assert not compiled(evaluate, 2)
 
 
 def test_the_tables_tell_all_that_there_is():

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from comparison import box, quad
+from kernels import compiled
 from photonbeams import scene
 from photonbeams.numerics.arrays import to_vectors
 from photonbeams.runtime.device import Array3f, Bool, UInt32, mitsuba
@@ -317,11 +318,7 @@ def test_passes_and_lights_values_compile_nothing():
         render(world, origin, direction, passes=2)
 
     frame(0)
-    with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
-        dr.kernel_history()
-        frame(1)
-        compiled = [kernel for kernel in dr.kernel_history() if kernel.get("hash") and not kernel["cache_hit"]]
-    assert not compiled
+    assert not compiled(frame, 1)
 
 
 def leaded(seed, size=(6, 8)):
@@ -379,8 +376,4 @@ def test_another_image_and_another_link_compile_nothing(links):
             dr.eval([each.beams for each in trace(world, beams_per_light=64, pass_index=number)])
 
     frame(0, (6, 8))
-    with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
-        dr.kernel_history()
-        frame(1, (9, 5))
-        compiled = [kernel for kernel in dr.kernel_history() if kernel.get("hash") and not kernel["cache_hit"]]
-    assert not compiled
+    assert not compiled(frame, 1, (9, 5))

@@ -1,0 +1,13 @@
+"""Which kernels a call compiles: those of a second frame should be those of the first."""
+
+import drjit as dr
+
+
+def compiled(function, *arguments):
+    """Return the kernels that a call compiles; assert that it launches any."""
+    with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
+        dr.kernel_history_clear()
+        function(*arguments)
+        kernels = [each for each in dr.kernel_history() if each["type"].name == "JIT"]
+    assert kernels
+    return [each for each in kernels if not each["cache_hit"]]
