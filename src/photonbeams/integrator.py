@@ -27,7 +27,7 @@ Photon beams (:monosp:`photon_beams`)
 
  * - rr_depth
    - |int|
-   - After how many events paths may end by Russian roulette. (Default: 5)
+   - Bounces after which paths may end by Russian roulette. (Default: 5)
 
  * - hide_emitters
    - |bool|
@@ -79,7 +79,7 @@ Photon beams (:monosp:`photon_beams`)
 Traces light into photon beams (Jarosz et al. 2011) and gathers them along camera rays, with the estimators of "Gaussian
 Quadrature for Photon Beams in Tangled" (Johnson et al. 2011). Radii shrink with the passes (Progressive Photon Beams),
 so that the image converges to that of :monosp:`volpath`, volumetric caustics included. Camera rays see beams through
-glass and in mirrors; surfaces are lit directly by emitters, and by photons that arrived over other ways.
+glass and in mirrors; surfaces are lit directly by emitters, and by photons of all other paths.
 
 Media may be inside of shapes and around them, nested, or fill the space, if an emitter or the sensor names such a
 medium; in which medium sensor and emitters are is found from the shapes around them.

@@ -1,7 +1,8 @@
 """The primitive: a photon beam is a truncated cone of light (Talk, section 1; theory of Jarosz et al. 2011).
 
-A beam is the whole path of a photon between two events: two ends, a radius at each, and a power Φ (RGB, flux). It is
-the Talk's linear RiCurves with two control points. `Beams` holds many of them as a Dr.Jit struct of arrays.
+A beam is the whole path of a photon between two scattering events: two ends, a radius at each, and a power Φ (RGB,
+flux). It is the Talk's linear RiCurves with two control points. `Beams` holds many of them as a Dr.Jit struct of
+arrays.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""Straight beams made into chains of pieces: along a vector field, or along guide curves.
+"""Bend straight beams into curved ones, pieces along a vector field or along guide curves.
 
 What bends is the path, not the light's transport: it keeps its radii and its power, falloffs run along it as it is now,
-and surfaces in its new way do not stop it.
+and surfaces on the bent path do not stop it.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from ..runtime.device import Array3f, Float, UInt32
 from ..scene import SceneError
 from . import Beams
 
-# A piece shorter than this part of its path is none: it gets no power.
+# A piece shorter than this fraction of its path gets no power.
 _SHORTEST = 1e-6
 
 
@@ -105,8 +105,8 @@ def pieces(
     result.total = whole + beyond
     if beams.entry is not None:
         # As far into the bent path as it was into the straight one: where the beam begins, for what fog has cut.
-        stretch = dr.select(paths.offset > 0, before / dr.maximum(paths.offset, 1e-20), 1)
-        result.entry = dr.gather(Float, beams.entry * stretch, path)
+        factor = dr.select(paths.offset > 0, before / dr.maximum(paths.offset, 1e-20), 1)
+        result.entry = dr.gather(Float, beams.entry * factor, path)
     dr.eval(result)
     return result
 

@@ -1,4 +1,4 @@
-"""Curving beams: chains of beamlets that share one falloff over the whole curve (Nowrouzezahrai et al. 2011).
+"""Curved beams: polylines of pieces that share one falloff over the whole curve (Nowrouzezahrai et al. 2011).
 
 Beamlets that were cut straight across would leave a wedge open on the outside of a bend and lie over each other on its
 inside. So both end at the plane that halves the bend, across the bisector of their directions: by symmetry their

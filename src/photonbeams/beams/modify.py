@@ -45,7 +45,7 @@ def aim(target: npt.ArrayLike, amount: float = 1.0) -> Modifier:
 
     Notes
     -----
-    A path turns about its beginning and keeps its length. Surfaces in its new way do not stop it.
+    A path turns about its beginning and keeps its length. Surfaces on its new path do not stop it.
     """
     place = _numbers(target, 3, "aim: target")
     amount = scene.number(amount, "aim: amount", 0, 1)
@@ -86,7 +86,7 @@ def bend(field: Callable[[Any], Any] | Sequence[npt.ArrayLike], steps: int = 32)
 
     Notes
     -----
-    Each path keeps its power and radii, falloffs run along it. Surfaces in its new way do not stop it.
+    Each path keeps its power and radii, falloffs run along it. Surfaces on its new path do not stop it.
     """
     if callable(field):
         steps = int(scene.number(steps, "bend: steps", 1, 4096))

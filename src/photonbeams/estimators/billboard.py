@@ -103,32 +103,32 @@ def billboard(
     With `span`, a pair, only where the ray parameter of closest approach, t, has span[0] ≤ t < span[1].
     """
     marked = Bool(False)
-    way = passing(beam, ray.origin, ray.direction)
-    if way.meets(beam):
-        at = way.closest(beam, ray.origin, ray.direction)
+    passage = passing(beam, ray.origin, ray.direction)
+    if passage.meets(beam):
+        at = passage.closest(beam, ray.origin, ray.direction)
         radius = dr.fma(beam.slope, at.along, beam.radius)
         inside = in_range(beam, at, ray.t_min, ray.t_max, ray.origin, ray.direction)
         here = inside
         if dr.hint(span is not None, mode="scalar"):
             # t, but from the place on the axis: as near to the beam as s is right, where lines are nearly parallel.
-            foot = dr.fma(way.cosine, at.s, way.along)
+            foot = dr.fma(passage.cosine, at.s, passage.along)
             here = inside & (foot >= span[0]) & (foot < span[1])
         if dr.hint(blended, mode="scalar"):
             boundary, change = need(beam, at, radius, look, ray.t_min, ray.t_max, ray.origin, ray.direction)
-            share = 1 - frustum_weight(boundary, change)
-            if here & (radius > 0) & (share > 0):
+            weight = 1 - frustum_weight(boundary, change)
+            if here & (radius > 0) & (weight > 0):
                 # The distance that is R where the ray leaves the cone. At u = R itself a tapered beam's chord is not
                 # yet empty, and a hard rim would hand over with a step.
                 u2 = at.u2 * (1 - dr.square(at.taper(beam) * at.inv_sine))
-                radiance = radiance + value(beam, at, u2, radius, look, ray, points) * share
-            # An empty ray, as beyond the picture's border, lies at its own boundary.
+                radiance = radiance + value(beam, at, u2, radius, look, ray, points) * weight
+            # An empty ray, as beyond the picture's edge, lies at its own boundary.
             marked = touched(boundary, change, inside) & (ray.t_min < ray.t_max)
         else:
             hit = here & (radius > 0) & (at.u2 < dr.square(radius))  # a surface may cut a cone beyond its tip
             radiance = radiance + dr.select(hit, value(beam, at, at.u2, radius, look, ray, points), 0)
     if dr.hint(span is not None, mode="scalar"):
         # Along the axis rounding may take the ray past the cone; no neighbour's ray sends this one to the frustum.
-        marked |= way.sin2 < NARROW
+        marked |= passage.sin2 < NARROW
     return radiance, marked
 
 

@@ -22,7 +22,7 @@ _CLEARANCE = 1.2
 _CHANGE = 0.1
 # Below this sin² float32 has lost the angle.
 NARROW = 0.0025
-# The hand-over runs from this share of the limit to the limit.
+# The weights change from this fraction of the limit to the limit.
 _BEGIN = 0.7
 
 

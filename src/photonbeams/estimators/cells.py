@@ -21,8 +21,9 @@ from ..runtime.device import Float, Int32, UInt32
 #: Most cells of a grid, and most along an axis: float32 still holds a place within a cell to 1/8192 of it.
 MOST_CELLS, MOST_ALONG = 1 << 21, 1 << 10
 
-#: Places round to 2⁻²⁴ of the largest number that went into them, some of them a few times, and the cells' own borders
-#: to 2⁻¹⁴ of a cell: what is listed is taken for this share of those numbers larger, and this much of a cell.
+# Places round to 2⁻²⁴ of the largest number that went into them, some of them a few times, and the cells' own
+# boundaries
+#: to 2⁻¹⁴ of a cell: items are enlarged by this fraction of those numbers, and this much of a cell.
 ROUNDING, BORDER = 2.0**-19, 1e-3
 
 # Lanes that sort, and the bits of a cell's number that are sorted by at once: 2 × 11 hold all cells.
@@ -159,13 +160,13 @@ class Sorting:
 
     def _by_second_digit(self) -> None:
         entries = dr.opaque(UInt32, self.entries)
-        share = dr.opaque(UInt32, -(-self.entries // _LANES))
+        portion = dr.opaque(UInt32, -(-self.entries // _LANES))
         counter = dr.zeros(UInt32, _BUCKETS * _LANES)
-        _place(self.keys, self.items, share, entries, counter, None, None)
+        _place(self.keys, self.items, portion, entries, counter, None, None)
         dr.eval(counter)
         base, cursor = dr.prefix_sum(counter), dr.zeros(UInt32, _BUCKETS * _LANES)
         out = dr.zeros(UInt32, dr.width(self.items))
-        _place(self.keys, self.items, share, entries, cursor, base, out)
+        _place(self.keys, self.items, portion, entries, cursor, base, out)
         dr.eval(out)
         self.items = out
 
@@ -186,11 +187,11 @@ def _walk(begin: Any, stop: Any, visit: Visit, entry: Entry) -> None:
 
 
 @dr.syntax
-def _place(keys: Any, items: Any, share: Any, entries: Any, counter: Any, base: Any, out: Any) -> None:
+def _place(keys: Any, items: Any, portion: Any, entries: Any, counter: Any, base: Any, out: Any) -> None:
     """Count each lane's entries by their second digit, or put them where they belong: neighbours stay in order."""
     lane = dr.arange(UInt32, _LANES) + dr.opaque(UInt32, 0)
-    i = lane * share
-    stop = dr.minimum(i + share, entries)
+    i = lane * portion
+    stop = dr.minimum(i + portion, entries)
     while i < stop:
         bucket = (dr.gather(UInt32, keys, i) >> _DIGIT) * _LANES + lane
         slot: Any = dr.scatter_inc(counter, bucket)

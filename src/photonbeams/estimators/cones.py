@@ -51,7 +51,8 @@ def _around_joints(beams: Beams, start: Any, end: Any) -> Cone:
 def half_line(rate: Any, value: Any) -> tuple[Any, Any]:
     """Return the part of [0, 1] where value + rate · λ ≤ 0; an empty one is returned reversed.
 
-    The radius of a cone is linear along its axis, and so is its box: what of it lies before a border is such a part.
+    The radius of a cone is linear along its axis, and so is its box: the part of it before a boundary is such an
+    interval.
     """
     flat = dr.abs(rate) < 1e-12
     root = -value / dr.select(flat, 1, rate)

@@ -229,8 +229,8 @@ def _rays(origin: Any, direction: Any, t_min: Any, t_max: Any, time: Any) -> tup
         ) from None
     if 0 in shape:
         return None, shape
-    origin, direction, low, high, moment = (_spread(value, own, shape) for value, own in given)
-    if bool(dr.any(~((moment >= 0) & (moment <= 1)))):
+    origin, direction, low, high, times = (_spread(value, own, shape) for value, own in given)
+    if bool(dr.any(~((times >= 0) & (times <= 1)))):
         raise SceneError("time is out of range: expected numbers from 0, shutter open, to 1, shutter close")
     active = dr.full(Bool, True, int(np.prod(shape)))
     length = dr.norm(direction)
@@ -239,7 +239,7 @@ def _rays(origin: Any, direction: Any, t_min: Any, t_max: Any, time: Any) -> tup
     rays = Rays(
         dr.select(active, origin, 0), dr.select(active, direction / length, 0),
         dr.select(active, dr.minimum(high, ENDLESS), 0), dr.select(active, low, 0),
-        time=None if time is None else dr.select(active, moment, 0),
+        time=None if time is None else dr.select(active, times, 0),
     )  # fmt: skip
     dr.eval(rays.origin, rays.direction, rays.t_max, rays.t_min, rays.time)
     return rays, shape

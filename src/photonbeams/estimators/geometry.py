@@ -236,9 +236,9 @@ def chord(beam: Record, origin: Any, direction: Any, t_min: Any, t_max: Any) -> 
     point = dr.fma(direction, t, -relative)
     s = dr.dot(point, beam.axis)
     across = dr.fma(beam.axis, -s, point)
-    way = None if beam.bend is None else course(beam, point, direction)
-    radius = dr.fma(beam.slope, s if way is None else way.along(Float(0)), beam.radius)
-    slope_c = beam.slope * c if way is None else beam.slope * way.rate()
+    bend = None if beam.bend is None else course(beam, point, direction)
+    radius = dr.fma(beam.slope, s if bend is None else bend.along(Float(0)), beam.radius)
+    slope_c = beam.slope * c if bend is None else beam.slope * bend.rate()
     drift, offset2 = dr.dot(across, direction), dr.squared_norm(across)
 
     def inside(radius: Any, slope_c: Any) -> tuple[Any, Any]:
@@ -248,11 +248,11 @@ def chord(beam: Record, origin: Any, direction: Any, t_min: Any, t_max: Any) -> 
         return dr.maximum(first, low - t), dr.minimum(last, high - t)
 
     a, b = inside(radius, slope_c)
-    if way is not None:
+    if bend is not None:
         for _ in range(_REFINEMENTS):
-            radius, slope_c = _secant(beam, way, a, b, radius, slope_c)
+            radius, slope_c = _secant(beam, bend, a, b, radius, slope_c)
             a, b = inside(radius, slope_c)
-    return Chord((a < b) & (low < high), a, b, t, s, c, sin2, offset2, drift, radius, slope_c, way)
+    return Chord((a < b) & (low < high), a, b, t, s, c, sin2, offset2, drift, radius, slope_c, bend)
 
 
 # Along a ray, the radius of a tapered piece of a curve is not linear, and its wall no cone. The chord is that of the
@@ -260,9 +260,9 @@ def chord(beam: Record, origin: Any, direction: Any, t_min: Any, t_max: Any) -> 
 _REFINEMENTS = 3
 
 
-def _secant(beam: Record, way: Course, a: Any, b: Any, radius: Any, growth: Any) -> tuple[Any, Any]:
+def _secant(beam: Record, bend: Course, a: Any, b: Any, radius: Any, growth: Any) -> tuple[Any, Any]:
     """Return radius at τ = 0 and growth of the cone through a chord's ends; of what is no chord, as they were."""
-    at_a, at_b = (dr.fma(beam.slope, way.along(each), beam.radius) for each in (a, b))
+    at_a, at_b = (dr.fma(beam.slope, bend.along(each), beam.radius) for each in (a, b))
     wide = b - a > 1e-6 * beam.length
     found = (at_b - at_a) * dr.rcp(dr.select(wide, b - a, 1))
     growth = dr.select(wide, found, growth)

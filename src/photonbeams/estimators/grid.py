@@ -7,7 +7,7 @@ and ray alone, a ray parameter t, and belong to a cell if t_enter ≤ t < t_exit
 one's t_enter, the same number; the first cell's t_enter and the last one's t_exit are without end. So every t belongs
 to one cell of the ray, whatever rounds, and the beam is listed there, for it is listed somewhat wider than it is.
 
-No part of a beam that a ray can meet lies outside of the grid: its box holds all rays' ways through the beams' box.
+No part of a beam that a ray can meet lies outside of the grid: its box holds all rays' segments in the beams' box.
 """
 
 from __future__ import annotations
@@ -91,16 +91,16 @@ class Marks:
     def sizes(self, low: Any, high: Any) -> tuple[float, float, float, int]:
         """Return the beams' volume, surface, length plus π radii, and number, of what lies in a box."""
         first, last = self._packet(0), self._packet(1)
-        way = last.xyz - first.xyz
+        span = last.xyz - first.xyz
         radius = 0.5 * (first.w + last.w)
         corners = opaque(low), opaque(high)
         begin, stop = Float(0), Float(1)
         for axis in range(3):
             place = first[axis]
-            a, b = between(way[axis], corners[0][axis] - radius - place, corners[1][axis] + radius - place)
+            a, b = between(span[axis], corners[0][axis] - radius - place, corners[1][axis] + radius - place)
             begin, stop = dr.maximum(begin, a), dr.minimum(stop, b)
         inside = begin < stop
-        length = dr.select(inside, dr.norm(way) * (stop - begin), 0)
+        length = dr.select(inside, dr.norm(span) * (stop - begin), 0)
         radius = dr.select(inside, radius, 0)
         square = np.pi * dr.square(radius)
         sums = (square * length, 2 * square + 2 * np.pi * radius * length, length + np.pi * radius)
@@ -159,9 +159,9 @@ def _cells_of(item: Any, lane: Any, data: Any, grid: Any, entry: Any) -> None:
     ends = [dr.gather(Array4f, data, item * 4 + end) for end in range(4)]
     first, last = grid.local(ends[0].xyz), grid.local(ends[1].xyz)
     half, grown = ends[2].xyz * grid.inv + grid.margin, (ends[3].xyz - ends[2].xyz) * grid.inv
-    way = last - first
+    axis = last - first
     radius, growth = ends[0].w * grid.inv, (ends[1].w - ends[0].w) * grid.inv
-    length2 = dr.squared_norm(way)
+    length2 = dr.squared_norm(axis)
     inv_length2 = dr.rcp(dr.maximum(length2, 1e-20))
     # A cell's centre lies half a diagonal from any of its points at most, and the radius there differs by the slope.
     diagonal = 0.8661
@@ -170,27 +170,28 @@ def _cells_of(item: Any, lane: Any, data: Any, grid: Any, entry: Any) -> None:
     z, last_z = grid.span(low.z, high.z, 2)
     last_z = dr.select(low.z <= high.z, last_z, -1)  # else it lies nowhere
     while z <= last_z:
-        in_layer = _part(way.z, grown.z, first.z, half.z, Float(z), Float(0), Float(1))
-        low_y, high_y = _reach(way.y, grown.y, first.y, half.y, *in_layer)
+        in_layer = _part(axis.z, grown.z, first.z, half.z, Float(z), Float(0), Float(1))
+        low_y, high_y = _reach(axis.y, grown.y, first.y, half.y, *in_layer)
         y, last_y = grid.span(low_y, high_y, 1)
         last_y = dr.select(in_layer[0] <= in_layer[1], last_y, -1)
         while y <= last_y:
-            in_row = _part(way.y, grown.y, first.y, half.y, Float(y), *in_layer)
-            low_x, high_x = _reach(way.x, grown.x, first.x, half.x, *in_row)
+            in_row = _part(axis.y, grown.y, first.y, half.y, Float(y), *in_layer)
+            low_x, high_x = _reach(axis.x, grown.x, first.x, half.x, *in_row)
             x, last_x = grid.span(low_x, high_x, 0)
             last_x = dr.select(in_row[0] <= in_row[1], last_x, -1)
             while x <= last_x:
                 centre = Array3f(Float(x), Float(y), Float(z)) + 0.5 - first
-                share = dr.clip(dr.dot(centre, way) * inv_length2, 0, 1)
-                reach = dr.fma(growth, share, radius) + more
-                entry(grid.number(x, y, z), item, lane, dr.squared_norm(centre - way * share) <= dr.square(reach))
+                fraction = dr.clip(dr.dot(centre, axis) * inv_length2, 0, 1)
+                reach = dr.fma(growth, fraction, radius) + more
+                entry(grid.number(x, y, z), item, lane, dr.squared_norm(centre - axis * fraction) <= dr.square(reach))
                 x += 1
             y += 1
         z += 1
 
 
 def _part(rate: Any, growth: Any, first: Any, half: Any, cell: Any, begin: Any, stop: Any) -> tuple[Any, Any]:
-    """Return the part of [begin, stop], shares of a beam, in which its discs' boxes touch the cells from `cell` on.
+    """Return the part of [begin, stop], fractions along a beam, in which its discs' boxes touch the cells from `cell`
+    on.
 
     first − half + (rate − growth) λ ≤ cell + 1 and first + half + (rate + growth) λ ≥ cell
     """
@@ -200,7 +201,7 @@ def _part(rate: Any, growth: Any, first: Any, half: Any, cell: Any, begin: Any, 
 
 
 def _reach(rate: Any, growth: Any, first: Any, half: Any, begin: Any, stop: Any) -> tuple[Any, Any]:
-    """Return how far the discs' boxes reach along an axis, from one share of a beam to another."""
+    """Return how far the discs' boxes reach along an axis, between two fractions along a beam."""
     at_begin, at_stop = dr.fma(rate, begin, first), dr.fma(rate, stop, first)
     half_begin, half_stop = dr.fma(growth, begin, half), dr.fma(growth, stop, half)
     return dr.minimum(at_begin - half_begin, at_stop - half_stop), dr.maximum(
@@ -254,13 +255,13 @@ def _least(points: Any) -> npt.NDArray[np.float64]:
 
 
 def _best(
-    extent: npt.NDArray[np.float64], rays: int, way: float, volume: float, surface: float, length: float, count: int
+    extent: npt.NDArray[np.float64], rays: int, path: float, volume: float, surface: float, length: float, count: int
 ) -> float:
     """Return the size of cells that costs least.
 
     Convex bodies of random orientation touch about V/h³ + ¾ S/h² + 3/2 (L + π R)/h + 1 cells of size h (Steiner's
-    formula: the volume of the body's sum with a cube), E in all. A way of length l passes 3/2 l/h + 1 of N cells, each
-    with E/N beams. Small cells cost steps and entries, large ones tests of beams that are not near. What fat beams
+    formula: the volume of the body's sum with a cube), E in all. A segment of length l passes 3/2 l/h + 1 of N cells,
+    each with E/N beams. Small cells cost steps and entries, large ones tests of beams that are not near. What fat beams
     cost, which are tested again in each of a ray's cells in them, is in E.
     """
     best, least = float(extent.max()), np.inf
@@ -268,7 +269,7 @@ def _best(
         h, counts = fitting(extent, float(size))
         cells = float(counts.prod())
         entries = min(volume / h**3 + 0.75 * surface / h**2 + 1.5 * length / h + count, count * cells)
-        steps = rays + 1.5 * way / h
+        steps = rays + 1.5 * path / h
         cost = steps * (_STEP + entries / cells) + _ENTRY * entries + cells
         if cost < least:
             best, least = h, cost
@@ -349,18 +350,18 @@ def walk(ray: Rays, span: tuple[Any, Any], grid: CellGrid, lists: CellLists, vis
     """
     if dr.hint(total is None, mode="scalar"):
         total = Array3f(0)
-    way = _GridWalk(ray, span, grid)
+    cells = _GridWalk(ray, span, grid)
     inside = span[0] <= span[1]
-    x, y, z = way.begin(span[0])
+    x, y, z = cells.begin(span[0])
     i, stop = lists.of(grid.number(x, y, z), inside)
     enter = dr.full(Float, -_FAR, dr.width(ray.direction))
-    leave, (next_x, next_y, next_z), last = way.beyond((x, y, z))
+    leave, (next_x, next_y, next_z), last = cells.beyond((x, y, z))
     active = inside & ((i < stop) | ~last)
     while active:
         if i >= stop:
             x, y, z = next_x, next_y, next_z
             enter = leave
-            leave, (next_x, next_y, next_z), last = way.beyond((x, y, z))
+            leave, (next_x, next_y, next_z), last = cells.beyond((x, y, z))
             i, stop = lists.of(grid.number(x, y, z))
         if i < stop:
             beam = dr.gather(UInt32, lists.items, i)

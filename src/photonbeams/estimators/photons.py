@@ -81,8 +81,8 @@ class PhotonMap:
         position, normal
             (M, 3) the points, and the surface's normals there, of unit length.
         reflect
-            Returns the share of light (Array3f) that is reflected, for the direction that it comes from (unit length,
-            away from the surface): a BSDF's value without the cosine. It is traced into the kernel.
+            Returns the fraction of light (Array3f) that is reflected, for the direction that it comes from (unit
+            length, away from the surface): a BSDF's value without the cosine. It is traced into the kernel.
         active
             (M,) which points ask at all.
         """

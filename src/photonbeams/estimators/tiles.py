@@ -4,7 +4,7 @@ The projection of a cone is the hull of two discs, its half extent R/z linear al
 are, over z). So the columns that a row of tiles has to visit follow from linear inequalities. A beam that contains
 the camera or nearly does has no such footprint: every tile lists it, as the Talk puts a quad over the whole screen.
 
-The lists are in an order that depends on nothing but the beams: each lane walks its own share of them in turn and
+The lists are in an order that depends on nothing but the beams: each lane walks its own portion of them in turn and
 counts in its own cells, so that no two threads race for a slot.
 """
 

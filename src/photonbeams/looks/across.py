@@ -222,7 +222,7 @@ def _inner(hardness: Any) -> float:
 class Hollow(_Shaped):
     """A hollow shaft: nothing up to ρ = inner, light between there and the rim.
 
-    It rises and falls by 3t² − 2t³, each over half of `softness`, a share of the wall's thickness.
+    It rises and falls by 3t² − 2t³, each over half of `softness`, a fraction of the wall's thickness.
 
     Raises
     ------

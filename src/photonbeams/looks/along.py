@@ -20,7 +20,7 @@ from .factors import Corner, Decay, Factor, Number, Numbers, Value
 from .ramp import RESOLUTION, Interpolation, check_ramp, ramp_ends, ramp_table
 from .table import Table
 
-#: What a ramp, a texture or a polynomial runs over: fractions of the beam, scene units along the factor's own way,
+#: What a ramp, a texture or a polynomial runs over: fractions of the beam, scene units along the factor's own axis,
 #: radii from the axis, or degrees from the view into the light.
 Space = Literal["fraction", "distance", "radius", "angle"]
 

@@ -23,7 +23,7 @@ Box = tuple[Any, Any]
 # Lines over which the factors' rates of change are measured, and samples on each.
 _LINES, _SAMPLES = 8, 512
 
-# Share of a line's samples whose curvature counts, and curvature below which it is rounding: float32 holds values to
+# Fraction of a line's samples whose curvature counts, and curvature below which it is rounding: float32 holds values to
 # 6e-8, and second differences over 1/511 multiply that by a million.
 _BENT, _ROUNDING = 0.97, 1.0
 
@@ -39,7 +39,7 @@ MOST_CORNERS = 12
 # Products of more leave float32, once they are multiplied by a beam's power and its kernel.
 _MOST = 1e18
 
-# What is the same for all of a ray's way through a beam.
+# Inputs that are the same along a ray's chord in a beam.
 _OF_RAYS = OF_BEAMS | {"cosine", "angle", "medium", "fog", "context", "time", "frame", "light", "beam"}
 
 
@@ -184,7 +184,7 @@ class BoundLook:
         return ShadingContext(fog=self._fog, context=self._context, **where)
 
     def light(self, at: ShadingContext, reach_depth: Any) -> Any:
-        """Return all factors that may change along a ray, but the profile; `reach_depth` is the eye's way in the fog.
+        """Return all factors that may change along a ray, but the profile; `reach_depth` is the depth toward the eye.
 
         `at` has the light's distance and depth as its own. Light is neither negative nor endless.
         """
@@ -258,16 +258,16 @@ class BoundLook:
         """Measure the rates, and check that all factors are colours everywhere."""
         probe = self._probe(_SAMPLES, box)
         steps = np.tile(np.linspace(0, 1, _SAMPLES), _LINES)
-        way, unit = to_float(steps * reach), to_float(steps)
+        distances, unit = to_float(steps * reach), to_float(steps)
         lines = {
-            "along": replace(probe, distance=way, depth=way, from_light=way),
+            "along": replace(probe, distance=distances, depth=distances, from_light=distances),
             "fraction": replace(probe, fraction=unit),
-            "eye": replace(probe, to_camera=way),
+            "eye": replace(probe, to_camera=distances),
             "radius": replace(probe, rho2=dr.square(unit)),
         }
         self.rate_along = dr.opaque(Float, self._rate(lines["along"], Float(0)) / reach)
         self.rate_fraction = dr.opaque(Float, self._rate(lines["fraction"], Float(0)))
-        self.rate_eye = dr.opaque(Float, self._rate(lines["eye"], way) / reach)
+        self.rate_eye = dr.opaque(Float, self._rate(lines["eye"], distances) / reach)
         self.rate_radius = dr.opaque(Float, self._rate(lines["radius"], Float(0)) if self.by_radius else 0.0)
         self.rate_place = dr.opaque(Float, 0.0)
         turned = replace(probe, cosine=2 * unit - 1)

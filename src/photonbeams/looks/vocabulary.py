@@ -198,8 +198,8 @@ def _hsv(hue: Any, saturation: Any, value: Any) -> Any:
 
     def channel(offset: int) -> Any:
         sextant = 6 * fraction(fraction(hue) + offset / 6)
-        share = dr.clip(dr.minimum(sextant, 4 - sextant), 0, 1)
-        return times(value, 1 - times(saturation, share))
+        amount = dr.clip(dr.minimum(sextant, 4 - sextant), 0, 1)
+        return times(value, 1 - times(saturation, amount))
 
     return _vector(channel(5), channel(3), channel(1))
 

@@ -1,7 +1,7 @@
-"""NumPy's numbers as Dr.Jit arrays, in memory of their own, and arrays of one length made into those of another.
+"""Dr.Jit arrays from NumPy's, in memory of their own; compress and join arrays and structs of them.
 
 Dr.Jit wraps NumPy's memory as it is, and whether an input is aligned is part of a kernel: kernels would be compiled
-again by the chance of an address.
+again depending on an address.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Beams that someone drew."""
+"""Drawn beams."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class DrawnBeams:
-    """Beams that someone drew: `start` and `end` (N, 3), `radius_start` and `radius_end` (N,), `power` (N, 3).
+    """Beams that are given, not traced: `start` and `end` (N, 3), `radius_start` and `radius_end` (N,), `power` (N, 3).
 
     The other arrays are as `Beams` has them, or None: pieces of curves have `offset` and `total` (N,), by which
     falloffs run over the whole curve, `start_tangent` and `end_tangent` (N, 3), by which they are joined, and one `id`,

@@ -78,7 +78,7 @@ class Gobo:
 
 @dataclass(frozen=True)
 class BeamSettings:
-    """What is said of the beams of an emitter that is described elsewhere, as in a Mitsuba scene.
+    """Settings of the beams of an emitter that is described elsewhere, as in a Mitsuba scene.
 
     Attributes
     ----------

@@ -72,6 +72,20 @@ class Mesh:
         """The triangles' corners, (F, 3, 3) float64."""
         return np.asarray(self.points, dtype=np.float64)[np.asarray(self.faces).reshape(-1, 3)]
 
+    @property
+    def volume(self) -> float:
+        """Volume of a closed mesh in cubic scene units, negative where its faces wind around the inward normal."""
+        a, b, c = np.moveaxis(self.corners, 1, 0)
+        return float(np.einsum("ij,ij->", a - a[0], np.cross(b - a[0], c - a[0]))) / 6
+
+    def winding(self, point: Array) -> float:
+        """Return the winding number of a closed mesh around a point, ±1 inside (van Oosterom and Strackee 1983)."""
+        a, b, c = np.moveaxis(self.corners - point, 1, 0)
+        la, lb, lc = (np.linalg.norm(each, axis=1) for each in (a, b, c))
+        top = np.einsum("ij,ij->i", a, np.cross(b, c))
+        dots = [np.einsum("ij,ij->i", *pair) for pair in ((a, b), (b, c), (c, a))]
+        return float(np.arctan2(top, la * lb * lc + dots[0] * lc + dots[1] * la + dots[2] * lb).sum() / (2 * np.pi))
+
     def plane(self) -> Plane | None:
         """Return the plane that the mesh lies in, or None where it is not flat."""
         return plane_of(self.used_points)

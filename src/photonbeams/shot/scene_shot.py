@@ -19,7 +19,7 @@ from ..runtime.digest import digest
 from ..runtime.files import PathLike
 from ..scene import SceneError
 from ..usd.reading import LOG
-from ..usd.stereo import EYES, Stereo, split, views_of
+from ..usd.stereo import EYES, Stereo, check_stereo, split, views_of
 from .shot import Shot
 
 if TYPE_CHECKING:
@@ -66,9 +66,7 @@ class SceneShot(Shot):
         beams: Mapping[str, scene.BeamSettings] | None = None,
         parameters: Mapping[str, str] | None = None,
     ) -> None:
-        if stereo is not None and not isinstance(stereo, Stereo):
-            text = "expected a Stereo, such as Stereo(interaxial=0.065, convergence=3)"
-            raise SceneError(f"stereo is {stereo!r}: {text}")
+        check_stereo(stereo)
         self.path = Path(subject) if isinstance(subject, str | os.PathLike) else None
         self.camera, self.stereo, self._parameters = camera, stereo, dict(parameters or {})
         self._beams = _beams(looks, groups or {}, beams or {})

@@ -23,7 +23,7 @@ from ..usd.header import header
 from ..usd.looks import LookSpec
 from ..usd.motion import Exposure
 from ..usd.reading import LOG, file_of, frame_number
-from ..usd.stereo import EYES, Stereo, read_eyes, views_of
+from ..usd.stereo import EYES, Stereo, check_stereo, read_eyes, views_of
 
 if TYPE_CHECKING:
     from pxr import Usd
@@ -103,9 +103,7 @@ class Shot:
         for name, function in (("simulate", simulate), ("emit", emit)):
             if function is not None and not callable(function):
                 raise scene.SceneError(f"{name} is {function!r}: expected a function")
-        if stereo is not None and not isinstance(stereo, Stereo):
-            text = "expected a Stereo, such as Stereo(interaxial=0.065, convergence=3)"
-            raise scene.SceneError(f"stereo is {stereo!r}: {text}")
+        check_stereo(stereo)
         self.stage, self.camera, self.medium, self.stereo = stage, camera, medium, stereo
         self.simulate, self.emit, self.looks = simulate, emit, looks or {}
         self._sphere: tuple[Array, float] | None = None

@@ -68,7 +68,7 @@ class Cutting:
         portal = segments.portal - segments.offset
         at_portal = there & (portal > 0) & (portal < length)
         focus = segments.width.focus()
-        # The light's own side of a portal is not narrowed: what stands in the way of a beam stands behind the portal.
+        # The light's own side of a portal is not narrowed: the surfaces that block a beam's rim are behind the portal.
         narrow = dr.select(at_portal, 1, segments.narrow)
         first, last = self._radius(segments, 0, narrow), self._radius(segments, length, segments.narrow)
         waist = self._radius(segments, focus, segments.narrow)

@@ -118,18 +118,18 @@ class Stratum:
 
     def emit(self, block: int, points: Array | None = None) -> Emitted:
         """Return the light paths of pass `block`; `points` are taken instead of the pass's own, and not guided."""
-        count, stretch = self.count, None
+        count, derivative = self.count, None
         if points is None:
             points = self.points(block)
             if self.guide is not None:
-                points, stretch = self.guide(points)
+                points, derivative = self.guide(points)
         sample = self.emitter.sample(*pairs(points))
         nothing = dr.zeros(Array3f, count)
         weight: Any = dr.opaque(Float, 1 / count)
         differentials = sample.differentials
-        if stretch is not None:
-            weight = to_float(np.prod(stretch, axis=1) / count)
-            factors = [to_float(column) for column in stretch.T]
+        if derivative is not None:
+            weight = to_float(np.prod(derivative, axis=1) / count)
+            factors = [to_float(column) for column in derivative.T]
             columns = zip(differentials.columns(), factors, strict=True)
             differentials = RayDifferentials.of([(p * factor, d * factor) for (p, d), factor in columns])
         flux = sample.flux * weight + nothing

@@ -53,7 +53,7 @@ class GuidingMap:
 
     def __call__(self, points: Array) -> tuple[Array, Array]:
         """Return the images of points (N, 4), and the derivative of the map along each axis there, (N, 4)."""
-        place, stretch = np.empty_like(points), np.empty_like(points)
+        place, derivative = np.empty_like(points), np.empty_like(points)
         row = np.zeros(len(points), dtype=np.int64)
         for axis, rows in enumerate(self._rows):
             flat = rows.reshape(-1, rows.shape[-1])
@@ -67,9 +67,9 @@ class GuidingMap:
             begin = ends[row, chosen] - fraction
             inside = np.clip((points[:, axis] - begin) / fraction, 0, 1)
             place[:, axis] = (chosen + inside) / bins
-            stretch[:, axis] = 1 / (bins * fraction)
+            derivative[:, axis] = 1 / (bins * fraction)
             row = row * bins + chosen
-        return np.minimum(place, np.nextafter(np.float32(1), np.float32(0))), stretch
+        return np.minimum(place, np.nextafter(np.float32(1), np.float32(0))), derivative
 
 
 def learn(points: Array, importance: Array) -> GuidingMap | None:

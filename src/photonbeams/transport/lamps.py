@@ -27,7 +27,7 @@ from .emission import EmissionSample
 
 _PROBE = 4096  # paths that tell how much of a lamp its images leave
 
-# How often a beam is halved that a surface stands in the way of.
+# How often a beam is halved at most where a surface blocks its rim.
 HALVINGS, HALVINGS_ASIDE = 1, 5
 
 _WIDE = 2 * np.pi / 3  # a cone wider than this is sampled as part of the whole sphere, which distorts less

@@ -20,7 +20,7 @@ from .radii import width
 if TYPE_CHECKING:
     from .records import LightPaths
 
-_RIM = 6  # rays along a beam's rim that look for surfaces in its way
+_RIM = 6  # rays along a beam's rim that test it for surfaces
 _SLACK = 0.25  # radii that the rim may be stopped short of the plane where the axis ended: surfaces are curved
 
 

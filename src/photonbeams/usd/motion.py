@@ -1,4 +1,4 @@
-"""A shot while its shutter is open: the stage read at any fraction of it, and what is at rest kept as it was."""
+"""The shutter interval of a stage: its scene at any fraction of the interval; objects at rest stay identical."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ _NEAREST = 1e-9  # time codes before a sample, at which what it changes at once 
 
 
 class Exposure:
-    """What `render.shutter.Shutter` asks: scene and cameras at fractions of the shutter, the last few kept.
+    """Scene and cameras at fractions of the shutter interval, of which the last few are cached.
 
     Parameters
     ----------
@@ -119,7 +119,7 @@ class Exposure:
         """Return scene and cameras at a fraction at which a slice closes.
 
         What is held until a time sample there (an asset, a token, a bool, a string) has not jumped yet: a slice is half
-        open, or its beams, which go from one end of it to the other, would have a share of what comes after it.
+        open, or its beams, which go from one end of it to the other, would include a part of the next slice.
         """
         return self._moment(self._closing(fraction))
 
@@ -137,7 +137,7 @@ class Exposure:
         return self._known[code]
 
     def shutter(self, eyes: Sequence[int], rate: float = 1.0) -> Shutter:
-        """Return what the renderer asks, for these of the cameras; `rate` is in time codes a second."""
+        """Return the renderer's shutter, for these of the cameras; `rate` is in time codes a second."""
         from ..world.shutter import Moment, Shutter
 
         def seen(moment: tuple[Scene, tuple[Camera, ...]]) -> Moment:

@@ -56,6 +56,12 @@ class Stereo:
             raise SceneError(f"convergence is {self.convergence}: expected a positive distance in scene units")
 
 
+def check_stereo(stereo: object) -> None:
+    """Raise SceneError for what is neither a `Stereo` nor None."""
+    if not (stereo is None or isinstance(stereo, Stereo)):
+        raise SceneError(f"stereo is {stereo!r}: expected a Stereo, such as Stereo(interaxial=0.065, convergence=3)")
+
+
 def read_eyes(
     stage: Usd.Stage, name: str | None, stereo: Stereo, time: Any = None, warned: set[str] | None = None
 ) -> tuple[Camera, Camera]:
@@ -133,7 +139,7 @@ def split(camera: Camera, stereo: Stereo, meters_per_unit: float) -> tuple[Camer
     if camera.orthographic:  # all that an eye's place would change is a shift of the picture, the same at all depths
         raise SceneError("is orthographic: expected a perspective camera to be split into two eyes")
     convergence = stereo.convergence or camera.focus_distance or np.inf
-    # The plane of convergence is seen `half` beside the eye's own axis. At a depth z the eyes see stretches of width
+    # The plane of convergence is seen `half` beside the eye's own axis. At a depth z the eyes see intervals of width
     # w z / f, whose middles are 2 half |z / convergence - 1| apart. With the aperture shifted by its width w or more,
     # half f / convergence >= w, they have nothing in common from twice the convergence on, nor before two thirds of it.
     shift = half * camera.focal_length / convergence

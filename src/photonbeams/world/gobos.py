@@ -169,7 +169,7 @@ class Masked:
         return self.pane.color(place, self.pixels["pane"])
 
     def _passing(self, origin: Array3f, direction: Array3f, distance: Float) -> Array3f:
-        """Return the portal's colour on a stretch that passes its rectangle, else 1."""
+        """Return the portal's colour on segments that cross its rectangle, else 1."""
         if not self.has_pane:
             return Array3f(1)
         crossing, place = self.pane.crossing(origin, direction)

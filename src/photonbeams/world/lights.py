@@ -109,7 +109,7 @@ class SphereSource:
         """Return the light's parameters, opaque."""
         result = cls()
         result.radiance, result.center = opaque(light.radiance), opaque(light.center)
-        result.radius, result.axis = opaque(light.radius), opaque(_unit(light.axis))
+        result.radius, result.axis = opaque(light.radius), opaque(unit(light.axis))
         result.shaping = ShapingFactor.of(light.shaping)
         return result
 
@@ -179,7 +179,7 @@ class FlatSource:
         result.radiance, result.center = opaque(light.radiance), opaque(light.center)
         result.half_x, result.half_y = opaque(halves[0]), opaque(halves[1])
         result.dual_x, result.dual_y = opaque(dual[:, 0]), opaque(dual[:, 1])
-        result.axis, result.area = opaque(_unit(light.axis)), opaque(light.area)
+        result.axis, result.area = opaque(unit(light.axis)), opaque(light.area)
         result.disk = opaque(1.0 if light.disk else 0.0)
         result.shaping = ShapingFactor.of(light.shaping)
         return result
@@ -230,7 +230,7 @@ class DistantSource:
     def of(cls, light: scene.DistantLight) -> DistantSource:
         """Return the light's parameters, opaque."""
         result = cls()
-        result.radiance, result.axis = opaque(light.radiance), opaque(_unit(light.axis))
+        result.radiance, result.axis = opaque(light.radiance), opaque(unit(light.axis))
         result.one_minus_cos = opaque(2 * np.sin(np.radians(light.angle) / 4) ** 2)  # of half the angle
         return result
 
@@ -331,6 +331,7 @@ def pack(sources: Sequence[T]) -> T:
     return result
 
 
-def _unit(vector: Any) -> np.ndarray:
+def unit(vector: Any) -> np.ndarray:
+    """Return a vector, (3,), with length 1."""
     numbers = np.asarray(vector, dtype=np.float64)
     return numbers / np.linalg.norm(numbers)

@@ -62,10 +62,8 @@ def scene_of(shapes: Sequence[Any]) -> Any:
 
 def outward(mesh: scene.Mesh) -> scene.Mesh:
     """Return a closed mesh with its faces wound around the outward normal, whichever way they were."""
-    a, b, c = (np.asarray(mesh.points)[np.asarray(mesh.faces)[:, corner]] for corner in range(3))
-    volume = float(np.einsum("ij,ij->", a - a[0], np.cross(b - a[0], c - a[0])))
     faces = np.asarray(mesh.faces)
-    return scene.Mesh(mesh.name, mesh.points, faces if volume >= 0 else faces[:, ::-1])
+    return scene.Mesh(mesh.name, mesh.points, faces if mesh.volume >= 0 else faces[:, ::-1])
 
 
 def sharp_bsdf_of(material: scene.Material) -> dict[str, Any] | None:

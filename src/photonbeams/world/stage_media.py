@@ -121,33 +121,20 @@ class _Solid:
     """A closed mesh with outward faces: its volume, points just inside of it, and which points it contains."""
 
     def __init__(self, mesh: scene.Mesh) -> None:
-        self._corners = mesh.corners
-        a, b, c = (self._corners[:, each] for each in range(3))
-        self.volume = float(np.einsum("ij,ij->", a - a[0], np.cross(b - a[0], c - a[0]))) / 6
+        self._mesh, self.volume = mesh, mesh.volume
+        corners = mesh.corners
+        a, b, c = np.moveaxis(corners, 1, 0)
         normals = np.cross(b - a, c - a)
         area = np.linalg.norm(normals, axis=1)
         some = np.flatnonzero(area > 1e-12 * area.max(initial=0))
         some = some[np.unique(np.linspace(0, len(some) - 1, _POINTS).astype(int))] if len(some) else some
         # In proportion to the faces' size, or points would leave thin media.
         depth = _INSIDE * np.sqrt(area[some])[:, None]
-        self.points = self._corners[some].mean(axis=1) - depth * normals[some] / area[some][:, None]
+        self.points = corners[some].mean(axis=1) - depth * normals[some] / area[some][:, None]
 
     def contains(self, points: Array) -> Array:
         """Return which points are inside, by the solid angle that the faces subtend."""
-        return np.array([self._winding(each) > 0.5 for each in points], dtype=bool)
-
-    def _winding(self, point: Array) -> float:
-        """Return the winding number around a point (van Oosterom and Strackee 1983)."""
-        a, b, c = (self._corners[:, each] - point for each in range(3))
-        la, lb, lc = (np.linalg.norm(each, axis=1) for each in (a, b, c))
-        top = np.einsum("ij,ij->i", a, np.cross(b, c))
-        bottom = (
-            la * lb * lc
-            + np.einsum("ij,ij->i", a, b) * lc
-            + np.einsum("ij,ij->i", b, c) * la
-            + np.einsum("ij,ij->i", c, a) * lb
-        )
-        return float(np.arctan2(top, bottom).sum() / (2 * np.pi))
+        return np.array([self._mesh.winding(each) > 0.5 for each in points], dtype=bool)
 
 
 def _around(medium: scene.Medium, solids: list[tuple[scene.Medium, _Solid]], warned: set[str]) -> scene.Medium | None:

@@ -86,7 +86,7 @@ class StageWorld(World):
         Mitsuba scenes without some of the surfaces, by the names of these: for lights with shadow links.
     plugin
         The Mitsuba scene of the surfaces and of the boundaries of media.
-    media, borders, sizes
+    media, boundaries, sizes
         The media; Mitsuba's shapes of their boundaries, and the radii of bounded media, by number.
     lights, portals
         The lights as Dr.Jit sees them, in the order of `description.lights`, and by the name of the light its portal.

@@ -171,7 +171,7 @@ def free_flight(media: Any, origin: Any, direction: Any, length: Any, fractions:
     ----------
     media
         Pointers to the media.
-    share
+    fractions
         The fraction of the flux in each channel, by which collisions are sampled.
     colored
         Media whose extinction has a colour: the flight ends at each tentative collision, for its light changes there.

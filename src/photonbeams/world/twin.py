@@ -257,8 +257,8 @@ class TwinMedia:
     def at(self, point: np.ndarray, than: scene.Medium | None = None) -> str | None:
         """Return the id of the medium at a point, the smallest there; of other ones than `than`, around that."""
         found = [
-            (_volume(each), name) for name, each in self._known.items()
-            if each is not than and (each.mesh is None or _inside(each.mesh, point))
+            (np.inf if each.mesh is None else abs(each.mesh.volume), name) for name, each in self._known.items()
+            if each is not than and (each.mesh is None or abs(each.mesh.winding(point)) > 0.5)
         ]  # fmt: skip
         return min(found, default=(0.0, None))[1]
 
@@ -281,22 +281,3 @@ def medium_of(medium: scene.Medium) -> dict[str, Any]:
     return {
         "type": "homogeneous", "sigma_t": rgb(extinction / peak), "scale": peak, "albedo": rgb(albedo), "phase": phase,
     }  # fmt: skip
-
-
-def _volume(medium: scene.Medium) -> float:
-    """Return the volume that a medium fills."""
-    if medium.mesh is None:
-        return np.inf
-    a, b, c = np.moveaxis(medium.mesh.corners, 1, 0)
-    return abs(float(np.einsum("ij,ij->", a - a[0], np.cross(b - a[0], c - a[0])))) / 6
-
-
-def _inside(mesh: scene.Mesh, point: np.ndarray) -> bool:
-    """Return whether a point is inside of a closed mesh, by the solid angle (van Oosterom and Strackee 1983) of it."""
-    corners = mesh.corners - point
-    a, b, c = np.moveaxis(corners, 1, 0)
-    la, lb, lc = (np.linalg.norm(each, axis=1) for each in (a, b, c))
-    dots = [np.einsum("ij,ij->i", *pair) for pair in ((a, b), (b, c), (c, a))]
-    triple = np.einsum("ij,ij->i", a, np.cross(b, c))
-    angles = 2 * np.arctan2(triple, la * lb * lc + dots[0] * lc + dots[1] * la + dots[2] * lb)
-    return abs(float(angles.sum())) > 2 * np.pi

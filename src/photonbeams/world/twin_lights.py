@@ -15,7 +15,7 @@ import numpy as np
 from .. import scene
 from ..numerics.arrays import to_vectors
 from .gobos import masked, spread
-from .lights import source
+from .lights import source, unit
 from .twin import Twin, matrix, mi, rgb, scaled
 
 if TYPE_CHECKING:
@@ -84,15 +84,10 @@ def _place(light: Any) -> np.ndarray:
     return np.asarray(light.center, dtype=np.float64)
 
 
-def _unit(vector: Any) -> np.ndarray:
-    numbers = np.asarray(vector, dtype=np.float64)
-    return numbers / np.linalg.norm(numbers)
-
-
 def _flat(twin: Twin, light: scene.FlatLight) -> dict[str, Any]:
     """Describe a rectangle or an ellipse, which has its front along +Z with Mitsuba."""
     to_world = np.eye(4)
-    axis = _unit(light.axis)
+    axis = unit(light.axis)
     x, y = np.asarray(light.half_x, dtype=np.float64), np.asarray(light.half_y, dtype=np.float64)
     turn = np.sign(np.cross(x, y) @ axis) or 1.0
     if abs(x @ y) > 1e-6 * np.linalg.norm(x) * np.linalg.norm(y):
@@ -174,7 +169,7 @@ def _face(twin: Twin, light: scene.FlatLight, name: str) -> dict[str, Any]:
     to_world = np.array(_flat(twin, light)["to_world"].matrix, dtype=np.float64)
     local = np.stack([2 * u - 1, 2 * v - 1, 0 * u, 1 + 0 * u], axis=-1).reshape(-1, 4)
     places = to_vectors((local @ to_world.T)[:, :3])
-    color = masked(source(light), light, None, {}).tint(places, to_vectors(_unit(light.axis)[None]))
+    color = masked(source(light), light, None, {}).tint(places, to_vectors(unit(light.axis)[None]))
     pixels = np.array(color).T.reshape(rows, columns, 3) * np.array(light.radiance)
     image = mi.Bitmap(np.ascontiguousarray(pixels, dtype=np.float32))
     radiance = {"type": "bitmap", "bitmap": image, "raw": True, "wrap_mode": "clamp"}
@@ -183,8 +178,8 @@ def _face(twin: Twin, light: scene.FlatLight, name: str) -> dict[str, Any]:
 
 def _aimed(light: scene.SphereLight | scene.FlatLight) -> np.ndarray:
     """Return where a light is, with +Z along its axis."""
-    axis = _unit(light.axis)
-    side = _unit(np.cross(np.eye(3)[int(np.argmin(np.abs(axis)))], axis))
+    axis = unit(light.axis)
+    side = unit(np.cross(np.eye(3)[int(np.argmin(np.abs(axis)))], axis))
     result = np.eye(4)
     result[:3] = np.column_stack([side, np.cross(axis, side), axis, _place(light)])
     return result
@@ -210,7 +205,7 @@ def _directional(twin: Twin, light: scene.DistantLight) -> dict[str, Any]:
         twin.lost.append(
             f"{light.name}.inputs:angle is left out: Mitsuba's directional light is not seen and casts sharp shadows"
         )
-    return {"type": "directional", "direction": _unit(light.axis).tolist(), "irradiance": rgb(irradiance)}
+    return {"type": "directional", "direction": unit(light.axis).tolist(), "irradiance": rgb(irradiance)}
 
 
 def _add_domes(twin: Twin, domes: Sequence[scene.DomeLight]) -> None:
