@@ -190,8 +190,7 @@ def _cells_of(item: Any, lane: Any, data: Any, grid: Any, entry: Any) -> None:
 
 
 def _part(rate: Any, growth: Any, first: Any, half: Any, cell: Any, begin: Any, stop: Any) -> tuple[Any, Any]:
-    """Return the part of [begin, stop], fractions along a beam, in which its discs' boxes touch the cells from `cell`
-    on.
+    """Return the part of [begin, stop] along a beam in which its discs' boxes touch the cells from `cell` on.
 
     first − half + (rate − growth) λ ≤ cell + 1 and first + half + (rate + growth) λ ≥ cell
     """
