@@ -216,7 +216,7 @@ class Beams:
         }[name]  # fmt: skip
 
     def arrays(self) -> dict[str, npt.NDArray[np.float32]]:
-        """Return all that is set as NumPy arrays, (N, 3) or (N,), by the names of the constructor."""
+        """Return all values that are set as NumPy arrays, (N, 3) or (N,), by the names of the constructor."""
         present = {name: getattr(self, name) for name in (*_REQUIRED, *_OPTIONAL)}
         return {
             name: np.ascontiguousarray(value.numpy().T) if dr.depth_v(value) == 2 else value.numpy()
@@ -272,7 +272,7 @@ def _count(start: Any) -> int:
 
 
 def _said(name: str) -> tuple[str, str]:
-    """Return what messages call an argument, and what they expect of it."""
+    """Return the name of an argument in messages, and its expected value."""
     return f"Beams: {name}", f"numbers of shape {'(N, 3)' if name in _VECTORS else '(N,)'}"
 
 
@@ -317,7 +317,7 @@ def _broadcast(value: Any, name: str, count: int) -> Any:
 
 
 class _NoSuchBeamError(SceneError, IndexError):
-    """No beam of an index: IndexError, for Python ends loops by it."""
+    """No beam has this index: an IndexError, by which Python ends loops."""
 
 
 def _whole(index: Any) -> Array:

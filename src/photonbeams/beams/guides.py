@@ -92,7 +92,7 @@ def _transported(points: Array, tangents: Array) -> Array:
 
 
 def pieces_along(guides: Sequence[Guide]) -> int:
-    """Return how many pieces beams need beside guides."""
+    """Return the number of pieces into which guides bend beams."""
     turn = max((guide.turn for guide in guides), default=0.0)
     return int(np.clip(np.ceil(turn / _DEGREES), 1, _MOST_PIECES))
 
@@ -129,7 +129,7 @@ def led(beams: Beams, guides: Sequence[Guide], inner: int | None = None) -> Beam
 
 
 def _nodes(table: _GuideTable, paths: BeamPaths, begin: Any, length: Any, inner: int) -> tuple[Any, Any]:
-    """Return where nodes of paths come to lie, and how far from `begin` they were; of the part `length` long.
+    """Return the bent nodes of paths, and their distances from `begin` before; for a part of length `length`.
 
     The first and the last are its ends; the others are spread over what of it lies beside the guide.
     """
@@ -175,7 +175,7 @@ class _GuideTable:
         return dr.gather(Array3f, self._rows[column], self.chosen * _ROWS + row)
 
     def within(self, paths: BeamPaths, begin: Any, length: Any) -> tuple[Float, Float]:
-        """Return what lies beside the guide of paths from `begin` on, `length` long, as distances from `begin`."""
+        """Return the parts of paths beside their guide, within `length` from `begin` on, as distances from `begin`."""
         start, axis = self._row(0, UInt32(0)), self._row(1, UInt32(0))
         rate: Any = dr.dot(paths.direction, axis)
         here = dr.dot(paths.origin - start, axis) + begin * rate
@@ -187,7 +187,7 @@ class _GuideTable:
         return low, high
 
     def bent(self, point: Array3f, direction: Array3f) -> tuple[Array3f, Array3f]:
-        """Return where a place and a direction come to lie."""
+        """Return a point and a direction as the guide bends them."""
         start, axis, side = (self._row(column, UInt32(0)) for column in range(3))
         other = dr.cross(axis, side)
         apart = point - start

@@ -139,7 +139,7 @@ def _along_field(beams: Beams, field: Callable[[Any], Any], steps: int) -> Beams
 
 @scene.arguments
 def thin(fraction: float, keep_light: bool = True) -> Modifier:
-    """Leave a part of the beams, the same ones in each frame.
+    """Keep a fraction of the beams, the same ones in each frame.
 
     Parameters
     ----------

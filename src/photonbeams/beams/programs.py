@@ -20,7 +20,7 @@ from .sets import BeamSet
 
 @dataclass(frozen=True)
 class PassContext:
-    """What a function knows of the beams that it is given.
+    """The context of a function of beams.
 
     Attributes
     ----------
@@ -78,7 +78,7 @@ def chain(*modifiers: Modifier) -> Modifier:
 
 @dataclass(frozen=True)
 class Program:
-    """A modifier, and what of the context only the shot knows.
+    """A modifier with the context that the shot provides.
 
     Attributes
     ----------
@@ -131,7 +131,7 @@ class Program:
 
 
 def checked(found: Any, place: str) -> Beams:
-    """Return what a function made, where it is beams of finite numbers; SceneError begins with `place`."""
+    """Return a function's beams; raise SceneError, beginning with `place`, for anything but finite beams."""
     if not isinstance(found, Beams):
         raise SceneError(f"{place} {_kind(found)}: expected Beams")
     fields = {name: getattr(found, name, None) for name in Beams.DRJIT_STRUCT}

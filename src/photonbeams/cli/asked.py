@@ -1,4 +1,4 @@
-"""What the flags of `photonbeams render` ask for, of whichever kind of scene."""
+"""The request of `photonbeams render`: all its flags, for either kind of scene."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Plates:
 
 @dataclass(frozen=True, kw_only=True)
 class Asked:
-    """What the flags ask for; None where they leave it to the scene."""
+    """The request that the flags make; None where they leave a choice to the scene."""
 
     path: Path
     outputs: Sequence[Output]

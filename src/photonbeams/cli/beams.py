@@ -1,4 +1,4 @@
-"""`photonbeams beams`: what light tracing makes of a stage, written as curves."""
+"""`photonbeams beams`: the beams of a stage, written as curves."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Flags that several commands have, or several kinds of scenes: their ranges, and what is made of them."""
+"""Flags of several commands or kinds of scenes: their ranges, and the objects that they make."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ def check_flags(
 
 @dataclass(frozen=True, kw_only=True)
 class Quality:
-    """How the flags want a frame to be rendered; None where they leave it to the scene, or to its kind."""
+    """The flags of quality; None where they leave a choice to the scene, or to its kind."""
 
     passes: int | None = None
     time_limit: float | None = None
@@ -168,7 +168,7 @@ class FogFlags:
         return cls(*colors, anisotropy, False if beams_only else None)
 
     def over(self, own: Medium | None) -> Medium | None:
-        """Return this fog instead of a stage's own: what the flags leave out comes from that."""
+        """Return this fog instead of a stage's own, from which missing values are taken."""
         from ..scene import BLACK, Medium
 
         given = {name: value for name, value in vars(self).items() if value is not None}

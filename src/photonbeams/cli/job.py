@@ -1,4 +1,4 @@
-"""What rendering a stage and rendering a Mitsuba scene have in common: outputs, frames, checkpoints, progress."""
+"""Render frames of either kind of scene: outputs, checkpoints, progress."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 class Job(Protocol):
-    """A scene that was opened, and what the flags ask of it. What is wrong is raised as SceneError or BadParameter."""
+    """An open scene and the request for it. Methods raise SceneError or BadParameter."""
 
     settings: Settings
 
@@ -38,7 +38,7 @@ class Job(Protocol):
         """Raise what rendering these frames would raise, as far as that is quickly known."""
 
     def seen(self, first: Task) -> str:
-        """Return what is rendered, by which camera, and how large."""
+        """Return a description of the picture: scene, camera and size."""
 
     def render(self, task: Task, progress: Progress, checkpoint: Checkpoint | None) -> Frame:
         """Return a frame."""

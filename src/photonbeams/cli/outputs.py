@@ -88,7 +88,7 @@ def check_outputs(outputs: Collection[object]) -> None:
 
 
 def check_placeholders(outputs: Iterable[Output], frames: int, digits: int) -> None:
-    """Refuse outputs whose names cannot tell so many frames apart, with so many digits after the point."""
+    """Refuse outputs whose names are not different for so many frames, with so many decimals."""
     if frames < 2:
         return
     wanted = "####" + "." * (digits > 0) + "#" * digits
@@ -106,7 +106,7 @@ def check_placeholders(outputs: Iterable[Output], frames: int, digits: int) -> N
 
 
 def chosen_layers(text: str | None, outputs: Iterable[Output], names: Sequence[str]) -> list[str]:
-    """Return which of the frame's layers `--layers` leaves in an .exr; refuse what the frame will not have."""
+    """Return the frame's layers that `--layers` keeps in an .exr; refuse layers that the frame will not have."""
     wanted = [name.strip() for name in text.split(",")] if text is not None else list(names)
     for flag, asked in (("--layers", wanted), ("--picture", [output.layer for output in outputs])):
         for name in asked:

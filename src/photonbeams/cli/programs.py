@@ -49,7 +49,7 @@ def load_looks(flag: str, texts: Sequence[str]) -> Look | dict[str, Look] | None
 
 
 def _loaded(flag: str, text: str, fits: Callable[[Any], bool], kind: str) -> tuple[Any, Path]:
-    """Return what FILE.py:NAME names, and the file."""
+    """Return the object that FILE.py:NAME names, and the file."""
     name, _, function = text.rpartition(":")
     path = Path(name)
     if path.suffix != ".py" or not function.isidentifier():
@@ -78,7 +78,7 @@ def _module(path: Path) -> Any:
 
 
 def _told(function: Callable[..., Any], path: Path) -> Callable[..., Any]:
-    """Return the function, whose exceptions, and an exit, are told in one sentence; Ctrl-C passes."""
+    """Return the function with its exceptions, and SystemExit, as SceneError in one sentence; Ctrl-C passes."""
     from ..scene import SceneError
 
     @wraps(function)

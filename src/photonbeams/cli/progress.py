@@ -1,4 +1,4 @@
-"""What a render says while it runs, on standard error: warnings, passes done, and what it took."""
+"""Progress of a render on standard error: warnings, passes, and statistics."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Progress(StrEnum):
 
 @contextmanager
 def messages(quiet: bool, verbose: bool) -> Iterator[None]:
-    """Print the package's warnings within: with `quiet` errors alone, with `verbose` what is of interest, too."""
+    """Print the package's warnings within the context: only errors with `quiet`, information too with `verbose`."""
     logger = logging.getLogger("photonbeams")
     handler = logging.StreamHandler(sys.stderr)
     handler.setFormatter(_Lines())
@@ -49,7 +49,7 @@ class _Lines(logging.Formatter):
 
 @contextmanager
 def held_interrupt() -> Iterator[Callable[[], None]]:
-    """Hold Ctrl-C back until what is yielded is called; a second one is not held back.
+    """Delay Ctrl-C until the yielded function is called; a second one is not delayed.
 
     Compiled libraries lose an exception that is raised while they are imported or call Python: they print a traceback
     and go on, hang, or abort.
@@ -82,7 +82,7 @@ Show = Callable[[int, str, int, str], None]
 
 @contextmanager
 def bar(kind: Progress | None, quiet: bool, frames: int, passes: int) -> Iterator[Show]:
-    """Yield what shows how far a render is.
+    """Yield the progress bar of a render.
 
     That is at which frame, from 0, what it is called, how many passes of it, and what else there is to say.
     """

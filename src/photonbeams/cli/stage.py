@@ -96,7 +96,7 @@ class StageJob:
         return shot.resolution(max(1, round(scale * width)), max(1, round(scale * height)), number)
 
     def seen(self, first: Task) -> str:
-        """Return what is rendered, by which camera, and how large."""
+        """Return a description of the picture: scene, camera and size."""
         width, height = self._size
         seen_by = " and ".join(dict.fromkeys(each.name for each in self._shot.cameras(first.number)))
         return f"{self._asked.path} seen by {seen_by}, {width} x {height} pixels"

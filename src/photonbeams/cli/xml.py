@@ -84,12 +84,12 @@ class MitsubaJob:
         return self._shot.layer_names()
 
     def check(self, first: Task, todo: Sequence[Task]) -> None:
-        """Raise, of a dry run, what rendering would raise; else that is soon enough known."""
+        """Raise in a dry run what rendering would raise; otherwise rendering raises it early enough."""
         if self._asked.dry_run:
             self._shot.check_scene(self.settings)
 
     def seen(self, first: Task) -> str:
-        """Return what is rendered, by which sensor, and how large."""
+        """Return a description of the picture: scene, sensor and size."""
         (width, height), shot = self._size, self._shot
         return f"{self._asked.path} seen by {shot.sensor.id() or shot.names[0]}, {width} x {height} pixels"
 

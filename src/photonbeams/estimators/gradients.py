@@ -1,4 +1,4 @@
-"""Derivatives of what rays see of beams, by positions, radii and power of beams, by the fog and by looks.
+"""Derivatives of beams' radiance along rays by positions, radii and power of beams, by the fog and by looks.
 
 The estimators' loops are for speed and hold no derivatives. Where something is attached to Dr.Jit's AD graph, the pairs
 of rays and beams that meet are listed, and the frustum's integral is taken once more for each, as a graph without

@@ -63,7 +63,7 @@ def sum_over_grid(
 
 @dataclass
 class Marks:
-    """What holds each beam at all times: boxes around its two ends' discs, whose hull holds it, and a rounder shape.
+    """Bounds of each beam over the shutter interval: boxes around its two ends' discs, and a rounder shape.
 
     Four packets of four a beam: centre of the first end's box and radius, those of the last, half extents of both.
     Within the radii, from one to the other, it lies about the line between the centres.
@@ -110,7 +110,7 @@ class Marks:
 
 
 def marks_of(beams: Beams, close: Beams | None) -> Marks:
-    """Return what holds beams at all times of the shutter.
+    """Return the bounds of beams over the shutter interval.
 
     At any time a beam's ends are convex combinations of those at shutter open and at shutter close.
     """
@@ -212,7 +212,7 @@ def _reach(rate: Any, growth: Any, first: Any, half: Any, begin: Any, stop: Any)
 
 
 def build(beams: Beams, close: Beams | None, rays: Rays) -> tuple[CellGrid, Marks, tuple[Any, Any]] | None:
-    """Return the grid for these rays, what holds the beams, and the rays' span in it; None if no ray meets its box."""
+    """Return the grid for these rays, the beams' bounds, and the rays' span in it; None if no ray meets its box."""
     marks = marks_of(beams, close)
     low, high = marks.box()
     if np.any(low > high):
@@ -279,7 +279,7 @@ def _best(
 
 
 class _CellVisitor:
-    """Adds what beams give to a ray, each where it counts."""
+    """Adds the radiance of the beams of a cell to a ray's."""
 
     def __init__(self, packed: Packed, look: BoundLook, estimator: str, points: Points) -> None:
         self._packed, self._look, self._estimator, self._points = packed, look, estimator, points
@@ -305,7 +305,7 @@ def _added(
 
 
 class _GridWalk:
-    """How a ray goes from cell to cell."""
+    """The walk of a ray from cell to cell."""
 
     def __init__(self, ray: Rays, span: tuple[Any, Any], grid: CellGrid) -> None:
         self._ray, self._grid, self._end = ray, grid, span[1]

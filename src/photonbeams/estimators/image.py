@@ -53,7 +53,7 @@ class PixelRays:
 
 @dataclass
 class Estimate:
-    """Radiance (W · H, 3) and what it took: ray–beam tests of the billboard's kernel and of the frustum's."""
+    """Radiance (W · H, 3), and the number of ray–beam tests of the billboard's kernel and of the frustum's."""
 
     radiance: Any
     billboard_tests: int = 0

@@ -1,4 +1,4 @@
-"""Photons on surfaces, and the light that they give to points (Jensen 1996), each by a disc of its own.
+"""Photons on surfaces, and the radiance that they reflect at points (Jensen 1996), each by its own disc.
 
     L = Σ Φ · f(ω) · k2(r/R, R),   k2 of Epanechnikov's profile (`looks.across`), ∫ k2 over the disc = 1
 
@@ -52,7 +52,7 @@ class Photons:
 
 
 class PhotonMap:
-    """Photons in a grid: `radiance` asks it."""
+    """Photons in a grid, for `radiance`."""
 
     def __init__(self, photons: Photons) -> None:
         self._profile = Epanechnikov()

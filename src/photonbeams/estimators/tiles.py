@@ -133,7 +133,7 @@ def footprints(beams: Beams, view: Projection, close: Beams | None = None) -> Fo
 
 
 def _posed(beams: Beams, pose: Pose) -> Cone:
-    """Return what holds beams in camera space."""
+    """Return the bounds of beams in camera space."""
     return around(beams, pose.to_camera(beams.start), pose.to_camera(beams.end))
 
 

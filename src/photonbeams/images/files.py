@@ -51,7 +51,7 @@ def prepare_output(path: PathLike) -> Path:
 
 
 def _failed(path: Path, message: str) -> OSError:
-    """Return the system's error behind a library's failure to write `path`, which the library tells in words, if so."""
+    """Return the system's error behind a library's failure to write `path`, by the library's message."""
     try:
         with path.open("ab") as file:  # what stopped the library stops this, and Python asks the system why
             file.write(bytes(1 << 16))
@@ -80,7 +80,7 @@ def write_frame(
     exposure: float = 0.0,
     views: Views | None = None,
 ) -> None:
-    """Write a frame as its name says: all layers to an .exr, or the tone-mapped picture of one `layer` to a .png.
+    """Write a frame by the file's suffix: all layers to an .exr, or one `layer` tone-mapped to a .png.
 
     Parameters
     ----------
@@ -166,7 +166,7 @@ def _part_name(layer: str, view: str, views: Views) -> str:
 
 
 def _check_views(path: PathLike, views: Views) -> None:
-    """Raise ValueError for what the views of one file cannot be: OpenEXR would blame the file, or write it."""
+    """Raise ValueError for views that OpenEXR would refuse with another message, or write wrongly."""
     if len(views) > 1 and "" in views:
         raise ValueError(f"while writing {path}, got views {', '.join(map(repr, views))}: expected a name for each")
     for name in SHARED:
@@ -388,5 +388,5 @@ def unreadable(path: PathLike, message: str) -> SceneError:
 
 
 def reason(message: str) -> str:
-    """Return the first line of what the decoder complained of, if it did."""
+    """Return the first line of the decoder's message, if there is one."""
     return message.strip().splitlines()[0] if message.strip() else "unknown format"

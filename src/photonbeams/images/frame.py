@@ -1,4 +1,4 @@
-"""A rendered frame, and what its file says of it."""
+"""A rendered frame with the metadata of its file."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class Frame:
 
 
 def pixels_of(crop: Sequence[float] | None, width: int, height: int) -> tuple[int, int, int, int]:
-    """Return the pixels of a crop window, at least one; SceneError where it is no part of the picture."""
+    """Return the pixels of a crop window, at least one; raise SceneError where it is outside of the picture."""
     if crop is None:
         return (0, 0, width, height)
     if isinstance(crop, str) or np.shape(crop) != (4,):

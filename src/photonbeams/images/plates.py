@@ -54,7 +54,7 @@ class Depth:
     place: float = 0.5
 
     def seen_by(self, view: View) -> HoldoutDepth:
-        """Return where beams end in what a view's window shows."""
+        """Return the holdout depth in a view's window."""
         from ..render.holdouts import HoldoutDepth
 
         values, place = part_of(self.values, view.window), (self.place, self.place)
@@ -218,7 +218,7 @@ class Plate:
         return result
 
     def read_whole(self, frame: float, views: Sequence[str], size: Size, warn: Warn) -> list[Array]:
-        """Return what `read` does; of a file that breaks off nothing, with a warning: beams are beams without it."""
+        """Return what `read` does; of a truncated file nothing, with a warning: beams do not depend on it."""
         self.check(frame, views, size)
         try:
             return self.read(frame, views, size, warn)
@@ -233,7 +233,7 @@ class Plate:
 
 
 def part_of(pixels: Array, window: Window) -> Array:
-    """Return what a window shows of a whole picture."""
+    """Return the part of a whole picture in a window."""
     x0, y0, x1, y1 = window.crop
     return pixels[y0:y1, x0:x1]
 
@@ -258,7 +258,7 @@ def _arrays(pixels: Array, axes: int, views: Sequence[str], what: str, shape: st
 
 
 def _factor(where: Any, found: Size, size: Size) -> int:
-    """Return how many pixels of a file, each way, come to one of the picture; SceneError where that is no number."""
+    """Return a file's pixels per pixel of the picture, each way; raise SceneError where it is not whole."""
     factor = found[0] // size[0]
     if factor and found == (factor * size[0], factor * size[1]):
         return factor
@@ -282,4 +282,4 @@ def _path_or_pixels(given: Any) -> PathLike | Array:
 
 
 def _in_silence(_: str) -> None:
-    """Leave a warning for when pixels are read."""
+    """Ignore a warning: it is given when pixels are read."""

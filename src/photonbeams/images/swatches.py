@@ -44,7 +44,7 @@ class Specimen:
         return Beams([[0, 0, 0]], [[self.length, 0, 0]], self.radius_start, self.radius_end, [[1, 1, 1]])
 
     def bind(self, look: Look) -> BoundLook:
-        """Return the look as the beam has it."""
+        """Return the look bound to the specimen's beam."""
         box = ((0, -self.radius_end, -self.radius_end), (self.length, self.radius_end, self.radius_end))
         return look.bind(self.medium, self.length, self.context, box)
 
@@ -153,7 +153,7 @@ def curves(look: BoundLook, specimen: Specimen) -> list[tuple[str, np.ndarray, n
 
 
 class _Plain:
-    """Stands for a beam of middling random number."""
+    """Stands in for a beam with the random number ½."""
 
     identity = Array3f(0.5, 0.0, 0.0)
 

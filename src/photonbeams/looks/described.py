@@ -1,4 +1,4 @@
-"""What users build looks of: its arguments are checked, and its repr is the call that made it."""
+"""Base of everything that looks are built of: arguments are checked, and the repr is the call that made it."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _MOST_NUMBERS = 12  # of an array that is written out
 
 
 class Described:
-    """Something that is shown as the call that made it, with the numbers that it was given."""
+    """An object whose repr is the call that made it, with its arguments."""
 
     _arguments: Mapping[str, Any] = {}
 
@@ -31,7 +31,7 @@ class Described:
 
 
 def constructor(initialize: Callable[P, None]) -> Callable[P, None]:
-    """Decorate the `__init__` of a Described: wrong arguments are a SceneError, and the right ones are kept."""
+    """Decorate the `__init__` of a Described: check its arguments, and keep them for the repr."""
     checked, signature = arguments(initialize), inspect.signature(initialize)
 
     @wraps(initialize)

@@ -257,7 +257,7 @@ _SPEAKING = frozenset(INPUTS) - {"s", "r", "t"}
 
 
 def _arguments(function: Callable[..., Any], own: str) -> list[str]:
-    """Return the attributes of At that a function's parameters ask for."""
+    """Return the attributes of a ShadingContext that a function's parameters name."""
     try:
         parameters = inspect.signature(function).parameters.values()
     except (TypeError, ValueError):  # as of some built-in functions
@@ -302,6 +302,6 @@ def _factors(values: Sequence[FactorLike], name: str) -> tuple[Factor, ...]:
 
 
 def _inherit(whole: Factor, parts: tuple[Factor, ...]) -> None:
-    """Give a factor the corners of its parts, and what any of them is."""
+    """Give a factor the corners of its parts, and each flag that any of them has."""
     whole.corners = tuple(corner for each in parts for corner in each.corners)
     whole.rough, whole.wild = any(each.rough for each in parts), any(each.wild for each in parts)

@@ -1,4 +1,4 @@
-"""Arithmetic that answers a number to every number: what expressions compute with, so that no frame gets a NaN of them.
+"""Arithmetic for expressions that returns a finite number for all numbers, so that no frame gets a NaN.
 
 Values are Dr.Jit floats and vectors of three, of any precision. Where mathematics has no answer, these rules hold:
 

@@ -180,7 +180,7 @@ class BoundLook:
         return {"along": look.along, "across": self._modulation, "eye": look.eye, "angle": look.angle}
 
     def at(self, **where: Any) -> ShadingContext:
-        """Return a place in this medium and context (see `ShadingContext`)."""
+        """Return a shading context in this medium and light context."""
         return ShadingContext(fog=self._fog, context=self._context, **where)
 
     def light(self, at: ShadingContext, reach_depth: Any) -> Any:
@@ -285,7 +285,7 @@ class BoundLook:
             self.rate_place = dr.opaque(Float, self._rate(moved, Float(0)) / size)
 
     def _rate(self, at: ShadingContext, reach_depth: Any) -> float:
-        """Return how fast the look changes over the unit interval: by its slope, or by the root of its curvature.
+        """Return the look's rate of change over the unit interval: its slope, or the root of its curvature.
 
         Both relative to the largest value, and equal for an exponential. A faint wave has little slope; what the
         billboard errs by is its curvature. Corners, of which there are few, are left to the slope.
@@ -314,7 +314,7 @@ class BoundLook:
 
 
 def _tamed(value: Any) -> Any:
-    """Return a value as light can be: neither negative nor endless."""
+    """Return a value clamped to light: not negative, and finite."""
     return dr.select(dr.isfinite(value), dr.maximum(value, 0), 0)
 
 

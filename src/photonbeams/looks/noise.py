@@ -1,4 +1,4 @@
-"""Procedural noise of a point: what gives beams dust, drift and grain.
+"""Procedural noise of a point, for dust, drift and grain in beams.
 
 Gradient noise after Perlin ("Improving Noise", SIGGRAPH 2002): every point of the integer lattice has a random
 gradient, and between points their planes are blended by 6x⁵ − 15x⁴ + 10x³, whose first two derivatives vanish at both
@@ -195,7 +195,7 @@ def _fraction(state: Any, kind: Any) -> Any:
 
 
 def _scales() -> dict[int, float]:
-    """Return by dimension what gives the noise its deviation.
+    """Return for each dimension the factor that normalizes the noise's deviation.
 
     A corner's weight is a product of (1 − fade) or fade, and its gradient's components have the variance ⅓. Corners are
     independent, so the n-dimensional mean of the variance is n/3 · A · B^(n−1): A = 2 ∫ x² (1 − fade)² along the

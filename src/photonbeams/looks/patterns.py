@@ -1,4 +1,4 @@
-"""What an artist writes or lets grow: expressions, noise in space, and differences between beams, as factors."""
+"""Procedural factors: expressions, noise in space, and variation between beams."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ NoiseSpace = Literal["world", "light"]
 
 
 class Expression(Factor):
-    """A line that an artist wrote, such as `smoothstep(0, 1, s) * (0.6 + 0.4 * noise(4 * P + time))`.
+    """An artist's expression, such as `smoothstep(0, 1, s) * (0.6 + 0.4 * noise(4 * P + time))`.
 
     Its value is not below 0, and finite whatever the line says. `looks.expression` tells the language, and raises
     ExpressionError, a SceneError that names the column, for what is no expression.
@@ -101,7 +101,7 @@ class Noise(Factor):
 
 
 class Variation(Factor):
-    """Some beams brighter, some dimmer: 1 + amount · (2 random − 1), each beam the same in all frames.
+    """Variation of brightness between beams: 1 + amount · (2 random − 1), each beam the same in all frames.
 
     Raises
     ------

@@ -1,1 +1,1 @@
-"""What the program runs on: libLLVM or CUDA, chosen before Dr.Jit is imported, and how it writes files."""
+"""The runtime: libLLVM or CUDA, chosen before Dr.Jit is imported; files and digests."""

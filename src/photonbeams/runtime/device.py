@@ -62,7 +62,7 @@ class Description:
 
 @dataclass
 class _State:
-    """What the process has chosen; Dr.Jit itself can be started only once."""
+    """The device of the process; Dr.Jit can be started only once."""
 
     backend: str | None = None
     library: str | None = None  # what prepare() put into DRJIT_LIBLLVM_PATH

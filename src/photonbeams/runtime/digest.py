@@ -1,4 +1,4 @@
-"""Hashes of values by what they are, the same in another process and on another machine.
+"""Hashes of values by their content, the same in another process and on another machine.
 
 Numbers, text, arrays, what holds them, objects by their fields, and functions by their source text and the values that
 this names. Dr.Jit's arrays count as NumPy's.
@@ -28,7 +28,7 @@ def digest(*values: Any) -> str:
 
 
 class _Feed:
-    """What hands values to a hash; objects that hold each other are handed over once."""
+    """Feeds values to a hash; objects that refer to each other are fed once."""
 
     def __init__(self, hashed: Any) -> None:
         self._hashed, self._known = hashed, dict[int, tuple[int, Any]]()
@@ -40,7 +40,7 @@ class _Feed:
             self._hashed.update(text)
 
     def add(self, value: Any) -> None:
-        """Hand over a value."""
+        """Feed a value to the hash."""
         if isinstance(value, _PLAIN) and not isinstance(value, Enum):
             self._put(type(value).__name__, value)
             return

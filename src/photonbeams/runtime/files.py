@@ -1,4 +1,4 @@
-"""Files that are whole or not there.
+"""Files that are written whole or not at all.
 
 A file grows beside its target under a hidden name of its own and is renamed once it is whole and on the disk, so that
 neither a full disk nor a second writer leaves half of one. What goes wrong on the way is an `OSError` that names the

@@ -1,4 +1,4 @@
-"""Plain numbers and what they may be: the checks that every class of a scene makes."""
+"""Checks of plain numbers for the classes of a scene."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def shown(value: Any) -> str:
 
 
 def has_gradients(value: Any) -> bool:
-    """Tell whether a value is, or holds, a Dr.Jit array whose gradients are enabled."""
+    """Return whether a value is, or holds, a Dr.Jit array with gradients enabled."""
     drjit = sys.modules.get("drjit")
     return drjit is not None and bool(drjit.grad_enabled(value))
 
@@ -153,7 +153,7 @@ def unknown(name: str, key: str, expected: Iterable[str]) -> str:
 
 
 def _misuse(name: str, signature: inspect.Signature, given: int, named: dict[str, Any], error: TypeError) -> str:
-    """Return what is wrong with the arguments of a call that `signature` does not bind."""
+    """Return the message for the arguments of a call that do not match `signature`."""
     parameters = {key: each for key, each in signature.parameters.items() if key != "self"}
     wrong = [key for key in named if key not in parameters]
     if wrong:

@@ -1,4 +1,4 @@
-"""Lights, as UsdLux has them, and what makes their beams."""
+"""Lights, after UsdLux, with the settings of their beams."""
 
 from __future__ import annotations
 
@@ -113,7 +113,7 @@ def _check_scattered(scattered: str, bounces: int | None) -> None:
 
 @dataclass(frozen=True)
 class Light:
-    """What all lights share.
+    """Attributes of all lights.
 
     Attributes
     ----------

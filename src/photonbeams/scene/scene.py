@@ -1,4 +1,4 @@
-"""All of a shot at one time."""
+"""A shot at one time."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Scene:
-    """All of a shot at one time but its camera.
+    """A shot at one time, without its camera.
 
     `bounds` are centre and radius of a sphere around everything at all times, so that beams do not change with what
     moves elsewhere; None: of what is there. `groups` are the light groups that make beams at any time: a frame has the

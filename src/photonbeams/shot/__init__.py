@@ -1,4 +1,4 @@
-"""Shots: a stage or a Mitsuba scene and a camera, rendered into frames that write themselves."""
+"""Shots: a stage or a Mitsuba scene with a camera, rendered into frames."""
 
 from ..images.frame import Frame
 from ..images.plates import Holdout, Plate

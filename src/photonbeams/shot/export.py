@@ -28,7 +28,7 @@ def export(
     height: int | None = None,
     crop: Sequence[float] | None = None,
 ) -> list[Path]:
-    """Write what of a shot Mitsuba can say as one of its scenes; warn of the rest.
+    """Write a shot as a Mitsuba scene; warn of everything that Mitsuba cannot describe.
 
     Parameters
     ----------

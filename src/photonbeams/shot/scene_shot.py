@@ -80,7 +80,7 @@ class SceneShot(Shot):
         return f"SceneShot({str(what)!r}, camera={self.camera!r})"
 
     def load(self, frame: float | None = None) -> Any:
-        """Return Mitsuba's scene of a frame, and know its sensors."""
+        """Load Mitsuba's scene of a frame and its sensors, and return it."""
         path = self.path and numbered(self.path, 0.0 if frame is None else frame)
         if self._open[1] is None or self._open[0] != path:
             assert path is not None
@@ -253,7 +253,7 @@ class SceneShot(Shot):
         return Frame(layers, metadata, done.statistics, views if len(views) > 1 else {})
 
     def _header(self, sensor: Any, settings: Settings, passes: int, frame: float | None) -> dict[str, Any]:
-        """Return what an EXR's header says of a view."""
+        """Return the metadata of a view for an EXR's header."""
         return {
             **(sensor.view.matrices() if sensor.view is not None else {}),
             **({} if frame is None else {"frame": float(frame)}),
@@ -269,7 +269,7 @@ class SceneShot(Shot):
 def _beams(
     looks: Look | Mapping[str, Look] | None, groups: Mapping[str, str], beams: Mapping[str, scene.BeamSettings]
 ) -> dict[str, scene.BeamSettings]:
-    """Return what is said of beams by emitters."""
+    """Return the beam settings by the ids of emitters."""
     by_name = looks if isinstance(looks, Mapping) else {} if looks is None else {"": looks}
     for name, look in by_name.items():
         if not hasattr(look, "bind"):
@@ -311,7 +311,7 @@ def _contents(path: Path, more: Iterable[str]) -> list[bytes]:
 
 
 def _reason(text: str) -> str:
-    """Return what Mitsuba says of a file in one line, without where in its own code or in ours that was."""
+    """Return Mitsuba's message about a file in one line, without source lines and tracebacks."""
     text = re.sub(r"^\[[\w.]+:\d+\]\s*", "", text.strip())
     text, _, trace = text.partition("Traceback (most recent call last):")
     lines = [line.strip() for line in text.splitlines() if line.strip()]

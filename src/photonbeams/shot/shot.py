@@ -67,7 +67,7 @@ def _opened_scene(
 
 
 def _known(paths: set[str]) -> set[str]:
-    """Return paths and the names at their ends, by which a user may call what is there."""
+    """Return paths and their last names, by either of which a user may name a prim."""
     return paths | {path.rpartition("/")[2] for path in paths}
 
 
@@ -78,7 +78,7 @@ class Shot:
     """
 
     def __new__(cls, stage: Any = None, *_: Any, **__: Any) -> Shot:
-        """Return a shot of the kind that what it is to show asks for."""
+        """Return a shot of a stage, or of a Mitsuba scene."""
         if cls is Shot and type(stage).__module__.partition(".")[0] == "mitsuba":
             from .scene_shot import SceneShot
 
@@ -114,7 +114,7 @@ class Shot:
         self._listener = self._listening()
 
     def _listening(self) -> Any:
-        """Return what, while it is kept, lets the shot forget what it knows of all times when the stage changes."""
+        """Return a listener that clears what the shot has cached of all times when the stage changes."""
         own = weakref.ref(self)  # kept by the shot, it must not keep the shot
 
         def forget(_notice: Any, _stage: Any) -> None:
@@ -190,7 +190,7 @@ class Shot:
         return stages.time_code(frame)
 
     def read(self, frame: float | None = None, base: float | None = None) -> tuple[scene.Scene, scene.Camera]:
-        """Return what the stage holds at a frame, with its looks built, and the camera.
+        """Return the scene at a frame, with its looks built, and the camera.
 
         Velocities carry on what the stage holds at `base`, the frame whose shutter is open; None: at the frame itself.
         """
@@ -212,7 +212,7 @@ class Shot:
         return content, camera
 
     def _check_looks(self, content: scene.Scene) -> None:
-        """Raise SceneError for a look of the user's that nothing on the stage has."""
+        """Raise SceneError for a look that the user names for no beams of the stage."""
         if not isinstance(self.looks, Mapping):
             return
         named = {light.name for light in content.lights} | {drawn.name for drawn in content.drawn} | set(self._looks)
@@ -224,7 +224,7 @@ class Shot:
                 raise scene.SceneError(f"{file_of(self.stage)}: no beams are of {name}: expected one of {beams}")
 
     def _emitted(self, emit: Emitter, frame: float | None, medium: scene.Medium | None) -> list[scene.DrawnBeams]:
-        """Return the beams that the shot's function makes from nothing, at a time."""
+        """Return the beams that the shot's `emit` function makes at a time."""
         from ..beams.programs import PassContext, emitted
 
         return emitted(emit, PassContext(frame=frame, time=self._number(frame), medium=medium))
@@ -245,7 +245,7 @@ class Shot:
         return read_eyes(self.stage, self.camera, self.stereo, self.time(frame), self._warned)
 
     def exposure(self, frame: float | None = None, blur: bool = True, lens: bool = True) -> Exposure:
-        """Return what is seen while the shutter of a frame is open.
+        """Return the scene and the cameras over the shutter interval of a frame.
 
         `blur` and `lens` may be turned off: all is then as at the frame's own time, and in focus.
         """
@@ -460,7 +460,7 @@ class Shot:
         return Frame(layers, metadata, done.statistics, views if len(views) > 1 else {})
 
     def content(self, frame: float | None = None) -> str:
-        """Return a hash of what there is to render: the stage with the files that it names, and what Python gave."""
+        """Return a hash of the shot's content: the stage with its files, and the arguments from Python."""
         from ..usd.digest import stage_digest
 
         if self._stage_digest is None:
@@ -543,7 +543,7 @@ class Shot:
         return frame_number(self.time(frame))
 
     def _warn(self, text: str) -> None:
-        """Warn once of what is not a prim's."""
+        """Log a warning once that concerns no prim."""
         if text not in self._warned:
             self._warned.add(text)
             LOG.warning("%s", text)

@@ -48,7 +48,7 @@ def bounds_at_all_times(
 
 
 def _sound(read: Callable[[float | None], T], code: float | None) -> T | None:
-    """Return what is read at a time, or None where it cannot be: that is told when it is to be rendered."""
+    """Return the scene at a time, or None where it cannot be read: rendering it raises the error."""
     with suppress(SceneError):
         return read(code)
     return None

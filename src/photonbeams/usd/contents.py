@@ -1,4 +1,4 @@
-"""All of a stage at one time: what each prim is to the renderer."""
+"""Read a stage at one time: each prim by the reader of its kind."""
 
 from __future__ import annotations
 

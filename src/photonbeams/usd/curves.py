@@ -1,4 +1,4 @@
-"""Beams that someone drew: BasisCurves with `PhotonBeamsCurvesAPI`, read as chains of beams."""
+"""Drawn beams: BasisCurves with `PhotonBeamsCurvesAPI`, read as curved beams."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def is_drawn(prim: Usd.Prim) -> bool:
 
 
 def read_curves(reading: Reading, prim: Usd.Prim, to_world: Array, name: str) -> DrawnBeams | None:
-    """Return curves as beams, in world space: as many pieces as they bend; None where there is nothing to see.
+    """Return curves as beams, in world space, in pieces by their curvature; None where none is visible.
 
     Curves that cannot be rendered are skipped with a warning that names them.
 
@@ -365,7 +365,7 @@ def _turn_ends(source: _CurvesPrim, fields: dict[str, Any], curve: Array, follow
 
 
 def _end_normals(fields: dict[str, Any], normals: Array, following: Array, to_world: Array) -> Array:
-    """Return the normals of what cuts the beams' ends: of a curve's last piece, the surface that stopped it."""
+    """Return the normals of the beams' end planes: at a curve's end, that of the surface which stops it."""
     turned = unit(normals @ np.linalg.inv(to_world[:3, :3]))
     straight = -directions(fields["start"], fields["end"])
     inner = -fields["end_tangent"] if "end_tangent" in fields else straight

@@ -1,4 +1,4 @@
-"""What a stage holds, as a hash: the same for the same shot wherever its files lie, another after any change."""
+"""A hash of a stage's content: independent of where its files are, different after any change."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Beams written as BasisCurves: what light tracing made, for usdview, Blender, Houdini, and to be read again."""
+"""Write beams as BasisCurves, for usdview, Blender and Houdini, and to be read again."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def write_beams(
     looks: Mapping[str, str] | None = None,
     time: Usd.TimeCode | None = None,
 ) -> None:
-    """Save beams as linear BasisCurves in a .usda, .usdc or .usd file; what is joined is one curve.
+    """Save beams as linear BasisCurves in a .usda, .usdc or .usd file; pieces of a curved beam become one curve.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What makes beams in a shot at any time, and its light groups: every frame of a film has the same layers."""
+"""The beam sources of a shot at all times, and its light groups: all frames of a film have the same layers."""
 
 from __future__ import annotations
 

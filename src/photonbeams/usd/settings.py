@@ -36,7 +36,7 @@ class RenderProduct:
 
 @dataclass(frozen=True)
 class RenderSettings:
-    """What a RenderSettings prim and its products say; None where nothing is authored.
+    """The values of a RenderSettings prim and its products; None where nothing is authored.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Looks from what a stage says of them."""
+"""Build looks from their description on a stage."""
 
 from __future__ import annotations
 

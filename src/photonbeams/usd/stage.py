@@ -63,13 +63,13 @@ def open_stage(
 
 
 def check_stage(stage: object) -> None:
-    """Raise SceneError for what is no open stage."""
+    """Raise SceneError for a value that is not an open stage."""
     if not isinstance(stage, Usd.Stage):
         raise SceneError(f"stage is {stage!r}: expected a Usd.Stage; Shot.open takes a file")
 
 
 def listener(stage: Usd.Stage, changed: Callable[[Any, Usd.Stage], None]) -> Any:
-    """Return what, while it is kept, calls `changed` when anything on the stage changes."""
+    """Return a listener that calls `changed` when anything on the stage changes, as long as it exists."""
     return Tf.Notice.Register(Usd.Notice.ObjectsChanged, changed, stage)
 
 
@@ -157,7 +157,7 @@ def check_not_read(stage: Usd.Stage, path: str | os.PathLike[str]) -> None:
 
 
 def _reason(error: Any) -> str:
-    """Return what OpenUSD complained of, the line of the file in front, without its own lines of code."""
+    """Return OpenUSD's message, with the line of the file first, without its own source lines."""
     messages = re.findall(r" : '(.*?)\s*'(?=\s*\n\tError|\s*$)", str(error), re.DOTALL)
     for message in messages:
         located = re.fullmatch(r".*?:(\d+):\d+: (.*)", message, re.DOTALL)
@@ -200,7 +200,7 @@ def _override(stage: Usd.Stage, text: str) -> None:
 
 
 def _instance(prim: Usd.Prim) -> str:
-    """Return what is wrong with setting a value inside an instance, and which prim of the stage all of them repeat."""
+    """Return the message for setting a value inside an instance, with the prim that all instances repeat."""
     root = prim
     while not root.IsInstance():
         root = root.GetParent()

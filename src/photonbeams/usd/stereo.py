@@ -110,7 +110,7 @@ def views_of(stereo: Stereo | None, view: str | None) -> list[str]:
 
 
 def _check_pair(reading: Reading, left: Usd.Prim, right: Usd.Prim) -> None:
-    """Raise SceneError for two eyes that differ in more than where they stand, in the attributes' own values."""
+    """Raise SceneError for two eyes that differ in authored attributes other than their transforms."""
     for name in _ALIKE:
         a, b = (reading.value(prim, name) for prim in (left, right))
         if a != b:

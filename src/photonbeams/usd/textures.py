@@ -47,7 +47,7 @@ def read_image(reading: Reading, prim: Usd.Prim, name: str, color_space: str = "
 
 
 def stamp(path: str) -> tuple[int, int]:
-    """Return what changes when a file is written again."""
+    """Return a stamp of a file that changes when it is written again."""
     status = Path(Ar.SplitPackageRelativePathOuter(path)[0]).stat()
     return status.st_mtime_ns, status.st_size
 
