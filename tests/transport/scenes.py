@@ -45,8 +45,8 @@ def cube_of(medium, size=1.0):
     return {"type": "cube", "to_world": T().scale(size), "bsdf": {"type": "null"}, "interior": medium}
 
 
-def load(**parts):
-    return mi.load_dict({"type": "scene", **parts})
+def load(optimize=True, **parts):
+    return mi.load_dict({"type": "scene", **parts}, optimize=optimize)
 
 
 def comparison(width=160, height=90):

@@ -65,7 +65,7 @@ def emission(light, count=COUNT, block=0):
 def through(light, count=COUNT):
     built = world(light)
     hole = built.portals[light.name]
-    return emit_through(light, built.lights[0], hole, built.bounds, *sobol_block(count, 0, (2,)), count), built
+    return emit_through(built.lights[0], hole, built.bounds, *sobol_block(count, 0, (2,)), count), built
 
 
 def flux(paths, where=None):

@@ -63,7 +63,7 @@ def paths_of(light, count=COUNT):
     built = world(light)
     source, samples = built.lights[0], sobol_block(count, 0, (1,))
     if light.portal is not None:
-        return emit_through(light, source, built.portals[light.name], built.bounds, *samples, count)
+        return emit_through(source, built.portals[light.name], built.bounds, *samples, count)
     return emit(light, source, built.bounds, *samples, count)
 
 

@@ -49,11 +49,14 @@ class CameraPaths:
         Whether the path is still straight: on the pixel's own ray.
     depth
         Specular bounces so far.
+    flown
+        How far the path has come straight, up to where `near` is.
     """
 
     DRJIT_STRUCT: ClassVar[dict[str, Any]] = {
         "origin": Array3f, "direction": Array3f, "near": Float, "far": Float, "throughput": Array3f, "clear": Array3f,
         "medium": UInt32, "pixel": UInt32, "order": UInt32, "primary": Bool, "depth": UInt32, "alive": Bool,
+        "flown": Float,
     }  # fmt: skip
 
     origin: Any
@@ -68,6 +71,7 @@ class CameraPaths:
     primary: Any
     depth: Any
     alive: Any
+    flown: Any
 
 
 class CameraVertex:
@@ -168,6 +172,7 @@ def begin(tracing: CameraTracing, primary: PrimaryRays, order: UInt32) -> Camera
     paths.order = UInt32(order)
     paths.primary = paths.alive = dr.full(Bool, True, count)
     paths.depth = dr.zeros(UInt32, count)
+    paths.flown = paths.near
     start = paths.origin + paths.near * paths.direction
     paths.medium = tracing.world.medium_of_view(start, paths.direction)
     dr.eval(paths)
@@ -215,7 +220,9 @@ def _step(
     shown = alive & _within(tracing, paths.depth, 1)
     if tracing.hide_emitters:
         shown &= paths.depth > 0
-    radiance = tracing.lighting.emission(hit, start, paths.direction, shown & ~on_lamp)
+    # Images on portals tint light that passed them before it passed a boundary of a medium, too.
+    straight_from = start - paths.flown * paths.direction
+    radiance = tracing.lighting.emission(hit, straight_from, paths.direction, shown & ~on_lamp)
     if lamp is not None:
         radiance = dr.select(on_lamp & shown, lamp.radiance, radiance)
     flags = hit.bsdf().flags()
@@ -270,6 +277,7 @@ def _onward(
     following.medium = tracing.world.media.beyond(hit, direction, paths.medium, sharp)
     following.depth = paths.depth + dr.select(null, 0, 1)
     following.pixel, following.order, following.primary = paths.pixel, paths.order, straight
+    following.flown = dr.select(null, paths.flown + distance - paths.near, 0)
     most = dr.max(dr.maximum(following.throughput, following.clear))
     alive = sharp & (most > 0) & _within(tracing, following.depth, 1)
     survival = dr.minimum(most, 0.95)

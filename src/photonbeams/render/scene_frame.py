@@ -16,6 +16,7 @@ from ..transport.emission import Emitted
 from ..transport.guiding import CameraImportance
 from ..transport.scene_emitters import emission_of, redistribute
 from ..transport.simulation import Simulation
+from ..world.scene_lamps import names_of
 from ..world.scene_world import SceneWorld
 from ..world.sensors import Sensor, window_of
 from ..world.sources import Source
@@ -60,11 +61,12 @@ class SceneRenderer(FrameRenderer):
         self._sensors = [Sensor(sensor, eye) for eye in extras.eyes or (None,)]
         self._holdouts: Sequence[HoldoutDepth | None] = extras.holdouts or [None] * len(self._sensors)
         with self.statistics.phase("build"):
-            sources, numbers = _sources(plugin, extras.beams)
-            self._scene = SceneWorld(plugin, sensor, sources)
+            said = _Said.of(plugin, extras.beams)
+            sources = said.sources
+            self._scene = SceneWorld(plugin, sensor, sources, said.beams)
             if settings.short:
                 self._scene.media.all = tuple(each.for_short_beams() for each in self._scene.media.all)
-            emission = emission_of(self._scene, settings.beams or DEFAULT_PATHS, settings.seed, numbers)
+            emission = emission_of(self._scene, settings.beams or DEFAULT_PATHS, settings.seed, said.numbers)
         warn(plugin, self._scene.surroundings, set() if warned is None else warned)
         named = len(sources) > 1 or sources[0].look is not None or sources[0].beam_scale != 1
         self.simulation = Simulation(self._scene, emission, self._tuning, sources, self._scene.sizes, named)
@@ -134,34 +136,37 @@ class Extras:
     holdouts: Sequence[HoldoutDepth] = ()
 
 
-def names_of(emitter: Any) -> list[str]:
-    """Return the names by which one may call an emitter: its id, and that of its shape."""
-    shape = emitter.get_shape()
-    return [each.id() for each in (emitter, shape) if each is not None and each.id()]
-
-
 def groups_of(plugin: Any, beams: Mapping[str, scene.BeamSettings]) -> dict[str, str]:
     """Return the layer of each light group of a scene."""
-    return group_layers({source.group for source in _sources(plugin, beams)[0]})
+    return group_layers({source.group for source in _Said.of(plugin, beams).sources})
 
 
-def _sources(plugin: Any, beams: Mapping[str, scene.BeamSettings]) -> tuple[list[Source], list[int]]:
-    """Return what the beams of emitters have in common, and by the emitters' numbers which of these they have."""
-    usual = beams.get("", scene.BeamSettings())
-    emitters = [names_of(each) for each in plugin.emitters()]
-    for name in beams:
-        if name and not any(name in names for names in emitters):
-            known = ", ".join(dict.fromkeys(names[-1] for names in emitters if names)) or "none"
-            raise scene.SceneError(f"the scene has no emitter '{name}': expected one of {known}")
-    chosen = [next((beams[name] for name in names if name in beams), usual) for names in emitters]
-    different = list({id(each): each for each in chosen}.values()) or [usual]
-    numbers = [next(place for place, each in enumerate(different) if each is own) for own in chosen]
-    sources = []
-    for place, each in enumerate(different):
-        name = next((names[-1] for names, own in zip(emitters, numbers, strict=True) if own == place and names), "")
-        own = Source(place, name, each.group, each.look, beam_scale=each.beam_scale)
-        sources.append(replace(own, scattered=each.scattered, bounces=each.bounces))
-    return sources, numbers
+@dataclass(frozen=True)
+class _Said:
+    """What is said of the beams of a scene: by emitter, and as sources, with the number of each emitter's."""
+
+    beams: list[scene.BeamSettings]
+    sources: list[Source]
+    numbers: list[int]
+
+    @classmethod
+    def of(cls, plugin: Any, given: Mapping[str, scene.BeamSettings]) -> _Said:
+        """Return what is said by the names of emitters, as `Extras` has it."""
+        usual = given.get("", scene.BeamSettings())
+        emitters = [names_of(each) for each in plugin.emitters()]
+        for name in given:
+            if name and not any(name in names for names in emitters):
+                known = ", ".join(dict.fromkeys(names[-1] for names in emitters if names)) or "none"
+                raise scene.SceneError(f"the scene has no emitter '{name}': expected one of {known}")
+        beams = [next((given[name] for name in names if name in given), usual) for names in emitters]
+        different = list({id(each): each for each in beams}.values()) or [usual]
+        numbers = [next(place for place, each in enumerate(different) if each is own) for own in beams]
+        sources = []
+        for place, each in enumerate(different):
+            name = next((names[-1] for names, own in zip(emitters, numbers, strict=True) if own == place and names), "")
+            own = Source(place, name, each.group, each.look, each.emits_beams, each.beam_scale, each.scattered)
+            sources.append(replace(own, bounces=each.bounces))
+        return cls(beams, sources, numbers)
 
 
 def render(

@@ -33,7 +33,9 @@ class SceneLighting:
 
     def emission(self, hit: Any, origin: Array3f, direction: Array3f, active: Bool) -> Array3f:
         """Return the emitted radiance of surfaces, and of the environment."""
-        value = Array3f(hit.emitter(self._world.plugin, active).eval(hit, active))
+        emitter = hit.emitter(self._world.plugin, active)
+        distance = dr.select(hit.is_valid(), dr.norm(Array3f(hit.p) - origin), dr.inf)
+        value = Array3f(emitter.eval(hit, active)) * self._world.colors(emitter, origin, direction, distance)
         return dr.select(active & dr.isfinite(dr.sum(value)), value, 0)
 
     def direct(self, point: ShadingPoint, active: Bool) -> Array3f:
@@ -48,7 +50,8 @@ class SceneLighting:
         lit = active & (light.pdf > 0)
         value, pdf = bsdf.eval_pdf(context, hit, hit.to_local(light.d), lit)
         weight = dr.select(light.delta, 1, power_heuristic(light.pdf, pdf))
-        value = Array3f(value) * Array3f(radiance) * weight
+        colors = self._world.colors(light.emitter, Array3f(hit.p), Array3f(light.d), light.dist)
+        value = Array3f(value) * Array3f(radiance) * colors * weight
         lit &= dr.max(value) > 0
         ray = hit.spawn_ray_to(light.p)
         seed = samples.bits(order, _WAY, step)
@@ -65,4 +68,6 @@ class SceneLighting:
         seen = mi.DirectionSample3f(plugin, met, hit)
         other = plugin.pdf_emitter_direction(hit, seen, reflected & (emitter != None))  # noqa: E711 - of arrays
         value = Array3f(weight) * Array3f(emitter.eval(met, reflected)) * passed * power_heuristic(sample.pdf, other)
-        return result + dr.select(reflected, value, 0)
+        distance = dr.select(met.is_valid(), dr.norm(met.p - hit.p), dr.inf)
+        colors = self._world.colors(emitter, Array3f(hit.p), Array3f(direction), distance)
+        return result + dr.select(reflected, value * colors, 0)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .checks import BLACK, Array, Color, SceneError, number, rgb, whole
+from .checks import BLACK, MOST_BEAMS, Array, Color, SceneError, number, rgb, whole
 from .surfaces import Mesh
 
 if TYPE_CHECKING:
@@ -76,75 +76,24 @@ class Gobo:
         return rgb(self.image)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class BeamSettings:
-    """Settings of the beams of an emitter that is described elsewhere, as in a Mitsuba scene.
+    """Settings of the beams of a light, or of an emitter that is described elsewhere, as in a Mitsuba scene.
 
     Attributes
     ----------
-    group, look
-        Its light group, and the look of its beams (None: physical).
-    beam_scale, scattered, bounces
-        As `Light` has them.
-
-    Raises
-    ------
-    SceneError
-        As of `Light`; a factor that is negative or not finite.
-    """
-
-    group: str = ""
-    look: Look | None = None
-    beam_scale: float = 1.0
-    scattered: str = "physical"
-    bounces: int | None = None
-
-    def __post_init__(self) -> None:
-        number(self.beam_scale, "beam_scale", 0.0)
-        _check_scattered(self.scattered, self.bounces)
-
-
-def _check_scattered(scattered: str, bounces: int | None) -> None:
-    if scattered not in SCATTERED:
-        raise SceneError(f"scattered is {scattered!r}: expected {', '.join(SCATTERED)}")
-    if bounces is not None:
-        number(whole(bounces, "bounces"), "bounces", 0)
-
-
-@dataclass(frozen=True)
-class Light:
-    """Attributes of all lights.
-
-    Attributes
-    ----------
-    name
-        Prim path.
-    radiance
-        Emitted radiance after intensity, exposure, colour, temperature and `normalize`. For a point: radiant
-        intensity. For a distant light of no angle: irradiance.
     group
         Light group: beams of the light go to the layer `beams_<group>`; "" is the unnamed group.
+    look
+        The look of the light's beams, or None for the physical one.
     emits_beams, beam_count, beam_scale, seed
         Whether the light makes beams, how many a pass (None: the renderer's default), a factor on their power alone,
         and the seed of their samples.
     portal
-        The mesh through which the light reaches the shot, or None. It is no surface.
-    look
-        The look of the light's beams, or None for the physical one.
-    shaping
-        The light's cone and focus, or None for neither.
-    lights_surfaces
-        Whether surfaces are lit by it; its beams shine either way.
+        The mesh through which the light reaches the shot, or None. It is no surface. Of a Mitsuba scene: a flat mesh,
+        or the id of a flat shape with a null BSDF.
     gobo, portal_gobo
         Images that the light shines through: of its own, and over the bounding rectangle of its portal.
-    frame
-        (4, 4) transform from the light's own space to the world, for column vectors: the light shines along its −Z, +Y
-        is up, its origin is the light's place. Axes of unit length, square to each other, without the light's size;
-        mirrored where the light is.
-    unlit, unshadowed
-        Names of meshes that the light does not shine on, and of those that do not stop it, nor its beams.
-    guides
-        Points (M, 3) along each of the curves that lead the light's beams: see `beams.guides`.
     scattered
         What beams of its light are that was scattered before: "physical", "look" (as those straight from the light),
         or "off".
@@ -154,31 +103,72 @@ class Light:
     Raises
     ------
     SceneError
-        Another word for `scattered`, a negative number of bounces.
+        A factor that is negative or not finite, another word for `scattered`, a negative number of bounces or beams, a
+        portal or an image of another type.
     """
 
-    name: str
-    radiance: Color
     group: str = ""
+    look: Look | None = None
     emits_beams: bool = True
     beam_count: int | None = None
     beam_scale: float = 1.0
     seed: int = 0
-    portal: Mesh | None = None
-    look: Look | None = None
-    shaping: Shaping | None = None
-    lights_surfaces: bool = True
+    portal: Mesh | str | None = None
     gobo: Gobo | None = None
     portal_gobo: Gobo | None = None
-    frame: Array = field(default_factory=lambda: np.eye(4))
-    unlit: frozenset[str] = frozenset()
-    unshadowed: frozenset[str] = frozenset()
-    guides: tuple[Array, ...] = ()
     scattered: str = "physical"
     bounces: int | None = None
 
     def __post_init__(self) -> None:
-        _check_scattered(self.scattered, self.bounces)
+        number(self.beam_scale, "beam_scale", 0.0)
+        if self.scattered not in SCATTERED:
+            raise SceneError(f"scattered is {self.scattered!r}: expected {', '.join(SCATTERED)}")
+        if self.bounces is not None:
+            number(whole(self.bounces, "bounces"), "bounces", 0)
+        if self.beam_count is not None:
+            number(whole(self.beam_count, "beam_count"), "beam_count", 0, MOST_BEAMS)
+        kinds = {"portal": (Mesh, str), "gobo": (Gobo,), "portal_gobo": (Gobo,)}
+        for name, kind in kinds.items():
+            value = getattr(self, name)
+            if value is not None and not isinstance(value, kind):
+                expected = "a Mesh or the id of a shape" if name == "portal" else "a Gobo"
+                raise SceneError(f"{name} is of type {type(value).__name__}: expected {expected}")
+
+
+@dataclass(frozen=True)
+class Light(BeamSettings):
+    """What all lights share; of `BeamSettings`, all but the portal's name.
+
+    Attributes
+    ----------
+    name
+        Prim path.
+    radiance
+        Emitted radiance after intensity, exposure, colour, temperature and `normalize`. For a point: radiant
+        intensity. For a distant light of no angle: irradiance.
+    shaping
+        The light's cone and focus, or None for neither.
+    lights_surfaces
+        Whether surfaces are lit by it; its beams shine either way.
+    frame
+        (4, 4) transform from the light's own space to the world, for column vectors: the light shines along its −Z, +Y
+        is up, its origin is the light's place. Axes of unit length, square to each other, without the light's size;
+        mirrored where the light is.
+    unlit, unshadowed
+        Names of meshes that the light does not shine on, and of those that do not stop it, nor its beams.
+    guides
+        Points (M, 3) along each of the curves that lead the light's beams: see `beams.guides`.
+    """
+
+    name: str
+    radiance: Color
+    shaping: Shaping | None = None
+    portal: Mesh | None = field(default=None, kw_only=True)
+    lights_surfaces: bool = True
+    frame: Array = field(default_factory=lambda: np.eye(4))
+    unlit: frozenset[str] = frozenset()
+    unshadowed: frozenset[str] = frozenset()
+    guides: tuple[Array, ...] = ()
 
 
 @dataclass(frozen=True)

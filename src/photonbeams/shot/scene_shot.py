@@ -97,7 +97,9 @@ class SceneShot(Shot):
         if not path.is_file():
             raise SceneError(f"{path}: no such file")
         try:
-            plugin = mi.load_file(str(path), **self._parameters)
+            # Meshes that Mitsuba merges lose their ids.
+            named = any(isinstance(each.portal, str) for each in self._beams.values())
+            plugin = mi.load_file(str(path), optimize=not named, **self._parameters)
         except RuntimeError as error:
             raise SceneError(f"{path}: {_reason(str(error))}") from error
         if not isinstance(plugin, mi.Scene):
@@ -274,8 +276,11 @@ def _beams(
     for name, look in by_name.items():
         if not hasattr(look, "bind"):
             raise SceneError(f"looks is {look!r}{f' for {name}' if name else ''}: expected a Look")
+    for name, said in beams.items():
+        if not isinstance(said, scene.BeamSettings):
+            raise SceneError(f"beams of {name or 'all'} are {said!r}: expected BeamSettings")
     result = dict(beams)
-    for name in {*by_name, *groups}:
+    for name in {*by_name, *groups, *beams}:
         own = result.get(name, scene.BeamSettings())
         chosen = by_name.get(name) or own.look or by_name.get("")
         result[name] = replace(own, look=chosen, group=groups.get(name, own.group))

@@ -48,8 +48,8 @@ Fog = Callable[[scene.Medium | None], scene.Medium | None]
 
 
 def _opened_scene(
-    path: PathLike, camera: str | None, stereo: Stereo | None, looks: Any, groups: Any, overrides: Iterable[str],
-    of_stages: Mapping[str, Any],
+    path: PathLike, camera: str | None, stereo: Stereo | None, looks: Any, groups: Any, beams: Any,
+    overrides: Iterable[str], of_stages: Mapping[str, Any],
 ) -> Shot:  # fmt: skip
     """Return a Mitsuba scene as a shot; SceneError for what stages alone have."""
     from .scene_shot import SceneShot
@@ -63,7 +63,7 @@ def _opened_scene(
         if not key or not equals:
             raise scene.SceneError(f"cannot set '{text}': expected NAME=VALUE, a parameter of the .xml")
         parameters[key] = value
-    return SceneShot(path, camera, stereo, looks, groups, parameters=parameters)
+    return SceneShot(path, camera, stereo, looks, groups, beams, parameters)
 
 
 def _known(paths: set[str]) -> set[str]:
@@ -136,6 +136,7 @@ class Shot:
         emit: Emitter | None = None,
         looks: Look | Mapping[str, Look] | None = None,
         groups: Mapping[str, str] | None = None,
+        beams: Mapping[str, scene.BeamSettings] | None = None,
         session_layers: PathLike | Iterable[PathLike] = (),
         overrides: str | Iterable[str] = (),
     ) -> Shot:
@@ -162,6 +163,8 @@ class Shot:
             their shapes.
         groups
             Of a Mitsuba scene: light groups by the same ids.
+        beams
+            Of a Mitsuba scene: all that the lights of a stage say of their beams (portals, gobos, …), by the same ids.
         session_layers, overrides
             Layers over the stage, and values "/prim.attribute=value" over those, or NAME=VALUE for the parameters of a
             Mitsuba scene; one, or several.
@@ -175,10 +178,11 @@ class Shot:
         overrides = [overrides] if isinstance(overrides, str) else overrides
         if Path(path).suffix.lower() == ".xml":
             of_stages = {"medium": medium, "simulate": simulate, "emit": emit, "session_layers": [*session_layers]}
-            return _opened_scene(path, camera, stereo, looks, groups, overrides, of_stages)
-        if groups is not None:
-            expected = "photonbeams:lightGroup on the lights of a stage"
-            raise scene.SceneError(f"groups are for Mitsuba scenes: expected {expected}")
+            return _opened_scene(path, camera, stereo, looks, groups, beams, overrides, of_stages)
+        for name, given, expected in (("groups", groups, "lightGroup"), ("beams", beams, "…")):
+            if given is not None:
+                text = f"expected photonbeams:{expected} on the lights of a stage"
+                raise scene.SceneError(f"{name} are for Mitsuba scenes: {text}")
         shot = cls(stages.open_stage(path, session_layers, overrides), camera, medium, stereo, simulate, emit, looks)
         shot.cameras()  # a wrong name is an error now, not after a long read
         return shot

@@ -35,6 +35,7 @@ class EmissionSample:
 
     `flux` is an estimate of the whole emitter's flux from one path; `reach` is the length of a path that meets nothing,
     `portal` the distance at which it passes its portal, or infinity; `medium` is the number of the medium around it.
+    `valid` are those that are there at all: of light through a portal, those that pass it.
     """
 
     origin: Any
@@ -44,10 +45,11 @@ class EmissionSample:
     reach: Any
     portal: Any
     medium: Any
+    valid: Any
 
 
 class Emitter(Protocol):
-    """What sends light paths: a lamp of a stage, the part of its light that passes a portal, or Mitsuba's emitter.
+    """What sends light paths: a lamp of a stage, Mitsuba's emitter, or the part of either's light at a portal.
 
     Attributes
     ----------
@@ -97,6 +99,8 @@ class Stratum:
         Who sends them, and how many a pass.
     sequence
         Seeds of the stratum's Sobol sequence.
+    fixed
+        Whether the emitter says itself how many paths it has.
     guide
         A map of the samples toward visible light, or None.
     """
@@ -104,6 +108,7 @@ class Stratum:
     emitter: Emitter
     count: int
     sequence: tuple[int, ...]
+    fixed: bool = False
     guide: GuidingMap | None = None
     key: int = field(init=False)
 

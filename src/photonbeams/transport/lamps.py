@@ -7,7 +7,7 @@ area · solid angle / samples, with the cosines of the geometry (radiometry; Jar
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Protocol
 
 import drjit as dr
 import numpy as np
@@ -18,14 +18,17 @@ from ..numerics.sampling import sobol_block
 from ..runtime.device import Array2f, Array3f, Bool, Float
 from ..world.bounds import Bounds
 from ..world.gobos import Masked, bare, spread
-from ..world.lights import DistantSource, DomeSource, FlatSource, SphereSource
+from ..world.lights import FlatSource, SphereSource
 from ..world.portals import Portal
 from ..world.stage_world import StageWorld
 from ..world.warp import disk, perpendicular, power_cone, sphere
 from .differentials import RayDifferentials
-from .emission import EmissionSample
+from .emission import EmissionSample, Emitter
 
 _PROBE = 4096  # paths that tell how much of a lamp its images leave
+
+# The fraction of a lamp's beams that do not go through its portal, where they are seen.
+LIGHT_SIDE = 0.25
 
 # How often a beam is halved at most where a surface blocks its rim.
 HALVINGS, HALVINGS_ASIDE = 1, 5
@@ -90,9 +93,7 @@ def emit(light: scene.Light, source: Any, bounds: Bounds, u: Array2f, v: Array2f
     return result
 
 
-def emit_through(
-    light: scene.Light, source: Any, portal: Portal, bounds: Bounds, u: Array2f, v: Array2f, count: int
-) -> LampRays:
+def emit_through(source: Any, portal: Portal, bounds: Bounds, u: Array2f, v: Array2f, count: int) -> LampRays:
     """Return light paths through a portal: v places them on the portal, u picks the point or direction of the light.
 
     Flux = (radiance / pdf) · |cos θ| · area / count, where θ is the angle at the portal. `count` is the number of
@@ -103,7 +104,7 @@ def emit_through(
     light_sample = source.before_pane(point, u) if isinstance(source, Masked) else source.illuminate(point, u)
     cosine = dr.abs(dr.dot(normal, light_sample.direction))
     area = opaque(portal.area)
-    infinite = isinstance(bare(source), DistantSource | DomeSource)
+    infinite = bare(source).infinite
     result.direction = -light_sample.direction
     result.portal = bounds.behind(point, result.direction) if infinite else light_sample.distance
     result.origin = point - result.portal * result.direction
@@ -187,49 +188,82 @@ def _directions(light: scene.Light, axis: Array3f, v: Array2f, flat: bool) -> tu
 
 
 class LampEmitter:
-    """The light of a lamp that passes its portal, or that which does not; all of it where there is no portal.
+    """The light of a lamp.
 
     Parameters
     ----------
     world, number
         The stage, and the lamp's number in it.
-    through
-        Whether the paths go through its portal, or past it.
     """
 
-    def __init__(self, world: StageWorld, number: int, through: bool) -> None:
-        self.world, self.through = world, through
+    halvings = HALVINGS
+
+    def __init__(self, world: StageWorld, number: int) -> None:
+        self.world, self.bounds = world, world.bounds
         self.light, self.lamp = world.description.lights[number], world.lights[number]
-        self.portal = world.portals.get(self.light.name)
         self.name, self.source, self.link = self.light.name, number, world.link_of(self.light)
-        # Seldom where a narrow beam would be seen as a streak, often beside a portal, where light would leak.
-        self.halvings = HALVINGS_ASIDE if self.portal is not None and not through else HALVINGS
-        self._escape = 1.0 if isinstance(bare(self.lamp), DistantSource | DomeSource) else scene.ESCAPE
+        self._escape = 1.0 if bare(self.lamp).infinite else scene.ESCAPE
 
     def sample(self, u: Array2f, v: Array2f) -> EmissionSample:
-        """Return light paths for emission samples: u places them on the lamp, v directs them or lies on the portal."""
-        paths = self._emission(u, v)
+        """Return light paths for emission samples: u places them on the lamp, v directs them."""
+        return self.begun(emit(self.light, self.lamp, self.bounds, u, v, 1))
+
+    def begun(self, paths: LampRays) -> EmissionSample:
+        """Return paths that leave the lamp as samples of its emission."""
         flux = dr.select(paths.valid, paths.flux, 0)
-        reach = self.world.bounds.exit(paths.origin, paths.direction, self._escape)
+        reach = self.bounds.exit(paths.origin, paths.direction, self._escape)
         medium = self.world.medium_at(paths.origin, paths.direction, dr.max(flux) > 0)
-        return EmissionSample(paths.origin, paths.direction, flux, paths.differentials(), reach, paths.portal, medium)
+        return EmissionSample(
+            paths.origin, paths.direction, flux, paths.differentials(), reach, paths.portal, medium, paths.valid
+        )
 
-    def _emission(self, u: Array2f, v: Array2f) -> LampRays:
+
+class Windowed(Emitter, Protocol):
+    """An emitter that a portal may stand before.
+
+    Attributes
+    ----------
+    lamp
+        What reaches a point from it: see `world.lights`.
+    bounds
+        The sphere around the world.
+    """
+
+    lamp: Any
+    bounds: Bounds
+
+    def begun(self, paths: LampRays) -> EmissionSample:
+        """Return paths that leave the emitter as samples of its emission."""
+
+
+class PortalEmitter:
+    """The light of an emitter that passes its portal (`through`), or that which does not."""
+
+    def __init__(self, emitter: Windowed, portal: Portal, through: bool) -> None:
+        self.emitter, self.portal, self.through = emitter, portal, through
+        self.name, self.source, self.link, self.lamp = emitter.name, emitter.source, emitter.link, emitter.lamp
+        # Seldom where a narrow beam would be seen as a streak, often beside a portal, where light would leak.
+        self.halvings = HALVINGS if through else HALVINGS_ASIDE
+
+    def sample(self, u: Array2f, v: Array2f) -> EmissionSample:
+        """Return light paths for emission samples: u places them on the emitter, v directs them or is on the portal."""
+        emitter = self.emitter
         if self.through:
-            assert self.portal is not None
-            return emit_through(self.light, self.lamp, self.portal, self.world.bounds, u, v, 1)
-        paths = emit(self.light, self.lamp, self.world.bounds, u, v, 1)
-        if self.portal is not None:
-            paths.valid &= ~self.portal.crosses(paths.origin, paths.direction)
-        return paths
+            return emitter.begun(emit_through(emitter.lamp, self.portal, emitter.bounds, u, v, 1))
+        result = emitter.sample(u, v)
+        result.valid &= ~self.portal.crosses(result.origin, result.direction)
+        result.flux = dr.select(result.valid, result.flux, 0)
+        return result
 
-    def lit_fraction(self) -> float:
-        """Return which fraction of the paths passes the lamp's images: of a few of them, and 1 of a lamp without."""
-        if not isinstance(self.lamp, Masked):
-            return 1.0
-        if self.through not in self.lamp.lit:
-            probe = self._emission(*sobol_block(_PROBE, 0, (_PROBE,)))
-            there = np.broadcast_to(probe.valid.numpy(), _PROBE)
-            lit = there & (probe.flux.numpy().max(axis=0) > 0)
-            self.lamp.lit[self.through] = float(lit.sum() / max(there.sum(), 1))
-        return self.lamp.lit[self.through]
+
+def lit_fraction(emitter: LampEmitter | PortalEmitter) -> float:
+    """Return which fraction of the paths passes the emitter's images: of a few of them, and 1 of one without."""
+    lamp, through = emitter.lamp, isinstance(emitter, PortalEmitter) and emitter.through
+    if not isinstance(lamp, Masked):
+        return 1.0
+    if through not in lamp.lit:
+        probe = emitter.sample(*sobol_block(_PROBE, 0, (_PROBE,)))
+        there = np.broadcast_to(probe.valid.numpy(), _PROBE)
+        lit = there & (probe.flux.numpy().max(axis=0) > 0)
+        lamp.lit[through] = float(lit.sum() / max(there.sum(), 1))
+    return lamp.lit[through]

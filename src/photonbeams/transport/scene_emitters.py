@@ -8,16 +8,21 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
-from ..runtime.device import Array2f, Array3f, Float, mitsuba
+from ..runtime.device import Array2f, Array3f, Bool, Float, mitsuba
 from ..world.checks import check_finite
+from ..world.gobos import Masked
 from ..world.scene_world import SceneWorld
 from .differentials import RayDifferentials, copies, differentiate, of_copies
-from .emission import Emission, EmissionSample, Stratum, probed_flux
+from .emission import Emission, EmissionSample, Emitter, Stratum, probed_flux
+from .lamps import LIGHT_SIDE, LampRays, PortalEmitter
 
 mi = mitsuba()
 
 # The least fraction of a pass that an emitter with any power gets.
 _LEAST = 1 / 64
+
+# The fractions of an emitter's paths that go through its portal, and past it.
+_SHARES = (1 - LIGHT_SIDE, LIGHT_SIDE)
 
 
 class SceneEmitter:
@@ -29,6 +34,8 @@ class SceneEmitter:
     def __init__(self, world: SceneWorld, number: int, source: int = 0) -> None:
         self._world, self._plugin, self._number = world, world.plugin.emitters()[number], number
         self.name, self.source = self._plugin.id() or self._plugin.class_name(), source
+        before = world.lamps[number]
+        self.lamp, self.bounds = None if before is None else before.source, world.bounds
         check_finite(self._plugin, f"emitter {self.name}")
         self._reach = dr.opaque(Float, world.reach)
 
@@ -36,9 +43,28 @@ class SceneEmitter:
         """Return light paths for emission samples, with derivatives by forward-mode differentiation."""
         differentials = self._tangents(u, v)
         ray, weight = self._ray(mi.Point2f(u), mi.Point2f(v))
-        origin, direction = Array3f(ray.o), Array3f(ray.d)
+        origin, direction, flux = Array3f(ray.o), Array3f(ray.d), Array3f(weight)
+        if isinstance(self.lamp, Masked):
+            flux = flux * self.lamp.tint(origin, direction)
+        return self._sample(origin, direction, flux, differentials, Float(dr.inf), Bool(True))
+
+    def begun(self, paths: LampRays) -> EmissionSample:
+        """Return paths through a portal as samples of the emission; they begin beyond the rounding of its surface."""
+        step = mi.math.RayEpsilon * (1 + dr.max(dr.abs(paths.origin)))
+        origin, flux = paths.origin + step * paths.direction, dr.select(paths.valid, paths.flux, 0)
+        return self._sample(origin, paths.direction, flux, paths.differentials(), paths.portal - step, paths.valid)
+
+    def _sample(
+        self,
+        origin: Array3f,
+        direction: Array3f,
+        flux: Array3f,
+        differentials: RayDifferentials,
+        portal: Float,
+        valid: Bool,
+    ) -> EmissionSample:
         medium = self._world.surroundings.of_emitter(self._number, origin, direction)
-        return EmissionSample(origin, direction, Array3f(weight), differentials, self._reach, Float(dr.inf), medium)
+        return EmissionSample(origin, direction, flux, differentials, self._reach, portal, medium, valid)
 
     def _ray(self, u: Any, v: Any) -> Any:
         return self._plugin.sample_ray(Float(0), Float(0.5), u, v, True)
@@ -66,26 +92,41 @@ def emission_of(world: SceneWorld, count: int, seed: int = 0, sources: Sequence[
     `sources` are the numbers of the emitters' sources, 0 unless given.
     """
     total = len(world.plugin.emitters())
-    emitters = [SceneEmitter(world, k, sources[k] if sources else 0) for k in range(total)]
-    fluxes = [probed_flux(each, number) for number, each in enumerate(emitters)]
-    power = np.array([max(flux) for flux in fluxes])
+    parts = [_parts(world, SceneEmitter(world, k, sources[k] if sources else 0), k) for k in range(total)]
+    fluxes = [[probed_flux(each, number) for each in own] for number, own in enumerate(parts)]
+    power = np.array([max(np.sum(own, axis=0)) for own in fluxes])
     fractions = np.where(power > 0, np.maximum(power / max(power.sum(), 1e-30), _LEAST), 0)
-    return Emission(_strata(emitters, fractions, count, seed), np.sum(fluxes, axis=0) if fluxes else np.zeros(3))
+    fractions = fractions / max(fractions.sum(), 1e-30)
+    strata = []
+    for number, (emitters, own) in enumerate(zip(parts, fluxes, strict=True)):
+        said = world.beams[number]
+        whole = fractions[number] * count if said.beam_count is None else said.beam_count
+        name = (seed & 0xFFFFFFFF, number, *([said.seed & 0xFFFFFFFF] if said.seed else []))
+        for place, (emitter, flux) in enumerate(zip(emitters, own, strict=True)):
+            if max(flux) > 0 and whole > 0:
+                share = 1.0 if len(emitters) == 1 or max(own[1 - place]) == 0 else _SHARES[place]
+                sequence = name if len(emitters) == 1 else (*name, 0, place)
+                strata.append(Stratum(emitter, max(round(share * whole), 1), sequence, said.beam_count is not None))
+    return Emission(strata, np.sum([flux for own in fluxes for flux in own], axis=0) if fluxes else np.zeros(3))
 
 
-def _strata(emitters: Sequence[SceneEmitter], weights: np.ndarray, count: int, seed: int) -> list[Stratum]:
-    fractions = weights / max(weights.sum(), 1e-30)
-    return [
-        Stratum(emitter, max(round(fraction * count), 1), (seed & 0xFFFFFFFF, number))
-        for number, (emitter, fraction) in enumerate(zip(emitters, fractions, strict=True))
-        if fraction > 0
-    ]
+def _parts(world: SceneWorld, emitter: SceneEmitter, number: int) -> list[Emitter]:
+    """Return an emitter as a whole, or the light of it that passes its portal, and that which does not."""
+    before = world.lamps[number]
+    if before is None or before.portal is None:
+        return [emitter]
+    return [PortalEmitter(emitter, before.portal, through) for through in (True, False)]
 
 
 def redistribute(emission: Emission, seen: np.ndarray) -> None:
-    """Distribute light paths among the emitters: half by power, as before, and half by the importance `seen`."""
-    if not seen.sum() > 0:
+    """Distribute light paths among the emitters: half by power, as before, and half by the importance `seen`.
+
+    Those that say themselves how many paths they have keep these.
+    """
+    free = np.array([not each.fixed for each in emission.strata], dtype=bool)
+    if not seen[free].sum() > 0:
         return
-    total = emission.count
-    for stratum, own in zip(emission.strata, seen / seen.sum(), strict=True):
-        stratum.count = max(round(0.5 * stratum.count + 0.5 * own * total), 1)
+    total = sum(each.count for each in emission.strata if not each.fixed)
+    for stratum, own in zip(emission.strata, seen / seen[free].sum(), strict=True):
+        if not stratum.fixed:
+            stratum.count = max(round(0.5 * stratum.count + 0.5 * own * total), 1)

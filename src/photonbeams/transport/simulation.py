@@ -24,14 +24,12 @@ from ..world.world import World
 from . import paths
 from .beams import Cutting, moving_sets, sets_of
 from .emission import Emission, Stratum, probed_flux
-from .lamps import LampEmitter
+from .lamps import LIGHT_SIDE, LampEmitter, PortalEmitter, lit_fraction
 from .radii import Limits
 from .records import PhotonHits
 
 if TYPE_CHECKING:
     from ..looks import Look
-
-LIGHT_SIDE = 0.25  # the fraction of a lamp's beams that do not go through its portal, where they are seen
 
 # Most candidates for one path whose light passes its lamp's images, and most candidates of a stratum.
 _MOST_DARK, _MOST_PATHS = 64, 1 << 22
@@ -215,10 +213,11 @@ def lamps_of(
 
 def _stratum(world: StageWorld, number: int, seed: int, count: int, through: bool) -> Stratum:
     """Return the light paths of a lamp through its portal, or beside it, of which about `count` have light."""
-    emitter = LampEmitter(world, number, through)
-    light, portal = emitter.light, emitter.portal
+    lamp, light = LampEmitter(world, number), world.description.lights[number]
+    portal = world.portals.get(light.name)
+    emitter = lamp if portal is None else PortalEmitter(lamp, portal, through)
     most = max(count, min(_MOST_DARK * count, _MOST_PATHS))
-    count = min(count_candidates(max(emitter.lit_fraction(), 1 / _MOST_DARK), count), most)
+    count = min(count_candidates(max(lit_fraction(emitter), 1 / _MOST_DARK), count), most)
     if through and portal is not None:
         count = count_candidates(portal.fill, count)
     own = _PORTAL if through else _ALL
@@ -290,8 +289,10 @@ class StageSimulation:
 def _later(stratum: Stratum, last: StageWorld) -> Stratum:
     """Return the same light paths of a lamp at another time."""
     emitter = stratum.emitter
-    assert isinstance(emitter, LampEmitter)
-    return replace(stratum, emitter=LampEmitter(last, emitter.source, emitter.through))
+    lamp = LampEmitter(last, emitter.source)
+    if isinstance(emitter, PortalEmitter):
+        return replace(stratum, emitter=PortalEmitter(lamp, last.portals[lamp.name], emitter.through))
+    return replace(stratum, emitter=lamp)
 
 
 def renumbering(one: StageWorld, other: StageWorld) -> dict[int, int]:

@@ -20,6 +20,11 @@ class Bounds:
         self.center = opaque(center)
         self.radius = opaque(radius)
 
+    def contains(self, points: Any) -> bool:
+        """Return whether all points (N, 3) are inside, up to rounding."""
+        center, radius = np.ravel(self.center.numpy()), float(self.radius.numpy()[0])
+        return bool(np.all(np.linalg.norm(np.asarray(points) - center, axis=1) <= radius * (1 + 1e-4)))
+
     def behind(self, point: Array3f, direction: Array3f) -> Float:
         """Return how far back along `direction` from a point the plane is that touches the sphere."""
         return dr.dot(point - self.center, direction) + self.radius

@@ -20,7 +20,7 @@ import numpy as np
 from .. import scene
 from ..numerics.arrays import opaque, to_uint, to_vectors
 from ..runtime.device import Array2f, Array3f, Bool, Float, UInt32
-from .lights import DomeSource, Illumination, LightHit, SphereSource, pack
+from .lights import Illumination, LightHit, pack
 
 if TYPE_CHECKING:
     from .portals import Portal
@@ -147,15 +147,18 @@ class Masked:
     def see(self, origin: Array3f, direction: Array3f) -> LightHit:
         """Return what a ray sees of the light."""
         sight = self.bare.see(origin, direction)
-        factor = self.tint(origin, -direction) * self._passing(origin, direction, sight.distance)
-        sight.radiance = sight.radiance * factor
+        sight.radiance = sight.radiance * self.colors(origin, direction, sight.distance)
         return sight
+
+    def colors(self, point: Array3f, direction: Array3f, distance: Float) -> Array3f:
+        """Return the colours of what light passes that arrives at a point from this far along a direction."""
+        return self.tint(point, -direction) * self._passing(point, direction, distance)
 
     def tint(self, point: Array3f, direction: Array3f) -> Array3f:
         """Return the slide's colour for the light that passes a point along a direction."""
         if not self.has_slide:
             return Array3f(1)
-        if isinstance(self.bare, SphereSource):
+        if self.bare.central:
             point = self.bare.center  # the picture goes out from there, also of the light beside it
         _, place = self.slide.crossing(point, direction)
         color = self.slide.color(place, self.pixels["slide"])
@@ -200,7 +203,7 @@ def masked(bare: Any, light: scene.Light, portal: Portal | None, images: Images)
     SceneError
         An image on a portal that is not flat.
     """
-    slide = None if isinstance(bare, DomeSource) else light.gobo
+    slide = None if isinstance(light, scene.DomeLight) else light.gobo
     pane = light.portal_gobo if portal is not None else None
     if slide is None and pane is None:
         return bare

@@ -91,9 +91,17 @@ class ShapingFactor:
         return dr.lerp(self.tint, Array3f(1), focus) * (1 - x * x * (3 - 2 * x))
 
 
-class SphereSource:
+class _Source:
+    """What all lights have in common: whether they are infinitely far away, and whether they shine from a center."""
+
+    infinite: ClassVar[bool] = False
+    central: ClassVar[bool] = False
+
+
+class SphereSource(_Source):
     """A sphere that radiates evenly, or, with radius 0, a point whose `radiance` is a radiant intensity."""
 
+    central = True
     DRJIT_STRUCT: ClassVar[dict[str, Any]] = {
         "radiance": Array3f, "center": Array3f, "radius": Float, "axis": Array3f, "shaping": ShapingFactor,
     }  # fmt: skip
@@ -151,7 +159,7 @@ class SphereSource:
         return dr.maximum(sine2 / (1 + dr.safe_sqrt(1 - sine2)), 1e-30), outside
 
 
-class FlatSource:
+class FlatSource(_Source):
     """A rectangle or ellipse that radiates to one side, along `axis`."""
 
     DRJIT_STRUCT: ClassVar[dict[str, Any]] = {
@@ -217,9 +225,10 @@ class FlatSource:
         return LightHit(hit, dr.select(hit, distance, dr.inf), radiance, pdf)
 
 
-class DistantSource:
+class DistantSource(_Source):
     """Light from a cone of directions around −`axis`; with no angle `radiance` is an irradiance."""
 
+    infinite = True
     DRJIT_STRUCT: ClassVar[dict[str, Any]] = {"radiance": Array3f, "axis": Array3f, "one_minus_cos": Float}
 
     radiance: Any
@@ -252,8 +261,30 @@ class DistantSource:
         return LightHit(hit, dr.inf + 0 * origin.x, dr.select(hit, self.radiance, 0), pdf + 0 * origin.x)
 
 
-class DomeSource:
-    """An environment, sampled by its brightness through Mitsuba's emitters.
+class EmitterSource:
+    """An emitter of Mitsuba's; `central` is whether its light goes out from one point, which is then `center`."""
+
+    central = False
+    center: Any
+
+    def __init__(self, emitter: Any) -> None:
+        self.emitter = emitter
+        self.infinite = mi.has_flag(emitter.flags(), mi.EmitterFlags.Infinite)
+
+    def illuminate(self, point: Array3f, u: Array2f) -> Illumination:
+        """Return a direction with the density that the emitter has; of an environment, one like its brightness."""
+        interaction = dr.zeros(mi.SurfaceInteraction3f)
+        interaction.p = mi.Point3f(point)
+        sample, weight = self.emitter.sample_direction(interaction, mi.Point2f(u))
+        nowhere = 0 * point.x
+        weight = dr.select(sample.pdf > 0, Array3f(weight), 0)
+        distance = dr.inf if self.infinite else sample.dist
+        pdf = dr.select(sample.delta, 0, sample.pdf)
+        return Illumination(Array3f(sample.d), distance + nowhere, weight + nowhere, pdf + nowhere)
+
+
+class DomeSource(EmitterSource):
+    """An environment, sampled by its brightness.
 
     Mitsuba's `envmap` has the convention of UsdLuxDomeLight's latlong format: +Y is up, the middle of the image looks
     along +Z and its first quarter along +X, so the light's own rotation is all there is. Mitsuba puts the first and the
@@ -273,16 +304,7 @@ class DomeSource:
                 "bitmap": mi.Bitmap(pixels),
                 "to_world": mi.ScalarTransform4f(to_world),
             }
-        self.emitter = mi.load_dict(plugin)
-
-    def illuminate(self, point: Array3f, u: Array2f) -> Illumination:
-        """Return a direction with a density like the environment's brightness."""
-        interaction = dr.zeros(mi.SurfaceInteraction3f)
-        interaction.p = mi.Point3f(point)
-        sample, weight = self.emitter.sample_direction(interaction, mi.Point2f(u))
-        nowhere = 0 * point.x
-        weight = dr.select(sample.pdf > 0, Array3f(weight), 0)
-        return Illumination(Array3f(sample.d), dr.inf + nowhere, weight + nowhere, sample.pdf + nowhere)
+        super().__init__(mi.load_dict(plugin))
 
     def see(self, origin: Array3f, direction: Array3f) -> LightHit:
         """Return what a ray sees that meets nothing."""

@@ -16,6 +16,7 @@ from .. import scene
 from ..numerics.arrays import opaque
 from ..runtime.device import Array2f, Array3f, Bool, mitsuba
 from ..scene.vectors import FLAT
+from .shapes import scene_of
 
 mi = mitsuba()
 
@@ -47,7 +48,7 @@ class Portal:
         if not area > 0:
             raise scene.SceneError(f"{mesh.name}: the portal has no area, so no light passes it")
         self.shape = shape
-        self.scene = mi.load_dict({"type": "scene", "portal": shape})
+        self.scene = scene_of([shape])
         self.rectangle, rectangle_area, self.sides = _bounding_rectangle(mesh)
         self.area = rectangle_area if self.rectangle else area
         self.fill = min(1.0, area / self.area)

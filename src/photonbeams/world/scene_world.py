@@ -12,7 +12,9 @@ import numpy as np
 
 from .. import scene
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
+from .bounds import Bounds
 from .media import Media
+from .scene_lamps import lamps_of
 from .shapes import scene_of
 from .sources import Source
 from .surroundings import Surroundings, place_of_sensor, places_of
@@ -33,19 +35,27 @@ class SceneWorld(World):
         The scene, and the sensor that looks at it.
     sources
         What the beams of its emitters have in common; several emitters may share one.
+    beams
+        What is said of each emitter, by number; () says nothing.
 
     Raises
     ------
     SceneError
-        A medium that cannot be rendered, a scene that is too large.
+        A medium that cannot be rendered, a scene that is too large; a gobo or a portal that an emitter cannot have.
     """
 
     cutouts = narrows = False
 
-    def __init__(self, plugin: Any, sensor: Any, sources: Sequence[Source] = (Source(),)) -> None:
+    def __init__(
+        self, plugin: Any, sensor: Any, sources: Sequence[Source] = (Source(),),
+        beams: Sequence[scene.BeamSettings] = (),
+    ) -> None:  # fmt: skip
         self.plugin, self.sources = plugin, tuple(sources)
         self.media = Media.of(plugin)
-        self.radius = _radius(plugin)
+        center, self.radius = _sphere(plugin)
+        self.bounds = Bounds(center, self.radius)
+        self.beams = beams or [scene.BeamSettings()] * len(plugin.emitters())
+        self.lamps = lamps_of(plugin, self.beams, self.bounds)
         self.perturbed, self.translucent = perturbs(plugin), translucent(plugin)
         self.reach = scene.ESCAPE * self.radius
         place = None if sensor is None else place_of_sensor(sensor)
@@ -60,6 +70,16 @@ class SceneWorld(World):
     def medium_of_view(self, origin: Array3f, direction: Array3f) -> UInt32:
         """Return the numbers of the media in which camera rays begin."""
         return self.surroundings.of_sensor(origin, direction)
+
+    def colors(self, emitter: Any, point: Array3f, direction: Array3f, distance: Float) -> Array3f:
+        """Return the colours of the images before emitters (pointers) that light from there passes to points."""
+        result = Array3f(1)
+        for plugin, lamp in zip(self.plugin.emitters(), self.lamps, strict=True):
+            if lamp is not None:
+                number: Any = dr.reinterpret_array(UInt32, mi.EmitterPtr(plugin))
+                own = dr.reinterpret_array(UInt32, emitter) == dr.opaque(UInt32, int(number[0]))
+                result = dr.select(own, lamp.colors(point, direction, distance), result)
+        return result
 
     def without_surfaces(self) -> SceneWorld:
         """Return the world with its media alone."""
@@ -83,13 +103,13 @@ class SceneWorld(World):
         return self.plugin.ray_intersect(ray, active)
 
 
-def _radius(plugin: Any) -> float:
-    """Return the radius of a scene, 1 of one that is a point or nothing."""
+def _sphere(plugin: Any) -> tuple[np.ndarray, float]:
+    """Return centre and radius of a scene; the radius is 1 of one that is a point or nothing."""
     box = plugin.bbox()
     if not box.valid():
-        return 1.0
+        return np.zeros(3), 1.0
     low, high = (np.ravel(np.asarray(each, dtype=float)) for each in (box.min, box.max))
     size = float(np.linalg.norm(high - low) / 2)
     if not size <= LARGEST:
         raise scene.SceneError(f"the scene has a radius of {size:g} units: expected {LARGEST:g} at most")
-    return size or 1.0
+    return (low + high) / 2, size or 1.0

@@ -56,8 +56,12 @@ def shape_of(
 
 
 def scene_of(shapes: Sequence[Any]) -> Any:
-    """Return a Mitsuba scene of nothing but shapes."""
-    return mi.load_dict({"type": "scene", **{f"mesh_{index}": shape for index, shape in enumerate(shapes)}})
+    """Return a Mitsuba scene of nothing but shapes, which keep their ids."""
+    names = [shape.id() for shape in shapes]
+    result = mi.load_dict({"type": "scene", **{f"mesh_{index}": shape for index, shape in enumerate(shapes)}})
+    for shape, name in zip(shapes, names, strict=True):
+        shape.set_id(name)
+    return result
 
 
 def outward(mesh: scene.Mesh) -> scene.Mesh:
