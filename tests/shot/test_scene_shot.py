@@ -4,8 +4,12 @@ import numpy as np
 import pytest
 
 import photonbeams as pb
+from photonbeams.runtime.device import mitsuba
+from photonbeams.scene import BeamSettings, Gobo
 from transport.scenes import T, camera, cube_of, fog, load, rgb
 
+mi = mitsuba()
+HALF = np.tile(np.linspace(0, 1, 4, dtype=np.float32)[None, :, None], (4, 1, 3))
 LAMP = {"type": "point", "position": [0.3, 0.4, 0.2], "intensity": rgb([3.0, 2.0, 1.0])}
 WALL = {"type": "rectangle", "to_world": T().translate([0, 0, -1.5]).scale(4)}
 CROP = (0.5, 0.25, 1, 0.75)
@@ -47,6 +51,70 @@ def test_a_holdout_far_away_hides_no_beam(shot):
         assert layers["beams"].any()
         np.testing.assert_allclose(other["beams"], layers["beams"], rtol=1e-3, atol=1e-5)
         assert not other["surface"].any()
+
+
+LAYER = """#usda 1.0
+def PhotonBeamsLook "warm" {
+    float[] photonbeams:along:ramp:knots = [0, 1]
+    color3f[] photonbeams:along:ramp:colors = [(1, 0.5, 0.25), (0.125, 0.25, 1)]
+}
+over "key_lamp" {
+    rel photonbeams:look = </warm>
+    string photonbeams:lightGroup = "key"
+    float photonbeams:intensity = 0.5
+    int photonbeams:count = 300
+    int photonbeams:bounces = 1
+    token photonbeams:scattered = "off"
+    rel photonbeams:portal = </opening>
+    asset photonbeams:portal:gobo = @half.exr@
+}
+over "opening" {}
+"""
+
+
+@pytest.fixture(scope="module")
+def lit(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("lit")
+    parts = {"fog": cube_of(fog(0.5)), "key-lamp": LAMP, "wall": WALL}
+    null = {"type": "rectangle", "bsdf": {"type": "null"}, "to_world": T().translate([0, 0, -0.9]).scale(0.5)}
+    scene = {"type": "scene", **parts, "opening": null, "sensor": camera((0.2, 0.3, 4), **SIZE)}
+    mi.Bitmap(HALF).write(str(folder / "half.exr"))
+    (folder / "say.usda").write_text(LAYER)
+    return scene, folder
+
+
+def test_a_layer_says_of_beams_what_python_says(lit):
+    scene, folder = lit
+    ramp = pb.looks.ColorRamp([0, 1], [[1, 0.5, 0.25], [0.125, 0.25, 1]])
+    said = BeamSettings(
+        look=pb.Look(along=ramp * pb.looks.Attenuation()), group="key", beam_scale=0.5, beam_count=300, bounces=1,
+        scattered="off", portal="opening", portal_gobo=Gobo(HALF),
+    )  # fmt: skip
+    shots = [
+        pb.Shot(mi.load_dict(scene, optimize=False), **given)
+        for given in ({"session_layers": [folder / "say.usda"]}, {"beams": {"key-lamp": said}})
+    ]
+    of_layer, of_python = (each.render(passes=1, beams=500).layers for each in shots)
+    assert of_python["beams_key"].any()
+    assert of_layer.keys() == of_python.keys()
+    for name, values in of_python.items():
+        np.testing.assert_array_equal(of_layer[name], values, err_msg=name)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ('"key_lamp"', '"lamp"', "/lamp is named like no emitter of the scene: expected one of key-lamp"),
+        ('over "opening"', 'over "door"', "/opening: expected a prim that is on the stage"),
+        ('"off"', '"of"', "/key_lamp.photonbeams:scattered is 'of': expected"),
+        ("opening", "door", "/door is named like no shape of the scene: expected one of"),
+    ],
+)
+def test_a_layer_that_does_not_fit_is_refused_in_a_sentence(lit, tmp_path, old, new, words):
+    scene, folder = lit
+    (tmp_path / "say.usda").write_text(LAYER.replace(old, new).replace("half.exr", f"{folder}/half.exr"))
+    with pytest.raises(pb.SceneError, match=words):
+        pb.Shot(mi.load_dict(scene, optimize=False), session_layers=[tmp_path / "say.usda"])
 
 
 def test_a_render_leaves_the_film_as_it_was(shot):

@@ -24,8 +24,8 @@ FLAGS = {
     "scene", "output", "picture", "layers", "frames", "camera", "list_cameras", "res", "res_scale", "crop", "passes",
     "time_limit", "beams", "bounces", "estimator", "rule", "order", "pixel_filter", "overrides", "exposure", "seed",
     "threads", "device", "progress", "dry_run", "quiet", "verbose", "skip_existing", "checkpoint", "resume", "look",
-    "group", "stereo", "interaxial", "convergence", "view", "holdout", "holdout_channel", "holdout_depth",
-    "holdout_scale", "over", "over_fog",
+    "group", "session_layer", "stereo", "interaxial", "convergence", "view", "holdout", "holdout_channel",
+    "holdout_depth", "holdout_scale", "over", "over_fog",
 }  # fmt: skip
 
 
@@ -53,7 +53,7 @@ class MitsubaJob:
             raise typer.BadParameter(f"--frames is {asked.frames}: expected one run of # in {asked.path.name}, too")
         self._shot = SceneShot(
             asked.path, asked.camera, asked.stereo, load_looks("--look", asked.looks), _pairs("--group", asked.groups),
-            parameters=_pairs("--set", asked.overrides),
+            parameters=_pairs("--set", asked.overrides), session_layers=asked.session_layers,
         )  # fmt: skip
         self._shot.load(self._numbers[0])
 

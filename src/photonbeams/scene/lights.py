@@ -137,7 +137,7 @@ class BeamSettings:
 
 @dataclass(frozen=True)
 class Light(BeamSettings):
-    """What all lights share; of `BeamSettings`, all but the portal's name.
+    """Attributes of all lights; a portal is a mesh.
 
     Attributes
     ----------

@@ -19,6 +19,7 @@ from ..runtime.digest import digest
 from ..runtime.files import PathLike
 from ..scene import SceneError
 from ..usd.reading import LOG
+from ..usd.scene_layers import SceneLayers
 from ..usd.stereo import EYES, Stereo, check_stereo, split, views_of
 from .shot import Shot
 
@@ -45,6 +46,8 @@ class SceneShot(Shot):
         Looks by the ids of emitters or of their shapes, or one for all; light groups by the same ids.
     beams
         All that may be said of beams, by the same ids: see `scene.BeamSettings`.
+    session_layers
+        USD layers that say so, too, on prims named by the same ids; what is given here is stronger.
     parameters
         Values of the file's own parameters ($name).
     settings
@@ -65,11 +68,16 @@ class SceneShot(Shot):
         groups: Mapping[str, str] | None = None,
         beams: Mapping[str, scene.BeamSettings] | None = None,
         parameters: Mapping[str, str] | None = None,
+        session_layers: PathLike | Iterable[PathLike] = (),
     ) -> None:
         check_stereo(stereo)
         self.path = Path(subject) if isinstance(subject, str | os.PathLike) else None
         self.camera, self.stereo, self._parameters = camera, stereo, dict(parameters or {})
-        self._beams = _beams(looks, groups or {}, beams or {})
+        self._given = looks, groups or {}, beams or {}
+        self._beams = _beams(*self._given)
+        layers = [session_layers] if isinstance(session_layers, str | os.PathLike) else [*session_layers]
+        self._layers = SceneLayers(layers) if layers else None
+        self._looks: dict[str, Look] = {}
         self._open: tuple[Path | None, Any] = (None, None if self.path else subject)
         self._warned: set[Any] = set()
         if self.path is None or not PLACEHOLDER.search(self.path.name):
@@ -88,7 +96,22 @@ class SceneShot(Shot):
         self.plugin = self._open[1]
         self.names = [each.id() or f"sensor {index}" for index, each in enumerate(self.plugin.sensors())]
         self.sensor = self.plugin.sensors()[self._index(self.camera)]
+        if self._layers is not None:
+            self._beams = _beams(*self._given, self._said(self._layers, frame))
         return self.plugin
+
+    def _said(self, layers: SceneLayers, frame: float | None) -> dict[str, scene.BeamSettings]:
+        """Return what layers say of the scene's beams; looks that are the same prim are the same look."""
+        from ..usd.shading import build_look
+        from ..world.scene_lamps import names_of
+
+        names = [name for each in self.plugin.emitters() for name in names_of(each)]
+        result = {}
+        for name, fields in layers.read(frame, names, [each.id() for each in self.plugin.shapes()]).items():
+            spec = fields.pop("look")
+            look = None if spec is None else self._looks.setdefault(repr(spec), build_look(spec))
+            result[name] = scene.BeamSettings(**fields, look=look)
+        return result
 
     def _loaded(self, path: Path) -> Any:
         from ..runtime.device import mitsuba
@@ -98,7 +121,7 @@ class SceneShot(Shot):
             raise SceneError(f"{path}: no such file")
         try:
             # Meshes that Mitsuba merges lose their ids.
-            named = any(isinstance(each.portal, str) for each in self._beams.values())
+            named = self._layers is not None or any(isinstance(each.portal, str) for each in self._beams.values())
             plugin = mi.load_file(str(path), optimize=not named, **self._parameters)
         except RuntimeError as error:
             raise SceneError(f"{path}: {_reason(str(error))}") from error
@@ -269,9 +292,12 @@ class SceneShot(Shot):
 
 
 def _beams(
-    looks: Look | Mapping[str, Look] | None, groups: Mapping[str, str], beams: Mapping[str, scene.BeamSettings]
+    looks: Look | Mapping[str, Look] | None,
+    groups: Mapping[str, str],
+    beams: Mapping[str, scene.BeamSettings],
+    layers: Mapping[str, scene.BeamSettings] | None = None,
 ) -> dict[str, scene.BeamSettings]:
-    """Return the beam settings by the ids of emitters."""
+    """Return the beam settings by the ids of emitters; those given in Python are stronger than those of layers."""
     by_name = looks if isinstance(looks, Mapping) else {} if looks is None else {"": looks}
     for name, look in by_name.items():
         if not hasattr(look, "bind"):
@@ -279,8 +305,8 @@ def _beams(
     for name, said in beams.items():
         if not isinstance(said, scene.BeamSettings):
             raise SceneError(f"beams of {name or 'all'} are {said!r}: expected BeamSettings")
-    result = dict(beams)
-    for name in {*by_name, *groups, *beams}:
+    result = {**(layers or {}), **beams}
+    for name in {*by_name, *groups, *result}:
         own = result.get(name, scene.BeamSettings())
         chosen = by_name.get(name) or own.look or by_name.get("")
         result[name] = replace(own, look=chosen, group=groups.get(name, own.group))

@@ -49,7 +49,7 @@ Fog = Callable[[scene.Medium | None], scene.Medium | None]
 
 def _opened_scene(
     path: PathLike, camera: str | None, stereo: Stereo | None, looks: Any, groups: Any, beams: Any,
-    overrides: Iterable[str], of_stages: Mapping[str, Any],
+    session_layers: Iterable[PathLike], overrides: Iterable[str], of_stages: Mapping[str, Any],
 ) -> Shot:  # fmt: skip
     """Return a Mitsuba scene as a shot; SceneError for what stages alone have."""
     from .scene_shot import SceneShot
@@ -63,7 +63,7 @@ def _opened_scene(
         if not key or not equals:
             raise scene.SceneError(f"cannot set '{text}': expected NAME=VALUE, a parameter of the .xml")
         parameters[key] = value
-    return SceneShot(path, camera, stereo, looks, groups, beams, parameters)
+    return SceneShot(path, camera, stereo, looks, groups, beams, parameters, session_layers)
 
 
 def _known(paths: set[str]) -> set[str]:
@@ -167,7 +167,8 @@ class Shot:
             Of a Mitsuba scene: all that the lights of a stage say of their beams (portals, gobos, …), by the same ids.
         session_layers, overrides
             Layers over the stage, and values "/prim.attribute=value" over those, or NAME=VALUE for the parameters of a
-            Mitsuba scene; one, or several.
+            Mitsuba scene; one, or several. Over a Mitsuba scene, prims named by the ids of emitters say of their beams
+            what they would say of lights.
 
         Raises
         ------
@@ -177,8 +178,8 @@ class Shot:
         session_layers = [session_layers] if isinstance(session_layers, str | os.PathLike) else session_layers
         overrides = [overrides] if isinstance(overrides, str) else overrides
         if Path(path).suffix.lower() == ".xml":
-            of_stages = {"medium": medium, "simulate": simulate, "emit": emit, "session_layers": [*session_layers]}
-            return _opened_scene(path, camera, stereo, looks, groups, beams, overrides, of_stages)
+            of_stages = {"medium": medium, "simulate": simulate, "emit": emit}
+            return _opened_scene(path, camera, stereo, looks, groups, beams, session_layers, overrides, of_stages)
         for name, given, expected in (("groups", groups, "lightGroup"), ("beams", beams, "…")):
             if given is not None:
                 text = f"expected photonbeams:{expected} on the lights of a stage"

@@ -40,8 +40,8 @@ def read_texture(reading: Reading, prim: Usd.Prim) -> Gobo | None:
     return None if image is None else Gobo(image)
 
 
-def read_pane(reading: Reading, prim: Usd.Prim, portal: Mesh | None) -> Gobo | None:
-    """Return the image over a light's portal, or None.
+def read_pane(reading: Reading, prim: Usd.Prim, portal: Mesh | str | None) -> Gobo | None:
+    """Return the image over a light's portal (a mesh, or the name of a shape elsewhere), or None.
 
     Raises
     ------
@@ -55,6 +55,8 @@ def read_pane(reading: Reading, prim: Usd.Prim, portal: Mesh | None) -> Gobo | N
     if portal is None:
         reading.warn(prim, "is not rendered: expected a photonbeams:portal that it lies on", name)
         return None
+    if isinstance(portal, str):
+        return Gobo(image, up=_up(reading, np.zeros(3)))
     plane = portal.plane()
     if plane is None:
         raise reading.fail(prim, name, f"lies on {portal.name}, which is not flat: expected a portal in one plane")

@@ -61,9 +61,9 @@ def read_light(reading: Reading, prim: Usd.Prim, to_world: Array, name: str) -> 
         reading.warn(prim, "is scaled to nothing: it is skipped")
         return None
     _warn_of_filters(reading, prim)
-    shared = {"name": name, **_beam_settings(reading, prim), "shaping": _shaping(reading, prim)}
+    shared = {"name": name, **read_beam_settings(reading, prim, read_portal(reading, prim))}
+    shared |= {"emits_beams": makes_beams(reading, prim), "shaping": _shaping(reading, prim)}
     shared["lights_surfaces"] = any(reading.number(prim, f"inputs:{key}", 1.0) > 0 for key in ("diffuse", "specular"))
-    shared |= {"gobo": read_gobo(reading, prim), "portal_gobo": read_pane(reading, prim, shared["portal"])}
     light = _READERS[kind](reading, prim, to_world, shared)
     return replace(light, frame=_frame(to_world, getattr(light, "axis", None)))
 
@@ -212,8 +212,8 @@ def _shaping(reading: Reading, prim: Usd.Prim) -> Shaping | None:
     )
 
 
-def _beam_settings(reading: Reading, prim: Usd.Prim) -> dict[str, Any]:
-    """Return the fields that PhotonBeamsLightAPI sets, applied formally or not."""
+def read_beam_settings(reading: Reading, prim: Usd.Prim, portal: Mesh | str | None) -> dict[str, Any]:
+    """Return the fields of `BeamSettings` that PhotonBeamsLightAPI sets, applied formally or not; looks as specs."""
     count = reading.value(prim, "photonbeams:count")
     if count is not None and not (isinstance(count, int) and 1 <= count <= MOST_BEAMS):
         raise reading.fail(prim, "photonbeams:count", f"is {count}: expected a number from 1 to {MOST_BEAMS:,}")
@@ -222,11 +222,13 @@ def _beam_settings(reading: Reading, prim: Usd.Prim) -> dict[str, Any]:
     looks = reading.targets(prim, "photonbeams:look")
     return {
         "group": group,
-        "emits_beams": makes_beams(reading, prim),
+        "emits_beams": reading.flag(prim, "photonbeams:enabled", True),
         "beam_count": None if count is None else int(count),
         "beam_scale": reading.number(prim, "photonbeams:intensity", 1.0, minimum=0.0),
         "seed": int(reading.number(prim, "photonbeams:seed", 0)),
-        "portal": _portal(reading, prim),
+        "portal": portal,
+        "gobo": read_gobo(reading, prim),
+        "portal_gobo": read_pane(reading, prim, portal),
         "look": read_look(reading, prim, looks[0]) if looks else None,
         "scattered": _scattered(reading, prim),
         "bounces": read_bounces(reading, prim),
@@ -247,7 +249,7 @@ def check_group(reading: Reading, prim: Usd.Prim, group: str) -> None:
         raise reading.fail(prim, "photonbeams:lightGroup", f"is '{group}': expected letters, digits, _ and - alone")
 
 
-def _portal(reading: Reading, prim: Usd.Prim) -> Mesh | None:
+def read_portal(reading: Reading, prim: Usd.Prim) -> Mesh | None:
     """Return the gprims that the light reaches the shot through, as one mesh."""
     name = "photonbeams:portal"
     meshes = []

@@ -1,0 +1,86 @@
+"""Layers over Mitsuba scenes: prims named by the ids of emitters say of their beams what lights of stages say."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Collection, Iterable
+from typing import Any
+
+from pxr import Tf, Usd
+
+from ..scene import Mesh
+from .lights import read_beam_settings, read_portal
+from .meshes import is_gprim
+from .reading import Reading
+from .stage import open_stage
+
+# What of PhotonBeamsLightAPI emitters of Mitsuba scenes have, "photonbeams:" before it.
+_SAID = ("look", "lightGroup", "enabled", "count", "intensity", "seed", "portal", "gobo", "scattered", "bounces")
+
+
+class SceneLayers:
+    """Layers over a Mitsuba scene.
+
+    Parameters
+    ----------
+    layers
+        USD files, the first the strongest.
+
+    Raises
+    ------
+    SceneError
+        A file that is none, or cannot be read.
+    """
+
+    def __init__(self, layers: Iterable[str | os.PathLike[str]]) -> None:
+        *stronger, last = layers
+        self.stage = open_stage(last, stronger)
+        self._warned: set[str] = set()
+
+    def read(
+        self, frame: float | None, emitters: Collection[str], shapes: Collection[str]
+    ) -> dict[str, dict[str, Any]]:
+        """Return by the ids of emitters the fields of `BeamSettings` that the layers give; looks are specs.
+
+        Parameters
+        ----------
+        frame
+            Frame number, or None.
+        emitters, shapes
+            The ids that emitters and shapes of the scene have; in names of prims other characters than letters, digits
+            and _ are _.
+
+        Raises
+        ------
+        SceneError
+            A prim that is named like no emitter, a portal that is no shape; what cannot be read, as of lights.
+        """
+        reading = Reading(self.stage, frame, self._warned)
+        result = {}
+        for prim in self.stage.TraverseAll():
+            said = [each.GetName() for each in prim.GetAuthoredPropertiesInNamespace("photonbeams")]
+            if said and prim.GetTypeName() != "PhotonBeamsLook":
+                name = _named(reading, prim, emitters, "emitter")
+                for each in said:
+                    if each.split(":")[1] not in _SAID:
+                        reading.warn(prim, "is not rendered: emitters of Mitsuba scenes have none", each)
+                result[name] = read_beam_settings(reading, prim, _portal(reading, prim, shapes))
+        return result
+
+
+def _named(reading: Reading, prim: Usd.Prim, ids: Collection[str], kind: str) -> str:
+    """Return the id that a prim is named by."""
+    known = {Tf.MakeValidIdentifier(each): each for each in ids if each}
+    if prim.GetName() not in known:
+        expected = ", ".join(known.values()) or "none"
+        text = f"is named like no {kind} of the scene: expected one of {expected}"
+        raise reading.fail(prim, "", text)
+    return known[prim.GetName()]
+
+
+def _portal(reading: Reading, prim: Usd.Prim, shapes: Collection[str]) -> Mesh | str | None:
+    """Return the portal that a prim names: gprims of the layers, or a prim that is named by the id of a shape."""
+    targets = reading.targets(prim, "photonbeams:portal")
+    if len(targets) == 1 and not is_gprim(targets[0]):
+        return _named(reading, targets[0], shapes, "shape")
+    return read_portal(reading, prim)
