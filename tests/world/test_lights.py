@@ -150,7 +150,7 @@ def test_rays_past_a_light_see_nothing(square):
 
 
 def factor(shaping, degrees):
-    return lights.Shaping.of(shaping).factor(Float(np.cos(np.radians(np.atleast_1d(degrees))))).numpy()
+    return lights.ShapingFactor.of(shaping).factor(Float(np.cos(np.radians(np.atleast_1d(degrees))))).numpy()
 
 
 def test_spot_cone_falls_from_its_soft_start_to_its_edge():
