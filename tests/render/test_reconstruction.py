@@ -6,7 +6,7 @@ import pytest
 
 from photonbeams.numerics.arrays import opaque, to_float, to_vectors
 from photonbeams.render.film import Film, PassPicture, reconstruction_filter
-from photonbeams.render.passes import subpixel
+from photonbeams.render.passes import pixel_offset
 from photonbeams.runtime.device import mitsuba
 from photonbeams.scene import SceneError
 from photonbeams.scene.cameras import FILTERS
@@ -40,7 +40,7 @@ def film(passes, name=None, crop=None, exposure=1.0, groups=GROUPS):
     x0, y0, x1, y1 = crop or (0, 0, WIDTH, HEIGHT)
     result = Film((y1 - y0, x1 - x0), (x0, y0), reconstruction_filter(name), groups)
     for number, one in enumerate(passes):
-        result.add(picture(one, crop), subpixel(number), opaque(exposure))
+        result.add(picture(one, crop), pixel_offset(number), opaque(exposure))
     return result
 
 
@@ -50,7 +50,7 @@ def of_mitsuba(values, name):
     y, x = np.mgrid[:HEIGHT, :WIDTH]
     total, weights = np.zeros(values[0].shape), np.zeros((HEIGHT, WIDTH, 1))
     for number, value in enumerate(values):
-        across, down = subpixel(number)
+        across, down = pixel_offset(number)
         for row in range(HEIGHT):
             for column in range(WIDTH):
                 far = [column + across - x - 0.5, row + down - y - 0.5]
@@ -112,7 +112,7 @@ def test_a_film_goes_on_from_the_state_of_another(rng, name):
     resumed = Film((HEIGHT, WIDTH), (0, 0), reconstruction_filter(name), GROUPS)
     resumed.restore(first.state())
     for number in (2, 3):
-        resumed.add(picture(passes[number]), subpixel(number), opaque(1.0))
+        resumed.add(picture(passes[number]), pixel_offset(number), opaque(1.0))
     assert all(np.array_equal(each, resumed.layers()[layer]) for layer, each in whole.layers().items())
     assert resumed.error() == whole.error()
 
@@ -133,7 +133,7 @@ def test_the_error_is_that_of_the_mean_of_independent_passes(rng):
     for number, each in enumerate(samples):
         grey = to_vectors(np.repeat(each.reshape(-1, 1), 3, axis=1))
         assert np.isnan(result.error()) == (number < 2)
-        result.add(PassPicture(grey, to_float(np.ones(count * count))), subpixel(number))
+        result.add(PassPicture(grey, to_float(np.ones(count * count))), pixel_offset(number))
     values = np.array(samples)
     expected = np.median(values.std(axis=0, ddof=1) / np.sqrt(passes) / values.mean(axis=0))
     assert result.error() == pytest.approx(expected, rel=1e-4)
@@ -149,7 +149,7 @@ def test_all_passes_have_the_kernels_of_the_first(rng, name):
             seen = picture(one, (0, 0, 8, 8))
             dr.eval(seen.surface, seen.alpha, seen.transmittance, [each for _, each in seen.beams])
             dr.kernel_history_clear()
-            result.add(seen, subpixel(number), opaque(1.0))
+            result.add(seen, pixel_offset(number), opaque(1.0))
             kernels = {each["hash"] for each in dr.kernel_history() if each["type"].name == "JIT"}
             new.append(kernels)
     assert all(each <= new[0] for each in new[1:])

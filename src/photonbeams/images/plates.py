@@ -226,7 +226,7 @@ class Plate:
             warn(f"{error}; rgba is what it is without a plate")
             return []
 
-    def under(self, layers: dict[str, Array], pixels: Array) -> Array:
+    def composite(self, layers: dict[str, Array], pixels: Array) -> Array:
         """Return plate + beams, or plate · transmittance + beams, (H, W, 4), with the plate's alpha."""
         color = pixels[..., :3] * layers["transmittance"] if self.fog else pixels[..., :3]
         return np.concatenate([color + layers["beams"], pixels[..., 3:]], axis=2)

@@ -32,7 +32,7 @@ from . import camera_paths
 from .camera_paths import CameraTracing, Lighting
 from .film import Film, PassPicture, films_state, restore_films
 from .gathering import EstimatorOptions, Gathering
-from .passes import Statistics, subpixel
+from .passes import Statistics, pixel_offset
 from .photons import PhotonMaps
 from .settings import Settings
 
@@ -131,7 +131,7 @@ class FrameRenderer(ABC):
             if number == 0:
                 picture.depth = self._depth(view, film, samples, picture.depth)
             with statistics.phase("beams"):
-                film.add(picture, subpixel(number), dr.opaque(Float, rays.exposure))
+                film.add(picture, pixel_offset(number), dr.opaque(Float, rays.exposure))
         statistics.passes += 1
 
     def _pass_picture(

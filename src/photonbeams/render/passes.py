@@ -128,7 +128,7 @@ def _known(error: float) -> float | None:
     return None if np.isnan(error) else error
 
 
-def subpixel(number: int) -> tuple[float, float]:
+def pixel_offset(number: int) -> tuple[float, float]:
     """Return the offset of a pass within its pixels: the R2 sequence (Roberts 2018) from the centre on.
 
     Each point is followed by its mirror image at the centre: otherwise a picture of few passes would be shifted by a

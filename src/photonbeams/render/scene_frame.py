@@ -27,7 +27,7 @@ from .checkpoint import Checkpoint
 from .film import Film, group_layers, reconstruction_filter
 from .frame import FrameRenderer, Simulated, ViewRays
 from .holdouts import HoldoutDepth
-from .passes import Progress, accumulate, subpixel
+from .passes import Progress, accumulate, pixel_offset
 from .scene_lighting import SceneLighting
 from .settings import DEFAULT_PATHS, DEFAULTS, Settings
 
@@ -90,10 +90,10 @@ class SceneRenderer(FrameRenderer):
 
     def _view_rays(self, number: int, view: int, samples: Samples, moving: bool) -> ViewRays:
         sensor, holdout = self._sensors[view], self._holdouts[view]
-        primary = sensor.rays(subpixel(number), self._films[view].order, samples)
+        primary = sensor.rays(pixel_offset(number), self._films[view].order, samples)
         if sensor.view is None or holdout is None:
             return ViewRays(primary, None if sensor.view is None else sensor.view.projection)
-        far = holdout.distances(sensor.view, primary.facing, subpixel(number), sensor.on_lens(samples))
+        far = holdout.distances(sensor.view, primary.facing, pixel_offset(number), sensor.on_lens(samples))
         return ViewRays(replace(primary, far=far), sensor.view.projection, holdout=far)
 
     def _pinhole(self, view: int) -> tuple[World, ViewRays] | None:

@@ -30,7 +30,7 @@ from .film import Film, group_layers, reconstruction_filter
 from .film import layer_names as names_of
 from .frame import FrameRenderer, Simulated, ViewRays
 from .holdouts import HoldoutDepth
-from .passes import Progress, accumulate, subpixel
+from .passes import Progress, accumulate, pixel_offset
 from .settings import DEFAULTS, Settings
 from .stage_lighting import StageLighting
 
@@ -279,9 +279,11 @@ class StageRenderer(FrameRenderer):
             cameras[-1] if cameras[-1] is not cameras[0] else None,
         )  # fmt: skip
         sample = (lambda groups: _on_lens(samples, groups)) if own.film or moving else None
-        rays = own.rays(subpixel(number), sample)
+        rays = own.rays(pixel_offset(number), sample)
         holdout = self._holdouts[view]
-        far = None if holdout is None else holdout.distances(own, rays.facing, subpixel(number), own.on_lens(sample))
+        far = (
+            None if holdout is None else holdout.distances(own, rays.facing, pixel_offset(number), own.on_lens(sample))
+        )
         return ViewRays(_primary(rays, far), own.projection, own.camera.exposure_scale, far)
 
     def _pinhole(self, view: int) -> tuple[World, ViewRays] | None:
@@ -291,7 +293,7 @@ class StageRenderer(FrameRenderer):
         if holdout is None and camera.lens_radius == 0 and not self._shutter.moving:
             return None
         sharp = View(replace(camera, lens_radius=0.0), self._window)
-        rays = sharp.rays(subpixel(0))
+        rays = sharp.rays(pixel_offset(0))
         return self._world_of(moment), ViewRays(
             _primary(rays), sharp.projection, holdout=None if holdout is None else holdout.depth
         )

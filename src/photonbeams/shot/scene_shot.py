@@ -272,7 +272,7 @@ class SceneShot(Shot):
             done = render(self.plugin, self.sensor, chosen, progress, kept, about, self._warned, extras)
             for place, (name, sensor, layers) in enumerate(zip(names, sensors, done.views(), strict=True)):
                 if plate is not None and pixels:
-                    layers["rgba"] = plate.under(layers, part_of(pixels[place], sensor.window))
+                    layers["rgba"] = plate.composite(layers, part_of(pixels[place], sensor.window))
                 views[name] = layers, self._header(sensor, chosen, done.statistics.passes, frame)
         layers, metadata = views[names[0]]
         return Frame(layers, metadata, done.statistics, views if len(views) > 1 else {})

@@ -450,7 +450,7 @@ class Shot:
         pictures = done.views()
         if plate is not None and pixels:
             for layers, each in zip(pictures, pixels, strict=True):
-                layers["rgba"] = plate.under(layers, part_of(each, window))
+                layers["rgba"] = plate.composite(layers, part_of(each, window))
         facts = {
             **header(self.stage, self.time(frame), exposure.duration),
             "seed": chosen.seed,

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 # Most candidates for one path whose light passes its lamp's images, and most candidates of a stratum.
 _MOST_DARK, _MOST_PATHS = 64, 1 << 22
 
-_PORTAL, _ALL = 0, 1  # names of strata in seeds
+_PORTAL, _ALL = 0, 1  # kinds of strata, in the seeds of their sequences
 
 # Least and greatest radius in units of a medium's radius (of photons: the world's), and the greatest in free paths.
 # Wide beams stick out of small media, and blur what changes within a free path: at these bounds a ball of 10 free paths

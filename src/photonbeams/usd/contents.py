@@ -118,7 +118,7 @@ def _warn_of_skinning(reading: Reading, prim: Usd.Prim) -> None:
 
 
 def _items(reading: Reading, root: Usd.Prim) -> Iterator[_Item]:
-    """Return everything that is visible below a prim, instances and point instances spelled out."""
+    """Return all visible prims below a prim, with instances and point instances expanded."""
     scope = Usd.PrimRange(root, Usd.TraverseInstanceProxies())
     for prim in (walk := iter(scope)):
         if prim.IsPseudoRoot():

@@ -118,8 +118,9 @@ class Exposure:
     def closing(self, fraction: float) -> tuple[Scene, tuple[Camera, ...]]:
         """Return scene and cameras at a fraction at which a slice closes.
 
-        What is held until a time sample there (an asset, a token, a bool, a string) has not jumped yet: a slice is half
-        open, or its beams, which go from one end of it to the other, would include a part of the next slice.
+        Values that are held until a time sample there (an asset, a token, a bool, a string) are those before it: a
+        slice is half open, or its beams, which go from one end of it to the other, would include a part of the next
+        slice.
         """
         return self._moment(self._closing(fraction))
 

@@ -16,7 +16,7 @@ from .cameras import View, Window
 mi = mitsuba()
 
 _PINHOLES = ("PerspectiveCamera", "ThinLensCamera")
-_LENS = 101  # name of samples in seeds
+_LENS = 101  # stream of samples
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
-"""A scene of ours as one of Mitsuba's: its twin, as a dictionary of plug-ins, with files for its meshes and images.
+"""The twin of a scene: Mitsuba's description of it, a dictionary of plug-ins with files for meshes and images.
 
-What Mitsuba has no word for is left out, and told in one sentence each. Lengths and colours stay as they are; cameras
-and lights look along −Z with us, along +Z with Mitsuba.
+Everything that Mitsuba cannot describe is left out, with one warning each. Lengths and colours stay as they are;
+cameras and lights look along −Z in our scenes, along +Z in Mitsuba's.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class Twin:
     files
         What writes each file, by its name in the folder.
     lost
-        What of the scene is not in it, as sentences.
+        Warnings about parts of the scene that are not in it.
     """
 
     folder: str
@@ -263,7 +263,7 @@ class TwinMedia:
         return min(found, default=(0.0, None))[1]
 
     def named(self, key: str, name: str | None) -> dict[str, Any]:
-        """Return what names a medium as a part of a plug-in; nothing for None."""
+        """Return a plug-in's reference to a medium under a key; nothing for None."""
         return {} if name is None else {key: {"type": "ref", "id": f"{name}-medium"}}
 
     @property

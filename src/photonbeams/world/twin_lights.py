@@ -233,7 +233,7 @@ def environment(twin: Twin, dome: scene.DomeLight, name: str) -> dict[str, Any]:
 
 
 def _warn(twin: Twin, light: scene.Light, endless: bool) -> None:
-    """Tell what of a light Mitsuba has no word for."""
+    """Warn of the attributes of a light that Mitsuba cannot describe."""
     own = "photonbeams:"
     lost = {
         f"{own}portal is left out: photon_beams finds by itself where light comes in": light.portal is not None,
