@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from photonbeams.runtime.device import mitsuba
+from usda import material, prim, quad
 
 mi = mitsuba()
 T = mi.ScalarTransform4f
@@ -79,20 +80,6 @@ def stage(*parts: str) -> str:
     return '#usda 1.0\n(\n    metersPerUnit = 1\n    upAxis = "Y"\n)\n' + CAMERA + "".join(parts)
 
 
-def prim(kind: str, name: str, at: object, *lines: str, turned: object = (0, 0, 0), api: str = "") -> str:
-    body = "\n".join(f"    {each}" for each in lines)
-    applied = f'(prepend apiSchemas = ["{api}"])' if api else ""
-    return f"""
-def {kind} "{name}" {applied}
-{{
-{body}
-    double3 xformOp:translate = {at}
-    float3 xformOp:rotateXYZ = {turned}
-    uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:rotateXYZ"]
-}}
-"""
-
-
 CAMERA = prim(
     "Camera", "Camera", (0, 0.1, 4), "float focalLength = 24", "float horizontalAperture = 20",
     "float verticalAperture = 12.5",
@@ -120,35 +107,6 @@ def fog(
 def box(scattering: float | tuple[float, ...], absorption: float | tuple[float, ...], g: float = 0.0) -> str:
     """Return the box of fog."""
     return fog("Fog", (0, 0, 0), 2, _three(scattering), _three(absorption), g)
-
-
-def quad(name: str, points: object, material: str, more: str = "") -> str:
-    return f"""
-def Mesh "{name}" (prepend apiSchemas = ["MaterialBindingAPI"])
-{{
-    int[] faceVertexCounts = [4]
-    int[] faceVertexIndices = [0, 1, 2, 3]
-    point3f[] points = {points}
-    rel material:binding = </{material}>
-    {more}
-}}
-"""
-
-
-def material(name: str, *inputs: str) -> str:
-    lines = "\n".join(f"        {each}" for each in inputs)
-    return f"""
-def Material "{name}"
-{{
-    token outputs:surface.connect = </{name}/Surface.outputs:surface>
-    def Shader "Surface"
-    {{
-        uniform token info:id = "UsdPreviewSurface"
-{lines}
-        token outputs:surface
-    }}
-}}
-"""
 
 
 def _three(value: float | tuple[float, ...]) -> tuple[float, ...]:

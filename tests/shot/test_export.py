@@ -10,25 +10,17 @@ from agreement import deviations, means, ratio
 from photonbeams.runtime.device import mitsuba
 from photonbeams.scene import SceneError
 from photonbeams.shot.export import export
+from usda import material, quad
 
 mi = mitsuba()
 SEEDS, PASSES, WIDTH = 4, 64, 24
+# Texture coordinates of a quad that repeat the image along one edge.
+COORDINATES = 'texCoord2f[] primvars:st = [(0, 0), (1.5, 0), (1.5, 1), (0, 1)] (interpolation = "vertex")'
 
 
-def shader(name, *inputs):
-    """Return a material whose textures, named `checks.png`, are read by the coordinates `st`."""
-    lines = "\n".join(f"        {each}" for each in inputs)
-    return f"""
-def Material "{name}"
-{{
-    token outputs:surface.connect = </{name}/Surface.outputs:surface>
-    def Shader "Surface"
-    {{
-        uniform token info:id = "UsdPreviewSurface"
-{lines}
-        token outputs:surface
-    }}
-    def Shader "Image"
+def textured(name, *inputs):
+    """Return a material with a texture, `checks.png`, that is read by the coordinates `st`."""
+    nodes = f"""    def Shader "Image"
     {{
         uniform token info:id = "UsdUVTexture"
         asset inputs:file = @./checks.png@
@@ -44,22 +36,8 @@ def Material "{name}"
         string inputs:varname = "st"
         float2 outputs:result
     }}
-}}
 """
-
-
-def quad(name, points, material, more=""):
-    return f"""
-def Mesh "{name}" (prepend apiSchemas = ["MaterialBindingAPI"])
-{{
-    int[] faceVertexCounts = [4]
-    int[] faceVertexIndices = [0, 1, 2, 3]
-    point3f[] points = {points}
-    texCoord2f[] primvars:st = [(0, 0), (1.5, 0), (1.5, 1), (0, 1)] (interpolation = "vertex")
-    rel material:binding = </{material}>
-    {more}
-}}
-"""
+    return material(name, *inputs, nodes=nodes)
 
 
 def placed(kind, name, at, *inputs, turned=(0, 0, 0), scale=(1, 1, 1), api=""):
@@ -91,11 +69,11 @@ def fog(at=(0, 0, -9), *inputs, size=0.1):
     )
 
 
-GREY = shader("Grey", "color3f inputs:diffuseColor = (0.5, 0.6, 0.4)", "float inputs:roughness = 1")
-PAINT = shader(
+GREY = material("Grey", "color3f inputs:diffuseColor = (0.5, 0.6, 0.4)", "float inputs:roughness = 1")
+PAINT = textured(
     "Paint", "color3f inputs:diffuseColor.connect = </Paint/Image.outputs:rgb>", "float inputs:roughness = 0.8"
 )
-GLOSS = shader(
+GLOSS = material(
     "Gloss", "color3f inputs:diffuseColor = (0.7, 0.3, 0.2)", "float inputs:roughness = 0.4",
     "float inputs:metallic = 0.5", "float inputs:clearcoat = 0.5", "float inputs:clearcoatRoughness = 0.3",
     "float inputs:opacity = 0.6",
@@ -104,7 +82,7 @@ GLOSS = shader(
 ROOM = (
     GREY + PAINT + GLOSS
     + quad("Floor", "[(-2, -1, 1), (2, -1, 1), (2, -1, -2), (-2, -1, -2)]", "Grey")
-    + quad("Wall", "[(-2, -1, -2), (2, -1, -2), (2, 1, -2), (-2, 1, -2)]", "Paint")
+    + quad("Wall", "[(-2, -1, -2), (2, -1, -2), (2, 1, -2), (-2, 1, -2)]", "Paint", COORDINATES)
     + quad(
         "Board", "[(-0.5, -1, -0.6), (0.4, -1, -0.2), (0.5, -0.3, -0.5), (-0.6, -0.2, -0.9)]", "Gloss",
         "normal3f[] normals = [(-0.3, 0, 1), (0.3, 0, 1), (0.2, 0.3, 1), (-0.2, 0.4, 1)]\n"
@@ -214,7 +192,7 @@ def test_a_crop_and_an_exposure_are_those_of_the_stage(folder):
     agree(np.array([each.layers["rgba"][..., :3] for each in found]), twins(folder / "twin.xml"))
 
 
-GLOW = shader("Glow", "color3f inputs:emissiveColor = (2, 1, 0.5)")
+GLOW = material("Glow", "color3f inputs:emissiveColor = (2, 1, 0.5)")
 
 
 def test_a_mesh_glows_in_the_twin(folder):
