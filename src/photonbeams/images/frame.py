@@ -38,6 +38,12 @@ class Frame:
     statistics: Statistics
     views: dict[str, tuple[dict[str, Array], dict[str, Any]]] = field(default_factory=dict)
 
+    @classmethod
+    def of(cls, views: dict[str, tuple[dict[str, Array], dict[str, Any]]], statistics: Statistics) -> Frame:
+        """Return the frame of some views: layers and metadata of each, in their order."""
+        layers, metadata = next(iter(views.values()))
+        return cls(layers, metadata, statistics, views if len(views) > 1 else {})
+
     def write(self, path: PathLike, layer: str = "rgba", exposure: float = 0.0) -> None:
         """Write a layered EXR, or one layer as a tone-mapped PNG, by the suffix; whole or not at all."""
         write_frame(path, self.layers, self.metadata, layer=layer, exposure=exposure, views=self.views)

@@ -9,26 +9,22 @@ from contextlib import contextmanager
 from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Unpack
+from typing import TYPE_CHECKING, Any
 
 from .. import scene
 from ..images.frame import Frame, pixels_of
 from ..images.numbering import PLACEHOLDER, numbered
-from ..images.plates import Holdout, Plate, part_of
 from ..runtime.digest import digest
-from ..runtime.files import PathLike
 from ..scene import SceneError
 from ..usd.reading import LOG
 from ..usd.scene_layers import SceneLayers
 from ..usd.stereo import EYES, Stereo, check_stereo, split, views_of
+from .request import FrameRequest
 from .shot import Shot
 
 if TYPE_CHECKING:
     from ..looks import Look
-    from ..render.checkpoint import Checkpoint
-    from ..render.passes import Progress
-    from ..render.settings import Settings, SettingsArguments
-    from ..scene import Array
+    from ..render.settings import Settings
 
 
 class SceneShot(Shot):
@@ -224,58 +220,38 @@ class SceneShot(Shot):
         except SceneError as error:
             raise SceneError(f"sensor {camera.name} {error}") from None
 
-    def render(
-        self,
-        frame: float | None = None,
-        passes: int | None = None,
-        *,
-        settings: Settings | None = None,
-        width: int | None = None,
-        height: int | None = None,
-        crop: Sequence[float] | None = None,
-        progress: Progress | None = None,
-        checkpoint: PathLike | Checkpoint | None = None,
-        blur: bool = True,
-        lens: bool = True,
-        view: str | None = None,
-        holdout: PathLike | Array | Holdout | None = None,
-        over: PathLike | Array | Plate | None = None,
-        **given: Unpack[SettingsArguments],
-    ) -> Frame:
-        """Render a frame; parameters and errors as of a stage's `Shot.render`.
+    def _settings(self, frame: float | None) -> Settings:
+        self.load(frame)
+        return self.settings()
 
-        `frame` chooses the file where the shot's name has a run of #. Nothing in a Mitsuba scene moves, so `blur` has
-        no effect; a lens is the sensor's.
-        """
-        from ..render.checkpoint import Checkpoint
+    def _render(self, request: FrameRequest) -> Frame:
+        """Render a frame of the scene."""
         from ..render.scene_frame import Extras, render
-        from ..render.settings import Settings
         from ..world.sensors import Sensor
 
+        frame, settings = request.frame, request.settings
         self.load(frame)
-        chosen = Settings.of(settings or self.settings(), given if passes is None else {**given, "passes": passes})
-        kept, end, plate = Checkpoint.of(checkpoint), Holdout.of(holdout), Plate.of(over)
-        number, names = 0.0 if frame is None else float(frame), views_of(self.stereo, view)
-        size = self.size(width, height)
-        depths = end.read(number, names, size, self._warn) if end is not None else []
-        pixels = plate.read_whole(number, names, size, self._warn) if plate is not None else []
-        views = {}
-        with self._resized(width, height, crop):
+        number, names = 0.0 if frame is None else float(frame), views_of(self.stereo, request.view)
+        depths, pixels = request.read_plates(number, names, self.size(request.width, request.height), self._warn)
+        with self._resized(request.width, request.height, request.crop):
             eyes = self.eyes()
             shown = [eyes[EYES.index(name)] for name in names] if eyes else []
-            if not lens:
+            if not request.lens:
                 shown = [replace(each, lens_radius=0.0) for each in shown or [_camera(self.sensor)]]
             sensors = [Sensor(self.sensor, each) for each in shown] or [Sensor(self.sensor)]
             ends = [each.seen_by(_view(sensor)) for each, sensor in zip(depths, sensors, strict=False)]
             extras = Extras(self._beams, shown, ends)
-            about = "" if kept is None else self.content(frame)
-            done = render(self.plugin, self.sensor, chosen, progress, kept, about, self._warned, extras)
-            for place, (name, sensor, layers) in enumerate(zip(names, sensors, done.views(), strict=True)):
-                if plate is not None and pixels:
-                    layers["rgba"] = plate.composite(layers, part_of(pixels[place], sensor.window))
-                views[name] = layers, self._header(sensor, chosen, done.statistics.passes, frame)
-        layers, metadata = views[names[0]]
-        return Frame(layers, metadata, done.statistics, views if len(views) > 1 else {})
+            about = "" if request.checkpoint is None else self.content(frame)
+            done = render(
+                self.plugin, self.sensor, settings, request.progress, request.checkpoint, about, self._warned, extras
+            )
+            pictures = done.views()
+            request.composite(pictures, pixels, sensors[0].window)
+            views = {
+                name: (layers, self._header(sensor, settings, done.statistics.passes, frame))
+                for name, sensor, layers in zip(names, sensors, pictures, strict=True)
+            }
+        return Frame.of(views, done.statistics)
 
     def _header(self, sensor: Any, settings: Settings, passes: int, frame: float | None) -> dict[str, Any]:
         """Return the metadata of a view for an EXR's header."""

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Unpack
 
 from .. import scene
 from ..images.frame import Frame, pixels_of
-from ..images.plates import Holdout, Plate, part_of
+from ..images.plates import Holdout, Plate
 from ..runtime.digest import digest
 from ..runtime.files import PathLike
 from ..usd import stage as stages
@@ -24,6 +24,7 @@ from ..usd.looks import LookSpec
 from ..usd.motion import Exposure
 from ..usd.reading import LOG, file_of, frame_number
 from ..usd.stereo import EYES, Stereo, check_stereo, read_eyes, views_of
+from .request import FrameRequest
 
 if TYPE_CHECKING:
     from pxr import Usd
@@ -386,7 +387,8 @@ class Shot:
         Parameters
         ----------
         frame
-            Frame number; None is the stage's start or default time.
+            Frame number; None is the stage's start or default time. Of a Mitsuba scene it chooses the file, where the
+            shot's name has a run of #.
         passes, settings, **given
             How to render: fields of `Settings` by name (time_limit, beams, seed, pixel_filter, …), all of
             them at once as `settings`, or both; None: the defaults.
@@ -401,7 +403,7 @@ class Shot:
             bits. It stays, and is to be removed once the frame is written. Or what `Checkpoint` describes.
         blur, lens
             Whether what moves while the shutter is open blurs, or all is as at the frame's own time; and whether what
-            is out of focus blurs.
+            is out of focus blurs. Nothing in a Mitsuba scene moves.
         view
             "left" or "right" for one of two eyes; None renders both.
         holdout
@@ -427,33 +429,44 @@ class Shot:
         """
         from ..render.checkpoint import Checkpoint
         from ..render.settings import Settings
+
+        named = {**given} if passes is None else {**given, "passes": passes}
+        request = FrameRequest(
+            frame=frame, settings=Settings.of(self._settings(frame) if settings is None else settings, named),
+            width=width, height=height, crop=crop, progress=progress, checkpoint=Checkpoint.of(checkpoint), blur=blur,
+            lens=lens, view=view, holdout=Holdout.of(holdout), over=Plate.of(over),
+        )  # fmt: skip
+        return self._render(request)
+
+    def _settings(self, frame: float | None) -> Settings | None:
+        """Return the shot's own settings, or None for the defaults."""
+        return None
+
+    def _render(self, request: FrameRequest) -> Frame:
+        """Render a frame of the stage."""
         from ..render.stage_frame import render
         from ..world.cameras import View, Window
 
-        chosen = Settings.of(settings, given if passes is None else {**given, "passes": passes})
-        kept = Checkpoint.of(checkpoint)
-        end, plate = Holdout.of(holdout), Plate.of(over)
-        size = self.resolution(width, height, frame, [each for each in (end, plate) if each is not None], view)
-        window = Window(size[0], size[1], pixels_of(crop, *size))
-        names = views_of(self.stereo, view)
-        depths = end.read(self._number(frame), names, size, self._warn) if end is not None else []
-        pixels = plate.read_whole(self._number(frame), names, size, self._warn) if plate is not None else []
-        exposure = self.exposure(frame, blur, lens)
+        frame, number = request.frame, self._number(request.frame)
+        plates = [each for each in (request.holdout, request.over) if each is not None]
+        size = self.resolution(request.width, request.height, frame, plates, request.view)
+        window = Window(size[0], size[1], pixels_of(request.crop, *size))
+        names = views_of(self.stereo, request.view)
+        depths, pixels = request.read_plates(number, names, size, self._warn)
+        exposure = self.exposure(frame, request.blur, request.lens)
         eyes = [EYES.index(name) if name else 0 for name in names]
         content, cameras = exposure(0.0)
         self.check(content, frame)
-        chosen = self._programmed(chosen, frame, exposure)
+        settings = self._programmed(request.settings, frame, exposure)
         shutter = exposure.shutter(eyes, self.stage.GetTimeCodesPerSecond() or 1.0)
         ends = [each.seen_by(View(cameras[eye], window)) for each, eye in zip(depths, eyes, strict=False)]
-        about = "" if kept is None else self.content(frame)
-        done = render(shutter, window, chosen, progress, ends, kept, about)
+        about = "" if request.checkpoint is None else self.content(frame)
+        done = render(shutter, window, settings, request.progress, ends, request.checkpoint, about)
         pictures = done.views()
-        if plate is not None and pixels:
-            for layers, each in zip(pictures, pixels, strict=True):
-                layers["rgba"] = plate.composite(layers, part_of(each, window))
+        request.composite(pictures, pixels, window)
         facts = {
             **header(self.stage, self.time(frame), exposure.duration),
-            "seed": chosen.seed,
+            "seed": settings.seed,
             "passes": done.statistics.passes,
             **window.header(),
         }
@@ -461,8 +474,7 @@ class Shot:
             name: (layers, {**View(cameras[eye], window).matrices(), **facts, "camera": cameras[eye].name})
             for name, eye, layers in zip(names, eyes, pictures, strict=True)
         }
-        layers, metadata = views[names[0]]
-        return Frame(layers, metadata, done.statistics, views if len(views) > 1 else {})
+        return Frame.of(views, done.statistics)
 
     def content(self, frame: float | None = None) -> str:
         """Return a hash of the shot's content: the stage with its files, and the arguments from Python."""
