@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from photonbeams.scene import SceneError
-from photonbeams.usd.settings import Product, RenderSettings, product_file, read_settings
+from photonbeams.usd.settings import RenderProduct, RenderSettings, product_file, read_settings
 
 CAMERAS = 'def Camera "A" {\n}\ndef Camera "B" {\n}\n'
 METADATA = 'renderSettingsPrimPath = "/S"'
@@ -61,7 +61,7 @@ def test_all_that_settings_say_is_read(usd, warnings):
         data_window=(0.25, 0.5, 1.0, 1.0),
         disable_motion_blur=True,
         disable_depth_of_field=False,
-        products=(Product("/P", ("beams_key", "rgba", "depth")),),
+        products=(RenderProduct("/P", ("beams_key", "rgba", "depth")),),
     )
     assert warnings.messages == []
 
@@ -183,7 +183,7 @@ def test_products_that_are_no_rasters_are_skipped_with_a_warning(usd, warnings):
 
 def test_a_product_names_its_file_at_each_time(usd):
     stage = usd(product('token productName.timeSamples = { 1: "a.1.exr", 2: "a.2.PNG"\n}\n'))
-    assert [product_file(stage, Product("/P"), time) for time in (1, 2)] == [Path("a.1.exr"), Path("a.2.PNG")]
+    assert [product_file(stage, RenderProduct("/P"), time) for time in (1, 2)] == [Path("a.1.exr"), Path("a.2.PNG")]
 
 
 @pytest.mark.parametrize(
@@ -197,4 +197,4 @@ def test_a_product_names_its_file_at_each_time(usd):
 def test_a_product_without_a_picture_is_refused(usd, name, expected):
     stage = usd(product(f'token productName = "{name}"'))
     with pytest.raises(SceneError, match=rf"stage\.usda: /P\.productName is '{name}': expected {expected}"):
-        product_file(stage, Product("/P"))
+        product_file(stage, RenderProduct("/P"))
