@@ -216,7 +216,7 @@ class Function(Factor):
         if not callable(function) or isinstance(function, type):
             raise SceneError(f"a look's function is {shown(function)}: expected a Python function")
         if not hasattr(ShadingContext, argument):
-            raise SceneError(f"a function's argument is {shown(argument)}: expected an attribute of At")
+            raise SceneError(f"a function's argument is {shown(argument)}: expected an attribute of ShadingContext")
         self._function, self.arguments = function, _arguments(function, argument)
 
     def __repr__(self) -> str:

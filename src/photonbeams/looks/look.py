@@ -113,7 +113,7 @@ class Look:
         if medium is not None and not isinstance(medium, Medium | Fog):
             raise SceneError(f"medium is {shown(medium)}: expected a Medium, a looks.Fog or None")
         if context is not None and not isinstance(context, LightContext):
-            raise SceneError(f"context is {shown(context)}: expected a looks.Context or None")
+            raise SceneError(f"context is {shown(context)}: expected a looks.LightContext or None")
         fog = Fog(medium) if isinstance(medium, Medium) else medium
         return BoundLook(self, fog, reach, context, box)
 

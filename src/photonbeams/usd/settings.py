@@ -159,7 +159,7 @@ def _rasters(reading: Reading, settings: Usd.Prim) -> list[Usd.Prim]:
     """Return the products of settings that can be rendered."""
     rasters = []
     for prim in reading.targets(settings, "products"):
-        if not prim.IsA(UsdRender.RenderProduct):
+        if not prim.IsA(UsdRender.Product):
             raise reading.fail(settings, "products", f"names {prim.GetPath()}: expected a RenderProduct")
         kind = str(reading.value(prim, "productType", "raster"))
         if kind == "raster":
