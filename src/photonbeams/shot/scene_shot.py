@@ -15,6 +15,7 @@ from .. import scene
 from ..images.frame import Frame, pixels_of
 from ..images.numbering import PLACEHOLDER, numbered
 from ..runtime.digest import digest
+from ..runtime.files import PathLike
 from ..scene import SceneError
 from ..usd.reading import LOG
 from ..usd.scene_layers import SceneLayers
