@@ -170,11 +170,24 @@ def _reason(error: Any) -> str:
 def _check_composition(stage: Usd.Stage) -> None:
     """Raise for a layer, prim or loop that leaves a hole in the stage; warn of what composes without it."""
     fatal = (Pcp.ErrorInvalidAssetPathBase, Pcp.ErrorInvalidSublayerPath, Pcp.ErrorUnresolvedPrimPath)
+    warnings = []
     for error in stage.GetCompositionErrors():
         text = " ".join(str(error).split()).removesuffix("; skipping.").rstrip(".")
-        if isinstance(error, (*fatal, Pcp.ErrorArcCycle, Pcp.ErrorSublayerCycle)):
+        asset = _asset_of_no_format(error, text)
+        if asset is None and isinstance(error, (*fatal, Pcp.ErrorArcCycle, Pcp.ErrorSublayerCycle)):
             raise SceneError(f"{file_of(stage)} refers to what cannot be read: {text}")
+        ignored = f"OpenUSD reads no files like {asset} here: what they define is ignored"
+        warnings.append(text if asset is None else ignored)
+    for text in dict.fromkeys(warnings):
         LOG.warning("%s: %s", file_of(stage), text)
+
+
+def _asset_of_no_format(error: Any, text: str) -> str | None:
+    """Return the suffix of a file that is there and that OpenUSD has no plug-in for, as MaterialX, if that is wrong."""
+    named = re.search("@(.+?)@", text) if isinstance(error, Pcp.ErrorInvalidAssetPath) else None
+    if named is None or not os.path.exists(named[1]) or Sdf.FileFormat.FindByExtension(named[1]):
+        return None
+    return f"*{os.path.splitext(named[1])[1]}"
 
 
 def _override(stage: Usd.Stage, text: str) -> None:
