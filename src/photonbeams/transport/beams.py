@@ -22,6 +22,10 @@ from .records import Segments
 # A segment is cut at its focus where it is narrower there, by this factor, than a straight cone would be.
 _WAIST = 0.8
 
+# Beams go on beyond the boundary of their medium as far as their rim is in it, by so many radii, or one free path, at
+# most. What of them lies outside nobody sees; without it beams that cross the boundary at a slant leave it dark.
+_BEYOND = 4.0
+
 
 class Piece:
     """A piece of each segment as a beam, at one time; `there` tells which segments have it."""
@@ -76,12 +80,20 @@ class Cutting:
         cut = at_portal | (inside & (waist < _WAIST * dr.lerp(first, last, focus * dr.rcp(length))))
         middle = dr.select(at_portal, portal * (1 - 1e-5), dr.select(cut, focus, length))
         before, behind = (self._radius(segments, middle, each) for each in (narrow, segments.narrow))
-        normal = dr.select(cut, -segments.direction, segments.normal)
-        near = self._beams(segments, (0 * length, middle), (first, before), normal)
-        far = self._beams(segments, (middle, length), (behind, last), segments.normal)
+        begin, end = -self._beyond(segments.slant, first), self._beyond(segments.slant_end, last)
+        plane = dr.select(end > 0, -segments.direction, segments.normal)
+        first, last = self._radius(segments, begin, narrow), self._radius(segments, length + end, segments.narrow)
+        near_end, before = dr.select(cut, middle, length + end), dr.select(cut, before, last)
+        near = self._beams(segments, (begin, near_end), (first, before), dr.select(cut, -segments.direction, plane))
+        far = self._beams(segments, (middle, length + end), (behind, last), plane)
         if not self.named:
-            far.power = self._left(segments, middle)
+            near.power, far.power = self._left(segments, begin), self._left(segments, middle)
         return [Piece(there, near, segments.depth), Piece(cut, far, segments.depth)]
+
+    def _beyond(self, slant: Any, radius: Any) -> Any:
+        """Return how far the rim of beams reaches beyond a boundary that their axis crosses at this slant."""
+        free = dr.opaque(Float, 1 / max(*self.medium.medium.extinction, 1e-30))
+        return dr.minimum(dr.minimum(slant, _BEYOND) * radius, free)
 
     def _radius(self, segments: Segments, s: Any, narrow: Any) -> Any:
         radius = segments.width(s)

@@ -20,7 +20,7 @@ from ..numerics.arrays import compressed, joined
 from ..numerics.hashing import hash32, unit_float
 from ..numerics.sampling import pixel_sample
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
-from ..world.interfaces import pointers
+from ..world.interfaces import is_left, pointers
 from ..world.stage_world import StageWorld
 from ..world.world import World
 from .differentials import RayDifferentials, copies, differentiate, of_copies
@@ -114,7 +114,7 @@ def leaving(tracing: Tracing, emitted: Sequence[Emitted]) -> LightPaths | None:
     paths.number = dr.arange(UInt32, total) + dr.opaque(UInt32, 0)
     paths.depth, paths.branch = dr.zeros(UInt32, total), dr.zeros(UInt32, total)
     paths.straight = paths.coherent = dr.full(Bool, True, total)
-    paths.radius, paths.offset = dr.zeros(Float, total), dr.zeros(Float, total)
+    paths.radius, paths.offset, paths.slant = (dr.zeros(Float, total) for _ in range(3))
     paths.fraction, paths.narrow = dr.ones(Float, total), dr.ones(Float, total)
     paths.initial, paths.total = dr.max(paths.flux), paths.reach
     if isinstance(tracing.world, StageWorld):
@@ -231,6 +231,8 @@ def _following(
     passes = interaction.tinted | (interaction.on_surface & scatter.null)
     following.depth = paths.depth + dr.select(passes, 0, 1)
     following.medium = dr.select(interaction.on_surface, scatter.medium, paths.medium)
+    enters = interaction.on_surface & (following.medium != paths.medium)
+    following.slant = dr.select(enters, _tangent(interaction.hit.n, following.direction), 0)
     following.straight = paths.straight & passes
     following.coherent = paths.coherent & (interaction.tinted | (interaction.on_surface & scatter.delta))
     for name in (*_NAMES, *_STRAIGHT, "count", "initial"):
@@ -327,6 +329,9 @@ def _segments(tracing: Tracing, paths: LightPaths, interaction: Interaction) -> 
     normal = Array3f(interaction.hit.n)
     against = dr.select(dr.dot(normal, paths.direction) > 0, -normal, normal)
     result.normal = dr.select(interaction.valid & (interaction.on_surface | ~short), against, -paths.direction)
+    leaves = is_left(interaction.hit, paths.direction, paths.medium)
+    leaves &= interaction.valid & (interaction.on_surface | ~short)
+    result.slant, result.slant_end = paths.slant, dr.select(leaves, _tangent(normal, paths.direction), 0)
     result.medium, result.depth, result.offset = paths.medium, paths.depth, paths.offset
     for name in (*_NAMES, *_STRAIGHT):
         setattr(result, name, getattr(paths, name))
@@ -338,6 +343,12 @@ def _segments(tracing: Tracing, paths: LightPaths, interaction: Interaction) -> 
         dr.select(paths.coherent, own.c, 0),
     )  # fmt: skip
     return result
+
+
+def _tangent(normal: Any, direction: Any) -> Float:
+    """Return the tangent of the angle between a ray and a surface's normal."""
+    cosine2 = dr.square(dr.dot(Array3f(normal), direction))
+    return dr.safe_sqrt((1 - cosine2) * dr.rcp(dr.maximum(cosine2, 1e-6)))
 
 
 def _photon_hits(paths: LightPaths, interaction: Interaction, across: Width) -> PhotonHits:

@@ -38,6 +38,8 @@ class LightPaths:
     offset, portal, total, narrow
         Of light straight from a lamp: distance from the lamp; distance of the portal from the lamp, or infinity;
         distance from the lamp to the surface that stops it; a factor on its radius.
+    slant
+        Tangent of its angle to the normal of the boundary where it has just entered its medium; 0 of other paths.
     """
 
     DRJIT_STRUCT: ClassVar[dict[str, Any]] = {
@@ -45,7 +47,7 @@ class LightPaths:
         "number": UInt32, "index": UInt32, "key": UInt32, "source": UInt32, "link": UInt32, "depth": UInt32,
         "straight": Bool, "coherent": Bool, "differentials": RayDifferentials, "radius": Float, "count": Float,
         "fraction": Float, "branch": UInt32, "reach": Float, "offset": Float, "portal": Float, "total": Float,
-        "narrow": Float,
+        "narrow": Float, "slant": Float,
     }  # fmt: skip
 
     origin: Any
@@ -71,15 +73,19 @@ class LightPaths:
     portal: Any
     total: Any
     narrow: Any
+    slant: Any
 
 
 class Segments:
-    """Segments of light paths: `flux` at the start, `normal` at the end; other attributes are those of `LightPaths`."""
+    """Segments of light paths: `flux` at the start, `normal` at the end; other attributes are those of `LightPaths`.
+
+    `slant_end` is the tangent of the angle to the normal of the boundary where light leaves the medium, else 0.
+    """
 
     DRJIT_STRUCT: ClassVar[dict[str, Any]] = {
         "origin": Array3f, "direction": Array3f, "flux": Array3f, "length": Float, "normal": Array3f, "width": Width,
         "medium": UInt32, "depth": UInt32, "number": UInt32, "index": UInt32, "key": UInt32, "source": UInt32,
-        "offset": Float, "portal": Float, "total": Float, "narrow": Float,
+        "offset": Float, "portal": Float, "total": Float, "narrow": Float, "slant": Float, "slant_end": Float,
     }  # fmt: skip
 
     origin: Any
@@ -98,6 +104,8 @@ class Segments:
     portal: Any
     total: Any
     narrow: Any
+    slant: Any
+    slant_end: Any
 
 
 class PhotonHits:

@@ -79,6 +79,12 @@ def meet(plugin: Any, origin: Any, direction: Any, active: Any) -> Met:
     return Met(hit, interface, near, far, transmits)
 
 
+def is_left(hit: Any, direction: Any, medium: UInt32) -> Bool:
+    """Return whether a hit is on a boundary, of glass or of nothing, by which rays may leave their medium."""
+    transmits = (UInt32(hit.bsdf().flags()) & _TRANSMITS) != 0
+    return transmits & hit.is_medium_transition() & (numbers(hit.target_medium(mi.Vector3f(direction))) != medium)
+
+
 def reflected(hit: Any, direction: Any, aside: Any) -> Array3f:
     """Return directions reflected by surfaces: cosine-distributed, from random unit vectors `aside`."""
     normal = Array3f(hit.n)
