@@ -122,3 +122,18 @@ def test_a_render_leaves_the_film_as_it_was(shot):
     assert small.layers["rgba"].shape == (4, 6, 4)
     assert shot.size() == (SIZE["width"], SIZE["height"])
     assert shot.render(passes=1, beams=100).layers["rgba"].shape == (16, 24, 4)
+
+
+@pytest.mark.parametrize(
+    ("integrator", "depths"),
+    [
+        ({"type": "volpath", "max_depth": 6, "rr_depth": 9}, (6, 9)),
+        ({"type": "volpath"}, (-1, 5)),
+        ({"type": "moment", "inner": {"type": "volpathmis", "max_depth": 3}}, (3, 5)),
+        ({"type": "prbvolpath", "max_depth": 4, "hide_emitters": True}, (4, 5)),
+    ],
+)
+def test_another_integrators_paths_are_as_long_as_it_says(integrator, depths):
+    settings = pb.Shot(load(lamp=LAMP, sensor=camera(), integrator=integrator)).settings()
+    assert (settings.max_depth, settings.rr_depth) == depths
+    assert settings.hide_emitters == integrator.get("hide_emitters", False)

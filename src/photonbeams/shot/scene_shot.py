@@ -27,6 +27,9 @@ if TYPE_CHECKING:
     from ..looks import Look
     from ..render.settings import Settings
 
+# The max_depth of Mitsuba's integrators whose paths have any length.
+_ANY_DEPTH = 0xFFFFFFFF
+
 
 class SceneShot(Shot):
     """A Mitsuba scene seen by one of its sensors, or by two eyes.
@@ -147,13 +150,20 @@ class SceneShot(Shot):
         return digest(self._parameters, _contents(path, self._parameters.values()))
 
     def settings(self) -> Settings:
-        """Return the settings of the scene's integrator, if that is `photon_beams`, with its sampler's passes."""
+        """Return the settings of the scene's integrator, with its sampler's passes.
+
+        Of another one than `photon_beams`, and of one within `aov` or `moment`, the depths, as Mitsuba shows them.
+        """
         from ..render.settings import Settings
 
-        own = getattr(self.plugin.integrator(), "settings", None)
+        integrator = self.plugin.integrator()
+        own = getattr(integrator, "settings", None)
         if own is None:
-            LOG.info("%s: its integrator is not photon_beams, whose defaults are used instead", self.path)
-        return replace(own or Settings(), passes=int(self.sensor.sampler().sample_count()))
+            shown = re.findall(r"\b(max_depth|rr_depth) = (\d+)", str(integrator))
+            depths = {name: -1 if int(number) == _ANY_DEPTH else int(number) for name, number in shown}
+            own = Settings(**depths, hide_emitters=bool(getattr(integrator, "hide_emitters", False)))
+            LOG.info("%s: its integrator is not photon_beams: only the depths of its paths are used", self.path)
+        return replace(own, passes=int(self.sensor.sampler().sample_count()))
 
     def size(self, width: int | None = None, height: int | None = None) -> tuple[int, int]:
         """Return the size in pixels: as asked for, in the film's aspect where one of two is, else the film's."""

@@ -80,14 +80,16 @@ class Cutting:
         cut = at_portal | (inside & (waist < _WAIST * dr.lerp(first, last, focus * dr.rcp(length))))
         middle = dr.select(at_portal, portal * (1 - 1e-5), dr.select(cut, focus, length))
         before, behind = (self._radius(segments, middle, each) for each in (narrow, segments.narrow))
-        begin, end = -self._beyond(segments.slant, first), self._beyond(segments.slant_end, last)
+        lead, end = self._beyond(segments.slant, first), self._beyond(segments.slant_end, last)
+        lead = dr.select(segments.depth == 0, dr.minimum(lead, segments.offset), lead)  # no light before its lamp
         plane = dr.select(end > 0, -segments.direction, segments.normal)
-        first, last = self._radius(segments, begin, narrow), self._radius(segments, length + end, segments.narrow)
+        first, last = self._radius(segments, -lead, narrow), self._radius(segments, length + end, segments.narrow)
         near_end, before = dr.select(cut, middle, length + end), dr.select(cut, before, last)
-        near = self._beams(segments, (begin, near_end), (first, before), dr.select(cut, -segments.direction, plane))
-        far = self._beams(segments, (middle, length + end), (behind, last), plane)
+        normal = dr.select(cut, -segments.direction, plane)
+        near = self._beams(segments, lead, (-lead, near_end), (first, before), normal)
+        far = self._beams(segments, lead, (middle, length + end), (behind, last), plane)
         if not self.named:
-            near.power, far.power = self._left(segments, begin), self._left(segments, middle)
+            near.power, far.power = self._left(segments, -lead), self._left(segments, middle)
         return [Piece(there, near, segments.depth), Piece(cut, far, segments.depth)]
 
     def _beyond(self, slant: Any, radius: Any) -> Any:
@@ -108,7 +110,9 @@ class Cutting:
         left = dr.exp(-opaque(self.medium.medium.extinction) * s)
         return segments.flux * (over_mean(left, segments.flux) if self.short else left)
 
-    def _beams(self, segments: Segments, ends: tuple[Any, Any], radii: tuple[Any, Any], normal: Any) -> Beams:
+    def _beams(
+        self, segments: Segments, lead: Any, ends: tuple[Any, Any], radii: tuple[Any, Any], normal: Any
+    ) -> Beams:
         result = Beams()
         result.start, result.end = (segments.origin + each * segments.direction for each in ends)
         result.radius_start, result.radius_end = radii
@@ -116,7 +120,7 @@ class Cutting:
         if self.named:
             result.power = segments.flux * opaque(self.source.beam_scale)
             straight = segments.depth == 0
-            entry = dr.select(straight, segments.offset, 0)
+            entry = dr.select(straight, segments.offset, lead)
             result.entry, result.offset = entry, entry + ends[0]
             result.total = dr.select(straight, segments.total, segments.length)
             result.random = unit_float(hash32(segments.index, segments.key))

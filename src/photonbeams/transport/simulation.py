@@ -38,7 +38,7 @@ _PORTAL, _ALL = 0, 1  # kinds of strata, in the seeds of their sequences
 
 # Least and greatest radius in units of a medium's radius (of photons: the world's), and the greatest in free paths.
 # Wide beams stick out of small media, and blur what changes within a free path: at these bounds a ball of 10 free paths
-# is 1 to 3 % dark after 16 passes, 10 % in its rim, and noise is what it is with beams twice as wide.
+# is half a per cent dark after 16 passes, and noise is what it is with beams twice as wide.
 FLOOR, CEILING, FREE_PATHS = 1e-4, 0.05, 0.25
 
 
