@@ -160,7 +160,7 @@ class SceneShot(Shot):
         own = getattr(integrator, "settings", None)
         if own is None:
             shown = re.findall(r"\b(max_depth|rr_depth) = (\d+)", str(integrator))
-            depths = {name: -1 if int(number) == _ANY_DEPTH else int(number) for name, number in shown}
+            depths: dict[str, Any] = {name: -1 if int(number) == _ANY_DEPTH else int(number) for name, number in shown}
             own = Settings(**depths, hide_emitters=bool(getattr(integrator, "hide_emitters", False)))
             LOG.info("%s: its integrator is not photon_beams: only the depths of its paths are used", self.path)
         return replace(own, passes=int(self.sensor.sampler().sample_count()))
