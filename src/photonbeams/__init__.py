@@ -1,7 +1,8 @@
 """Volumetric light as photon beams, with programmable looks and Gaussian quadrature.
 
 The public names are imported on first use, so that `import photonbeams` is quick and the device can still be chosen.
-Factors, profiles and all else that a look is made of are in `photonbeams.looks`.
+Factors, profiles and all else that a look is made of are in `photonbeams.looks`, and what a scene is made of (lights,
+meshes, media, cameras) in `photonbeams.scene`.
 """
 
 from importlib import import_module as _import_module
@@ -13,7 +14,7 @@ from . import integrator as _integrator
 from .runtime import device as _device
 
 if _TYPE_CHECKING:
-    from . import looks
+    from . import looks, scene
     from .beams import Beams
     from .beams.curves import curved
     from .beams.modify import aim, bend, clamp, recolour, thin
@@ -53,6 +54,7 @@ __all__ = [
     "medium_of_colors",
     "recolour",
     "riemann",
+    "scene",
     "thin",
 ]
 
@@ -85,8 +87,8 @@ def __getattr__(name: str) -> object:
         from importlib.metadata import version
 
         return version("photonbeams")
-    if name == "looks":
-        return _import_module(".looks", __name__)
+    if name in ("looks", "scene"):
+        return _import_module(f".{name}", __name__)
     if name not in _HOME:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     value = globals()[name] = getattr(_import_module(f".{_HOME[name]}", __name__), name)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .checks import BLACK, MOST_BEAMS, Array, Color, SceneError, number, rgb, whole
+from .checks import BLACK, MOST_BEAMS, Array, Color, SceneError, color, number, rgb, whole
 from .surfaces import Mesh
 
 if TYPE_CHECKING:
@@ -169,6 +169,10 @@ class Light(BeamSettings):
     unlit: frozenset[str] = frozenset()
     unshadowed: frozenset[str] = frozenset()
     guides: tuple[Array, ...] = ()
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        object.__setattr__(self, "radiance", color(self.radiance, f"{self.name}: radiance"))
 
 
 @dataclass(frozen=True)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING
 
 from .beams import DrawnBeams
-from .checks import Array
+from .checks import Array, SceneError
 from .lights import Light
 from .media import Medium
 from .surfaces import Mesh
@@ -22,6 +23,11 @@ class Scene:
     `bounds` are centre and radius of a sphere around everything at all times, so that beams do not change with what
     moves elsewhere; None: of what is there. `groups` are the light groups that make beams at any time: a frame has the
     layers of these, too, black where nothing of a group shines.
+
+    Raises
+    ------
+    SceneError
+        Something among meshes, lights, drawn beams or media that is of another class.
     """
 
     meshes: tuple[Mesh, ...] = ()
@@ -30,6 +36,16 @@ class Scene:
     media: tuple[Medium, ...] = ()
     bounds: tuple[Array, float] | None = None
     groups: frozenset[str] = frozenset()
+
+    def __post_init__(self) -> None:
+        kinds = {"meshes": Mesh, "lights": Light, "drawn": DrawnBeams, "media": Medium}
+        for each in fields(self)[:4]:
+            given, kind = getattr(self, each.name), kinds[each.name]
+            parts = tuple(given) if isinstance(given, Iterable) else (given,)
+            for part in parts:
+                if not isinstance(part, kind):
+                    raise SceneError(f"{each.name} hold a {type(part).__name__}: expected each to be a {kind.__name__}")
+            object.__setattr__(self, each.name, parts)
 
     @property
     def medium(self) -> Medium | None:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from .checks import BLACK, Array, Color
+from .checks import BLACK, Array, Color, SceneError
 from .vectors import Plane, plane_of
 
 
@@ -46,6 +46,11 @@ class Mesh:
         (V, 3) float64 and (F, 3) int; faces wind counter-clockwise around the outward normal.
     normals, uvs
         (V, 3) and (V, 2), or None: faceted, no texture coordinates.
+
+    Raises
+    ------
+    SceneError
+        Arrays of another shape, points that are not finite, faces of points that are not there.
     """
 
     name: str
@@ -54,6 +59,26 @@ class Mesh:
     normals: Array | None = None
     uvs: Array | None = None
     material: Material = Material()
+
+    def __post_init__(self) -> None:
+        for name, columns in (("points", 3), ("faces", 3), ("normals", 3), ("uvs", 2)):
+            value = getattr(self, name)
+            if value is None and name in ("normals", "uvs"):
+                continue
+            numbers = np.asarray(value) if np.size(value) else np.empty((0, columns), np.int64)
+            rows = len(numbers) if name == "faces" else len(self.points)
+            if numbers.shape != (rows, columns) or numbers.dtype.kind not in ("iu" if name == "faces" else "fiu"):
+                expected = (
+                    f"({'F' if name == 'faces' else rows}, {columns}) {'whole ' if name == 'faces' else ''}numbers"
+                )
+                raise SceneError(f"mesh {self.name}: {name} have the shape {numbers.shape}: expected {expected}")
+            if not np.all(np.isfinite(numbers)):
+                raise SceneError(f"mesh {self.name}: {name} are not finite: expected finite numbers")
+            object.__setattr__(self, name, numbers)
+        wrong = self.faces[(self.faces < 0) | (self.faces >= len(self.points))]
+        if len(wrong):
+            text = f"expected 0 to {len(self.points) - 1}"
+            raise SceneError(f"mesh {self.name}: faces name the point {wrong[0]}: {text}")
 
     @property
     def area(self) -> float:

@@ -75,28 +75,34 @@ def _known(paths: set[str]) -> set[str]:
 class Shot:
     """A stage seen by one of its cameras, or by two eyes. `Shot.open` makes one, also of a Mitsuba scene.
 
-    `Shot(mitsuba_scene, camera=..., stereo=..., looks=..., groups=...)` is a `SceneShot`.
+    `Shot(mitsuba_scene, camera=..., stereo=..., looks=..., groups=...)` is a `SceneShot`, and
+    `Shot(scene.Scene(...), scene.Camera(...))` a `BuiltShot`.
     """
 
+    camera: Any  # the name of one on the stage; a scene.Camera of a scene that was built in Python
+
     def __new__(cls, stage: Any = None, *_: Any, **__: Any) -> Shot:
-        """Return a shot of a stage, or of a Mitsuba scene."""
+        """Return a shot of a stage, of a Mitsuba scene, or of a scene that was built in Python."""
         if cls is Shot and type(stage).__module__.partition(".")[0] == "mitsuba":
             from .scene_shot import SceneShot
 
             return super().__new__(SceneShot)
+        if cls is Shot and isinstance(stage, scene.Scene):
+            from .built_shot import BuiltShot
+
+            return super().__new__(BuiltShot)
         return super().__new__(cls)
 
     def __init__(
         self,
-        stage: Usd.Stage,
-        camera: str | None = None,
+        stage: Usd.Stage | scene.Scene,
+        camera: str | scene.Camera | None = None,
         medium: scene.Medium | Fog | None = None,
         stereo: Stereo | None = None,
         simulate: Modifier | None = None,
         emit: Emitter | None = None,
         looks: Look | Mapping[str, Look] | None = None,
     ) -> None:
-        stages.check_stage(stage)
         if not (looks is None or isinstance(looks, Mapping) or hasattr(looks, "bind")):
             raise scene.SceneError(f"looks is {looks!r}: expected a Look, or Looks by the names of lights")
         if not (medium is None or callable(medium) or isinstance(medium, scene.Medium)):
@@ -105,13 +111,21 @@ class Shot:
             if function is not None and not callable(function):
                 raise scene.SceneError(f"{name} is {function!r}: expected a function")
         check_stereo(stereo)
-        self.stage, self.camera, self.medium, self.stereo = stage, camera, medium, stereo
+        self.camera, self.medium, self.stereo = camera, medium, stereo
         self.simulate, self.emit, self.looks = simulate, emit, looks or {}
         self._sphere: tuple[Array, float] | None = None
         self._groups: frozenset[str] | None = None
         self._stage_digest: str | None = None
         self._warned: set[Any] = set()
         self._looks: dict[str, Any] = {}
+        self._set_content(stage)
+
+    def _set_content(self, stage: Any) -> None:
+        """Take what the shot shows; SceneError where that is of another kind."""
+        stages.check_stage(stage)
+        if not (self.camera is None or isinstance(self.camera, str)):
+            raise scene.SceneError(f"camera is {self.camera!r}: expected the path or the name of a camera of the stage")
+        self.stage: Usd.Stage = stage
         self._listener = self._listening()
 
     def _listening(self) -> Any:
@@ -200,9 +214,7 @@ class Shot:
 
         Velocities carry on what the stage holds at `base`, the frame whose shutter is open; None: at the frame itself.
         """
-        time = self.time(frame)
-        camera = stages.read_camera(self.stage, self.camera, time)
-        content = stages.read_scene(self.stage, time, self._warned, base)
+        content, camera = self._read(frame, base)
         content = replace(
             content,
             media=self._media(content),
@@ -217,17 +229,32 @@ class Shot:
         self._check_looks(content)
         return content, camera
 
+    def _read(self, frame: float | None, base: float | None) -> tuple[scene.Scene, scene.Camera]:
+        """Return the stage's own scene and its camera."""
+        time = self.time(frame)
+        camera = stages.read_camera(self.stage, self.camera, time)
+        return stages.read_scene(self.stage, time, self._warned, base), camera
+
+    @property
+    def _place(self) -> str:
+        """The beginning of messages about the whole shot."""
+        return file_of(self.stage)
+
+    def _makers(self) -> set[str]:
+        """Return the names of all that ever makes beams, and of its looks."""
+        return makers_at_all_times(self.stage)
+
     def _check_looks(self, content: scene.Scene) -> None:
         """Raise SceneError for a look that the user names for no beams of the stage."""
         if not isinstance(self.looks, Mapping):
             return
         named = {light.name for light in content.lights} | {drawn.name for drawn in content.drawn} | set(self._looks)
         if not _known(named).issuperset(self.looks):
-            named |= makers_at_all_times(self.stage)  # of those that are hidden now, looks may be, too
+            named |= self._makers()  # of those that are hidden now, looks may be, too
         for name in self.looks:
             if name not in _known(named):
                 beams = ", ".join(sorted(named)) or "none"
-                raise scene.SceneError(f"{file_of(self.stage)}: no beams are of {name}: expected one of {beams}")
+                raise scene.SceneError(f"{self._place}: no beams are of {name}: expected one of {beams}")
 
     def _emitted(self, emit: Emitter, frame: float | None, medium: scene.Medium | None) -> list[scene.DrawnBeams]:
         """Return the beams that the shot's `emit` function makes at a time."""
@@ -297,7 +324,7 @@ class Shot:
         try:
             check(content)
         except scene.SceneError as error:
-            raise scene.SceneError(f"{file_of(self.stage)}: {error}") from None
+            raise scene.SceneError(f"{self._place}: {error}") from None
         self._warn_of_darkness(content, frame)
         return layer_names(content)
 
@@ -306,12 +333,12 @@ class Shot:
 
         names = ", ".join(black(content))
         if names:
-            self._warn(f"{file_of(self.stage)}: no beams have any light: expected some of {names} to shine")
+            self._warn(f"{self._place}: no beams have any light: expected some of {names} to shine")
         elif not makers(content) and _NOTHING not in self._warned:
             self._warned.add(_NOTHING)
             LOG.warning(
                 "%s: %s at frame %.10g: expected a light that is on; where none is, there are no beams",
-                file_of(self.stage), _NOTHING, self._number(frame),
+                self._place, _NOTHING, self._number(frame),
             )  # fmt: skip
 
     def _look(self, owner: str, spec: Any) -> Any:
@@ -458,14 +485,14 @@ class Shot:
         content, cameras = exposure(0.0)
         self.check(content, frame)
         settings = self._programmed(request.settings, frame, exposure)
-        shutter = exposure.shutter(eyes, self.stage.GetTimeCodesPerSecond() or 1.0)
+        shutter = exposure.shutter(eyes, self._rate())
         ends = [each.seen_by(View(cameras[eye], window)) for each, eye in zip(depths, eyes, strict=False)]
         about = "" if request.checkpoint is None else self.content(frame)
         done = render(shutter, window, settings, request.progress, ends, request.checkpoint, about)
         pictures = done.views()
         request.composite(pictures, pixels, window)
         facts = {
-            **header(self.stage, self.time(frame), exposure.duration),
+            **self._time_header(frame, exposure),
             "seed": settings.seed,
             "passes": done.statistics.passes,
             **window.header(),
@@ -475,6 +502,14 @@ class Shot:
             for name, eye, layers in zip(names, eyes, pictures, strict=True)
         }
         return Frame.of(views, done.statistics)
+
+    def _rate(self) -> float:
+        """Return the time codes in a second."""
+        return self.stage.GetTimeCodesPerSecond() or 1.0
+
+    def _time_header(self, frame: float | None, exposure: Exposure) -> dict[str, Any]:
+        """Return what an EXR's header says of a frame's time."""
+        return header(self.stage, self.time(frame), exposure.duration)
 
     def content(self, frame: float | None = None) -> str:
         """Return a hash of the shot's content: the stage with its files, and the arguments from Python."""

@@ -1,0 +1,105 @@
+"""Scenes that were built in Python as shots: rendered like stages on which nothing moves."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from importlib.metadata import version
+from typing import TYPE_CHECKING, Any, Unpack
+
+import numpy as np
+
+from .. import scene
+from ..runtime.digest import digest
+from ..runtime.files import PathLike
+from ..usd.export import write_beams
+from ..usd.motion import Exposure
+from ..usd.stereo import split
+from .shot import Shot
+
+if TYPE_CHECKING:
+    from ..render.settings import Settings, SettingsArguments
+
+
+class BuiltShot(Shot):
+    """A `scene.Scene` seen by a `scene.Camera`, or by two eyes; parameters as of a stage's `Shot`.
+
+    A frame's number is that of its files, of `emit` and of looks that change with time.
+
+    Raises
+    ------
+    SceneError
+        What is no scene or no camera.
+    """
+
+    camera: scene.Camera
+
+    def _set_content(self, stage: Any) -> None:
+        if not isinstance(self.camera, scene.Camera):
+            raise scene.SceneError(f"camera is {self.camera!r}: expected a scene.Camera, such as Camera.look_at(...)")
+        self.scene: scene.Scene = stage
+
+    def __repr__(self) -> str:
+        return f"BuiltShot({len(self.scene.meshes)} meshes, {len(self.scene.lights)} lights, {self.camera.name!r})"
+
+    def _read(self, frame: float | None, base: float | None) -> tuple[scene.Scene, scene.Camera]:
+        return self.scene, self.camera
+
+    @property
+    def _place(self) -> str:
+        return "the scene"
+
+    def _makers(self) -> set[str]:
+        return set()
+
+    def _groups_at_all_times(self) -> frozenset[str]:
+        return self.scene.groups
+
+    def cameras(self, frame: float | None = None) -> tuple[scene.Camera, ...]:
+        """Return the camera, or the left and the right eye's."""
+        if self.stereo is None:
+            return (self.camera,)
+        try:
+            return split(self.camera, self.stereo, 1.0)
+        except scene.SceneError as error:
+            raise scene.SceneError(f"camera {self.camera.name} {error}") from None
+
+    def exposure(self, frame: float | None = None, blur: bool = True, lens: bool = True) -> Exposure:
+        """Return scene and cameras, at rest; `lens` may be turned off, and all is in focus."""
+        from ..world.bounds import bounding_sphere
+
+        cameras = self.cameras(frame)
+        if not lens:
+            cameras = tuple(replace(each, lens_radius=0.0) for each in cameras)
+        content = self.read(frame)[0]
+        eyes = [np.asarray(each.to_world)[:3, 3] for each in cameras]
+        content = replace(content, bounds=content.bounds or bounding_sphere([content], eyes))
+        number = self._number(frame)
+        return Exposure(lambda _: content, lambda _: cameras, number, number)
+
+    def content(self, frame: float | None = None) -> str:
+        """Return a hash of what there is to render."""
+        given = self.camera, self.medium, self.stereo, self.simulate, self.emit, self.looks
+        return digest(self.scene, self._number(frame), given)
+
+    def write_beams(
+        self,
+        path: PathLike,
+        frame: float | None = None,
+        *,
+        settings: Settings | None = None,
+        **given: Unpack[SettingsArguments],
+    ) -> int:
+        """Write the beams as BasisCurves to a .usd, .usda or .usdc file, whole or not at all; return how many."""
+        found = self.drawn_beams(frame, settings=settings, **given)
+        write_beams(found, path)
+        return sum(len(each.start) for each in found)
+
+    def _rate(self) -> float:
+        return 1.0
+
+    def _time_header(self, frame: float | None, exposure: Exposure) -> dict[str, Any]:
+        about: dict[str, Any] = {"software": f"photonbeams {version('photonbeams')}", "scene": ""}
+        return about if frame is None else {**about, "frame": float(frame)}
+
+    def _number(self, frame: float | None) -> float:
+        return 0.0 if frame is None else scene.real(frame, "frame")
