@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .checks import BLACK, MOST_BEAMS, Array, Color, SceneError, color, number, rgb, whole
+from .checks import BLACK, MOST_BEAMS, Array, Color, SceneError, color, number, rgb, shown, whole
 from .surfaces import Mesh
 
 if TYPE_CHECKING:
@@ -173,6 +173,12 @@ class Light(BeamSettings):
     def __post_init__(self) -> None:
         super().__post_init__()
         object.__setattr__(self, "radiance", color(self.radiance, f"{self.name}: radiance"))
+        for name in ("center", "axis", "half_x", "half_y"):
+            if hasattr(self, name):
+                value = np.asarray(getattr(self, name), dtype=np.float64)
+                if value.shape != (3,) or not np.all(np.isfinite(value)):
+                    raise SceneError(f"{self.name}: {name} is {shown(getattr(self, name))}: expected 3 finite numbers")
+                object.__setattr__(self, name, value)
 
 
 @dataclass(frozen=True)
