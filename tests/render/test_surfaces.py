@@ -330,10 +330,10 @@ def leaded(seed, size=(6, 8)):
     )
     other = dataclasses.replace(slide, name="/other", gobo=scene.Gobo(images[1], 60.0))
     window = quad("/window", [[-1, 1.5, -1], [1, 1.5, -1], [1, 1.5, 1], [-1, 1.5, 1]])
-    pane = dataclasses.replace(
+    portal_gobo = dataclasses.replace(
         LIGHT, name="/pane", portal=window, portal_gobo=scene.Gobo(images[2], up=np.array([0, 0, -1.0]))
     )
-    return slide, other, pane
+    return slide, other, portal_gobo
 
 
 def test_lights_behind_images_add_up_on_surfaces():

@@ -17,7 +17,7 @@ from ..numerics.arrays import opaque
 from ..numerics.sampling import sobol_block
 from ..runtime.device import Array2f, Array3f, Bool, Float
 from ..world.bounds import Bounds
-from ..world.gobos import Masked, bare, spread
+from ..world.gobos import ProjectedLight, bare, spread
 from ..world.lights import FlatSource, SphereSource
 from ..world.portals import Portal
 from ..world.stage_world import StageWorld
@@ -85,7 +85,7 @@ def emit(light: scene.Light, source: Any, bounds: Bounds, u: Array2f, v: Array2f
         result = _emit_flat(light, lamp, u, v)
     else:
         result = _emit_from_infinity(lamp, bounds, u, v)
-    if isinstance(source, Masked):
+    if isinstance(source, ProjectedLight):
         result.flux = result.flux * source.tint(result.origin, result.direction)
     result.flux *= opaque(1 / count)
     result.portal = dr.full(Float, dr.inf, dr.width(u))
@@ -101,7 +101,9 @@ def emit_through(source: Any, portal: Portal, bounds: Bounds, u: Array2f, v: Arr
     """
     result = LampRays()
     point, normal, result.valid = portal.sample(v)
-    light_sample = source.before_pane(point, u) if isinstance(source, Masked) else source.illuminate(point, u)
+    light_sample = (
+        source.without_portal_gobo(point, u) if isinstance(source, ProjectedLight) else source.illuminate(point, u)
+    )
     cosine = dr.abs(dr.dot(normal, light_sample.direction))
     area = opaque(portal.area)
     infinite = bare(source).infinite
@@ -109,8 +111,8 @@ def emit_through(source: Any, portal: Portal, bounds: Bounds, u: Array2f, v: Arr
     result.portal = bounds.behind(point, result.direction) if infinite else light_sample.distance
     result.origin = point - result.portal * result.direction
     result.flux = light_sample.weight * (cosine * area * opaque(1 / count))
-    if isinstance(source, Masked):
-        result.flux = result.flux * source.pane_color(point)
+    if isinstance(source, ProjectedLight):
+        result.flux = result.flux * source.portal_color(point)
     result.extent_x = dr.select(light_sample.pdf > 0, dr.rsqrt(dr.maximum(light_sample.pdf, 1e-30)), 0)
     result.extent_y = dr.sqrt(area * dr.maximum(cosine, _GRAZING))
     # From a light at distance d: x d |1 - s/d| + y s/d, with x an angle at the portal. From infinity: x |s - d| + y.
@@ -259,7 +261,7 @@ class PortalEmitter:
 def lit_fraction(emitter: LampEmitter | PortalEmitter) -> float:
     """Return which fraction of the paths passes the emitter's images: of a few of them, and 1 of one without."""
     lamp, through = emitter.lamp, isinstance(emitter, PortalEmitter) and emitter.through
-    if not isinstance(lamp, Masked):
+    if not isinstance(lamp, ProjectedLight):
         return 1.0
     if through not in lamp.lit:
         probe = emitter.sample(*sobol_block(_PROBE, 0, (_PROBE,)))

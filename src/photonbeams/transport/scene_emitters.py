@@ -10,7 +10,7 @@ import numpy as np
 
 from ..runtime.device import Array2f, Array3f, Bool, Float, mitsuba
 from ..world.checks import check_finite
-from ..world.gobos import Masked
+from ..world.gobos import ProjectedLight
 from ..world.scene_world import SceneWorld
 from .differentials import RayDifferentials, copies, differentiate, of_copies
 from .emission import Emission, EmissionSample, Emitter, Stratum, probed_flux
@@ -44,7 +44,7 @@ class SceneEmitter:
         differentials = self._tangents(u, v)
         ray, weight = self._ray(mi.Point2f(u), mi.Point2f(v))
         origin, direction, flux = Array3f(ray.o), Array3f(ray.d), Array3f(weight)
-        if isinstance(self.lamp, Masked):
+        if isinstance(self.lamp, ProjectedLight):
             flux = flux * self.lamp.tint(origin, direction)
         return self._sample(origin, direction, flux, differentials, Float(dr.inf), Bool(True))
 

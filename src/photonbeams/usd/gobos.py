@@ -40,7 +40,7 @@ def read_texture(reading: Reading, prim: Usd.Prim) -> Gobo | None:
     return None if image is None else Gobo(image)
 
 
-def read_pane(reading: Reading, prim: Usd.Prim, portal: Mesh | str | None) -> Gobo | None:
+def read_portal_gobo(reading: Reading, prim: Usd.Prim, portal: Mesh | str | None) -> Gobo | None:
     """Return the image over a light's portal (a mesh, or the name of a shape elsewhere), or None.
 
     Raises

@@ -32,7 +32,7 @@ from ..scene import (
 )
 from ..scene.vectors import unit
 from . import blender
-from .gobos import read_gobo, read_pane, read_texture
+from .gobos import read_gobo, read_portal_gobo, read_texture
 from .looks import read_look
 from .medium import read_bounces
 from .meshes import is_gprim, read_solid
@@ -228,7 +228,7 @@ def read_beam_settings(reading: Reading, prim: Usd.Prim, portal: Mesh | str | No
         "seed": int(reading.number(prim, "photonbeams:seed", 0)),
         "portal": portal,
         "gobo": read_gobo(reading, prim),
-        "portal_gobo": read_pane(reading, prim, portal),
+        "portal_gobo": read_portal_gobo(reading, prim, portal),
         "look": read_look(reading, prim, looks[0]) if looks else None,
         "scattered": _scattered(reading, prim),
         "bounces": read_bounces(reading, prim),

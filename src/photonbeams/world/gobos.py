@@ -99,15 +99,15 @@ class Slide:
         return UInt32(dr.select(self.repeat > 0, around, dr.clip(index, 0, count - 1)))
 
 
-class Masked:
-    """A light behind a slide, or with a pane in its portal, or both. `masked` makes the class for each kind of light.
+class ProjectedLight:
+    """A light with a gobo: a slide, an image on its portal, or both. `projected` makes the class of each kind of light.
 
     Attributes
     ----------
     bare
         The light without them.
-    slide, pane
-        Where the images lie; one that the light does not have (`has_slide`, `has_pane`) is not there.
+    slide, portal_gobo
+        Where the images lie; one that the light does not have (`has_slide`, `has_portal_gobo`) is not there.
     pixels
         The images of both; not a part of the struct, for it is the same for all lights of a kind.
     images
@@ -118,27 +118,27 @@ class Masked:
 
     DRJIT_STRUCT: ClassVar[dict[str, Any]] = {}
     has_slide: ClassVar[bool] = False
-    has_pane: ClassVar[bool] = False
+    has_portal_gobo: ClassVar[bool] = False
 
     bare: Any
     slide: Any
-    pane: Any
+    portal_gobo: Any
     pixels: dict[str, Any]
     images: dict[str, scene.Gobo]
     lit: dict[bool, float]
 
-    def with_pixels(self, pixels: dict[str, Any]) -> Masked:
+    def with_pixels(self, pixels: dict[str, Any]) -> ProjectedLight:
         """Return the light itself, which has now these images."""
         self.pixels = pixels
         return self
 
     def illuminate(self, point: Array3f, u: Array2f) -> Illumination:
         """Return a sample of the light, in the colours of what it passes."""
-        sample = self.before_pane(point, u)
+        sample = self.without_portal_gobo(point, u)
         sample.weight = sample.weight * self._passing(point, sample.direction, sample.distance)
         return sample
 
-    def before_pane(self, point: Array3f, u: Array2f) -> Illumination:
+    def without_portal_gobo(self, point: Array3f, u: Array2f) -> Illumination:
         """Return a sample of the light as if there were no image on its portal."""
         sample = self.bare.illuminate(point, u)
         sample.weight = sample.weight * self.tint(point, -sample.direction)
@@ -164,31 +164,31 @@ class Masked:
         color = self.slide.color(place, self.pixels["slide"])
         return dr.select(dr.dot(direction, self.slide.normal) > 0, color, 0)
 
-    def pane_color(self, point: Array3f) -> Array3f:
+    def portal_color(self, point: Array3f) -> Array3f:
         """Return the colour of the portal at a point of it."""
-        if not self.has_pane:
+        if not self.has_portal_gobo:
             return Array3f(1)
-        _, place = self.pane.crossing(point, self.pane.normal)
-        return self.pane.color(place, self.pixels["pane"])
+        _, place = self.portal_gobo.crossing(point, self.portal_gobo.normal)
+        return self.portal_gobo.color(place, self.pixels["portal_gobo"])
 
     def _passing(self, origin: Array3f, direction: Array3f, distance: Float) -> Array3f:
         """Return the portal's colour on segments that cross its rectangle, else 1."""
-        if not self.has_pane:
+        if not self.has_portal_gobo:
             return Array3f(1)
-        crossing, place = self.pane.crossing(origin, direction)
-        passes = (crossing > 0) & (crossing < distance) & self.pane.within(place)
-        return dr.select(passes, self.pane.color(place, self.pixels["pane"]), 1)
+        crossing, place = self.portal_gobo.crossing(origin, direction)
+        passes = (crossing > 0) & (crossing < distance) & self.portal_gobo.within(place)
+        return dr.select(passes, self.portal_gobo.color(place, self.pixels["portal_gobo"]), 1)
 
 
 @cache
-def _kind(bare: type, slide: bool, pane: bool) -> type[Masked]:
-    """Return the class of masked lights of a kind."""
-    parts = {"bare": bare} | ({"slide": Slide} if slide else {}) | ({"pane": Slide} if pane else {})
-    name = f"{'Slide' if slide else ''}{'Pane' if pane else ''}{bare.__name__}"
-    return type(name, (Masked,), {"DRJIT_STRUCT": parts, "has_slide": slide, "has_pane": pane})
+def _kind(bare: type, slide: bool, portal_gobo: bool) -> type[ProjectedLight]:
+    """Return the class of lights of a kind with gobos."""
+    parts = {"bare": bare} | ({"slide": Slide} if slide else {}) | ({"portal_gobo": Slide} if portal_gobo else {})
+    name = f"{'Slide' if slide else ''}{'Portal' if portal_gobo else ''}{bare.__name__}"
+    return type(name, (ProjectedLight,), {"DRJIT_STRUCT": parts, "has_slide": slide, "has_portal_gobo": portal_gobo})
 
 
-def masked(bare: Any, light: scene.Light, portal: Portal | None, images: Images) -> Any:
+def projected(bare: Any, light: scene.Light, portal: Portal | None, images: Images) -> Any:
     """Return a light's source behind its images, or as it is where it has none.
 
     Parameters
@@ -204,23 +204,23 @@ def masked(bare: Any, light: scene.Light, portal: Portal | None, images: Images)
         An image on a portal that is not flat.
     """
     slide = None if isinstance(light, scene.DomeLight) else light.gobo
-    pane = light.portal_gobo if portal is not None else None
-    if slide is None and pane is None:
+    portal_gobo = light.portal_gobo if portal is not None else None
+    if slide is None and portal_gobo is None:
         return bare
     kind: Any = type(bare)
-    result = _kind(kind, slide is not None, pane is not None)()
+    result = _kind(kind, slide is not None, portal_gobo is not None)()
     result.bare, result.lit = bare, {}
-    result.images = {name: gobo for name, gobo in (("slide", slide), ("pane", pane)) if gobo is not None}
+    result.images = {name: gobo for name, gobo in (("slide", slide), ("portal_gobo", portal_gobo)) if gobo is not None}
     result.pixels = {name: _on_device(gobo, images) for name, gobo in result.images.items()}
     if slide is not None:
         result.slide = _slide(light, slide)
-    if pane is not None and portal is not None:
-        result.pane = _pane(light, pane, portal)
+    if portal_gobo is not None and portal is not None:
+        result.portal_gobo = _portal_gobo(light, portal_gobo, portal)
     return result
 
 
-def pack_masked(sources: Sequence[Any]) -> tuple[Any, dict[str, Any]]:
-    """Return masked lights of one kind as one struct of arrays, and their images in a row."""
+def pack_projected(sources: Sequence[Any]) -> tuple[Any, dict[str, Any]]:
+    """Return lights of one kind with gobos as one struct of arrays, and their images in a row."""
     packed = pack(sources)
     if len(sources) == 1:
         return packed, sources[0].pixels
@@ -235,7 +235,7 @@ def pack_masked(sources: Sequence[Any]) -> tuple[Any, dict[str, Any]]:
 
 def bare(source: Any) -> Any:
     """Return a light without its images."""
-    return source.bare if isinstance(source, Masked) else source
+    return source.bare if isinstance(source, ProjectedLight) else source
 
 
 def _on_device(gobo: scene.Gobo, images: Images) -> Any:
@@ -295,7 +295,7 @@ def _axes(light: Any) -> tuple[Any, Any, Any]:
     return np.cross(ahead, up) * np.sign(np.linalg.det(frame)), up, ahead
 
 
-def _pane(light: scene.Light, gobo: scene.Gobo, portal: Portal) -> Slide:
+def _portal_gobo(light: scene.Light, gobo: scene.Gobo, portal: Portal) -> Slide:
     """Return the image over a portal's bounding rectangle, upright, as one sees it who faces the light."""
     if portal.sides is None:
         text = f"{light.name}: the portal is not flat: expected a planar one to hold the image photonbeams:portal:gobo"

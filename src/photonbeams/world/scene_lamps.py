@@ -12,7 +12,7 @@ from .. import scene
 from ..runtime.device import Array3f, Float, mitsuba
 from ..scene import SceneError
 from .bounds import Bounds
-from .gobos import Images, Masked, masked
+from .gobos import Images, ProjectedLight, projected
 from .lights import EmitterSource
 from .portals import Portal
 from .shapes import shape_of
@@ -39,7 +39,7 @@ class SceneLamp:
 
     def colors(self, point: Array3f, direction: Array3f, distance: Float) -> Array3f:
         """Return the colours of the images that light passes on its way to a point."""
-        return self.source.colors(point, direction, distance) if isinstance(self.source, Masked) else Array3f(1)
+        return self.source.colors(point, direction, distance) if isinstance(self.source, ProjectedLight) else Array3f(1)
 
 
 def names_of(emitter: Any) -> list[str]:
@@ -86,7 +86,7 @@ def _lamp(plugin: Any, emitter: Any, own: scene.BeamSettings, bounds: Bounds, im
     light = _described(emitter, name, shared)
     if isinstance(light, scene.SphereLight):
         source.central, source.center = True, Array3f(*(float(each) for each in light.center))
-    return SceneLamp(masked(source, light, portal, images), portal)
+    return SceneLamp(projected(source, light, portal, images), portal)
 
 
 def _described(emitter: Any, name: str, shared: dict[str, Any]) -> scene.Light:

@@ -18,7 +18,7 @@ from .. import scene
 from ..numerics.arrays import to_uint
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from .bounds import Bounds, bounding_sphere
-from .gobos import Images, Masked, bare, masked, pack_masked
+from .gobos import Images, ProjectedLight, bare, pack_projected, projected
 from .interfaces import medium_at, number
 from .lights import DistantSource, DomeSource, FlatSource, Light, SphereSource, pack, source
 from .media import Media
@@ -61,9 +61,9 @@ class Lamps(NamedTuple):
     def of(cls, sources: Sequence[Any], links: Links | None) -> Lamps:
         """Return lights of one kind, packed."""
         kind, count = type(sources[0]), dr.opaque(UInt32, len(sources))
-        if not isinstance(sources[0], Masked):
+        if not isinstance(sources[0], ProjectedLight):
             return cls(kind, pack(sources), count, {}, links)
-        packed, pixels = pack_masked(sources)
+        packed, pixels = pack_projected(sources)
         return cls(kind, packed, count, pixels, links)
 
     def light(self, number: UInt32) -> Any:
@@ -173,7 +173,9 @@ class StageWorld(World):
             boundaries=boundaries,
             sizes=sizes,
             blockers=_blockers(description, meshes, shapes, like.blockers if like is not None and still else {}),
-            lights=tuple(masked(source(light), light, portals.get(light.name), images) for light in description.lights),
+            lights=tuple(
+                projected(source(light), light, portals.get(light.name), images) for light in description.lights
+            ),
             portals=portals,
             images=images,
             bounds=Bounds(center, radius),

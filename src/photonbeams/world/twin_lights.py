@@ -14,7 +14,7 @@ import numpy as np
 
 from .. import scene
 from ..numerics.arrays import to_vectors
-from .gobos import masked, spread
+from .gobos import projected, spread
 from .lights import source, unit
 from .twin import Twin, matrix, mi, rgb, scaled
 
@@ -153,7 +153,7 @@ def _image(light: scene.SphereLight | scene.FlatLight, cone: float, to_world: np
     if isinstance(light, scene.FlatLight):
         value *= dr.dot(direction, bare.axis)  # type: ignore[union-attr]
     elif light.gobo is not None:
-        value *= masked(bare, light, None, {}).tint(to_vectors(_place(light)[None]), direction)
+        value *= projected(bare, light, None, {}).tint(to_vectors(_place(light)[None]), direction)
     return np.array(value).T.reshape(_PIXELS, _PIXELS, 3)
 
 
@@ -169,7 +169,7 @@ def _face(twin: Twin, light: scene.FlatLight, name: str) -> dict[str, Any]:
     to_world = np.array(_flat(twin, light)["to_world"].matrix, dtype=np.float64)
     local = np.stack([2 * u - 1, 2 * v - 1, 0 * u, 1 + 0 * u], axis=-1).reshape(-1, 4)
     places = to_vectors((local @ to_world.T)[:, :3])
-    color = masked(source(light), light, None, {}).tint(places, to_vectors(unit(light.axis)[None]))
+    color = projected(source(light), light, None, {}).tint(places, to_vectors(unit(light.axis)[None]))
     pixels = np.array(color).T.reshape(rows, columns, 3) * np.array(light.radiance)
     image = mi.Bitmap(np.ascontiguousarray(pixels, dtype=np.float32))
     radiance = {"type": "bitmap", "bitmap": image, "raw": True, "wrap_mode": "clamp"}
