@@ -8,12 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import drjit as dr
 
 from ..numerics.arrays import compressed
 from ..numerics.samples import Samples
+from ..numerics.structs import Struct
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from ..world.sensors import PrimaryRays
 from ..world.world import World
@@ -34,7 +35,7 @@ _IDEAL = int(mi.BSDFFlags.Delta | mi.BSDFFlags.Null)
 _STEPS = 128
 
 
-class CameraPaths:
+class CameraPaths(Struct):
     """Camera paths: rays from `near` on.
 
     Attributes
@@ -53,28 +54,22 @@ class CameraPaths:
         How far the path has come straight, up to where `near` is.
     """
 
-    DRJIT_STRUCT: ClassVar[dict[str, Any]] = {
-        "origin": Array3f, "direction": Array3f, "near": Float, "far": Float, "throughput": Array3f, "clear": Array3f,
-        "medium": UInt32, "pixel": UInt32, "order": UInt32, "primary": Bool, "depth": UInt32, "alive": Bool,
-        "flown": Float,
-    }  # fmt: skip
-
-    origin: Any
-    direction: Any
-    near: Any
-    far: Any
-    throughput: Any
-    clear: Any
-    medium: Any
-    pixel: Any
-    order: Any
-    primary: Any
-    depth: Any
-    alive: Any
-    flown: Any
+    origin: Array3f
+    direction: Array3f
+    near: Float
+    far: Float
+    throughput: Array3f
+    clear: Array3f
+    medium: UInt32
+    pixel: UInt32
+    order: UInt32
+    primary: Bool
+    depth: UInt32
+    alive: Bool
+    flown: Float
 
 
-class CameraVertex:
+class CameraVertex(Struct):
     """The end of one step of camera paths.
 
     Attributes
@@ -91,25 +86,18 @@ class CameraVertex:
         Seed of the samples of transmittance along the segment.
     """
 
-    DRJIT_STRUCT: ClassVar[dict[str, Any]] = {
-        "radiance": Array3f, "solid": Bool, "end": Float, "transmittance": Array3f, "seed": UInt32,
-    }  # fmt: skip
-
-    radiance: Any
-    solid: Any
-    end: Any
-    transmittance: Any
-    seed: Any
+    radiance: Array3f
+    solid: Bool
+    end: Float
+    transmittance: Array3f
+    seed: UInt32
 
 
-class Lamp:
+class Lamp(Struct):
     """The nearest lamp that is not a surface: its `distance` (infinite where there is none) and `radiance`."""
 
-    DRJIT_STRUCT: ClassVar[dict[str, Any]] = {"distance": Float, "radiance": Array3f}
-
-    def __init__(self, distance: Any = None, radiance: Any = None) -> None:
-        self.distance: Any = distance
-        self.radiance: Any = radiance
+    distance: Float
+    radiance: Array3f
 
 
 @dataclass(frozen=True)
@@ -265,7 +253,7 @@ def _onward(
     null = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Null)
     straight = paths.primary & null
     following = CameraPaths()
-    factor = dr.select(sharp & (sample.pdf > 0), Array3f(weight), 0)
+    factor: Any = dr.select(sharp & (sample.pdf > 0), Array3f(weight), 0)
     following.throughput, following.clear = (each * factor for each in weights)
     spawned = hit.spawn_ray(direction)
     # A primary ray keeps its origin, for the tiles; its `near` moves to the surface that it passed.
@@ -278,7 +266,8 @@ def _onward(
     following.depth = paths.depth + dr.select(null, 0, 1)
     following.pixel, following.order, following.primary = paths.pixel, paths.order, straight
     following.flown = dr.select(null, paths.flown + distance - paths.near, 0)
-    most = dr.max(dr.maximum(following.throughput, following.clear))
+    throughput: Any = following.throughput
+    most = dr.max(dr.maximum(throughput, following.clear))
     alive = sharp & (most > 0) & _within(tracing, following.depth, 1)
     survival = dr.minimum(most, 0.95)
     tried = following.depth >= dr.opaque(UInt32, tracing.rr_depth)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any
 
 import drjit as dr
 import numpy as np
@@ -19,6 +19,7 @@ from ..estimators.points import Points
 from ..estimators.tiles import Projection
 from ..looks import LightContext
 from ..numerics.arrays import compressed, joined
+from ..numerics.structs import Struct
 from ..runtime.device import Array3f, Bool, Float, UInt32
 from ..scene import SceneError
 from ..world.media import Media, RenderedMedium
@@ -30,22 +31,17 @@ from .passes import Statistics
 _MOST = 1 << 22
 
 
-class PathSegments:
+class PathSegments(Struct):
     """Segments of camera paths in media behind mirrors and glass."""
 
-    DRJIT_STRUCT: ClassVar[dict[str, Any]] = {
-        "origin": Array3f, "direction": Array3f, "far": Float, "throughput": Array3f, "medium": UInt32,
-        "pixel": UInt32, "depth": UInt32, "seed": UInt32,
-    }  # fmt: skip
-
-    origin: Any
-    direction: Any
-    far: Any
-    throughput: Any
-    medium: Any
-    pixel: Any
-    depth: Any
-    seed: Any
+    origin: Array3f
+    direction: Array3f
+    far: Float
+    throughput: Array3f
+    medium: UInt32
+    pixel: UInt32
+    depth: UInt32
+    seed: UInt32
 
     @classmethod
     def of(cls, paths: CameraPaths, vertex: CameraVertex) -> PathSegments:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any
 
 import drjit as dr
 
@@ -13,6 +13,7 @@ from ..beams.guides import known_guides, led, pieces_along
 from ..beams.sets import BeamSet
 from ..numerics.arrays import compressed, joined, opaque
 from ..numerics.hashing import hash32, unit_float
+from ..numerics.structs import Struct
 from ..runtime.device import Bool, Float, UInt32
 from ..world.media import RenderedMedium, over_mean
 from ..world.sources import Source
@@ -27,15 +28,12 @@ _WAIST = 0.8
 _BEYOND = 4.0
 
 
-class Piece:
+class Piece(Struct):
     """A piece of each segment as a beam, at one time; `there` tells which segments have it."""
 
-    DRJIT_STRUCT: ClassVar[dict[str, Any]] = {"there": Bool, "beams": Beams, "depth": UInt32}
-
-    def __init__(self, there: Any = None, beams: Any = None, depth: Any = None) -> None:
-        self.there: Any = there
-        self.beams: Any = beams
-        self.depth: Any = depth
+    there: Bool
+    beams: Beams
+    depth: UInt32
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ area · solid angle / samples, with the cosines of the geometry (radiometry; Jar
 
 from __future__ import annotations
 
-from typing import Any, ClassVar, Protocol
+from typing import Any, Protocol
 
 import drjit as dr
 import numpy as np
@@ -15,6 +15,7 @@ import numpy as np
 from .. import scene
 from ..numerics.arrays import opaque
 from ..numerics.sampling import sobol_block
+from ..numerics.structs import Struct
 from ..runtime.device import Array2f, Array3f, Bool, Float
 from ..world.bounds import Bounds
 from ..world.gobos import ProjectedLight, bare, spread
@@ -37,7 +38,7 @@ _WIDE = 2 * np.pi / 3  # a cone wider than this is sampled as part of the whole 
 _GRAZING = 0.02  # the least cosine for a footprint: a beam along a surface would be infinitely wide
 
 
-class LampRays:
+class LampRays(Struct):
     """Light paths at the light.
 
     `flux` is the power of each, `portal` the distance at which it passes the portal (infinite: none), `valid` which are
@@ -46,22 +47,17 @@ class LampRays:
     measures, 1 / density.
     """
 
-    DRJIT_STRUCT: ClassVar[dict[str, Any]] = {
-        "origin": Array3f, "direction": Array3f, "flux": Array3f, "portal": Float, "valid": Bool, "extent_x": Float,
-        "extent_y": Float, "x0": Float, "x1": Float, "y0": Float, "y1": Float,
-    }  # fmt: skip
-
-    origin: Any
-    direction: Any
-    flux: Any
-    portal: Any
-    valid: Any
-    extent_x: Any
-    extent_y: Any
-    x0: Any
-    x1: Any
-    y0: Any
-    y1: Any
+    origin: Array3f
+    direction: Array3f
+    flux: Array3f
+    portal: Float
+    valid: Bool
+    extent_x: Float
+    extent_y: Float
+    x0: Float
+    x1: Float
+    y0: Float
+    y1: Float
 
     def differentials(self) -> RayDifferentials:
         """Return the derivatives of rays by the four sample numbers.

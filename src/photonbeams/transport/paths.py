@@ -279,7 +279,7 @@ def _roulette(tracing: Tracing, paths: LightPaths, passes: Bool, stream: UInt32,
     survival = dr.minimum(dr.max(paths.flux) * dr.rcp(dr.maximum(paths.initial, 1e-30)), 0.95)
     tried = active & ~passes & (paths.depth >= dr.opaque(UInt32, tracing.rr_depth))
     survives = unit_float(hash32(paths.index, stream, UInt32(_ROULETTE))) < survival
-    factor = dr.select(tried, dr.select(survives, dr.rcp(dr.maximum(survival, 1e-30)), 0), 1)
+    factor: Any = dr.select(tried, dr.select(survives, dr.rcp(dr.maximum(survival, 1e-30)), 0), 1)
     paths.flux = paths.flux * factor
     paths.fraction = dr.select(tried & survives, paths.fraction * survival, paths.fraction)
 
@@ -355,9 +355,10 @@ def _photon_hits(paths: LightPaths, interaction: Interaction, across: Width) -> 
     """Return the photons that hit surfaces."""
     result = PhotonHits()
     result.position, result.direction = interaction.position, paths.direction
-    result.normal = Array3f(interaction.hit.n)
+    normal: Any = Array3f(interaction.hit.n)
+    result.normal = normal
     # On a slant the footprint is longer by 1 / cos, and its area with it.
-    cosine = dr.maximum(dr.abs(dr.dot(result.normal, paths.direction)), 0.05)
+    cosine = dr.maximum(dr.abs(dr.dot(normal, paths.direction)), 0.05)
     # Photons at random places should overlap more than beams, of which a ray meets many: a dozen at each point.
     result.radius = across(interaction.distance) * dr.rsqrt(cosine) * dr.select(paths.coherent, Float(1), Float(_DOZEN))
     result.flux, result.depth = paths.flux * interaction.weight, paths.depth

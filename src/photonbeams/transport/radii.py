@@ -14,23 +14,21 @@ are linear.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, NamedTuple
 
 import drjit as dr
 
+from ..numerics.structs import Struct
 from ..runtime.device import Array3f, Float
 from .differentials import RayDifferentials
 
 
-class Width:
+class Width(Struct):
     """The squared radius of a segment as a polynomial in the distance from its start, a + b s + c s²."""
 
-    DRJIT_STRUCT: ClassVar[dict[str, Any]] = {"a": Float, "b": Float, "c": Float}
-
-    def __init__(self, a: Any = None, b: Any = None, c: Any = None) -> None:
-        self.a: Any = a
-        self.b: Any = b
-        self.c: Any = c
+    a: Float
+    b: Float
+    c: Float
 
     def __call__(self, s: Any) -> Any:
         """Return the radius at a distance."""

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
-
+from ..numerics.structs import Struct
 from ..runtime.device import Array3f, Bool, Float, UInt32
 from .differentials import RayDifferentials
 from .radii import Width
 
 
-class LightPaths:
+class LightPaths(Struct):
     """Light paths after a scattering event, or as they leave their emitter.
 
     Attributes
@@ -42,85 +41,66 @@ class LightPaths:
         Tangent of its angle to the normal of the boundary where it has just entered its medium; 0 of other paths.
     """
 
-    DRJIT_STRUCT: ClassVar[dict[str, Any]] = {
-        "origin": Array3f, "direction": Array3f, "flux": Array3f, "initial": Float, "medium": UInt32,
-        "number": UInt32, "index": UInt32, "key": UInt32, "source": UInt32, "link": UInt32, "depth": UInt32,
-        "straight": Bool, "coherent": Bool, "differentials": RayDifferentials, "radius": Float, "count": Float,
-        "fraction": Float, "branch": UInt32, "reach": Float, "offset": Float, "portal": Float, "total": Float,
-        "narrow": Float, "slant": Float,
-    }  # fmt: skip
-
-    origin: Any
-    direction: Any
-    flux: Any
-    initial: Any
-    medium: Any
-    number: Any
-    index: Any
-    key: Any
-    source: Any
-    link: Any
-    depth: Any
-    straight: Any
-    coherent: Any
-    differentials: Any
-    radius: Any
-    count: Any
-    fraction: Any
-    branch: Any
-    reach: Any
-    offset: Any
-    portal: Any
-    total: Any
-    narrow: Any
-    slant: Any
+    origin: Array3f
+    direction: Array3f
+    flux: Array3f
+    initial: Float
+    medium: UInt32
+    number: UInt32
+    index: UInt32
+    key: UInt32
+    source: UInt32
+    link: UInt32
+    depth: UInt32
+    straight: Bool
+    coherent: Bool
+    differentials: RayDifferentials
+    radius: Float
+    count: Float
+    fraction: Float
+    branch: UInt32
+    reach: Float
+    offset: Float
+    portal: Float
+    total: Float
+    narrow: Float
+    slant: Float
 
 
-class Segments:
+class Segments(Struct):
     """Segments of light paths: `flux` at the start, `normal` at the end; other attributes are those of `LightPaths`.
 
     `slant_end` is the tangent of the angle to the normal of the boundary where light leaves the medium, else 0.
     """
 
-    DRJIT_STRUCT: ClassVar[dict[str, Any]] = {
-        "origin": Array3f, "direction": Array3f, "flux": Array3f, "length": Float, "normal": Array3f, "width": Width,
-        "medium": UInt32, "depth": UInt32, "number": UInt32, "index": UInt32, "key": UInt32, "source": UInt32,
-        "offset": Float, "portal": Float, "total": Float, "narrow": Float, "slant": Float, "slant_end": Float,
-    }  # fmt: skip
-
-    origin: Any
-    direction: Any
-    flux: Any
-    length: Any
-    normal: Any
-    width: Any
-    medium: Any
-    depth: Any
-    number: Any
-    index: Any
-    key: Any
-    source: Any
-    offset: Any
-    portal: Any
-    total: Any
-    narrow: Any
-    slant: Any
-    slant_end: Any
+    origin: Array3f
+    direction: Array3f
+    flux: Array3f
+    length: Float
+    normal: Array3f
+    width: Width
+    medium: UInt32
+    depth: UInt32
+    number: UInt32
+    index: UInt32
+    key: UInt32
+    source: UInt32
+    offset: Float
+    portal: Float
+    total: Float
+    narrow: Float
+    slant: Float
+    slant_end: Float
 
 
-class PhotonHits:
+class PhotonHits(Struct):
     """Photons on surfaces that do not come straight from an emitter: `direction` is that of the light."""
 
-    DRJIT_STRUCT: ClassVar[dict[str, Any]] = {
-        "position": Array3f, "normal": Array3f, "direction": Array3f, "flux": Array3f, "radius": Float,
-        "depth": UInt32, "number": UInt32, "source": UInt32,
-    }  # fmt: skip
-
-    position: Any
-    normal: Any
-    direction: Any
-    flux: Any
-    radius: Any
-    depth: Any
-    number: Any
-    source: Any
+    position: Array3f
+    normal: Array3f
+    direction: Array3f
+    flux: Array3f
+    radius: Float
+    depth: UInt32
+    number: UInt32
+    source: UInt32
