@@ -171,7 +171,7 @@ def test_focus_is_a_power_of_the_cosine_and_its_tint_what_remains():
 def test_packed_lights_are_the_lights():
     given = [sphere(radius, shaping=scene.Shaping(30.0 + radius)) for radius in (0.0, 0.5, 1.0)]
     packed = lights.pack([lights.source(light) for light in given])
-    taken = dr.gather(lights.SphereSource, packed, UInt32([2, 1]))
+    taken = dr.gather(lights.SphereLamp, packed, UInt32([2, 1]))
     assert np.allclose(taken.radius.numpy(), [1.0, 0.5])
     assert np.allclose(taken.center.numpy()[:, 0], [1, 2, 3])
     assert np.allclose(taken.shaping.cutoff.numpy(), np.radians([31.0, 30.5]))

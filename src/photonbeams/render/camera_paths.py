@@ -93,7 +93,7 @@ class CameraVertex(Struct):
     seed: UInt32
 
 
-class Lamp(Struct):
+class NearestLamp(Struct):
     """The nearest lamp that is not a surface: its `distance` (infinite where there is none) and `radiance`."""
 
     distance: Float
@@ -114,7 +114,7 @@ class ShadingPoint:
 class Lighting(Protocol):
     """The emitters of a world: as camera paths see them, and as they light surfaces."""
 
-    def lamp(self, origin: Array3f, direction: Array3f) -> Lamp | None:
+    def lamp(self, origin: Array3f, direction: Array3f) -> NearestLamp | None:
         """Return the nearest lamp along rays; None where all emitters are surfaces."""
 
     def emission(self, hit: Any, origin: Array3f, direction: Array3f, active: Bool) -> Array3f:

@@ -16,7 +16,7 @@ from ..numerics.hashing import hash32
 from ..numerics.sampling import power_heuristic
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from ..world.stage_world import Lamps, Links, StageWorld
-from .camera_paths import Lamp, ShadingPoint
+from .camera_paths import NearestLamp, ShadingPoint
 
 mi = mitsuba()
 
@@ -32,7 +32,7 @@ class StageLighting:
     def __init__(self, world: StageWorld) -> None:
         self._world = world
 
-    def lamp(self, origin: Array3f, direction: Array3f) -> Lamp | None:
+    def lamp(self, origin: Array3f, direction: Array3f) -> NearestLamp | None:
         """Return the nearest lamp along rays, of those that emit toward them."""
         if not self._world.lamps:
             return None
@@ -47,7 +47,7 @@ class StageLighting:
         state: tuple[Any, ...] = (dr.full(Float, dr.inf, width), dr.zeros(Array3f, width))
         for lamps in self._world.lamps:
             state = _each(lamps, state, nearer)
-        return Lamp(*state)
+        return NearestLamp(*state)
 
     def emission(self, hit: Any, origin: Array3f, direction: Array3f, active: Bool) -> Array3f:
         """Return the emitted radiance of surfaces, on both sides, and the background's where rays meet nothing."""

@@ -19,7 +19,7 @@ from ..numerics.structs import Struct
 from ..runtime.device import Array2f, Array3f, Bool, Float
 from ..world.bounds import Bounds
 from ..world.gobos import ProjectedLight, bare, spread
-from ..world.lights import FlatSource, SphereSource
+from ..world.lights import FlatLamp, SphereLamp
 from ..world.portals import Portal
 from ..world.stage_world import StageWorld
 from ..world.warp import disk, perpendicular, power_cone, sphere
@@ -75,9 +75,9 @@ class LampRays(Struct):
 def emit(light: scene.Light, source: Any, bounds: Bounds, u: Array2f, v: Array2f, count: int) -> LampRays:
     """Return `count` light paths in all directions of a light: u places them on the light, v directs them."""
     lamp = bare(source)
-    if isinstance(lamp, SphereSource):
+    if isinstance(lamp, SphereLamp):
         result = _emit_sphere(light, lamp, u, v)
-    elif isinstance(lamp, FlatSource):
+    elif isinstance(lamp, FlatLamp):
         result = _emit_flat(light, lamp, u, v)
     else:
         result = _emit_from_infinity(lamp, bounds, u, v)
@@ -118,7 +118,7 @@ def emit_through(source: Any, portal: Portal, bounds: Bounds, u: Array2f, v: Arr
     return result
 
 
-def _emit_sphere(light: scene.Light, source: SphereSource, u: Array2f, v: Array2f) -> LampRays:
+def _emit_sphere(light: scene.Light, source: SphereLamp, u: Array2f, v: Array2f) -> LampRays:
     result = LampRays()
     result.direction, density = _directions(light, source.axis, v, flat=False)
     s, t = perpendicular(result.direction)
@@ -132,7 +132,7 @@ def _emit_sphere(light: scene.Light, source: SphereSource, u: Array2f, v: Array2
     return result
 
 
-def _emit_flat(light: scene.Light, source: FlatSource, u: Array2f, v: Array2f) -> LampRays:
+def _emit_flat(light: scene.Light, source: FlatLamp, u: Array2f, v: Array2f) -> LampRays:
     result = LampRays()
     result.direction, density = _directions(light, source.axis, v, flat=True)
     cosine = dr.dot(result.direction, source.axis)

@@ -91,14 +91,14 @@ class ShapingFactor:
         return dr.lerp(self.tint, Array3f(1), focus) * (1 - x * x * (3 - 2 * x))
 
 
-class _Source:
-    """What all lights have in common: whether they are infinitely far away, and whether they shine from a center."""
+class _Lamp:
+    """Base of lamps: whether one is infinitely far away, and whether it shines from a center."""
 
     infinite: ClassVar[bool] = False
     central: ClassVar[bool] = False
 
 
-class SphereSource(_Source):
+class SphereLamp(_Lamp):
     """A sphere that radiates evenly, or, with radius 0, a point whose `radiance` is a radiant intensity."""
 
     central = True
@@ -113,7 +113,7 @@ class SphereSource(_Source):
     shaping: Any
 
     @classmethod
-    def of(cls, light: scene.SphereLight) -> SphereSource:
+    def of(cls, light: scene.SphereLight) -> SphereLamp:
         """Return the light's parameters, opaque."""
         result = cls()
         result.radiance, result.center = opaque(light.radiance), opaque(light.center)
@@ -159,7 +159,7 @@ class SphereSource(_Source):
         return dr.maximum(sine2 / (1 + dr.safe_sqrt(1 - sine2)), 1e-30), outside
 
 
-class FlatSource(_Source):
+class FlatLamp(_Lamp):
     """A rectangle or ellipse that radiates to one side, along `axis`."""
 
     DRJIT_STRUCT: ClassVar[dict[str, Any]] = {
@@ -179,7 +179,7 @@ class FlatSource(_Source):
     shaping: Any
 
     @classmethod
-    def of(cls, light: scene.FlatLight) -> FlatSource:
+    def of(cls, light: scene.FlatLight) -> FlatLamp:
         """Return the light's parameters, opaque."""
         result = cls()
         halves = np.array([light.half_x, light.half_y], dtype=np.float64)
@@ -225,7 +225,7 @@ class FlatSource(_Source):
         return LightHit(hit, dr.select(hit, distance, dr.inf), radiance, pdf)
 
 
-class DistantSource(_Source):
+class DistantLamp(_Lamp):
     """Light from a cone of directions around −`axis`; with no angle `radiance` is an irradiance."""
 
     infinite = True
@@ -236,7 +236,7 @@ class DistantSource(_Source):
     one_minus_cos: Any
 
     @classmethod
-    def of(cls, light: scene.DistantLight) -> DistantSource:
+    def of(cls, light: scene.DistantLight) -> DistantLamp:
         """Return the light's parameters, opaque."""
         result = cls()
         result.radiance, result.axis = opaque(light.radiance), opaque(unit(light.axis))
@@ -283,7 +283,7 @@ class EmitterSource:
         return Illumination(Array3f(sample.d), distance + nowhere, weight + nowhere, pdf + nowhere)
 
 
-class DomeSource(EmitterSource):
+class DomeLamp(EmitterSource):
     """An environment, sampled by its brightness.
 
     Mitsuba's `envmap` has the convention of UsdLuxDomeLight's latlong format: +Y is up, the middle of the image looks
@@ -318,19 +318,19 @@ class DomeSource(EmitterSource):
         return LightHit(nowhere == 0, dr.inf + nowhere, radiance + nowhere, pdf)
 
 
-Light = SphereSource | FlatSource | DistantSource | DomeSource
+Light = SphereLamp | FlatLamp | DistantLamp | DomeLamp
 
 
 def source(light: scene.Light) -> Light:
     """Return a light as Dr.Jit sees it."""
     if isinstance(light, scene.SphereLight):
-        return SphereSource.of(light)
+        return SphereLamp.of(light)
     if isinstance(light, scene.FlatLight):
-        return FlatSource.of(light)
+        return FlatLamp.of(light)
     if isinstance(light, scene.DistantLight):
-        return DistantSource.of(light)
+        return DistantLamp.of(light)
     if isinstance(light, scene.DomeLight):
-        return DomeSource(light)
+        return DomeLamp(light)
     raise scene.SceneError(f"{light.name}: a {type(light).__name__} cannot be sampled")
 
 

@@ -20,7 +20,7 @@ from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from .bounds import Bounds, bounding_sphere
 from .gobos import Images, ProjectedLight, bare, pack_projected, projected
 from .interfaces import medium_at, number
-from .lights import DistantSource, DomeSource, FlatSource, Light, SphereSource, pack, source
+from .lights import DistantLamp, DomeLamp, FlatLamp, Light, SphereLamp, pack, source
 from .media import Media
 from .portals import Portal
 from .shapes import cut_out, glows, is_glass, is_mirror, scene_of, shape_of, shapes_of
@@ -191,9 +191,9 @@ class StageWorld(World):
         """The lights of surfaces, packed by kind, for loops over them; domes are in `domes`."""
         lights = zip(self.description.lights, self.lights, strict=True)
         nothing: tuple[frozenset[str], ...] = (frozenset(), frozenset())
-        groups: dict[Any, list[Any]] = {(kind, *nothing): [] for kind in (SphereSource, FlatSource, DistantSource)}
+        groups: dict[Any, list[Any]] = {(kind, *nothing): [] for kind in (SphereLamp, FlatLamp, DistantLamp)}
         for light, item in lights:
-            if light.lights_surfaces and max(light.radiance) > 0 and not isinstance(bare(item), DomeSource):
+            if light.lights_surfaces and max(light.radiance) > 0 and not isinstance(bare(item), DomeLamp):
                 groups.setdefault((type(item), *self._linked(light)), []).append(item)
         return tuple(Lamps.of(items, self._links(*key[1:])) for key, items in groups.items() if items)
 
@@ -204,7 +204,7 @@ class StageWorld(World):
         return tuple(
             (item, self._links(*self._linked(light)))
             for light, item in lights
-            if isinstance(bare(item), DomeSource) and light.lights_surfaces
+            if isinstance(bare(item), DomeLamp) and light.lights_surfaces
         )
 
     def stopping(self, light: scene.Light) -> StageWorld:
