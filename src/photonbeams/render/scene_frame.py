@@ -6,14 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-import drjit as dr
-import numpy as np
-
 from .. import scene
 from ..numerics.samples import Samples
-from ..transport import paths
-from ..transport.emission import Emitted
-from ..transport.guiding import CameraImportance
 from ..transport.scene_emitters import emission_of, redistribute
 from ..transport.simulation import Simulation
 from ..world.scene_lamps import names_of
@@ -72,7 +66,8 @@ class SceneRenderer(FrameRenderer):
         self.simulation = Simulation(self._scene, emission, self._tuning, sources, self._scene.sizes, named)
         if settings.guiding in (None, True) and all(each.view is not None for each in self._sensors):
             with self.statistics.phase("guide"):
-                redistribute(emission, emission.learn(self._importance))
+                views = [each.view.projection for each in self._sensors if each.view is not None]
+                redistribute(emission, emission.learn(lambda emitted: self.simulation.seen(emitted, views)))
         window = self._sensors[0].window
         reconstruction = reconstruction_filter(settings.pixel_filter, sensor.film().rfilter())
         layers = group_layers({source.group for source in sources})
@@ -102,19 +97,6 @@ class SceneRenderer(FrameRenderer):
             return None
         primary = self._sensors[view].rays((0.5, 0.5), self._films[view].order, self._samples(0))
         return self._scene, ViewRays(primary, None, holdout=holdout.depth)
-
-    def _importance(self, emitted: list[Emitted]) -> np.ndarray:
-        """Return how much of light paths is seen, by any of the eyes."""
-        cameras = [
-            CameraImportance(self._scene, each.view.projection) for each in self._sensors if each.view is not None
-        ]
-        tracing = self.simulation.tracing(0)
-        count = sum(dr.width(each.origin) for each in emitted)
-        result = np.zeros(count)
-        for segments, hits in paths.trace(tracing, paths.begin(tracing, emitted)):
-            for each in cameras:
-                result += each.importance(segments, hits if self.settings.surfaces else None, count)
-        return result
 
 
 @dataclass(frozen=True)

@@ -50,7 +50,8 @@ class Settings:
         How fast radii shrink; 1 is not at all.
     guiding
         Whether a pilot pass learns where light comes from that the camera sees, to send more light paths from there.
-        None: of a Mitsuba scene yes, of a stage no.
+        None: yes, but of a stage only where light bounces. On a stage it learns for the cameras of all frames, and
+        leaves light with a portal as it is.
     short
         Whether beams end where their light is scattered, instead of at the next surface.
     estimator, rule

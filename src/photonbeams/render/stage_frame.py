@@ -50,6 +50,7 @@ def render(
     holdouts: Sequence[HoldoutDepth] = (),
     checkpoint: Checkpoint | None = None,
     content: str = "",
+    viewers: Callable[[], Sequence[scene.Camera]] | None = None,
 ) -> StageRenderer:
     """Render one frame.
 
@@ -65,6 +66,8 @@ def render(
         For each view, where beams end, instead of at the scene's own surfaces: these are not seen then, but stop light.
     checkpoint, content
         Where passes are kept on the way, and a hash of what is rendered: passes of another content are refused.
+    viewers
+        Returns the cameras of all frames, for which emission is guided; None: those of this frame.
 
     Raises
     ------
@@ -76,7 +79,9 @@ def render(
     check(description)
     _check_memory(description, window, settings)
     about = [content, *_identity(shutter, window, settings, holdouts)]
-    return accumulate(lambda: StageRenderer(shutter, window, settings, holdouts), settings, progress, checkpoint, about)
+    return accumulate(
+        lambda: StageRenderer(shutter, window, settings, holdouts, viewers), settings, progress, checkpoint, about
+    )
 
 
 def _identity(shutter: Shutter, window: Window, settings: Settings, holdouts: Sequence[HoldoutDepth]) -> list[Any]:
@@ -98,7 +103,10 @@ def _block(settings: Settings) -> int:
     return 1 << (settings.passes - 1).bit_length()
 
 
-def simulate(shutter: Shutter, window: Window, settings: Settings = DEFAULTS, number: int = 0) -> list[BeamSet]:
+def simulate(
+    shutter: Shutter, window: Window, settings: Settings = DEFAULTS, number: int = 0,
+    viewers: Callable[[], Sequence[scene.Camera]] | None = None,
+) -> list[BeamSet]:  # fmt: skip
     """Return the beams of pass `number` of a frame, as `render` has them; a fog is not needed for that."""
     description = shutter.at(0.0).scene
     if not description.media:
@@ -106,7 +114,7 @@ def simulate(shutter: Shutter, window: Window, settings: Settings = DEFAULTS, nu
         description = shutter.at(0.0).scene
     check(description)
     _check_memory(description, window, settings)
-    return StageRenderer(shutter, window, settings).simulated(number).sets
+    return StageRenderer(shutter, window, settings, viewers=viewers).simulated(number).sets
 
 
 def _in_vacuum(at: Callable[[float], Moment]) -> Callable[[float], Moment]:
@@ -201,10 +209,13 @@ class StageRenderer(FrameRenderer):
         Passes, estimator, seed.
     holdouts
         For each view, where beams end, instead of at the scene's own surfaces: these are not seen then, but stop light.
+    viewers
+        Returns the cameras of all frames, for which emission is guided; None: those of this frame.
     """
 
     def __init__(
         self, shutter: Shutter, window: Window, settings: Settings, holdouts: Sequence[HoldoutDepth] = (),
+        viewers: Callable[[], Sequence[scene.Camera]] | None = None,
     ) -> None:  # fmt: skip
         super().__init__(settings, settings.depth(2 + most_bounces(shutter.at(0.0).scene)))
         self._shutter, self._window = shutter, window
@@ -219,6 +230,12 @@ class StageRenderer(FrameRenderer):
                 for camera in moment.cameras:
                     light_side |= lights_seen(world, *View(camera, window).coarse_rays(128, 72))
         self._simulation = StageSimulation(self._tuning, settings.beams or scene.DEFAULT_BEAMS, light_side)
+        guiding = self._max_depth != 2 if settings.guiding is None else settings.guiding
+        if guiding:
+            whole = Window.full(window.width, window.height)  # or a crop would not be that part of the picture
+            with self.statistics.phase("guide"):
+                views = [View(camera, whole).projection for camera in (viewers() if viewers else ends[0].cameras)]
+                self._simulation = self._simulation.guided(self._worlds[0], views)
         reconstruction, groups = reconstruction_filter(settings.pixel_filter), _group_layers(ends[0].scene)
         self._films = [Film(window.shape, window.crop[:2], reconstruction, groups) for _ in ends[0].cameras]
         self._holdouts: Sequence[HoldoutDepth | None] = holdouts or [None] * len(self._films)

@@ -42,6 +42,9 @@ DEFAULT_WIDTH = 1280
 # Time samples on a stage that are looked at, at most, to learn whether a shutter sees any.
 _MOST_KEYS = 10_000
 
+# Times on a stage, at most, at which emission is guided toward what the camera sees.
+_VIEWERS = 9
+
 _NOTHING = "nothing makes beams"  # said of the first frame where it is so
 
 #: A fog that is made of the stage's own, or of None where it has none.
@@ -488,7 +491,7 @@ class Shot:
         shutter = exposure.shutter(eyes, self._rate())
         ends = [each.seen_by(View(cameras[eye], window)) for each, eye in zip(depths, eyes, strict=False)]
         about = "" if request.checkpoint is None else self.content(frame)
-        done = render(shutter, window, settings, request.progress, ends, request.checkpoint, about)
+        done = render(shutter, window, settings, request.progress, ends, request.checkpoint, about, self._viewers)
         pictures = done.views()
         request.composite(pictures, pixels, window)
         facts = {
@@ -548,7 +551,7 @@ class Shot:
         size = self.resolution(128, None, frame)
         eyes = [EYES.index(name) if name else 0 for name in views_of(self.stereo, view)]
         chosen = self._programmed(Settings.of(settings, given), frame, exposure)
-        return simulate(exposure.shutter(eyes), Window.full(*size), chosen)
+        return simulate(exposure.shutter(eyes), Window.full(*size), chosen, viewers=self._viewers)
 
     def drawn_beams(
         self, frame: float | None = None, *, settings: Settings | None = None, **given: Unpack[SettingsArguments]
@@ -574,6 +577,11 @@ class Shot:
         looks = {each.name: known[id(each.look)] for each in found if id(each.look) in known}
         write_beams(found, path, like=self.stage, looks=looks, time=self.time(frame))
         return sum(len(each.start) for each in found)
+
+    def _viewers(self) -> list[scene.Camera]:
+        """Return cameras at times all over the shot: frames that learned from their own would flicker."""
+        times: list[float | None] = [*stages.sample_times(self.stage, _VIEWERS)] or [None]
+        return [replace(camera, lens_radius=0.0) for time in times for camera in self.cameras(time)]
 
     def _programmed(self, settings: Settings, frame: float | None, exposure: Exposure) -> Settings:
         """Return settings with the shot's own program, unless they have one."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import zip_longest
 from typing import TYPE_CHECKING, Any
 
@@ -23,12 +23,14 @@ from ..world.stage_world import StageWorld
 from ..world.world import World
 from . import paths
 from .beams import Cutting, moving_sets, sets_of
-from .emission import Emission, Stratum, probed_flux
+from .emission import Emission, Emitted, Stratum, probed_flux
+from .guiding import CameraImportance, GuidingMap
 from .lamps import LIGHT_SIDE, LampEmitter, PortalEmitter, lit_fraction
 from .radii import Limits
 from .records import PhotonHits
 
 if TYPE_CHECKING:
+    from ..estimators.tiles import Projection
     from ..looks import Look
 
 # Most candidates for one path whose light passes its lamp's images, and most candidates of a stratum.
@@ -146,6 +148,17 @@ class Simulation:
             self._bounces_by_source(),
         )  # fmt: skip
 
+    def seen(self, emitted: list[Emitted], views: Sequence[Projection]) -> np.ndarray:
+        """Return how much of the light of paths (N,) is seen by any of the views, in their order."""
+        cameras = [CameraImportance(self.world, each) for each in views]
+        tracing = self.tracing(0)
+        count = sum(dr.width(each.origin) for each in emitted)
+        result = np.zeros(count)
+        for segments, hits in paths.trace(tracing, paths.begin(tracing, emitted)):
+            for each in cameras:
+                result += each.importance(segments, hits if self.tuning.surfaces else None, count)
+        return result
+
     def _bounces_by_source(self) -> Any:
         """Return the most bounces by the numbers of sources, None where they are the same for all."""
         bounces, most = [each.bounces for each in self.sources], self.tuning.max_bounces
@@ -242,11 +255,22 @@ class StageSimulation:
         How light paths are traced, and how many a pass of lamps that do not say themselves.
     light_side
         Names of lamps whose paths that miss their portal are wanted too: see `portal_visibility`.
+    guides
+        Where the light paths of lamps are sent, by the keys of their strata.
     """
 
     tuning: Tuning
     beams: int = scene.DEFAULT_BEAMS
     light_side: Collection[str] = ()
+    guides: Mapping[int, GuidingMap | None] = field(default_factory=dict)
+
+    def guided(self, world: StageWorld, views: Sequence[Projection]) -> StageSimulation:
+        """Return the same with the paths of lamps without a portal sent toward what any of the views sees."""
+        strata = [each for each in self._strata(world) if world.description.lights[each.emitter.source].portal is None]
+        emission = emission_of_lamps(strata)
+        whole = Simulation(world, emission, self.tuning, world.sources, world.sizes, named=True)
+        emission.learn(lambda emitted: whole.seen(emitted, views))
+        return replace(self, guides={each.key: each.guide for each in strata})
 
     def simulated(
         self, worlds: Sequence[StageWorld], number: int, looks: Mapping[str, Look | None] | None = None
@@ -267,9 +291,9 @@ class StageSimulation:
             replace(each, look=each.look if looks is None else looks.get(each.name, each.look))
             for each in first.sources
         )
-        scatters = self.tuning.max_bounces is None or self.tuning.max_bounces > 0
-        strata = lamps_of(first, self.beams, self.tuning.seed, self.light_side, scatters and self.tuning.surfaces)
+        strata = self._strata(first)
         moving = [each for each in strata if each.emitter.source in _moving(first, last)]
+        scatters = self._scatters
         whole = Simulation(first, emission_of_lamps(strata, scatters), self.tuning, sources, first.sizes, named=True)
         if not moving:
             sets, hits = whole.simulated(number)
@@ -284,6 +308,16 @@ class StageSimulation:
             later = [_later(each, last) for each in moving]
             sets += part.moved(last, later, number, renumbering(last, first))
         return sorted(sets, key=lambda each: each.light) + _drawn(first, last, looks or {}), hits
+
+    @property
+    def _scatters(self) -> bool:
+        return self.tuning.max_bounces is None or self.tuning.max_bounces > 0
+
+    def _strata(self, world: StageWorld) -> list[Stratum]:
+        """Return the light paths of a pass."""
+        lit = self._scatters and self.tuning.surfaces
+        strata = lamps_of(world, self.beams, self.tuning.seed, self.light_side, lit)
+        return [replace(each, guide=self.guides.get(each.key)) for each in strata]
 
 
 def _later(stratum: Stratum, last: StageWorld) -> Stratum:
