@@ -7,10 +7,7 @@ from tests.matrix.page import FILE, page
 from tests.matrix.references import opened, reference, twin
 from tests.matrix.rows import BIAS, BLOCK_BIAS, HEIGHT, MATRIX, WIDTH, mi
 
-# An odd number of passes: the middle of all places that they look through in a pixel is then the pixel's.
-SEEDS, PASSES = 3, 9
-# Of its neighbours' spacing, the width of a beam: light that sticks out of the fog is lost, and wide beams lose more.
-OVERLAP = 0.2
+SEEDS = 3
 ROWS = {row.name: row for row in MATRIX}
 
 
@@ -23,7 +20,13 @@ def stages(tmp_path_factory):
         if name not in known:
             row = ROWS[name]
             shot = opened(row, tmp_path_factory.mktemp("stage"))
-            settings = {"passes": PASSES, "beams": row.beams, "width": WIDTH, "height": HEIGHT, "overlap": OVERLAP}
+            settings = {
+                "passes": row.passes,
+                "beams": row.beams,
+                "width": WIDTH,
+                "height": HEIGHT,
+                **row.settings,
+            }
             settings |= {"max_depth": row.max_depth} if row.bounces else {}
             frames = [shot.render(seed=seed, **settings) for seed in range(SEEDS)]
             known[name] = means(np.array([each.layers["rgba"][..., :3] for each in frames]))
@@ -42,7 +45,7 @@ def twins(tmp_path_factory):
             row = ROWS[name]
             scene = twin(row, tmp_path_factory.mktemp("twin"))
             integrator = mi.load_dict({"type": "photon_beams", "max_depth": row.max_depth, **row.plugin})
-            pictures = [mi.render(scene, integrator=integrator, spp=PASSES, seed=seed) for seed in range(SEEDS)]
+            pictures = [mi.render(scene, integrator=integrator, spp=row.passes, seed=seed) for seed in range(SEEDS)]
             known[name] = means(np.array([np.array(each)[..., :3] for each in pictures]))
         return known[name]
 
