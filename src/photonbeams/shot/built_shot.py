@@ -76,6 +76,9 @@ class BuiltShot(Shot):
         number = self._number(frame)
         return Exposure(lambda _: content, lambda _: cameras, number, number)
 
+    def _viewers(self) -> list[scene.Camera]:
+        return list(self.cameras())
+
     def content(self, frame: float | None = None) -> str:
         """Return a hash of what there is to render."""
         given = self.camera, self.medium, self.stereo, self.simulate, self.emit, self.looks
