@@ -1,5 +1,7 @@
 """Every feature through both doors: a stage and its Mitsuba twin make the picture that `volpath` makes of it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from tests.agreement import deviations, means, ratio
@@ -35,6 +37,14 @@ def stages(tmp_path_factory):
     return found
 
 
+def rendered(row, folder):
+    """Return the means of the Mitsuba scene of a row."""
+    scene = twin(row, folder)
+    integrator = mi.load_dict({"type": "photon_beams", "max_depth": row.max_depth, **row.plugin})
+    pictures = [mi.render(scene, integrator=integrator, spp=row.passes, seed=seed) for seed in range(SEEDS)]
+    return means(np.array([np.array(each)[..., :3] for each in pictures]))
+
+
 @pytest.fixture(scope="module")
 def twins(tmp_path_factory):
     """Return the means of a row's Mitsuba scene."""
@@ -42,11 +52,7 @@ def twins(tmp_path_factory):
 
     def found(name):
         if name not in known:
-            row = ROWS[name]
-            scene = twin(row, tmp_path_factory.mktemp("twin"))
-            integrator = mi.load_dict({"type": "photon_beams", "max_depth": row.max_depth, **row.plugin})
-            pictures = [mi.render(scene, integrator=integrator, spp=row.passes, seed=seed) for seed in range(SEEDS)]
-            known[name] = means(np.array([np.array(each)[..., :3] for each in pictures]))
+            known[name] = rendered(ROWS[name], tmp_path_factory.mktemp("twin"))
         return known[name]
 
     return found
@@ -78,6 +84,11 @@ def test_a_mitsuba_scene_is_the_picture_of_volpath(name, twins):
 @pytest.mark.parametrize("name", ROWS)
 def test_both_doors_make_one_picture(name, stages, twins):
     agree(stages(name), twins(name))
+
+
+@pytest.mark.parametrize("name", ["nested media", "a grid"])
+def test_an_export_is_the_scene_that_one_writes_by_hand(name, twins, tmp_path):
+    agree(rendered(replace(ROWS[name], twin=None), tmp_path), twins(name))
 
 
 def test_a_portal_does_not_change_the_light(stages):

@@ -146,12 +146,6 @@ def check(description: scene.Scene) -> None:
     raise scene.SceneError(text)
 
 
-def most_bounces(description: scene.Scene) -> int:
-    """Return how often light of a scene may be scattered before it is scattered toward the camera."""
-    own = [light.bounces for light in description.lights] + [medium.bounces for medium in description.media]
-    return max((each for each in own if each is not None), default=0)
-
-
 def makers(description: scene.Scene) -> list[str]:
     """Return the names of the lights and drawn beams that make beams."""
     lights = [light.name for light in description.lights if light.emits_beams]
@@ -217,7 +211,7 @@ class StageRenderer(FrameRenderer):
         self, shutter: Shutter, window: Window, settings: Settings, holdouts: Sequence[HoldoutDepth] = (),
         viewers: Callable[[], Sequence[scene.Camera]] | None = None,
     ) -> None:  # fmt: skip
-        super().__init__(settings, settings.depth(2 + most_bounces(shutter.at(0.0).scene)))
+        super().__init__(settings, settings.depth(2 + shutter.at(0.0).scene.bounces))
         self._shutter, self._window = shutter, window
         self._slices = _slices(settings)
         ends = shutter.ends(0.0, 1.0)

@@ -9,6 +9,13 @@ import numpy as np
 from .checks import BLACK, Array, Color, SceneError, color, number, whole
 from .surfaces import Mesh
 
+# The unit cube, its faces outward.
+_CORNERS = np.array([[x, y, z] for z in (0, 1) for y in (0, 1) for x in (0, 1)], dtype=np.float64)
+_FACES = np.array(
+    [[0, 2, 1], [1, 2, 3], [4, 5, 6], [5, 7, 6], [0, 1, 4], [1, 5, 4], [2, 6, 3], [3, 6, 7], [0, 4, 2], [2, 4, 6],
+     [1, 3, 5], [3, 7, 5]]
+)  # fmt: skip
+
 
 @dataclass(frozen=True)
 class DensityGrid:
@@ -100,3 +107,12 @@ class Medium:
     def bounded(self) -> bool:
         """Whether it fills a mesh or a grid, and not the whole space."""
         return self.mesh is not None or self.grid is not None
+
+    @property
+    def boundary(self) -> Mesh | None:
+        """The closed mesh around it, its faces outward; None where it fills the whole space."""
+        if self.mesh is not None:
+            return self.mesh.outward()
+        if self.grid is None:
+            return None
+        return Mesh(self.name, _CORNERS @ self.grid.to_world[:3, :3].T + self.grid.to_world[:3, 3], _FACES).outward()

@@ -52,6 +52,12 @@ class Scene:
         """The first homogeneous medium, or None."""
         return next((each for each in self.media if each.grid is None), None)
 
+    @property
+    def bounces(self) -> int:
+        """How often light may be scattered before it is scattered toward the camera, as its lights and media say."""
+        own = [light.bounces for light in self.lights] + [medium.bounces for medium in self.media]
+        return max((each for each in own if each is not None), default=0)
+
     def looks(self) -> dict[str, Look | None]:
         """Return the looks of lights and drawn beams by their names."""
         return {light.name: light.look for light in self.lights} | {each.name: each.look for each in self.drawn}

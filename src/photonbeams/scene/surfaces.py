@@ -103,6 +103,11 @@ class Mesh:
         a, b, c = np.moveaxis(self.corners, 1, 0)
         return float(np.einsum("ij,ij->", a - a[0], np.cross(b - a[0], c - a[0]))) / 6
 
+    def outward(self) -> Mesh:
+        """Return the shape of a closed mesh with its faces wound around the outward normal."""
+        faces = np.asarray(self.faces)
+        return Mesh(self.name, self.points, faces if self.volume >= 0 else faces[:, ::-1])
+
     def winding(self, point: Array) -> float:
         """Return the winding number of a closed mesh around a point, ±1 inside (van Oosterom and Strackee 1983)."""
         a, b, c = np.moveaxis(self.corners - point, 1, 0)

@@ -60,8 +60,7 @@ def _clouds(description: scene.Scene) -> list[Any]:
             clouds.append(light.center + signs @ np.array([light.half_x, light.half_y]))
         if light.portal is not None:
             clouds.append(light.portal.points)
-    if description.medium is not None and description.medium.mesh is not None:
-        clouds.append(description.medium.mesh.points)
+    clouds += [boundary.points for each in description.media if (boundary := each.boundary) is not None]
     for drawn in description.drawn:
         clouds += [drawn.start, drawn.end]
     return clouds

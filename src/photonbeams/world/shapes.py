@@ -64,12 +64,6 @@ def scene_of(shapes: Sequence[Any]) -> Any:
     return result
 
 
-def outward(mesh: scene.Mesh) -> scene.Mesh:
-    """Return a closed mesh with its faces wound around the outward normal, whichever way they were."""
-    faces = np.asarray(mesh.faces)
-    return scene.Mesh(mesh.name, mesh.points, faces if mesh.volume >= 0 else faces[:, ::-1])
-
-
 def sharp_bsdf_of(material: scene.Material) -> dict[str, Any] | None:
     """Return a mirror or glass as Mitsuba describes it, None of another material.
 

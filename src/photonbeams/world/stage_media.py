@@ -12,7 +12,7 @@ import numpy as np
 from .. import scene
 from ..runtime.device import mitsuba
 from ..scene import Array
-from .shapes import outward, shape_of
+from .shapes import shape_of
 
 mi = mitsuba()
 
@@ -22,12 +22,6 @@ _LOG = logging.getLogger("photonbeams")
 _POINTS, _INSIDE = 64, 1e-4
 # A boundary lies in a medium if all but this fraction of its points do.
 _OVERLAP = 0.02
-
-_CORNERS = np.array([[x, y, z] for z in (0, 1) for y in (0, 1) for x in (0, 1)], dtype=np.float64)
-_FACES = np.array(
-    [[0, 2, 1], [1, 2, 3], [4, 5, 6], [5, 7, 6], [0, 1, 4], [1, 5, 4], [2, 6, 3], [3, 6, 7], [0, 4, 2], [2, 4, 6],
-     [1, 3, 5], [3, 7, 5]]
-)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -65,7 +59,7 @@ def media_of(media: Sequence[scene.Medium], warned: set[str] | None = None) -> l
             "or a grid that bounds it"
         )
     plugins = {id(each): _plugin(each) for each in media}
-    boundaries = {id(each): _boundary(each) for each in media if each.bounded}
+    boundaries = {id(each): boundary for each in media if (boundary := each.boundary) is not None}
     solids = [(each, _Solid(boundaries[id(each)])) for each in media if each.bounded]
     result = []
     for each in media:
@@ -106,15 +100,6 @@ def _volume(values: Array, to_world: Array | None = None) -> dict[str, Any]:
     place = {} if to_world is None else {"to_world": mi.ScalarTransform4f(to_world)}
     grid = mi.VolumeGrid(np.ascontiguousarray(values, dtype=np.float32))
     return {"type": "gridvolume", "grid": grid, "raw": True, **place}
-
-
-def _boundary(medium: scene.Medium) -> scene.Mesh:
-    """Return the closed mesh around a medium, its faces outward."""
-    if medium.mesh is not None:
-        return outward(medium.mesh)
-    assert medium.grid is not None
-    points = _CORNERS @ medium.grid.to_world[:3, :3].T + medium.grid.to_world[:3, 3]
-    return outward(scene.Mesh(medium.name, points, _FACES))
 
 
 class _Solid:

@@ -19,7 +19,7 @@ from .. import scene
 from ..runtime.device import mitsuba
 from .bounds import bounding_sphere
 from .cameras import Window
-from .shapes import bsdf_of, cut_out, emitter_of, glows, outward, shape_of
+from .shapes import bsdf_of, cut_out, emitter_of, glows, shape_of
 
 mi = mitsuba()
 
@@ -92,7 +92,7 @@ def twin_of(content: scene.Scene, camera: scene.Camera, window: Window, folder: 
     from .twin_lights import add_lights  # which describes lights by what is here
 
     twin = Twin(folder)
-    twin.parts["integrator"] = {"type": "photon_beams", "max_depth": 2}
+    twin.parts["integrator"] = {"type": "photon_beams", "max_depth": 2 + content.bounces}
     eye = np.asarray(camera.to_world, dtype=np.float64)[:3, 3]
     media = TwinMedia(twin, content)
     center, radius = content.bounds or bounding_sphere([content], [eye])
@@ -173,7 +173,7 @@ def rgb(value: Sequence[float] | np.ndarray) -> dict[str, Any]:
 def _add_surfaces(twin: Twin, content: scene.Scene, exposure: float) -> None:
     """Add the meshes and their materials."""
     hidden = {light.portal.name for light in content.lights if light.portal is not None}
-    hidden |= {medium.mesh.name for medium in media_of(content) if medium.mesh is not None}
+    hidden |= {medium.mesh.name for medium in content.media if medium.mesh is not None}
     bsdfs: dict[int, str] = {}
     for mesh in content.meshes:
         if mesh.name in hidden or not len(mesh.faces):
@@ -229,36 +229,31 @@ def _write_image(bitmap: Any, path: Path) -> None:
 # -- media -------------------------------------------------------------------------------------------------------------
 
 
-def media_of(content: scene.Scene) -> tuple[scene.Medium, ...]:
-    """Return the media of a scene."""
-    return () if content.medium is None else (content.medium,)
-
-
 class TwinMedia:
     """The media of a twin: what fills a closed mesh is inside of a shape without a surface of its own."""
 
     def __init__(self, twin: Twin, content: scene.Scene) -> None:
-        self._known = {
-            twin.id_of(each.mesh.name if each.mesh is not None else "fog"): each
-            for each in media_of(content)
-            if max(each.extinction) > 0
-        }
+        self._known, self._boundaries = dict[str, scene.Medium](), dict[str, scene.Mesh | None]()
+        for each in content.media:
+            if max(each.extinction) > 0:
+                name = twin.id_of(each.name or "fog")
+                self._known[name], self._boundaries[name] = each, each.boundary
         for name, each in self._known.items():
-            twin.parts[f"{name}-medium"] = medium_of(each)
-            if each.mesh is not None:
-                around = self.at(np.asarray(each.mesh.points, dtype=np.float64)[0], than=each)
-                shape = _shape(twin, outward(each.mesh), name)
+            boundary = self._boundaries[name]
+            twin.parts[f"{name}-medium"] = _medium_of(twin, each, name)
+            if boundary is not None:
+                around = self.at(boundary.points[0], than=name)
                 sides = {**self.named("interior", name), **self.named("exterior", around)}
-                twin.parts[name] = {**shape, "bsdf": {"type": "null"}, **sides}
+                twin.parts[name] = {**_shape(twin, boundary, name), "bsdf": {"type": "null"}, **sides}
             if not each.surfaces:
-                where = each.mesh.name if each.mesh is not None else "the fog"
+                where = each.name or "the fog"
                 twin.lost.append(f"{where}.photonbeams:surfaces is on: in Mitsuba, surfaces are dimmed by every fog")
 
-    def at(self, point: np.ndarray, than: scene.Medium | None = None) -> str | None:
+    def at(self, point: np.ndarray, than: str | None = None) -> str | None:
         """Return the id of the medium at a point, the smallest there; of other ones than `than`, around that."""
         found = [
-            (np.inf if each.mesh is None else abs(each.mesh.volume), name) for name, each in self._known.items()
-            if each is not than and (each.mesh is None or abs(each.mesh.winding(point)) > 0.5)
+            (np.inf if boundary is None else boundary.volume, name) for name, boundary in self._boundaries.items()
+            if name != than and (boundary is None or boundary.winding(point) > 0.5)
         ]  # fmt: skip
         return min(found, default=(0.0, None))[1]
 
@@ -269,15 +264,22 @@ class TwinMedia:
     @property
     def endless(self) -> bool:
         """Whether a medium fills the whole space."""
-        return any(each.mesh is None for each in self._known.values())
+        return None in self._boundaries.values()
 
 
-def medium_of(medium: scene.Medium) -> dict[str, Any]:
-    """Describe a medium."""
+def _medium_of(twin: Twin, medium: scene.Medium, name: str) -> dict[str, Any]:
+    """Describe a medium; the density of one on a grid is in a file."""
     extinction, peak = np.array(medium.extinction), max(medium.extinction)
     albedo = np.array(medium.scattering) / np.where(extinction > 0, extinction, 1)
     phase = {"type": "hg", "g": medium.anisotropy} if medium.anisotropy else {"type": "isotropic"}
     # Mitsuba takes colours of media for reflectances, which are 1 at most.
-    return {
-        "type": "homogeneous", "sigma_t": rgb(extinction / peak), "scale": peak, "albedo": rgb(albedo), "phase": phase,
-    }  # fmt: skip
+    shared = {"scale": peak, "albedo": rgb(albedo), "phase": phase}
+    if medium.grid is None:
+        return {"type": "homogeneous", "sigma_t": rgb(extinction / peak), **shared}
+    values = medium.grid.values[..., None] if medium.grid.values.ndim == 3 else medium.grid.values
+    if values.shape[3] > 1 or np.ptp(extinction) > 0:
+        values = values * (extinction / peak)
+    grid = mi.VolumeGrid(np.ascontiguousarray(values, dtype=np.float32))
+    path = twin.file(f"{name}.vol", lambda path: grid.write(str(path)))
+    density = {"type": "gridvolume", "filename": path, "raw": True, "to_world": matrix(medium.grid.to_world)}
+    return {"type": "heterogeneous", "sigma_t": density, **shared}
