@@ -13,7 +13,7 @@ from photonbeams.shot.export import export
 from usda import material, quad
 
 mi = mitsuba()
-SEEDS, PASSES, WIDTH = 4, 64, 24
+SEEDS, PASSES, WIDTH = 4, 32, 24
 # Texture coordinates of a quad that repeat the image along one edge.
 COORDINATES = 'texCoord2f[] primvars:st = [(0, 0), (1.5, 0), (1.5, 1), (0, 1)] (interpolation = "vertex")'
 
@@ -149,7 +149,7 @@ def pictures(shot, **settings):
     return np.array([each.layers["rgba"][..., :3] for each in found])
 
 
-def twins(path, samples=512):
+def twins(path, samples=256):
     scene = mi.load_file(str(path))
     volpath = mi.load_dict({"type": "volpath", "max_depth": 2})
     return np.array(
