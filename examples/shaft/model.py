@@ -192,7 +192,7 @@ def lights(stage: Usd.Stage) -> None:
     UsdGeom.Xformable(sky).AddTransformOp().Set(aimed((-2.2, 1.9, 5.8), (-0.4, 0.9, 0.0)))
     without_beams(sky)
     UsdGeom.Xform.Define(stage, "/World/Light/Bounce").GetPrim().SetDocumentation(
-        "What the sunlit floor throws back: the renderer has no bounces."
+        "What the sunlit floor throws back, without the noise that photonbeams:bounces would have."
     )
     for number, middle in enumerate(WINDOWS):
         lamp = UsdLux.SphereLight.Define(stage, f"/World/Light/Bounce/Lamp{number + 1}")

@@ -265,8 +265,8 @@ class StageSimulation:
     guides: Mapping[int, GuidingMap | None] = field(default_factory=dict)
 
     def guided(self, world: StageWorld, views: Sequence[Projection]) -> StageSimulation:
-        """Return the same with the paths of lamps without a portal sent toward what any of the views sees."""
-        strata = [each for each in self._strata(world) if world.description.lights[each.emitter.source].portal is None]
+        """Return the same with the paths of lamps that pass no portal sent toward what any of the views sees."""
+        strata = [each for each in self._strata(world) if not getattr(each.emitter, "through", False)]
         emission = emission_of_lamps(strata)
         whole = Simulation(world, emission, self.tuning, world.sources, world.sizes, named=True)
         emission.learn(lambda emitted: whole.seen(emitted, views))
