@@ -29,7 +29,7 @@ RENDERS = {
     DUSTY: {"rgba": "attic-dusty", "surface": "attic-surface", "beams": "attic-beams"},
     RIBBON: {"rgba": "ribbon"},
     KEYHOLE: {"rgba": "keyhole", "beams": "keyhole-beams"},
-    (*KEYHOLE, "--bounces", "4"): {"rgba": "keyhole-bounces"},
+    (KEYHOLE[0], "--bounces", "4", "--passes", "32"): {"rgba": "keyhole-bounces"},
 }
 
 #: The same of the shots of docs/examples.md, wider.
