@@ -7,7 +7,9 @@ import sys
 import traceback
 from collections.abc import Callable, Sequence
 from functools import wraps
+from importlib.machinery import SourceFileLoader
 from pathlib import Path
+from types import CodeType
 from typing import TYPE_CHECKING, Any
 
 import typer
@@ -63,9 +65,19 @@ def _loaded(flag: str, text: str, fits: Callable[[Any], bool], kind: str) -> tup
     return found, path
 
 
+class _Uncached(SourceFileLoader):
+    """Loads a file as it is now: Python's cache takes one that was changed within a second for the old one."""
+
+    def get_code(self, fullname: str) -> CodeType:
+        """Return the code of the source."""
+        code: CodeType = self.source_to_code(self.get_data(self.path), self.path)
+        return code
+
+
 def _module(path: Path) -> Any:
     """Run a file as a module of its own; it may import its neighbours."""
-    spec = importlib.util.spec_from_file_location(f"photonbeams_program_{path.stem}", path)
+    name = f"photonbeams_program_{path.stem}"
+    spec = importlib.util.spec_from_file_location(name, path, loader=_Uncached(name, str(path)))
     assert spec is not None and spec.loader is not None  # of a name that ends in .py
     module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module
