@@ -55,12 +55,12 @@ class SceneRenderer(FrameRenderer):
         self._sensors = [Sensor(sensor, eye) for eye in extras.eyes or (None,)]
         self._holdouts: Sequence[HoldoutDepth | None] = extras.holdouts or [None] * len(self._sensors)
         with self.statistics.phase("build"):
-            said = _Said.of(plugin, extras.beams)
-            sources = said.sources
-            self._scene = SceneWorld(plugin, sensor, sources, said.beams)
+            own = _EmitterSettings.of(plugin, extras.beams)
+            sources = own.sources
+            self._scene = SceneWorld(plugin, sensor, sources, own.beams)
             if settings.short:
                 self._scene.media.all = tuple(each.for_short_beams() for each in self._scene.media.all)
-            emission = emission_of(self._scene, settings.beams or DEFAULT_PATHS, settings.seed, said.numbers)
+            emission = emission_of(self._scene, settings.beams or DEFAULT_PATHS, settings.seed, own.numbers)
         warn(plugin, self._scene.surroundings, set() if warned is None else warned)
         named = len(sources) > 1 or sources[0].look is not None or sources[0].beam_scale != 1
         self.simulation = Simulation(self._scene, emission, self._tuning, sources, self._scene.sizes, named)
@@ -120,20 +120,20 @@ class Extras:
 
 def groups_of(plugin: Any, beams: Mapping[str, scene.BeamSettings]) -> dict[str, str]:
     """Return the layer of each light group of a scene."""
-    return group_layers({source.group for source in _Said.of(plugin, beams).sources})
+    return group_layers({source.group for source in _EmitterSettings.of(plugin, beams).sources})
 
 
 @dataclass(frozen=True)
-class _Said:
-    """What is said of the beams of a scene: by emitter, and as sources, with the number of each emitter's."""
+class _EmitterSettings:
+    """The beam settings of a scene by emitter; the sources that they make, and by emitter the number of its source."""
 
     beams: list[scene.BeamSettings]
     sources: list[Source]
     numbers: list[int]
 
     @classmethod
-    def of(cls, plugin: Any, given: Mapping[str, scene.BeamSettings]) -> _Said:
-        """Return what is said by the names of emitters, as `Extras` has it."""
+    def of(cls, plugin: Any, given: Mapping[str, scene.BeamSettings]) -> _EmitterSettings:
+        """Return the settings that are given by the names of emitters, as in `Extras`."""
         usual = given.get("", scene.BeamSettings())
         emitters = [names_of(each) for each in plugin.emitters()]
         for name in given:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -108,7 +109,7 @@ class Medium:
         """Whether it fills a mesh or a grid, and not the whole space."""
         return self.mesh is not None or self.grid is not None
 
-    @property
+    @cached_property
     def boundary(self) -> Mesh | None:
         """The closed mesh around it, its faces outward; None where it fills the whole space."""
         if self.mesh is not None:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from importlib.metadata import version
-from typing import TYPE_CHECKING, Any, Unpack
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -12,12 +11,13 @@ from .. import scene
 from ..runtime.digest import digest
 from ..runtime.files import PathLike
 from ..usd.export import write_beams
+from ..usd.header import origin
 from ..usd.motion import Exposure
 from ..usd.stereo import split
 from .shot import Shot
 
 if TYPE_CHECKING:
-    from ..render.settings import Settings, SettingsArguments
+    pass
 
 
 class BuiltShot(Shot):
@@ -58,10 +58,7 @@ class BuiltShot(Shot):
         """Return the camera, or the left and the right eye's."""
         if self.stereo is None:
             return (self.camera,)
-        try:
-            return split(self.camera, self.stereo, 1.0)
-        except scene.SceneError as error:
-            raise scene.SceneError(f"camera {self.camera.name} {error}") from None
+        return split(self.camera, self.stereo, 1.0, f"camera {self.camera.name}")
 
     def exposure(self, frame: float | None = None, blur: bool = True, lens: bool = True) -> Exposure:
         """Return scene and cameras, at rest; `lens` may be turned off, and all is in focus."""
@@ -81,28 +78,19 @@ class BuiltShot(Shot):
 
     def content(self, frame: float | None = None) -> str:
         """Return a hash of what there is to render."""
-        given = self.camera, self.medium, self.stereo, self.simulate, self.emit, self.looks
-        return digest(self.scene, self._number(frame), given)
+        return digest(self.scene, self._number(frame), self._arguments)
 
-    def write_beams(
-        self,
-        path: PathLike,
-        frame: float | None = None,
-        *,
-        settings: Settings | None = None,
-        **given: Unpack[SettingsArguments],
-    ) -> int:
-        """Write the beams as BasisCurves to a .usd, .usda or .usdc file, whole or not at all; return how many."""
-        found = self.drawn_beams(frame, settings=settings, **given)
+    def _check_target(self, path: PathLike) -> None:
+        pass
+
+    def _write(self, found: list[scene.DrawnBeams], path: PathLike, frame: float | None) -> None:
         write_beams(found, path)
-        return sum(len(each.start) for each in found)
 
     def _rate(self) -> float:
         return 1.0
 
     def _time_header(self, frame: float | None, exposure: Exposure) -> dict[str, Any]:
-        about: dict[str, Any] = {"software": f"photonbeams {version('photonbeams')}", "scene": ""}
-        return about if frame is None else {**about, "frame": float(frame)}
+        return origin("", frame)
 
     def _number(self, frame: float | None) -> float:
         return 0.0 if frame is None else scene.real(frame, "frame")

@@ -7,7 +7,6 @@ import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
-from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +16,7 @@ from ..images.numbering import PLACEHOLDER, numbered
 from ..runtime.digest import digest
 from ..runtime.files import PathLike
 from ..scene import SceneError
+from ..usd.header import origin
 from ..usd.reading import LOG
 from ..usd.scene_layers import SceneLayers
 from ..usd.stereo import EYES, Stereo, check_stereo, split, views_of
@@ -50,8 +50,6 @@ class SceneShot(Shot):
         USD layers that say so, too, on prims named by the same ids; what is given here is stronger.
     parameters
         Values of the file's own parameters ($name).
-    settings
-        How the scene is rendered; None: as its integrator says, if that is `photon_beams`.
 
     Raises
     ------
@@ -77,6 +75,7 @@ class SceneShot(Shot):
         self._beams = _beams(*self._given)
         layers = [session_layers] if isinstance(session_layers, str | os.PathLike) else [*session_layers]
         self._layers = SceneLayers(layers) if layers else None
+        self._layered: tuple[Path | None, float | None] | None = None  # of what the layers were read
         self._looks: dict[str, Look] = {}
         self._open: tuple[Path | None, Any] = (None, None if self.path else subject)
         self._warned: set[Any] = set()
@@ -96,12 +95,13 @@ class SceneShot(Shot):
         self.plugin = self._open[1]
         self.names = [each.id() or f"sensor {index}" for index, each in enumerate(self.plugin.sensors())]
         self.sensor = self.plugin.sensors()[self._index(self.camera)]
-        if self._layers is not None:
-            self._beams = _beams(*self._given, self._said(self._layers, frame))
+        if self._layers is not None and self._layered != (path, frame):
+            self._beams = _beams(*self._given, self._layer_settings(self._layers, frame))
+            self._layered = path, frame
         return self.plugin
 
-    def _said(self, layers: SceneLayers, frame: float | None) -> dict[str, scene.BeamSettings]:
-        """Return what layers say of the scene's beams; looks that are the same prim are the same look."""
+    def _layer_settings(self, layers: SceneLayers, frame: float | None) -> dict[str, scene.BeamSettings]:
+        """Return the beam settings of layers by the ids of emitters; equal looks are one look, and share kernels."""
         from ..usd.shading import build_look
         from ..world.scene_lamps import names_of
 
@@ -109,8 +109,9 @@ class SceneShot(Shot):
         result = {}
         for name, fields in layers.read(frame, names, [each.id() for each in self.plugin.shapes()]).items():
             spec = fields.pop("look")
-            look = None if spec is None else self._looks.setdefault(repr(spec), build_look(spec))
-            result[name] = scene.BeamSettings(**fields, look=look)
+            if spec is not None and repr(spec) not in self._looks:
+                self._looks[repr(spec)] = build_look(spec)
+            result[name] = scene.BeamSettings(**fields, look=self._looks.get(repr(spec)))
         return result
 
     def _loaded(self, path: Path) -> Any:
@@ -226,10 +227,7 @@ class SceneShot(Shot):
         if camera is None:
             name = self.camera or self.names[0]
             raise SceneError(f"sensor {name}: is no camera: expected a perspective one to split")
-        try:
-            return list(split(camera, self.stereo, 1.0))
-        except SceneError as error:
-            raise SceneError(f"sensor {camera.name} {error}") from None
+        return list(split(camera, self.stereo, 1.0, f"sensor {camera.name}"))
 
     def _settings(self, frame: float | None) -> Settings:
         self.load(frame)
@@ -268,9 +266,7 @@ class SceneShot(Shot):
         """Return the metadata of a view for an EXR's header."""
         return {
             **(sensor.view.matrices() if sensor.view is not None else {}),
-            **({} if frame is None else {"frame": float(frame)}),
-            "software": f"photonbeams {version('photonbeams')}",
-            "scene": self.path.name if self.path else "",
+            **origin(self.path.name if self.path else "", frame),
             "camera": self.sensor.id() or self.names[0],
             "seed": settings.seed,
             "passes": passes,

@@ -520,8 +520,12 @@ class Shot:
 
         if self._stage_digest is None:
             self._stage_digest = stage_digest(self.stage)
-        given = self.camera, self.medium, self.stereo, self.simulate, self.emit, self.looks
-        return digest(self._stage_digest, str(self.time(frame)), given)
+        return digest(self._stage_digest, str(self.time(frame)), self._arguments)
+
+    @property
+    def _arguments(self) -> tuple[Any, ...]:
+        """What Python gave beside the content."""
+        return self.camera, self.medium, self.stereo, self.simulate, self.emit, self.looks
 
     def beams(
         self,
@@ -571,12 +575,20 @@ class Shot:
         **given: Unpack[SettingsArguments],
     ) -> int:
         """Write those beams as BasisCurves to a .usd, .usda or .usdc file, whole or not at all; return how many."""
-        stages.check_not_read(self.stage, path)
+        self._check_target(path)
         found = self.drawn_beams(frame, settings=settings, **given)
+        self._write(found, path, frame)
+        return sum(len(each.start) for each in found)
+
+    def _check_target(self, path: PathLike) -> None:
+        """Raise SceneError for a file that the stage is read from."""
+        stages.check_not_read(self.stage, path)
+
+    def _write(self, found: list[scene.DrawnBeams], path: PathLike, frame: float | None) -> None:
+        """Write beams with the stage's units and looks."""
         known = {id(look): name for name, (_, look) in self._looks.items()}
         looks = {each.name: known[id(each.look)] for each in found if id(each.look) in known}
         write_beams(found, path, like=self.stage, looks=looks, time=self.time(frame))
-        return sum(len(each.start) for each in found)
 
     def _viewers(self) -> list[scene.Camera]:
         """Return cameras at times all over the shot: frames that learned from their own would flicker."""

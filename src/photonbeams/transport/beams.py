@@ -23,8 +23,8 @@ from .records import Segments
 # A segment is cut at its focus where it is narrower there, by this factor, than a straight cone would be.
 _WAIST = 0.8
 
-# Beams go on beyond the boundary of their medium as far as their rim is in it, by so many radii, or one free path, at
-# most. What of them lies outside nobody sees; without it beams that cross the boundary at a slant leave it dark.
+# Beams continue beyond the boundary of their medium as far as their rim is in it: by so many radii, or one free path,
+# at most. Without that the medium is dark at a boundary that they cross at a slant; outside of it they are not seen.
 _BEYOND = 4.0
 
 

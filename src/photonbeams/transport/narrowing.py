@@ -14,7 +14,7 @@ import numpy as np
 from ..numerics.hashing import hash32
 from ..runtime.device import Array3f, Bool, Float, UInt32
 from ..world.stage_world import StageWorld
-from ..world.warp import perpendicular
+from ..world.warp import facing, perpendicular
 from .radii import width
 
 if TYPE_CHECKING:
@@ -38,9 +38,7 @@ def narrow(world: StageWorld, paths: LightPaths, overlap: float, scale: Any, hal
     hit = world.solid(paths.origin, paths.direction, alive, hash32(paths.index, paths.key), paths.link)
     met = hit.is_valid()
     paths.total = dr.select(met, hit.t, paths.reach)
-    normal = Array3f(hit.n)
-    against = dr.select(dr.dot(normal, paths.direction) > 0, -normal, normal)
-    against = dr.select(met, against, -paths.direction)
+    against = dr.select(met, facing(Array3f(hit.n), paths.direction), -paths.direction)
     begin = dr.select(paths.portal < paths.total, paths.portal, 0)
     radius = width(paths.differentials, paths.direction, paths.total, paths.count, dr.opaque(Float, overlap))(
         paths.total

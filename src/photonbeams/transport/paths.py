@@ -22,6 +22,7 @@ from ..numerics.sampling import pixel_sample
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from ..world.interfaces import is_left, pointers
 from ..world.stage_world import StageWorld
+from ..world.warp import facing
 from ..world.world import World
 from .differentials import RayDifferentials, copies, differentiate, of_copies
 from .emission import Emitted
@@ -327,10 +328,9 @@ def _segments(tracing: Tracing, paths: LightPaths, interaction: Interaction) -> 
     short = Bool(tracing.short) | interaction.varying
     result.length = dr.select(short, interaction.distance, interaction.length)
     normal = Array3f(interaction.hit.n)
-    against = dr.select(dr.dot(normal, paths.direction) > 0, -normal, normal)
-    result.normal = dr.select(interaction.valid & (interaction.on_surface | ~short), against, -paths.direction)
-    leaves = is_left(interaction.hit, paths.direction, paths.medium)
-    leaves &= interaction.valid & (interaction.on_surface | ~short)
+    ends = interaction.valid & (interaction.on_surface | ~short)
+    result.normal = dr.select(ends, facing(normal, paths.direction), -paths.direction)
+    leaves = ends & is_left(interaction.hit, paths.direction, paths.medium)
     result.slant, result.slant_end = paths.slant, dr.select(leaves, _tangent(normal, paths.direction), 0)
     result.medium, result.depth, result.offset = paths.medium, paths.depth, paths.offset
     for name in (*_NAMES, *_STRAIGHT):

@@ -22,7 +22,7 @@ mi = mitsuba()
 _LEAST = 1 / 64
 
 # The fractions of an emitter's paths that go through its portal, and past it.
-_SHARES = (1 - LIGHT_SIDE, LIGHT_SIDE)
+_FRACTIONS = (1 - LIGHT_SIDE, LIGHT_SIDE)
 
 
 class SceneEmitter:
@@ -41,7 +41,7 @@ class SceneEmitter:
 
     def sample(self, u: Array2f, v: Array2f) -> EmissionSample:
         """Return light paths for emission samples, with derivatives by forward-mode differentiation."""
-        differentials = self._tangents(u, v)
+        differentials = self._differentials(u, v)
         ray, weight = self._ray(mi.Point2f(u), mi.Point2f(v))
         origin, direction, flux = Array3f(ray.o), Array3f(ray.d), Array3f(weight)
         if isinstance(self.lamp, ProjectedLight):
@@ -69,7 +69,7 @@ class SceneEmitter:
     def _ray(self, u: Any, v: Any) -> Any:
         return self._plugin.sample_ray(Float(0), Float(0.5), u, v, True)
 
-    def _tangents(self, u: Array2f, v: Array2f) -> RayDifferentials:
+    def _differentials(self, u: Array2f, v: Array2f) -> RayDifferentials:
         count = dr.width(u)
         lane, which = copies(count)
         inputs = [mi.Point2f(dr.gather(Array2f, each, lane)) for each in (u, v)]
@@ -87,7 +87,7 @@ class SceneEmitter:
 
 
 def emission_of(world: SceneWorld, count: int, seed: int = 0, sources: Sequence[int] | None = None) -> Emission:
-    """Return the light paths of a Mitsuba scene: about `count` a pass, shared among its emitters by their power.
+    """Return the light paths of a Mitsuba scene: about `count` a pass, distributed among its emitters by their power.
 
     `sources` are the numbers of the emitters' sources, 0 unless given.
     """
@@ -104,9 +104,9 @@ def emission_of(world: SceneWorld, count: int, seed: int = 0, sources: Sequence[
         name = (seed & 0xFFFFFFFF, number, *([said.seed & 0xFFFFFFFF] if said.seed else []))
         for place, (emitter, flux) in enumerate(zip(emitters, own, strict=True)):
             if max(flux) > 0 and whole > 0:
-                share = 1.0 if len(emitters) == 1 or max(own[1 - place]) == 0 else _SHARES[place]
+                fraction = 1.0 if len(emitters) == 1 or max(own[1 - place]) == 0 else _FRACTIONS[place]
                 sequence = name if len(emitters) == 1 else (*name, 0, place)
-                strata.append(Stratum(emitter, max(round(share * whole), 1), sequence, said.beam_count is not None))
+                strata.append(Stratum(emitter, max(round(fraction * whole), 1), sequence, said.beam_count is not None))
     return Emission(strata, np.sum([flux for own in fluxes for flux in own], axis=0) if fluxes else np.zeros(3))
 
 

@@ -183,9 +183,8 @@ class Simulation:
         limits = self.tuning.limits(number, self.size(medium), widest)
         if not self.world.narrows or self.tuning.radius or self.tuning.max_radius:
             return limits, limits
-        return limits, limits._replace(
-            ceiling=dr.opaque(Float, np.inf)
-        )  # `narrowing` keeps them out of walls one by one
+        # `narrowing` keeps the wide ones out of walls one by one.
+        return limits, limits._replace(ceiling=dr.opaque(Float, np.inf))
 
     def size(self, medium: RenderedMedium) -> float:
         """Return the radius of a medium, that of the world at most."""
@@ -266,7 +265,10 @@ class StageSimulation:
 
     def guided(self, world: StageWorld, views: Sequence[Projection]) -> StageSimulation:
         """Return the same with the paths of lamps that pass no portal sent toward what any of the views sees."""
-        strata = [each for each in self._strata(world) if not getattr(each.emitter, "through", False)]
+        strata = [
+            each for each in self._strata(world)
+            if not (isinstance(each.emitter, PortalEmitter) and each.emitter.through)
+        ]  # fmt: skip
         emission = emission_of_lamps(strata)
         whole = Simulation(world, emission, self.tuning, world.sources, world.sizes, named=True)
         emission.learn(lambda emitted: whole.seen(emitted, views))

@@ -17,15 +17,17 @@ _FASTEST_NTSC = 250.0
 
 def header(stage: Usd.Stage, time: Usd.TimeCode, duration: float) -> dict[str, Any]:
     """Return what an EXR's header says of a frame's time; the shutter is open for `duration` time codes."""
-    about: dict[str, Any] = {
-        "software": f"photonbeams {version('photonbeams')}",
+    return {
+        **origin(Path(stage.GetRootLayer().identifier).name, None if time.IsDefault() else time.GetValue()),
         "framesPerSecond": frame_rate(stage.GetFramesPerSecond()),
         "expTime": duration / stage.GetTimeCodesPerSecond(),
-        "scene": Path(stage.GetRootLayer().identifier).name,
     }
-    if not time.IsDefault():
-        about["frame"] = float(time.GetValue())
-    return about
+
+
+def origin(scene: str, frame: float | None) -> dict[str, Any]:
+    """Return the program, the name of the scene's file, and the frame's number, if it has one, for an EXR's header."""
+    about: dict[str, Any] = {"software": f"photonbeams {version('photonbeams')}", "scene": scene}
+    return about if frame is None else {**about, "frame": float(frame)}
 
 
 def frame_rate(rate: float) -> Fraction:

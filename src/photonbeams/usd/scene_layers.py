@@ -1,4 +1,4 @@
-"""Layers over Mitsuba scenes: prims named by the ids of emitters say of their beams what lights of stages say."""
+"""Layers over Mitsuba scenes: prims named by the ids of emitters hold their beam settings, as lights of stages do."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from .meshes import is_gprim
 from .reading import Reading
 from .stage import open_stage
 
-# What of PhotonBeamsLightAPI emitters of Mitsuba scenes have, "photonbeams:" before it.
-_SAID = ("look", "lightGroup", "enabled", "count", "intensity", "seed", "portal", "gobo", "scattered", "bounces")
+# The properties of PhotonBeamsLightAPI that emitters of Mitsuba scenes have, without "photonbeams:".
+_SUPPORTED = ("look", "lightGroup", "enabled", "count", "intensity", "seed", "portal", "gobo", "scattered", "bounces")
 
 
 class SceneLayers:
@@ -62,7 +62,7 @@ class SceneLayers:
             if said and prim.GetTypeName() != "PhotonBeamsLook":
                 name = _named(reading, prim, emitters, "emitter")
                 for each in said:
-                    if each.split(":")[1] not in _SAID:
+                    if each.split(":")[1] not in _SUPPORTED:
                         reading.warn(prim, "is not rendered: emitters of Mitsuba scenes have none", each)
                 result[name] = read_beam_settings(reading, prim, _portal(reading, prim, shapes))
         return result

@@ -81,10 +81,7 @@ def read_eyes(
     role = str(UsdGeom.Camera(prim).GetStereoRoleAttr().Get() or "mono")
     if role not in EYES:
         camera = read_camera(stage, str(prim.GetPath()), time)
-        try:
-            return split(camera, stereo, UsdGeom.GetStageMetersPerUnit(stage))
-        except SceneError as error:
-            raise SceneError(f"{file_of(stage)}: {camera.name} {error}") from None
+        return split(camera, stereo, UsdGeom.GetStageMetersPerUnit(stage), f"{file_of(stage)}: {camera.name}")
     other = _partner(stage, prim, EYES[1 - EYES.index(role)])
     if stereo != Stereo():
         reading = Reading(stage, None, set() if warned is None else warned)
@@ -133,11 +130,17 @@ def _partner(stage: Usd.Stage, prim: Usd.Prim, role: str) -> Usd.Prim:
     return found[0]
 
 
-def split(camera: Camera, stereo: Stereo, meters_per_unit: float) -> tuple[Camera, Camera]:
-    """Return the two eyes that a camera becomes; raises SceneError without the camera's name."""
+def split(camera: Camera, stereo: Stereo, meters_per_unit: float, name: str) -> tuple[Camera, Camera]:
+    """Return the two eyes that a camera becomes; `name` is what messages call the camera.
+
+    Raises
+    ------
+    SceneError
+        An orthographic camera; eyes that converge nearer than they can.
+    """
     half = 0.5 * (_EYE_DISTANCE / meters_per_unit if stereo.interaxial is None else stereo.interaxial)
     if camera.orthographic:  # all that an eye's place would change is a shift of the picture, the same at all depths
-        raise SceneError("is orthographic: expected a perspective camera to be split into two eyes")
+        raise SceneError(f"{name} is orthographic: expected a perspective camera to be split into two eyes")
     convergence = stereo.convergence or camera.focus_distance or np.inf
     # The plane of convergence is seen `half` beside the eye's own axis. At a depth z the eyes see intervals of width
     # w z / f, whose middles are 2 half |z / convergence - 1| apart. With the aperture shifted by its width w or more,
@@ -147,7 +150,7 @@ def split(camera: Camera, stereo: Stereo, meters_per_unit: float) -> tuple[Camer
         least = half * camera.focal_length / camera.horizontal_aperture
         where = f"{convergence:g}" if stereo.convergence else f"its focusDistance, {convergence:g}"
         raise SceneError(
-            f"has eyes {2 * half:g} apart that converge at {where}: expected a convergence of at least "
+            f"{name} has eyes {2 * half:g} apart that converge at {where}: expected a convergence of at least "
             f"{least:.4g} scene units, or eyes nearer to each other"
         )
     return tuple(  # type: ignore[return-value]

@@ -146,12 +146,12 @@ class ProjectedLight:
 
     def see(self, origin: Array3f, direction: Array3f) -> LightHit:
         """Return what a ray sees of the light."""
-        sight = self.bare.see(origin, direction)
-        sight.radiance = sight.radiance * self.colors(origin, direction, sight.distance)
-        return sight
+        hit = self.bare.see(origin, direction)
+        hit.radiance = hit.radiance * self.colors(origin, direction, hit.distance)
+        return hit
 
     def colors(self, point: Array3f, direction: Array3f, distance: Float) -> Array3f:
-        """Return the colours of what light passes that arrives at a point from this far along a direction."""
+        """Return the colours of the images between a point and the light, which is this far along a direction."""
         return self.tint(point, -direction) * self._passing(point, direction, distance)
 
     def tint(self, point: Array3f, direction: Array3f) -> Array3f:

@@ -9,6 +9,7 @@ import drjit as dr
 
 from ..numerics.hashing import hash32, unit_float
 from ..runtime.device import Array3f, Bool, UInt32, mitsuba
+from .warp import facing
 
 mi = mitsuba()
 
@@ -75,20 +76,21 @@ def meet(plugin: Any, origin: Any, direction: Any, active: Any) -> Met:
     valid = active & hit.is_valid()
     interface = valid & hit.is_medium_transition()
     near, far = (dr.select(interface, numbers(hit.target_medium(each)), UNKNOWN) for each in (-along, along))
-    transmits = valid & ((UInt32(hit.bsdf().flags()) & _TRANSMITS) != 0)
-    return Met(hit, interface, near, far, transmits)
+    return Met(hit, interface, near, far, valid & _transmits(hit))
 
 
 def is_left(hit: Any, direction: Any, medium: UInt32) -> Bool:
     """Return whether a hit is on a boundary, of glass or of nothing, by which rays may leave their medium."""
-    transmits = (UInt32(hit.bsdf().flags()) & _TRANSMITS) != 0
-    return transmits & hit.is_medium_transition() & (numbers(hit.target_medium(mi.Vector3f(direction))) != medium)
+    return _transmits(hit) & hit.is_medium_transition() & (numbers(hit.target_medium(mi.Vector3f(direction))) != medium)
+
+
+def _transmits(hit: Any) -> Bool:
+    return (UInt32(hit.bsdf().flags()) & _TRANSMITS) != 0
 
 
 def reflected(hit: Any, direction: Any, aside: Any) -> Array3f:
     """Return directions reflected by surfaces: cosine-distributed, from random unit vectors `aside`."""
-    normal = Array3f(hit.n)
-    normal = dr.select(dr.dot(normal, direction) > 0, -normal, normal)
+    normal = facing(Array3f(hit.n), direction)
     result = normal * 1.001 + aside
     return result * dr.rsqrt(dr.maximum(dr.squared_norm(result), 1e-12))
 

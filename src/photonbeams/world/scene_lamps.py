@@ -15,7 +15,7 @@ from .bounds import Bounds
 from .gobos import Images, ProjectedLight, projected
 from .lights import EmitterSource
 from .portals import Portal
-from .shapes import shape_of
+from .shapes import is_null, shape_of
 
 mi = mitsuba()
 
@@ -124,7 +124,7 @@ def _matrix(part: Any) -> np.ndarray:
 
 
 def _frame(to_world: np.ndarray) -> np.ndarray:
-    """Return a frame that looks along its −Z, with +Y up, of what looks along +Z with Mitsuba."""
+    """Return the frame of an emitter that Mitsuba turns along +Z as our lights have it: along −Z, with +Y up."""
     linear = to_world[:3, :3]
     ahead = np.cross(linear[:, 0], linear[:, 1]) * np.sign(np.linalg.det(linear))
     ahead /= np.linalg.norm(ahead)
@@ -151,12 +151,12 @@ def _opening(plugin: Any, name: str, given: str) -> tuple[scene.Mesh, Any]:
     """Return a shape of the scene as a mesh, a disk as the square around it, and the shape itself."""
     shapes = {str(each.id()): each for each in plugin.shapes()}
     if given not in shapes:
-        known = ", ".join(each for each, shape in shapes.items() if each and _is_open(shape)) or "none"
+        known = ", ".join(each for each, shape in shapes.items() if each and is_null(shape)) or "none"
         text = f"emitter {name}: its portal '{given}' is no shape of the scene"
         hint = "; Mitsuba has merged meshes, without their ids: load with optimize=False" if "" in shapes else ""
         raise SceneError(f"{text}: expected one with a null BSDF ({known}), or a Mesh{hint}")
     shape = shapes[given]
-    if not _is_open(shape):
+    if not is_null(shape):
         raise SceneError(f"emitter {name}: its portal {given} stops light: expected a null BSDF, which lets it pass")
     parameters = mi.traverse(shape)
     if shape.class_name() in ("Rectangle", "Disk"):
@@ -168,8 +168,3 @@ def _opening(plugin: Any, name: str, given: str) -> tuple[scene.Mesh, Any]:
     else:
         raise SceneError(f"emitter {name}: its portal {given} is a {shape.class_name()}: expected a flat shape")
     return scene.Mesh(given, points, faces), shape
-
-
-def _is_open(shape: Any) -> bool:
-    lobes = int(mi.BSDFFlags.All)  # flags tell of more than lobes
-    return int(shape.bsdf().flags()) & lobes == int(mi.BSDFFlags.Null)

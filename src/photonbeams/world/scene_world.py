@@ -15,7 +15,7 @@ from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from .bounds import Bounds
 from .media import Media
 from .scene_lamps import lamps_of
-from .shapes import scene_of
+from .shapes import is_null, scene_of
 from .sources import Source
 from .surroundings import Surroundings, place_of_sensor, places_of
 from .world import World, perturbs, translucent
@@ -89,12 +89,7 @@ class SceneWorld(World):
 
     @cached_property
     def _boundary_scene(self) -> Any:
-        lobes, null = int(mi.BSDFFlags.All), int(mi.BSDFFlags.Null)  # flags hold more than lobes
-        kept = [
-            each for each in self.plugin.shapes()
-            if each.is_medium_transition() and int(each.bsdf().flags()) & lobes == null
-        ]  # fmt: skip
-        return scene_of(kept)
+        return scene_of([each for each in self.plugin.shapes() if each.is_medium_transition() and is_null(each)])
 
     def seen(self, origin: Array3f, direction: Array3f, reach: Float, active: Bool, seed: UInt32) -> Any:
         """Return the first surface, or boundary of a medium, that camera rays meet within `reach`."""

@@ -64,6 +64,12 @@ def scene_of(shapes: Sequence[Any]) -> Any:
     return result
 
 
+def is_null(shape: Any) -> bool:
+    """Return whether all light passes a shape straight, whose BSDF has the null lobe alone."""
+    lobes = int(shape.bsdf().flags()) & int(mi.BSDFFlags.All)  # flags hold more than lobes
+    return lobes == int(mi.BSDFFlags.Null)
+
+
 def sharp_bsdf_of(material: scene.Material) -> dict[str, Any] | None:
     """Return a mirror or glass as Mitsuba describes it, None of another material.
 

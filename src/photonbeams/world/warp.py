@@ -36,6 +36,11 @@ def perpendicular(axis: Array3f) -> tuple[Array3f, Array3f]:
     return Array3f(s), Array3f(t)
 
 
+def facing(normal: Array3f, direction: Array3f) -> Array3f:
+    """Return normals on the side of surfaces from which rays along `direction` arrive."""
+    return dr.select(dr.dot(normal, direction) > 0, -normal, normal)
+
+
 def cone(u: Array2f, axis: Array3f, one_minus_cos: Float) -> Array3f:
     """Return a direction around `axis`, uniform in the solid angle 2π(1 − cos) of a cone.
 
