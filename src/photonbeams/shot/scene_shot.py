@@ -88,7 +88,7 @@ class SceneShot(Shot):
 
     def load(self, frame: float | None = None) -> Any:
         """Load Mitsuba's scene of a frame and its sensors, and return it."""
-        path = self.path and numbered(self.path, 0.0 if frame is None else frame)
+        path = self.path and numbered(self.path, self._number(frame))
         if self._open[1] is None or self._open[0] != path:
             assert path is not None
             self._open = path, self._loaded(path)
@@ -147,7 +147,7 @@ class SceneShot(Shot):
         """Return a hash of the file, its parameters, and the files that they name; of a scene without a file, none."""
         if self.path is None:
             return ""
-        path = numbered(self.path, 0.0 if frame is None else frame)
+        path = numbered(self.path, self._number(frame))
         return digest(self._parameters, _contents(path, self._parameters.values()))
 
     def settings(self) -> Settings:
@@ -240,7 +240,7 @@ class SceneShot(Shot):
 
         frame, settings = request.frame, request.settings
         self.load(frame)
-        number, names = 0.0 if frame is None else float(frame), views_of(self.stereo, request.view)
+        number, names = self._number(frame), views_of(self.stereo, request.view)
         depths, pixels = request.read_plates(number, names, self.size(request.width, request.height), self._warn)
         with self._resized(request.width, request.height, request.crop):
             eyes = self.eyes()
@@ -261,6 +261,9 @@ class SceneShot(Shot):
                 for name, sensor, layers in zip(names, sensors, pictures, strict=True)
             }
         return Frame.of(views, done.statistics)
+
+    def _number(self, frame: float | None) -> float:
+        return 0.0 if frame is None else float(frame)
 
     def _header(self, sensor: Any, settings: Settings, passes: int, frame: float | None) -> dict[str, Any]:
         """Return the metadata of a view for an EXR's header."""

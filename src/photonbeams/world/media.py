@@ -104,11 +104,9 @@ class RenderedMedium:
 
     def for_short_beams(self) -> RenderedMedium:
         """Return the same medium for short beams."""
-        return (
-            self
-            if self.tracked is not None
-            else replace(self, look=Look(along=ShortBeamAttenuation(), angle=self.look.angle))
-        )
+        if self.tracked is not None:
+            return self
+        return replace(self, look=Look(along=ShortBeamAttenuation(), angle=self.look.angle))
 
     def shaded(self, look: Look | None) -> Look:
         """Return the look of beams in the medium: physical, or an artist's with the medium's own physical factors."""
