@@ -12,16 +12,19 @@ SOURCE = Path(photonbeams.__file__).parent
 #: Each room knows those before it, and none after it.
 ROOMS = (
     "scene", "runtime", "numerics", "quadrature", "beams", "looks", "estimators", "world", "transport", "render",
-    "images", "usd", "shot", "integrator", "cli",
+    "images", "usd", "shot", "integrator", "farm",
+    "cli",
 )  # fmt: skip
 
 #: Who may import a library, or ask `runtime` for Mitsuba.
 KNOWERS = {
+    "dask": {"farm"},
+    "distributed": {"farm"},
     "pxr": {"usd", "cli"},  # `info` and `doctor` look at stages and at versions themselves
     "OpenEXR": {"images", "cli"},
     "OpenImageIO": {"images", "cli"},
     "mitsuba": {"runtime", "world", "transport", "render", "shot", "integrator"},
-    "drjit": {*ROOMS} - {"scene", "quadrature", "usd", "cli"},
+    "drjit": {*ROOMS} - {"scene", "quadrature", "usd", "farm", "cli"},
 }
 
 MODULES = sorted(path for path in SOURCE.rglob("*.py") if path.parent != SOURCE or path.stem in ROOMS)

@@ -45,7 +45,7 @@ def test_frames_of_two_eyes_go_on_where_ctrl_c_ended_them(render, stage, out, mo
     with monkeypatch.context() as patched:
         interrupted(patched, 6)
         result = render(stage, "-o", out / "a.#.exr", *flags, "--checkpoint", 1000)
-    kept = out / "a.2.checkpoint.npz"
+    kept = out / "a.2.checkpoint"
     told = f"1 frame was written, {kept} has 2 passes: --skip-existing --resume go on from there"
     assert (result[0], result[2].splitlines()[-1]) == (130, f"Interrupted; {told}")
     assert (out / "a.1.exr").exists() and kept.exists() and not (out / "a.2.exr").exists()
@@ -73,18 +73,18 @@ def test_a_changed_stage_look_or_function_is_refused(render, stage, out, monkeyp
         before = path.read_text()
         path.write_text(before.replace(old, new))
         assert path.read_text() != before
-        fails(render(*asked, "--resume"), 1, "a.checkpoint.npz", "of another scene or of other settings")
+        fails(render(*asked, "--resume"), 1, "a.checkpoint", "of another scene or of other settings")
         path.write_text(before)
     mine.write_text(mine.read_text().replace("[0, 1, 0]", "[0, 1, 1]"))
-    fails(render(*asked, "--resume"), 1, "a.checkpoint.npz", "of another scene or of other settings")
+    fails(render(*asked, "--resume"), 1, "a.checkpoint", "of another scene or of other settings")
     mine.write_text(mine.read_text().replace("[0, 1, 1]", "[0, 1, 0]"))
     assert render(*asked, "--resume")[0] == 0
 
 
 def test_a_file_that_is_no_checkpoint_is_named(render, stage, out):
-    (out / "a.checkpoint.npz").write_bytes(b"nothing")
-    fails(render(stage, "-o", out / "a.exr", "--resume", *SMALL), 1, "a.checkpoint.npz", "expected a checkpoint")
-    (out / "a.checkpoint.npz").unlink()
+    (out / "a.checkpoint").write_bytes(b"nothing")
+    fails(render(stage, "-o", out / "a.exr", "--resume", *SMALL), 1, "a.checkpoint", "expected a checkpoint")
+    (out / "a.checkpoint").unlink()
     fails(render(stage, "-o", out / "a.exr", "--checkpoint", 0), 2, "--checkpoint is 0.0: expected a positive")
     assert untouched(out)
 

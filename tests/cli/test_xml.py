@@ -219,7 +219,7 @@ def test_ctrl_c_keeps_a_checkpoint_from_which_the_render_goes_on(render, scene, 
     with monkeypatch.context() as patched:
         interrupted(patched, 2)
         result = render(scene(), "-o", out / "a.exr", *flags, "--checkpoint", 1000)
-    kept = out / "a.checkpoint.npz"
+    kept = out / "a.checkpoint"
     assert result == (130, "", f"Interrupted; {kept} has 2 passes: --resume goes on from there\n")
     assert kept.exists() and not (out / "a.exr").exists()
     fails(render(scene(), "-o", out / "a.exr", "--resume", "--seed", 8), 1, str(kept), "of another scene")
@@ -253,14 +253,14 @@ def test_checkpoints_are_written_on_the_way(render, scene, out, monkeypatch):
     saved = []
     monkeypatch.setattr(Checkpoint, "save", lambda self, _: self.due and saved.append(self.path.name))
     assert render(scene(), "-o", out / "a.exr", "--checkpoint", 1e-9)[0] == 0
-    assert saved == ["a.checkpoint.npz"] * 2  # not after the last pass
+    assert saved == ["a.checkpoint"] * 2  # not after the last pass
     assert render(scene(), "-o", out / "a.exr", "--resume")[0] == 0  # without one, from the beginning
 
 
 def test_a_file_that_is_no_checkpoint_is_named(render, scene, out):
-    (out / "a.checkpoint.npz").write_bytes(b"nothing")
-    fails(render(scene(), "-o", out / "a.exr", "--resume", "-q"), 1, "a.checkpoint.npz", "expected a checkpoint")
-    assert (out / "a.checkpoint.npz").read_bytes() == b"nothing"
+    (out / "a.checkpoint").write_bytes(b"nothing")
+    fails(render(scene(), "-o", out / "a.exr", "--resume", "-q"), 1, "a.checkpoint", "expected a checkpoint")
+    assert (out / "a.checkpoint").read_bytes() == b"nothing"
 
 
 # -- bad input -------------------------------------------------------------------------------------------------------

@@ -7,6 +7,7 @@ import pytest
 from photonbeams.numerics.arrays import opaque, to_float, to_vectors
 from photonbeams.render.film import Film, PassPicture, reconstruction_filter
 from photonbeams.render.passes import pixel_offset
+from photonbeams.render.sums import PassSums
 from photonbeams.runtime.device import mitsuba
 from photonbeams.scene import SceneError
 from photonbeams.scene.cameras import FILTERS
@@ -40,7 +41,7 @@ def film(passes, name=None, crop=None, exposure=1.0, groups=GROUPS):
     x0, y0, x1, y1 = crop or (0, 0, WIDTH, HEIGHT)
     result = Film((y1 - y0, x1 - x0), (x0, y0), reconstruction_filter(name), groups)
     for number, one in enumerate(passes):
-        result.add(picture(one, crop), pixel_offset(number), opaque(exposure))
+        result.add(number, picture(one, crop), pixel_offset(number), opaque(exposure))
     return result
 
 
@@ -110,9 +111,9 @@ def test_a_film_goes_on_from_the_state_of_another(rng, name):
     passes = pixels(rng, 4)
     whole, first = film(passes, name), film(passes[:2], name)
     resumed = Film((HEIGHT, WIDTH), (0, 0), reconstruction_filter(name), GROUPS)
-    resumed.restore(first.state())
+    resumed.restore(PassSums.restored(first.sums.state()))
     for number in (2, 3):
-        resumed.add(picture(passes[number]), pixel_offset(number), opaque(1.0))
+        resumed.add(number, picture(passes[number]), pixel_offset(number), opaque(1.0))
     assert all(np.array_equal(each, resumed.layers()[layer]) for layer, each in whole.layers().items())
     assert resumed.error() == whole.error()
 
@@ -121,9 +122,9 @@ def test_a_film_goes_on_from_the_state_of_another(rng, name):
     ("name", "shape"), [("box", (HEIGHT, WIDTH + 1)), ("mitchell", (HEIGHT, WIDTH)), ("box", (1, 3 * HEIGHT * WIDTH))]
 )
 def test_a_state_of_another_picture_is_refused(rng, name, shape):
-    state = film(pixels(rng, 1)).state()
+    sums = film(pixels(rng, 1)).sums
     with pytest.raises(SceneError, match="the checkpoint is of another picture"):
-        Film(shape, (0, 0), reconstruction_filter(name)).restore(state)
+        Film(shape, (0, 0), reconstruction_filter(name)).restore(sums)
 
 
 def test_the_error_is_that_of_the_mean_of_independent_passes(rng):
@@ -133,7 +134,7 @@ def test_the_error_is_that_of_the_mean_of_independent_passes(rng):
     for number, each in enumerate(samples):
         grey = to_vectors(np.repeat(each.reshape(-1, 1), 3, axis=1))
         assert np.isnan(result.error()) == (number < 2)
-        result.add(PassPicture(grey, to_float(np.ones(count * count))), pixel_offset(number))
+        result.add(number, PassPicture(grey, to_float(np.ones(count * count))), pixel_offset(number))
     values = np.array(samples)
     expected = np.median(values.std(axis=0, ddof=1) / np.sqrt(passes) / values.mean(axis=0))
     assert result.error() == pytest.approx(expected, rel=1e-4)

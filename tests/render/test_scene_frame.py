@@ -167,7 +167,7 @@ def test_the_same_seed_gives_the_same_picture_on_any_number_of_threads():
 
 def test_a_checkpoint_of_another_picture_is_refused():
     scene = load(fog=cube_of(fog(0.5)), light=LAMP, sensor=camera())
-    state = render(scene, scene.sensors()[0], Settings(passes=1, beams=64)).state()
+    state = render(scene, scene.sensors()[0], Settings(passes=1, beams=64)).sums()
     other = load(fog=cube_of(fog(0.5)), light=LAMP, sensor=camera(size=8))
     with pytest.raises(SceneError, match="checkpoint is of another picture"):
         SceneRenderer(other, other.sensors()[0], Settings()).restore(state)

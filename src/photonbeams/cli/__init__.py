@@ -2,7 +2,8 @@
 
 Each command is the function of its name in the module of its name, and that module is imported when the command is
 called or listed. The modules import what is heavy (Mitsuba, OpenUSD, Dr.Jit) inside the function, so that `--help`
-is fast. Exit codes: 0 success, 1 a failed render, 2 bad usage, 130 interrupted; messages go to standard error.
+is fast. Exit codes: 0 success, 1 a failed render, 2 bad usage, 75 a lost farm (to be tried again), 130 interrupted;
+messages go to standard error.
 """
 
 from __future__ import annotations
@@ -20,8 +21,9 @@ from typer.exceptions import TyperException
 
 __all__ = ["app", "main"]
 
-_COMMANDS = ("render", "beams", "export", "swatch", "info", "quadrature", "doctor")
+_COMMANDS = ("render", "merge", "beams", "export", "swatch", "info", "quadrature", "doctor")
 _INTERRUPTED = 130
+_TEMPORARY = 75  # EX_TEMPFAIL of sysexits.h
 
 
 class _Commands(TyperGroup):
@@ -88,7 +90,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         elif sentence is None or os.environ.get("PHOTONBEAMS_TRACEBACK", "0") not in ("", "0"):
             raise
         else:
-            _fail(f"Error: {sentence}", 1)
+            _fail(f"Error: {sentence}", _TEMPORARY if _of_farm(error) else 1)
     if code == _INTERRUPTED:
         _fail(f"Interrupted; {getattr(interrupted, 'done', 'nothing was written')}", _INTERRUPTED)
     raise SystemExit(code or (0 if given else 2))  # without a command the help is shown for want of one
@@ -101,6 +103,13 @@ def _interrupted(error: BaseException | None) -> bool:
             return True
         error = error.__cause__ or error.__context__
     return False
+
+
+def _of_farm(error: Exception) -> bool:
+    """Return whether a farm is to blame, so that the same command may succeed later."""
+    from ..farm.cluster import FarmError
+
+    return isinstance(error, FarmError) or isinstance(error.__cause__, FarmError)
 
 
 def _usage(error: TyperException) -> str:
@@ -117,6 +126,7 @@ def _usage(error: TyperException) -> str:
 
 def _sentence(error: Exception) -> str | None:
     """Return what to tell the user of an error, or None if it is a fault of the program."""
+    from ..farm.cluster import FarmError
     from ..runtime.device import DeviceError
     from ..scene import SceneError
     from .animation import FrameError
@@ -125,7 +135,7 @@ def _sentence(error: Exception) -> str | None:
         cause = error.__cause__
         sentence = _usage(cause) if isinstance(cause, TyperException) else _sentence(cause)  # type: ignore[arg-type]
         return sentence and f"{error.frame}{sentence}"
-    if isinstance(error, SceneError | DeviceError):
+    if isinstance(error, SceneError | DeviceError | FarmError):
         return str(error)
     if isinstance(error, OSError):
         reason = error.strerror or str(error)

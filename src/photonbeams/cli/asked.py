@@ -12,6 +12,7 @@ from .outputs import Output
 from .progress import Progress
 
 if TYPE_CHECKING:
+    from ..farm.cluster import FarmOptions
     from ..images.plates import Holdout, Plate
     from ..usd.stereo import Stereo
 
@@ -52,6 +53,9 @@ class Asked:
     skip_existing: bool
     checkpoint: float | None
     resume: bool
+    snapshot: float | None
+    part: range | None
+    farm: FarmOptions | None
     quality: Quality
     camera: str | None
     list_cameras: bool

@@ -64,6 +64,7 @@ def check_flags(
     threads: int | None = None,
     bounces: int | None = None,
     checkpoint: float | None = None,
+    snapshot: float | None = None,
 ) -> None:
     """Refuse numbers out of range before anything heavy is imported; a NaN is never in range."""
     from ..quadrature import MOST_POINTS
@@ -88,6 +89,7 @@ def check_flags(
         ("--exposure", exposure, -100 <= exposure <= 100, "-100 to 100 stops"),
         ("--bounces", bounces, bounces is None or -1 <= bounces <= MOST_BOUNCES, f"0 to {MOST_BOUNCES}, or -1"),
         ("--checkpoint", checkpoint, checkpoint is None or checkpoint > 0, "a positive number of seconds"),
+        ("--snapshot", snapshot, snapshot is None or snapshot > 0, "a positive number of seconds"),
         ("--threads", threads, threads is None or 1 <= threads <= MOST_THREADS, f"1 to {MOST_THREADS}"),
     )
     for flag, value, right, expected in checks:
@@ -135,6 +137,16 @@ class Quality:
         if self.rule is None and self.order is None:
             return None
         return (riemann if self.rule is RuleName.riemann else gauss_legendre)(self.order or points)
+
+
+def parse_part(text: str | None) -> range | None:
+    """Return the passes that `--pass-range` gives, first to last."""
+    if text is None:
+        return None
+    first, _, last = text.partition(":")
+    if not (first.isdecimal() and last.isdecimal() and int(first) <= int(last) < 2**31):
+        raise typer.BadParameter(f"--pass-range is {text}: expected FIRST:LAST, such as 0:15")
+    return range(int(first), int(last) + 1)
 
 
 def parse_color(flag: str, text: str | None) -> Color | None:

@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import typer
 
 from .animation import Animation, Task, print_plan
 from .asked import Asked
-from .outputs import Output, chosen_layers, prepare_outputs, write_outputs
-from .progress import counted, error_note, held_interrupt, messages
+from .outputs import checkpoint_of, chosen_layers, prepare_outputs, snapshots_of, write_frame
+from .progress import counted, error_note, held_interrupt, messages, snapshots
 
 if TYPE_CHECKING:
     from ..images.frame import Frame
-    from ..render.checkpoint import Checkpoint
-    from ..render.passes import Progress, Statistics
+    from ..render.frame_sums import FrameSums
+    from ..render.passes import Part, Progress, Statistics
     from ..render.settings import Settings
 
 
@@ -40,8 +39,11 @@ class Job(Protocol):
     def seen(self, first: Task) -> str:
         """Return a description of the picture: scene, camera and size."""
 
-    def render(self, task: Task, progress: Progress, checkpoint: Checkpoint | None) -> Frame:
-        """Return a frame."""
+    def render(self, task: Task, progress: Progress, **kept: Any) -> Frame:
+        """Return a frame; `kept` are more arguments of `Shot.render`."""
+
+    def part(self, task: Task, part: Part, progress: Progress) -> FrameSums:
+        """Return the sums of some passes of a frame."""
 
 
 class Kept(KeyboardInterrupt):
@@ -52,8 +54,16 @@ class Kept(KeyboardInterrupt):
         self.done = done
 
 
-def run(asked: Asked, opened: Callable[[Asked, Callable[[], None]], Job]) -> None:
-    """Render what the flags ask for; `opened` opens the scene, and is given what raises a Ctrl-C held back."""
+def opened(asked: Asked, check: Callable[[], None]) -> Job:
+    """Open the scene of a request; `check` raises a Ctrl-C that was held back."""
+    from .stage import StageJob
+    from .xml import MitsubaJob
+
+    return MitsubaJob(asked, check) if asked.path.suffix.lower() == ".xml" else StageJob(asked, check)
+
+
+def run(asked: Asked) -> None:
+    """Render what the flags ask for."""
     with messages(asked.quiet, asked.verbose), held_interrupt() as check:
         asked.start_device()
         job = opened(asked, check)
@@ -61,7 +71,8 @@ def run(asked: Asked, opened: Callable[[Asked, Callable[[], None]], Job]) -> Non
             typer.echo("\n".join(job.cameras()))
             return
         tasks = job.tasks()
-        animation = Animation(tasks, job.settings.passes, asked.skip_existing, asked.progress, asked.quiet)
+        passes = job.settings.passes if asked.part is None else len(asked.part)
+        animation = Animation(tasks, passes, asked.skip_existing, asked.progress, asked.quiet)
         todo = animation.todo()
         first = (todo or tasks)[0]
         kept = chosen_layers(asked.layers, first.outputs, job.layers(first))
@@ -74,36 +85,61 @@ def run(asked: Asked, opened: Callable[[Asked, Callable[[], None]], Job]) -> Non
                 print_plan(job.seen(first), tasks, todo, kept)
             return
 
+        if asked.farm is not None:
+            from .farm import FarmAnimation
+
+            FarmAnimation(job, asked, tasks, todo, kept, check).render(asked.farm)
+            return
+
         def finish(task: Task, advance: Callable[[int, str], None]) -> Statistics:
-            frame = _rendered(job, asked, task, advance, several=len(tasks) > 1)
-            for metadata in [frame.metadata, *(each for _, each in frame.views.values())]:
-                metadata["commandLine"] = asked.command
-            write_outputs(frame, task.outputs, kept, asked.exposure, chosen=asked.layers is not None)
+            if asked.part is not None:
+                return _part_written(job, asked.part, task, advance)
+            frame = _rendered(job, asked, task, advance, kept, several=len(tasks) > 1)
+            write_frame(frame, task.outputs, asked, kept)
             checkpoint_of(task.outputs).unlink(missing_ok=True)
+            for each in snapshots_of(task.outputs):
+                each.path.unlink(missing_ok=True)
             return frame.statistics
 
         animation.render(finish, check)
 
 
-def _rendered(job: Job, asked: Asked, task: Task, advance: Callable[[int, str], None], *, several: bool) -> Frame:
-    """Return a frame, having written checkpoints on the way, the last one when Ctrl-C is pressed."""
+def _part_written(job: Job, numbers: range, task: Task, advance: Callable[[int, str], None]) -> Statistics:
+    """Render some passes of a frame, and write their sums."""
+    from ..render.passes import Part, Statistics
+
+    begun = numbers.start
+    sums = job.part(task, Part(numbers, job.settings.passes), lambda done, _: advance(done, f"from {begun}"))
+    for output in task.outputs:
+        sums.save(output.path)
+    return Statistics(len(sums), sums.beams, sums.tests)
+
+
+def _rendered(
+    job: Job, asked: Asked, task: Task, advance: Callable[[int, str], None], kept: Sequence[str], *, several: bool
+) -> Frame:
+    """Return a frame, having written checkpoints on the way, the last one when Ctrl-C is pressed, and snapshots."""
     from ..render.checkpoint import Checkpoint
 
     checkpoint = None
     if asked.checkpoint is not None or asked.resume:
         checkpoint = Checkpoint(checkpoint_of(task.outputs), asked.checkpoint, asked.resume)
-    try:
-        return job.render(task, lambda done, statistics: advance(done, error_note(statistics.error)), checkpoint)
-    except KeyboardInterrupt as interrupt:
-        if checkpoint is None or not checkpoint.passes:
-            raise
-        passes = counted(checkpoint.passes, "pass", "passes")
-        flags = "--skip-existing --resume" if several else "--resume"
-        verb = "go" if several else "goes"
-        raise Kept(f"{checkpoint.path} has {passes}: {flags} {verb} on from there") from interrupt
 
+    def progress(done: int, statistics: Statistics) -> None:
+        advance(done, error_note(statistics.error))
 
-def checkpoint_of(outputs: Sequence[Output]) -> Path:
-    """Return where the checkpoint of a frame is: beside its first output."""
-    first = outputs[0].path
-    return first.with_name(f"{first.stem}.checkpoint.npz")
+    with snapshots(asked.snapshot) as due:
+
+        def snapshot(frame: Callable[[], Frame]) -> None:
+            if due():
+                write_frame(frame(), snapshots_of(task.outputs), asked, kept)
+
+        try:
+            return job.render(task, progress, checkpoint=checkpoint, snapshot=snapshot)
+        except KeyboardInterrupt as interrupt:
+            if checkpoint is None or not checkpoint.passes:
+                raise
+            passes = counted(checkpoint.passes, "pass", "passes")
+            flags = "--skip-existing --resume" if several else "--resume"
+            verb = "go" if several else "goes"
+            raise Kept(f"{checkpoint.path} has {passes}: {flags} {verb} on from there") from interrupt

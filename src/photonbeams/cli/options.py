@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shlex
+import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -45,3 +47,8 @@ SessionLayers = Annotated[
 Threads = Annotated[int | None, typer.Option(help="Processor threads.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors alone.")]
 Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Print more.")]
+
+
+def command_line() -> str:
+    """Return the command for the header of an EXR, whose text is UTF-8 whatever file names are."""
+    return shlex.join(["photonbeams", *sys.argv[1:]]).encode("utf-8", "replace").decode("utf-8")

@@ -17,6 +17,7 @@ from ..images.numbering import PLACEHOLDER, numbered
 if TYPE_CHECKING:
     from ..scene import Array
     from ..shot.shot import Frame
+    from .asked import Asked
 
 
 #: Layers that are no colours, and so no pictures.
@@ -67,6 +68,14 @@ def parse_outputs(files: Iterable[Path], pictures: Iterable[str]) -> list[Output
         if place in seen:
             raise typer.BadParameter(f"{output.path} is named twice: expected a file for each output")
         seen.add(place)
+    return outputs
+
+
+def part_outputs(files: Iterable[Path]) -> list[Output]:
+    """Return the output of a range of passes, not yet numbered."""
+    outputs = [Output(checked_path("--output", path, (".checkpoint",))) for path in files]
+    if len(outputs) != 1:
+        raise typer.BadParameter("--pass-range expects one output, -o FILE.checkpoint")
     return outputs
 
 
@@ -137,10 +146,10 @@ def _check_pictures(outputs: Iterable[Output], names: Collection[str]) -> None:
 
 def prepare_outputs(outputs: Iterable[Output]) -> None:
     """Raise OSError, before hours of rendering, for a file that could not be written; leave no trace."""
-    from ..images.files import prepare_output
+    from ..runtime.files import try_path
 
     for output in outputs:
-        prepare_output(output.path)
+        try_path(output.path)
 
 
 def write_outputs(
@@ -178,3 +187,21 @@ def _holding(frame: Frame, names: Sequence[str]) -> Frame:
 
     views = {eye: (chosen(layers), metadata) for eye, (layers, metadata) in frame.views.items()}
     return replace(frame, layers=chosen(frame.layers), views=views)
+
+
+def write_frame(frame: Frame, outputs: Sequence[Output], asked: Asked, kept: Sequence[str]) -> None:
+    """Write the files of a frame, with the command in their headers."""
+    for metadata in [frame.metadata, *(each for _, each in frame.views.values())]:
+        metadata["commandLine"] = asked.command
+    write_outputs(frame, outputs, kept, asked.exposure, chosen=asked.layers is not None)
+
+
+def checkpoint_of(outputs: Sequence[Output]) -> Path:
+    """Return where the checkpoint of a frame is: beside its first output."""
+    first = outputs[0].path
+    return first.with_name(f"{first.stem}.checkpoint")
+
+
+def snapshots_of(outputs: Sequence[Output]) -> list[Output]:
+    """Return where pictures of an unfinished frame are: beside its own, for those would be taken as finished."""
+    return [replace(each, path=each.path.with_name(f"{each.path.stem}.snapshot{each.path.suffix}")) for each in outputs]

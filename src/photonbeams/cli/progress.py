@@ -6,6 +6,7 @@ import logging
 import signal
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from enum import StrEnum
@@ -13,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from ..farm.run import FarmState
     from ..render.passes import Statistics
 
 
@@ -21,6 +23,7 @@ class Progress(StrEnum):
 
     rich = "rich"
     plain = "plain"
+    openjd = "openjd"
     none = "none"
 
 
@@ -77,6 +80,33 @@ def held_interrupt() -> Iterator[Callable[[], None]]:
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
+@contextmanager
+def snapshots(every: float | None) -> Iterator[Callable[[], bool]]:
+    """Yield a function that tells whether a picture of what is done is due: every so many seconds, and on SIGUSR1."""
+    signalled, written = False, time.perf_counter()
+
+    def note(*_: object) -> None:
+        nonlocal signalled
+        signalled = True
+
+    def due() -> bool:
+        nonlocal signalled, written
+        found = signalled or (every is not None and time.perf_counter() - written >= every)
+        if found:
+            signalled, written = False, time.perf_counter()
+        return found
+
+    number = getattr(signal, "SIGUSR1", None)  # which Windows has not
+    if number is None or threading.current_thread() is not threading.main_thread():
+        yield due
+        return
+    before = signal.signal(number, note)
+    try:
+        yield due
+    finally:
+        signal.signal(number, before)
+
+
 Show = Callable[[int, str, int, str], None]
 
 
@@ -92,8 +122,8 @@ def bar(kind: Progress | None, quiet: bool, frames: int, passes: int) -> Iterato
     from rich.console import Console
 
     console = Console(stderr=True, highlight=False)
-    if kind is Progress.plain or (kind is None and not console.is_terminal):
-        yield _plain(frames, passes)
+    if kind in (Progress.plain, Progress.openjd) or (kind is None and not console.is_terminal):
+        yield _plain(frames, passes, openjd=kind is Progress.openjd)
         return
     from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
     from rich.progress import Progress as Bar
@@ -110,7 +140,58 @@ def bar(kind: Progress | None, quiet: bool, frames: int, passes: int) -> Iterato
         yield show
 
 
-def _plain(frames: int, passes: int) -> Show:
+@contextmanager
+def farm_bar(kind: Progress | None, quiet: bool) -> Iterator[Callable[[FarmState], None]]:
+    """Yield what shows how far a farm is."""
+    if quiet or kind is Progress.none:
+        yield lambda state: None
+        return
+    from rich.console import Console
+
+    console = Console(stderr=True, highlight=False)
+    if kind in (Progress.plain, Progress.openjd) or (kind is None and not console.is_terminal):
+        yield _plain_farm(openjd=kind is Progress.openjd)
+        return
+    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+    from rich.progress import Progress as Bar
+
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(),
+               TextColumn("left"), TimeRemainingColumn(elapsed_when_finished=False))  # fmt: skip
+    with Bar(*columns, console=console, transient=True) as shown:
+        task = shown.add_task("passes", total=None)
+
+        def show(state: FarmState) -> None:
+            frames = f"frame {state.frames} of {state.all_frames}, {counted(state.workers, 'worker')}, passes"
+            shown.update(task, completed=state.passes, total=state.all_passes, description=frames)
+
+        yield show
+
+
+def _plain_farm(openjd: bool) -> Callable[[FarmState], None]:
+    """Return what prints a line about every twentieth of all passes."""
+    last = -1
+
+    def show(state: FarmState) -> None:
+        nonlocal last
+        twentieth = 20 * state.passes // max(state.all_passes, 1)
+        if twentieth == last:
+            return
+        last = twentieth
+        if openjd:
+            _openjd(state.passes / max(state.all_passes, 1), f"{state.frames} of {state.all_frames} frames")
+            return
+        frames = f"{state.frames:,} of {counted(state.all_frames, 'frame')}, {counted(state.workers, 'worker')}"
+        print(f"pass {state.passes:,} of {state.all_passes:,}, {frames}", file=sys.stderr, flush=True)
+
+    return show
+
+
+def _openjd(fraction: float, status: str) -> None:
+    """Print how far the work is as Open Job Description reads it, on standard output."""
+    print(f"openjd_progress: {100 * fraction:.1f}\nopenjd_status: {status}", flush=True)
+
+
+def _plain(frames: int, passes: int, openjd: bool) -> Show:
     """Return what prints a line about every twentieth of all passes: a log is read afterwards."""
     total = frames * passes
     step = max(1, total // 20)
@@ -120,6 +201,9 @@ def _plain(frames: int, passes: int) -> Show:
         # A frame begins where the one before it ended.
         if (overall % step == 0 and (done or not index)) or overall == total:
             frame = f"frame {name}: " if frames > 1 else ""
+            if openjd:
+                _openjd(overall / total, f"{frame}pass {done} of {passes}")
+                return
             print(f"{frame}pass {done} of {passes}{note and f', {note}'}", file=sys.stderr, flush=True)
 
     return show

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
-import sys
 from collections.abc import Sequence
 from enum import StrEnum
 from pathlib import Path
@@ -13,14 +11,14 @@ import typer
 
 from . import options
 from .asked import Asked, Plates
-from .flags import Device, Estimator, Filter, FogFlags, Quality, RuleName, check_flags
+from .flags import Device, Estimator, Filter, FogFlags, Quality, RuleName, check_flags, parse_part
 from .job import run
-from .outputs import Output, parse_outputs
+from .outputs import Output, parse_outputs, part_outputs
 from .progress import Progress
-from .stage import StageJob
-from .xml import MitsubaJob, check_given
+from .xml import check_given
 
 if TYPE_CHECKING:
+    from ..farm.cluster import FarmOptions
     from ..usd.stereo import Stereo
 
 
@@ -92,6 +90,35 @@ def render(
         typer.Option(metavar="S", help="Keep what is done of a frame every S seconds and on Ctrl-C."),
     ] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Go on from checkpoints, where there are any.")] = False,
+    snapshot: Annotated[
+        float | None,
+        typer.Option(
+            metavar="S",
+            help="Write a picture of what is done every S seconds, as *.snapshot.exr; "
+            "the signal SIGUSR1 writes one, too.",
+        ),
+    ] = None,
+    pass_range: Annotated[
+        str | None,
+        typer.Option(
+            "--pass-range",
+            metavar="A:B",
+            help="Render passes A to B alone, of 0 to those of --passes less 1, "
+            "into a .checkpoint for `photonbeams merge`.",
+        ),
+    ] = None,
+    workers: Annotated[
+        int | None, typer.Option(metavar="N", help="Render with N processes of this machine.", min=1, max=1024)
+    ] = None,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(metavar="ADDRESS", help="Render with the workers of a Dask scheduler, tcp:// or tls://."),
+    ] = None,
+    tls_ca: Annotated[
+        Path | None, typer.Option("--tls-ca-file", help="Certificate authority of a tls:// scheduler.")
+    ] = None,
+    tls_cert: Annotated[Path | None, typer.Option("--tls-cert", help="Our own certificate for it.")] = None,
+    tls_key: Annotated[Path | None, typer.Option("--tls-key", help="The key of that.")] = None,
     beams: Annotated[
         int | None,
         typer.Option(
@@ -199,11 +226,24 @@ def render(
     photonbeams render cornell.xml -o cornell.exr --passes 64 --checkpoint 60
     """
     check_flags(
-        res, res_scale, crop, passes, time_limit, beams, order, anisotropy, exposure, threads, bounces, checkpoint
+        res,
+        res_scale,
+        crop,
+        passes,
+        time_limit,
+        beams,
+        order,
+        anisotropy,
+        exposure,
+        threads,
+        bounces,
+        checkpoint,
+        snapshot,
     )
     _check_plates(holdout, holdout_channel, holdout_depth, holdout_scale, over, over_fog)
     eyes = _stereo(stereo, interaxial, convergence, view)
-    outputs = parse_outputs(output or (), picture or ())
+    part = parse_part(pass_range)
+    outputs = parse_outputs(output or (), picture or ()) if part is None else part_outputs(output or ())
     is_xml = scene.suffix.lower() == ".xml"
     if is_xml:
         check_given(context)
@@ -212,7 +252,8 @@ def render(
     _check_replaced(outputs, {"--holdout": holdout, "--over": over})
     asked = Asked(
         path=scene, outputs=outputs, layers=layers, exposure=exposure, frames=frames, skip_existing=skip_existing,
-        checkpoint=checkpoint, resume=resume,
+        checkpoint=checkpoint, resume=resume, snapshot=snapshot, part=part,
+        farm=_farm(workers, scheduler, threads, {"ca": tls_ca, "cert": tls_cert, "key": tls_key}),
         quality=Quality(
             passes=passes, time_limit=time_limit, beams=beams, bounces=bounces, estimator=estimator, rule=rule,
             order=order, pixel_filter=pixel_filter, seed=seed,
@@ -227,9 +268,9 @@ def render(
             over=over, fog=over_fog,
         ),
         device=device, threads=threads, progress=progress, dry_run=dry_run, quiet=quiet, verbose=verbose,
-        command=_command_line(),
+        command=options.command_line(),
     )  # fmt: skip
-    run(asked, MitsubaJob if is_xml else StageJob)
+    run(asked)
 
 
 def _stereo(stereo: bool, interaxial: float | None, convergence: float | None, view: ViewName | None) -> Stereo | None:
@@ -247,6 +288,22 @@ def _stereo(stereo: bool, interaxial: float | None, convergence: float | None, v
         return Stereo(interaxial, convergence)
     except SceneError as error:
         raise typer.BadParameter(f"--{error}") from None
+
+
+def _farm(
+    workers: int | None, scheduler: str | None, threads: int | None, tls: dict[str, Path | None]
+) -> FarmOptions | None:
+    """Return where the workers are, or None for this process alone."""
+    from ..farm.cluster import FarmOptions
+
+    files = {name: str(path) for name, path in tls.items() if path is not None}
+    if files and not (scheduler or "").startswith("tls://"):
+        raise typer.BadParameter("--tls-... are of a tls:// scheduler: expected --scheduler tls://ADDRESS, too")
+    if workers is None and scheduler is None:
+        return None
+    if workers is not None and scheduler is not None:
+        raise typer.BadParameter("--workers and --scheduler are two farms: expected one of them")
+    return FarmOptions(workers, scheduler, threads, tls=files)
 
 
 def _check_replaced(outputs: Sequence[Output], given: dict[str, str | None]) -> None:
@@ -273,8 +330,3 @@ def _check_plates(
         raise typer.BadParameter(f"--holdout-scale is {scale}: expected more than 0 and no more than 1e12")
     if fog and not over:
         raise typer.BadParameter("--over-fog is of a plate: expected --over, too")
-
-
-def _command_line() -> str:
-    """Return the command for the header of an EXR, whose text is UTF-8 whatever file names are."""
-    return shlex.join(["photonbeams", *sys.argv[1:]]).encode("utf-8", "replace").decode("utf-8")

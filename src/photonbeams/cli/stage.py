@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from .animation import Task, frame_numbers, tasks_of
 from .asked import Asked
@@ -13,8 +13,8 @@ from .programs import load_function, load_looks
 if TYPE_CHECKING:
     from ..images.frame import Frame
     from ..images.plates import Holdout, Plate
-    from ..render.checkpoint import Checkpoint
-    from ..render.passes import Progress
+    from ..render.frame_sums import FrameSums
+    from ..render.passes import Part, Progress
     from ..render.settings import Settings
     from ..shot import Shot
     from ..usd.settings import RenderSettings
@@ -101,12 +101,20 @@ class StageJob:
         seen_by = " and ".join(dict.fromkeys(each.name for each in self._shot.cameras(first.number)))
         return f"{self._asked.path} seen by {seen_by}, {width} x {height} pixels"
 
-    def render(self, task: Task, progress: Progress, checkpoint: Checkpoint | None) -> Frame:
-        """Return a frame."""
+    def render(self, task: Task, progress: Progress, **kept: Any) -> Frame:
+        """Return a frame; `kept` are more arguments of `Shot.render`."""
+        return self._shot.render(task.number, progress=progress, **kept, **self._given)
+
+    def part(self, task: Task, part: Part, progress: Progress) -> FrameSums:
+        """Return the sums of some passes of a frame."""
+        return self._shot.render_part(part, task.number, progress=progress, **self._given)
+
+    @property
+    def _given(self) -> dict[str, Any]:
+        """The arguments of `Shot.render` for all frames."""
         (width, height), asked, own = self._size, self._asked, self._own
-        return self._shot.render(
-            task.number, settings=self.settings, width=width, height=height,
-            crop=asked.crop or own.crop(width, height), progress=progress, checkpoint=checkpoint, view=asked.view,
-            holdout=self._end, over=self._plate, blur=not own.disable_motion_blur,
-            lens=not own.disable_depth_of_field,
-        )  # fmt: skip
+        return {
+            "settings": self.settings, "width": width, "height": height, "crop": asked.crop or own.crop(width, height),
+            "view": asked.view, "holdout": self._end, "over": self._plate, "blur": not own.disable_motion_blur,
+            "lens": not own.disable_depth_of_field,
+        }  # fmt: skip

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import typer
 
@@ -15,16 +15,17 @@ from .programs import load_looks
 
 if TYPE_CHECKING:
     from ..images.frame import Frame
-    from ..render.checkpoint import Checkpoint
-    from ..render.passes import Progress
+    from ..render.frame_sums import FrameSums
+    from ..render.passes import Part, Progress
     from ..render.settings import Settings
 
 #: Flags that a Mitsuba scene has a use for; the others are about stages.
 FLAGS = {
     "scene", "output", "picture", "layers", "frames", "camera", "list_cameras", "res", "res_scale", "crop", "passes",
     "time_limit", "beams", "bounces", "estimator", "rule", "order", "pixel_filter", "overrides", "exposure", "seed",
-    "threads", "device", "progress", "dry_run", "quiet", "verbose", "skip_existing", "checkpoint", "resume", "look",
-    "group", "session_layer", "stereo", "interaxial", "convergence", "view", "holdout", "holdout_channel",
+    "threads", "device", "progress", "dry_run", "quiet", "verbose", "skip_existing", "checkpoint", "resume", "snapshot",
+    "pass_range", "workers", "scheduler", "tls_ca", "tls_cert", "tls_key",
+    "look", "group", "session_layer", "stereo", "interaxial", "convergence", "view", "holdout", "holdout_channel",
     "holdout_depth", "holdout_scale", "over", "over_fog",
 }  # fmt: skip
 
@@ -93,14 +94,22 @@ class MitsubaJob:
         (width, height), shot = self._size, self._shot
         return f"{self._asked.path} seen by {shot.sensor.id() or shot.names[0]}, {width} x {height} pixels"
 
-    def render(self, task: Task, progress: Progress, checkpoint: Checkpoint | None) -> Frame:
-        """Return the frame."""
-        asked = self._asked
-        width, height = self._size
-        return self._shot.render(
-            task.number, settings=self.settings, width=width, height=height, crop=asked.crop, progress=progress,
-            checkpoint=checkpoint, view=asked.view, holdout=asked.plates.end(), over=asked.plates.plate(),
-        )  # fmt: skip
+    def render(self, task: Task, progress: Progress, **kept: Any) -> Frame:
+        """Return a frame; `kept` are more arguments of `Shot.render`."""
+        return self._shot.render(task.number, progress=progress, **kept, **self._given)
+
+    def part(self, task: Task, part: Part, progress: Progress) -> FrameSums:
+        """Return the sums of some passes of a frame."""
+        return self._shot.render_part(part, task.number, progress=progress, **self._given)
+
+    @property
+    def _given(self) -> dict[str, Any]:
+        """The arguments of `Shot.render` for all frames."""
+        (width, height), asked = self._size, self._asked
+        return {
+            "settings": self.settings, "width": width, "height": height, "crop": asked.crop, "view": asked.view,
+            "holdout": asked.plates.end(), "over": asked.plates.plate(),
+        }  # fmt: skip
 
 
 def _pairs(flag: str, texts: Sequence[str]) -> dict[str, str]:

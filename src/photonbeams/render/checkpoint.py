@@ -1,22 +1,22 @@
-"""Checkpoints: the state of a frame in a file, from which a later render resumes to the same bits."""
+"""Checkpoints: the sums of a frame in a file, from which a later render resumes to the same bits."""
 
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
+from dataclasses import replace
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
-
-import numpy as np
 
 from ..runtime.digest import digest
-from ..runtime.files import PathLike, atomic_path
-from ..scene import SceneError
-from .passes import Accumulating
+from ..runtime.files import PathLike
+from ..scene import Array, SceneError
+from .frame_sums import FrameSums
 
 
 class Checkpoint:
-    """A file for the state of a frame.
+    """A file for the sums of a frame.
 
     Parameters
     ----------
@@ -31,60 +31,58 @@ class Checkpoint:
     ----------
     passes
         Number of passes that the file has, if this render wrote it; else 0.
+    development
+        What sums need to become a picture, as arrays by name; a shot sets it.
     """
 
     def __init__(self, path: PathLike, every: float | None = 60.0, resume: bool = True) -> None:
         if every is not None and not (isinstance(every, int | float) and every > 0):
             raise SceneError(f"every is {every!r}: expected a positive number of seconds, or None")
         self.path, self.every, self.resume, self.passes = Path(path), every, resume, 0
-        self._about, self._written = "", time.perf_counter()
+        self.development: Mapping[str, Array] = {}
+        self._written = time.perf_counter()
 
     @classmethod
     def of(cls, given: PathLike | Checkpoint | None) -> Checkpoint | None:
         """Return a checkpoint, or the one at a path; None stays None."""
         return given if given is None or isinstance(given, cls) else cls(given)  # type: ignore[arg-type]
 
-    def begin(self, *about: Any) -> dict[str, np.ndarray] | None:
-        """Return the state to resume from, None to start anew.
-
-        `about` is everything that has to be the same for passes to be of one picture.
+    def begin(self, about: str) -> FrameSums | None:
+        """Return the sums to resume from, None to start anew; `about` is that of `FrameSums`.
 
         Raises
         ------
         SceneError
             The file is no checkpoint, or one of another picture.
         """
-        from importlib.metadata import version
-
-        self._about, self._written = digest(version("photonbeams"), *about), time.perf_counter()
+        self._written = time.perf_counter()
         if not self.resume or not self.path.is_file():
             return None
-        try:
-            with self.path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
-                state = {name: archive[name] for name in archive.files}
-                found = str(state.pop("about"))
-        except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
-            raise SceneError(f"{self.path}: expected a checkpoint of photonbeams: {error}") from None
-        if found != self._about:
+        sums = FrameSums.load(self.path)
+        if sums.about != about:
             raise SceneError(
                 f"{self.path}: is the checkpoint of another scene or of other settings: expected the same, or no "
                 "--resume"
             )
-        return state
+        return sums
 
     @property
     def due(self) -> bool:
         """Whether it is time to write."""
         return self.every is not None and time.perf_counter() - self._written >= self.every
 
-    def save(self, frame: Accumulating) -> None:
-        """Write the state of a frame that has at least one pass, unless the checkpoint is never written."""
-        if self.every is None or not frame.statistics.passes:
+    def save(self, sums: FrameSums) -> None:
+        """Write sums of at least one pass, unless the checkpoint is never written."""
+        if self.every is None or not len(sums):
             return
-        with atomic_path(self.path) as beside, beside.open("wb") as file:
-            np.savez(file, about=np.array(self._about), **frame.state())  # type: ignore[arg-type]
-        self.passes, self._written = frame.statistics.passes, time.perf_counter()
+        replace(sums, development=self.development).save(self.path)
+        self.passes, self._written = len(sums), time.perf_counter()
 
     def remove(self) -> None:
         """Remove the file, if there is one."""
         self.path.unlink(missing_ok=True)
+
+
+def identity(*about: Any) -> str:
+    """Return a hash of all that has to be the same for passes to be of one picture; the version is a part of it."""
+    return digest(version("photonbeams"), *about)

@@ -1,4 +1,4 @@
-"""A view's film: sums over the passes, through a reconstruction filter.
+"""A view's film: sums over the passes, through a reconstruction filter, and the layers that are developed from them.
 
 All pixels have the same sub-pixel offset in a pass, so a filter is a convolution. It is one of rows and then one of
 columns, by gathers, whose order is always the same.
@@ -18,7 +18,7 @@ from ..numerics.arrays import to_float
 from ..numerics.sampling import z_order
 from ..runtime.device import Array3f, Float, UInt32, mitsuba
 from ..scene import SceneError
-from .passes import Statistics
+from .sums import DEPTH, PassSums
 
 mi = mitsuba()
 
@@ -66,8 +66,8 @@ class Film:
     ----------
     order
         Numbers of the pixels, row by row, for their samples: the same ones in every crop window.
-    passes
-        Passes so far.
+    sums
+        The sums so far.
     """
 
     def __init__(
@@ -77,52 +77,50 @@ class Film:
         reconstruction: Any = None,
         groups: Mapping[str, str] | None = None,
     ) -> None:
-        self._shape, self._filter, self._groups = shape, reconstruction, dict(groups or {})
+        self.shape, self.groups, self._filter = shape, dict(groups or {}), reconstruction
         x, y = self._pixels()
         self.order = z_order(x + dr.opaque(UInt32, corner[0]), y + dr.opaque(UInt32, corner[1]))
         dr.eval(self.order)
-        self.passes = 0
-        self._sums: dict[str, Any] = {}
+        self.sums = PassSums()
 
-    def add(self, picture: PassPicture, offset: tuple[float, float], exposure: Any = 1.0) -> None:
-        """Add a pass whose samples lie at `offset` in each pixel; `exposure` multiplies its light."""
-        surface = picture.surface * exposure
-        beams = [(_BEAMS + group, radiance * exposure) for group, radiance in picture.beams]
-        values = [("surface", surface), ("alpha", picture.alpha), *beams]
+    def add(self, number: int, picture: PassPicture, offset: tuple[float, float], exposure: Any = 1.0) -> None:
+        """Add pass `number`, whose samples lie at `offset` in each pixel; `exposure` multiplies its light."""
+        values = {"surface": picture.surface * exposure, "alpha": picture.alpha}
+        for group, radiance in picture.beams:
+            name = _BEAMS + group
+            values[name] = values.get(name, 0) + radiance * exposure
         if picture.transmittance is not None:
-            values.append(("transmittance", picture.transmittance))
+            values["transmittance"] = picture.transmittance
+        light = sum((each for name, each in values.items() if name.startswith(_BEAMS)), values["surface"])
         if self._filter is not None:
             values = self._filtered(values, offset)
-        light = dr.dot(sum((radiance for _, radiance in beams), surface), Array3f(1 / 3))
-        for name, value in [*values, ("light", light), ("squares", light * light)]:
-            self._sums[name] = self._sum(name, type(value)) + value
-        if picture.depth is not None and "depth" not in self._sums:
-            self._sums["depth"] = picture.depth
-        dr.eval(self._sums)
-        self.passes += 1
+        light = dr.dot(light, Array3f(1 / 3))
+        values |= {"light": light, "squares": light * light}
+        if picture.depth is not None:
+            values[DEPTH] = picture.depth
+        dr.eval(values)
+        self.sums.add(number, {name: self._array(value) for name, value in values.items()})
 
-    def _sum(self, name: str, kind: Any) -> Any:
-        """Return a sum so far; in the first pass it is opaque, for a constant would need another kernel."""
-        if name not in self._sums:
-            self._sums[name] = dr.zeros(kind, self._shape[0] * self._shape[1])
-            dr.make_opaque(self._sums[name])
-        return self._sums[name]
+    def _array(self, value: Any) -> np.ndarray:
+        """Return a value of each pixel, (pixels,) or (3, pixels); of a constant, too."""
+        array = value.numpy()
+        return np.broadcast_to(array, (*array.shape[:-1], self.shape[0] * self.shape[1]))
 
     def _pixels(self) -> tuple[Any, Any]:
         """Return column and row of each pixel."""
-        index, columns = dr.arange(UInt32, self._shape[0] * self._shape[1]), dr.opaque(UInt32, self._shape[1])
+        index, columns = dr.arange(UInt32, self.shape[0] * self.shape[1]), dr.opaque(UInt32, self.shape[1])
         return index % columns, index // columns
 
-    def _filtered(self, values: Sequence[tuple[str, Any]], offset: tuple[float, float]) -> list[tuple[str, Any]]:
+    def _filtered(self, values: Mapping[str, Any], offset: tuple[float, float]) -> dict[str, Any]:
         """Return the pass's values around each pixel, times their weights, and the sum of these as "weight"."""
-        (x, y), (height, width) = self._pixels(), (dr.opaque(UInt32, each) for each in self._shape)
+        (x, y), (height, width) = self._pixels(), (dr.opaque(UInt32, each) for each in self.shape)
         rows, columns = (self._taps(each) for each in offset)
-        names, pictures = [name for name, _ in values], [value for _, value in values]
+        pictures = [*values.values()]
         dr.make_opaque(pictures)
         pictures, across = _convolved(pictures, rows, x, width, lambda column: y * width + column)
         dr.eval(pictures)
         pictures, down = _convolved(pictures, columns, y, height, lambda row: row * width + x)
-        return [*zip(names, pictures, strict=True), ("weight", across * down)]
+        return {**dict(zip(values, pictures, strict=True)), "weight": across * down}
 
     def _taps(self, offset: float) -> tuple[Any, list[Any]]:
         """Return the first neighbour in a row or column whose sample reaches a pixel, and the weights from there on.
@@ -141,69 +139,61 @@ class Film:
         From the passes' own differences, as if they were independent; they continue low-discrepancy sequences, so it
         tends to be less. NaN before there are two.
         """
-        if self.passes < 2:
-            return float("nan")
-        step = ceil(self._shape[0] * self._shape[1] / _MOST_PIXELS) | 1  # odd: not the same columns of every row
-        mean, squares = (self._sums[name].numpy()[::step] / self.passes for name in ("light", "squares"))
-        lit = mean > 0
-        variance = np.maximum(squares - mean * mean, 0)[lit] / (self.passes - 1)
-        return float(np.median(np.sqrt(variance) / mean[lit])) if lit.any() else 0.0
+        return relative_error(self.sums)
 
-    def state(self) -> dict[str, np.ndarray]:
-        """Return the state from which another film of the same view resumes, to the same bits."""
-        return {**{name: value.numpy() for name, value in self._sums.items()}, "passes": np.array(self.passes)}
-
-    def restore(self, state: Mapping[str, np.ndarray]) -> None:
-        """Resume from the state of another film; raise SceneError where that is of another picture."""
-        sums, count = {name: each for name, each in state.items() if name != "passes"}, self._shape[0] * self._shape[1]
-        complete = {"passes", "surface", "alpha", "light", "squares"} <= set(state)
-        same = complete and ("weight" in sums) is (self._filter is not None)
-        if not same or any(each.shape not in ((count,), (3, count)) for each in sums.values()):
+    def restore(self, sums: PassSums) -> None:
+        """Go on from the sums of another film; SceneError where they are of another picture."""
+        total, count = sums.total(), self.shape[0] * self.shape[1]
+        complete = {"surface", "alpha", "light", "squares"} <= set(total)
+        same = complete and ("weight" in total) is (self._filter is not None)
+        if not same or any(each.shape not in ((count,), (3, count)) for each in total.values()):
             raise SceneError("the checkpoint is of another picture")
-        self._sums = {
-            name: to_float(each) if each.ndim == 1 else Array3f(*map(to_float, each)) for name, each in sums.items()
-        }
-        self.passes = int(state["passes"])
+        self.sums = sums
 
     def layers(self) -> dict[str, np.ndarray]:
-        """Return the layers, (H, W, C) float32: means over the passes, in the order of `layer_names`."""
-        pictures = {name: self._picture(name) for name in self._sums}
-        scale = 1 / pictures["weight"] if "weight" in pictures else np.float32(1 / max(self.passes, 1))
-        black = np.zeros((*self._shape, 3), dtype=np.float32)
-        surface = pictures.get("surface", black) * scale
-        alpha = pictures.get("alpha", black[..., :1]) * scale
-        groups = {
-            name.removeprefix(_BEAMS): pictures[name] * scale for name in sorted(pictures) if name.startswith(_BEAMS)
-        }
-        beams = sum(groups.values(), black)
-        layers = {"rgba": np.concatenate([surface + beams, alpha], axis=2), "surface": surface, "beams": beams}
-        for group, name in self._groups.items():
-            # Black where no beam of the group was in a medium; a group called "default" is one with the unnamed one.
-            layers[name] = layers.get(name, 0) + groups.get(group, black)
-        if "transmittance" in pictures:
-            layers["transmittance"] = pictures["transmittance"] * scale
-        layers["depth"] = pictures.get("depth", np.full_like(alpha, np.inf))
-        return layers
-
-    def _picture(self, name: str) -> np.ndarray:
-        """Return a sum as (H, W, C)."""
-        value = self._sums[name].numpy().reshape(-1, *self._shape).transpose(1, 2, 0)
-        return np.ascontiguousarray(value)
+        """Return the layers so far."""
+        return develop(self.sums, self.shape, self.groups)
 
 
-def films_state(films: Sequence[Film], statistics: Statistics) -> dict[str, np.ndarray]:
-    """Return the state of a frame's films, and of its counts."""
-    counts = np.array([statistics.passes, statistics.beams, statistics.tests])
-    states = [(f"{view}/{name}", each) for view, film in enumerate(films) for name, each in film.state().items()]
-    return {"counts": counts, **dict(states)}
+def relative_error(sums: PassSums) -> float:
+    """Return the error of a film with these sums."""
+    if len(sums) < 2:
+        return float("nan")
+    total = sums.total(("light", "squares"))
+    step = ceil(total["light"].size / _MOST_PIXELS) | 1  # odd: not the same columns of every row
+    mean, squares = (total[name][::step] / len(sums) for name in ("light", "squares"))
+    lit = mean > 0
+    variance = np.maximum(squares - mean * mean, 0)[lit] / (len(sums) - 1)
+    return float(np.median(np.sqrt(variance) / mean[lit])) if lit.any() else 0.0
 
 
-def restore_films(films: Sequence[Film], statistics: Statistics, state: Mapping[str, np.ndarray]) -> None:
-    """Resume the films of a frame from a state; raise SceneError where that is of another picture."""
-    for view, film in enumerate(films):
-        own = f"{view}/"
-        film.restore({name.removeprefix(own): each for name, each in state.items() if name.startswith(own)})
-    statistics.passes, statistics.beams, statistics.tests = map(int, state["counts"])
+def develop(sums: PassSums, shape: tuple[int, int], groups: Mapping[str, str]) -> dict[str, np.ndarray]:
+    """Return the layers of a view, (H, W, C) float32: means over the passes, in the order of `layer_names`.
+
+    Raises
+    ------
+    SceneError
+        The sums are of another picture.
+    """
+    pictures = {
+        name: np.ascontiguousarray(each.reshape(-1, *shape).transpose(1, 2, 0)) for name, each in sums.total().items()
+    }
+    scale = 1 / pictures["weight"] if "weight" in pictures else np.float32(1 / max(len(sums), 1))
+    black = np.zeros((*shape, 3), dtype=np.float32)
+    surface = pictures.get("surface", black) * scale
+    alpha = pictures.get("alpha", black[..., :1]) * scale
+    by_group = {
+        name.removeprefix(_BEAMS): pictures[name] * scale for name in sorted(pictures) if name.startswith(_BEAMS)
+    }
+    beams = sum(by_group.values(), black)
+    layers = {"rgba": np.concatenate([surface + beams, alpha], axis=2), "surface": surface, "beams": beams}
+    for group, name in groups.items():
+        # Black where no beam of the group was in a medium; a group called "default" is one with the unnamed one.
+        layers[name] = layers.get(name, 0) + by_group.get(group, black)
+    if "transmittance" in pictures:
+        layers["transmittance"] = pictures["transmittance"] * scale
+    layers[DEPTH] = pictures.get(DEPTH, np.full_like(alpha, np.inf))
+    return layers
 
 
 def _convolved(

@@ -10,7 +10,6 @@ al. 2011).
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -23,6 +22,7 @@ from ..estimators.tiles import Projection
 from ..looks import LightContext
 from ..numerics.samples import Samples
 from ..runtime.device import Array3f, Bool, Float
+from ..scene import SceneError
 from ..transport.radii import Limits
 from ..transport.records import PhotonHits
 from ..transport.simulation import Tuning
@@ -30,11 +30,13 @@ from ..world.sensors import PrimaryRays
 from ..world.world import World
 from . import camera_paths
 from .camera_paths import CameraTracing, Lighting
-from .film import Film, PassPicture, films_state, restore_films
+from .film import Film, PassPicture
+from .frame_sums import FrameSums
 from .gathering import EstimatorOptions, Gathering
 from .passes import Statistics, pixel_offset
 from .photons import PhotonMaps
 from .settings import Settings
+from .sums import PassSums
 
 
 @dataclass(frozen=True)
@@ -68,15 +70,20 @@ class FrameRenderer(ABC):
 
     Attributes
     ----------
-    settings, statistics
-        How the frame is rendered, and the statistics so far.
+    settings, planned
+        How the frame is rendered, and for how many passes its samples are chosen; None: for any number.
+    statistics
+        The statistics so far.
+    about
+        What the passes are of, as `FrameSums` has it.
     """
 
-    def __init__(self, settings: Settings, max_depth: int | None) -> None:
-        self.settings, self.statistics = settings, Statistics()
+    def __init__(self, settings: Settings, max_depth: int | None, planned: int | None) -> None:
+        self.settings, self.planned, self.statistics = settings, planned, Statistics()
         self._max_depth = max_depth
         self._points = Points(settings.rule)
         self._films: list[Film] = []
+        self.about = ""
 
     @abstractmethod
     def _lighting(self, world: World) -> Lighting:
@@ -131,7 +138,7 @@ class FrameRenderer(ABC):
             if number == 0:
                 picture.depth = self._depth(view, film, samples, picture.depth)
             with statistics.phase("beams"):
-                film.add(picture, pixel_offset(number), dr.opaque(Float, rays.exposure))
+                film.add(number, picture, pixel_offset(number), dr.opaque(Float, rays.exposure))
         statistics.passes += 1
 
     def _pass_picture(
@@ -203,13 +210,31 @@ class FrameRenderer(ABC):
         """Return the relative standard error so far, of the view whose error is the largest."""
         return max(film.error() for film in self._films)
 
-    def state(self) -> dict[str, np.ndarray]:
-        """Return what another frame of the same content goes on from."""
-        return films_state(self._films, self.statistics)
+    def sums(self) -> FrameSums:
+        """Return the sums of the passes so far."""
+        statistics = self.statistics
+        views = [film.sums for film in self._films]
+        return FrameSums(views, self.planned, statistics.beams, statistics.tests, self.about)
 
-    def restore(self, state: Mapping[str, np.ndarray]) -> None:
-        """Go on from the state of another frame; raises SceneError where that is of another picture."""
-        restore_films(self._films, self.statistics, state)
+    @property
+    def groups(self) -> dict[str, str]:
+        """The layer of each light group."""
+        return self._films[0].groups
+
+    def clear(self) -> None:
+        """Begin anew, without passes."""
+        self.statistics = Statistics()
+        for film in self._films:
+            film.sums = PassSums()
+
+    def restore(self, sums: FrameSums) -> None:
+        """Go on from the sums of another frame; SceneError where they are of another picture."""
+        if len(sums.views) != len(self._films):
+            raise SceneError("the checkpoint is of another picture")
+        for film, each in zip(self._films, sums.views, strict=True):
+            film.restore(each)
+        statistics = self.statistics
+        statistics.passes, statistics.beams, statistics.tests = len(sums), sums.beams, sums.tests
 
 
 class _CameraImage:

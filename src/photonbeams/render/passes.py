@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+from typing import TYPE_CHECKING, Protocol, TypeVar
 
 import drjit as dr
 import numpy as np
 
 if TYPE_CHECKING:
     from .checkpoint import Checkpoint
+    from .frame_sums import FrameSums
     from .settings import Settings
 
 # Width of a beam in spacings of its neighbours in the first pass. One pass of 4,096 beams of the comparison scene is
@@ -57,10 +58,52 @@ class Statistics:
 Progress = Callable[[int, Statistics], None]
 
 
+@dataclass(frozen=True)
+class Part:
+    """Some of the passes of a frame, for which `planned` passes are planned; None: nobody knows how many."""
+
+    numbers: range
+    planned: int | None
+
+
+@dataclass(frozen=True)
+class Watched:
+    """What is told and kept of a frame while it is rendered.
+
+    Attributes
+    ----------
+    progress
+        Called before each pass and after the last; where it raises KeyboardInterrupt, the checkpoint is written first.
+    checkpoint
+        Where passes are kept on the way and resumed from.
+    snapshot
+        Called likewise, once there is a pass, with what returns the sums so far.
+    part
+        Which passes; None: all. Those that the checkpoint has are not rendered again.
+    kept
+        The last frame that was begun, by what it is of: another part of it goes on with its world. None: not kept.
+    """
+
+    progress: Progress | None = None
+    checkpoint: Checkpoint | None = None
+    snapshot: Callable[[Callable[[], FrameSums]], None] | None = None
+    part: Part | None = None
+    kept: dict[tuple[str, int | None], Accumulating] | None = None
+
+    @property
+    def named(self) -> bool:
+        """Whether the passes have to say what they are of."""
+        return self.checkpoint is not None or self.part is not None
+
+
+UNWATCHED = Watched()
+
+
 class Accumulating(Protocol):
-    """A frame to which passes are added."""
+    """A frame to which passes are added; `about` is that of its `FrameSums`."""
 
     statistics: Statistics
+    about: str
 
     def add_pass(self, number: int) -> None:
         """Add pass `number`, and count it."""
@@ -68,60 +111,91 @@ class Accumulating(Protocol):
     def error(self) -> float:
         """Return the relative standard error so far, NaN where that is not known."""
 
-    def state(self) -> dict[str, np.ndarray]:
-        """Return what another frame goes on from."""
+    def sums(self) -> FrameSums:
+        """Return the sums so far."""
 
-    def restore(self, state: Mapping[str, np.ndarray]) -> None:
-        """Go on from the state of another frame."""
+    def restore(self, sums: FrameSums) -> None:
+        """Go on from the sums of another frame."""
+
+    def clear(self) -> None:
+        """Begin anew, without passes."""
 
 
 Rendered = TypeVar("Rendered", bound=Accumulating)
 
 
 def accumulate(
-    begin: Callable[[], Rendered],
+    begin: Callable[[int | None], Rendered],
     settings: Settings,
-    progress: Progress | None = None,
-    checkpoint: Checkpoint | None = None,
-    about: Sequence[Any] = (),
+    watched: Watched,
+    about: str = "",
 ) -> Rendered:
     """Return a frame with all its passes, or with those that were begun within the time limit: at least one.
 
-    `begin` returns the frame, which resumes from the checkpoint if that holds passes of the same picture, described by
-    `about`. `progress` is called before each pass and after the last; where it raises KeyboardInterrupt, the checkpoint
-    is written first.
+    Parameters
+    ----------
+    begin
+        Returns the frame without passes, given how many are planned, None where nobody knows.
+    settings
+        Passes and time limit.
+    watched
+        Which passes, and what is told of them and kept on the way.
+    about
+        What the passes are of, as `FrameSums` has it.
     """
-    state = None if checkpoint is None else checkpoint.begin(*about)
+    checkpoint = watched.checkpoint
+    part = watched.part or Part(range(settings.passes), None if settings.time_limit is not None else settings.passes)
+    saved = None if checkpoint is None else checkpoint.begin(about)
     start, limit = time.perf_counter(), settings.time_limit
     with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
         dr.kernel_history_clear()
-        frame = begin()
-        if state is not None:
-            frame.restore(state)
-        for number in range(frame.statistics.passes, settings.passes):
-            _tell(frame, settings, progress, checkpoint)
+        frame = _begun(begin, watched.kept, about, part.planned if saved is None else saved.planned)
+        if saved is not None:
+            frame.restore(saved)
+        there = [] if saved is None else saved.ranges()
+        todo = [number for number in part.numbers if not any(number in each for each in there)]
+        for number in todo:
+            _tell(frame, watched)
             frame.add_pass(number)
             frame.statistics.count_kernels()
             if limit is not None and time.perf_counter() - start > limit:
                 break
-    _tell(frame, settings, progress, checkpoint)
+            if checkpoint is not None and checkpoint.due and number != todo[-1]:
+                checkpoint.save(frame.sums())
+    _tell(frame, watched)
     frame.statistics.error = _known(frame.error())
     return frame
 
 
-def _tell(frame: Accumulating, settings: Settings, progress: Progress | None, checkpoint: Checkpoint | None) -> None:
-    """Report progress, and write the checkpoint where that is due."""
+def _begun(
+    begin: Callable[[int | None], Rendered], kept: dict[tuple[str, int | None], Accumulating] | None, about: str,
+    planned: int | None,
+) -> Rendered:  # fmt: skip
+    """Return a frame without passes: the one that is kept, if it is of the same picture."""
+    if kept is not None and (about, planned) in kept:
+        kept[about, planned].clear()
+        return kept[about, planned]  # type: ignore[return-value]
+    frame = begin(planned)
+    frame.about = about
+    if kept is not None:
+        kept.clear()
+        kept[about, planned] = frame
+    return frame
+
+
+def _tell(frame: Accumulating, watched: Watched) -> None:
+    """Tell of the passes so far; where Ctrl-C was pressed, write the checkpoint."""
     statistics = frame.statistics
     try:
-        if progress is not None:
+        if watched.progress is not None:
             statistics.error = _known(frame.error())
-            progress(statistics.passes, statistics)
+            watched.progress(statistics.passes, statistics)
+        if watched.snapshot is not None and statistics.passes:
+            watched.snapshot(frame.sums)
     except KeyboardInterrupt:
-        if checkpoint is not None:
-            checkpoint.save(frame)
+        if watched.checkpoint is not None:
+            watched.checkpoint.save(frame.sums())
         raise
-    if checkpoint is not None and checkpoint.due and 0 < statistics.passes < settings.passes:
-        checkpoint.save(frame)
 
 
 def _known(error: float) -> float | None:

@@ -17,11 +17,11 @@ from ..world.sources import Source
 from ..world.warnings import warn
 from ..world.world import World
 from .camera_paths import Lighting
-from .checkpoint import Checkpoint
+from .checkpoint import identity
 from .film import Film, group_layers, reconstruction_filter
 from .frame import FrameRenderer, Simulated, ViewRays
 from .holdouts import HoldoutDepth
-from .passes import Progress, accumulate, pixel_offset
+from .passes import UNWATCHED, Watched, accumulate, pixel_offset
 from .scene_lighting import SceneLighting
 from .settings import DEFAULT_PATHS, DEFAULTS, Settings
 
@@ -50,7 +50,7 @@ class SceneRenderer(FrameRenderer):
         self, plugin: Any, sensor: Any, settings: Settings, warned: set[str] | None = None,
         extras: Extras | None = None,
     ) -> None:  # fmt: skip
-        super().__init__(settings, settings.depth())
+        super().__init__(settings, settings.depth(), None)
         extras = extras or Extras()
         self._sensors = [Sensor(sensor, eye) for eye in extras.eyes or (None,)]
         self._holdouts: Sequence[HoldoutDepth | None] = extras.holdouts or [None] * len(self._sensors)
@@ -155,8 +155,7 @@ def render(
     plugin: Any,
     sensor: Any,
     settings: Settings = DEFAULTS,
-    progress: Progress | None = None,
-    checkpoint: Checkpoint | None = None,
+    watched: Watched = UNWATCHED,
     content: str = "",
     warned: set[str] | None = None,
     extras: Extras | None = None,
@@ -169,10 +168,10 @@ def render(
         Mitsuba's scene and sensor.
     settings
         Passes, light paths, radii.
-    progress
-        Called with the number of finished passes, before the first and after each.
-    checkpoint, content
-        Where passes are kept on the way, and a hash of what is rendered: passes of another content are refused.
+    watched
+        Which passes, and what is told of them and kept on the way.
+    content
+        A hash of what is rendered: passes of another content are refused.
     warned
         Texts of warnings that were given, and are not given again.
     extras
@@ -184,10 +183,12 @@ def render(
         Something in the scene that cannot be rendered.
     """
     own = extras or Extras()
-    about = [
-        content, sensor.id(), window_of(sensor.film()), replace(settings, passes=1, time_limit=None),
-        own.beams, own.eyes, [each.depth for each in own.holdouts],
-    ]  # fmt: skip
-    return accumulate(
-        lambda: SceneRenderer(plugin, sensor, settings, warned, extras), settings, progress, checkpoint, about
-    )
+    about = "" if not watched.named else identity(
+        content, sensor.id(), window_of(sensor.film()), replace(settings, passes=1, time_limit=None), own.beams,
+        own.eyes, [each.depth for each in own.holdouts],
+    )  # fmt: skip
+
+    def begin(_: int | None) -> SceneRenderer:
+        return SceneRenderer(plugin, sensor, settings, warned, extras)
+
+    return accumulate(begin, settings, watched, about)

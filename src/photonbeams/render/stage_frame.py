@@ -25,12 +25,12 @@ from ..world.shutter import Moment, Shutter, slice_of, turn, with_lens
 from ..world.stage_world import StageWorld
 from ..world.world import World
 from .camera_paths import Lighting
-from .checkpoint import Checkpoint
+from .checkpoint import identity
 from .film import Film, group_layers, reconstruction_filter
 from .film import layer_names as names_of
 from .frame import FrameRenderer, Simulated, ViewRays
 from .holdouts import HoldoutDepth
-from .passes import Progress, accumulate, pixel_offset
+from .passes import UNWATCHED, Watched, accumulate, pixel_offset
 from .settings import DEFAULTS, Settings
 from .stage_lighting import StageLighting
 
@@ -46,9 +46,8 @@ def render(
     shutter: Shutter,
     window: Window,
     settings: Settings = DEFAULTS,
-    progress: Progress | None = None,
+    watched: Watched = UNWATCHED,
     holdouts: Sequence[HoldoutDepth] = (),
-    checkpoint: Checkpoint | None = None,
     content: str = "",
     viewers: Callable[[], Sequence[scene.Camera]] | None = None,
 ) -> StageRenderer:
@@ -60,12 +59,12 @@ def render(
         What is seen, from where, and how large.
     settings
         Passes, estimator, seed.
-    progress
-        Called with the number of finished passes, before the first and after each.
+    watched
+        Which passes, and what is told of them and kept on the way.
     holdouts
         For each view, where beams end, instead of at the scene's own surfaces: these are not seen then, but stop light.
-    checkpoint, content
-        Where passes are kept on the way, and a hash of what is rendered: passes of another content are refused.
+    content
+        A hash of what is rendered: passes of another content are refused.
     viewers
         Returns the cameras of all frames, for which emission is guided; None: those of this frame.
 
@@ -78,29 +77,21 @@ def render(
     description = shutter.at(0.0).scene
     check(description)
     _check_memory(description, window, settings)
-    about = [content, *_identity(shutter, window, settings, holdouts)]
-    return accumulate(
-        lambda: StageRenderer(shutter, window, settings, holdouts, viewers), settings, progress, checkpoint, about
-    )
+
+    def begin(planned: int | None) -> StageRenderer:
+        return StageRenderer(shutter, window, settings, holdouts, viewers, planned)
+
+    about = identity(content, *_identity(shutter, window, settings, holdouts)) if watched.named else ""
+    return accumulate(begin, settings, watched, about)
 
 
 def _identity(shutter: Shutter, window: Window, settings: Settings, holdouts: Sequence[HoldoutDepth]) -> list[Any]:
     """Return what, beside a shot's content, has to be the same for passes to be of one picture."""
     program = settings.program and (settings.program.modifier, settings.program.frame)
     return [
-        shutter.moving and _slices(settings), _block(settings), shutter.at(0.0).cameras, window, program,
+        shutter.moving, shutter.at(0.0).cameras, window, program,
         replace(settings, passes=1, time_limit=None, program=None), [each.depth for each in holdouts],
     ]  # fmt: skip
-
-
-def _slices(settings: Settings) -> int | None:
-    """Return into how many slices the shutter is divided; None where nobody knows how many passes there will be."""
-    return None if settings.time_limit is not None else settings.passes
-
-
-def _block(settings: Settings) -> int:
-    """Return the length of the part of a sample sequence that each pixel has: a power of two, for all passes."""
-    return 1 << (settings.passes - 1).bit_length()
 
 
 def simulate(
@@ -114,7 +105,7 @@ def simulate(
         description = shutter.at(0.0).scene
     check(description)
     _check_memory(description, window, settings)
-    return StageRenderer(shutter, window, settings, viewers=viewers).simulated(number).sets
+    return StageRenderer(shutter, window, settings, (), viewers, settings.passes).simulated(number).sets
 
 
 def _in_vacuum(at: Callable[[float], Moment]) -> Callable[[float], Moment]:
@@ -183,10 +174,10 @@ def _check_memory(description: scene.Scene, window: Window, settings: Settings) 
 
 def layer_names(description: scene.Scene) -> list[str]:
     """Return the names of a frame's layers, in their order."""
-    return names_of(_group_layers(description))
+    return names_of(groups_of(description))
 
 
-def _group_layers(description: scene.Scene) -> dict[str, str]:
+def groups_of(description: scene.Scene) -> dict[str, str]:
     """Return the layer of each light group of the shot."""
     groups = {light.group for light in description.lights if light.emits_beams}
     return group_layers(groups | {drawn.group for drawn in description.drawn} | description.groups)
@@ -205,15 +196,17 @@ class StageRenderer(FrameRenderer):
         For each view, where beams end, instead of at the scene's own surfaces: these are not seen then, but stop light.
     viewers
         Returns the cameras of all frames, for which emission is guided; None: those of this frame.
+    planned
+        How many passes share the shutter interval and each pixel's sequence of samples; further ones begin anew. None:
+        nobody knows how many there will be.
     """
 
     def __init__(
         self, shutter: Shutter, window: Window, settings: Settings, holdouts: Sequence[HoldoutDepth] = (),
-        viewers: Callable[[], Sequence[scene.Camera]] | None = None,
+        viewers: Callable[[], Sequence[scene.Camera]] | None = None, planned: int | None = None,
     ) -> None:  # fmt: skip
-        super().__init__(settings, settings.depth(2 + shutter.at(0.0).scene.bounces))
+        super().__init__(settings, settings.depth(2 + shutter.at(0.0).scene.bounces), planned)
         self._shutter, self._window = shutter, window
-        self._slices = _slices(settings)
         ends = shutter.ends(0.0, 1.0)
         self._eyes = [np.asarray(camera.to_world)[:3, 3] for moment in ends for camera in moment.cameras]
         self._worlds: list[StageWorld] = []
@@ -230,7 +223,7 @@ class StageRenderer(FrameRenderer):
             with self.statistics.phase("guide"):
                 views = [View(camera, whole).projection for camera in (viewers() if viewers else ends[0].cameras)]
                 self._simulation = self._simulation.guided(self._worlds[0], views)
-        reconstruction, groups = reconstruction_filter(settings.pixel_filter), _group_layers(ends[0].scene)
+        reconstruction, groups = reconstruction_filter(settings.pixel_filter), groups_of(ends[0].scene)
         self._films = [Film(window.shape, window.crop[:2], reconstruction, groups) for _ in ends[0].cameras]
         self._holdouts: Sequence[HoldoutDepth | None] = holdouts or [None] * len(self._films)
         self._turned = False
@@ -247,20 +240,24 @@ class StageRenderer(FrameRenderer):
         return world
 
     def _samples(self, number: int) -> Samples:
-        if self._slices is None:
+        if self.planned is None:
             return super()._samples(number)
-        return Samples(self.settings.seed, number, min(_block(self.settings).bit_length() - 1, BITS))
+        return Samples(self.settings.seed, number, min((self.planned - 1).bit_length(), BITS))
+
+    def _slice(self, number: int) -> tuple[float, float]:
+        """Return the slice of the shutter interval that a pass covers, as fractions."""
+        return slice_of(number if self.planned is None else number % self.planned, self.planned)
 
     def _times(self, number: int) -> list[float]:
         """Return the fractions of the shutter at which a pass opens and, where anything moves, closes."""
-        return [*slice_of(number, self._slices)] if self._shutter.moving else [0.0]
+        return [*self._slice(number)] if self._shutter.moving else [0.0]
 
     def _between(self, number: int) -> Moment:
         times = self._times(number)
         return self._shutter.at(0.5 * (times[0] + times[-1]))
 
     def _clock(self, number: int) -> tuple[float, float]:
-        return self._shutter.clock(0.5 * sum(slice_of(number, self._slices)))
+        return self._shutter.clock(0.5 * sum(self._slice(number)))
 
     def _lighting(self, world: World) -> Lighting:
         assert isinstance(world, StageWorld)

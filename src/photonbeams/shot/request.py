@@ -2,36 +2,71 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+from ..images.frame import Frame
 from ..images.plates import Depth, Holdout, Plate, part_of
+from ..render.checkpoint import Checkpoint
+from ..render.passes import Part, Progress, Watched
+from ..render.settings import Settings
+from ..runtime.files import PathLike
 from ..scene import Array
+from .development import Development
 
 if TYPE_CHECKING:
-    from ..render.checkpoint import Checkpoint
-    from ..render.passes import Progress
-    from ..render.settings import Settings
+    from ..render.frame_sums import FrameSums
     from ..world.cameras import Window
+
+#: Told after each pass, with what returns the frame so far.
+Snapshot = Callable[[Callable[[], Frame]], None]
 
 
 @dataclass(frozen=True, kw_only=True)
 class FrameRequest:
-    """The arguments of `Shot.render`, checked as far as they do not depend on the shot."""
+    """The arguments of `Shot.render`, checked as far as they do not depend on the shot.
+
+    `part` are the passes to render, None: all; `kept` is what `Watched` keeps for further parts.
+    """
 
     frame: float | None
     settings: Settings
-    width: int | None
-    height: int | None
-    crop: Sequence[float] | None
-    progress: Progress | None
-    checkpoint: Checkpoint | None
-    blur: bool
-    lens: bool
-    view: str | None
-    holdout: Holdout | None
-    over: Plate | None
+    width: int | None = None
+    height: int | None = None
+    crop: Sequence[float] | None = None
+    progress: Progress | None = None
+    checkpoint: Checkpoint | None = None
+    snapshot: Snapshot | None = None
+    blur: bool = True
+    lens: bool = True
+    view: str | None = None
+    holdout: Holdout | None = None
+    over: Plate | None = None
+    part: Part | None = None
+    kept: dict[Any, Any] | None = None
+
+    @classmethod
+    def of(
+        cls,
+        frame: float | None,
+        settings: Settings,
+        *,
+        checkpoint: PathLike | Checkpoint | None = None,
+        holdout: PathLike | Array | Holdout | None = None,
+        over: PathLike | Array | Plate | None = None,
+        **given: Any,
+    ) -> FrameRequest:
+        """Return the request that these arguments of `Shot.render` make."""
+        return cls(
+            frame=frame, settings=settings, checkpoint=Checkpoint.of(checkpoint), holdout=Holdout.of(holdout),
+            over=Plate.of(over), **given,
+        )  # fmt: skip
+
+    @property
+    def named(self) -> bool:
+        """Whether the passes have to say what they are of."""
+        return self.checkpoint is not None or self.part is not None
 
     def read_plates(
         self, number: float, views: Sequence[str], size: tuple[int, int], warn: Callable[[str], None]
@@ -40,8 +75,21 @@ class FrameRequest:
         depths = [] if self.holdout is None else self.holdout.read(number, views, size, warn)
         return depths, [] if self.over is None else self.over.read_whole(number, views, size, warn)
 
-    def composite(self, pictures: Sequence[dict[str, Array]], pixels: Sequence[Array], window: Window) -> None:
-        """Put the layers `rgba` of each view over the plate's pixels, if there are any."""
-        if self.over is not None and pixels:
-            for layers, each in zip(pictures, pixels, strict=True):
-                layers["rgba"] = self.over.composite(layers, part_of(each, window))
+    def development(
+        self, groups: Mapping[str, str], views: Mapping[str, Mapping[str, Any]], pixels: Sequence[Array], window: Window
+    ) -> Development:
+        """Return how the frame's sums become a picture; `pixels` are those of the plate, if there are any."""
+        plates = [part_of(each, window) for each in pixels]
+        return Development(window.shape, groups, views, plates, self.over is not None and self.over.fog)
+
+    def watched(self, development: Development) -> Watched:
+        """Return what is told and kept of the frame while it is rendered."""
+        if self.checkpoint is not None:
+            self.checkpoint.development = development.state()
+        snapshot = self.snapshot
+
+        def told(sums: Callable[[], FrameSums]) -> None:
+            assert snapshot is not None
+            snapshot(lambda: development.frame(sums()))
+
+        return Watched(self.progress, self.checkpoint, told if snapshot else None, self.part, self.kept)

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .. import scene
-from ..images.frame import Frame, pixels_of
+from ..images.frame import pixels_of
 from ..images.numbering import PLACEHOLDER, numbered
 from ..runtime.digest import digest
 from ..runtime.files import PathLike
@@ -20,12 +20,14 @@ from ..usd.header import origin
 from ..usd.reading import LOG
 from ..usd.scene_layers import SceneLayers
 from ..usd.stereo import EYES, Stereo, check_stereo, split, views_of
-from .request import FrameRequest
 from .shot import Shot
 
 if TYPE_CHECKING:
     from ..looks import Look
+    from ..render.frame import FrameRenderer
     from ..render.settings import Settings
+    from .development import Development
+    from .request import FrameRequest
 
 # The max_depth of Mitsuba's integrators whose paths have any length.
 _ANY_DEPTH = 0xFFFFFFFF
@@ -79,6 +81,7 @@ class SceneShot(Shot):
         self._looks: dict[str, Look] = {}
         self._open: tuple[Path | None, Any] = (None, None if self.path else subject)
         self._warned: set[Any] = set()
+        self._kept = {}
         if self.path is None or not PLACEHOLDER.search(self.path.name):
             self.load()
 
@@ -233,9 +236,8 @@ class SceneShot(Shot):
         self.load(frame)
         return self.settings()
 
-    def _render(self, request: FrameRequest) -> Frame:
-        """Render a frame of the scene."""
-        from ..render.scene_frame import Extras, render
+    def _render(self, request: FrameRequest) -> tuple[FrameRenderer, Development]:
+        from ..render.scene_frame import Extras, groups_of, render
         from ..world.sensors import Sensor
 
         frame, settings = request.frame, request.settings
@@ -250,29 +252,24 @@ class SceneShot(Shot):
             sensors = [Sensor(self.sensor, each) for each in shown] or [Sensor(self.sensor)]
             ends = [each.seen_by(_view(sensor)) for each, sensor in zip(depths, sensors, strict=False)]
             extras = Extras(self._beams, shown, ends)
-            about = "" if request.checkpoint is None else self.content(frame)
-            done = render(
-                self.plugin, self.sensor, settings, request.progress, request.checkpoint, about, self._warned, extras
-            )
-            pictures = done.views()
-            request.composite(pictures, pixels, sensors[0].window)
-            views = {
-                name: (layers, self._header(sensor, settings, done.statistics.passes, frame))
-                for name, sensor, layers in zip(names, sensors, pictures, strict=True)
-            }
-        return Frame.of(views, done.statistics)
+            views = {name: self._header(sensor, settings, frame) for name, sensor in zip(names, sensors, strict=True)}
+            groups = groups_of(self.plugin, self._beams)
+            development = request.development(groups, views, pixels, sensors[0].window)
+            about = self.content(frame) if request.named else ""
+            watched = request.watched(development)
+            done = render(self.plugin, self.sensor, settings, watched, about, self._warned, extras)
+        return done, development
 
     def _number(self, frame: float | None) -> float:
         return 0.0 if frame is None else float(frame)
 
-    def _header(self, sensor: Any, settings: Settings, passes: int, frame: float | None) -> dict[str, Any]:
+    def _header(self, sensor: Any, settings: Settings, frame: float | None) -> dict[str, Any]:
         """Return the metadata of a view for an EXR's header."""
         return {
             **(sensor.view.matrices() if sensor.view is not None else {}),
             **origin(self.path.name if self.path else "", frame),
             "camera": self.sensor.id() or self.names[0],
             "seed": settings.seed,
-            "passes": passes,
             **sensor.window.header(),
         }
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import weakref
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
@@ -24,7 +24,6 @@ from ..usd.looks import LookSpec
 from ..usd.motion import Exposure
 from ..usd.reading import LOG, file_of, frame_number
 from ..usd.stereo import EYES, Stereo, check_stereo, read_eyes, views_of
-from .request import FrameRequest
 
 if TYPE_CHECKING:
     from pxr import Usd
@@ -33,9 +32,13 @@ if TYPE_CHECKING:
     from ..beams.sets import BeamSet
     from ..looks import Look
     from ..render.checkpoint import Checkpoint
-    from ..render.passes import Progress
+    from ..render.frame import FrameRenderer
+    from ..render.frame_sums import FrameSums
+    from ..render.passes import Part, Progress
     from ..render.settings import Settings, SettingsArguments
     from ..scene import Array
+    from .development import Development
+    from .request import FrameRequest, Snapshot
 
 DEFAULT_WIDTH = 1280
 
@@ -121,6 +124,7 @@ class Shot:
         self._stage_digest: str | None = None
         self._warned: set[Any] = set()
         self._looks: dict[str, Any] = {}
+        self._kept: dict[Any, Any] = {}  # the frame whose parts were rendered last
         self._set_content(stage)
 
     def _set_content(self, stage: Any) -> None:
@@ -405,6 +409,7 @@ class Shot:
         crop: Sequence[float] | None = None,
         progress: Progress | None = None,
         checkpoint: PathLike | Checkpoint | None = None,
+        snapshot: Snapshot | None = None,
         blur: bool = True,
         lens: bool = True,
         view: str | None = None,
@@ -431,6 +436,8 @@ class Shot:
         checkpoint
             A file for the passes that are done, written every minute: the same render goes on from there, to the same
             bits. It stays, and is to be removed once the frame is written. Or what `Checkpoint` describes.
+        snapshot
+            Called after each pass with a function that returns the frame so far.
         blur, lens
             Whether what moves while the shutter is open blurs, or all is as at the frame's own time; and whether what
             is out of focus blurs. Nothing in a Mitsuba scene moves.
@@ -457,24 +464,42 @@ class Shot:
         OSError
             A holdout or a plate that is not there, or may not be read.
         """
-        from ..render.checkpoint import Checkpoint
-        from ..render.settings import Settings
-
-        named = {**given} if passes is None else {**given, "passes": passes}
-        request = FrameRequest(
-            frame=frame, settings=Settings.of(self._settings(frame) if settings is None else settings, named),
-            width=width, height=height, crop=crop, progress=progress, checkpoint=Checkpoint.of(checkpoint), blur=blur,
-            lens=lens, view=view, holdout=Holdout.of(holdout), over=Plate.of(over),
+        request = self._request(
+            frame, passes, settings, given, width=width, height=height, crop=crop, progress=progress,
+            checkpoint=checkpoint, snapshot=snapshot, blur=blur, lens=lens, view=view, holdout=holdout, over=over,
         )  # fmt: skip
-        return self._render(request)
+        done, development = self._render(request)
+        return development.frame(done.sums(), done.statistics)
+
+    def render_part(
+        self, part: Part, frame: float | None = None, *, settings: Settings | None = None, **given: Any
+    ) -> FrameSums:
+        """Return the sums of some of a frame's passes, which join to those of all; arguments are those of `render`."""
+        from .request import FrameRequest
+
+        names = {each.name for each in fields(FrameRequest)}
+        own = {name: given.pop(name) for name in names & given.keys()}
+        done, development = self._render(self._request(frame, None, settings, given, part=part, kept=self._kept, **own))
+        return replace(done.sums(), development=development.state())
+
+    def _request(
+        self, frame: float | None, passes: int | None, settings: Settings | None, by_name: Mapping[str, Any], **own: Any
+    ) -> FrameRequest:
+        """Return the request of `render`'s arguments."""
+        from ..render.settings import Settings
+        from .request import FrameRequest
+
+        named = {**by_name} if passes is None else {**by_name, "passes": passes}
+        chosen = Settings.of(self._settings(frame) if settings is None else settings, named)
+        return FrameRequest.of(frame, chosen, **own)
 
     def _settings(self, frame: float | None) -> Settings | None:
         """Return the shot's own settings, or None for the defaults."""
         return None
 
-    def _render(self, request: FrameRequest) -> Frame:
-        """Render a frame of the stage."""
-        from ..render.stage_frame import render
+    def _render(self, request: FrameRequest) -> tuple[FrameRenderer, Development]:
+        """Return the passes of a frame, and how they become a picture."""
+        from ..render.stage_frame import groups_of, render
         from ..world.cameras import View, Window
 
         frame, number = request.frame, self._number(request.frame)
@@ -488,23 +513,18 @@ class Shot:
         content, cameras = exposure(0.0)
         self.check(content, frame)
         settings = self._programmed(request.settings, frame, exposure)
+        seen = [View(cameras[eye], window) for eye in eyes]
+        facts = {**self._time_header(frame, exposure), "seed": settings.seed, **window.header()}
+        headers = {
+            name: {**view.matrices(), **facts, "camera": view.camera.name}
+            for name, view in zip(names, seen, strict=True)
+        }
+        development = request.development(groups_of(content), headers, pixels, window)
+        ends = [each.seen_by(view) for each, view in zip(depths, seen, strict=False)]
+        about = self.content(frame) if request.named else ""
         shutter = exposure.shutter(eyes, self._rate())
-        ends = [each.seen_by(View(cameras[eye], window)) for each, eye in zip(depths, eyes, strict=False)]
-        about = "" if request.checkpoint is None else self.content(frame)
-        done = render(shutter, window, settings, request.progress, ends, request.checkpoint, about, self._viewers)
-        pictures = done.views()
-        request.composite(pictures, pixels, window)
-        facts = {
-            **self._time_header(frame, exposure),
-            "seed": settings.seed,
-            "passes": done.statistics.passes,
-            **window.header(),
-        }
-        views = {
-            name: (layers, {**View(cameras[eye], window).matrices(), **facts, "camera": cameras[eye].name})
-            for name, eye, layers in zip(names, eyes, pictures, strict=True)
-        }
-        return Frame.of(views, done.statistics)
+        done = render(shutter, window, settings, request.watched(development), ends, about, self._viewers)
+        return done, development
 
     def _rate(self) -> float:
         """Return the time codes in a second."""

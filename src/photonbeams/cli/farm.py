@@ -1,0 +1,156 @@
+"""`photonbeams render --workers N`, or `--scheduler ADDRESS`: frames by a farm."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+from ..farm.cluster import FarmOptions, connected
+from ..farm.run import Farm, FarmFrame, FarmState, FarmWork
+from ..render.frame_sums import FrameSums
+from ..runtime.digest import digest
+from ..scene import SceneError
+from .animation import FrameError, Task, report_line
+from .asked import Asked
+from .outputs import checkpoint_of, snapshots_of, write_frame
+from .progress import counted, farm_bar, frame_line, snapshots
+
+if TYPE_CHECKING:
+    from ..farm.work import Opened
+    from ..render.passes import Statistics
+    from .job import Job
+
+
+@dataclass(frozen=True)
+class Request:
+    """What a worker is sent: the flags, which frame is the first one, and how many threads it has."""
+
+    asked: Asked
+    first: int
+    threads: int | None
+
+
+def open_scene(request: Request) -> Opened:
+    """Open the scene of a request on a worker; return what renders passes of it."""
+    from ..render.passes import Part
+    from .job import opened
+
+    asked = replace(request.asked, threads=request.threads)
+    asked.start_device()
+    job = opened(asked, lambda: None)
+    tasks = job.tasks()
+    job.check(tasks[request.first], [])
+
+    def render(frame: int, numbers: range, planned: int | None) -> dict[str, Any]:
+        return job.part(tasks[frame], Part(numbers, planned), lambda done, statistics: None).state()
+
+    return render
+
+
+@dataclass
+class FarmAnimation:
+    """The frames of a render on a farm, and where they go."""
+
+    job: Job
+    asked: Asked
+    tasks: Sequence[Task]
+    todo: Sequence[Task]
+    layers: Sequence[str]
+    check: Callable[[], None]
+    _begun: float = field(default_factory=time.perf_counter)
+    _written: int = 0
+    _files: int = 0
+
+    def render(self, options: FarmOptions) -> None:
+        """Render the frames that are to be rendered; raises FrameError from what ended it."""
+        self._saved = dict.fromkeys(range(len(self.todo)), time.perf_counter())
+        try:
+            self._frames = [self._begin(task) for task in self.todo]
+            if self.todo:
+                self._run(options)
+        except (Exception, KeyboardInterrupt) as error:
+            raise FrameError("", self._written, self._keep()) from error
+        if not self.asked.quiet:
+            skipped = len(self.tasks) - len(self.todo)
+            seconds = time.perf_counter() - self._begun
+            print(report_line(self._written, skipped, self._files, seconds), file=sys.stderr)
+
+    def _begin(self, task: Task) -> FarmFrame:
+        """Return a frame with the passes that its checkpoint has."""
+        passes, sums = self.job.settings.passes, None
+        path = checkpoint_of(task.outputs)
+        if self.asked.resume and path.is_file():
+            sums = FrameSums.load(path)
+        return FarmFrame(passes, passes if sums is None else sums.planned, sums, path if sums else None)
+
+    def _run(self, options: FarmOptions) -> None:
+        asked = self.asked
+        with ExitStack() as stack:
+            client = stack.enter_context(connected(options))
+            show = stack.enter_context(farm_bar(asked.progress, asked.quiet))
+            self._due = stack.enter_context(snapshots(asked.snapshot))
+            places = [self.tasks.index(task) for task in self.todo]
+            request = Request(asked, places[0], options.threads_each())
+            work = FarmWork(
+                open_scene, request, digest(request), self._frames, [each.name for each in self.todo], places
+            )
+
+            def tick(state: FarmState) -> None:
+                self.check()
+                show(state)
+                if self._due():
+                    self._snapshot()
+
+            Farm(client, work, self._joined, self._finished, tick).run()
+
+    def _joined(self, place: int) -> None:
+        """Keep the passes that have come in, where that is due."""
+        now, every, sums = time.perf_counter(), self.asked.checkpoint, self._frames[place].sums
+        if every is not None and sums is not None and now - self._saved[place] >= every:
+            sums.save(checkpoint_of(self.todo[place].outputs))
+            self._saved[place] = now
+
+    def _finished(self, place: int) -> None:
+        """Write a frame."""
+        task, sums = self.todo[place], self._frames[place].sums
+        if sums is None:
+            raise SceneError(f"frame {task.name} has no passes")
+        statistics = self._write(task, sums)
+        checkpoint_of(task.outputs).unlink(missing_ok=True)
+        for each in snapshots_of(task.outputs):
+            each.path.unlink(missing_ok=True)
+        self._written, self._files = self._written + 1, self._files + len(task.outputs)
+        if not self.asked.quiet:
+            line = frame_line(task.name, statistics, task.files, time.perf_counter() - self._begun)
+            print(line, file=sys.stderr)
+
+    def _write(self, task: Task, sums: FrameSums, *, snapshot: bool = False) -> Statistics:
+        from ..shot.development import Development
+
+        frame = Development.of(sums.development).frame(sums)
+        outputs = snapshots_of(task.outputs) if snapshot else task.outputs
+        write_frame(frame, outputs, self.asked, self.layers)
+        return frame.statistics
+
+    def _snapshot(self) -> None:
+        """Write pictures of all frames that are not finished."""
+        for task, frame in zip(self.todo, self._frames, strict=True):
+            if frame.sums is not None:
+                self._write(task, frame.sums, snapshot=True)
+
+    def _keep(self) -> str | None:
+        """Write checkpoints of what is not finished, if they are wanted; return what to tell."""
+        if self.asked.checkpoint is None:
+            return None
+        kept = 0
+        for task, frame in zip(self.todo, getattr(self, "_frames", ()), strict=False):
+            if frame.sums is not None and len(frame.sums):
+                frame.sums.save(checkpoint_of(task.outputs))
+                kept += 1
+        if not kept:
+            return None
+        return f"{counted(kept, 'checkpoint')} {'has' if kept == 1 else 'have'} more: --skip-existing --resume go on"

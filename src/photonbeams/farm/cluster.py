@@ -1,0 +1,113 @@
+"""Clusters: workers of this machine, or those of a running Dask scheduler."""
+
+from __future__ import annotations
+
+import logging
+import os
+import tempfile
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from ..scene import SceneError
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+_CONNECT_SECONDS = 20
+_START_SECONDS = 120
+
+
+class FarmError(Exception):
+    """What is wrong with the farm, in one sentence: the work may succeed if it is started again."""
+
+
+@dataclass(frozen=True)
+class FarmOptions:
+    """Where the workers are.
+
+    Attributes
+    ----------
+    workers
+        How many to start on this machine; None with a scheduler.
+    scheduler
+        The address of a running Dask scheduler, such as tcp://farm:8786 or tls://farm:8786.
+    threads
+        Processor threads of each worker that is started here; None: the processors are shared out.
+    memory
+        The most bytes of each worker that is started here; None: the memory is shared out.
+    tls
+        Files of TLS by `ca`, `cert` and `key`.
+    """
+
+    workers: int | None = None
+    scheduler: str | None = None
+    threads: int | None = None
+    memory: int | None = None
+    tls: Mapping[str, str] | None = None
+
+    def threads_each(self) -> int | None:
+        """Return the processor threads of a worker that is started here; None for others, which know their own."""
+        if self.scheduler is not None:
+            return self.threads
+        return self.threads or max(1, (os.cpu_count() or 1) // (self.workers or 1))
+
+
+@contextmanager
+def connected(options: FarmOptions) -> Iterator[Client]:
+    """Yield a client of the cluster; a local one ends with it, and leaves no process and no folder.
+
+    Raises
+    ------
+    SceneError
+        Dask is not installed.
+    FarmError
+        No scheduler answers, or none of its workers.
+    """
+    try:
+        import dask
+        import distributed
+    except ImportError:
+        raise SceneError("a farm needs Dask: expected `pip install 'photonbeams[farm]'`") from None
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what is lost is told by us, in a sentence
+    quick = {"distributed.comm.timeouts.connect": f"{_CONNECT_SECONDS}s", "distributed.scheduler.worker-ttl": "60s"}
+    with dask.config.set(
+        {**quick, "distributed.worker.memory.spill": False, "distributed.worker.memory.target": False}
+    ):
+        if options.scheduler is None:
+            with _local(distributed, options) as client:
+                yield client
+        else:
+            with _running(distributed, options) as client:
+                yield client
+
+
+@contextmanager
+def _local(distributed: Any, options: FarmOptions) -> Iterator[Client]:
+    count = options.workers or 1
+    with tempfile.TemporaryDirectory(prefix="photonbeams-farm-", ignore_cleanup_errors=True) as folder:
+        cluster = distributed.LocalCluster(
+            n_workers=count, threads_per_worker=1, processes=True, host="127.0.0.1", dashboard_address=None,
+            memory_limit=options.memory or "auto", local_directory=folder, silence_logs=logging.CRITICAL,
+        )  # fmt: skip
+        with cluster, distributed.Client(cluster, set_as_default=False) as client:
+            yield client
+
+
+@contextmanager
+def _running(distributed: Any, options: FarmOptions) -> Iterator[Client]:
+    address = options.scheduler
+    security = None
+    if options.tls:
+        names = {"ca": "tls_ca_file", "cert": "tls_client_cert", "key": "tls_client_key"}
+        security = distributed.Security(
+            require_encryption=True, **{names[name]: path for name, path in options.tls.items()}
+        )
+    try:
+        client = distributed.Client(address, security=security, timeout=_CONNECT_SECONDS, set_as_default=False)
+    except (OSError, ValueError, TypeError, TimeoutError) as error:
+        reason = " ".join(str(error).split())[:120]
+        raise FarmError(f"no Dask scheduler answers at {address}: {reason}") from None
+    with client:
+        yield client

@@ -1,0 +1,301 @@
+"""The client of a farm: give parts of frames to workers, join what they return, and survive what they do not."""
+
+from __future__ import annotations
+
+import logging
+import queue
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..render.frame_sums import FrameSums
+from ..scene import SceneError
+from .cluster import FarmError
+from .dispatch import Dispatcher, FramePart, LostError, parts_of
+from .work import Opened, WorkerError, render_part, versions
+
+if TYPE_CHECKING:
+    from distributed import Client, Future
+
+LOG = logging.getLogger("photonbeams")
+
+_LOOK = 1.0  # seconds between two looks at which workers there are
+_GONE = 10.0  # seconds without a scheduler after which it is gone
+_NOBODY = 60.0  # seconds without a worker after which nobody will come
+#: The most passes in a part: so much is lost with a worker.
+MOST_PASSES = 8
+
+
+@dataclass
+class FarmFrame:
+    """A frame to render: how many passes it shall have, and the sums of those that are there already.
+
+    Attributes
+    ----------
+    passes, planned
+        How many passes, and how many were planned (see `FrameSums`).
+    sums, file
+        The sums so far, None without passes, and the file that they were read from, if they were.
+    """
+
+    passes: int
+    planned: int | None
+    sums: FrameSums | None = None
+    file: Path | None = None
+
+    def missing(self) -> list[range]:
+        """Return the passes that are not there yet."""
+        ends = [0]
+        for each in self.sums.ranges() if self.sums is not None else ():
+            ends += [each.start, each.stop]
+        ends.append(max(self.passes, ends[-1]))
+        return [range(a, b) for a, b in zip(ends[::2], ends[1::2], strict=True) if a < b]
+
+    def join(self, sums: FrameSums) -> None:
+        """Add the passes of a part; SceneError where they are of another picture."""
+        if self.sums is None:
+            self.sums = sums
+            return
+        try:
+            self.sums.join(sums)
+        except SceneError as error:
+            if self.file is None:
+                raise
+            raise SceneError(f"{self.file}: {error}, or no --resume") from None
+        self.sums.development, self.file = sums.development, None
+
+
+@dataclass
+class FarmWork:
+    """What a farm is to do.
+
+    Attributes
+    ----------
+    open_scene, request
+        A function of a module, which a worker calls with the request to open the scene.
+    key
+        Which scene that is: it stays open on the worker for further parts.
+    frames, names, places
+        The frames, what they are called, and their places in the list that the worker has.
+    """
+
+    open_scene: Callable[[Any], Opened]
+    request: Any
+    key: str
+    frames: Sequence[FarmFrame]
+    names: Sequence[str]
+    places: Sequence[int]
+
+
+@dataclass
+class FarmState:
+    """How far a farm is: passes and frames done and in all, and the number of workers."""
+
+    passes: int
+    all_passes: int
+    frames: int
+    all_frames: int
+    workers: int = 0
+
+
+@dataclass
+class Farm:
+    """A farm at work.
+
+    Parameters
+    ----------
+    client
+        Dask's client.
+    work
+        What is to be done.
+    joined
+        Called with the place of a frame whenever passes of it have come in.
+    finished
+        Called with the place of a frame when it has all of its passes: its sums are let go afterwards.
+    tick
+        Called several times a second with how far the farm is; what it raises ends the work.
+    """
+
+    client: Client
+    work: FarmWork
+    joined: Callable[[int], None]
+    finished: Callable[[int], None]
+    tick: Callable[[FarmState], None]
+    _ready: queue.SimpleQueue[Future] = field(default_factory=queue.SimpleQueue)
+    _running: dict[Any, tuple[str, FramePart, Any]] = field(default_factory=dict)
+    _names: dict[str, str] = field(default_factory=dict)
+    _bad: dict[str, str] = field(default_factory=dict)
+    _failed: dict[FramePart, tuple[str, str]] = field(default_factory=dict)
+    _looked: float = -1e9
+    _seen: float = field(default_factory=time.monotonic)
+
+    def run(self) -> None:
+        """Render all frames.
+
+        Raises
+        ------
+        SceneError
+            What keeps a frame from being rendered on any machine.
+        FarmError
+            The scheduler or all workers are gone.
+        """
+        frames = self.work.frames
+        workers = max(1, len(self._workers()))
+        parts = [parts_of(each.missing(), len(frames), workers, MOST_PASSES) for each in frames]
+        self._dispatcher = Dispatcher(parts)
+        there = [sum(map(len, each)) for each in parts]
+        self._state = FarmState(
+            sum(frame.passes - left for frame, left in zip(frames, there, strict=True)),
+            sum(frame.passes for frame in frames), 0, len(frames),
+        )  # fmt: skip
+        for place, each in enumerate(parts):
+            if not each:
+                self._finish(place)
+        try:
+            while not self._dispatcher.done:
+                self._look()
+                self._submit()
+                self.tick(self._state)
+                self._take()
+        finally:
+            self._stop()
+
+    def _workers(self) -> dict[str, str]:
+        """Return the names of the workers by their addresses."""
+        known = self.client.scheduler_info(n_workers=-1)["workers"]
+        return {address: str(each.get("name", address)) for address, each in known.items()}
+
+    def _look(self) -> None:
+        """See which workers there are."""
+        now = time.monotonic()
+        if now - self._looked < _LOOK:
+            return
+        self._looked = now
+        if self.client.status != "running":
+            if now - self._seen > _GONE or self.client.status in ("closed", "closing"):
+                raise FarmError("the scheduler is gone: start it again, and go on with --resume --skip-existing")
+            return
+        try:
+            found = self._workers()
+        except (OSError, TimeoutError):  # a lost connection is told by the client's status
+            return
+        self._names.update(found)
+        for address in [each for each in self._dispatcher.workers if each not in found]:
+            self._lose(address)
+        for address in found.keys() - self._bad.keys():
+            self._dispatcher.add_worker(address)
+        self._state.workers = len(self._dispatcher.workers)
+        if self._dispatcher.workers:
+            self._seen = now
+        elif self._bad and found.keys() <= self._bad.keys():
+            raise FarmError(next(iter(self._bad.values())))
+        elif now - self._seen > _NOBODY:
+            raise FarmError(
+                f"there is no worker for {_NOBODY:.0f} seconds: expected `dask worker ADDRESS` on some machine"
+            )
+
+    def _lose(self, address: str) -> None:
+        """Give what a lost worker was doing to others."""
+        LOG.warning("worker %s is lost: others do again what it was doing", self._names.get(address, address))
+        for key, (worker, _, future) in [*self._running.items()]:
+            if worker == address:
+                del self._running[key]
+                future.cancel(force=True)
+        try:
+            self._dispatcher.lose_worker(address)
+        except LostError as error:
+            raise FarmError(
+                f"{self._what(error.part)}: {error.lost} workers were lost at it: expected more memory for each"
+            ) from None
+
+    def _what(self, part: FramePart) -> str:
+        numbers = part.numbers
+        return f"frame {self.work.names[part.frame]}, passes {numbers.start} to {numbers.stop - 1}"
+
+    def _submit(self) -> None:
+        """Give free workers what comes next."""
+        if self.client.status != "running":
+            return
+        while (given := self._dispatcher.next(time.monotonic())) is not None:
+            address, part = given
+            work, frame = self.work, self.work.frames[part.frame]
+            future = self.client.submit(
+                render_part, work.open_scene, work.request, work.key, versions(), work.places[part.frame], part.numbers,
+                frame.planned, pure=False, workers=[address], allow_other_workers=False, retries=0,
+            )  # fmt: skip
+            self._running[future.key] = address, part, future
+            future.add_done_callback(self._ready.put)
+
+    def _take(self) -> None:
+        """Take what has been rendered, or wait for a moment."""
+        try:
+            future = self._ready.get(timeout=0.1)
+        except queue.Empty:
+            return
+        address, part, _ = self._running.pop(future.key, (None, None, None))
+        if address is None or part is None:
+            return  # of a lost worker
+        error = future.exception() if future.status == "error" else None
+        if future.status != "finished":
+            self._refuse(address, part, error)
+            return
+        try:
+            state, _ = future.result(timeout=60)
+        except (OSError, TimeoutError) as late:  # the worker died with the result
+            self._dispatcher.give_back(address, part)
+            LOG.debug("%s", late)
+            return
+        finally:
+            future.release()
+        if self._dispatcher.finish(address, part, time.monotonic()):
+            self._join(address, part, state)
+
+    def _join(self, address: str, part: FramePart, state: Mapping[str, Any]) -> None:
+        frame = self.work.frames[part.frame]
+        named = frame.file is not None
+        try:
+            frame.join(FrameSums.of(state))
+        except SceneError as error:
+            if named:
+                raise
+            name = self._names.get(address, address)
+            raise SceneError(
+                f"worker {name}: {self._what(part)}: {error}: expected the same files everywhere"
+            ) from None
+        self._state.passes += len(part.numbers)
+        self.joined(part.frame)
+        if self._dispatcher.frame_done(part.frame):
+            self._finish(part.frame)
+
+    def _finish(self, place: int) -> None:
+        self.finished(place)
+        self.work.frames[place].sums = None
+        self._state.frames += 1
+
+    def _refuse(self, address: str, part: FramePart, error: BaseException | None) -> None:
+        """Do without a worker that cannot do its work, unless it is the work that cannot be done."""
+        if error is None or type(error).__name__ in ("KilledWorker", "CancelledError", "FutureCancelledError"):
+            self._dispatcher.give_back(address, part)  # whether the worker is lost, the next look tells
+            return
+        if not isinstance(error, WorkerError | ImportError):
+            raise error
+        text, name = str(error), self._names.get(address, address)
+        if isinstance(error, ImportError):
+            text = f"has not what it needs: {error}"
+        before = self._failed.get(part)
+        if before is not None and before[0] != address and before[1] == text:
+            raise SceneError(f"frame {self.work.names[part.frame]}: {text}")
+        self._failed[part] = address, text
+        self._bad[address] = f"worker {name}: {text}"
+        if len(self._dispatcher.workers) > 1:
+            LOG.warning("worker %s: %s; others do its work", name, text)
+        self._dispatcher.give_back(address, part)
+        self._dispatcher.lose_worker(address)
+
+    def _stop(self) -> None:
+        """Take back what has not begun."""
+        for _, _, future in self._running.values():
+            future.cancel(force=True)
+        self._running.clear()

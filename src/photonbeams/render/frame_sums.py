@@ -1,0 +1,98 @@
+"""The sums of a frame: passes of all its views, which may be joined, kept in a file, and developed into layers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from zipfile import BadZipFile
+
+import numpy as np
+
+from ..runtime.files import PathLike, atomic_path
+from ..scene import Array, SceneError
+from .sums import PassSums
+
+_FORMAT = 2  # of the file; it is in the state's "counts"
+
+
+@dataclass
+class FrameSums:
+    """The sums of some passes of a frame.
+
+    Attributes
+    ----------
+    views
+        The sums of each view.
+    planned
+        How many passes were planned, by which pixels' samples and slices of the shutter are chosen; None: any number.
+    beams, tests
+        Beams in all passes, and ray–beam tests.
+    about
+        A hash of all that has to be the same for passes to be of one picture.
+    development
+        What else is needed to make a picture of them, as arrays by name.
+    """
+
+    views: list[PassSums]
+    planned: int | None
+    beams: int = 0
+    tests: int = 0
+    about: str = ""
+    development: Mapping[str, Array] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        """Return the number of passes."""
+        return len(self.views[0])
+
+    def ranges(self) -> list[range]:
+        """Return the passes as ranges with gaps between them, in order."""
+        return self.views[0].ranges()
+
+    def join(self, other: FrameSums) -> None:
+        """Add the passes of `other`; SceneError where they are of another picture, or some are there already."""
+        if (other.about, other.planned, len(other.views)) != (self.about, self.planned, len(self.views)):
+            raise SceneError("is of another scene or of other settings: expected passes of one picture")
+        for own, more in zip(self.views, other.views, strict=True):
+            own.join(more)
+        self.beams, self.tests = self.beams + other.beams, self.tests + other.tests
+
+    def state(self) -> dict[str, Array]:
+        """Return all of it as arrays by name."""
+        counts = np.array([_FORMAT, len(self.views), self.planned or 0, self.beams, self.tests])
+        views = {f"view {k}/{name}": each for k, own in enumerate(self.views) for name, each in own.state().items()}
+        return {"about": np.array(self.about), "counts": counts, **views, **self.development}
+
+    @classmethod
+    def of(cls, state: Mapping[str, Array]) -> FrameSums:
+        """Return the sums of a state; KeyError or ValueError where it is none."""
+        kind, count, planned, beams, tests = map(int, state["counts"])
+        if kind != _FORMAT:
+            raise ValueError("written by another version")
+        parts: list[dict[str, Array]] = [{} for _ in range(count)]
+        development = {}
+        for name, each in state.items():
+            place, _, rest = name.partition("/")
+            if place.startswith("view "):
+                parts[int(place.removeprefix("view "))][rest] = each
+            elif name not in ("about", "counts"):
+                development[name] = each
+        views = [PassSums.restored(each) for each in parts]
+        return cls(views, planned or None, beams, tests, str(state["about"]), development)
+
+    def save(self, path: PathLike) -> None:
+        """Write them to a file, whole or not at all; raises OSError."""
+        with atomic_path(path) as beside, beside.open("wb") as file:
+            np.savez(file, **self.state())  # type: ignore[arg-type]
+
+    @classmethod
+    def load(cls, path: PathLike) -> FrameSums:
+        """Return what `save` wrote; SceneError where the file holds something else."""
+        try:
+            with Path(path).open("rb") as file, np.load(file, allow_pickle=False) as archive:
+                return cls.of({name: archive[name] for name in archive.files})
+        except FileNotFoundError:
+            raise
+        except (OSError, ValueError, KeyError, EOFError, IndexError, BadZipFile, SceneError) as error:
+            reason = " ".join(str(error).split())[:120]
+            raise SceneError(f"{path}: expected a checkpoint of photonbeams: {reason}") from None

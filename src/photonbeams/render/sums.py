@@ -1,0 +1,106 @@
+"""Sums over the passes of a view, the same bits whoever added which passes, and in whatever order.
+
+Floating-point addition is not associative, so the order of additions is fixed: neighbouring passes are added in pairs,
+pairs in fours, and so on up to blocks, and the sums of blocks are added from the first one on. Ranges of passes from
+several machines thus join to the sums of one. NumPy adds them, for Dr.Jit may round denormal numbers to 0.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping
+
+import numpy as np
+
+from ..scene import SceneError
+
+#: Passes in a block: in larger ones, more memory would hold partial sums; of smaller ones, more sums would be sent.
+BLOCK = 16
+
+#: Pictures by name, each (pixels,) or (3, pixels), float32.
+Pictures = Mapping[str, np.ndarray]
+
+DEPTH = "depth"  # a picture of the first pass, to which nothing is added
+
+
+class PassSums:
+    """Sums of pictures over passes. A picture that a pass lacks is black in it."""
+
+    def __init__(self) -> None:
+        self._blocks: Pictures = {}  # the sums of the first blocks, as far as there is no gap
+        self._whole = 0  # passes in these
+        self._parts: dict[tuple[int, int], Pictures] = {}  # others, by their first pass and their number
+
+    def __len__(self) -> int:
+        """Return the number of passes."""
+        return self._whole + sum(count for _, count in self._parts)
+
+    def add(self, number: int, pictures: Pictures) -> None:
+        """Add pass `number`, whose arrays must not be changed afterwards."""
+        self._insert(number, 1, pictures)
+
+    def join(self, other: PassSums) -> None:
+        """Add all passes of `other`; SceneError where some are here, too."""
+        for (first, count), pictures in other._all():
+            self._insert(first, count, pictures)
+
+    def ranges(self) -> list[range]:
+        """Return the passes as ranges with gaps between them, in order."""
+        result: list[range] = []
+        for (first, count), _ in self._all():
+            begin = result.pop().start if result and result[-1].stop == first else first
+            result.append(range(begin, first + count))
+        return result
+
+    def total(self, names: Collection[str] | None = None) -> dict[str, np.ndarray]:
+        """Return the sums over all passes, of the pictures of these names alone or of all."""
+        result: Pictures = {}
+        for _, pictures in self._all():
+            result = _added(result, {name: pictures[name] for name in names or pictures if name in pictures})
+        return dict(result)
+
+    def state(self) -> dict[str, np.ndarray]:
+        """Return the partial sums by names from which `restored` makes the same sums."""
+        return {f"{first}+{count}/{name}": each for (first, count), own in self._all() for name, each in own.items()}
+
+    @classmethod
+    def restored(cls, state: Mapping[str, np.ndarray]) -> PassSums:
+        """Return the sums whose state this is; ValueError where it is none."""
+        parts: dict[tuple[int, int], dict[str, np.ndarray]] = {}
+        for name, each in state.items():
+            place, _, picture = name.partition("/")
+            first, count = map(int, place.split("+"))
+            parts.setdefault((first, count), {})[picture] = each
+        result = cls()
+        for (first, count), pictures in sorted(parts.items()):
+            result._insert(first, count, pictures)
+        return result
+
+    def _all(self) -> Iterator[tuple[tuple[int, int], Pictures]]:
+        if self._whole:
+            yield (0, self._whole), self._blocks
+        yield from sorted(self._parts.items(), key=lambda part: part[0])
+
+    def _insert(self, first: int, count: int, pictures: Pictures) -> None:
+        for there in self.ranges():
+            if first < there.stop and there.start < first + count:
+                both = range(max(first, there.start), min(first + count, there.stop))
+                raise SceneError(f"passes {both.start} to {both.stop - 1} are there twice: expected each pass once")
+        while count < BLOCK and (other := self._parts.pop((first ^ count, count), None)) is not None:
+            pictures = _added(other, pictures) if first & count else _added(pictures, other)
+            first, count = first & ~count, 2 * count
+        self._parts[first, count] = pictures
+        while (block := self._leading()) is not None:
+            self._blocks = _added(self._blocks, self._parts.pop(block))
+            self._whole += block[1]
+
+    def _leading(self) -> tuple[int, int] | None:
+        """Return the part that goes on where the first blocks end, if that is one of whole blocks."""
+        return next((part for part in self._parts if part[0] == self._whole and part[1] % BLOCK == 0), None)
+
+
+def _added(first: Pictures, second: Pictures) -> Pictures:
+    """Return the sums of pictures; those of one side alone are as they are."""
+    result = {**second, **first}
+    for name in first.keys() & second.keys() - {DEPTH}:
+        result[name] = first[name] + second[name]
+    return result

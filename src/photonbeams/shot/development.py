@@ -1,0 +1,93 @@
+"""Development: how the sums of a frame become its layers and the header of its file, also on another machine."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+
+from ..images.frame import Frame
+from ..images.plates import Plate
+from ..render.film import develop, relative_error
+from ..render.frame_sums import FrameSums
+from ..render.passes import Statistics
+from ..scene import Array, SceneError
+
+_NAME = "development"
+
+
+@dataclass(frozen=True)
+class Development:
+    """What the sums of a frame need to become a picture.
+
+    Attributes
+    ----------
+    shape
+        Height and width in pixels.
+    groups
+        The layer of each light group.
+    views
+        What an EXR's header says of each view, by the view's name.
+    plates
+        Of each view, the pixels (H, W, 4) that beams are added to; none where there is no plate.
+    plate_fog
+        Whether the fog dims these.
+    """
+
+    shape: tuple[int, int]
+    groups: Mapping[str, str]
+    views: Mapping[str, Mapping[str, Any]]
+    plates: Sequence[Array] = ()
+    plate_fog: bool = False
+
+    def frame(self, sums: FrameSums, statistics: Statistics | None = None) -> Frame:
+        """Return the frame; `statistics` is what is known of how it was rendered."""
+        if statistics is None:
+            error = max(relative_error(each) for each in sums.views)
+            statistics = Statistics(len(sums), sums.beams, sums.tests, error=None if np.isnan(error) else error)
+        pictures = [develop(each, self.shape, self.groups) for each in sums.views]
+        for layers, pixels in zip(pictures, self.plates, strict=False):
+            layers["rgba"] = Plate(pixels, self.plate_fog).composite(layers, pixels)
+        headers = [{**each, "passes": len(sums)} for each in self.views.values()]
+        return Frame.of(dict(zip(self.views, zip(pictures, headers, strict=True), strict=True)), statistics)
+
+    def state(self) -> dict[str, Array]:
+        """Return it as arrays by name, for `FrameSums.development`."""
+        about = {
+            "shape": self.shape, "groups": self.groups, "fog": self.plate_fog,
+            "views": {name: {key: _plain(value) for key, value in each.items()} for name, each in self.views.items()},
+        }  # fmt: skip
+        plates = {f"plate {k}": np.asarray(each) for k, each in enumerate(self.plates)}
+        return {_NAME: np.array(json.dumps(about)), **plates}
+
+    @classmethod
+    def of(cls, state: Mapping[str, Array]) -> Development:
+        """Return what `state` returned; SceneError where it is something else."""
+        try:
+            about = json.loads(str(state[_NAME]))
+            plates = [state[f"plate {k}"] for k in range(sum(name.startswith("plate ") for name in state))]
+            views = {name: {key: _rich(value) for key, value in each.items()} for name, each in about["views"].items()}
+            height, width = map(int, about["shape"])
+            return cls((height, width), about["groups"], views, plates, bool(about["fog"]))
+        except (KeyError, ValueError, TypeError, AttributeError) as error:
+            raise SceneError(f"does not say how its passes become a picture: {error!r}") from None
+
+
+def _plain(value: Any) -> Any:
+    """Return a value of a header as JSON has it."""
+    if isinstance(value, Fraction):
+        return {"fraction": [value.numerator, value.denominator]}
+    if isinstance(value, np.ndarray):
+        return {"matrix": value.tolist()}
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def _rich(value: Any) -> Any:
+    """Return the value of a header that JSON has as `value`."""
+    if isinstance(value, dict):
+        return Fraction(*value["fraction"]) if "fraction" in value else np.array(value["matrix"])
+    return tuple(value) if isinstance(value, list) and not any(isinstance(each, str) for each in value) else value
