@@ -1,5 +1,7 @@
 """Sums over passes: the same bits in whatever ranges and order, and what is not one picture is refused."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -40,7 +42,7 @@ def same(first, second):
 def test_ranges_in_any_order_join_to_the_bits_of_one_machine(passes, cuts, order):
     whole = summed(range(passes))
     ends = sorted({0, passes, *(cut % passes for cut in cuts)})
-    parts = [summed(range(a, b)) for a, b in zip(ends, ends[1:], strict=False)]
+    parts = [summed(range(a, b)) for a, b in pairwise(ends)]
     order.shuffle(parts)
     joined = parts[0]
     for each in parts[1:]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from .flags import Device, FogFlags, Quality, start_device
+from .flags import Device, FogFlags, PassRange, Quality, start_device
 from .outputs import Output
 from .progress import Progress
 
@@ -54,7 +54,7 @@ class Asked:
     checkpoint: float | None
     resume: bool
     snapshot: float | None
-    part: range | None
+    part: PassRange | None
     farm: FarmOptions | None
     quality: Quality
     camera: str | None

@@ -139,14 +139,40 @@ class Quality:
         return (riemann if self.rule is RuleName.riemann else gauss_legendre)(self.order or points)
 
 
-def parse_part(text: str | None) -> range | None:
-    """Return the passes that `--pass-range` gives, first to last."""
-    if text is None:
-        return None
-    first, _, last = text.partition(":")
-    if not (first.isdecimal() and last.isdecimal() and int(first) <= int(last) < 2**31):
-        raise typer.BadParameter(f"--pass-range is {text}: expected FIRST:LAST, such as 0:15")
-    return range(int(first), int(last) + 1)
+@dataclass(frozen=True)
+class PassRange:
+    """Some passes of a frame: from `first` to `last` or, with `parts`, part number `first` of so many equal ones."""
+
+    first: int
+    last: int = 0
+    parts: int = 0
+
+    @classmethod
+    def parse(cls, text: str | None) -> PassRange | None:
+        """Return what `--pass-range` gives."""
+        if text is None:
+            return None
+        for mark in ":/":
+            first, found, last = text.partition(mark)
+            if found and first.isdecimal() and last.isdecimal() and int(first) <= int(last) < 2**31:
+                if mark == ":":
+                    return cls(int(first), int(last))
+                if int(first) > 0:
+                    return cls(int(first), parts=int(last))
+        raise typer.BadParameter(
+            f"--pass-range is {text}: expected FIRST:LAST, such as 0:15, or PART/PARTS, such as 1/4"
+        )
+
+    def of(self, passes: int) -> range:
+        """Return these of so many passes."""
+        if self.parts:
+            found = range((self.first - 1) * passes // self.parts, self.first * passes // self.parts)
+        else:
+            found = range(self.first, self.last + 1)
+        if not found or found.stop > passes:
+            text = f"{self.first}/{self.parts}" if self.parts else f"{self.first}:{self.last}"
+            raise typer.BadParameter(f"--pass-range is {text}: expected some of the passes from 0 to {passes - 1}")
+        return found
 
 
 def parse_color(flag: str, text: str | None) -> Color | None:

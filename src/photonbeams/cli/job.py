@@ -71,7 +71,8 @@ def run(asked: Asked) -> None:
             typer.echo("\n".join(job.cameras()))
             return
         tasks = job.tasks()
-        passes = job.settings.passes if asked.part is None else len(asked.part)
+        part = None if asked.part is None else asked.part.of(job.settings.passes)
+        passes = job.settings.passes if part is None else len(part)
         animation = Animation(tasks, passes, asked.skip_existing, asked.progress, asked.quiet)
         todo = animation.todo()
         first = (todo or tasks)[0]
@@ -92,8 +93,8 @@ def run(asked: Asked) -> None:
             return
 
         def finish(task: Task, advance: Callable[[int, str], None]) -> Statistics:
-            if asked.part is not None:
-                return _part_written(job, asked.part, task, advance)
+            if part is not None:
+                return _part_written(job, part, task, advance)
             frame = _rendered(job, asked, task, advance, kept, several=len(tasks) > 1)
             write_frame(frame, task.outputs, asked, kept)
             checkpoint_of(task.outputs).unlink(missing_ok=True)

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
+from glob import glob
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from ..images.numbering import numbered
 from . import options
+from .animation import frame_numbers
 from .outputs import chosen_layers, parse_outputs, prepare_outputs, write_outputs
 from .progress import counted, messages
 
@@ -18,7 +21,12 @@ if TYPE_CHECKING:
 
 
 def merge(
-    checkpoints: Annotated[list[Path], typer.Argument(help="Checkpoints of one frame, each of other passes.")],
+    checkpoints: Annotated[
+        list[Path],
+        typer.Argument(
+            help="Checkpoints of one frame, each of other passes; * and ? are wildcards, a run of # the frame number."
+        ),
+    ],
     output: Annotated[
         list[Path], typer.Option("--output", "-o", help="Where to write: .exr (layered) or .png; may be repeated.")
     ],
@@ -28,16 +36,20 @@ def merge(
     layers: Annotated[
         str | None, typer.Option(metavar="NAME,NAME", help="Layers of an .exr, beside rgba; default: all.")
     ] = None,
+    frames: options.Frames = None,
     exposure: Annotated[float, typer.Option(help="Stops, for pictures alone.")] = 0.0,
+    remove: Annotated[
+        bool, typer.Option("--remove", help="Remove the checkpoints of frames that are written.")
+    ] = False,
     quiet: options.Quiet = False,
 ) -> None:
-    """Join the passes of checkpoints into a frame: the same bits as if one machine had rendered all of them.
+    """Join the passes of checkpoints into frames: the same bits as if one machine had rendered all of them.
 
     For example:
 
-    photonbeams render shot.usda --pass-range 0:15 --passes 32 -o a.checkpoint
+    photonbeams render shot.usda --passes 32 --pass-range 1/2 -o a.checkpoint
 
-    photonbeams render shot.usda --pass-range 16:31 --passes 32 -o b.checkpoint
+    photonbeams render shot.usda --passes 32 --pass-range 2/2 -o b.checkpoint
 
     photonbeams merge a.checkpoint b.checkpoint -o frame.exr
     """
@@ -45,17 +57,36 @@ def merge(
 
     outputs = parse_outputs(output, picture or ())
     with messages(quiet, verbose=False):
-        prepare_outputs(outputs)
-        sums = joined(checkpoints)
-        _warn_of_gaps(sums)
-        frame = Development.of(sums.development).frame(sums)
-        for metadata in [frame.metadata, *(each for _, each in frame.views.values())]:
-            metadata["commandLine"] = options.command_line()
-        kept = chosen_layers(layers, outputs, [*frame.layers])
-        write_outputs(frame, outputs, kept, exposure, chosen=layers is not None)
-    if not quiet:
-        files = ", ".join(str(each.path) for each in outputs)
-        typer.echo(f"{counted(len(sums), 'pass', 'passes')} joined, wrote {files}", err=True)
+        for number in frame_numbers(frames, outputs):
+            files = [each if number is None else each.numbered(number) for each in outputs]
+            prepare_outputs(files)
+            paths = _found(checkpoints, number)
+            sums = joined(paths)
+            _warn_of_gaps(sums, files[0].path)
+            frame = Development.of(sums.development).frame(sums)
+            for metadata in [frame.metadata, *(each for _, each in frame.views.values())]:
+                metadata["commandLine"] = options.command_line()
+            kept = chosen_layers(layers, files, [*frame.layers])
+            write_outputs(frame, files, kept, exposure, chosen=layers is not None)
+            for path in paths if remove else ():
+                path.unlink(missing_ok=True)
+            if not quiet:
+                text = ", ".join(str(each.path) for each in files)
+                typer.echo(f"{counted(len(sums), 'pass', 'passes')} of {len(paths)} files, wrote {text}", err=True)
+
+
+def _found(given: Sequence[Path], number: float | None) -> list[Path]:
+    """Return the checkpoints of a frame, each once, in the order of their names."""
+    from ..scene import SceneError
+
+    result: dict[Path, None] = {}
+    for each in given:
+        path = each if number is None else numbered(each, number)
+        names = [str(path)] if path.exists() else sorted(glob(str(path)))
+        if not names:
+            raise SceneError(f"{path}: no such file")
+        result |= dict.fromkeys(map(Path, names))
+    return [*result]
 
 
 def joined(paths: Sequence[Path]) -> FrameSums:
@@ -65,19 +96,18 @@ def joined(paths: Sequence[Path]) -> FrameSums:
 
     result = FrameSums.load(paths[0])
     for path in paths[1:]:
+        more = FrameSums.load(path)
         try:
-            result.join(FrameSums.load(path))
+            result.join(more)
         except SceneError as error:
-            text = str(error)
-            raise SceneError(text if text.startswith(f"{path}:") else f"{path}: {text}") from None
+            raise SceneError(f"{path}: {error}") from None
     if not len(result):
         raise SceneError(f"{paths[0]}: has no passes: expected at least one")
     return result
 
 
-def _warn_of_gaps(sums: FrameSums) -> None:
+def _warn_of_gaps(sums: FrameSums, path: Path) -> None:
     """Warn of passes that were planned and are not there."""
-    ends = [0, *(end for each in sums.ranges() for end in (each.start, each.stop)), sums.planned or 0]
-    missing = [f"{a} to {b - 1}" for a, b in zip(ends[::2], ends[1::2], strict=False) if a < b]
+    missing = " and ".join(f"{each.start} to {each.stop - 1}" for each in sums.missing(sums.planned or 0))
     if missing:
-        logging.getLogger("photonbeams").warning("passes %s are missing", " and ".join(missing))
+        logging.getLogger("photonbeams").warning("%s: passes %s are missing", path, missing)

@@ -11,7 +11,7 @@ import typer
 
 from . import options
 from .asked import Asked, Plates
-from .flags import Device, Estimator, Filter, FogFlags, Quality, RuleName, check_flags, parse_part
+from .flags import Device, Estimator, Filter, FogFlags, PassRange, Quality, RuleName, check_flags
 from .job import run
 from .outputs import Output, parse_outputs, part_outputs
 from .progress import Progress
@@ -102,8 +102,8 @@ def render(
         str | None,
         typer.Option(
             "--pass-range",
-            metavar="A:B",
-            help="Render passes A to B alone, of 0 to those of --passes less 1, "
+            metavar="A:B|I/N",
+            help="Render passes A to B alone, or the I-th of N equal parts of all passes, "
             "into a .checkpoint for `photonbeams merge`.",
         ),
     ] = None,
@@ -242,7 +242,7 @@ def render(
     )
     _check_plates(holdout, holdout_channel, holdout_depth, holdout_scale, over, over_fog)
     eyes = _stereo(stereo, interaxial, convergence, view)
-    part = parse_part(pass_range)
+    part = PassRange.parse(pass_range)
     outputs = parse_outputs(output or (), picture or ()) if part is None else part_outputs(output or ())
     is_xml = scene.suffix.lower() == ".xml"
     if is_xml:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import logging
-import os
 import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from ..runtime.device import processors
 from ..scene import SceneError
 
 if TYPE_CHECKING:
@@ -51,7 +51,7 @@ class FarmOptions:
         """Return the processor threads of a worker that is started here; None for others, which know their own."""
         if self.scheduler is not None:
             return self.threads
-        return self.threads or max(1, (os.cpu_count() or 1) // (self.workers or 1))
+        return self.threads or max(1, processors() // (self.workers or 1))
 
 
 @contextmanager

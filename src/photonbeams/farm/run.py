@@ -47,11 +47,7 @@ class FarmFrame:
 
     def missing(self) -> list[range]:
         """Return the passes that are not there yet."""
-        ends = [0]
-        for each in self.sums.ranges() if self.sums is not None else ():
-            ends += [each.start, each.stop]
-        ends.append(max(self.passes, ends[-1]))
-        return [range(a, b) for a, b in zip(ends[::2], ends[1::2], strict=True) if a < b]
+        return [range(self.passes)] if self.sums is None else self.sums.missing(self.passes)
 
     def join(self, sums: FrameSums) -> None:
         """Add the passes of a part; SceneError where they are of another picture."""

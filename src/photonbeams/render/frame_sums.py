@@ -49,6 +49,12 @@ class FrameSums:
         """Return the passes as ranges with gaps between them, in order."""
         return self.views[0].ranges()
 
+    def missing(self, passes: int) -> list[range]:
+        """Return which of so many passes are not there, as ranges."""
+        ends = [0, *(end for each in self.ranges() for end in (each.start, each.stop))]
+        ends.append(max(passes, ends[-1]))
+        return [range(a, b) for a, b in zip(ends[::2], ends[1::2], strict=True) if a < b]
+
     def join(self, other: FrameSums) -> None:
         """Add the passes of `other`; SceneError where they are of another picture, or some are there already."""
         if (other.about, other.planned, len(other.views)) != (self.about, self.planned, len(self.views)):

@@ -231,10 +231,10 @@ def set_threads(count: int) -> None:
     backend()
     import drjit
 
-    drjit.set_thread_count(count or _processors())
+    drjit.set_thread_count(count or processors())
 
 
-def _processors() -> int:
+def processors() -> int:
     """Return how many processors this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
@@ -256,7 +256,7 @@ def describe(start: bool = True) -> Description:
     return Description(
         python=f"{platform.python_version()} ({sys.executable})",
         platform=platform.platform(),
-        processors=_processors(),
+        processors=processors(),
         memory=memory(),
         memory_free=_memory("SC_AVPHYS_PAGES"),
         versions={package: _package_version(package) for package in _PACKAGES},

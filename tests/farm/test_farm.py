@@ -1,0 +1,169 @@
+"""Farms of real workers: the same pixels as a serial render, whoever is killed, stopped or interrupted."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import psutil
+import pytest
+
+from cli.results import fails
+from cli.test_render import CAMERA, FLOOR, FOG, LAMP, write_stage
+from photonbeams.images.files import read_layers
+
+SMALL = ("--res", 24, 0, "--passes", 4, "--beams", 64)
+MOVING = LAMP.replace(
+    "float inputs:radius", "double3 xformOp:translate.timeSamples = { 1: (1, 0, 0), 9: (0, 1, 0) }\n"
+    '    uniform token[] xformOpOrder = ["xformOp:translate"]\n    float inputs:radius',
+)  # fmt: skip
+
+
+@pytest.fixture
+def stage(tmp_path):
+    camera = CAMERA.replace("float focal", "double shutter:close = 0.5\n    float focal", 1)
+    return write_stage(tmp_path / "stage.usda", FOG, camera, MOVING, FLOOR, metadata="startTimeCode = 1")
+
+
+def start(*arguments, **more):
+    """Start the command in a process of its own."""
+    command = [sys.executable, "-m", "photonbeams", *map(str, arguments)]
+    return subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True, **more)
+
+
+def workers_of(process):
+    """Return the processes of a local cluster's workers."""
+    found = []
+    for each in psutil.Process(process.pid).children(recursive=True):
+        with_name = each.cmdline()
+        if any("spawn_main" in part for part in with_name):
+            found.append(each)
+    return found
+
+
+def same(first, second):
+    found, expected = read_layers(first), read_layers(second)
+    return found.keys() == expected.keys() and all(np.array_equal(found[name], expected[name]) for name in expected)
+
+
+def test_frames_of_workers_are_those_of_one_process(render, stage, out):
+    flags = (*SMALL, "-f", "1:3", "-q")
+    assert render(stage, "-o", out / "serial.#.exr", *flags)[0] == 0
+    before = {each.pid for each in psutil.Process().children(recursive=True)}
+    code, _, stderr = render(stage, "-o", out / "farm.#.exr", *flags, "--workers", 2)
+    assert (code, stderr) == (0, "")
+    assert all(same(out / f"farm.{k}.exr", out / f"serial.{k}.exr") for k in (1, 2, 3))
+    left = [each for each in psutil.Process().children(recursive=True) if each.pid not in before]
+    assert not [each for each in left if "resource_tracker" not in " ".join(each.cmdline())]
+    assert not list(Path.cwd().glob("dask-*"))
+
+
+def test_killed_and_stopped_workers_cost_no_frame(render, stage, out):
+    flags = (*SMALL, "--passes", 24, "-f", "1:6")
+    assert render(stage, "-o", out / "serial.#.exr", *flags, "-q")[0] == 0
+    process = start("render", stage, "-o", out / "farm.#.exr", *flags, "--workers", 4, "--progress", "plain")
+    try:
+        until(lambda: list(out.glob("farm.*.exr")) or process.poll() is not None)
+        assert process.poll() is None, process.stderr.read()
+        killed = workers_of(process)[:3]
+        for each in killed[:2]:
+            each.kill()
+        killed[2].suspend()
+        _, stderr = process.communicate(timeout=300)
+    finally:
+        for each in psutil.Process(process.pid).children(recursive=True) if process.poll() is None else ():
+            each.kill()
+        process.kill()
+    assert process.returncode == 0, stderr
+    assert all(same(out / f"farm.{k}.exr", out / f"serial.{k}.exr") for k in range(1, 7))
+    assert stderr.count("is lost: others do again") >= 2
+
+
+def until(ready, seconds=240):
+    """Wait for something to happen."""
+    end = time.monotonic() + seconds
+    while not ready():
+        assert time.monotonic() < end, "nothing happened"
+        time.sleep(0.02)
+
+
+def test_an_interrupted_farm_goes_on_with_another_number_of_workers(render, stage, out):
+    flags = (*SMALL, "--passes", 32, "-f", "1:3")
+    assert render(stage, "-o", out / "serial.#.exr", *flags, "-q")[0] == 0
+    process = start("render", stage, "-o", out / "farm.#.exr", *flags, "--workers", 2, "--checkpoint", 0.001)
+    until(lambda: list(out.glob("farm.*.checkpoint")) or process.poll() is not None)
+    process.send_signal(signal.SIGINT)
+    _, stderr = process.communicate(timeout=120)
+    assert process.returncode == 130, stderr
+    assert "Interrupted; " in stderr.splitlines()[-1]
+    assert list(out.glob("farm.*.checkpoint"))
+    again = ("--skip-existing", "--resume", "--checkpoint", 1000, "-q")
+    code, _, stderr = render(stage, "-o", out / "farm.#.exr", *flags, *again, "--workers", 1)
+    assert code == 0, stderr
+    assert all(same(out / f"farm.{k}.exr", out / f"serial.{k}.exr") for k in (1, 2, 3))
+    assert not list(out.glob("*.checkpoint"))
+
+
+def test_what_a_worker_cannot_open_is_told_in_a_sentence(render, stage, out, monkeypatch):
+    fails(render(stage, "-o", out / "a.exr", *SMALL, "--scheduler", "tcp://127.0.0.1:1", "-q"), 75,
+          "no Dask scheduler answers at tcp://127.0.0.1:1")  # fmt: skip
+    fails(render(stage, "-o", out / "a.exr", *SMALL, "--workers", 1, "--scheduler", "tcp://x:1"), 2, "two farms")
+    fails(render(stage, "-o", out / "a.exr", *SMALL, "--workers", 1, "--tls-cert", "a.pem"), 2, "tls://")
+
+
+@pytest.fixture
+def scheduler(tmp_path):
+    """Start a scheduler and two workers as on two hosts: in folders of their own."""
+    started = []
+    port = 18786
+
+    def run(*command, folder):
+        place = tmp_path / folder
+        place.mkdir(exist_ok=True)
+        environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+        process = subprocess.Popen(
+            [sys.executable, "-m", "distributed.cli." + command[0], *map(str, command[1:])], cwd=place,
+            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=environment,
+        )  # fmt: skip
+        started.append(process)
+        return process
+
+    def worker(name):
+        return run(
+            "dask_worker", f"tcp://127.0.0.1:{port}", "--name", name, "--nthreads", 1, "--no-dashboard",
+            "--local-directory", ".", folder=name,
+        )  # fmt: skip
+
+    def boss():
+        return run("dask_scheduler", "--host", "127.0.0.1", "--port", port, "--no-dashboard", folder="boss")
+
+    yield f"tcp://127.0.0.1:{port}", boss, worker
+    for process in started:
+        for child in psutil.Process(process.pid).children(recursive=True) if process.poll() is None else ():
+            child.kill()
+        process.kill()
+        process.wait()
+
+
+def test_a_running_scheduler_is_used_and_its_end_is_told(render, stage, out, scheduler):
+    address, boss, worker = scheduler
+    first = boss()
+    for name in ("host1", "host2"):
+        worker(name)
+    flags = (*SMALL, "-f", "1:3")
+    assert render(stage, "-o", out / "serial.#.exr", *flags, "-q")[0] == 0
+    code, _, stderr = render(stage, "-o", out / "farm.#.exr", *flags, "-q", "--scheduler", address)
+    assert (code, stderr) == (0, "")
+    assert all(same(out / f"farm.{k}.exr", out / f"serial.{k}.exr") for k in (1, 2, 3))
+    process = start("render", stage, "-o", out / "more.##.exr", *SMALL, "--passes", 64, "-f", "1:40",
+                    "--scheduler", address, "--checkpoint", 1)  # fmt: skip
+    until(lambda: list(out.glob("more.*.exr")) or process.poll() is not None)
+    first.kill()
+    _, stderr = process.communicate(timeout=120)
+    last = stderr.splitlines()[-1]
+    assert process.returncode == 75 and "the scheduler is gone: start it again" in last, stderr
+    done = list(out.glob("more.*.exr"))
+    assert done and all(read_layers(each) for each in done)
