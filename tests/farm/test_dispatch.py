@@ -52,12 +52,8 @@ def test_every_pass_is_finished_once_whoever_dies(frames, passes, workers, seed,
     names = [f"worker {k}" for k in range(workers)]
     parts = [parts_of([range(passes)], frames, workers, 8) for _ in range(frames)]
     dying = rng.sample(names, min(deaths, workers - 1))
-    end, finished, rendered = simulate(
-        parts,
-        names,
-        lambda name, part: rng.uniform(0.5, 2) * len(part.numbers),
-        [(rng.uniform(0, 9), n) for n in dying],
-    )
+    deaths_at = [(rng.uniform(0, 9), name) for name in dying]
+    _, finished, rendered = simulate(parts, names, lambda _, part: rng.uniform(0.5, 2) * len(part.numbers), deaths_at)
     assert sorted((part.frame, part.numbers.start) for part in finished) == sorted(
         (frame, each.start) for frame, own in enumerate(parts) for each in own
     )

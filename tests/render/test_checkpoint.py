@@ -136,7 +136,7 @@ def test_a_checkpoint_is_written_when_it_is_due_and_not_after_the_last_pass(tmp_
 
     kept = Checkpoint(tmp_path / "a.npz", 1e-9)
     render(shutter(False), WINDOW, Settings(passes=3), Watched(progress, kept))
-    assert seen == [(0, 0), (1, 0), (2, 1), (3, 2)] and kept.passes == 2
+    assert seen == [(0, 0), (1, 1), (2, 2), (3, 2)] and kept.passes == 2
     kept.remove()
     assert not kept.path.exists()
     never = Checkpoint(tmp_path / "b.npz", None)

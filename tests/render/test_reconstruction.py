@@ -150,7 +150,7 @@ def test_all_passes_have_the_kernels_of_the_first(rng, name):
             seen = picture(one, (0, 0, 8, 8))
             dr.eval(seen.surface, seen.alpha, seen.transmittance, [each for _, each in seen.beams])
             dr.kernel_history_clear()
-            result.add(seen, pixel_offset(number), opaque(1.0))
+            result.add(number, seen, pixel_offset(number), opaque(1.0))
             kernels = {each["hash"] for each in dr.kernel_history() if each["type"].name == "JIT"}
             new.append(kernels)
     assert all(each <= new[0] for each in new[1:])

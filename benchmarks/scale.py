@@ -1,0 +1,117 @@
+"""A thousand machines, simulated: how the farm's own policy fares with measured task times, failures and stragglers.
+
+Run `python -m benchmarks scale`. The dispatcher is the one that the farm uses; workers, network and time are simulated.
+"""
+
+from __future__ import annotations
+
+import heapq
+import random
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from statistics import mean
+
+from rich.console import Console
+from rich.table import Table
+
+from photonbeams.farm.dispatch import Dispatcher, FramePart, parts_of
+from photonbeams.farm.run import MOST_PASSES
+
+
+@dataclass(frozen=True)
+class Machine:
+    """What is simulated of a farm.
+
+    Attributes
+    ----------
+    workers
+        How many machines.
+    pass_seconds, begin_seconds
+        Seconds of a pass, and of the first part of a frame on a worker (its world, its guiding).
+    part_bytes, link
+        Bytes that a part sends to the client, and bytes a second that the client takes.
+    overhead
+        Seconds that the client spends on a part: submitting, joining.
+    failures
+        How often a worker is lost, in failures an hour; another one comes after `replaced` seconds.
+    slow, factor
+        The fraction of workers that are slower, and how many times.
+    """
+
+    workers: int
+    pass_seconds: float
+    begin_seconds: float
+    part_bytes: float
+    link: float = 1.25e9 / 1.25
+    overhead: float = 0.01
+    failures: float = 0.05
+    replaced: float = 120.0
+    slow: float = 0.02
+    factor: float = 5.0
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class Simulated:
+    """What became of it: seconds, the fraction of the workers' time that was of use, and passes rendered twice."""
+
+    seconds: float
+    efficiency: float
+    twice: float
+    busy: float
+
+
+def simulate(machine: Machine, frames: int, passes: int) -> Simulated:
+    """Render so many frames of so many passes on a simulated farm."""
+    rng = random.Random(machine.seed)
+    names = [f"{k}" for k in range(machine.workers)]
+    slow = {name: machine.factor if rng.random() < machine.slow else 1.0 for name in names}
+    parts = [parts_of([range(passes)], frames, machine.workers, MOST_PASSES) for _ in range(frames)]
+    dispatcher, now = Dispatcher(parts), 0.0
+    free, last = dict.fromkeys(names, 0.0), dict.fromkeys(names, -1)
+    born = dict.fromkeys(names, 0)
+    events: list[tuple[float, int, str, str, FramePart | None, int]] = []
+    count = 0
+
+    def at(time: float, kind: str, name: str, part: FramePart | None = None) -> None:
+        nonlocal count
+        count += 1
+        heapq.heappush(events, (time, count, kind, name, part, born[name]))
+
+    for name in names:
+        dispatcher.add_worker(name)
+        if machine.failures:
+            at(rng.expovariate(machine.failures / 3600), "lost", name)
+    rendered, client, client_busy = 0, 0.0, 0.0
+    at(0.0, "look", names[0])
+    while not dispatcher.done:
+        while (found := dispatcher.next(now)) is not None:
+            name, part = found
+            begin = machine.begin_seconds if last[name] != part.frame else 0.0
+            last[name] = part.frame
+            work = slow[name] * (begin + len(part.numbers) * machine.pass_seconds) * rng.lognormvariate(0, 0.1)
+            free[name] = max(free[name], now) + work
+            at(free[name], "done", name, part)
+        now, _, kind, name, part, life = heapq.heappop(events)
+        if kind == "look":
+            at(now + 1.0, "look", names[0])
+        elif kind == "lost" and name in dispatcher.workers:
+            dispatcher.lose_worker(name)
+            born[name] += 1
+            at(now + machine.replaced, "back", name)
+        elif kind == "back":
+            free[name], last[name] = now, -1
+            dispatcher.add_worker(name)
+            at(now + rng.expovariate(machine.failures / 3600), "lost", name)
+        elif kind == "done" and part is not None and life == born[name]:
+            spent = machine.overhead + machine.part_bytes / machine.link
+            client, client_busy = max(client, now) + spent, client_busy + spent
+            rendered += len(part.numbers)
+            at(client, "taken", name, part)
+        elif kind == "taken" and part is not None:
+            dispatcher.finish(name, part, now)
+    useful = frames * passes * machine.pass_seconds
+    return Simulated(
+        max(now, client), useful / (machine.workers * max(now, client)), rendered / (frames * passes) - 1,
+        client_busy / max(now, client),
+    )  # fmt: skip
