@@ -134,10 +134,10 @@ class Film:
         return dr.opaque(UInt32, first & 0xFFFFFFFF), [dr.opaque(Float, float(each)) for each in weight]
 
     def error(self) -> float:
-        """Return the relative standard error of the mean so far, the median over pixels that have light.
+        """Return the relative standard error of the mean so far: half of the light is in pixels that have less.
 
         From the passes' own differences, as if they were independent; they continue low-discrepancy sequences, so it
-        tends to be less. NaN before there are two.
+        tends to be less. NaN before there are two passes.
         """
         return relative_error(self.sums)
 
@@ -156,15 +156,20 @@ class Film:
 
 
 def relative_error(sums: PassSums) -> float:
-    """Return the error of a film with these sums."""
+    """Return the relative standard error of a film with these sums; see `Film.error`."""
     if len(sums) < 2:
         return float("nan")
     total = sums.total(("light", "squares"))
     step = ceil(total["light"].size / _MOST_PIXELS) | 1  # odd: not the same columns of every row
     mean, squares = (total[name][::step] / len(sums) for name in ("light", "squares"))
     lit = mean > 0
-    variance = np.maximum(squares - mean * mean, 0)[lit] / (len(sums) - 1)
-    return float(np.median(np.sqrt(variance) / mean[lit])) if lit.any() else 0.0
+    if not lit.any():
+        return 0.0
+    relative = np.sqrt(np.maximum(squares - mean * mean, 0)[lit] / (len(sums) - 1)) / mean[lit]
+    order = np.argsort(relative)
+    # Of many pixels that hardly any light reaches, the plain median would speak of these alone.
+    light = np.cumsum(mean[lit][order], dtype=np.float64)
+    return float(relative[order][np.searchsorted(light, 0.5 * light[-1])])
 
 
 def develop(sums: PassSums, shape: tuple[int, int], groups: Mapping[str, str]) -> dict[str, np.ndarray]:

@@ -86,11 +86,11 @@ class PassSums:
                 both = range(max(first, there.start), min(first + count, there.stop))
                 raise SceneError(f"passes {both.start} to {both.stop - 1} are there twice: expected each pass once")
         while count < BLOCK and (other := self._parts.pop((first ^ count, count), None)) is not None:
-            pictures = _added(other, pictures) if first & count else _added(pictures, other)
+            pictures = _added(other, pictures, count > 1) if first & count else _added(pictures, other, count > 1)
             first, count = first & ~count, 2 * count
         self._parts[first, count] = pictures
         while (block := self._leading()) is not None:
-            self._blocks = _added(self._blocks, self._parts.pop(block))
+            self._blocks = _added(self._blocks, self._parts.pop(block), self._whole > 0)
             self._whole += block[1]
 
     def _leading(self) -> tuple[int, int] | None:
@@ -98,9 +98,10 @@ class PassSums:
         return next((part for part in self._parts if part[0] == self._whole and part[1] % BLOCK == 0), None)
 
 
-def _added(first: Pictures, second: Pictures) -> Pictures:
-    """Return the sums of pictures; those of one side alone are as they are."""
+def _added(first: Pictures, second: Pictures, own: bool = False) -> Pictures:
+    """Return the sums of pictures; those of one side alone are as they are. With `own`, they may replace the first."""
     result = {**second, **first}
     for name in first.keys() & second.keys() - {DEPTH}:
-        result[name] = first[name] + second[name]
+        replaced = first[name] if own and first[name].flags.writeable else None
+        result[name] = np.add(first[name], second[name], out=replaced)
     return result
