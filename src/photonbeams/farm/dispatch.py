@@ -8,6 +8,7 @@ one that is done first counts, and both are the same bits.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from statistics import median
@@ -149,22 +150,25 @@ class Dispatcher:
             frame = max(range(len(self._todo)), key=lambda each: len(self._todo[each]), default=None)
         if frame is not None and self._todo[frame]:
             return self._todo[frame].pop(0)
-        return self._slow(worker, now) if length == 0 else None
+        return self._slow(now) if length == 0 else None
 
-    def _slow(self, worker: _Worker, now: float) -> FramePart | None:
-        """Return the part that has taken longest, if that is several times as long as it should."""
+    def _slow(self, now: float) -> FramePart | None:
+        """Return a part of the worker that has taken longest, if that takes several times as long as it should."""
         if not self._times:
             return None
         usual = median(self._times[-50:])
-        counts: dict[FramePart, int] = {}
-        late: list[tuple[float, FramePart]] = []
-        for other in self._workers.values():
-            for place, each in enumerate(other.running):
-                counts[each.part] = counts.get(each.part, 0) + 1
-                due = max(LEAST, SLOW * usual * len(each.part.numbers)) * (1 + place)
-                if now - each.since > due and each.part in self._left[each.part.frame]:
-                    late.append((each.since, each.part))
-        return next((part for _, part in sorted(late, key=lambda each: each[0]) if counts[part] == 1), None)
+        held = [worker.running for worker in self._workers.values() if worker.running]
+        counts = Counter(each.part for running in held for each in running)
+        late = [
+            running
+            for running in held
+            if now - running[0].since > max(LEAST, SLOW * usual * len(running[0].part.numbers))
+        ]
+        for running in sorted(late, key=lambda each: each[0].since):
+            for each in running:  # what waits behind a hung part is late, too
+                if counts[each.part] == 1 and each.part in self._left[each.part.frame]:
+                    return each.part
+        return None
 
 
 def parts_of(missing: Sequence[range], frames: int, workers: int, most: int) -> list[range]:
