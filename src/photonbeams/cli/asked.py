@@ -62,6 +62,7 @@ class Asked:
     res: tuple[int, int]
     res_scale: float
     crop: tuple[float, float, float, float] | None
+    tile: tuple[int, int] | None
     render_settings: str | None
     overrides: Sequence[str]
     session_layers: Sequence[Path]
@@ -80,6 +81,13 @@ class Asked:
     quiet: bool
     verbose: bool
     command: str
+
+    def crop_of(self, width: int, height: int, own: Sequence[float] | None = None) -> Sequence[float] | None:
+        """Return the part of a picture that is rendered, in fractions: what flags say or, without them, its `own`."""
+        from ..images.frame import tile_of
+
+        crop = self.crop or own
+        return crop if self.tile is None else tile_of(crop, width, height, self.tile)
 
     def start_device(self) -> None:
         """Start the device."""

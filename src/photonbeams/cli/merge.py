@@ -1,4 +1,4 @@
-"""`photonbeams merge`: frames from passes that several machines rendered."""
+"""`photonbeams merge`: frames from passes, or from tiles, that several machines rendered."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import typer
 from ..images.numbering import numbered
 from . import options
 from .animation import frame_numbers
-from .outputs import chosen_layers, parse_outputs, prepare_outputs, write_outputs
+from .outputs import Output, chosen_layers, parse_outputs, prepare_outputs, write_outputs
 from .progress import counted, messages
 
 if TYPE_CHECKING:
@@ -24,7 +24,8 @@ def merge(
     checkpoints: Annotated[
         list[Path],
         typer.Argument(
-            help="Checkpoints of one frame, each of other passes; * and ? are wildcards, a run of # the frame number."
+            help="Checkpoints of one frame, each of other passes, or .exr tiles; * and ? are wildcards, "
+            "a run of # is the frame number."
         ),
     ],
     output: Annotated[
@@ -43,7 +44,7 @@ def merge(
     ] = False,
     quiet: options.Quiet = False,
 ) -> None:
-    """Join the passes of checkpoints into frames: the same bits as if one machine had rendered all of them.
+    """Join the passes of checkpoints, or tiles, into frames: the bits of one machine that renders all of them.
 
     For example:
 
@@ -61,6 +62,9 @@ def merge(
             files = [each if number is None else each.numbered(number) for each in outputs]
             prepare_outputs(files)
             paths = _found(checkpoints, number)
+            if paths[0].suffix.lower() == ".exr":
+                _join_tiles(paths, files, quiet=quiet)
+                continue
             sums = joined(paths)
             _warn_of_gaps(sums, files[0].path)
             frame = Development.of(sums.development).frame(sums)
@@ -73,6 +77,21 @@ def merge(
             if not quiet:
                 text = ", ".join(str(each.path) for each in files)
                 typer.echo(f"{counted(len(sums), 'pass', 'passes')} of {len(paths)} files, wrote {text}", err=True)
+
+
+def _join_tiles(paths: Sequence[Path], outputs: Sequence[Output], *, quiet: bool) -> None:
+    """Write the picture that tiles are parts of."""
+    from ..images.tiles import join_tiles
+
+    if len(outputs) != 1 or outputs[0].path.suffix.lower() != ".exr":
+        raise typer.BadParameter("tiles are joined into one file: expected -o FILE.exr alone")
+    covered, pixels = join_tiles(paths, outputs[0].path)
+    if covered < pixels:
+        logging.getLogger("photonbeams").warning(
+            "%s: %s of %s pixels are in no tile, and black", outputs[0].path, f"{pixels - covered:,}", f"{pixels:,}"
+        )
+    if not quiet:
+        typer.echo(f"{counted(len(paths), 'tile')} joined, wrote {outputs[0].path}", err=True)
 
 
 def _found(given: Sequence[Path], number: float | None) -> list[Path]:

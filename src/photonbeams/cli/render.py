@@ -80,6 +80,9 @@ def render(
     ),
     res_scale: Annotated[float, typer.Option(help="Factor on the size.")] = 1.0,
     crop: options.Crop = None,
+    tile: Annotated[
+        str | None, typer.Option(metavar="I/N", help="Render tile I of N alone; `photonbeams merge` joins the tiles.")
+    ] = None,
     passes: Annotated[
         int | None,
         typer.Option(help="Passes that a frame is the mean of; default: 16, or the sampler's of a Mitsuba scene."),
@@ -258,7 +261,7 @@ def render(
             passes=passes, time_limit=time_limit, beams=beams, bounces=bounces, estimator=estimator, rule=rule,
             order=order, pixel_filter=pixel_filter, seed=seed,
         ),
-        camera=camera, list_cameras=list_cameras, res=res, res_scale=res_scale, crop=crop,
+        camera=camera, list_cameras=list_cameras, res=res, res_scale=res_scale, crop=crop, tile=_tile(tile),
         render_settings=render_settings, overrides=overrides or (), session_layers=session_layer or (),
         fog=FogFlags.parse(scattering, absorption, anisotropy, beams_only_fog),
         looks=look or (), groups=group or (), simulate=simulate, emit=emit, stereo=eyes,
@@ -288,6 +291,16 @@ def _stereo(stereo: bool, interaxial: float | None, convergence: float | None, v
         return Stereo(interaxial, convergence)
     except SceneError as error:
         raise typer.BadParameter(f"--{error}") from None
+
+
+def _tile(text: str | None) -> tuple[int, int] | None:
+    """Return the number of a tile, from 1, and how many there are."""
+    if text is None:
+        return None
+    number, _, count = text.partition("/")
+    if not (number.isdecimal() and count.isdecimal() and 1 <= int(number) <= int(count)):
+        raise typer.BadParameter(f"--tile is {text}: expected NUMBER/COUNT, as in 1/4")
+    return int(number), int(count)
 
 
 def _farm(

@@ -114,7 +114,8 @@ class StageJob:
         """The arguments of `Shot.render` for all frames."""
         (width, height), asked, own = self._size, self._asked, self._own
         return {
-            "settings": self.settings, "width": width, "height": height, "crop": asked.crop or own.crop(width, height),
+            "settings": self.settings, "width": width, "height": height,
+            "crop": asked.crop_of(width, height, own.crop(width, height)),
             "view": asked.view, "holdout": self._end, "over": self._plate, "blur": not own.disable_motion_blur,
             "lens": not own.disable_depth_of_field,
         }  # fmt: skip

@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 
 #: Flags that a Mitsuba scene has a use for; the others are about stages.
 FLAGS = {
-    "scene", "output", "picture", "layers", "frames", "camera", "list_cameras", "res", "res_scale", "crop", "passes",
-    "time_limit", "beams", "bounces", "estimator", "rule", "order", "pixel_filter", "overrides", "exposure", "seed",
+    "scene", "output", "picture", "layers", "frames", "camera", "list_cameras", "res", "res_scale", "crop", "tile",
+    "passes", "time_limit", "beams", "bounces", "estimator", "rule", "order", "pixel_filter", "overrides", "exposure", "seed",
     "threads", "device", "progress", "dry_run", "quiet", "verbose", "skip_existing", "checkpoint", "resume", "snapshot",
     "pass_range", "workers", "scheduler", "tls_ca", "tls_cert", "tls_key",
     "look", "group", "session_layer", "stereo", "interaxial", "convergence", "view", "holdout", "holdout_channel",
@@ -107,8 +107,8 @@ class MitsubaJob:
         """The arguments of `Shot.render` for all frames."""
         (width, height), asked = self._size, self._asked
         return {
-            "settings": self.settings, "width": width, "height": height, "crop": asked.crop, "view": asked.view,
-            "holdout": asked.plates.end(), "over": asked.plates.plate(),
+            "settings": self.settings, "width": width, "height": height, "crop": asked.crop_of(width, height),
+            "view": asked.view, "holdout": asked.plates.end(), "over": asked.plates.plate(),
         }  # fmt: skip
 
 

@@ -146,6 +146,16 @@ def _group(tile: Any, block: Any, place: Any) -> Any:
     return tile * _GROUPS + block // PIXELS * _BLOCK + place
 
 
+def whole_group(group: Any, columns: Any, left: Any, top: Any, whole: Any) -> Any:
+    """Return the number in the whole picture, `whole` tiles wide, of a group in a crop window `columns` tiles wide.
+
+    The window begins in tile `left`, `top` of the picture; where it begins on that tile's corner, the groups are those
+    of the whole picture.
+    """
+    tile = group // _GROUPS
+    return ((tile // columns + top) * whole + tile % columns + left) * _GROUPS + group % _GROUPS
+
+
 def lanes(view: Projection) -> int:
     """Return how many groups of pixels there are that share an origin and a time."""
     return view.tiles * _GROUPS

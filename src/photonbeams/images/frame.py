@@ -16,6 +16,9 @@ if TYPE_CHECKING:
     from ..render.passes import Statistics
 
 
+_BAND = 16  # rows
+
+
 @dataclass(frozen=True)
 class Frame:
     """A rendered frame.
@@ -47,6 +50,26 @@ class Frame:
     def write(self, path: PathLike, layer: str = "rgba", exposure: float = 0.0) -> None:
         """Write a layered EXR, or one layer as a tone-mapped PNG, by the suffix; whole or not at all."""
         write_frame(path, self.layers, self.metadata, layer=layer, exposure=exposure, views=self.views)
+
+
+def tile_of(
+    crop: Sequence[float] | None, width: int, height: int, tile: tuple[int, int]
+) -> tuple[float, float, float, float]:
+    """Return the crop window of tile (number from 1, of how many): bands of rows, of a picture or of a crop window.
+
+    Bands begin at multiples of 16 rows, at which pixels share places on a lens: tiles are then the bits of the whole.
+    SceneError where there are more tiles than such bands.
+    """
+    left, top, right, bottom = pixels_of(crop, width, height)
+    number, count = tile
+    first, last = top // _BAND, -(-bottom // _BAND)
+    if count > last - first:
+        rows = bottom - top
+        raise SceneError(f"tile {number} of {count} tiles: expected {last - first} at most, of {_BAND} of {rows} rows")
+    edges = [first + (last - first) * each // count for each in (number - 1, number)]
+    begin, end = max(edges[0] * _BAND, top), min(edges[1] * _BAND, bottom)
+    # A quarter of a pixel more, for `pixels_of` rounds down.
+    return (left + 0.25) / width, (begin + 0.25) / height, right / width, end / height
 
 
 def pixels_of(crop: Sequence[float] | None, width: int, height: int) -> tuple[int, int, int, int]:

@@ -227,6 +227,11 @@ def reconstruction_filter(name: str | None, own: Any = None) -> Any:
     return None if chosen is None or chosen.is_box_filter() else chosen
 
 
+def margin_of(reconstruction: Any) -> int:
+    """Return how many pixels beyond a crop window a filter reaches."""
+    return 0 if reconstruction is None else ceil(float(reconstruction.radius()) - 0.5)
+
+
 def group_layers(groups: Collection[str]) -> dict[str, str]:
     """Return the layers of light groups; none where all beams are of the unnamed one."""
     return {group: f"beams_{group or 'default'}" for group in sorted(groups)} if set(groups) - {""} else {}

@@ -36,6 +36,9 @@ class Development:
         Of each view, the pixels (H, W, 4) that beams are added to; none where there is no plate.
     plate_fog
         Whether the fog dims these.
+    shown
+        The first row and column that are shown, and how many rows and columns: others were rendered for the pixel
+        filter alone. None: all.
     """
 
     shape: tuple[int, int]
@@ -43,13 +46,19 @@ class Development:
     views: Mapping[str, Mapping[str, Any]]
     plates: Sequence[Array] = ()
     plate_fog: bool = False
+    shown: tuple[int, int, int, int] | None = None
 
     def frame(self, sums: FrameSums, statistics: Statistics | None = None) -> Frame:
         """Return the frame; `statistics` is what is known of how it was rendered."""
         if statistics is None:
             error = max(relative_error(each) for each in sums.views)
             statistics = Statistics(len(sums), sums.beams, sums.tests, error=None if np.isnan(error) else error)
-        pictures = [develop(each, self.shape, self.groups) for each in sums.views]
+        top, left, rows, columns = self.shown or (0, 0, *self.shape)
+        part = np.s_[top : top + rows, left : left + columns]
+        pictures = [
+            {name: np.ascontiguousarray(layer[part]) for name, layer in develop(each, self.shape, self.groups).items()}
+            for each in sums.views
+        ]
         for layers, pixels in zip(pictures, self.plates, strict=False):
             layers["rgba"] = Plate(pixels, self.plate_fog).composite(layers, pixels)
         headers = [{**each, "passes": len(sums)} for each in self.views.values()]
@@ -58,7 +67,7 @@ class Development:
     def state(self) -> dict[str, Array]:
         """Return it as arrays by name, for `FrameSums.development`."""
         about = {
-            "shape": self.shape, "groups": self.groups, "fog": self.plate_fog,
+            "shape": self.shape, "groups": self.groups, "fog": self.plate_fog, "shown": self.shown,
             "views": {name: {key: _plain(value) for key, value in each.items()} for name, each in self.views.items()},
         }  # fmt: skip
         plates = {f"plate {k}": np.asarray(each) for k, each in enumerate(self.plates)}
@@ -72,7 +81,7 @@ class Development:
             plates = [state[f"plate {k}"] for k in range(sum(name.startswith("plate ") for name in state))]
             views = {name: {key: _rich(value) for key, value in each.items()} for name, each in about["views"].items()}
             height, width = map(int, about["shape"])
-            return cls((height, width), about["groups"], views, plates, bool(about["fog"]))
+            return cls((height, width), about["groups"], views, plates, bool(about["fog"]), about["shown"])
         except (KeyError, ValueError, TypeError, AttributeError) as error:
             raise SceneError(f"does not say how its passes become a picture: {error!r}") from None
 

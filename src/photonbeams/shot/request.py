@@ -76,11 +76,24 @@ class FrameRequest:
         return depths, [] if self.over is None else self.over.read_whole(number, views, size, warn)
 
     def development(
-        self, groups: Mapping[str, str], views: Mapping[str, Mapping[str, Any]], pixels: Sequence[Array], window: Window
-    ) -> Development:
-        """Return how the frame's sums become a picture; `pixels` are those of the plate, if there are any."""
+        self, groups: Mapping[str, str], views: Mapping[str, Mapping[str, Any]], pixels: Sequence[Array],
+        window: Window, grown: Window,
+    ) -> Development:  # fmt: skip
+        """Return how the frame's sums become a picture.
+
+        Parameters
+        ----------
+        groups, views
+            As `Development` has them.
+        pixels
+            Those of the plate for each view, if there are any.
+        window, grown
+            What is shown, and what is rendered: that and what the pixel filter needs around it.
+        """
         plates = [part_of(each, window) for each in pixels]
-        return Development(window.shape, groups, views, plates, self.over is not None and self.over.fog)
+        (x0, y0), (x1, y1) = grown.crop[:2], window.crop[:2]
+        shown = (y1 - y0, x1 - x0, *window.shape)
+        return Development(grown.shape, groups, views, plates, self.over is not None and self.over.fog, shown)
 
     def watched(self, development: Development) -> Watched:
         """Return what is told and kept of the frame while it is rendered."""

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from ..looks import Look
     from ..render.frame import FrameRenderer
     from ..render.settings import Settings
+    from ..world.cameras import Window
     from .development import Development
     from .request import FrameRequest
 
@@ -179,25 +180,31 @@ class SceneShot(Shot):
             height or max(1, round((width or 0) * own[1] / own[0])),
         )
 
+    def _window(self, width: int | None, height: int | None, crop: Sequence[float] | None) -> Window:
+        """Return what is to be seen: the film's own crop window, unless another size or crop is asked for."""
+        from ..world.cameras import Window
+        from ..world.sensors import window_of
+
+        if width or height or crop is not None:
+            size = self.size(width, height)
+            return Window(*size, pixels_of(crop, *size))
+        return window_of(self.sensor.film())
+
     @contextmanager
-    def _resized(self, width: int | None, height: int | None, crop: Sequence[float] | None) -> Iterator[None]:
-        """Change the film's size in pixels, and which part of it (in fractions) is rendered, for a while."""
+    def _resized(self, window: Window) -> Iterator[None]:
+        """Change the film's size in pixels, and which part of it is rendered, for a while."""
         from ..runtime.device import mitsuba
 
         parameters = mitsuba().traverse(self.sensor)
         names = "film.size", "film.crop_size", "film.crop_offset"
         own = [list(map(int, parameters[name])) for name in names]
+        asked = [[window.width, window.height], [*window.shape[::-1]], [*window.crop[:2]]]
 
         def change(values: Sequence[Sequence[int]]) -> None:
             for name, value in zip(names, values, strict=True):
                 parameters[name] = list(value)
             parameters.update()
 
-        size = list(self.size(width, height))
-        asked = [size, size, [0, 0]] if width or height else own
-        if crop is not None:
-            left, top, right, bottom = pixels_of(crop, size[0], size[1])
-            asked = [size, [right - left, bottom - top], [left, top]]
         if asked == own:
             yield
             return
@@ -237,6 +244,7 @@ class SceneShot(Shot):
         return self.settings()
 
     def _render(self, request: FrameRequest) -> tuple[FrameRenderer, Development]:
+        from ..render.film import margin_of
         from ..render.scene_frame import Extras, groups_of, render
         from ..world.sensors import Sensor
 
@@ -244,7 +252,9 @@ class SceneShot(Shot):
         self.load(frame)
         number, names = self._number(frame), views_of(self.stereo, request.view)
         depths, pixels = request.read_plates(number, names, self.size(request.width, request.height), self._warn)
-        with self._resized(request.width, request.height, request.crop):
+        window = self._window(request.width, request.height, request.crop)
+        grown = window if request.crop is None else window.grown(margin_of(self._filter(settings)))
+        with self._resized(grown):
             eyes = self.eyes()
             shown = [eyes[EYES.index(name)] for name in names] if eyes else []
             if not request.lens:
@@ -252,9 +262,12 @@ class SceneShot(Shot):
             sensors = [Sensor(self.sensor, each) for each in shown] or [Sensor(self.sensor)]
             ends = [each.seen_by(_view(sensor)) for each, sensor in zip(depths, sensors, strict=False)]
             extras = Extras(self._beams, shown, ends)
-            views = {name: self._header(sensor, settings, frame) for name, sensor in zip(names, sensors, strict=True)}
+            views = {
+                name: {**self._header(sensor, settings, frame), **window.header()}
+                for name, sensor in zip(names, sensors, strict=True)
+            }
             groups = groups_of(self.plugin, self._beams)
-            development = request.development(groups, views, pixels, sensors[0].window)
+            development = request.development(groups, views, pixels, window, grown)
             about = self.content(frame) if request.named else ""
             watched = request.watched(development)
             done = render(self.plugin, self.sensor, settings, watched, about, self._warned, extras)
@@ -270,8 +283,13 @@ class SceneShot(Shot):
             **origin(self.path.name if self.path else "", frame),
             "camera": self.sensor.id() or self.names[0],
             "seed": settings.seed,
-            **sensor.window.header(),
         }
+
+    def _filter(self, settings: Settings) -> Any:
+        """Return the pixel filter, None for the box."""
+        from ..render.film import reconstruction_filter
+
+        return reconstruction_filter(settings.pixel_filter, self.sensor.film().rfilter())
 
 
 def _beams(

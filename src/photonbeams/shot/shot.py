@@ -499,6 +499,7 @@ class Shot:
 
     def _render(self, request: FrameRequest) -> tuple[FrameRenderer, Development]:
         """Return the passes of a frame, and how they become a picture."""
+        from ..render.film import margin_of, reconstruction_filter
         from ..render.stage_frame import groups_of, render
         from ..world.cameras import View, Window
 
@@ -506,6 +507,7 @@ class Shot:
         plates = [each for each in (request.holdout, request.over) if each is not None]
         size = self.resolution(request.width, request.height, frame, plates, request.view)
         window = Window(size[0], size[1], pixels_of(request.crop, *size))
+        grown = window.grown(margin_of(reconstruction_filter(request.settings.pixel_filter)))
         names = views_of(self.stereo, request.view)
         depths, pixels = request.read_plates(number, names, size, self._warn)
         exposure = self.exposure(frame, request.blur, request.lens)
@@ -513,17 +515,17 @@ class Shot:
         content, cameras = exposure(0.0)
         self.check(content, frame)
         settings = self._programmed(request.settings, frame, exposure)
-        seen = [View(cameras[eye], window) for eye in eyes]
+        seen = [View(cameras[eye], grown) for eye in eyes]
         facts = {**self._time_header(frame, exposure), "seed": settings.seed, **window.header()}
         headers = {
             name: {**view.matrices(), **facts, "camera": view.camera.name}
             for name, view in zip(names, seen, strict=True)
         }
-        development = request.development(groups_of(content), headers, pixels, window)
+        development = request.development(groups_of(content), headers, pixels, window, grown)
         ends = [each.seen_by(view) for each, view in zip(depths, seen, strict=False)]
         about = self.content(frame) if request.named else ""
         shutter = exposure.shutter(eyes, self._rate())
-        done = render(shutter, window, settings, request.watched(development), ends, about, self._viewers)
+        done = render(shutter, grown, settings, request.watched(development), ends, about, self._viewers)
         return done, development
 
     def _rate(self) -> float:

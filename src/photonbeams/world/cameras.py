@@ -10,8 +10,8 @@ import drjit as dr
 import numpy as np
 
 from .. import scene
-from ..estimators.image import lane_of, lanes
-from ..estimators.tiles import Pose, Projection
+from ..estimators.image import lane_of, lanes, whole_group
+from ..estimators.tiles import TILE, Pose, Projection
 from ..numerics.arrays import opaque
 from ..runtime.device import Array2f, Array3f, Float, UInt32
 from .warp import disk
@@ -29,6 +29,17 @@ class Window:
     def full(cls, width: int, height: int) -> Window:
         """Return the window of a whole picture."""
         return cls(width, height, (0, 0, width, height))
+
+    def grown(self, margin: int) -> Window:
+        """Return the window with so many more pixels on each side, as far as the picture goes.
+
+        It begins at a corner of the picture's tiles, in which pixels share places on the lens.
+        """
+        if not margin:
+            return self
+        x0, y0, x1, y1 = self.crop
+        x0, y0 = (max(each - margin, 0) // TILE * TILE for each in (x0, y0))
+        return Window(self.width, self.height, (x0, y0, min(x1 + margin, self.width), min(y1 + margin, self.height)))
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -109,13 +120,19 @@ class View:
         if sample is None:
             origin, direction = self._through(x, y)
             return CameraRays(origin, direction, self._facing(direction))
-        square, time = sample(dr.arange(UInt32, lanes(view)))
+        square, time = sample(self._whole(dr.arange(UInt32, lanes(view))))
         own, _, _ = self._film(Float(view.center[0]), Float(view.center[1]), square, time)
         own, time = own + dr.zeros(Array3f, lanes(view)), time + dr.zeros(Float, lanes(view))
         group = lane_of(column, row, dr.opaque(UInt32, view.columns))
-        origin, direction, facing = self._film(x, y, *sample(group))
+        origin, direction, facing = self._film(x, y, *sample(self._whole(group)))
         dr.eval(own, time, origin, direction, facing)
         return CameraRays(origin, direction, facing, (own, time))
+
+    def _whole(self, group: Any) -> Any:
+        """Return the number of a group of pixels in the whole picture, for its samples."""
+        (left, top), whole = self.window.crop[:2], -(-self.window.width // TILE)
+        return whole_group(group, *(dr.opaque(UInt32, each) for each in
+                                    (self.projection.columns, left // TILE, top // TILE, whole)))  # fmt: skip
 
     def _film(self, x: Any, y: Any, square: Any, time: Any) -> tuple[Any, Any, Any]:
         """Return origin, direction and planar depth per unit of t of rays that have a place on the lens and a time."""
@@ -141,7 +158,7 @@ class View:
         if lens is None or sample is None:
             return None
         group = lane_of(*self.pixels(), dr.opaque(UInt32, self.projection.columns))
-        place = disk(Array2f(sample(group)[0])) * lens[0]
+        place = disk(Array2f(sample(self._whole(group))[0])) * lens[0]
         return place.x, place.y
 
     def pixels(self) -> tuple[Any, Any]:
@@ -151,11 +168,11 @@ class View:
         return index % columns, index // columns
 
     def coarse_rays(self, columns: int, rows: int) -> tuple[Any, Any]:
-        """Return rays on a coarse grid over the window."""
-        height, width = self.window.shape
+        """Return rays on a coarse grid over the whole picture, also of a crop window: its beams are the same ones."""
+        (left, top), window = self.window.crop[:2], self.window
         index, across = dr.arange(UInt32, columns * rows), dr.opaque(UInt32, columns)
-        x = (Float(index % across) + 0.5) * dr.opaque(Float, width / columns)
-        y = (Float(index // across) + 0.5) * dr.opaque(Float, height / rows)
+        x = (Float(index % across) + 0.5) * dr.opaque(Float, window.width / columns) - dr.opaque(Float, left)
+        y = (Float(index // across) + 0.5) * dr.opaque(Float, window.height / rows) - dr.opaque(Float, top)
         return self._through(x, y)
 
     def _through(self, x: Any, y: Any) -> tuple[Any, Any]:

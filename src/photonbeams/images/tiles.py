@@ -1,0 +1,79 @@
+"""Tiles: EXRs of parts of one picture, joined."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import OpenEXR
+
+from ..runtime.files import PathLike, atomic_path
+from ..scene import Array, SceneError
+
+Box = tuple[int, int, int, int]  # x0, y0, x1, y1, the last pixel not included
+
+
+def join_tiles(paths: Sequence[Path], output: PathLike) -> tuple[int, int]:
+    """Write the picture that tiles are parts of; return how many of its pixels they cover, and how many it has.
+
+    The header is that of the first tile, with the data window of all; what they leave out is black.
+
+    Raises
+    ------
+    SceneError
+        A file that is no EXR, tiles of other pictures or layers, or tiles that overlap.
+    OSError
+        A file that cannot be read or written.
+    """
+    tiles = [(path, _read(path)) for path in paths]
+    boxes = [_box(parts[0].header) for _, parts in tiles]
+    first = tiles[0][1]
+    whole = min(b[0] for b in boxes), min(b[1] for b in boxes), max(b[2] for b in boxes), max(b[3] for b in boxes)
+    covered = np.zeros((whole[3] - whole[1], whole[2] - whole[0]), dtype=bool)
+    joined = [{name: _black(each.pixels, covered.shape) for name, each in part.channels.items()} for part in first]
+    for (path, parts), box in zip(tiles, boxes, strict=True):
+        place = np.s_[box[1] - whole[1] : box[3] - whole[1], box[0] - whole[0] : box[2] - whole[0]]
+        if _kind(parts) != _kind(first):
+            raise SceneError(f"{path}: has other layers or another display window than {paths[0]}: expected its tiles")
+        if covered[place].any():
+            raise SceneError(f"{path}: covers what another tile covers: expected parts that do not overlap")
+        covered[place] = True
+        for part, into in zip(parts, joined, strict=True):
+            for name, channel in part.channels.items():
+                into[name][place] = channel.pixels
+    window = (np.array(whole[:2], dtype=np.int32), np.array(whole[2:], dtype=np.int32) - 1)
+    with atomic_path(output) as beside:
+        files = [
+            OpenEXR.Part({**part.header, "dataWindow": window}, channels, part.name())
+            for part, channels in zip(first, joined, strict=True)
+        ]
+        OpenEXR.File(files).write(str(beside))
+    return int(covered.sum()), covered.size
+
+
+def _read(path: Path) -> list[Any]:
+    with path.open("rb"):
+        pass
+    try:
+        return list(OpenEXR.File(str(path), separate_channels=False).parts)
+    except RuntimeError as error:
+        raise SceneError(f"{path}: expected an EXR: {' '.join(str(error).split())[:120]}") from None
+
+
+def _box(header: dict[str, Any]) -> Box:
+    (x0, y0), (x1, y1) = (map(int, each) for each in header["dataWindow"])
+    return x0, y0, x1 + 1, y1 + 1
+
+
+def _kind(parts: Sequence[Any]) -> Any:
+    """Return what tiles of one picture have in common."""
+    return [
+        (part.name(), sorted(part.channels), [tuple(map(int, each)) for each in part.header["displayWindow"]])
+        for part in parts
+    ]
+
+
+def _black(like: Array, shape: tuple[int, int]) -> Array:
+    return np.zeros((*shape, *like.shape[2:]), dtype=like.dtype)

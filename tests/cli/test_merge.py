@@ -1,0 +1,149 @@
+"""Parts of a frame, by passes or by tiles, join to the bits of one render; snapshots show what there is."""
+
+import os
+import signal
+
+import numpy as np
+import OpenEXR
+import pytest
+
+from cli.results import fails
+from cli.test_checkpoints import FILL, KEY
+from cli.test_render import CAMERA, FLOOR, FOG, write_stage
+from photonbeams.images.files import read_layers
+from photonbeams.render import stage_frame as frame
+
+SMALL = ("--res", 40, 48, "--passes", 6, "--beams", 64, "-q")
+
+
+@pytest.fixture
+def stage(tmp_path):
+    """Return a stage with two light groups, one of which moves while the shutter is open, and a lens."""
+    camera = CAMERA.replace(
+        "float focal",
+        "double shutter:close = 0.5\n    float fStop = 2\n    float focusDistance = 5\n    float focal",
+        1,
+    )
+    return write_stage(tmp_path / "stage.usda", FOG, camera, KEY, FILL, FLOOR, metadata="startTimeCode = 1")
+
+
+def same(first, second, view=None):
+    found, expected = read_layers(first, view), read_layers(second, view)
+    return found.keys() == expected.keys() and all(np.array_equal(found[name], expected[name]) for name in expected)
+
+
+def headers(path):
+    return [
+        {name: str(value) for name, value in part.header.items() if name != "commandLine"}
+        for part in OpenEXR.File(str(path)).parts
+    ]
+
+
+def test_passes_of_two_machines_are_those_of_one(call, render, stage, out):
+    flags = (*SMALL, "--stereo", "--interaxial", 0.2, "--convergence", 5)
+    assert render(stage, "-o", out / "whole.exr", *flags)[0] == 0
+    for part in ("2/3", "0:1", "4:5"):
+        name = part.translate({47: 95, 58: 95})
+        assert render(stage, "-o", out / f"{name}.checkpoint", *flags, "--pass-range", part)[0] == 0
+    code, _, stderr = call("merge", out / "?_?.checkpoint", "-o", out / "joined.exr", "-o", out / "joined.png")
+    assert (code, stderr) == (0, f"6 passes of 3 files, wrote {out / 'joined.exr'}, {out / 'joined.png'}\n")
+    for view in ("left", "right"):
+        assert same(out / "joined.exr", out / "whole.exr", view)
+    assert headers(out / "joined.exr") == headers(out / "whole.exr")
+    code, _, stderr = call("merge", out / "0_1.checkpoint", out / "4_5.checkpoint", "-o", out / "gap.exr", "--remove")
+    assert code == 0 and stderr.startswith(f"Warning: {out / 'gap.exr'}: passes 2 to 3 are missing")
+    assert not (out / "0_1.checkpoint").exists() and (out / "2_3.checkpoint").exists()
+
+
+def test_frames_are_joined_by_their_numbers(call, render, stage, out):
+    flags = (*SMALL, "--passes", 2, "-f", "1:2")
+    assert render(stage, "-o", out / "whole.##.exr", *flags)[0] == 0
+    for part in (1, 2):
+        assert render(stage, "-o", out / f"a.##.{part}.checkpoint", *flags, "--pass-range", f"{part}/2")[0] == 0
+    assert call("merge", out / "a.##.*.checkpoint", "-f", "1:2", "-o", out / "a.##.exr", "-q")[0] == 0
+    assert all(same(out / f"a.{k}.exr", out / f"whole.{k}.exr") for k in ("01", "02"))
+
+
+def test_passes_that_do_not_belong_together_are_refused(call, render, stage, out):
+    parts = {"a": ("0:1",), "b": ("1:2",), "c": ("3:3", "--seed", 1), "d": ("3:3", "--passes", 8)}
+    for name, (part, *more) in parts.items():
+        assert render(stage, "-o", out / f"{name}.checkpoint", *SMALL, "--pass-range", part, *more)[0] == 0
+    result = call("merge", out / "a.checkpoint", out / "b.checkpoint", "-o", out / "x.exr")
+    fails(result, 1, f"{out / 'b.checkpoint'}: passes 1 to 1 are there twice")
+    for name in "cd":
+        result = call("merge", out / "a.checkpoint", out / f"{name}.checkpoint", "-o", out / "x.exr")
+        fails(result, 1, f"{out / name}.checkpoint: is of another scene or of other settings")
+    fails(call("merge", out / "z.checkpoint", "-o", out / "x.exr"), 1, "z.checkpoint: no such file")
+    for text, told in (
+        ("6:7", "from 0 to 5"),
+        ("0/3", "expected FIRST:LAST"),
+        ("4/3", "FIRST:LAST"),
+        ("x", "FIRST:LAST"),
+    ):
+        fails(
+            render(stage, "-o", out / "x.checkpoint", *SMALL, "--pass-range", text), 2, f"--pass-range is {text}", told
+        )
+    fails(
+        render(stage, "-o", out / "x.exr", *SMALL, "--pass-range", "0:1"), 2, "expected a name that ends in .checkpoint"
+    )
+    assert not (out / "x.exr").exists() and not (out / "x.checkpoint").exists()
+
+
+@pytest.mark.parametrize("pixel_filter", ["box", "gaussian", "lanczos"])
+def test_tiles_join_without_a_seam(call, render, stage, out, pixel_filter):
+    flags = (*SMALL, "--passes", 2, "--filter", pixel_filter)
+    assert render(stage, "-o", out / "whole.exr", *flags)[0] == 0
+    for tile in (1, 2, 3):
+        assert render(stage, "-o", out / f"tile{tile}.exr", *flags, "--tile", f"{tile}/3")[0] == 0
+    assert call("merge", out / "tile*.exr", "-o", out / "joined.exr", "-q")[0] == 0
+    assert same(out / "joined.exr", out / "whole.exr")
+    assert headers(out / "joined.exr") == headers(out / "whole.exr")
+
+
+def test_tiles_that_do_not_belong_together_are_refused(call, render, stage, out):
+    flags = (*SMALL, "--passes", 1)
+    for name, more in (("a", ("--tile", "1/3")), ("b", ("--tile", "1/2")), ("c", ("--tile", "3/3", "--res", 40, 64)),
+                       ("d", ("--tile", "3/3"))):  # fmt: skip
+        assert render(stage, "-o", out / f"{name}.exr", *flags, *more)[0] == 0
+    fails(call("merge", out / "a.exr", out / "b.exr", "-o", out / "x.exr"), 1, "b.exr: covers what another tile covers")
+    fails(call("merge", out / "a.exr", out / "c.exr", "-o", out / "x.exr"), 1, "c.exr: has other layers or another")
+    code, _, stderr = call("merge", out / "a.exr", out / "d.exr", "-o", out / "x.exr")
+    assert code == 0 and "640 of 1,920 pixels are in no tile, and black" in stderr
+    for text in ("0/2", "3/2", "1", "a/b"):
+        fails(render(stage, "-o", out / "y.exr", *flags, "--tile", text), 2, f"--tile is {text}: expected NUMBER/COUNT")
+    fails(render(stage, "-o", out / "y.exr", *flags, "--tile", "1/4"), 1, "tile 1 of 4 tiles: expected 3 at most")
+
+
+def test_snapshots_show_what_is_done_and_go_when_the_frame_is_there(render, stage, out, monkeypatch):
+    seen = []
+    add_pass = frame.StageRenderer.add_pass
+
+    def signalled(self, number):
+        add_pass(self, number)
+        if number == 2:
+            os.kill(os.getpid(), signal.SIGUSR1)
+        kept = out / "a.snapshot.exr"
+        seen.append(int(OpenEXR.File(str(kept)).header()["passes"]) if kept.exists() else 0)
+
+    monkeypatch.setattr(frame.StageRenderer, "add_pass", signalled)
+    assert render(stage, "-o", out / "a.exr", *SMALL)[0] == 0
+    assert seen == [0, 0, 0, 3, 3, 3]
+    seen.clear()
+    assert render(stage, "-o", out / "a.exr", *SMALL, "--snapshot", 1e-9)[0] == 0
+    assert seen == [0, 1, 2, 3, 4, 5]
+    assert sorted(each.name for each in out.iterdir()) == ["a.exr", "old.exr"]
+    fails(render(stage, "-o", out / "a.exr", *SMALL, "--snapshot", 0), 2, "--snapshot is 0.0: expected a positive")
+
+
+def test_more_passes_than_first_asked_go_on_with_what_is_there(call, render, stage, out):
+    first = (*SMALL, "--passes", 4)
+    assert render(stage, "-o", out / "a.checkpoint", *first, "--pass-range", "0:3")[0] == 0
+    assert render(stage, "-o", out / "four.exr", *first)[0] == 0
+    code, _, stderr = render(stage, "-o", out / "a.exr", *SMALL, "--passes", 10, "--resume")
+    assert (code, stderr) == (0, "")
+    longer = {name: each.astype(np.float64) for name, each in read_layers(out / "a.exr").items()}
+    assert int(OpenEXR.File(str(out / "a.exr")).header()["passes"]) == 10
+    # Twice the same slices of the shutter, by other samples: the mean is that of a longer render but for its noise.
+    assert render(stage, "-o", out / "ten.exr", *SMALL, "--passes", 10)[0] == 0
+    expected = read_layers(out / "ten.exr")
+    assert longer["beams"].mean() == pytest.approx(expected["beams"].mean(), rel=0.05)
