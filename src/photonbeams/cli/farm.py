@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..farm.cluster import FarmOptions, connected
 from ..farm.run import Farm, FarmFrame, FarmState, FarmWork
+from ..render.checkpoint import Checkpoint
 from ..render.frame_sums import FrameSums
 from ..runtime.digest import digest
 from ..scene import SceneError
@@ -111,8 +112,15 @@ class FarmAnimation:
         """Keep the passes that have come in, where that is due."""
         now, every, sums = time.perf_counter(), self.asked.checkpoint, self._frames[place].sums
         if every is not None and sums is not None and now - self._saved[place] >= every:
-            sums.save(checkpoint_of(self.todo[place].outputs))
+            self._save(place, sums)
             self._saved[place] = now
+
+    def _save(self, place: int, sums: FrameSums) -> bool:
+        """Write a checkpoint; return whether that was possible."""
+        checkpoint = Checkpoint(checkpoint_of(self.todo[place].outputs))
+        checkpoint.development = sums.development
+        checkpoint.save(sums)
+        return checkpoint.passes > 0
 
     def _finished(self, place: int) -> None:
         """Write a frame."""
@@ -147,10 +155,8 @@ class FarmAnimation:
         if self.asked.checkpoint is None:
             return None
         kept = 0
-        for task, frame in zip(self.todo, getattr(self, "_frames", ()), strict=False):
-            if frame.sums is not None and len(frame.sums):
-                frame.sums.save(checkpoint_of(task.outputs))
-                kept += 1
+        for place, frame in enumerate(getattr(self, "_frames", ())):
+            kept += frame.sums is not None and self._save(place, frame.sums)
         if not kept:
             return None
         return f"{counted(kept, 'checkpoint')} {'has' if kept == 1 else 'have'} more: --skip-existing --resume go on"

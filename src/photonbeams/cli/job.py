@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -109,11 +110,11 @@ def _part_written(job: Job, numbers: range, task: Task, advance: Callable[[int, 
     """Render some passes of a frame, and write their sums."""
     from ..render.passes import Part, Statistics
 
-    begun = numbers.start
+    begun, start = numbers.start, time.perf_counter()
     sums = job.part(task, Part(numbers, job.settings.passes), lambda done, _: advance(done, f"from {begun}"))
     for output in task.outputs:
         sums.save(output.path)
-    return Statistics(len(sums), sums.beams, sums.tests)
+    return Statistics(len(sums), sums.beams, sums.tests, {"passes": time.perf_counter() - start})
 
 
 def _rendered(

@@ -261,7 +261,7 @@ def render(
             passes=passes, time_limit=time_limit, beams=beams, bounces=bounces, estimator=estimator, rule=rule,
             order=order, pixel_filter=pixel_filter, seed=seed,
         ),
-        camera=camera, list_cameras=list_cameras, res=res, res_scale=res_scale, crop=crop, tile=_tile(tile),
+        camera=camera or None, list_cameras=list_cameras, res=res, res_scale=res_scale, crop=crop, tile=_tile(tile),
         render_settings=render_settings, overrides=overrides or (), session_layers=session_layer or (),
         fog=FogFlags.parse(scattering, absorption, anisotropy, beams_only_fog),
         looks=look or (), groups=group or (), simulate=simulate, emit=emit, stereo=eyes,

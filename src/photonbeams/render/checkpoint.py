@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from collections.abc import Mapping
 from dataclasses import replace
@@ -75,8 +76,15 @@ class Checkpoint:
         """Write sums of at least one pass, unless the checkpoint is never written."""
         if self.every is None or not len(sums):
             return
-        replace(sums, development=self.development).save(self.path)
-        self.passes, self._written = len(sums), time.perf_counter()
+        self._written = time.perf_counter()
+        try:
+            replace(sums, development=self.development).save(self.path)
+        except OSError as error:  # a full disk must not end a long render
+            logging.getLogger("photonbeams").warning(
+                "%s: %s; the render goes on without this checkpoint", self.path, error.strerror or error
+            )
+            return
+        self.passes = len(sums)
 
     def remove(self) -> None:
         """Remove the file, if there is one."""

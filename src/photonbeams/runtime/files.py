@@ -2,19 +2,24 @@
 
 A file grows beside its target under a hidden name of its own and is renamed once it is whole and on the disk, so that
 neither a full disk nor a second writer leaves half of one. What goes wrong on the way is an `OSError` that names the
-target.
+target. What a process leaves that was killed while it wrote, the next writer of the same file removes.
 """
 
 from __future__ import annotations
 
 import errno
 import os
+import platform
+import re
 import secrets
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from hashlib import sha256
 from pathlib import Path
 
 PathLike = str | os.PathLike[str]
+
+_HOST = sha256(platform.node().encode()).hexdigest()[:6]  # which may not signal the processes of another one
 
 
 @contextmanager
@@ -31,9 +36,11 @@ def atomic_path(path: PathLike) -> Iterator[Path]:
     path = Path(path)
     target = Path(os.path.realpath(path))
     # Short enough for any name that is allowed itself, and never the name of a picture that someone globs for.
-    beside = target.parent / f".{path.stem[:40]}.{secrets.token_hex(6)}.tmp{path.suffix}"
+    own = f".{path.stem[:40]}.{_HOST}-{os.getpid()}-"
+    beside = target.parent / f"{own}{secrets.token_hex(6)}.tmp{path.suffix}"
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
+        _remove_leftovers(target)
         if path.is_dir():
             raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
         # Mode 666 under the user's umask, which a temporary file would not have.
@@ -69,6 +76,27 @@ def try_path(path: PathLike) -> None:
         for folder in missing:
             with suppress(OSError):
                 folder.rmdir()
+
+
+def _remove_leftovers(target: Path) -> None:
+    """Remove what killed processes of this machine left beside a file."""
+    stem = re.escape(target.stem[:40])
+    name = re.compile(rf"\.{stem}\.{_HOST}-(\d+)-[0-9a-f]+\.tmp{re.escape(target.suffix)}")
+    with suppress(OSError):
+        for each in os.scandir(target.parent):
+            found = name.fullmatch(each.name)
+            if found and not _alive(int(found[1])):
+                os.unlink(each.path)
+
+
+def _alive(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except OSError:  # of another user
+        return True
+    return True
 
 
 class _Undone(Exception):  # noqa: N818 (no error: it takes back a trial)

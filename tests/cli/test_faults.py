@@ -1,0 +1,130 @@
+"""What a night on a farm brings: kills, full disks, folders that go, two runs at once. Nothing is lost."""
+
+import os
+import random
+import resource
+import shutil
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+from cli.results import fails
+from cli.test_farm import until
+from cli.test_merge import same
+from cli.test_render import CAMERA, FLOOR, FOG, LAMP, command, write_stage
+from photonbeams.render import stage_frame as frame
+
+KILLS = 20
+
+# A process that has imported what does not start Dr.Jit, and forks a render for each line that it reads: it is killed,
+# and another one begins, a second later instead of five.
+FORKS = """
+import os, sys
+import numpy, pxr.Usd, pxr.UsdGeom, pxr.UsdLux, scipy.stats.qmc, scipy.ndimage, scipy.interpolate, typer, rich.progress
+import OpenEXR, OpenImageIO
+from photonbeams import cli
+for line in sys.stdin:
+    child = os.fork()
+    if not child:
+        cli.main(line.split())
+    print(child, flush=True)
+    print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), flush=True)
+"""
+
+
+@pytest.fixture
+def stage(tmp_path):
+    return write_stage(tmp_path / "stage.usda", FOG, CAMERA, LAMP, FLOOR)
+
+
+def test_twenty_kills_at_random_moments_lose_one_interval_at_most(render, stage, out):
+    flags = ("--res", 48, 0, "--passes", 120, "--beams", 64)
+    assert render(stage, "-o", out / "whole.exr", *flags, "-q")[0] == 0
+    rng, log = random.Random(4), out / "log"
+    again = ("--checkpoint", 0.02, "--resume", "--progress", "plain")
+    line = " ".join(map(str, ("render", stage, "-o", out / "a.exr", *flags, *again)))
+    with (
+        log.open("w") as errors,
+        subprocess.Popen(
+            [sys.executable, "-c", FORKS], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=errors, text=True
+        ) as forks,
+    ):
+        kills, reached = 0, 0
+        while True:
+            print(line, file=forks.stdin, flush=True)
+            child = int(forks.stdout.readline())
+            if kills < KILLS:
+                kept = out / "a.checkpoint"
+                before = kept.stat().st_mtime_ns if kept.exists() else 0
+                until(lambda: kept.exists() and kept.stat().st_mtime_ns != before, 60)  # noqa: B023
+                time.sleep(rng.uniform(0, 0.1))
+                os.kill(child, signal.SIGKILL)
+                kills += 1
+            code = int(forks.stdout.readline())
+            if code == 0:
+                break
+            assert code == -signal.SIGKILL, log.read_text()
+            with np.load(out / "a.checkpoint") as archive:  # whole, whenever it ended
+                passes = sum(int(name.split("/")[1].partition("+")[2]) for name in archive.files if "alpha" in name)
+            assert passes > reached
+            reached = passes
+        forks.stdin.close()
+    assert kills == KILLS and same(out / "a.exr", out / "whole.exr")
+    assert sorted(each.name for each in out.iterdir()) == ["a.exr", "log", "old.exr", "whole.exr"]
+
+
+def test_a_full_disk_ends_no_render_before_its_end(stage, out):
+    """Checkpoints do not fit, and pictures do: the first is told, the second written."""
+
+    def limited():
+        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (6000, 6000))
+
+    arguments = command(stage, "-o", out / "a.png", "--res", 32, 0, "--passes", 3, "--beams", 64, "--checkpoint", 1e-9)
+    ended = subprocess.run(
+        [*arguments, "--progress", "none"], capture_output=True, text=True, check=False, preexec_fn=limited
+    )
+    warnings = [line for line in ended.stderr.splitlines() if line.startswith("Warning: ")]
+    assert ended.returncode == 0 and (out / "a.png").stat().st_size > 0, ended.stderr
+    told = f"Warning: {out / 'a.checkpoint'}: File too large; the render goes on without this checkpoint"
+    assert warnings == [told] * 2
+    assert sorted(each.name for each in out.iterdir()) == ["a.png", "old.exr"]
+
+
+def test_a_folder_that_goes_is_made_again(render, stage, out, monkeypatch):
+    add_pass = frame.StageRenderer.add_pass
+
+    def gone(self, number):
+        add_pass(self, number)
+        if number == 2:
+            shutil.rmtree(out)
+
+    monkeypatch.setattr(frame.StageRenderer, "add_pass", gone)
+    flags = ("--res", 32, 0, "--passes", 4, "--beams", 64, "--checkpoint", 1e-9, "-q")
+    assert render(stage, "-o", out / "a.exr", *flags) == (0, "", "")
+    assert [each.name for each in out.iterdir()] == ["a.exr"]
+
+
+def test_two_runs_with_the_same_output_leave_one_whole_picture(render, stage, out):
+    flags = ("--res", 32, 0, "--passes", 30, "--beams", 64, "-q")
+    assert render(stage, "-o", out / "whole.exr", *flags)[0] == 0
+    arguments = command(stage, "-o", out / "a.exr", *flags, "--checkpoint", 0.01, "--resume")
+    both = [subprocess.Popen(arguments, stderr=subprocess.PIPE, text=True) for _ in range(2)]
+    ended = [(each.communicate(timeout=120)[1], each.returncode) for each in both]
+    assert ended == [("", 0)] * 2
+    assert same(out / "a.exr", out / "whole.exr")
+    assert {each.name for each in out.iterdir()} <= {"a.exr", "whole.exr", "old.exr", "a.checkpoint"}
+
+
+def test_a_truncated_checkpoint_is_named_and_kept(render, stage, out):
+    flags = ("--res", 32, 0, "--passes", 4, "--beams", 64, "-q")
+    assert render(stage, "-o", out / "a.checkpoint", *flags, "--pass-range", "0:1")[0] == 0
+    kept = out / "a.checkpoint"
+    kept.write_bytes(kept.read_bytes()[:-100])
+    for more in ((), ("--workers", 1)):
+        fails(render(stage, "-o", out / "a.exr", *flags, "--resume", *more), 1, str(kept), "expected a checkpoint")
+    assert kept.exists() and not (out / "a.exr").exists()
