@@ -18,6 +18,8 @@ NAMES = {
     "quadrature": "Gauss against Riemann at equal error",
     "transport": "Mitsuba scenes: seconds at equal error beside volpath, caustics, mirrors, a million beams",
     "keyhole": "the example frame, from an empty kernel cache",
+    "farm": "workers beside threads, what a task costs, memory over passes",
+    "scale": "a thousand machines, simulated with the farm's own policy",
     "film": "lens, shutter and a second eye beside a pinhole",
 }
 

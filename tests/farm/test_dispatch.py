@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from photonbeams.farm.dispatch import MOST_LOST, Dispatcher, FramePart, LostError, parts_of
+from photonbeams.farm.dispatch import MOST_LOST, Dispatcher, FramePart, LostError, most_passes, parts_of
 
 
 def simulate(frames, workers, seconds, deaths=(), hung=(), queued=2):
@@ -87,7 +87,7 @@ def test_a_hung_worker_holds_up_nothing():
 
 
 def test_a_part_at_which_workers_die_is_blamed():
-    dispatcher = Dispatcher([[range(8)], [range(8)]])
+    dispatcher = Dispatcher([[range(8)]])
     for k in range(MOST_LOST):
         dispatcher.add_worker(f"worker {k}")
         name, part = dispatcher.next(0.0)
@@ -103,3 +103,4 @@ def test_parts_are_aligned_and_every_worker_has_several():
     assert parts_of([range(3, 20)], 100, 4, 8) == [range(3, 8), range(8, 16), range(16, 20)]
     assert len(parts_of([range(16)], 1, 4, 8)) == 16
     assert parts_of([], 1, 4, 8) == []
+    assert [most_passes(workers) for workers in (1, 64, 65, 128, 1000)] == [8, 8, 16, 16, 128]

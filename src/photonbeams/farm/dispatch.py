@@ -8,13 +8,15 @@ one that is done first counts, and both are the same bits.
 
 from __future__ import annotations
 
-from collections import Counter
+import math
+from collections import Counter, deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from statistics import median
 
 #: A part is begun a second time after so many median times of a part, and after so many seconds at least.
 SLOW, LEAST = 4.0, 5.0
+LOOK = 0.5  # seconds between two looks for such parts
 #: So many workers may be lost at one part before it is blamed for that.
 MOST_LOST = 3
 
@@ -29,10 +31,9 @@ class FramePart:
 
 @dataclass
 class _Running:
-    """A part on a worker, since when, and whether it is a second run of it."""
+    """A part that a worker has, and since when."""
 
     part: FramePart
-    worker: str
     since: float
 
 
@@ -64,15 +65,20 @@ class Dispatcher:
     def __init__(self, frames: Sequence[Sequence[range]], queued: int = 2) -> None:
         self._todo = [[FramePart(k, numbers) for numbers in parts] for k, parts in enumerate(frames)]
         self._left = [{*parts} for parts in self._todo]
+        self._count = sum(map(len, self._left))
+        self._open = {frame for frame, parts in enumerate(self._todo) if parts}  # with parts that nobody has
+        self._fresh = deque(sorted(self._open))  # that nobody has begun
         self._queued = queued
         self._workers: dict[str, _Worker] = {}
-        self._times: list[float] = []  # seconds a pass
+        self._free: dict[str, None] = {}  # workers that may be given more
+        self._times: deque[float] = deque(maxlen=50)  # seconds a pass
+        self._looked = -math.inf
         self._lost: dict[FramePart, int] = {}
 
     @property
     def done(self) -> bool:
         """Whether all parts have been rendered."""
-        return not any(self._left)
+        return not self._count
 
     @property
     def workers(self) -> list[str]:
@@ -81,11 +87,14 @@ class Dispatcher:
 
     def add_worker(self, name: str) -> None:
         """Count on a worker."""
-        self._workers.setdefault(name, _Worker())
+        if name not in self._workers:
+            self._workers[name] = _Worker()
+            self._free[name] = None
 
     def lose_worker(self, name: str) -> None:
         """Count no longer on a worker, and do again what it was doing; LostError where that loses every worker."""
         lost = self._workers.pop(name, None)
+        self._free.pop(name, None)
         for place, each in enumerate(lost.running if lost else ()):
             self._again(each.part)
             if place == 0:  # the others had not begun
@@ -95,13 +104,20 @@ class Dispatcher:
 
     def next(self, now: float) -> tuple[str, FramePart] | None:
         """Return a worker and what it is to render, from now on; None where nobody is free or nothing is left."""
-        for length in range(self._queued):
-            for name, worker in self._workers.items():
-                if len(worker.running) == length and (part := self._chosen(worker, now, length)) is not None:
-                    worker.frame = part.frame
-                    worker.running.append(_Running(part, name, now))
-                    return name, part
-        return None
+        idle = next((name for name in self._free if not self._workers[name].running), None)
+        if not self._open:
+            part = None if idle is None or now - self._looked < LOOK else self._slow(now)
+            return None if part is None or idle is None else self._given(idle, part, now)
+        name = idle or next(iter(self._free), None)
+        return None if name is None else self._given(name, self._chosen(self._workers[name]), now)
+
+    def _given(self, name: str, part: FramePart, now: float) -> tuple[str, FramePart]:
+        worker = self._workers[name]
+        worker.frame = part.frame
+        worker.running.append(_Running(part, now))
+        if len(worker.running) >= self._queued:
+            del self._free[name]
+        return name, part
 
     def finish(self, name: str, part: FramePart, now: float) -> bool:
         """Note that a worker is done with a part; return whether nobody had been before."""
@@ -112,11 +128,15 @@ class Dispatcher:
                 worker.running.remove(each)
             for each in worker.running:
                 each.since = now  # it begins now
+            self._free[name] = None
         if part not in self._left[part.frame]:
             return False
         self._left[part.frame].discard(part)
+        self._count -= 1
         if part in self._todo[part.frame]:  # given back when its first worker seemed to be lost
             self._todo[part.frame].remove(part)
+            if not self._todo[part.frame]:
+                self._open.discard(part.frame)
         return True
 
     def give_back(self, name: str, part: FramePart) -> None:
@@ -124,6 +144,7 @@ class Dispatcher:
         worker = self._workers.get(name)
         if worker is not None:
             worker.running = [each for each in worker.running if each.part != part]
+            self._free[name] = None
         self._again(part)
 
     def frame_done(self, frame: int) -> bool:
@@ -138,25 +159,30 @@ class Dispatcher:
         elsewhere = any(each.part == part for worker in self._workers.values() for each in worker.running)
         if part in self._left[part.frame] and not elsewhere and part not in self._todo[part.frame]:
             self._todo[part.frame].insert(0, part)
+            self._open.add(part.frame)
 
-    def _chosen(self, worker: _Worker, now: float, length: int) -> FramePart | None:
-        """Return the next part for a worker."""
-        if worker.frame is not None and self._todo[worker.frame]:
-            return self._todo[worker.frame].pop(0)
-        begun = {each.frame for each in self._workers.values()}
-        fresh = (frame for frame, parts in enumerate(self._todo) if parts and frame not in begun)
-        frame = next(fresh, None)
-        if frame is None:
-            frame = max(range(len(self._todo)), key=lambda each: len(self._todo[each]), default=None)
-        if frame is not None and self._todo[frame]:
-            return self._todo[frame].pop(0)
-        return self._slow(now) if length == 0 else None
+    def _chosen(self, worker: _Worker) -> FramePart:
+        """Return the next part for a worker: of its frame, of one that nobody has begun, of that with most to do."""
+        frame = worker.frame
+        if frame is None or not self._todo[frame]:
+            while self._fresh and self._fresh[0] not in self._open:
+                self._fresh.popleft()
+            frame = (
+                self._fresh.popleft()
+                if self._fresh
+                else max(self._open, key=lambda each: (len(self._todo[each]), -each))
+            )
+        part = self._todo[frame].pop(0)
+        if not self._todo[frame]:
+            self._open.discard(frame)
+        return part
 
     def _slow(self, now: float) -> FramePart | None:
         """Return a part of the worker that has taken longest, if that takes several times as long as it should."""
+        self._looked = now
         if not self._times:
             return None
-        usual = median(self._times[-50:])
+        usual = median(self._times)
         held = [worker.running for worker in self._workers.values() if worker.running]
         counts = Counter(each.part for running in held for each in running)
         late = [
@@ -169,6 +195,14 @@ class Dispatcher:
                 if counts[each.part] == 1 and each.part in self._left[each.part.frame]:
                     return each.part
         return None
+
+
+def most_passes(workers: int) -> int:
+    """Return the most passes of a part: eight, so much is lost with a worker, and on large farms as many as needed.
+
+    The sums of all parts go to one machine, whose network bounds how many come in a second.
+    """
+    return 8 << max(0, (workers - 1).bit_length() - 6)
 
 
 def parts_of(missing: Sequence[range], frames: int, workers: int, most: int) -> list[range]:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from ..render.frame_sums import FrameSums
 from ..scene import SceneError
 from .cluster import FarmError
-from .dispatch import Dispatcher, FramePart, LostError, parts_of
+from .dispatch import Dispatcher, FramePart, LostError, most_passes, parts_of
 from .work import Opened, WorkerError, render_part, versions
 
 if TYPE_CHECKING:
@@ -24,8 +24,6 @@ LOG = logging.getLogger("photonbeams")
 _LOOK = 1.0  # seconds between two looks at which workers there are
 _GONE = 10.0  # seconds without a scheduler after which it is gone
 _NOBODY = 60.0  # seconds without a worker after which nobody will come
-#: The most passes in a part: so much is lost with a worker.
-MOST_PASSES = 8
 
 
 @dataclass
@@ -139,7 +137,7 @@ class Farm:
         """
         frames = self.work.frames
         workers = max(1, len(self._workers()))
-        parts = [parts_of(each.missing(), len(frames), workers, MOST_PASSES) for each in frames]
+        parts = [parts_of(each.missing(), len(frames), workers, most_passes(workers)) for each in frames]
         self._dispatcher = Dispatcher(parts)
         there = [sum(map(len, each)) for each in parts]
         self._state = FarmState(
