@@ -81,7 +81,7 @@ def tasks(console: Console) -> None:
     with connected(FarmOptions(workers=1, threads=1)) as client:
         for name, count, pixels, goal in (("one pixel", TASKS, 1, "< 50"), ("4K", 8, 4 * SIZE_4K, "")):
             frames = [FarmFrame(8, 8) for _ in range(count)]
-            work = FarmWork(open_nothing, pixels, name, frames, [str(k) for k in range(count)], range(count))
+            work = FarmWork(open_nothing, pixels, name, 0, frames, [str(k) for k in range(count)], range(count))
             begin = perf_counter()
             Farm(client, work, lambda _: None, lambda _: None, lambda _: None).run()
             each = (perf_counter() - begin) / count

@@ -1,9 +1,11 @@
 """Farms of real workers: the same pixels as a serial render, whoever is killed, stopped or interrupted."""
 
+import contextlib
 import os
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 
@@ -13,6 +15,7 @@ import pytest
 
 from cli.results import fails
 from cli.test_render import CAMERA, FLOOR, FOG, LAMP, write_stage
+from photonbeams.farm import cluster
 from photonbeams.images.files import read_layers
 
 SMALL = ("--res", 24, 0, "--passes", 4, "--beams", 64)
@@ -61,6 +64,32 @@ def test_frames_of_workers_are_those_of_one_process(render, stage, out):
     assert not list(Path.cwd().glob("dask-*"))
 
 
+def test_two_hundred_frames_leave_nothing_and_need_no_more_memory(stage, out):
+    begun, found, memory = time.time(), {}, []
+    flags = ("--res", 8, 0, "--passes", 1, "--beams", 16, "--workers", 4, "-q")
+    with start("render", stage, "-o", out / "a.###.exr", "-f", "1:200", *flags) as process:
+        while process.poll() is None:
+            done = len(list(out.glob("a.*.exr")))
+            with contextlib.suppress(psutil.Error):
+                found |= {each.pid: each for each in psutil.Process(process.pid).children(recursive=True)}
+                if done >= 60:
+                    own = [*workers_of(process), psutil.Process(process.pid)]
+                    memory.append(sum(each.memory_info().rss for each in own))
+            time.sleep(0.3)
+        assert process.wait() == 0, process.stderr.read()
+    assert len(list(out.glob("a.*.exr"))) == 200
+    quarter = max(1, len(memory) // 4)
+    early, late = np.mean(memory[:quarter]), np.mean(memory[-quarter:])
+    assert late < 1.1 * early, memory
+    assert len(found) >= 4
+    assert not [each for each in found.values() if each.is_running() and each.status() != psutil.STATUS_ZOMBIE]
+    folders = (Path(tempfile.gettempdir()), Path.cwd(), out)
+    left = [
+        each for folder in folders for each in folder.iterdir() if each.name.startswith(("photonbeams-farm-", "dask-"))
+    ]
+    assert not [each for each in left if each.stat().st_mtime > begun]
+
+
 def test_killed_and_stopped_workers_cost_no_frame(render, stage, out):
     flags = (*SMALL, "--passes", 24, "-f", "1:6")
     assert render(stage, "-o", out / "serial.#.exr", *flags, "-q")[0] == 0
@@ -96,7 +125,7 @@ def test_an_interrupted_farm_goes_on_with_another_number_of_workers(render, stag
     process = start("render", stage, "-o", out / "farm.#.exr", *flags, "--workers", 2, "--checkpoint", 0.001)
     until(lambda: list(out.glob("farm.*.checkpoint")) or process.poll() is not None)
     process.send_signal(signal.SIGINT)
-    _, stderr = process.communicate(timeout=120)
+    _, stderr = process.communicate(timeout=120)  # closes its pipes, too
     assert process.returncode == 130, stderr
     assert "Interrupted; " in stderr.splitlines()[-1]
     assert list(out.glob("farm.*.checkpoint"))
@@ -108,6 +137,7 @@ def test_an_interrupted_farm_goes_on_with_another_number_of_workers(render, stag
 
 
 def test_what_a_worker_cannot_open_is_told_in_a_sentence(render, stage, out, monkeypatch):
+    monkeypatch.setattr(cluster, "_CONNECT_SECONDS", 1)
     fails(render(stage, "-o", out / "a.exr", *SMALL, "--scheduler", "tcp://127.0.0.1:1", "-q"), 75,
           "no Dask scheduler answers at tcp://127.0.0.1:1")  # fmt: skip
     fails(render(stage, "-o", out / "a.exr", *SMALL, "--workers", 1, "--scheduler", "tcp://x:1"), 2, "two farms")

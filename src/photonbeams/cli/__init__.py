@@ -13,6 +13,7 @@ import sys
 from collections.abc import Sequence
 from importlib import import_module
 from importlib.util import find_spec
+from itertools import pairwise
 from typing import Annotated, Any, NoReturn
 
 import typer
@@ -80,7 +81,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         # Typer would draw a box around what is wrong, and cut the sentence into lines.
         code = app(args=given or ["--help"], prog_name="photonbeams", standalone_mode=False)
     except TyperException as error:
-        _fail(f"Error: {_usage(error)}", 2)
+        _fail(f"Error: {_usage(error)}", 2, given)
     except KeyboardInterrupt:
         code = _INTERRUPTED
     except Exception as error:
@@ -90,9 +91,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
         elif sentence is None or os.environ.get("PHOTONBEAMS_TRACEBACK", "0") not in ("", "0"):
             raise
         else:
-            _fail(f"Error: {sentence}", _TEMPORARY if _of_farm(error) else 1)
+            _fail(f"Error: {sentence}", _TEMPORARY if _of_farm(error) else 1, given)
     if code == _INTERRUPTED:
-        _fail(f"Interrupted; {getattr(interrupted, 'done', 'nothing was written')}", _INTERRUPTED)
+        _fail(f"Interrupted; {getattr(interrupted, 'done', 'nothing was written')}", _INTERRUPTED, given)
     raise SystemExit(code or (0 if given else 2))  # without a command the help is shown for want of one
 
 
@@ -145,7 +146,9 @@ def _sentence(error: Exception) -> str | None:
     return None
 
 
-def _fail(message: str, code: int) -> NoReturn:
-    """Print a message on standard error and exit."""
+def _fail(message: str, code: int, given: Sequence[str]) -> NoReturn:
+    """Print a message on standard error and exit; tell Open Job Description of it, where that is asked for."""
     print(message, file=sys.stderr)
+    if "--progress=openjd" in given or ("--progress", "openjd") in pairwise(given):
+        print(f"openjd_fail: {message}", flush=True)
     raise SystemExit(code)

@@ -97,7 +97,13 @@ class FarmAnimation:
             places = [self.tasks.index(task) for task in self.todo]
             request = Request(asked, places[0], options.threads_each())
             work = FarmWork(
-                open_scene, request, digest(request), self._frames, [each.name for each in self.todo], places
+                open_scene,
+                request,
+                digest(request),
+                self.job.memory(),
+                self._frames,
+                [each.name for each in self.todo],
+                places,
             )
 
             def tick(state: FarmState) -> None:

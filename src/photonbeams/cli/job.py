@@ -43,6 +43,9 @@ class Job(Protocol):
     def render(self, task: Task, progress: Progress, **kept: Any) -> Frame:
         """Return a frame; `kept` are more arguments of `Shot.render`."""
 
+    def memory(self) -> int:
+        """Return how many bytes a pass needs, about."""
+
     def part(self, task: Task, part: Part, progress: Progress) -> FrameSums:
         """Return the sums of some passes of a frame."""
 

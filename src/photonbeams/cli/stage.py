@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 from .animation import Task, frame_numbers, tasks_of
-from .asked import Asked
+from .asked import Asked, memory_of
 from .outputs import check_outputs
 from .programs import load_function, load_looks
 
@@ -104,6 +104,10 @@ class StageJob:
     def render(self, task: Task, progress: Progress, **kept: Any) -> Frame:
         """Return a frame; `kept` are more arguments of `Shot.render`."""
         return self._shot.render(task.number, progress=progress, **kept, **self._given)
+
+    def memory(self) -> int:
+        """Return how many bytes a pass needs, about."""
+        return memory_of(*self._size, self._asked, views=2 if self._asked.stereo and self._asked.view is None else 1)
 
     def part(self, task: Task, part: Part, progress: Progress) -> FrameSums:
         """Return the sums of some passes of a frame."""

@@ -9,7 +9,7 @@ import typer
 
 from ..images.numbering import PLACEHOLDER
 from .animation import Task, frame_numbers
-from .asked import Asked
+from .asked import Asked, memory_of
 from .outputs import check_outputs
 from .programs import load_looks
 
@@ -98,6 +98,10 @@ class MitsubaJob:
     def render(self, task: Task, progress: Progress, **kept: Any) -> Frame:
         """Return a frame; `kept` are more arguments of `Shot.render`."""
         return self._shot.render(task.number, progress=progress, **kept, **self._given)
+
+    def memory(self) -> int:
+        """Return how many bytes a pass needs, about."""
+        return memory_of(*self._size, self._asked, views=2 if self._asked.stereo and self._asked.view is None else 1)
 
     def part(self, task: Task, part: Part, progress: Progress) -> FrameSums:
         """Return the sums of some passes of a frame."""

@@ -9,13 +9,16 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from ..runtime.device import processors
+from ..runtime.device import memory, processors
 from ..scene import SceneError
 
 if TYPE_CHECKING:
     from distributed import Client
 
-_CONNECT_SECONDS = 20
+#: What a worker's memory in bytes is called among Dask's resources.
+MEMORY = "memory"
+
+_CONNECT_SECONDS = 10
 _START_SECONDS = 120
 
 
@@ -86,10 +89,12 @@ def connected(options: FarmOptions) -> Iterator[Client]:
 @contextmanager
 def _local(distributed: Any, options: FarmOptions) -> Iterator[Client]:
     count = options.workers or 1
+    limit = options.memory or (memory() or 0) // count
     with tempfile.TemporaryDirectory(prefix="photonbeams-farm-", ignore_cleanup_errors=True) as folder:
         cluster = distributed.LocalCluster(
             n_workers=count, threads_per_worker=1, processes=True, host="127.0.0.1", dashboard_address=None,
-            memory_limit=options.memory or "auto", local_directory=folder, silence_logs=logging.CRITICAL,
+            memory_limit=limit or "auto",
+            resources={MEMORY: limit} if limit else None, local_directory=folder, silence_logs=logging.CRITICAL,
         )  # fmt: skip
         with cluster, distributed.Client(cluster, set_as_default=False) as client:
             yield client

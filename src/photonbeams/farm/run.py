@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..render.frame_sums import FrameSums
 from ..scene import SceneError
-from .cluster import FarmError
+from .cluster import MEMORY, FarmError
 from .dispatch import Dispatcher, FramePart, LostError, most_passes, parts_of
 from .work import Opened, WorkerError, render_part, versions
 
@@ -71,6 +71,8 @@ class FarmWork:
         A function of a module, which a worker calls with the request to open the scene.
     key
         Which scene that is: it stays open on the worker for further parts.
+    memory
+        Bytes that a part needs, about.
     frames, names, places
         The frames, what they are called, and their places in the list that the worker has.
     """
@@ -78,6 +80,7 @@ class FarmWork:
     open_scene: Callable[[Any], Opened]
     request: Any
     key: str
+    memory: int
     frames: Sequence[FarmFrame]
     names: Sequence[str]
     places: Sequence[int]
@@ -121,6 +124,7 @@ class Farm:
     _running: dict[Any, tuple[str, FramePart, Any]] = field(default_factory=dict)
     _names: dict[str, str] = field(default_factory=dict)
     _bad: dict[str, str] = field(default_factory=dict)
+    _bounded: set[str] = field(default_factory=set)
     _failed: dict[FramePart, tuple[str, str]] = field(default_factory=dict)
     _looked: float = -1e9
     _seen: float = field(default_factory=time.monotonic)
@@ -159,6 +163,15 @@ class Farm:
     def _workers(self) -> dict[str, str]:
         """Return the names of the workers by their addresses."""
         known = self.client.scheduler_info(n_workers=-1)["workers"]
+        limits = {address: each.get("resources", {}).get(MEMORY) for address, each in known.items()}
+        self._bounded = {address for address, limit in limits.items() if limit is not None}
+        for address in self._bounded - self._bad.keys():
+            if limits[address] < self.work.memory:
+                need, there = (f"{each / 2**30:.1f} GiB" for each in (self.work.memory, limits[address]))
+                name = known[address].get("name", address)
+                self._bad[address] = (
+                    f"worker {name} has {there}, and a part needs {need}: expected fewer workers, or --tile"
+                )
         return {address: str(each.get("name", address)) for address, each in known.items()}
 
     def _look(self) -> None:
@@ -218,6 +231,7 @@ class Farm:
             future = self.client.submit(
                 render_part, work.open_scene, work.request, work.key, versions(), work.places[part.frame], part.numbers,
                 frame.planned, pure=False, workers=[address], allow_other_workers=False, retries=0,
+                resources={MEMORY: work.memory} if address in self._bounded else None,
             )  # fmt: skip
             self._running[future.key] = address, part, future
             future.add_done_callback(self._ready.put)
