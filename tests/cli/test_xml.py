@@ -339,4 +339,4 @@ def test_the_command_ends_as_a_process_too(scene, out):
         finally:
             process.kill()
     assert process.returncode == 130
-    assert re.search(r"Interrupted; .*a\.checkpoint\.npz has [\d,]+ passes", stderr.splitlines()[-1])
+    assert re.search(r"Interrupted; .*a\.checkpoint has [\d,]+ passes", stderr.splitlines()[-1])

@@ -206,7 +206,7 @@ def test_threads_are_set_and_zero_means_all():
         device.set_threads(1)
         assert dr.thread_count() == 1
         device.set_threads(0)
-        assert dr.thread_count() == device._processors()
+        assert dr.thread_count() == device.processors()
     finally:
         device.set_threads(before)
 

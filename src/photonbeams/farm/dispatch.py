@@ -19,6 +19,7 @@ SLOW, LEAST = 4.0, 5.0
 LOOK = 0.5  # seconds between two looks for such parts
 #: So many workers may be lost at one part before it is blamed for that.
 MOST_LOST = 3
+_MOST_PARTS = 1 << 17
 
 
 @dataclass(frozen=True)
@@ -221,6 +222,8 @@ def parts_of(missing: Sequence[range], frames: int, workers: int, most: int) -> 
     size = most
     while size > 1 and total < 3 * size * workers:
         size //= 2
+    while total > _MOST_PARTS * size:
+        size *= 2
     parts = []
     for each in missing:
         begin = each.start

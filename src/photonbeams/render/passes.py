@@ -153,14 +153,15 @@ def accumulate(
         if saved is not None:
             frame.restore(saved)
         there = [] if saved is None else saved.ranges()
-        todo = [number for number in part.numbers if not any(number in each for each in there)]
-        for number in todo:
+        for number in part.numbers:
+            if any(number in each for each in there):
+                continue
             _tell(frame, watched)
             frame.add_pass(number)
             frame.statistics.count_kernels()
             if limit is not None and time.perf_counter() - start > limit:
                 break
-            if checkpoint is not None and checkpoint.due and number != todo[-1]:
+            if checkpoint is not None and checkpoint.due and number != part.numbers[-1]:
                 checkpoint.save(frame.sums())
     _tell(frame, watched)
     frame.statistics.error = _known(frame.error())
