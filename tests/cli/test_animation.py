@@ -444,3 +444,23 @@ def test_a_picture_of_a_product_shows_its_first_layer_of_colours(render, stage, 
 def test_products_that_are_no_outputs_are_refused(render, stage, out, bodies, code, parts):
     fails(render(stage(products(*bodies), NAMED)), code, *parts)
     assert names(out) == []
+
+
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [
+        ("../a.exr", "which is outside of the working folder"), ("{out}/../a.exr", "outside of the working folder"),
+        ("link/a.exr", "outside of the working folder"), ("old.exr", "which is there and no picture"),
+        ("pipe.exr", "which is no file"),
+    ],
+)  # fmt: skip
+def test_products_of_a_stage_stay_in_the_working_folder(render, stage, out, name, told):
+    (out / "link").symlink_to(out.parent)
+    (out / "old.exr").write_text("yesterday")
+    os.mkfifo(out / "pipe.exr")
+    path = stage(products(f'token productName = "{name.format(out=out)}"'), NAMED)
+    code, lines = render(path, "-q")
+    assert code == 1 and len(lines) == 1 and "stage.usda: /P0.productName is" in lines[0], lines
+    assert told in lines[0] and "expected --allow-paths, --render-settings, or -o FILE" in lines[0]
+    for flags in () if name == "pipe.exr" else (("--allow-paths",), ("-rs", "/Settings")):
+        assert render(path, "-q", *flags)[0] == 0

@@ -60,6 +60,8 @@ def run(words):
     plain = "".join(word for word in words if " " not in word)  # what has one was quoted: no matter of the shell
     assert not set("|<>;&$*") & set(plain), f"only plain commands are run here: {' '.join(words)}"
     cheap = [] if "--list-cameras" in words else CHEAP.get(words[1], [])
+    if "--pass-range" in words:
+        cheap = [*cheap, "--passes", "2"]
     assert call([*words[1:], *cheap]) == 0, " ".join(words)
     return written(words)
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from .outputs import Output, check_placeholders
+from .outputs import Output, check_placeholders, check_product
 from .progress import Progress, bar, counted, frame_line, report_line, summary_lines
 
 if TYPE_CHECKING:
@@ -76,9 +76,14 @@ def frame_numbers(text: str | None, outputs: Sequence[Output]) -> list[float | N
 
 
 def tasks_of(
-    shot: Shot, numbers: Iterable[float | None], outputs: Sequence[Output], products: Sequence[RenderProduct]
-) -> list[Task]:
-    """Return what is to be done: each frame with the files that flags name or, without them, render products."""
+    shot: Shot, numbers: Iterable[float | None], outputs: Sequence[Output], products: Sequence[RenderProduct],
+    *, anywhere: bool = False,
+) -> list[Task]:  # fmt: skip
+    """Return what is to be done: each frame with the files that flags name or, without them, render products.
+
+    `anywhere` tells that products may lead out of the working folder.
+    """
+    from ..usd.reading import file_of
     from ..usd.settings import product_file
 
     tasks = []
@@ -88,6 +93,8 @@ def tasks_of(
         frame = 0.0 if code.IsDefault() else float(code.GetValue())
         files = outputs or [Output(product_file(shot.stage, each, code), variables=each.variables) for each in products]
         task = Task(number, f"{frame:.10g}", tuple(each.numbered(frame) for each in files))
+        for product, path in zip([] if outputs or anywhere else products, task.files, strict=False):
+            check_product(path, f"{file_of(shot.stage)}: {product.path}.productName")
         for path in task.files:
             owner = owners.setdefault(path.absolute(), task.name)
             if owner is not task.name:

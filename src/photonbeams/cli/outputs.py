@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from .asked import Asked
 
 
+_PICTURES = (b"\x76\x2f\x31\x01", b"\x89PNG")  # what an .exr and a .png begin with
+
 #: Layers that are no colours, and so no pictures.
 NUMBERS = ("depth",)
 
@@ -88,6 +90,25 @@ def checked_path(flag: str, path: Path, suffixes: Sequence[str]) -> Path:
     if len(PLACEHOLDER.findall(path.name)) > 1:
         raise typer.BadParameter(f"{flag} is {path}: expected one run of # for the frame number")
     return path
+
+
+def check_product(path: Path, where: str) -> None:
+    """Refuse a render product that leads out of the working folder, onto a device, or over what is no picture.
+
+    Products are named by stages, which may be a stranger's.
+    """
+    from ..scene import SceneError
+
+    target, folder = Path(os.path.realpath(path)), Path.cwd().resolve()
+    expected = "expected --allow-paths, --render-settings, or -o FILE"
+    if not target.is_relative_to(folder):
+        raise SceneError(f"{where} is '{path}', which is outside of the working folder: {expected}")
+    if target.exists() and not target.is_file():
+        raise SceneError(f"{where} is '{path}', which is no file: {expected}")
+    if target.is_file() and target.stat().st_size:
+        with target.open("rb") as file:
+            if not file.read(8).startswith(_PICTURES):
+                raise SceneError(f"{where} is '{path}', which is there and no picture: {expected}")
 
 
 def check_outputs(outputs: Collection[object]) -> None:

@@ -69,6 +69,9 @@ def render(
             help="RenderSettings prim; flags win over it. Default: the one that the stage names.",
         ),
     ] = None,
+    allow_paths: Annotated[
+        bool, typer.Option("--allow-paths", help="Write render products that a stage names outside of this folder.")
+    ] = False,
     camera: Annotated[
         str | None,
         typer.Option("--camera", "-cam", help="Path or name of the camera (of a Mitsuba scene: its sensor's id)."),
@@ -262,7 +265,8 @@ def render(
             order=order, pixel_filter=pixel_filter, seed=seed,
         ),
         camera=camera or None, list_cameras=list_cameras, res=res, res_scale=res_scale, crop=crop, tile=_tile(tile),
-        render_settings=render_settings, overrides=overrides or (), session_layers=session_layer or (),
+        render_settings=render_settings, allow_paths=allow_paths,
+        overrides=overrides or (), session_layers=session_layer or (),
         fog=FogFlags.parse(scattering, absorption, anisotropy, beams_only_fog),
         looks=look or (), groups=group or (), simulate=simulate, emit=emit, stereo=eyes,
         view=None if view in (None, ViewName.both) else view.value,

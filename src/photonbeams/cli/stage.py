@@ -61,7 +61,8 @@ class StageJob:
             looks=load_looks("--look", asked.looks),
         )  # fmt: skip
         self.settings = asked.quality.over(Settings(pixel_filter=own.pixel_filter))
-        return tasks_of(self._shot, self._numbers, asked.outputs, own.products)
+        anywhere = bool(asked.render_settings) or asked.allow_paths
+        return tasks_of(self._shot, self._numbers, asked.outputs, own.products, anywhere=anywhere)
 
     def _render_settings(self) -> RenderSettings:
         """Return the render settings, where flags leave them something to say."""
