@@ -13,6 +13,7 @@ from rich.console import Console
 from rich.table import Table
 
 from photonbeams.farm.dispatch import Dispatcher, FramePart, most_passes, parts_of
+from photonbeams.render.sums import BLOCK
 
 
 @dataclass(frozen=True)
@@ -58,6 +59,12 @@ class Simulated:
     busy: float
 
 
+def _sent(part: FramePart) -> int:
+    """Return how many sums of its pixels a part sends: one for each block, and those of the first ones together."""
+    numbers = part.numbers
+    return 1 if numbers.start == 0 else numbers.stop // BLOCK - -(-numbers.start // BLOCK) or 1
+
+
 def simulate(machine: Machine, frames: int, passes: int) -> Simulated:
     """Render so many frames of so many passes on a simulated farm."""
     rng = random.Random(machine.seed)
@@ -101,7 +108,7 @@ def simulate(machine: Machine, frames: int, passes: int) -> Simulated:
             dispatcher.add_worker(name)
             at(now + rng.expovariate(machine.failures / 3600), "lost", name)
         elif kind == "done" and part is not None and life == born[name]:
-            spent = machine.overhead + machine.part_bytes / machine.link
+            spent = machine.overhead + machine.part_bytes * _sent(part) / machine.link
             client, client_busy = max(client, now) + spent, client_busy + spent
             rendered += len(part.numbers)
             at(client, "taken", name, part)
@@ -140,8 +147,8 @@ def report(console: Console) -> None:
         for workers in WORKERS:
             part = PIXEL_BYTES * pixels
             found = simulate(Machine(workers, seconds, begin, part), FRAMES, passes)
-            tasks = FRAMES * -(-passes // most_passes(workers))
-            rate = part * tasks / found.seconds / 1e9
+            parts = parts_of([range(passes)], FRAMES, workers, most_passes(workers))
+            rate = part * FRAMES * sum(_sent(FramePart(0, each)) for each in parts) / found.seconds / 1e9
             cost = workers * found.seconds / 3600 * HOUR_COST / FRAMES
             table.add_row(
                 name, f"{workers:,}", f"{found.seconds / 3600:.2f}", f"{found.efficiency:.0%}", f"{found.twice:.1%}",

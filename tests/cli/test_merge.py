@@ -50,7 +50,10 @@ def test_passes_of_two_machines_are_those_of_one(call, render, stage, out):
     for view in ("left", "right"):
         assert same(out / "joined.exr", out / "whole.exr", view)
     assert headers(out / "joined.exr") == headers(out / "whole.exr")
-    code, _, stderr = call("merge", out / "0_1.checkpoint", out / "4_5.checkpoint", "-o", out / "gap.exr", "--remove")
+    gap = ("merge", out / "0_1.checkpoint", out / "4_5.checkpoint", "-o", out / "gap.exr", "--remove")
+    fails(call(*gap), 1, f"{out / 'gap.exr'}: passes 2 to 3 are missing: expected all, or --partial")
+    assert (out / "0_1.checkpoint").exists() and not (out / "gap.exr").exists()
+    code, _, stderr = call(*gap, "--partial")
     assert code == 0 and stderr.startswith(f"Warning: {out / 'gap.exr'}: passes 2 to 3 are missing")
     assert not (out / "0_1.checkpoint").exists() and (out / "2_3.checkpoint").exists()
 
@@ -107,11 +110,17 @@ def test_tiles_that_do_not_belong_together_are_refused(call, render, stage, out)
         assert render(stage, "-o", out / f"{name}.exr", *flags, *more)[0] == 0
     fails(call("merge", out / "a.exr", out / "b.exr", "-o", out / "x.exr"), 1, "b.exr: covers what another tile covers")
     fails(call("merge", out / "a.exr", out / "c.exr", "-o", out / "x.exr"), 1, "c.exr: has other layers or another")
-    code, _, stderr = call("merge", out / "a.exr", out / "d.exr", "-o", out / "x.exr")
+    gap = ("merge", out / "a.exr", out / "d.exr", "-o", out / "x.exr")
+    fails(call(*gap), 1, "640 of 1,920 pixels are in no tile: expected all tiles, or --partial")
+    code, _, stderr = call(*gap, "--partial")
     assert code == 0 and "640 of 1,920 pixels are in no tile, and black" in stderr
     for text in ("0/2", "3/2", "1", "a/b"):
         fails(render(stage, "-o", out / "y.exr", *flags, "--tile", text), 2, f"--tile is {text}: expected NUMBER/COUNT")
-    fails(render(stage, "-o", out / "y.exr", *flags, "--tile", "1/4"), 1, "tile 1 of 4 tiles: expected 3 at most")
+    fails(
+        render(stage, "-o", out / "y.exr", *flags, "--tile", "1/4"),
+        1,
+        "the tile is 1/4: 48 rows make 3 tiles of 16 rows at most",
+    )
 
 
 def test_snapshots_show_what_is_done_and_go_when_the_frame_is_there(render, stage, out, monkeypatch):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -90,6 +90,23 @@ class Asked:
         crop = self.crop or own
         return crop if self.tile is None else tile_of(crop, width, height, self.tile)
 
+    def anywhere(self) -> Asked:
+        """Return the request for a process that runs in another folder: its files have absolute paths."""
+
+        def absolute(text: str | None) -> str | None:
+            """Return a path, or the path in PRIM=FILE.py:NAME."""
+            if text is None:
+                return None
+            prim, equals, file = text.rpartition("=")
+            return f"{prim}{equals}{Path(file).absolute()}"
+
+        plates = replace(self.plates, holdout=absolute(self.plates.holdout), over=absolute(self.plates.over))
+        return replace(
+            self, path=self.path.absolute(), session_layers=[Path(each).absolute() for each in self.session_layers],
+            looks=[absolute(each) or "" for each in self.looks], simulate=absolute(self.simulate),
+            emit=absolute(self.emit), plates=plates,
+        )  # fmt: skip
+
     def start_device(self) -> None:
         """Start the device."""
         start_device(self.device, self.threads)
@@ -99,9 +116,9 @@ class Asked:
 _PIXEL, _SUMS, _PROGRAM = 300, 300, 1 << 30
 
 
-def memory_of(width: int, height: int, asked: Asked, views: int) -> int:
+def memory_of(width: int, height: int, crop: Sequence[float] | None, views: int) -> int:
     """Return how many bytes the passes of a picture need, about: a stage may be large, and so may its beams be."""
     from ..images.frame import pixels_of
 
-    left, top, right, bottom = pixels_of(asked.crop_of(width, height), width, height)
+    left, top, right, bottom = pixels_of(crop, width, height)
     return _PROGRAM + (right - left) * (bottom - top) * (_PIXEL + views * _SUMS)

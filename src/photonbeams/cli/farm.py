@@ -8,17 +8,20 @@ from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
+from uuid import uuid4
+
+import typer
 
 from ..farm.cluster import FarmOptions, connected
 from ..farm.run import Farm, FarmFrame, FarmState, FarmWork
+from ..farm.work import threads_here
 from ..render.checkpoint import Checkpoint
 from ..render.frame_sums import FrameSums
-from ..runtime.digest import digest
 from ..scene import SceneError
 from .animation import FrameError, Task, report_line
 from .asked import Asked
 from .outputs import checkpoint_of, snapshots_of, write_frame
-from .progress import counted, farm_bar, frame_line, snapshots
+from .progress import farm_bar, frame_line
 
 if TYPE_CHECKING:
     from ..farm.work import Opened
@@ -40,14 +43,18 @@ def open_scene(request: Request) -> Opened:
     from ..render.passes import Part
     from .job import opened
 
-    asked = replace(request.asked, threads=request.threads)
-    asked.start_device()
-    job = opened(asked, lambda: None)
-    tasks = job.tasks()
-    job.check(tasks[request.first], [])
+    # Where products go was looked at by the command, whose folder this may not be.
+    asked = replace(request.asked, threads=request.threads or threads_here(), allow_paths=True)
+    try:
+        asked.start_device()
+        job = opened(asked, lambda: None)
+        tasks = job.tasks()
+        job.check(tasks[request.first], [])
+    except typer.BadParameter as error:
+        raise SceneError(error.message) from None
 
     def render(frame: int, numbers: range, planned: int | None) -> dict[str, Any]:
-        return job.part(tasks[frame], Part(numbers, planned), lambda done, statistics: None).state()
+        return job.part(tasks[frame], Part(numbers, planned)).state()
 
     return render
 
@@ -62,6 +69,7 @@ class FarmAnimation:
     todo: Sequence[Task]
     layers: Sequence[str]
     check: Callable[[], None]
+    due: Callable[[], bool]
     _begun: float = field(default_factory=time.perf_counter)
     _written: int = 0
     _files: int = 0
@@ -86,6 +94,8 @@ class FarmAnimation:
         path = checkpoint_of(task.outputs)
         if self.asked.resume and path.is_file():
             sums = FrameSums.load(path)
+            if not sums.missing(passes):  # nobody will render what tells whether it is of this picture
+                self.job.render(task, None, checkpoint=Checkpoint(path, None))
         return FarmFrame(passes, passes if sums is None else sums.planned, sums, path if sums else None)
 
     def _run(self, options: FarmOptions) -> None:
@@ -93,13 +103,12 @@ class FarmAnimation:
         with ExitStack() as stack:
             client = stack.enter_context(connected(options))
             show = stack.enter_context(farm_bar(asked.progress, asked.quiet))
-            self._due = stack.enter_context(snapshots(asked.snapshot))
             places = [self.tasks.index(task) for task in self.todo]
-            request = Request(asked, places[0], options.threads_each())
+            request = Request(asked.anywhere(), places[0], options.threads_each())
             work = FarmWork(
                 open_scene,
                 request,
-                digest(request),
+                uuid4().hex,
                 self.job.memory(),
                 self._frames,
                 [each.name for each in self.todo],
@@ -109,7 +118,7 @@ class FarmAnimation:
             def tick(state: FarmState) -> None:
                 self.check()
                 show(state)
-                if self._due():
+                if self.due():
                     self._snapshot()
 
             Farm(client, work, self._joined, self._finished, tick).run()
@@ -129,10 +138,12 @@ class FarmAnimation:
         return checkpoint.passes > 0
 
     def _finished(self, place: int) -> None:
-        """Write a frame."""
+        """Write a frame, unless another machine has done that meanwhile and that is what is wanted."""
         task, sums = self.todo[place], self._frames[place].sums
         if sums is None:
             raise SceneError(f"frame {task.name} has no passes")
+        if self.asked.skip_existing and task.exists():
+            return
         statistics = self._write(task, sums)
         checkpoint_of(task.outputs).unlink(missing_ok=True)
         for each in snapshots_of(task.outputs):
@@ -165,4 +176,5 @@ class FarmAnimation:
             kept += frame.sums is not None and self._save(place, frame.sums)
         if not kept:
             return None
-        return f"{counted(kept, 'checkpoint')} {'has' if kept == 1 else 'have'} more: --skip-existing --resume go on"
+        text = "unfinished frame has its passes in a checkpoint" if kept == 1 else "unfinished frames have checkpoints"
+        return f"{kept} {text}: --skip-existing --resume goes on from there"

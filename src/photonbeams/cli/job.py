@@ -40,13 +40,13 @@ class Job(Protocol):
     def seen(self, first: Task) -> str:
         """Return a description of the picture: scene, camera and size."""
 
-    def render(self, task: Task, progress: Progress, **kept: Any) -> Frame:
+    def render(self, task: Task, progress: Progress | None, **kept: Any) -> Frame:
         """Return a frame; `kept` are more arguments of `Shot.render`."""
 
     def memory(self) -> int:
         """Return how many bytes a pass needs, about."""
 
-    def part(self, task: Task, part: Part, progress: Progress) -> FrameSums:
+    def part(self, task: Task, part: Part, progress: Progress | None = None) -> FrameSums:
         """Return the sums of some passes of a frame."""
 
 
@@ -68,7 +68,7 @@ def opened(asked: Asked, check: Callable[[], None]) -> Job:
 
 def run(asked: Asked) -> None:
     """Render what the flags ask for."""
-    with messages(asked.quiet, asked.verbose), held_interrupt() as check:
+    with messages(asked.quiet, asked.verbose), held_interrupt() as check, snapshots(asked.snapshot) as due:
         asked.start_device()
         job = opened(asked, check)
         if asked.list_cameras:
@@ -93,13 +93,13 @@ def run(asked: Asked) -> None:
         if asked.farm is not None:
             from .farm import FarmAnimation
 
-            FarmAnimation(job, asked, tasks, todo, kept, check).render(asked.farm)
+            FarmAnimation(job, asked, tasks, todo, kept, check, due).render(asked.farm)
             return
 
         def finish(task: Task, advance: Callable[[int, str], None]) -> Statistics:
             if part is not None:
                 return _part_written(job, part, task, advance)
-            frame = _rendered(job, asked, task, advance, kept, several=len(tasks) > 1)
+            frame = _rendered(job, asked, task, advance, kept, due, several=len(tasks) > 1)
             write_frame(frame, task.outputs, asked, kept)
             checkpoint_of(task.outputs).unlink(missing_ok=True)
             for each in snapshots_of(task.outputs):
@@ -121,8 +121,9 @@ def _part_written(job: Job, numbers: range, task: Task, advance: Callable[[int, 
 
 
 def _rendered(
-    job: Job, asked: Asked, task: Task, advance: Callable[[int, str], None], kept: Sequence[str], *, several: bool
-) -> Frame:
+    job: Job, asked: Asked, task: Task, advance: Callable[[int, str], None], kept: Sequence[str],
+    due: Callable[[], bool], *, several: bool,
+) -> Frame:  # fmt: skip
     """Return a frame, having written checkpoints on the way, the last one when Ctrl-C is pressed, and snapshots."""
     from ..render.checkpoint import Checkpoint
 
@@ -133,18 +134,16 @@ def _rendered(
     def progress(done: int, statistics: Statistics) -> None:
         advance(done, error_note(statistics.error))
 
-    with snapshots(asked.snapshot) as due:
+    def snapshot(frame: Callable[[], Frame]) -> None:
+        if due():
+            write_frame(frame(), snapshots_of(task.outputs), asked, kept)
 
-        def snapshot(frame: Callable[[], Frame]) -> None:
-            if due():
-                write_frame(frame(), snapshots_of(task.outputs), asked, kept)
-
-        try:
-            return job.render(task, progress, checkpoint=checkpoint, snapshot=snapshot)
-        except KeyboardInterrupt as interrupt:
-            if checkpoint is None or not checkpoint.passes:
-                raise
-            passes = counted(checkpoint.passes, "pass", "passes")
-            flags = "--skip-existing --resume" if several else "--resume"
-            verb = "go" if several else "goes"
-            raise Kept(f"{checkpoint.path} has {passes}: {flags} {verb} on from there") from interrupt
+    try:
+        return job.render(task, progress, checkpoint=checkpoint, snapshot=snapshot)
+    except KeyboardInterrupt as interrupt:
+        if checkpoint is None or not checkpoint.passes:
+            raise
+        passes = counted(checkpoint.passes, "pass", "passes")
+        flags = "--skip-existing --resume" if several else "--resume"
+        verb = "go" if several else "goes"
+        raise Kept(f"{checkpoint.path} has {passes}: {flags} {verb} on from there") from interrupt

@@ -42,6 +42,10 @@ def merge(
     remove: Annotated[
         bool, typer.Option("--remove", help="Remove the checkpoints of frames that are written.")
     ] = False,
+    partial: Annotated[bool, typer.Option("--partial", help="Write frames that lack passes or tiles, too.")] = False,
+    skip_existing: Annotated[
+        bool, typer.Option("--skip-existing", help="Leave out frames whose files are all there.")
+    ] = False,
     quiet: options.Quiet = False,
 ) -> None:
     """Join the passes of checkpoints, or tiles, into frames: the bits of one machine that renders all of them.
@@ -60,13 +64,15 @@ def merge(
     with messages(quiet, verbose=False):
         for number in frame_numbers(frames, outputs):
             files = [each if number is None else each.numbered(number) for each in outputs]
+            if skip_existing and all(each.exists() for each in files):
+                continue
             prepare_outputs(files)
             paths = _found(checkpoints, number)
             if paths[0].suffix.lower() == ".exr":
-                _join_tiles(paths, files, quiet=quiet)
+                _join_tiles(paths, files, partial=partial, quiet=quiet)
                 continue
             sums = joined(paths)
-            _warn_of_gaps(sums, files[0].path)
+            _check_gaps(sums, files[0].path, partial=partial)
             frame = Development.of(sums.development).frame(sums)
             for metadata in [frame.metadata, *(each for _, each in frame.views.values())]:
                 metadata["commandLine"] = options.command_line()
@@ -79,13 +85,13 @@ def merge(
                 typer.echo(f"{counted(len(sums), 'pass', 'passes')} of {len(paths)} files, wrote {text}", err=True)
 
 
-def _join_tiles(paths: Sequence[Path], outputs: Sequence[Output], *, quiet: bool) -> None:
+def _join_tiles(paths: Sequence[Path], outputs: Sequence[Output], *, partial: bool, quiet: bool) -> None:
     """Write the picture that tiles are parts of."""
     from ..images.tiles import join_tiles
 
     if len(outputs) != 1 or outputs[0].path.suffix.lower() != ".exr":
         raise typer.BadParameter("tiles are joined into one file: expected -o FILE.exr alone")
-    covered, pixels = join_tiles(paths, outputs[0].path)
+    covered, pixels = join_tiles(paths, outputs[0].path, partial=partial)
     if covered < pixels:
         logging.getLogger("photonbeams").warning(
             "%s: %s of %s pixels are in no tile, and black", outputs[0].path, f"{pixels - covered:,}", f"{pixels:,}"
@@ -125,8 +131,13 @@ def joined(paths: Sequence[Path]) -> FrameSums:
     return result
 
 
-def _warn_of_gaps(sums: FrameSums, path: Path) -> None:
-    """Warn of passes that were planned and are not there."""
+def _check_gaps(sums: FrameSums, path: Path, *, partial: bool) -> None:
+    """Refuse frames that lack passes which were planned, or warn of them."""
+    from ..scene import SceneError
+
     missing = " and ".join(f"{each.start} to {each.stop - 1}" for each in sums.missing(sums.planned or 0))
-    if missing:
-        logging.getLogger("photonbeams").warning("%s: passes %s are missing", path, missing)
+    if not missing:
+        return
+    if not partial:
+        raise SceneError(f"{path}: passes {missing} are missing: expected all, or --partial")
+    logging.getLogger("photonbeams").warning("%s: passes %s are missing", path, missing)

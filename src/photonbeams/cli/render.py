@@ -249,6 +249,11 @@ def render(
     _check_plates(holdout, holdout_channel, holdout_depth, holdout_scale, over, over_fog)
     eyes = _stereo(stereo, interaxial, convergence, view)
     part = PassRange.parse(pass_range)
+    farm = _farm(workers, scheduler, threads, {"ca": tls_ca, "cert": tls_cert, "key": tls_key})
+    if part is not None and farm is not None:
+        raise typer.BadParameter("--pass-range is of one process: a farm shares the passes out itself")
+    if time_limit is not None and (part is not None or farm is not None):
+        raise typer.BadParameter("--time-limit is of a frame in one process: expected --passes alone for parts of it")
     outputs = parse_outputs(output or (), picture or ()) if part is None else part_outputs(output or ())
     is_xml = scene.suffix.lower() == ".xml"
     if is_xml:
@@ -259,7 +264,7 @@ def render(
     asked = Asked(
         path=scene, outputs=outputs, layers=layers, exposure=exposure, frames=frames, skip_existing=skip_existing,
         checkpoint=checkpoint, resume=resume, snapshot=snapshot, part=part,
-        farm=_farm(workers, scheduler, threads, {"ca": tls_ca, "cert": tls_cert, "key": tls_key}),
+        farm=farm,
         quality=Quality(
             passes=passes, time_limit=time_limit, beams=beams, bounces=bounces, estimator=estimator, rule=rule,
             order=order, pixel_filter=pixel_filter, seed=seed,

@@ -95,15 +95,16 @@ class MitsubaJob:
         (width, height), shot = self._size, self._shot
         return f"{self._asked.path} seen by {shot.sensor.id() or shot.names[0]}, {width} x {height} pixels"
 
-    def render(self, task: Task, progress: Progress, **kept: Any) -> Frame:
+    def render(self, task: Task, progress: Progress | None, **kept: Any) -> Frame:
         """Return a frame; `kept` are more arguments of `Shot.render`."""
         return self._shot.render(task.number, progress=progress, **kept, **self._given)
 
     def memory(self) -> int:
         """Return how many bytes a pass needs, about."""
-        return memory_of(*self._size, self._asked, views=2 if self._asked.stereo and self._asked.view is None else 1)
+        views = 2 if self._asked.stereo and self._asked.view is None else 1
+        return memory_of(*self._size, self._given["crop"], views)
 
-    def part(self, task: Task, part: Part, progress: Progress) -> FrameSums:
+    def part(self, task: Task, part: Part, progress: Progress | None = None) -> FrameSums:
         """Return the sums of some passes of a frame."""
         return self._shot.render_part(part, task.number, progress=progress, **self._given)
 

@@ -19,7 +19,6 @@ if TYPE_CHECKING:
 MEMORY = "memory"
 
 _CONNECT_SECONDS = 10
-_START_SECONDS = 120
 
 
 class FarmError(Exception):
@@ -38,8 +37,6 @@ class FarmOptions:
         The address of a running Dask scheduler, such as tcp://farm:8786 or tls://farm:8786.
     threads
         Processor threads of each worker that is started here; None: the processors are shared out.
-    memory
-        The most bytes of each worker that is started here; None: the memory is shared out.
     tls
         Files of TLS by `ca`, `cert` and `key`.
     """
@@ -47,7 +44,6 @@ class FarmOptions:
     workers: int | None = None
     scheduler: str | None = None
     threads: int | None = None
-    memory: int | None = None
     tls: Mapping[str, str] | None = None
 
     def threads_each(self) -> int | None:
@@ -74,10 +70,10 @@ def connected(options: FarmOptions) -> Iterator[Client]:
     except ImportError:
         raise SceneError("a farm needs Dask: expected `pip install 'photonbeams[farm]'`") from None
     logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what is lost is told by us, in a sentence
-    quick = {"distributed.comm.timeouts.connect": f"{_CONNECT_SECONDS}s", "distributed.scheduler.worker-ttl": "60s"}
-    with dask.config.set(
-        {**quick, "distributed.worker.memory.spill": False, "distributed.worker.memory.target": False}
-    ):
+    settings: dict[str, Any] = {f"distributed.worker.memory.{each}": False for each in ("spill", "target", "pause")}
+    settings["distributed.comm.timeouts.connect"] = f"{_CONNECT_SECONDS}s"
+    settings["distributed.scheduler.worker-ttl"] = "60s"
+    with dask.config.set(settings):
         if options.scheduler is None:
             with _local(distributed, options) as client:
                 yield client
@@ -89,15 +85,25 @@ def connected(options: FarmOptions) -> Iterator[Client]:
 @contextmanager
 def _local(distributed: Any, options: FarmOptions) -> Iterator[Client]:
     count = options.workers or 1
-    limit = options.memory or (memory() or 0) // count
+    limit = (memory() or 0) // count
     with tempfile.TemporaryDirectory(prefix="photonbeams-farm-", ignore_cleanup_errors=True) as folder:
-        cluster = distributed.LocalCluster(
-            n_workers=count, threads_per_worker=1, processes=True, host="127.0.0.1", dashboard_address=None,
+        cluster = _started(
+            distributed.LocalCluster,
+            n_workers=count, threads_per_worker=1, processes=True, host="127.0.0.1", dashboard_address="127.0.0.1:0",
             memory_limit=limit or "auto",
             resources={MEMORY: limit} if limit else None, local_directory=folder, silence_logs=logging.CRITICAL,
+            preload=["photonbeams.farm.preload"],
         )  # fmt: skip
-        with cluster, distributed.Client(cluster, set_as_default=False) as client:
+        with cluster, distributed.Client(cluster, set_as_default=False, direct_to_workers=True) as client:
             yield client
+
+
+def _started(kind: Any, **given: Any) -> Any:
+    """Return a local cluster; FarmError where its processes do not start."""
+    try:
+        return kind(**given)
+    except (RuntimeError, OSError, TimeoutError) as error:
+        raise FarmError(f"the workers do not start: {' '.join(str(error).split())[:200]}") from None
 
 
 @contextmanager
@@ -110,7 +116,9 @@ def _running(distributed: Any, options: FarmOptions) -> Iterator[Client]:
             require_encryption=True, **{names[name]: path for name, path in options.tls.items()}
         )
     try:
-        client = distributed.Client(address, security=security, timeout=_CONNECT_SECONDS, set_as_default=False)
+        client = distributed.Client(
+            address, security=security, timeout=_CONNECT_SECONDS, set_as_default=False, direct_to_workers=True
+        )
     except (OSError, ValueError, TypeError, TimeoutError) as error:
         reason = " ".join(str(error).split())[:120]
         raise FarmError(f"no Dask scheduler answers at {address}: {reason}") from None

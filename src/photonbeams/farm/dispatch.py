@@ -103,6 +103,12 @@ class Dispatcher:
                 if self._lost[each.part] >= MOST_LOST:
                     raise LostError(each.part, self._lost[each.part])
 
+    def exclude(self, name: str) -> None:
+        """Count no longer on a worker that cannot do its work, and give that to others."""
+        for each in getattr(self._workers.pop(name, None), "running", ()):
+            self._again(each.part)
+        self._free.pop(name, None)
+
     def next(self, now: float) -> tuple[str, FramePart] | None:
         """Return a worker and what it is to render, from now on; None where nobody is free or nothing is left."""
         idle = next((name for name in self._free if not self._workers[name].running), None)
@@ -151,10 +157,6 @@ class Dispatcher:
     def frame_done(self, frame: int) -> bool:
         """Return whether all parts of a frame have been rendered."""
         return not self._left[frame]
-
-    def running(self) -> list[tuple[str, FramePart]]:
-        """Return what the workers are doing."""
-        return [(name, each.part) for name, worker in self._workers.items() for each in worker.running]
 
     def _again(self, part: FramePart) -> None:
         elsewhere = any(each.part == part for worker in self._workers.values() for each in worker.running)

@@ -6,6 +6,7 @@ import logging
 import queue
 import time
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,7 +15,7 @@ from ..render.frame_sums import FrameSums
 from ..scene import SceneError
 from .cluster import MEMORY, FarmError
 from .dispatch import Dispatcher, FramePart, LostError, most_passes, parts_of
-from .work import Opened, WorkerError, render_part, versions
+from .work import MachineError, Opened, WorkerError, render_part, versions
 
 if TYPE_CHECKING:
     from distributed import Client, Future
@@ -24,6 +25,7 @@ LOG = logging.getLogger("photonbeams")
 _LOOK = 1.0  # seconds between two looks at which workers there are
 _GONE = 10.0  # seconds without a scheduler after which it is gone
 _NOBODY = 60.0  # seconds without a worker after which nobody will come
+_BLAMED = 5.0  # seconds after which no other worker than those that cannot do the work will come
 
 
 @dataclass
@@ -121,12 +123,14 @@ class Farm:
     finished: Callable[[int], None]
     tick: Callable[[FarmState], None]
     _ready: queue.SimpleQueue[Future] = field(default_factory=queue.SimpleQueue)
+    _fetched: queue.SimpleQueue[tuple[str, FramePart, Any]] = field(default_factory=queue.SimpleQueue)
     _running: dict[Any, tuple[str, FramePart, Any]] = field(default_factory=dict)
     _names: dict[str, str] = field(default_factory=dict)
-    _bad: dict[str, str] = field(default_factory=dict)
+    _bad: dict[str, WorkerError] = field(default_factory=dict)
     _bounded: set[str] = field(default_factory=set)
     _failed: dict[FramePart, tuple[str, str]] = field(default_factory=dict)
     _looked: float = -1e9
+    _connected: float = field(default_factory=time.monotonic)
     _seen: float = field(default_factory=time.monotonic)
 
     def run(self) -> None:
@@ -151,6 +155,7 @@ class Farm:
         for place, each in enumerate(parts):
             if not each:
                 self._finish(place)
+        self._fetching = ThreadPoolExecutor(2, "photonbeams-fetch")
         try:
             while not self._dispatcher.done:
                 self._look()
@@ -159,6 +164,7 @@ class Farm:
                 self._take()
         finally:
             self._stop()
+            self._fetching.shutdown(wait=False)  # what it waits for, ends with the client
 
     def _workers(self) -> dict[str, str]:
         """Return the names of the workers by their addresses."""
@@ -169,9 +175,8 @@ class Farm:
             if limits[address] < self.work.memory:
                 need, there = (f"{each / 2**30:.1f} GiB" for each in (self.work.memory, limits[address]))
                 name = known[address].get("name", address)
-                self._bad[address] = (
-                    f"worker {name} has {there}, and a part needs {need}: expected fewer workers, or --tile"
-                )
+                text = f"worker {name} has {there}, and a part needs {need}: expected fewer workers, or --tile"
+                self._bad[address] = WorkerError(text)
         return {address: str(each.get("name", address)) for address, each in known.items()}
 
     def _look(self) -> None:
@@ -181,13 +186,14 @@ class Farm:
             return
         self._looked = now
         if self.client.status != "running":
-            if now - self._seen > _GONE or self.client.status in ("closed", "closing"):
+            if now - self._connected > _GONE or self.client.status in ("closed", "closing"):
                 raise FarmError("the scheduler is gone: start it again, and go on with --resume --skip-existing")
             return
         try:
             found = self._workers()
         except (OSError, TimeoutError):  # a lost connection is told by the client's status
             return
+        self._connected = now
         self._names.update(found)
         for address in [each for each in self._dispatcher.workers if each not in found]:
             self._lose(address)
@@ -196,20 +202,27 @@ class Farm:
         self._state.workers = len(self._dispatcher.workers)
         if self._dispatcher.workers:
             self._seen = now
-        elif self._bad and found.keys() <= self._bad.keys():
-            raise FarmError(next(iter(self._bad.values())))
+        elif self._bad and now - self._seen > _BLAMED:
+            error = next(iter(self._bad.values()))
+            raise (FarmError if isinstance(error, MachineError) else SceneError)(str(error))
         elif now - self._seen > _NOBODY:
-            raise FarmError(
-                f"there is no worker for {_NOBODY:.0f} seconds: expected `dask worker ADDRESS` on some machine"
-            )
+            raise FarmError(f"there has been no worker for {_NOBODY:.0f} seconds: expected some")
 
     def _lose(self, address: str) -> None:
         """Give what a lost worker was doing to others."""
         LOG.warning("worker %s is lost: others do again what it was doing", self._names.get(address, address))
+        self._forget(address)
+        self._drop(address)
+
+    def _forget(self, address: str) -> None:
+        """Take back what a worker was given."""
         for key, (worker, _, future) in [*self._running.items()]:
             if worker == address:
                 del self._running[key]
                 future.cancel(force=True)
+
+    def _drop(self, address: str) -> None:
+        """Count no longer on a worker; FarmError where the same part has lost several."""
         try:
             self._dispatcher.lose_worker(address)
         except LostError as error:
@@ -238,27 +251,35 @@ class Farm:
 
     def _take(self) -> None:
         """Take what has been rendered, or wait for a moment."""
+        while not self._fetched.empty():
+            address, part, state = self._fetched.get()
+            if state is None:  # its worker was lost before it could be fetched
+                self._dispatcher.give_back(address, part)
+            elif self._dispatcher.finish(address, part, time.monotonic()):
+                self._join(address, part, state)
         try:
-            future = self._ready.get(timeout=0.1)
+            future = self._ready.get(timeout=0.05)
         except queue.Empty:
             return
-        address, part, _ = self._running.pop(future.key, (None, None, None))
-        if address is None or part is None:
+        if future.key not in self._running:
             return  # of a lost worker
-        error = future.exception() if future.status == "error" else None
+        address, part, _ = self._running[future.key]
         if future.status != "finished":
-            self._refuse(address, part, error)
+            del self._running[future.key]
+            self._refuse(address, part, future.exception() if future.status == "error" else None)
             return
+        self._fetching.submit(self._fetch, future, address, part)
+
+    def _fetch(self, future: Future, address: str, part: FramePart) -> None:
+        """Fetch a result, in a thread of its own: the network may be slow, and the worker may die meanwhile."""
         try:
-            state, _ = future.result(timeout=60)
-        except (OSError, TimeoutError) as late:  # the worker died with the result
-            self._dispatcher.give_back(address, part)
-            LOG.debug("%s", late)
-            return
-        finally:
-            future.release()
-        if self._dispatcher.finish(address, part, time.monotonic()):
-            self._join(address, part, state)
+            state = future.result()
+        except Exception as error:  # of many kinds, all of which mean that there is no result
+            LOG.debug("%s: %r", self._what(part), error)
+            state = None
+        self._running.pop(future.key, None)
+        future.release()
+        self._fetched.put((address, part, state))
 
     def _join(self, address: str, part: FramePart, state: Mapping[str, Any]) -> None:
         frame = self.work.frames[part.frame]
@@ -273,9 +294,10 @@ class Farm:
                 f"worker {name}: {self._what(part)}: {error}: expected the same files everywhere"
             ) from None
         self._state.passes += len(part.numbers)
-        self.joined(part.frame)
         if self._dispatcher.frame_done(part.frame):
             self._finish(part.frame)
+        else:
+            self.joined(part.frame)
 
     def _finish(self, place: int) -> None:
         self.finished(place)
@@ -287,20 +309,21 @@ class Farm:
         if error is None or type(error).__name__ in ("KilledWorker", "CancelledError", "FutureCancelledError"):
             self._dispatcher.give_back(address, part)  # whether the worker is lost, the next look tells
             return
-        if not isinstance(error, WorkerError | ImportError):
+        if isinstance(error, ImportError):
+            error = MachineError(f"lacks what it needs: {error}")
+        if not isinstance(error, WorkerError):
             raise error
         text, name = str(error), self._names.get(address, address)
-        if isinstance(error, ImportError):
-            text = f"has not what it needs: {error}"
         before = self._failed.get(part)
-        if before is not None and before[0] != address and before[1] == text:
+        if before is not None and before[0] != address and before[1] == text and not isinstance(error, MachineError):
             raise SceneError(f"frame {self.work.names[part.frame]}: {text}")
         self._failed[part] = address, text
-        self._bad[address] = f"worker {name}: {text}"
+        self._bad[address] = type(error)(f"worker {name}: {text}")
         if len(self._dispatcher.workers) > 1:
             LOG.warning("worker %s: %s; others do its work", name, text)
+        self._forget(address)
         self._dispatcher.give_back(address, part)
-        self._dispatcher.lose_worker(address)
+        self._dispatcher.exclude(address)
 
     def _stop(self) -> None:
         """Take back what has not begun."""

@@ -64,8 +64,8 @@ def tile_of(
     number, count = tile
     first, last = top // _BAND, -(-bottom // _BAND)
     if count > last - first:
-        rows = bottom - top
-        raise SceneError(f"tile {number} of {count} tiles: expected {last - first} at most, of {_BAND} of {rows} rows")
+        most = f"{bottom - top} rows make {last - first} tiles of {_BAND} rows at most"
+        raise SceneError(f"the tile is {number}/{count}: {most}")
     edges = [first + (last - first) * each // count for each in (number - 1, number)]
     begin, end = max(edges[0] * _BAND, top), min(edges[1] * _BAND, bottom)
     # A quarter of a pixel more, for `pixels_of` rounds down.

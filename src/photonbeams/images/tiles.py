@@ -15,7 +15,7 @@ from ..scene import Array, SceneError
 Box = tuple[int, int, int, int]  # x0, y0, x1, y1, the last pixel not included
 
 
-def join_tiles(paths: Sequence[Path], output: PathLike) -> tuple[int, int]:
+def join_tiles(paths: Sequence[Path], output: PathLike, *, partial: bool = False) -> tuple[int, int]:
     """Write the picture that tiles are parts of; return how many of its pixels they cover, and how many it has.
 
     The header is that of the first tile, with the data window of all; what they leave out is black.
@@ -23,7 +23,7 @@ def join_tiles(paths: Sequence[Path], output: PathLike) -> tuple[int, int]:
     Raises
     ------
     SceneError
-        A file that is no EXR, tiles of other pictures or layers, or tiles that overlap.
+        A file that is no EXR, tiles of other pictures or layers, tiles that overlap or, unless `partial`, gaps.
     OSError
         A file that cannot be read or written.
     """
@@ -43,6 +43,9 @@ def join_tiles(paths: Sequence[Path], output: PathLike) -> tuple[int, int]:
         for part, into in zip(parts, joined, strict=True):
             for name, channel in part.channels.items():
                 into[name][place] = channel.pixels
+    if not covered.all() and not partial:
+        text = f"{covered.size - int(covered.sum()):,} of {covered.size:,} pixels are in no tile"
+        raise SceneError(f"{output}: {text}: expected all tiles, or --partial")
     window = (np.array(whole[:2], dtype=np.int32), np.array(whole[2:], dtype=np.int32) - 1)
     with atomic_path(output) as beside:
         files = [

@@ -216,11 +216,6 @@ class FrameRenderer(ABC):
         views = [film.sums for film in self._films]
         return FrameSums(views, self.planned, statistics.beams, statistics.tests, self.about)
 
-    @property
-    def groups(self) -> dict[str, str]:
-        """The layer of each light group."""
-        return self._films[0].groups
-
     def clear(self) -> None:
         """Begin anew, without passes."""
         self.statistics = Statistics()

@@ -176,10 +176,11 @@ def _begun(
     if kept is not None and (about, planned) in kept:
         kept[about, planned].clear()
         return kept[about, planned]  # type: ignore[return-value]
+    if kept is not None:
+        kept.clear()  # before another world is built
     frame = begin(planned)
     frame.about = about
     if kept is not None:
-        kept.clear()
         kept[about, planned] = frame
     return frame
 

@@ -19,7 +19,18 @@ from pathlib import Path
 
 PathLike = str | os.PathLike[str]
 
-_HOST = sha256(platform.node().encode()).hexdigest()[:6]  # which may not signal the processes of another one
+
+def _processes() -> str:
+    """Return a name of the set of processes that this one can tell alive from dead."""
+    parts = [platform.node()]
+    for path in ("/proc/sys/kernel/random/boot_id", "/proc/self/ns/pid"):
+        with suppress(OSError):
+            parts.append(os.readlink(path) if os.path.islink(path) else Path(path).read_text())
+    return sha256(repr(parts).encode()).hexdigest()[:10]
+
+
+_HOST = _processes()
+_CLEARED: set[str] = set()  # folders from which this process has removed leftovers
 
 
 @contextmanager
@@ -40,7 +51,7 @@ def atomic_path(path: PathLike) -> Iterator[Path]:
     beside = target.parent / f"{own}{secrets.token_hex(6)}.tmp{path.suffix}"
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
-        _remove_leftovers(target)
+        _remove_leftovers(str(target.parent))
         if path.is_dir():
             raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
         # Mode 666 under the user's umask, which a temporary file would not have.
@@ -78,12 +89,14 @@ def try_path(path: PathLike) -> None:
                 folder.rmdir()
 
 
-def _remove_leftovers(target: Path) -> None:
-    """Remove what killed processes of this machine left beside a file."""
-    stem = re.escape(target.stem[:40])
-    name = re.compile(rf"\.{stem}\.{_HOST}-(\d+)-[0-9a-f]+\.tmp{re.escape(target.suffix)}")
+def _remove_leftovers(folder: str) -> None:
+    """Remove what killed processes left in a folder, once."""
+    if folder in _CLEARED or os.name != "posix":
+        return
+    _CLEARED.add(folder)
+    name = re.compile(rf"\..*\.{_HOST}-(\d+)-[0-9a-f]+\.tmp(\.\w+)?")
     with suppress(OSError):
-        for each in os.scandir(target.parent):
+        for each in os.scandir(folder):
             found = name.fullmatch(each.name)
             if found and not _alive(int(found[1])):
                 os.unlink(each.path)
