@@ -75,7 +75,7 @@ def connected(options: FarmOptions) -> Iterator[Client]:
     settings["distributed.scheduler.worker-ttl"] = "60s"
     with dask.config.set(settings):
         if options.scheduler is None:
-            with _local(distributed, options) as client:
+            with _local(dask, distributed, options) as client:
                 yield client
         else:
             with _running(distributed, options) as client:
@@ -83,10 +83,13 @@ def connected(options: FarmOptions) -> Iterator[Client]:
 
 
 @contextmanager
-def _local(distributed: Any, options: FarmOptions) -> Iterator[Client]:
+def _local(dask: Any, distributed: Any, options: FarmOptions) -> Iterator[Client]:
     count = options.workers or 1
     limit = (memory() or 0) // count
-    with tempfile.TemporaryDirectory(prefix="photonbeams-farm-", ignore_cleanup_errors=True) as folder:
+    with (
+        tempfile.TemporaryDirectory(prefix="photonbeams-farm-", ignore_cleanup_errors=True) as folder,
+        dask.config.set({"temporary-directory": folder}),
+    ):
         cluster = _started(
             distributed.LocalCluster,
             n_workers=count, threads_per_worker=1, processes=True, host="127.0.0.1", dashboard_address="127.0.0.1:0",
