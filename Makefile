@@ -36,7 +36,7 @@ flight: $(READY)
 	$(PYTHON_BIN) examples/keyhole/film.py 'out/flight/flight.####.exr' out/flight.mp4
 
 test: $(READY)
-	$(PYTHON_BIN) -m pytest $(or $(ARGS),-n auto --dist loadfile)
+	$(PYTHON_BIN) -m pytest $(ARGS)
 
 lint: $(READY)
 	$(VENV)/bin/ruff check

@@ -22,12 +22,6 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 # Before any test imports Dr.Jit, for this names the libLLVM that it loads.
 import photonbeams  # noqa: E402, F401
 
-if "PYTEST_XDIST_WORKER" in os.environ:  # or each of the processes would start as many threads as all of them
-    from photonbeams.runtime import device
-
-    device.select("cpu" if os.environ["PHOTONBEAMS_DEVICE"] == "cpu" else None)
-    device.set_threads(max(1, device.processors() // int(os.environ["PYTEST_XDIST_WORKER_COUNT"])))
-
 
 @pytest.fixture
 def rng():
