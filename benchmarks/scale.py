@@ -126,9 +126,9 @@ def simulate(machine: Machine, frames: int, passes: int) -> Simulated:
 PIXEL_BYTES = 4 * (3 + 3 + 3 + 1 + 1 + 2)
 #: By name: pixels, passes of a frame, seconds of a pass and of a frame's begin. Measured on two processors with AVX2.
 SHOTS = {
-    "keyhole, 1280 × 720": (1280 * 720, 64, 1.0, 1.5),
-    "keyhole, 4K": (3840 * 2160, 64, 8.5, 2.0),
-    "keyhole, eight bounces": (1280 * 720, 64, 5.0, 14.0),
+    "keyhole, 1280 × 720": (1280 * 720, 64, 0.95, 0.7),
+    "keyhole, 4K": (3840 * 2160, 64, 6.3, 2.8),
+    "keyhole, 8 bounces": (1280 * 720, 64, 7.6, 6.7),
 }
 WORKERS = (10, 100, 1000)
 FRAMES = 2000
