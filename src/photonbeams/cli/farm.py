@@ -20,12 +20,11 @@ from ..render.frame_sums import FrameSums
 from ..scene import SceneError
 from .animation import FrameError, Task, report_line
 from .asked import Asked
-from .outputs import checkpoint_of, snapshots_of, write_frame
+from .outputs import checkpoint_of, finish_frame, snapshots_of, write_frame
 from .progress import farm_bar, frame_line
 
 if TYPE_CHECKING:
     from ..farm.work import Opened
-    from ..render.passes import Statistics
     from .job import Job
 
 
@@ -103,7 +102,8 @@ class FarmAnimation:
         with ExitStack() as stack:
             client = stack.enter_context(connected(options))
             show = stack.enter_context(farm_bar(asked.progress, asked.quiet))
-            places = [self.tasks.index(task) for task in self.todo]
+            numbers = {task: number for number, task in enumerate(self.tasks)}
+            places = [numbers[task] for task in self.todo]
             request = Request(asked.anywhere(), places[0], options.threads_each())
             work = FarmWork(
                 open_scene,
@@ -139,36 +139,30 @@ class FarmAnimation:
 
     def _finished(self, place: int) -> None:
         """Write a frame, unless another machine has done that meanwhile and that is what is wanted."""
+        from ..shot.development import developed  # starts Dr.Jit, whose device a worker has not chosen yet
+
         task, sums = self.todo[place], self._frames[place].sums
         if sums is None:
             raise SceneError(f"frame {task.name} has no passes")
         if self.asked.skip_existing and task.exists():
             return
-        statistics = self._write(task, sums)
-        checkpoint_of(task.outputs).unlink(missing_ok=True)
-        for each in snapshots_of(task.outputs):
-            each.path.unlink(missing_ok=True)
+        frame = developed(sums)
+        finish_frame(frame, task.outputs, self.asked, self.layers)
         self._written, self._files = self._written + 1, self._files + len(task.outputs)
         if not self.asked.quiet:
-            line = frame_line(task.name, statistics, task.files, time.perf_counter() - self._begun)
+            line = frame_line(task.name, frame.statistics, task.files, time.perf_counter() - self._begun)
             print(line, file=sys.stderr)
-
-    def _write(self, task: Task, sums: FrameSums, *, snapshot: bool = False) -> Statistics:
-        from ..shot.development import Development
-
-        frame = Development.of(sums.development).frame(sums)
-        outputs = snapshots_of(task.outputs) if snapshot else task.outputs
-        write_frame(frame, outputs, self.asked, self.layers)
-        return frame.statistics
 
     def _snapshot(self) -> None:
         """Write pictures of all frames that are not finished."""
+        from ..shot.development import developed
+
         for task, frame in zip(self.todo, self._frames, strict=True):
             if frame.sums is not None:
-                self._write(task, frame.sums, snapshot=True)
+                write_frame(developed(frame.sums), snapshots_of(task.outputs), self.asked, self.layers)
 
     def _keep(self) -> str | None:
-        """Write checkpoints of what is not finished, if they are wanted; return what to tell."""
+        """Write checkpoints of unfinished frames, if that is wanted; return a message about them."""
         if self.asked.checkpoint is None:
             return None
         kept = 0

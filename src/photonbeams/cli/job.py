@@ -10,7 +10,7 @@ import typer
 
 from .animation import Animation, Task, print_plan
 from .asked import Asked
-from .outputs import checkpoint_of, chosen_layers, prepare_outputs, snapshots_of, write_frame
+from .outputs import checkpoint_of, chosen_layers, finish_frame, prepare_outputs, snapshots_of, write_frame
 from .progress import counted, error_note, held_interrupt, messages, snapshots
 
 if TYPE_CHECKING:
@@ -100,10 +100,7 @@ def run(asked: Asked) -> None:
             if part is not None:
                 return _part_written(job, part, task, advance)
             frame = _rendered(job, asked, task, advance, kept, due, several=len(tasks) > 1)
-            write_frame(frame, task.outputs, asked, kept)
-            checkpoint_of(task.outputs).unlink(missing_ok=True)
-            for each in snapshots_of(task.outputs):
-                each.path.unlink(missing_ok=True)
+            finish_frame(frame, task.outputs, asked, kept)
             return frame.statistics
 
         animation.render(finish, check)

@@ -31,21 +31,15 @@ def merge(
     output: Annotated[
         list[Path], typer.Option("--output", "-o", help="Where to write: .exr (layered) or .png; may be repeated.")
     ],
-    picture: Annotated[
-        list[str] | None, typer.Option(metavar="LAYER=FILE.png", help="Write one layer as a picture; may be repeated.")
-    ] = None,
-    layers: Annotated[
-        str | None, typer.Option(metavar="NAME,NAME", help="Layers of an .exr, beside rgba; default: all.")
-    ] = None,
+    picture: options.Picture = None,
+    layers: options.Layers = None,
     frames: options.Frames = None,
-    exposure: Annotated[float, typer.Option(help="Stops, for pictures alone.")] = 0.0,
+    exposure: options.Exposure = 0.0,
     remove: Annotated[
         bool, typer.Option("--remove", help="Remove the checkpoints of frames that are written.")
     ] = False,
     partial: Annotated[bool, typer.Option("--partial", help="Write frames that lack passes or tiles, too.")] = False,
-    skip_existing: Annotated[
-        bool, typer.Option("--skip-existing", help="Leave out frames whose files are all there.")
-    ] = False,
+    skip_existing: options.SkipExisting = False,
     quiet: options.Quiet = False,
 ) -> None:
     """Join the passes of checkpoints, or tiles, into frames: the bits of one machine that renders all of them.
@@ -58,7 +52,7 @@ def merge(
 
     photonbeams merge a.checkpoint b.checkpoint -o frame.exr
     """
-    from ..shot.development import Development
+    from ..shot.development import developed
 
     outputs = parse_outputs(output, picture or ())
     with messages(quiet, verbose=False):
@@ -73,11 +67,9 @@ def merge(
                 continue
             sums = joined(paths)
             _check_gaps(sums, files[0].path, partial=partial)
-            frame = Development.of(sums.development).frame(sums)
-            for metadata in [frame.metadata, *(each for _, each in frame.views.values())]:
-                metadata["commandLine"] = options.command_line()
+            frame = developed(sums)
             kept = chosen_layers(layers, files, [*frame.layers])
-            write_outputs(frame, files, kept, exposure, chosen=layers is not None)
+            write_outputs(frame, files, kept, exposure, options.command_line(), chosen=layers is not None)
             for path in paths if remove else ():
                 path.unlink(missing_ok=True)
             if not quiet:

@@ -36,6 +36,12 @@ Simulate = Annotated[
 Emit = Annotated[
     str | None, typer.Option(metavar="FILE.py:NAME", help="A Python function that makes beams from nothing.")
 ]
+Picture = Annotated[
+    list[str] | None, typer.Option(metavar="LAYER=FILE.png", help="Write one layer as a picture; may be repeated.")
+]
+Layers = Annotated[str | None, typer.Option(metavar="NAME,NAME", help="Layers of an .exr, beside rgba; default: all.")]
+Exposure = Annotated[float, typer.Option(help="Stops, for pictures alone.")]
+SkipExisting = Annotated[bool, typer.Option("--skip-existing", help="Leave out frames whose files are all there.")]
 Overrides = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="/prim.attr=value", help="A value over the stage's; may be repeated."),

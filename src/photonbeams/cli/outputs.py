@@ -174,9 +174,10 @@ def prepare_outputs(outputs: Iterable[Output]) -> None:
 
 
 def write_outputs(
-    frame: Frame, outputs: Iterable[Output], layers: Sequence[str], exposure: float, *, chosen: bool = False
-) -> None:
-    """Write all files or, where one cannot be written, none.
+    frame: Frame, outputs: Iterable[Output], layers: Sequence[str], exposure: float, command: str,
+    *, chosen: bool = False,
+) -> None:  # fmt: skip
+    """Write all files, with the command in their headers or, where one cannot be written, none.
 
     An .exr holds `layers` and, unless the user has chosen those, others that this frame has; of a render product, no
     more than it asks for.
@@ -184,7 +185,8 @@ def write_outputs(
     from ..runtime.files import atomic_path
 
     names = layers if chosen else [*dict.fromkeys([*layers, *frame.layers])]
-
+    for metadata in [frame.metadata, *(each for _, each in frame.views.values())]:
+        metadata["commandLine"] = command
     with ExitStack() as stack:
         places = [(output, stack.enter_context(atomic_path(output.path))) for output in outputs]
         for output, beside in places:
@@ -211,10 +213,15 @@ def _holding(frame: Frame, names: Sequence[str]) -> Frame:
 
 
 def write_frame(frame: Frame, outputs: Sequence[Output], asked: Asked, kept: Sequence[str]) -> None:
-    """Write the files of a frame, with the command in their headers."""
-    for metadata in [frame.metadata, *(each for _, each in frame.views.values())]:
-        metadata["commandLine"] = asked.command
-    write_outputs(frame, outputs, kept, asked.exposure, chosen=asked.layers is not None)
+    """Write the files of a frame, as the flags ask for."""
+    write_outputs(frame, outputs, kept, asked.exposure, asked.command, chosen=asked.layers is not None)
+
+
+def finish_frame(frame: Frame, outputs: Sequence[Output], asked: Asked, kept: Sequence[str]) -> None:
+    """Write the files of a frame that has all of its passes, and remove its checkpoint and its snapshots."""
+    write_frame(frame, outputs, asked, kept)
+    for path in [checkpoint_of(outputs), *(each.path for each in snapshots_of(outputs))]:
+        path.unlink(missing_ok=True)
 
 
 def checkpoint_of(outputs: Sequence[Output]) -> Path:

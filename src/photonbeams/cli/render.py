@@ -50,16 +50,10 @@ def render(
             "A run of # is the frame number. Default: the products of the render settings.",
         ),
     ] = None,
-    picture: Annotated[
-        list[str] | None, typer.Option(metavar="LAYER=FILE.png", help="Write one layer as a picture; may be repeated.")
-    ] = None,
-    layers: Annotated[
-        str | None, typer.Option(metavar="NAME,NAME", help="Layers of an .exr, beside rgba; default: all.")
-    ] = None,
+    picture: options.Picture = None,
+    layers: options.Layers = None,
     frames: options.Frames = None,
-    skip_existing: Annotated[
-        bool, typer.Option("--skip-existing", help="Leave out frames whose files are all there.")
-    ] = False,
+    skip_existing: options.SkipExisting = False,
     render_settings: Annotated[
         str | None,
         typer.Option(
@@ -100,8 +94,7 @@ def render(
         float | None,
         typer.Option(
             metavar="S",
-            help="Write a picture of what is done every S seconds, as *.snapshot.exr; "
-            "the signal SIGUSR1 writes one, too.",
+            help="Write the picture so far every S seconds, as *.snapshot.exr, and on the signal SIGUSR1.",
         ),
     ] = None,
     pass_range: Annotated[
@@ -209,7 +202,7 @@ def render(
         ),
     ] = None,
     session_layer: options.SessionLayers = None,
-    exposure: Annotated[float, typer.Option(help="Stops, for pictures alone.")] = 0.0,
+    exposure: options.Exposure = 0.0,
     seed: Annotated[
         int | None,
         typer.Option(help="Seed of all samples, the same for all frames: beams stay where they are; default: 0."),
@@ -232,20 +225,9 @@ def render(
     photonbeams render cornell.xml -o cornell.exr --passes 64 --checkpoint 60
     """
     check_flags(
-        res,
-        res_scale,
-        crop,
-        passes,
-        time_limit,
-        beams,
-        order,
-        anisotropy,
-        exposure,
-        threads,
-        bounces,
-        checkpoint,
+        res, res_scale, crop, passes, time_limit, beams, order, anisotropy, exposure, threads, bounces, checkpoint,
         snapshot,
-    )
+    )  # fmt: skip
     _check_plates(holdout, holdout_channel, holdout_depth, holdout_scale, over, over_fog)
     eyes = _stereo(stereo, interaxial, convergence, view)
     part = PassRange.parse(pass_range)
@@ -263,8 +245,7 @@ def render(
     _check_replaced(outputs, {"--holdout": holdout, "--over": over})
     asked = Asked(
         path=scene, outputs=outputs, layers=layers, exposure=exposure, frames=frames, skip_existing=skip_existing,
-        checkpoint=checkpoint, resume=resume, snapshot=snapshot, part=part,
-        farm=farm,
+        checkpoint=checkpoint, resume=resume, snapshot=snapshot, part=part, farm=farm,
         quality=Quality(
             passes=passes, time_limit=time_limit, beams=beams, bounces=bounces, estimator=estimator, rule=rule,
             order=order, pixel_filter=pixel_filter, seed=seed,

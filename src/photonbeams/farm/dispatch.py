@@ -94,20 +94,18 @@ class Dispatcher:
 
     def lose_worker(self, name: str) -> None:
         """Count no longer on a worker, and do again what it was doing; LostError where that loses every worker."""
-        lost = self._workers.pop(name, None)
-        self._free.pop(name, None)
-        for place, each in enumerate(lost.running if lost else ()):
-            self._again(each.part)
-            if place == 0:  # the others had not begun
-                self._lost[each.part] = self._lost.get(each.part, 0) + 1
-                if self._lost[each.part] >= MOST_LOST:
-                    raise LostError(each.part, self._lost[each.part])
+        for part in self.exclude(name)[:1]:  # the others had not begun
+            self._lost[part] = self._lost.get(part, 0) + 1
+            if self._lost[part] >= MOST_LOST:
+                raise LostError(part, self._lost[part])
 
-    def exclude(self, name: str) -> None:
-        """Count no longer on a worker that cannot do its work, and give that to others."""
-        for each in getattr(self._workers.pop(name, None), "running", ()):
-            self._again(each.part)
+    def exclude(self, name: str) -> list[FramePart]:
+        """Count no longer on a worker, give what it had to others, and return that, what it was rendering first."""
+        worker = self._workers.pop(name, _Worker())
         self._free.pop(name, None)
+        for each in worker.running:
+            self._again(each.part)
+        return [each.part for each in worker.running]
 
     def next(self, now: float) -> tuple[str, FramePart] | None:
         """Return a worker and what it is to render, from now on; None where nobody is free or nothing is left."""

@@ -49,8 +49,8 @@ class FarmFrame:
         """Return the passes that are not there yet."""
         return [range(self.passes)] if self.sums is None else self.sums.missing(self.passes)
 
-    def join(self, sums: FrameSums) -> None:
-        """Add the passes of a part; SceneError where they are of another picture."""
+    def join(self, sums: FrameSums, sender: str) -> None:
+        """Add the passes of a part; SceneError, with the file or the sender, where they are of another picture."""
         if self.sums is None:
             self.sums = sums
             return
@@ -58,7 +58,7 @@ class FarmFrame:
             self.sums.join(sums)
         except SceneError as error:
             if self.file is None:
-                raise
+                raise SceneError(f"{sender}: {error}: expected the same files everywhere") from None
             raise SceneError(f"{self.file}: {error}, or no --resume") from None
         self.sums.development, self.file = sums.development, None
 
@@ -282,17 +282,8 @@ class Farm:
         self._fetched.put((address, part, state))
 
     def _join(self, address: str, part: FramePart, state: Mapping[str, Any]) -> None:
-        frame = self.work.frames[part.frame]
-        named = frame.file is not None
-        try:
-            frame.join(FrameSums.of(state))
-        except SceneError as error:
-            if named:
-                raise
-            name = self._names.get(address, address)
-            raise SceneError(
-                f"worker {name}: {self._what(part)}: {error}: expected the same files everywhere"
-            ) from None
+        sender = f"worker {self._names.get(address, address)}: {self._what(part)}"
+        self.work.frames[part.frame].join(FrameSums.of(state), sender)
         self._state.passes += len(part.numbers)
         if self._dispatcher.frame_done(part.frame):
             self._finish(part.frame)
@@ -327,6 +318,6 @@ class Farm:
 
     def _stop(self) -> None:
         """Take back what has not begun."""
-        for _, _, future in self._running.values():
+        for _, _, future in [*self._running.values()]:  # from which threads that fetch results take away
             future.cancel(force=True)
         self._running.clear()

@@ -6,6 +6,7 @@ import gc
 import platform
 import threading
 from collections.abc import Callable, Mapping
+from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any, Protocol
 
@@ -33,6 +34,7 @@ class MachineError(WorkerError):
     """What a worker's machine lacks: others may have it."""
 
 
+@cache
 def versions() -> dict[str, str]:
     """Return the versions of this machine that pictures depend on."""
     found = {"python": platform.python_version()}

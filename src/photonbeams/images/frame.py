@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from ..render.passes import Statistics
 
 
-_BAND = 16  # rows
+_EDGE = 1e-4  # of a pixel, which rounding down does not lose
 
 
 @dataclass(frozen=True)
@@ -57,19 +57,26 @@ def tile_of(
 ) -> tuple[float, float, float, float]:
     """Return the crop window of tile (number from 1, of how many): bands of rows, of a picture or of a crop window.
 
-    Bands begin at multiples of 16 rows, at which pixels share places on a lens: tiles are then the bits of the whole.
+    Bands begin at tiles of the estimators, in which pixels share places on a lens: they are then the bits of the whole.
     SceneError where there are more tiles than such bands.
     """
+    from ..estimators.tiles import TILE
+
     left, top, right, bottom = pixels_of(crop, width, height)
     number, count = tile
-    first, last = top // _BAND, -(-bottom // _BAND)
+    first, last = top // TILE, -(-bottom // TILE)
     if count > last - first:
-        most = f"{bottom - top} rows make {last - first} tiles of {_BAND} rows at most"
+        most = f"{bottom - top} rows make {last - first} tiles of {TILE} rows at most"
         raise SceneError(f"the tile is {number}/{count}: {most}")
     edges = [first + (last - first) * each // count for each in (number - 1, number)]
-    begin, end = max(edges[0] * _BAND, top), min(edges[1] * _BAND, bottom)
-    # A quarter of a pixel more, for `pixels_of` rounds down.
-    return (left + 0.25) / width, (begin + 0.25) / height, right / width, end / height
+    x0, x1 = fractions_of(left, right, width)
+    y0, y1 = fractions_of(max(edges[0] * TILE, top), min(edges[1] * TILE, bottom), height)
+    return x0, y0, x1, y1
+
+
+def fractions_of(first: int, last: int, count: int) -> tuple[float, float]:
+    """Return fractions of `count` pixels that `pixels_of` takes for those from `first` to `last`, not included."""
+    return (first + _EDGE) / count, min((last + _EDGE) / count, 1.0)
 
 
 def pixels_of(crop: Sequence[float] | None, width: int, height: int) -> tuple[int, int, int, int]:

@@ -22,8 +22,6 @@ from .sums import DEPTH, PassSums
 
 mi = mitsuba()
 
-_MOST_PIXELS = 1 << 18  # whose errors are looked at
-
 _BEAMS = "beams/"  # sums of light groups are called this and the group
 
 
@@ -134,12 +132,8 @@ class Film:
         return dr.opaque(UInt32, first & 0xFFFFFFFF), [dr.opaque(Float, float(each)) for each in weight]
 
     def error(self) -> float:
-        """Return the relative standard error of the mean so far: half of the light is in pixels that have less.
-
-        From the passes' own differences, as if they were independent; they continue low-discrepancy sequences, so it
-        tends to be less. NaN before there are two passes.
-        """
-        return relative_error(self.sums)
+        """Return the error of the sums so far."""
+        return self.sums.error()
 
     def restore(self, sums: PassSums) -> None:
         """Go on from the sums of another film; SceneError where they are of another picture."""
@@ -153,23 +147,6 @@ class Film:
     def layers(self) -> dict[str, np.ndarray]:
         """Return the layers so far."""
         return develop(self.sums, self.shape, self.groups)
-
-
-def relative_error(sums: PassSums) -> float:
-    """Return the relative standard error of a film with these sums; see `Film.error`."""
-    if len(sums) < 2:
-        return float("nan")
-    total = sums.total(("light", "squares"))
-    step = ceil(total["light"].size / _MOST_PIXELS) | 1  # odd: not the same columns of every row
-    mean, squares = (total[name][::step] / len(sums) for name in ("light", "squares"))
-    lit = mean > 0
-    if not lit.any():
-        return 0.0
-    relative = np.sqrt(np.maximum(squares - mean * mean, 0)[lit] / (len(sums) - 1)) / mean[lit]
-    order = np.argsort(relative)
-    # Of many pixels that hardly any light reaches, the plain median would speak of these alone.
-    light = np.cumsum(mean[lit][order], dtype=np.float64)
-    return float(relative[order][np.searchsorted(light, 0.5 * light[-1])])
 
 
 def develop(sums: PassSums, shape: tuple[int, int], groups: Mapping[str, str]) -> dict[str, np.ndarray]:

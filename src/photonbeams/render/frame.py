@@ -208,7 +208,7 @@ class FrameRenderer(ABC):
 
     def error(self) -> float:
         """Return the relative standard error so far, of the view whose error is the largest."""
-        return max(film.error() for film in self._films)
+        return self.sums().error()
 
     def sums(self) -> FrameSums:
         """Return the sums of the passes so far."""

@@ -55,6 +55,10 @@ class FrameSums:
         ends.append(max(passes, ends[-1]))
         return [range(a, b) for a, b in zip(ends[::2], ends[1::2], strict=True) if a < b]
 
+    def error(self) -> float:
+        """Return the relative standard error, of the view whose error is the largest; NaN where it is not known."""
+        return max(each.error() for each in self.views)
+
     def join(self, other: FrameSums) -> None:
         """Add the passes of `other`; SceneError where they are of another picture, or some are there already."""
         if (other.about, other.planned, len(other.views)) != (self.about, self.planned, len(self.views)):

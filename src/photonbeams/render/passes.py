@@ -164,7 +164,7 @@ def accumulate(
             if checkpoint is not None and checkpoint.due and number != part.numbers[-1]:
                 checkpoint.save(frame.sums())
     _tell(frame, watched)
-    frame.statistics.error = _known(frame.error())
+    frame.statistics.error = known(frame.error())
     return frame
 
 
@@ -190,7 +190,7 @@ def _tell(frame: Accumulating, watched: Watched) -> None:
     statistics = frame.statistics
     try:
         if watched.progress is not None:
-            statistics.error = _known(frame.error())
+            statistics.error = known(frame.error())
             watched.progress(statistics.passes, statistics)
         if watched.snapshot is not None and statistics.passes:
             watched.snapshot(frame.sums)
@@ -200,7 +200,8 @@ def _tell(frame: Accumulating, watched: Watched) -> None:
         raise
 
 
-def _known(error: float) -> float | None:
+def known(error: float) -> float | None:
+    """Return an error, None for NaN."""
     return None if np.isnan(error) else error
 
 

@@ -8,6 +8,7 @@ several machines thus join to the sums of one. NumPy adds them, for Dr.Jit may r
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
+from math import ceil
 
 import numpy as np
 
@@ -18,6 +19,8 @@ BLOCK = 16
 
 #: Pictures by name, each (pixels,) or (3, pixels), float32.
 Pictures = Mapping[str, np.ndarray]
+
+_MOST_PIXELS = 1 << 18  # whose errors are looked at
 
 DEPTH = "depth"  # a picture of the first pass, to which nothing is added
 
@@ -39,7 +42,7 @@ class PassSums:
         self._insert(number, 1, pictures)
 
     def join(self, other: PassSums) -> None:
-        """Add all passes of `other`; SceneError where some are here, too."""
+        """Add all passes of `other`, whose arrays are taken over; SceneError where some are here, too."""
         for (first, count), pictures in other._all():
             self._insert(first, count, pictures)
 
@@ -57,6 +60,26 @@ class PassSums:
         for _, pictures in self._all():
             result = _added(result, {name: pictures[name] for name in names or pictures if name in pictures})
         return dict(result)
+
+    def error(self) -> float:
+        """Return the relative standard error of a film's mean: half of the light is in pixels that have less.
+
+        From the passes' own differences, as if they were independent; they continue low-discrepancy sequences, so it
+        tends to be less. NaN before there are two passes.
+        """
+        if len(self) < 2:
+            return float("nan")
+        total = self.total(("light", "squares"))
+        step = ceil(total["light"].size / _MOST_PIXELS) | 1  # odd: not the same columns of every row
+        mean, squares = (total[name][::step] / len(self) for name in ("light", "squares"))
+        lit = mean > 0
+        if not lit.any():
+            return 0.0
+        relative = np.sqrt(np.maximum(squares - mean * mean, 0)[lit] / (len(self) - 1)) / mean[lit]
+        order = np.argsort(relative)
+        # Of many pixels that hardly any light reaches, the plain median would speak of these alone.
+        light = np.cumsum(mean[lit][order], dtype=np.float64)
+        return float(relative[order][np.searchsorted(light, 0.5 * light[-1])])
 
     def state(self) -> dict[str, np.ndarray]:
         """Return the partial sums by names from which `restored` makes the same sums."""

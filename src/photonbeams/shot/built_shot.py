@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -15,9 +15,6 @@ from ..usd.header import origin
 from ..usd.motion import Exposure
 from ..usd.stereo import split
 from .shot import Shot
-
-if TYPE_CHECKING:
-    pass
 
 
 class BuiltShot(Shot):

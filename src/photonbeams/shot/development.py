@@ -12,9 +12,9 @@ import numpy as np
 
 from ..images.frame import Frame
 from ..images.plates import Plate
-from ..render.film import develop, relative_error
+from ..render.film import develop
 from ..render.frame_sums import FrameSums
-from ..render.passes import Statistics
+from ..render.passes import Statistics, known
 from ..scene import Array, SceneError
 
 _NAME = "development"
@@ -51,8 +51,7 @@ class Development:
     def frame(self, sums: FrameSums, statistics: Statistics | None = None) -> Frame:
         """Return the frame; `statistics` is what is known of how it was rendered."""
         if statistics is None:
-            error = max(relative_error(each) for each in sums.views)
-            statistics = Statistics(len(sums), sums.beams, sums.tests, error=None if np.isnan(error) else error)
+            statistics = Statistics(len(sums), sums.beams, sums.tests, error=known(sums.error()))
         top, left, rows, columns = self.shown or (0, 0, *self.shape)
         part = np.s_[top : top + rows, left : left + columns]
         pictures = [
@@ -84,6 +83,11 @@ class Development:
             return cls((height, width), about["groups"], views, plates, bool(about["fog"]), about["shown"])
         except (KeyError, ValueError, TypeError, AttributeError) as error:
             raise SceneError(f"does not say how its passes become a picture: {error!r}") from None
+
+
+def developed(sums: FrameSums) -> Frame:
+    """Return the frame of sums that say how they become a picture; SceneError where they do not."""
+    return Development.of(sums.development).frame(sums)
 
 
 def _plain(value: Any) -> Any:

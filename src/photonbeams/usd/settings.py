@@ -10,6 +10,7 @@ from typing import Any
 
 from pxr import Sdf, Usd, UsdGeom, UsdRender
 
+from ..images.frame import fractions_of
 from ..images.numbering import PLACEHOLDER
 from ..scene import MOST_PIXELS, SceneError
 from ..scene.cameras import FILTERS
@@ -75,10 +76,10 @@ class RenderSettings:
 
 
 def _pixels(begin: float, end: float, count: int) -> tuple[float, float]:
-    """Return fractions that name the pixels with centres from `begin` to `end`, robust to rounding down."""
+    """Return fractions that name the pixels with centres from `begin` to `end`."""
     first = min(max(ceil(begin * count - 0.5 - _EDGE), 0), count - 1)
     last = min(max(ceil(end * count - 0.5 - _EDGE), first + 1), count)
-    return (first + _EDGE) / count, min((last + _EDGE) / count, 1.0)
+    return fractions_of(first, last, count)
 
 
 def read_settings(stage: Usd.Stage, path: str | None = None, given: Collection[str] = ()) -> RenderSettings:
