@@ -10,7 +10,7 @@ from photonbeams.beams.modify import recolour
 from photonbeams.beams.programs import Program
 from photonbeams.render import scene_frame
 from photonbeams.render.checkpoint import Checkpoint
-from photonbeams.render.passes import Watched
+from photonbeams.render.passes import RunOptions
 from photonbeams.render.settings import Settings
 from photonbeams.render.stage_frame import render
 from photonbeams.scene import SceneError
@@ -64,8 +64,8 @@ def test_a_stage_goes_on_to_the_bits_of_an_unbroken_render(tmp_path, moving, pix
     whole = render(*given)
     for after in (2, 4):
         with pytest.raises(Stop):
-            render(*given, Watched(stopping(after), Checkpoint(tmp_path / "a.npz", 1e9)))
-    resumed = render(*given, Watched(checkpoint=Checkpoint(tmp_path / "a.npz")))
+            render(*given, RunOptions(stopping(after), Checkpoint(tmp_path / "a.npz", 1e9)))
+    resumed = render(*given, RunOptions(checkpoint=Checkpoint(tmp_path / "a.npz")))
     assert list(whole.layers()) == ["rgba", "surface", "beams", "beams_fill", "beams_key", "transmittance", "depth"]
     assert whole.layers()["beams_fill"].any() and whole.layers()["beams_key"].any()
     for before, after in zip(whole.views(), resumed.views(), strict=True):
@@ -81,8 +81,8 @@ def test_a_mitsuba_scene_goes_on_to_the_bits_of_an_unbroken_render(tmp_path, nam
     given = content, content.sensors()[0], Settings(passes=4, beams=1024)
     whole = scene_frame.render(*given)
     with pytest.raises(Stop):
-        scene_frame.render(*given, Watched(stopping(2), Checkpoint(tmp_path / "a.npz", 1e9)))
-    resumed = scene_frame.render(*given, Watched(checkpoint=Checkpoint(tmp_path / "a.npz")))
+        scene_frame.render(*given, RunOptions(stopping(2), Checkpoint(tmp_path / "a.npz", 1e9)))
+    resumed = scene_frame.render(*given, RunOptions(checkpoint=Checkpoint(tmp_path / "a.npz")))
     assert all(np.array_equal(each, resumed.layers()[layer]) for layer, each in whole.layers().items())
     assert resumed.error() == whole.error()
 
@@ -90,8 +90,8 @@ def test_a_mitsuba_scene_goes_on_to_the_bits_of_an_unbroken_render(tmp_path, nam
 def test_more_passes_go_on_where_samples_do_not_depend_on_their_number(tmp_path):
     kept = tmp_path / "a.npz"
     with pytest.raises(Stop):
-        render(shutter(False), WINDOW, Settings(passes=3), Watched(stopping(3), Checkpoint(kept, 1e9)))
-    longer = render(shutter(False), WINDOW, Settings(passes=4), Watched(checkpoint=Checkpoint(kept)))
+        render(shutter(False), WINDOW, Settings(passes=3), RunOptions(stopping(3), Checkpoint(kept, 1e9)))
+    longer = render(shutter(False), WINDOW, Settings(passes=4), RunOptions(checkpoint=Checkpoint(kept)))
     whole = render(shutter(False), WINDOW, Settings(passes=4))
     assert all(np.array_equal(whole.layers()[name], longer.layers()[name]) for name in whole.layers())
 
@@ -107,16 +107,16 @@ def test_more_passes_go_on_where_samples_do_not_depend_on_their_number(tmp_path)
 def test_passes_of_other_settings_are_refused(tmp_path, change):
     kept, settings = tmp_path / "a.npz", Settings(passes=3, program=Program(recolour((1, 0.5, 1))))
     with pytest.raises(Stop):
-        render(shutter(False), WINDOW, settings, Watched(stopping(1), Checkpoint(kept, 1e9)))
+        render(shutter(False), WINDOW, settings, RunOptions(stopping(1), Checkpoint(kept, 1e9)))
     with pytest.raises(SceneError, match="the checkpoint of another scene or of other settings"):
-        render(shutter(False), WINDOW, dataclasses.replace(settings, **change), Watched(checkpoint=Checkpoint(kept)))
+        render(shutter(False), WINDOW, dataclasses.replace(settings, **change), RunOptions(checkpoint=Checkpoint(kept)))
 
 
 def test_passes_of_another_content_camera_window_or_shutter_are_refused(tmp_path):
     kept, settings = tmp_path / "a.npz", Settings(passes=3)
     moving = shutter(True)
     with pytest.raises(Stop):
-        render(moving, WINDOW, settings, Watched(stopping(1), Checkpoint(kept, 1e9)), content="a")
+        render(moving, WINDOW, settings, RunOptions(stopping(1), Checkpoint(kept, 1e9)), content="a")
     other = shutter(True, dataclasses.replace(CAMERA, focal_length=2.0))
     crop = dataclasses.replace(WINDOW, crop=(0, 0, 24, 15))
     for given, content in [
@@ -124,8 +124,8 @@ def test_passes_of_another_content_camera_window_or_shutter_are_refused(tmp_path
         ((shutter(False), WINDOW, settings), "a"),
     ]:  # fmt: skip
         with pytest.raises(SceneError, match="the checkpoint of another scene or of other settings"):
-            render(*given, Watched(checkpoint=Checkpoint(kept)), content=content)
-    assert render(moving, WINDOW, settings, Watched(checkpoint=Checkpoint(kept)), content="a").statistics.passes == 3
+            render(*given, RunOptions(checkpoint=Checkpoint(kept)), content=content)
+    assert render(moving, WINDOW, settings, RunOptions(checkpoint=Checkpoint(kept)), content="a").statistics.passes == 3
 
 
 def test_a_checkpoint_is_written_when_it_is_due_and_not_after_the_last_pass(tmp_path):
@@ -135,22 +135,22 @@ def test_a_checkpoint_is_written_when_it_is_due_and_not_after_the_last_pass(tmp_
         seen.append((done, kept.passes))
 
     kept = Checkpoint(tmp_path / "a.npz", 1e-9)
-    render(shutter(False), WINDOW, Settings(passes=3), Watched(progress, kept))
+    render(shutter(False), WINDOW, Settings(passes=3), RunOptions(progress, kept))
     assert seen == [(0, 0), (1, 1), (2, 2), (3, 2)] and kept.passes == 2
     kept.remove()
     assert not kept.path.exists()
     never = Checkpoint(tmp_path / "b.npz", None)
     with pytest.raises(Stop):
-        render(shutter(False), WINDOW, Settings(passes=3), Watched(stopping(2), never))
+        render(shutter(False), WINDOW, Settings(passes=3), RunOptions(stopping(2), never))
     assert not never.path.exists()
 
 
 def test_without_resume_a_render_begins_anew(tmp_path):
     with pytest.raises(Stop):
-        render(shutter(False), WINDOW, Settings(passes=3), Watched(stopping(2), Checkpoint(tmp_path / "a", 1e9)))
+        render(shutter(False), WINDOW, Settings(passes=3), RunOptions(stopping(2), Checkpoint(tmp_path / "a", 1e9)))
     begun = []
     again = Checkpoint(tmp_path / "a", 1e9, resume=False)
-    render(shutter(False), WINDOW, Settings(passes=3), Watched(lambda done, _: begun.append(done), again))
+    render(shutter(False), WINDOW, Settings(passes=3), RunOptions(lambda done, _: begun.append(done), again))
     assert begun == [0, 1, 2, 3]
 
 

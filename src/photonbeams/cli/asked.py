@@ -110,15 +110,3 @@ class Asked:
     def start_device(self) -> None:
         """Start the device."""
         start_device(self.device, self.threads)
-
-
-# Bytes of a pixel at the peak of a pass, of its sums, and of the program with a scene.
-_PIXEL, _SUMS, _PROGRAM = 300, 300, 1 << 30
-
-
-def memory_of(width: int, height: int, crop: Sequence[float] | None, views: int) -> int:
-    """Return how many bytes the passes of a picture need, about: a stage may be large, and so may its beams be."""
-    from ..images.frame import pixels_of
-
-    left, top, right, bottom = pixels_of(crop, width, height)
-    return _PROGRAM + (right - left) * (bottom - top) * (_PIXEL + views * _SUMS)

@@ -39,7 +39,7 @@ class Request:
 
 def open_scene(request: Request) -> Opened:
     """Open the scene of a request on a worker; return what renders passes of it."""
-    from ..render.passes import Part
+    from ..render.passes import PlannedPasses
     from .job import opened
 
     # Where products go was looked at by the command, whose folder this may not be.
@@ -53,7 +53,7 @@ def open_scene(request: Request) -> Opened:
         raise SceneError(error.message) from None
 
     def render(frame: int, numbers: range, planned: int | None) -> dict[str, Any]:
-        return job.part(tasks[frame], Part(numbers, planned)).state()
+        return job.part(tasks[frame], PlannedPasses(numbers, planned)).state()
 
     return render
 

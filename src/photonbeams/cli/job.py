@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import typer
 
@@ -16,38 +17,64 @@ from .progress import counted, error_note, held_interrupt, messages, snapshots
 if TYPE_CHECKING:
     from ..images.frame import Frame
     from ..render.frame_sums import FrameSums
-    from ..render.passes import Part, Progress, Statistics
+    from ..render.passes import PlannedPasses, Progress, Statistics
     from ..render.settings import Settings
+    from ..shot import Shot
 
 
-class Job(Protocol):
+# Bytes of a pixel's sums in a view, and of the program with a scene.
+_SUMS_BYTES, _PROGRAM_BYTES = 300, 1 << 30
+
+
+class Job(ABC):
     """An open scene and the request for it. Methods raise SceneError or BadParameter."""
 
     settings: Settings
+    _asked: Asked
+    _shot: Shot
+    _size: tuple[int, int]
 
+    @abstractmethod
     def cameras(self) -> list[str]:
         """Return the names of all cameras."""
 
+    @abstractmethod
     def tasks(self) -> list[Task]:
         """Return the frames and their files; `settings` are known then."""
 
+    @abstractmethod
     def layers(self, first: Task) -> Sequence[str]:
         """Return the names of the layers that a frame has."""
 
+    @abstractmethod
     def check(self, first: Task, todo: Sequence[Task]) -> None:
         """Raise what rendering these frames would raise, as far as that is quickly known."""
 
+    @abstractmethod
     def seen(self, first: Task) -> str:
         """Return a description of the picture: scene, camera and size."""
 
+    @property
+    @abstractmethod
+    def _given(self) -> dict[str, Any]:
+        """The arguments of `Shot.render` for all frames."""
+
     def render(self, task: Task, progress: Progress | None, **kept: Any) -> Frame:
         """Return a frame; `kept` are more arguments of `Shot.render`."""
+        return self._shot.render(task.number, progress=progress, **kept, **self._given)
+
+    def part(self, task: Task, part: PlannedPasses, progress: Progress | None = None) -> FrameSums:
+        """Return the sums of some passes of a frame."""
+        return self._shot.render_part(part, task.number, progress=progress, **self._given)
 
     def memory(self) -> int:
-        """Return how many bytes a pass needs, about."""
+        """Return how many bytes a pass needs, about: a stage may be large, and so may its beams be."""
+        from ..images.frame import pixels_of
+        from ..render.stage_frame import PIXEL_BYTES
 
-    def part(self, task: Task, part: Part, progress: Progress | None = None) -> FrameSums:
-        """Return the sums of some passes of a frame."""
+        views = 2 if self._asked.stereo and self._asked.view is None else 1
+        left, top, right, bottom = pixels_of(self._given["crop"], *self._size)
+        return _PROGRAM_BYTES + (right - left) * (bottom - top) * (PIXEL_BYTES + views * _SUMS_BYTES)
 
 
 class Kept(KeyboardInterrupt):
@@ -108,10 +135,10 @@ def run(asked: Asked) -> None:
 
 def _part_written(job: Job, numbers: range, task: Task, advance: Callable[[int, str], None]) -> Statistics:
     """Render some passes of a frame, and write their sums."""
-    from ..render.passes import Part, Statistics
+    from ..render.passes import PlannedPasses, Statistics
 
     begun, start = numbers.start, time.perf_counter()
-    sums = job.part(task, Part(numbers, job.settings.passes), lambda done, _: advance(done, f"from {begun}"))
+    sums = job.part(task, PlannedPasses(numbers, job.settings.passes), lambda done, _: advance(done, f"from {begun}"))
     for output in task.outputs:
         sums.save(output.path)
     return Statistics(len(sums), sums.beams, sums.tests, {"passes": time.perf_counter() - start})

@@ -82,7 +82,7 @@ def held_interrupt() -> Iterator[Callable[[], None]]:
 
 @contextmanager
 def snapshots(every: float | None) -> Iterator[Callable[[], bool]]:
-    """Yield a function that tells whether a picture of what is done is due: every so many seconds, and on SIGUSR1."""
+    """Yield a function that returns whether a snapshot is due: every so many seconds, and on SIGUSR1."""
     signalled, written = False, time.perf_counter()
 
     def note(*_: object) -> None:
@@ -116,14 +116,44 @@ def bar(kind: Progress | None, quiet: bool, frames: int, passes: int) -> Iterato
 
     That is at which frame, from 0, what it is called, how many passes of it, and what else there is to say.
     """
+    with _drawn(kind, quiet) as update:
+        if update is None:
+            yield _plain(frames, passes, openjd=kind is Progress.openjd)
+            return
+
+        def show(index: int, name: str, done: int, note: str) -> None:
+            description = f"frame {name} ({index + 1} of {frames}), passes" if frames > 1 else "passes"
+            update(index * passes + done, frames * passes, f"{note} {description}".strip())
+
+        yield show
+
+
+@contextmanager
+def farm_bar(kind: Progress | None, quiet: bool) -> Iterator[Callable[[FarmState], None]]:
+    """Yield the progress bar of a farm."""
+    with _drawn(kind, quiet) as update:
+        if update is None:
+            yield _plain_farm(openjd=kind is Progress.openjd)
+            return
+
+        def show(state: FarmState) -> None:
+            frames = f"frame {state.frames} of {state.all_frames}, {counted(state.workers, 'worker')}, passes"
+            update(state.passes, state.all_passes, frames)
+
+        yield show
+
+
+@contextmanager
+def _drawn(kind: Progress | None, quiet: bool) -> Iterator[Callable[[int, int, str], None] | None]:
+    """Yield what draws a bar: passes done and in all, and a description; None where lines are printed instead."""
     if quiet or kind is Progress.none:
-        yield lambda index, name, done, note: None
+        yield lambda done, total, description: None
         return
     from rich.console import Console
 
     console = Console(stderr=True, highlight=False)
     if kind in (Progress.plain, Progress.openjd) or (kind is None and not console.is_terminal):
-        yield _plain(frames, passes, openjd=kind is Progress.openjd)
+        yield None
         return
     from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
     from rich.progress import Progress as Bar
@@ -131,40 +161,8 @@ def bar(kind: Progress | None, quiet: bool, frames: int, passes: int) -> Iterato
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(),
                TextColumn("left"), TimeRemainingColumn())  # fmt: skip
     with Bar(*columns, console=console, transient=True) as shown:
-        task = shown.add_task("passes", total=frames * passes)
-
-        def show(index: int, name: str, done: int, note: str) -> None:
-            description = f"frame {name} ({index + 1} of {frames}), passes" if frames > 1 else "passes"
-            shown.update(task, completed=index * passes + done, description=f"{note} {description}".strip())
-
-        yield show
-
-
-@contextmanager
-def farm_bar(kind: Progress | None, quiet: bool) -> Iterator[Callable[[FarmState], None]]:
-    """Yield what shows how far a farm is."""
-    if quiet or kind is Progress.none:
-        yield lambda state: None
-        return
-    from rich.console import Console
-
-    console = Console(stderr=True, highlight=False)
-    if kind in (Progress.plain, Progress.openjd) or (kind is None and not console.is_terminal):
-        yield _plain_farm(openjd=kind is Progress.openjd)
-        return
-    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
-    from rich.progress import Progress as Bar
-
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(),
-               TextColumn("left"), TimeRemainingColumn(elapsed_when_finished=False))  # fmt: skip
-    with Bar(*columns, console=console, transient=True) as shown:
         task = shown.add_task("passes", total=None)
-
-        def show(state: FarmState) -> None:
-            frames = f"frame {state.frames} of {state.all_frames}, {counted(state.workers, 'worker')}, passes"
-            shown.update(task, completed=state.passes, total=state.all_passes, description=frames)
-
-        yield show
+        yield lambda done, total, text: shown.update(task, completed=done, total=total, description=text)
 
 
 def _plain_farm(openjd: bool) -> Callable[[FarmState], None]:

@@ -6,27 +6,20 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 from .animation import Task, frame_numbers, tasks_of
-from .asked import Asked, memory_of
+from .asked import Asked
+from .job import Job
 from .outputs import check_outputs
 from .programs import load_function, load_looks
 
 if TYPE_CHECKING:
-    from ..images.frame import Frame
     from ..images.plates import Holdout, Plate
-    from ..render.frame_sums import FrameSums
-    from ..render.passes import Part, Progress
-    from ..render.settings import Settings
-    from ..shot import Shot
     from ..usd.settings import RenderSettings
 
 
-class StageJob:
+class StageJob(Job):
     """A stage, and what the flags ask of it; `check` raises a Ctrl-C that was held back."""
 
-    settings: Settings
-    _shot: Shot
     _own: RenderSettings
-    _size: tuple[int, int]
 
     def __init__(self, asked: Asked, check: Callable[[], None]) -> None:
         from ..usd.stage import open_stage
@@ -101,19 +94,6 @@ class StageJob:
         width, height = self._size
         seen_by = " and ".join(dict.fromkeys(each.name for each in self._shot.cameras(first.number)))
         return f"{self._asked.path} seen by {seen_by}, {width} x {height} pixels"
-
-    def render(self, task: Task, progress: Progress | None, **kept: Any) -> Frame:
-        """Return a frame; `kept` are more arguments of `Shot.render`."""
-        return self._shot.render(task.number, progress=progress, **kept, **self._given)
-
-    def memory(self) -> int:
-        """Return how many bytes a pass needs, about."""
-        views = 2 if self._asked.stereo and self._asked.view is None else 1
-        return memory_of(*self._size, self._given["crop"], views)
-
-    def part(self, task: Task, part: Part, progress: Progress | None = None) -> FrameSums:
-        """Return the sums of some passes of a frame."""
-        return self._shot.render_part(part, task.number, progress=progress, **self._given)
 
     @property
     def _given(self) -> dict[str, Any]:

@@ -9,25 +9,22 @@ import typer
 
 from ..images.numbering import PLACEHOLDER
 from .animation import Task, frame_numbers
-from .asked import Asked, memory_of
+from .asked import Asked
+from .job import Job
 from .outputs import check_outputs
 from .programs import load_looks
 
 if TYPE_CHECKING:
-    from ..images.frame import Frame
-    from ..render.frame_sums import FrameSums
-    from ..render.passes import Part, Progress
-    from ..render.settings import Settings
+    from ..shot.scene_shot import SceneShot
 
 #: Flags that a Mitsuba scene has a use for; the others are about stages.
 FLAGS = {
     "scene", "output", "picture", "layers", "frames", "camera", "list_cameras", "res", "res_scale", "crop", "tile",
     "passes", "time_limit", "beams", "bounces", "estimator", "rule", "order", "pixel_filter", "overrides", "exposure",
     "seed", "threads", "device", "progress", "dry_run", "quiet", "verbose", "skip_existing", "checkpoint", "resume",
-    "snapshot",
-    "pass_range", "workers", "scheduler", "tls_ca", "tls_cert", "tls_key",
-    "look", "group", "session_layer", "stereo", "interaxial", "convergence", "view", "holdout", "holdout_channel",
-    "holdout_depth", "holdout_scale", "over", "over_fog",
+    "snapshot", "pass_range", "workers", "scheduler", "tls_ca", "tls_cert", "tls_key", "look", "group",
+    "session_layer", "stereo", "interaxial", "convergence", "view", "holdout", "holdout_channel", "holdout_depth",
+    "holdout_scale", "over", "over_fog",
 }  # fmt: skip
 
 
@@ -40,11 +37,10 @@ def check_given(context: typer.Context) -> None:
             raise typer.BadParameter(f"{flags[name]} is for stages: a Mitsuba scene (.xml) has no use for it")
 
 
-class MitsubaJob:
+class MitsubaJob(Job):
     """A Mitsuba scene, and what the flags ask of it."""
 
-    settings: Settings
-    _size: tuple[int, int]
+    _shot: SceneShot
 
     def __init__(self, asked: Asked, check: Callable[[], None]) -> None:
         from ..shot.scene_shot import SceneShot
@@ -94,19 +90,6 @@ class MitsubaJob:
         """Return a description of the picture: scene, sensor and size."""
         (width, height), shot = self._size, self._shot
         return f"{self._asked.path} seen by {shot.sensor.id() or shot.names[0]}, {width} x {height} pixels"
-
-    def render(self, task: Task, progress: Progress | None, **kept: Any) -> Frame:
-        """Return a frame; `kept` are more arguments of `Shot.render`."""
-        return self._shot.render(task.number, progress=progress, **kept, **self._given)
-
-    def memory(self) -> int:
-        """Return how many bytes a pass needs, about."""
-        views = 2 if self._asked.stereo and self._asked.view is None else 1
-        return memory_of(*self._size, self._given["crop"], views)
-
-    def part(self, task: Task, part: Part, progress: Progress | None = None) -> FrameSums:
-        """Return the sums of some passes of a frame."""
-        return self._shot.render_part(part, task.number, progress=progress, **self._given)
 
     @property
     def _given(self) -> dict[str, Any]:

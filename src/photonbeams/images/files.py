@@ -154,6 +154,11 @@ def write_exr(
         for view, (seen, about) in views.items()
         for name in sorted(seen, key=lambda name: name != "rgba")  # stable: the others keep their order
     ]
+    write_exr_parts(path, parts)
+
+
+def write_exr_parts(path: PathLike, parts: list[OpenEXR.Part]) -> None:
+    """Write the parts of an EXR, whole or not at all; raises OSError as `atomic_path`."""
     with atomic_path(path) as beside:
         try:
             OpenEXR.File(parts).write(str(beside))

@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 import OpenEXR
 
-from ..runtime.files import PathLike, atomic_path
+from ..runtime.files import PathLike
 from ..scene import Array, SceneError
+from .files import write_exr_parts
 
 Box = tuple[int, int, int, int]  # x0, y0, x1, y1, the last pixel not included
 
@@ -47,12 +48,11 @@ def join_tiles(paths: Sequence[Path], output: PathLike, *, partial: bool = False
         text = f"{covered.size - int(covered.sum()):,} of {covered.size:,} pixels are in no tile"
         raise SceneError(f"{output}: {text}: expected all tiles, or --partial")
     window = (np.array(whole[:2], dtype=np.int32), np.array(whole[2:], dtype=np.int32) - 1)
-    with atomic_path(output) as beside:
-        files = [
-            OpenEXR.Part({**part.header, "dataWindow": window}, channels, part.name())
-            for part, channels in zip(first, joined, strict=True)
-        ]
-        OpenEXR.File(files).write(str(beside))
+    files = [
+        OpenEXR.Part({**part.header, "dataWindow": window}, channels, part.name())
+        for part, channels in zip(first, joined, strict=True)
+    ]
+    write_exr_parts(output, files)
     return int(covered.sum()), covered.size
 
 

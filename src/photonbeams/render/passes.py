@@ -59,7 +59,7 @@ Progress = Callable[[int, Statistics], None]
 
 
 @dataclass(frozen=True)
-class Part:
+class PlannedPasses:
     """Some of the passes of a frame, for which `planned` passes are planned; None: nobody knows how many."""
 
     numbers: range
@@ -67,8 +67,8 @@ class Part:
 
 
 @dataclass(frozen=True)
-class Watched:
-    """What is told and kept of a frame while it is rendered.
+class RunOptions:
+    """How a frame is rendered pass by pass: which ones, callbacks, and what is kept.
 
     Attributes
     ----------
@@ -87,7 +87,7 @@ class Watched:
     progress: Progress | None = None
     checkpoint: Checkpoint | None = None
     snapshot: Callable[[Callable[[], FrameSums]], None] | None = None
-    part: Part | None = None
+    part: PlannedPasses | None = None
     kept: dict[tuple[str, int | None], Accumulating] | None = None
 
     @property
@@ -96,7 +96,7 @@ class Watched:
         return self.checkpoint is not None or self.part is not None
 
 
-UNWATCHED = Watched()
+PLAIN_RUN = RunOptions()
 
 
 class Accumulating(Protocol):
@@ -127,7 +127,7 @@ Rendered = TypeVar("Rendered", bound=Accumulating)
 def accumulate(
     begin: Callable[[int | None], Rendered],
     settings: Settings,
-    watched: Watched,
+    run: RunOptions,
     about: str = "",
 ) -> Rendered:
     """Return a frame with all its passes, or with those that were begun within the time limit: at least one.
@@ -138,32 +138,33 @@ def accumulate(
         Returns the frame without passes, given how many are planned, None where nobody knows.
     settings
         Passes and time limit.
-    watched
-        Which passes, and what is told of them and kept on the way.
+    run
+        Which passes, callbacks, and what is kept.
     about
         What the passes are of, as `FrameSums` has it.
     """
-    checkpoint = watched.checkpoint
-    part = watched.part or Part(range(settings.passes), None if settings.time_limit is not None else settings.passes)
+    checkpoint = run.checkpoint
+    limit = settings.time_limit
+    part = run.part or PlannedPasses(range(settings.passes), settings.passes if limit is None else None)
     saved = None if checkpoint is None else checkpoint.begin(about)
-    start, limit = time.perf_counter(), settings.time_limit
+    start = time.perf_counter()
     with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
         dr.kernel_history_clear()
-        frame = _begun(begin, watched.kept, about, part.planned if saved is None else saved.planned)
+        frame = _begun(begin, run.kept, about, part.planned if saved is None else saved.planned)
         if saved is not None:
             frame.restore(saved)
         there = [] if saved is None else saved.ranges()
         for number in part.numbers:
             if any(number in each for each in there):
                 continue
-            _tell(frame, watched)
+            _tell(frame, run)
             frame.add_pass(number)
             frame.statistics.count_kernels()
             if limit is not None and time.perf_counter() - start > limit:
                 break
             if checkpoint is not None and checkpoint.due and number != part.numbers[-1]:
                 checkpoint.save(frame.sums())
-    _tell(frame, watched)
+    _tell(frame, run)
     frame.statistics.error = known(frame.error())
     return frame
 
@@ -185,18 +186,18 @@ def _begun(
     return frame
 
 
-def _tell(frame: Accumulating, watched: Watched) -> None:
-    """Tell of the passes so far; where Ctrl-C was pressed, write the checkpoint."""
+def _tell(frame: Accumulating, run: RunOptions) -> None:
+    """Report the passes so far; where Ctrl-C was pressed, write the checkpoint."""
     statistics = frame.statistics
     try:
-        if watched.progress is not None:
+        if run.progress is not None:
             statistics.error = known(frame.error())
-            watched.progress(statistics.passes, statistics)
-        if watched.snapshot is not None and statistics.passes:
-            watched.snapshot(frame.sums)
+            run.progress(statistics.passes, statistics)
+        if run.snapshot is not None and statistics.passes:
+            run.snapshot(frame.sums)
     except KeyboardInterrupt:
-        if watched.checkpoint is not None:
-            watched.checkpoint.save(frame.sums())
+        if run.checkpoint is not None:
+            run.checkpoint.save(frame.sums())
         raise
 
 

@@ -21,7 +21,7 @@ from .checkpoint import identity
 from .film import Film, group_layers, reconstruction_filter
 from .frame import FrameRenderer, Simulated, ViewRays
 from .holdouts import HoldoutDepth
-from .passes import UNWATCHED, Watched, accumulate, pixel_offset
+from .passes import PLAIN_RUN, RunOptions, accumulate, pixel_offset
 from .scene_lighting import SceneLighting
 from .settings import DEFAULT_PATHS, DEFAULTS, Settings
 
@@ -155,7 +155,7 @@ def render(
     plugin: Any,
     sensor: Any,
     settings: Settings = DEFAULTS,
-    watched: Watched = UNWATCHED,
+    run: RunOptions = PLAIN_RUN,
     content: str = "",
     warned: set[str] | None = None,
     extras: Extras | None = None,
@@ -168,8 +168,8 @@ def render(
         Mitsuba's scene and sensor.
     settings
         Passes, light paths, radii.
-    watched
-        Which passes, and what is told of them and kept on the way.
+    run
+        Which passes, callbacks, and what is kept: see `RunOptions`.
     content
         A hash of what is rendered: passes of another content are refused.
     warned
@@ -183,7 +183,7 @@ def render(
         Something in the scene that cannot be rendered.
     """
     own = extras or Extras()
-    about = "" if not watched.named else identity(
+    about = "" if not run.named else identity(
         content, sensor.id(), window_of(sensor.film()), replace(settings, passes=1, time_limit=None), own.beams,
         own.eyes, [each.depth for each in own.holdouts],
     )  # fmt: skip
@@ -191,4 +191,4 @@ def render(
     def begin(_: int | None) -> SceneRenderer:
         return SceneRenderer(plugin, sensor, settings, warned, extras)
 
-    return accumulate(begin, settings, watched, about)
+    return accumulate(begin, settings, run, about)

@@ -30,7 +30,7 @@ from .film import Film, group_layers, reconstruction_filter
 from .film import layer_names as names_of
 from .frame import FrameRenderer, Simulated, ViewRays
 from .holdouts import HoldoutDepth
-from .passes import UNWATCHED, Watched, accumulate, pixel_offset
+from .passes import PLAIN_RUN, RunOptions, accumulate, pixel_offset
 from .settings import DEFAULTS, Settings
 from .stage_lighting import StageLighting
 
@@ -46,7 +46,7 @@ def render(
     shutter: Shutter,
     window: Window,
     settings: Settings = DEFAULTS,
-    watched: Watched = UNWATCHED,
+    run: RunOptions = PLAIN_RUN,
     holdouts: Sequence[HoldoutDepth] = (),
     content: str = "",
     viewers: Callable[[], Sequence[scene.Camera]] | None = None,
@@ -59,8 +59,8 @@ def render(
         What is seen, from where, and how large.
     settings
         Passes, estimator, seed.
-    watched
-        Which passes, and what is told of them and kept on the way.
+    run
+        Which passes, callbacks, and what is kept: see `RunOptions`.
     holdouts
         For each view, where beams end, instead of at the scene's own surfaces: these are not seen then, but stop light.
     content
@@ -81,8 +81,8 @@ def render(
     def begin(planned: int | None) -> StageRenderer:
         return StageRenderer(shutter, window, settings, holdouts, viewers, planned)
 
-    about = identity(content, *_identity(shutter, window, settings, holdouts)) if watched.named else ""
-    return accumulate(begin, settings, watched, about)
+    about = identity(content, *_identity(shutter, window, settings, holdouts)) if run.named else ""
+    return accumulate(begin, settings, run, about)
 
 
 def _identity(shutter: Shutter, window: Window, settings: Settings, holdouts: Sequence[HoldoutDepth]) -> list[Any]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from ..images.frame import Frame
 from ..images.plates import Depth, Holdout, Plate, part_of
 from ..render.checkpoint import Checkpoint
-from ..render.passes import Part, Progress, Watched
+from ..render.passes import PlannedPasses, Progress, RunOptions
 from ..render.settings import Settings
 from ..runtime.files import PathLike
 from ..scene import Array
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from ..render.frame_sums import FrameSums
     from ..world.cameras import Window
 
-#: Told after each pass, with what returns the frame so far.
+#: Called after each pass with a function that returns the frame so far.
 Snapshot = Callable[[Callable[[], Frame]], None]
 
 
@@ -27,7 +27,7 @@ Snapshot = Callable[[Callable[[], Frame]], None]
 class FrameRequest:
     """The arguments of `Shot.render`, checked as far as they do not depend on the shot.
 
-    `part` are the passes to render, None: all; `kept` is what `Watched` keeps for further parts.
+    `part` are the passes to render, None: all; `kept` is what `RunOptions` keeps for further parts.
     """
 
     frame: float | None
@@ -43,7 +43,7 @@ class FrameRequest:
     view: str | None = None
     holdout: Holdout | None = None
     over: Plate | None = None
-    part: Part | None = None
+    part: PlannedPasses | None = None
     kept: dict[Any, Any] | None = None
 
     @classmethod
@@ -62,11 +62,6 @@ class FrameRequest:
             frame=frame, settings=settings, checkpoint=Checkpoint.of(checkpoint), holdout=Holdout.of(holdout),
             over=Plate.of(over), **given,
         )  # fmt: skip
-
-    @property
-    def named(self) -> bool:
-        """Whether the passes have to say what they are of."""
-        return self.checkpoint is not None or self.part is not None
 
     def read_plates(
         self, number: float, views: Sequence[str], size: tuple[int, int], warn: Callable[[str], None]
@@ -95,8 +90,8 @@ class FrameRequest:
         shown = (y1 - y0, x1 - x0, *window.shape)
         return Development(grown.shape, groups, views, plates, self.over is not None and self.over.fog, shown)
 
-    def watched(self, development: Development) -> Watched:
-        """Return what is told and kept of the frame while it is rendered."""
+    def run_options(self, development: Development) -> RunOptions:
+        """Return how the frame's passes are rendered."""
         if self.checkpoint is not None:
             self.checkpoint.development = development.state()
         snapshot = self.snapshot
@@ -105,4 +100,4 @@ class FrameRequest:
             assert snapshot is not None
             snapshot(lambda: development.frame(sums()))
 
-        return Watched(self.progress, self.checkpoint, told if snapshot else None, self.part, self.kept)
+        return RunOptions(self.progress, self.checkpoint, told if snapshot else None, self.part, self.kept)

@@ -268,9 +268,9 @@ class SceneShot(Shot):
             }
             groups = groups_of(self.plugin, self._beams)
             development = request.development(groups, views, pixels, window, grown)
-            about = self.content(frame) if request.named else ""
-            watched = request.watched(development)
-            done = render(self.plugin, self.sensor, settings, watched, about, self._warned, extras)
+            run = request.run_options(development)
+            about = self.content(frame) if run.named else ""
+            done = render(self.plugin, self.sensor, settings, run, about, self._warned, extras)
         return done, development
 
     def _number(self, frame: float | None) -> float:

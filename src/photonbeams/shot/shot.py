@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from ..render.checkpoint import Checkpoint
     from ..render.frame import FrameRenderer
     from ..render.frame_sums import FrameSums
-    from ..render.passes import Part, Progress
+    from ..render.passes import PlannedPasses, Progress
     from ..render.settings import Settings, SettingsArguments
     from ..scene import Array
     from .development import Development
@@ -472,7 +472,7 @@ class Shot:
         return development.frame(done.sums(), done.statistics)
 
     def render_part(
-        self, part: Part, frame: float | None = None, *, settings: Settings | None = None, **given: Any
+        self, part: PlannedPasses, frame: float | None = None, *, settings: Settings | None = None, **given: Any
     ) -> FrameSums:
         """Return the sums of some of a frame's passes, which join to those of all; arguments are those of `render`."""
         from .request import FrameRequest
@@ -523,9 +523,10 @@ class Shot:
         }
         development = request.development(groups_of(content), headers, pixels, window, grown)
         ends = [each.seen_by(view) for each, view in zip(depths, seen, strict=False)]
-        about = self.content(frame) if request.named else ""
+        run = request.run_options(development)
+        about = self.content(frame) if run.named else ""
         shutter = exposure.shutter(eyes, self._rate())
-        done = render(shutter, grown, settings, request.watched(development), ends, about, self._viewers)
+        done = render(shutter, grown, settings, run, ends, about, self._viewers)
         return done, development
 
     def _rate(self) -> float:
