@@ -89,13 +89,15 @@ class FarmAnimation:
 
     def _begin(self, task: Task) -> FarmFrame:
         """Return a frame with the passes that its checkpoint has."""
-        passes, sums = self.job.settings.passes, None
+        passes = self.job.settings.passes
         path = checkpoint_of(task.outputs)
-        if self.asked.resume and path.is_file():
-            sums = FrameSums.load(path)
-            if not sums.missing(passes):  # nobody will render what tells whether it is of this picture
-                self.job.render(task, None, checkpoint=Checkpoint(path, None))
-        return FarmFrame(passes, passes if sums is None else sums.planned, sums, path if sums else None)
+        if not (self.asked.resume and path.is_file()):
+            return FarmFrame(passes, passes)
+        sums = FrameSums.load(path)
+        left = sums.missing(passes)
+        if not left:  # nobody will render what tells whether it is of this picture
+            self.job.render(task, None, checkpoint=Checkpoint(path, None))
+        return FarmFrame(passes, sums.planned, left, path)
 
     def _run(self, options: FarmOptions) -> None:
         asked = self.asked
@@ -167,7 +169,7 @@ class FarmAnimation:
             return None
         kept = 0
         for place, frame in enumerate(getattr(self, "_frames", ())):
-            kept += frame.sums is not None and self._save(place, frame.sums)
+            kept += frame.file is not None or (frame.sums is not None and self._save(place, frame.sums))
         if not kept:
             return None
         text = "unfinished frame has its passes in a checkpoint" if kept == 1 else "unfinished frames have checkpoints"

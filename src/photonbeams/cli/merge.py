@@ -52,6 +52,7 @@ def merge(
 
     photonbeams merge a.checkpoint b.checkpoint -o frame.exr
     """
+    from ..scene import SceneError
     from ..shot.development import developed
 
     outputs = parse_outputs(output, picture or ())
@@ -67,7 +68,10 @@ def merge(
                 continue
             sums = joined(paths)
             _check_gaps(sums, files[0].path, partial=partial)
-            frame = developed(sums)
+            try:
+                frame = developed(sums)
+            except SceneError as error:
+                raise SceneError(f"{paths[0]}: {error}") from None
             kept = chosen_layers(layers, files, [*frame.layers])
             write_outputs(frame, files, kept, exposure, options.command_line(), chosen=layers is not None)
             for path in paths if remove else ():

@@ -36,21 +36,32 @@ class FarmFrame:
     ----------
     passes, planned
         How many passes, and how many were planned (see `FrameSums`).
-    sums, file
-        The sums so far, None without passes, and the file that they were read from, if they were.
+    left
+        The passes that are not there yet, None for all of them.
+    file
+        A checkpoint with the others. It is read when the frame is begun: those of all frames may not fit into memory.
+    sums
+        The sums so far, None before the frame is begun.
     """
 
     passes: int
     planned: int | None
-    sums: FrameSums | None = None
+    left: Sequence[range] | None = None
     file: Path | None = None
+    sums: FrameSums | None = None
 
-    def missing(self) -> list[range]:
+    def missing(self) -> Sequence[range]:
         """Return the passes that are not there yet."""
-        return [range(self.passes)] if self.sums is None else self.sums.missing(self.passes)
+        return [range(self.passes)] if self.left is None else self.left
+
+    def begin(self) -> None:
+        """Take up the passes of the checkpoint."""
+        if self.sums is None and self.file is not None:
+            self.sums = FrameSums.load(self.file)
 
     def join(self, sums: FrameSums, sender: str) -> None:
         """Add the passes of a part; SceneError, with the file or the sender, where they are of another picture."""
+        self.begin()
         if self.sums is None:
             self.sums = sums
             return
@@ -291,8 +302,10 @@ class Farm:
             self.joined(part.frame)
 
     def _finish(self, place: int) -> None:
+        frame = self.work.frames[place]
+        frame.begin()
         self.finished(place)
-        self.work.frames[place].sums = None
+        frame.sums = frame.file = None
         self._state.frames += 1
 
     def _refuse(self, address: str, part: FramePart, error: BaseException | None) -> None:

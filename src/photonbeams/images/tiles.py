@@ -28,19 +28,21 @@ def join_tiles(paths: Sequence[Path], output: PathLike, *, partial: bool = False
     OSError
         A file that cannot be read or written.
     """
-    tiles = [(path, _read(path)) for path in paths]
-    boxes = [_box(parts[0].header) for _, parts in tiles]
-    first = tiles[0][1]
+    headers = [_read(path, header_only=True) for path in paths]
+    boxes = [_box(parts[0].header) for parts in headers]
     whole = min(b[0] for b in boxes), min(b[1] for b in boxes), max(b[2] for b in boxes), max(b[3] for b in boxes)
     covered = np.zeros((whole[3] - whole[1], whole[2] - whole[0]), dtype=bool)
-    joined = [{name: _black(each.pixels, covered.shape) for name, each in part.channels.items()} for part in first]
-    for (path, parts), box in zip(tiles, boxes, strict=True):
+    joined: list[dict[str, Array]] = []
+    for path, header, box in zip(paths, headers, boxes, strict=True):
         place = np.s_[box[1] - whole[1] : box[3] - whole[1], box[0] - whole[0] : box[2] - whole[0]]
-        if _kind(parts) != _kind(first):
+        if _kind(header) != _kind(headers[0]):
             raise SceneError(f"{path}: has other layers or another display window than {paths[0]}: expected its tiles")
         if covered[place].any():
             raise SceneError(f"{path}: covers what another tile covers: expected parts that do not overlap")
         covered[place] = True
+        parts = _read(path)  # one at a time: the picture may be larger than the memory that all need
+        if not joined:
+            joined = [{name: _black(each.pixels, covered.shape) for name, each in part.channels.items()} for part in parts]
         for part, into in zip(parts, joined, strict=True):
             for name, channel in part.channels.items():
                 into[name][place] = channel.pixels
@@ -50,17 +52,17 @@ def join_tiles(paths: Sequence[Path], output: PathLike, *, partial: bool = False
     window = (np.array(whole[:2], dtype=np.int32), np.array(whole[2:], dtype=np.int32) - 1)
     files = [
         OpenEXR.Part({**part.header, "dataWindow": window}, channels, part.name())
-        for part, channels in zip(first, joined, strict=True)
+        for part, channels in zip(headers[0], joined, strict=True)
     ]
     write_exr_parts(output, files)
     return int(covered.sum()), covered.size
 
 
-def _read(path: Path) -> list[Any]:
+def _read(path: Path, *, header_only: bool = False) -> list[Any]:
     with path.open("rb"):
         pass
     try:
-        return list(OpenEXR.File(str(path), separate_channels=False).parts)
+        return list(OpenEXR.File(str(path), separate_channels=False, header_only=header_only).parts)
     except RuntimeError as error:
         raise SceneError(f"{path}: expected an EXR: {' '.join(str(error).split())[:120]}") from None
 
@@ -73,7 +75,7 @@ def _box(header: dict[str, Any]) -> Box:
 def _kind(parts: Sequence[Any]) -> Any:
     """Return what tiles of one picture have in common."""
     return [
-        (part.name(), sorted(part.channels), [tuple(map(int, each)) for each in part.header["displayWindow"]])
+        (part.name(), repr(part.header["channels"]), [tuple(map(int, each)) for each in part.header["displayWindow"]])
         for part in parts
     ]
 
