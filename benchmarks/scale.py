@@ -8,10 +8,13 @@ from __future__ import annotations
 import heapq
 import random
 from dataclasses import dataclass
+from pathlib import Path
+from time import perf_counter
 
 from rich.console import Console
 from rich.table import Table
 
+import photonbeams as pb
 from photonbeams.farm.dispatch import Dispatcher, FramePart, most_passes, parts_of
 from photonbeams.render.sums import BLOCK
 
@@ -135,7 +138,41 @@ FRAMES = 2000
 HOUR_COST = 0.04  # of two virtual processors, in dollars, on demand
 
 
+EXAMPLES = Path(__file__).parents[1] / "examples"
+#: What the gallery shows, and how many passes a final frame of it gets.
+GALLERY = (
+    "keyhole/keyhole.usda", "shaft/physical.usda", "forest/forest.usda", "magic/magic.usda",
+    "concert/concert.usda", "mitsuba/slits.xml", "mitsuba/glass_ball.xml", "mitsuba/flask.xml",
+    "mitsuba/mirrors.xml", "mitsuba/cornell_fog.xml", "mitsuba/cloud.xml",
+)  # fmt: skip
+GALLERY_WIDTH, GALLERY_PASSES = 1280, 64
+
+
 def report(console: Console) -> None:
+    """Print what frames of the gallery cost, and how farms of more and more machines fare."""
+    gallery(console)
+    farms(console)
+
+
+def gallery(console: Console) -> None:
+    """Print what a frame of each shot of the gallery takes on this machine, and what it would cost elsewhere."""
+    table = Table(title=f"Frames of {GALLERY_PASSES} passes, {GALLERY_WIDTH} pixels wide, once a worker is warm")
+    for name in ("shot", "first pass, s", "further passes, s", "minutes a frame", "dollars a frame"):
+        table.add_column(name, justify="right" if name != "shot" else "left")
+    for name in GALLERY:
+        shot = pb.Shot.open(EXAMPLES / name)
+        times = []
+        for passes in (1, 1, 4):  # the first one compiles
+            begin = perf_counter()
+            shot.render(passes=passes, width=GALLERY_WIDTH)
+            times.append(perf_counter() - begin)
+        each = (times[2] - times[1]) / 3
+        seconds = times[1] + (GALLERY_PASSES - 1) * each
+        table.add_row(name, f"{times[1]:.1f}", f"{each:.2f}", f"{seconds / 60:.1f}", f"{seconds / 3600 * HOUR_COST:.4f}")
+    console.print(table)
+
+
+def farms(console: Console) -> None:
     """Print how farms of more and more machines fare."""
     table = Table(
         title=f"{FRAMES:,} frames on simulated farms; a worker is lost every 20 hours, one of 50 is five times slower",

@@ -12,7 +12,7 @@ from uuid import uuid4
 
 import typer
 
-from ..farm.cluster import FarmOptions, connected
+from ..farm.cluster import FarmOptions, connected, dashboard
 from ..farm.run import Farm, FarmFrame, FarmState, FarmWork
 from ..farm.work import threads_here
 from ..render.checkpoint import Checkpoint
@@ -103,6 +103,8 @@ class FarmAnimation:
         asked = self.asked
         with ExitStack() as stack:
             client = stack.enter_context(connected(options))
+            if not asked.quiet and (address := dashboard(client)) is not None:
+                print(f"Dask's dashboard: {address}", file=sys.stderr)
             show = stack.enter_context(farm_bar(asked.progress, asked.quiet))
             numbers = {task: number for number, task in enumerate(self.tasks)}
             places = [numbers[task] for task in self.todo]

@@ -7,6 +7,7 @@ import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
+from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 from ..runtime.device import memory, processors
@@ -80,6 +81,13 @@ def connected(options: FarmOptions) -> Iterator[Client]:
         else:
             with _running(distributed, options) as client:
                 yield client
+
+
+def dashboard(client: Client) -> str | None:
+    """Return the address of Dask's dashboard, None where Bokeh, which draws it, is not installed."""
+    if find_spec("bokeh") is None or "dashboard" not in client.scheduler_info(n_workers=0)["services"]:
+        return None
+    return str(client.dashboard_link)
 
 
 @contextmanager
