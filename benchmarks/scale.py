@@ -168,7 +168,8 @@ def gallery(console: Console) -> None:
             times.append(perf_counter() - begin)
         each = (times[2] - times[1]) / 3
         seconds = times[1] + (GALLERY_PASSES - 1) * each
-        table.add_row(name, f"{times[1]:.1f}", f"{each:.2f}", f"{seconds / 60:.1f}", f"{seconds / 3600 * HOUR_COST:.4f}")
+        cost = seconds / 3600 * HOUR_COST
+        table.add_row(name, f"{times[1]:.1f}", f"{each:.2f}", f"{seconds / 60:.1f}", f"{cost:.4f}")
     console.print(table)
 
 
