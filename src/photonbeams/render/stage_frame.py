@@ -98,7 +98,9 @@ def simulate(
     viewers: Callable[[], Sequence[scene.Camera]] | None = None,
 ) -> list[BeamSet]:  # fmt: skip
     """Return the beams of pass `number` of a frame, as `render` has them; a fog is not needed for that."""
-    check(shutter.at(0.0).scene)
+    description = shutter.at(0.0).scene
+    if not makers(description) and not description.groups:
+        raise scene.SceneError("the stage has no light that makes beams: expected a UsdLux light, or drawn beams")
     shutter = _in_medium(shutter)
     _check_memory(shutter.at(0.0).scene, window, settings)
     return StageRenderer(shutter, window, settings, (), viewers, settings.passes).simulated(number).sets
