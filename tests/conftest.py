@@ -52,13 +52,20 @@ def usd(tmp_path: Path) -> Opener:
 
 @pytest.fixture
 def scene(usd: Opener) -> Callable[..., object]:
-    """Write, open and read a stage."""
+    """Write, open and read a stage: what cannot be read is an error, as by --strict, and other warnings are given."""
 
     from photonbeams.usd.stage import default_time, read_scene
+    from photonbeams.usd.warnings import Warnings
+
+    class Failing(Warnings):
+        def give(self, text: str, file: str = "") -> None:
+            self.strict = False
+            super().give(text, file)
+            self.strict = True
 
     def read(text: str, metadata: str = "") -> object:
         stage = usd(text, metadata)
-        return read_scene(stage, default_time(stage))
+        return read_scene(stage, default_time(stage), Failing(strict=True))
 
     return read
 

@@ -320,7 +320,7 @@ def test_an_error_names_its_frame_and_leaves_those_before(render, stage, out):
     portal += 'over "Lamp" {\n    rel photonbeams:portal = </Portal>\n}\n'
     over = stage().with_name("over.usda")
     over.write_text("#usda 1.0\n" + portal)
-    flags = ("--session-layer", over, "-f", "1:4", "-o", "a.#.exr", "--progress", "none", "-q")
+    flags = ("--session-layer", over, "-f", "1:4", "-o", "a.#.exr", "--progress", "none", "-q", "--strict")
     fails(render(stage(), *flags), 1, "Error: frame 3: ", "/Portal")
     assert names(out) == ["a.1.exr", "a.2.exr"]
 

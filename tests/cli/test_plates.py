@@ -140,9 +140,9 @@ def test_a_stage_without_our_schemas_gets_beams_and_a_look_from_a_session_layer_
     assert beams[..., 0].max() > 0
     assert beams[..., 1:].max() == 0  # the look's ramp is red
     assert (files / "bare.usda").read_bytes() == before
-    code, _, stderr = call("render", files / "bare.usda", "-o", files / "b.exr", *SMALL)
+    code, _, stderr = call("render", files / "bare.usda", "-o", files / "b.exr", "--strict", *SMALL)
     assert code == 1
-    assert "has no medium" in stderr
+    assert "there is no fog" in stderr
 
 
 def test_of_several_session_layers_the_first_is_the_strongest(call, files):

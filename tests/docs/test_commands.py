@@ -138,16 +138,17 @@ def test_every_python_block_runs(name, clone, monkeypatch):
 # -- messages --------------------------------------------------------------------------------------------------------
 
 GOOD = ["render", "dusty.usda", "-o", "a.png", "--dry-run"]
+STRICT = [*GOOD, "--strict"]
 #: What provokes each message of the guide: a change of its layer, and a command.
 PROVOKED = {
-    "the stage has no medium": ((), ["render", "examples/blender/attic.usda", "-o", "a.png", "--dry-run"]),
-    "the stage has no light that makes beams": ((), [*GOOD, "--set", "/Attic/Spot/Spot.photonbeams:enabled=0"]),
+    "there is no fog": ((), ["render", "examples/blender/attic.usda", *STRICT[2:]]),
+    "nothing makes beams": ((), [*STRICT, "--set", "/Attic/Spot/Spot.photonbeams:enabled=0"]),
     "has no camera": ((), [*GOOD, "--camera", "Nobody"]),
-    "expected a prim that is on the stage": (("portal = </Skylight>", "portal = </Window>"), GOOD),
-    "expected a PhotonBeamsLook": (("look = </Afternoon>", "look = </Fog>"), GOOD),
-    "expected as many of each": (("knots = [0, 0.4, 1]", "knots = [0, 1]"), GOOD),
+    "expected a prim that is on the stage": (("portal = </Skylight>", "portal = </Window>"), STRICT),
+    "expected a PhotonBeamsLook": (("look = </Afternoon>", "look = </Fog>"), STRICT),
+    "expected as many of each": (("knots = [0, 0.4, 1]", "knots = [0, 1]"), STRICT),
     "has no attribute": ((), [*GOOD, "--set", "/Fog.photonbeams:colour=1"]),
-    "refers to what cannot be read": (("attic.usda@", "cellar.usda@"), GOOD),
+    "which is not there": (("attic.usda@", "cellar.usda@"), STRICT),
     "expected a name that ends in .exr": ((), ["render", "dusty.usda", "-o", "a.jpg", "--dry-run"]),
     "expected at least one output": ((), ["render", "dusty.usda"]),
     "expected one run of # in its name": ((), ["render", "dusty.usda", "-f", "1:2", "-o", "a.exr"]),

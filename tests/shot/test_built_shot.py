@@ -73,7 +73,7 @@ def test_it_has_eyes_looks_and_checkpoints_as_stages_have(tmp_path):
 @pytest.mark.parametrize(
     ("build", "words"),
     [
-        (lambda: pb.Shot(scene.Scene(media=[FOG]), CAMERA).render(**SMALL), "no light that makes beams"),
+        (lambda: pb.Shot(scene.Scene(media=[FOG]), CAMERA).render(**SMALL), "there is no light"),
         (lambda: pb.Shot(scene.Scene(), "camera"), "camera is 'camera': expected a scene.Camera"),
         (lambda: scene.Scene(lights=[FLOOR]), "lights hold a Mesh: expected each to be a Light"),
         (lambda: scene.Mesh("/M", [[0, 0, 0]], [[0, 0, 1]]), "mesh /M: faces name the point 1: expected 0 to 0"),

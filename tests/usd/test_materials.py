@@ -261,13 +261,13 @@ def test_a_material_bound_to_a_parent_is_inherited(scene):
         (b"no picture", "expected an image that can be"),
     ],
 )
-def test_an_unreadable_texture_is_an_error_with_prim_attribute_and_file(usd, tmp_path, content, message):
+def test_an_unreadable_texture_is_an_error_with_prim_attribute_and_file(scene, tmp_path, content, message):
     name = "gone.png"
     if content is not None:
         name = str(tmp_path / "broken.png")
         (tmp_path / "broken.png").write_bytes(content)
     with pytest.raises(SceneError, match=rf"stage\.usda: /Mat/T\.inputs:file .*{message}") as error:
-        read_scene(usd(material(DIFFUSE, texture(file=name))))
+        scene(material(DIFFUSE, texture(file=name)))
     assert "\n" not in str(error.value)
 
 
@@ -311,7 +311,7 @@ def test_a_dome_has_its_image_decoded_and_other_formats_are_named(usd, image, ca
     assert "/D.inputs:texture:format is 'mirroredBall', which is not rendered" in caplog.text
 
 
-def test_pixels_that_are_not_finite_are_an_error(usd, image):
+def test_pixels_that_are_not_finite_are_an_error(scene, image):
     path = image("sky.exr", [[[np.nan, 3, 4]]], "float")
     with pytest.raises(SceneError, match=r"/D\.inputs:texture:file names .*sky\.exr: expected pixels that are finite"):
-        read_scene(usd(f'def DomeLight "D" {{\nasset inputs:texture:file = @{path}@\n}}'))
+        scene(f'def DomeLight "D" {{\nasset inputs:texture:file = @{path}@\n}}')

@@ -58,9 +58,10 @@ def test_all_media_are_read(scene, caplog):
     assert not caplog.text
 
 
-def test_two_media_of_the_whole_space_are_an_error(scene):
-    with pytest.raises(SceneError, match="/G is a medium of the whole space, as /F is: expected one such medium"):
-        scene(f'def Scope "F" {API} {{\n{FOG}\n}}\ndef Scope "G" {API} {{\n}}')
+def test_of_two_media_of_the_whole_space_the_first_is_kept(scene, caplog):
+    (medium,) = scene(f'def Scope "F" {API} {{\n{FOG}\n}}\ndef Scope "G" {API} {{\n}}').media
+    assert medium.name == "/F"
+    assert "/G is a medium of the whole space, as /F is: expected one such medium" in caplog.text
 
 
 def volume(file="smoke.vol", scale=1.0):

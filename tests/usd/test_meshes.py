@@ -8,6 +8,7 @@ from pxr import Usd, UsdGeom
 
 from photonbeams.scene import SceneError
 from photonbeams.usd.stage import read_scene
+from photonbeams.usd.warnings import Warnings
 
 QUAD = """
     int[] faceVertexCounts = [4]
@@ -238,7 +239,7 @@ def test_velocities_that_fit_no_sample_are_named_and_points_interpolated(usd, ca
 
 def test_velocities_that_are_not_finite_are_an_error(usd):
     with pytest.raises(SceneError, match=r"/M\.velocities\[1\] is .*nan.*: expected finite numbers"):
-        read_scene(usd(flying(FALLING.replace("(0, 0, 0)", "(0, nan, 0)"))), 2)
+        read_scene(usd(flying(FALLING.replace("(0, 0, 0)", "(0, nan, 0)"))), 2, Warnings(strict=True))
 
 
 def test_holes_are_left_out(scene):
@@ -335,11 +336,11 @@ def test_empty_meshes_and_faces_without_area_are_skipped_with_a_warning(scene, c
 
 def test_a_warning_is_given_once_for_all_frames(usd, caplog):
     stage = usd(mesh("", "Empty"))
-    warned: set[str] = set()
+    warnings = Warnings()
     for frame in range(3):
-        read_scene(stage, frame, warned)
+        read_scene(stage, frame, warnings)
     assert len(caplog.records) == 1
-    assert len(warned) == 1
+    assert len(warnings.given) == 1
 
 
 def test_what_is_not_rendered_is_named(scene, caplog):
@@ -477,13 +478,37 @@ def test_hidden_point_instances_are_not_there(usd):
     assert [each.name for each in read_scene(usd(INSTANCER % "8, 10")).meshes] == ["/I[0]", "/I[2]"]
 
 
-def test_a_prototype_that_is_not_there_is_an_error(usd):
-    text = (INSTANCER % "").replace("[0, 1, 0, 1]", "[0, 1, 0, 2]")
-    with pytest.raises(SceneError, match=r"/I\.protoIndices name prototype 2: expected 0 to 1"):
-        read_scene(usd(text))
+def test_instances_of_a_prototype_that_is_not_there_are_skipped(scene, caplog):
+    meshes = scene((INSTANCER % "").replace("[0, 1, 0, 1]", "[0, 1, 0, 2]")).meshes
+    assert [each.name for each in meshes] == ["/I[0]", "/I[1]", "/I[2]"]
+    assert "/I.protoIndices name prototype 2, which is not there: 1 of 4 instances are skipped" in caplog.text
+    meshes = scene((INSTANCER % "").replace("</I/P/Cube>", "</I/P/Gone>")).meshes
+    assert [each.name for each in meshes] == ["/I[1]", "/I[3]"]
 
 
-def test_point_instances_of_another_number_than_positions_are_an_error(usd):
-    text = (INSTANCER % "").replace("(15, 0, 0)]", "(15, 0, 0), (1, 1, 1)]")
-    with pytest.raises(SceneError, match=r"/I\.positions has 5 values: expected 4, as protoIndices"):
-        read_scene(usd(text))
+@pytest.mark.parametrize(("positions", "count"), [("(15, 0, 0), (1, 1, 1)]", 4), ("]", 3)])
+def test_point_instances_that_are_complete_are_where_they_are_without_the_others(scene, caplog, positions, count):
+    whole = scene(INSTANCER % "").meshes
+    meshes = scene((INSTANCER % "").replace("(15, 0, 0)]", positions)).meshes
+    assert f"values: expected 4, as protoIndices; {count} instances are rendered" in caplog.text
+    assert [each.name for each in meshes] == [each.name for each in whole[:count]]
+    # The same matrices by another way: to the rounding of USD's half and single precision.
+    assert all(np.allclose(a.points, b.points, atol=1e-5) for a, b in zip(meshes, whole, strict=False))
+
+
+def test_an_instancer_within_its_own_prototypes_ends(usd, caplog):
+    text = """def PointInstancer "I" {
+        rel prototypes = [</I/P>]
+        int[] protoIndices = [0, 0]
+        point3f[] positions = [(0, 0, 0), (5, 0, 0)]
+        def Xform "P" {
+            def Cube "Cube" { }
+            def PointInstancer "J" {
+                rel prototypes = [</I>]
+                int[] protoIndices = [0, 0]
+                point3f[] positions = [(0, 0, 0), (5, 0, 0)]
+            }
+        }
+    }"""
+    assert len(read_scene(usd(text)).meshes) == 2
+    assert "/I.prototypes hold the instancer itself: expected prims that do not; it is skipped" in caplog.text

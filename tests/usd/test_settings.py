@@ -7,6 +7,7 @@ import pytest
 
 from photonbeams.scene import SceneError
 from photonbeams.usd.settings import RenderProduct, RenderSettings, product_file, read_settings
+from photonbeams.usd.warnings import Warnings
 
 CAMERAS = 'def Camera "A" {\n}\ndef Camera "B" {\n}\n'
 METADATA = 'renderSettingsPrimPath = "/S"'
@@ -146,7 +147,8 @@ def test_a_path_without_settings_is_refused(usd, path):
 )
 def test_what_makes_no_picture_is_refused_with_file_and_prim(usd, body, message):
     with pytest.raises(SceneError, match=rf"stage\.usda: {message}"):
-        read_settings(usd(CAMERAS + settings(body) + product("rel orderedVars = </A>", "Bad"), METADATA))
+        stage = usd(CAMERAS + settings(body) + product("rel orderedVars = </A>", "Bad"), METADATA)
+        read_settings(stage, warnings=Warnings(strict=True))
 
 
 def test_a_path_on_a_stage_without_settings_is_refused(usd):

@@ -68,6 +68,8 @@ class Asked:
     overrides: Sequence[str]
     session_layers: Sequence[Path]
     fog: FogFlags
+    dome_beams: bool
+    strict: bool
     looks: Sequence[str]
     groups: Sequence[str]
     simulate: str | None

@@ -50,6 +50,10 @@ SessionLayers = Annotated[
     list[Path] | None,
     typer.Option(metavar="FILE", help="A layer over the stage; may be repeated, the first is the strongest."),
 ]
+Strict = Annotated[
+    bool,
+    typer.Option("--strict", help="Warnings about the stage are errors; without, what cannot be read is left out."),
+]
 Threads = Annotated[int | None, typer.Option(help="Processor threads.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors alone.")]
 Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Print more.")]

@@ -152,6 +152,9 @@ def render(
     beams_only_fog: Annotated[
         bool, typer.Option("--beams-only-fog", help="A fog that beams alone feel: surfaces are as if without it.")
     ] = False,
+    dome_beams: Annotated[
+        bool, typer.Option("--dome-beams", help="Dome lights make beams, too, as by photonbeams:enabled.")
+    ] = False,
     look: Annotated[
         list[str] | None,
         typer.Option(
@@ -210,6 +213,7 @@ def render(
     threads: options.Threads = None,
     device: Annotated[Device, typer.Option(help="Where to render.")] = Device.auto,
     progress: Annotated[Progress | None, typer.Option(help="Default: rich on a terminal, else plain.")] = None,
+    strict: options.Strict = False,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Read everything, render nothing.")] = False,
     quiet: options.Quiet = False,
     verbose: options.Verbose = False,
@@ -253,8 +257,8 @@ def render(
         camera=camera or None, list_cameras=list_cameras, res=res, res_scale=res_scale, crop=crop, tile=_tile(tile),
         render_settings=render_settings, allow_paths=allow_paths,
         overrides=overrides or (), session_layers=session_layer or (),
-        fog=FogFlags.parse(scattering, absorption, anisotropy, beams_only_fog),
-        looks=look or (), groups=group or (), simulate=simulate, emit=emit, stereo=eyes,
+        fog=FogFlags.parse(scattering, absorption, anisotropy, beams_only_fog), dome_beams=dome_beams,
+        strict=strict, looks=look or (), groups=group or (), simulate=simulate, emit=emit, stereo=eyes,
         view=None if view in (None, ViewName.both) else view.value,
         plates=Plates(
             holdout=holdout, channel=holdout_channel, depth=holdout_depth or "auto", scale=holdout_scale or 1.0,

@@ -22,12 +22,16 @@ class StageJob(Job):
     _own: RenderSettings
 
     def __init__(self, asked: Asked, check: Callable[[], None]) -> None:
-        from ..usd.stage import open_stage
+        from ..usd.stage import enable_domes, open_stage
+        from ..usd.warnings import Warnings
 
         self._asked, self._check = asked, check
         self._numbers = frame_numbers(asked.frames, asked.outputs)
         check()
-        self._stage = open_stage(asked.path, asked.session_layers, asked.overrides)
+        self._warnings = Warnings(asked.strict)
+        self._stage = open_stage(asked.path, asked.session_layers, asked.overrides, self._warnings)
+        if asked.dome_beams:
+            enable_domes(self._stage)
         self._end, self._plate = asked.plates.end(), asked.plates.plate()
 
     def cameras(self) -> list[str]:
@@ -51,7 +55,7 @@ class StageJob(Job):
         self._shot = Shot(
             self._stage, asked.camera or own.camera, medium=asked.fog.over, stereo=asked.stereo,
             simulate=load_function("--simulate", asked.simulate), emit=load_function("--emit", asked.emit),
-            looks=load_looks("--look", asked.looks),
+            looks=load_looks("--look", asked.looks), strict=asked.strict,
         )  # fmt: skip
         self.settings = asked.quality.over(Settings(pixel_filter=own.pixel_filter))
         anywhere = bool(asked.render_settings) or asked.allow_paths
@@ -66,7 +70,8 @@ class StageJob(Job):
             "camera": asked.camera, "resolution": any(asked.res), "dataWindowNDC": asked.crop,
             "products": asked.outputs, PIXEL_FILTER: asked.quality.pixel_filter,
         }  # fmt: skip
-        return read_settings(self._stage, asked.render_settings, [name for name, value in flags.items() if value])
+        given = [name for name, value in flags.items() if value]
+        return read_settings(self._stage, asked.render_settings, given, self._warnings)
 
     def layers(self, first: Task) -> list[str]:
         """Return the names of the layers that a frame has."""

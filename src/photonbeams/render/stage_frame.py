@@ -71,12 +71,11 @@ def render(
     Raises
     ------
     SceneError
-        There is no medium, or nothing that makes beams; a portal has no area; a pass does not fit into memory; a
-        checkpoint of another picture.
+        There is nothing to see; a portal has no area; a pass does not fit into memory; a checkpoint of another picture.
     """
-    description = shutter.at(0.0).scene
-    check(description)
-    _check_memory(description, window, settings)
+    check(shutter.at(0.0).scene)
+    shutter = _in_medium(shutter)
+    _check_memory(shutter.at(0.0).scene, window, settings)
 
     def begin(planned: int | None) -> StageRenderer:
         return StageRenderer(shutter, window, settings, holdouts, viewers, planned)
@@ -100,12 +99,18 @@ def simulate(
 ) -> list[BeamSet]:  # fmt: skip
     """Return the beams of pass `number` of a frame, as `render` has them; a fog is not needed for that."""
     description = shutter.at(0.0).scene
-    if not description.media:
-        shutter = replace(shutter, at=_in_vacuum(shutter.at), before=shutter.before and _in_vacuum(shutter.before))
-        description = shutter.at(0.0).scene
-    check(description)
-    _check_memory(description, window, settings)
+    if not makers(description) and not description.groups:
+        raise scene.SceneError("the stage has no light that makes beams: expected a UsdLux light, or drawn beams")
+    shutter = _in_medium(shutter)
+    _check_memory(shutter.at(0.0).scene, window, settings)
     return StageRenderer(shutter, window, settings, (), viewers, settings.passes).simulated(number).sets
+
+
+def _in_medium(shutter: Shutter) -> Shutter:
+    """Return a shot, in vacuum where it has no medium."""
+    if shutter.at(0.0).scene.media:
+        return shutter
+    return replace(shutter, at=_in_vacuum(shutter.at), before=shutter.before and _in_vacuum(shutter.before))
 
 
 def _in_vacuum(at: Callable[[float], Moment]) -> Callable[[float], Moment]:
@@ -123,18 +128,17 @@ _VACUUM = scene.Medium(scene.BLACK)
 
 
 def check(description: scene.Scene) -> None:
-    """Raise SceneError where a scene has no medium, or nothing that ever makes beams."""
-    if not description.media:
-        raise scene.SceneError(
-            "the stage has no medium: expected a prim with PhotonBeamsMediumAPI, or a fog given by --scattering"
-        )
-    if makers(description) or description.groups:
-        return
-    text = "the stage has no light that makes beams: expected a UsdLux light, or drawn beams"
-    if description.lights:  # switched off, which a dome is from the start
-        names = ", ".join(light.name for light in description.lights)
-        text = f"the stage has no light that makes beams: expected photonbeams:enabled on {names}"
-    raise scene.SceneError(text)
+    """Raise SceneError where there is nothing to see in a scene: nothing at all, or nothing that ever shines."""
+    if not (description.meshes or description.lights or description.media or description.drawn or description.groups):
+        raise scene.SceneError("there is nothing to render: expected meshes, lights, fog or drawn beams")
+    glowing = any(_glows(mesh.material) for mesh in description.meshes)
+    if not (description.lights or description.drawn or description.groups or glowing):
+        text = "there is no light, and the picture would be black: expected a UsdLux light, a surface that glows, or "
+        raise scene.SceneError(f"{text}drawn beams")
+
+
+def _glows(material: scene.Material) -> bool:
+    return not isinstance(material.emissive, tuple) or any(material.emissive)
 
 
 def makers(description: scene.Scene) -> list[str]:

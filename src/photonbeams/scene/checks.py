@@ -41,15 +41,25 @@ ESCAPE = 8.0
 BLACK: Color = (0.0, 0.0, 0.0)
 
 
+_LONGEST = 300  # characters of a sentence
+_LONGEST_VALUE = 60  # characters of a value in it
+
+
+def shortened(text: str, less: int = 0) -> str:
+    """Return a sentence, cut where it is longer than one that is read; `less` are characters to come after it."""
+    most = max(_LONGEST - less, 1)
+    return text if len(text) <= most else f"{text[: most - 1]}…"
+
+
 class SceneError(ValueError):
     """Something in a scene cannot be rendered; the text is one sentence for the user."""
+
+    def __str__(self) -> str:
+        return shortened(super().__str__())
 
 
 P = ParamSpec("P")
 R = TypeVar("R")
-
-_LONGEST = 300  # characters of a sentence
-_LONGEST_VALUE = 60  # characters of a value in it
 
 
 def shown(value: Any) -> str:
@@ -148,8 +158,7 @@ def unknown(name: str, key: str, expected: Iterable[str]) -> str:
     listed = list(expected)
     near = difflib.get_close_matches(key.lower(), listed, n=1)
     hint = f", did you mean {near[0]}?" if near else "."
-    text = f"{name} has no argument {shown(key)}{hint} Expected {', '.join(listed) or 'none'}"
-    return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 1]}…"
+    return shortened(f"{name} has no argument {shown(key)}{hint} Expected {', '.join(listed) or 'none'}")
 
 
 def _misuse(name: str, signature: inspect.Signature, given: int, named: dict[str, Any], error: TypeError) -> str:

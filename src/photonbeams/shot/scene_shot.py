@@ -20,6 +20,7 @@ from ..usd.header import origin
 from ..usd.reading import LOG
 from ..usd.scene_layers import SceneLayers
 from ..usd.stereo import EYES, Stereo, check_stereo, split, views_of
+from ..usd.warnings import Warnings
 from .shot import Shot
 
 if TYPE_CHECKING:
@@ -81,7 +82,7 @@ class SceneShot(Shot):
         self._layered: tuple[Path | None, float | None] | None = None  # of what the layers were read
         self._looks: dict[str, Look] = {}
         self._open: tuple[Path | None, Any] = (None, None if self.path else subject)
-        self._warned: set[Any] = set()
+        self._warnings = Warnings()
         self._kept = {}
         if self.path is None or not PLACEHOLDER.search(self.path.name):
             self.load()
@@ -270,7 +271,7 @@ class SceneShot(Shot):
             development = request.development(groups, views, pixels, window, grown)
             run = request.run_options(development)
             about = self.content(frame) if run.named else ""
-            done = render(self.plugin, self.sensor, settings, run, about, self._warned, extras)
+            done = render(self.plugin, self.sensor, settings, run, about, self._warnings.given, extras)
         return done, development
 
     def _number(self, frame: float | None) -> float:

@@ -22,8 +22,9 @@ from ..usd.groups import groups_at_all_times, makers_at_all_times
 from ..usd.header import header
 from ..usd.looks import LookSpec
 from ..usd.motion import Exposure
-from ..usd.reading import LOG, file_of, frame_number
+from ..usd.reading import file_of, frame_number
 from ..usd.stereo import EYES, Stereo, check_stereo, read_eyes, views_of
+from ..usd.warnings import Warnings
 
 if TYPE_CHECKING:
     from pxr import Usd
@@ -108,6 +109,7 @@ class Shot:
         simulate: Modifier | None = None,
         emit: Emitter | None = None,
         looks: Look | Mapping[str, Look] | None = None,
+        strict: bool = False,
     ) -> None:
         if not (looks is None or isinstance(looks, Mapping) or hasattr(looks, "bind")):
             raise scene.SceneError(f"looks is {looks!r}: expected a Look, or Looks by the names of lights")
@@ -122,7 +124,7 @@ class Shot:
         self._sphere: tuple[Array, float] | None = None
         self._groups: frozenset[str] | None = None
         self._stage_digest: str | None = None
-        self._warned: set[Any] = set()
+        self._warnings = Warnings(strict)
         self._looks: dict[str, Any] = {}
         self._kept: dict[Any, Any] = {}  # the frame whose parts were rendered last
         self._set_content(stage)
@@ -161,6 +163,7 @@ class Shot:
         beams: Mapping[str, scene.BeamSettings] | None = None,
         session_layers: PathLike | Iterable[PathLike] = (),
         overrides: str | Iterable[str] = (),
+        strict: bool = False,
     ) -> Shot:
         """Open a USD stage, or a Mitsuba scene.
 
@@ -191,6 +194,8 @@ class Shot:
             Layers over the stage, and values "/prim.attribute=value" over those, or NAME=VALUE for the parameters of a
             Mitsuba scene; one, or several. Over a Mitsuba scene, prims named by the ids of emitters say of their beams
             what they would say of lights.
+        strict
+            Whether a warning about the stage is an error, also that a part of it cannot be read and is left out.
 
         Raises
         ------
@@ -200,13 +205,14 @@ class Shot:
         session_layers = [session_layers] if isinstance(session_layers, str | os.PathLike) else session_layers
         overrides = [overrides] if isinstance(overrides, str) else overrides
         if Path(path).suffix.lower() == ".xml":
-            of_stages = {"medium": medium, "simulate": simulate, "emit": emit}
+            of_stages = {"medium": medium, "simulate": simulate, "emit": emit, "strict": strict}
             return _opened_scene(path, camera, stereo, looks, groups, beams, session_layers, overrides, of_stages)
         for name, given, expected in (("groups", groups, "lightGroup"), ("beams", beams, "…")):
             if given is not None:
                 text = f"expected photonbeams:{expected} on the lights of a stage"
                 raise scene.SceneError(f"{name} are for Mitsuba scenes: {text}")
-        shot = cls(stages.open_stage(path, session_layers, overrides), camera, medium, stereo, simulate, emit, looks)
+        stage = stages.open_stage(path, session_layers, overrides, Warnings(strict))
+        shot = cls(stage, camera, medium, stereo, simulate, emit, looks, strict)
         shot.cameras()  # a wrong name is an error now, not after a long read
         return shot
 
@@ -239,8 +245,8 @@ class Shot:
     def _read(self, frame: float | None, base: float | None) -> tuple[scene.Scene, scene.Camera]:
         """Return the stage's own scene and its camera."""
         time = self.time(frame)
-        camera = stages.read_camera(self.stage, self.camera, time)
-        return stages.read_scene(self.stage, time, self._warned, base), camera
+        camera = stages.read_camera(self.stage, self.camera, time, self._warnings)
+        return stages.read_scene(self.stage, time, self._warnings, base), camera
 
     @property
     def _place(self) -> str:
@@ -281,8 +287,8 @@ class Shot:
     def cameras(self, frame: float | None = None) -> tuple[scene.Camera, ...]:
         """Return the camera at a frame, or the left and the right eye's."""
         if self.stereo is None:
-            return (stages.read_camera(self.stage, self.camera, self.time(frame)),)
-        return read_eyes(self.stage, self.camera, self.stereo, self.time(frame), self._warned)
+            return (stages.read_camera(self.stage, self.camera, self.time(frame), self._warnings),)
+        return read_eyes(self.stage, self.camera, self.stereo, self.time(frame), self._warnings)
 
     def exposure(self, frame: float | None = None, blur: bool = True, lens: bool = True) -> Exposure:
         """Return the scene and the cameras over the shutter interval of a frame.
@@ -322,9 +328,10 @@ class Shot:
         return self._groups
 
     def check(self, content: scene.Scene, frame: float | None = None) -> list[str]:
-        """Return the names of the layers that a frame of this content has; SceneError where nothing ever makes beams.
+        """Return the names of the layers that a frame of this content has; SceneError where there is nothing to see.
 
-        Warns once where nothing makes beams now, or what does has no light: a light that fades out must not end a film.
+        Warns once where no beams are seen: there is no fog, nothing makes beams now, or what does has no light. A light
+        that fades out must not end a film.
         """
         from ..render.stage_frame import check, layer_names
 
@@ -339,14 +346,17 @@ class Shot:
         from ..render.stage_frame import black, makers
 
         names = ", ".join(black(content))
-        if names:
+        if not content.media:
+            fog = "expected a prim with PhotonBeamsMediumAPI, or a fog given by --scattering"
+            self._warn(f"{self._place}: there is no fog, in which beams would be seen: {fog}")
+        elif names:
             self._warn(f"{self._place}: no beams have any light: expected some of {names} to shine")
-        elif not makers(content) and _NOTHING not in self._warned:
-            self._warned.add(_NOTHING)
-            LOG.warning(
-                "%s: %s at frame %.10g: expected a light that is on; where none is, there are no beams",
-                self._place, _NOTHING, self._number(frame),
-            )  # fmt: skip
+        elif not makers(content) and _NOTHING not in self._warnings.given:
+            self._warnings.given.add(_NOTHING)
+            idle = ", ".join(light.name for light in content.lights)
+            expected = f"photonbeams:enabled on {idle}" if idle else "a light that is on"
+            at = f"{self._place}: {_NOTHING} at frame {self._number(frame):.10g}"
+            self._warn(f"{at}: expected {expected}; where none is, there are no beams")
 
     def _look(self, owner: str, spec: Any) -> Any:
         """Return the look of a light or of curves: the user's, or that of a spec.
@@ -638,7 +648,5 @@ class Shot:
         return frame_number(self.time(frame))
 
     def _warn(self, text: str) -> None:
-        """Log a warning once that concerns no prim."""
-        if text not in self._warned:
-            self._warned.add(text)
-            LOG.warning("%s", text)
+        """Log a warning once that concerns no prim; SceneError where warnings are errors."""
+        self._warnings.give(text)

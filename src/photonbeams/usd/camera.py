@@ -9,7 +9,8 @@ from pxr import Usd, UsdGeom, UsdRender
 
 from ..scene import Array, Camera, SceneError
 from ..scene.vectors import unit
-from .reading import LOG, Reading, file_of, prims_under
+from .reading import LOG, Reading, file_of, prims_under, quiet, target_paths
+from .warnings import Warnings
 
 # UsdGeomCamera: focal length and apertures are in tenths of a scene unit.
 _TENTH = 0.1
@@ -22,16 +23,21 @@ def list_cameras(stage: Usd.Stage) -> list[str]:
     return [str(prim.GetPath()) for prim in prims_under(stage.GetPseudoRoot()) if prim.IsA(UsdGeom.Camera)]
 
 
-def read_camera(stage: Usd.Stage, name: str | None = None, time: Any = None) -> Camera:
+def read_camera(
+    stage: Usd.Stage, name: str | None = None, time: Any = None, warnings: Warnings | None = None
+) -> Camera:
     """Return a camera by path or name; by default that of the render settings, else the first.
+
+    `warnings` as in `read_scene`.
 
     Raises
     ------
     SceneError
         No camera, none of that name, or several; and apertures or a lens that make no picture.
     """
-    reading = Reading(stage, time)
-    return _camera(reading, chosen_camera(stage, name))
+    reading = Reading(stage, time, warnings or Warnings())
+    with quiet():
+        return _camera(reading, chosen_camera(stage, name, warnings))
 
 
 def read_shutter(stage: Usd.Stage, name: str | None = None, time: Any = None) -> tuple[float, float]:
@@ -45,7 +51,7 @@ def read_shutter(stage: Usd.Stage, name: str | None = None, time: Any = None) ->
     return begin, end
 
 
-def chosen_camera(stage: Usd.Stage, name: str | None) -> Usd.Prim:
+def chosen_camera(stage: Usd.Stage, name: str | None, warnings: Warnings | None = None) -> Usd.Prim:
     """Return the prim of the camera that `read_camera` reads."""
     paths = list_cameras(stage)
     if not paths:
@@ -53,7 +59,10 @@ def chosen_camera(stage: Usd.Stage, name: str | None) -> Usd.Prim:
     if name is None:
         path = _settings_camera(stage)
         if path and path not in paths:
-            raise SceneError(f"{file_of(stage)}: the render settings name {path}: expected one of {', '.join(paths)}")
+            if warnings is not None:
+                text = f"the render settings name {path}, which is no camera: {paths[0]} is used"
+                warnings.give(text, file_of(stage))
+            path = ""
         if not path and len(paths) > 1:
             LOG.info("%s: of %d cameras the first is used: %s", file_of(stage), len(paths), paths[0])
         return stage.GetPrimAtPath(path or paths[0])
@@ -67,7 +76,7 @@ def chosen_camera(stage: Usd.Stage, name: str | None) -> Usd.Prim:
 
 def _settings_camera(stage: Usd.Stage) -> str:
     settings = UsdRender.Settings.GetStageRenderSettings(stage)
-    targets = settings.GetCameraRel().GetForwardedTargets() if settings else []
+    targets = target_paths(settings.GetPrim(), "camera") if settings else []
     return str(targets[0]) if targets else ""
 
 

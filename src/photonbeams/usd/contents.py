@@ -2,23 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
-from pxr import Usd, UsdGeom
+from pxr import Gf, Sdf, Usd, UsdGeom
 
-from ..scene import Array, DrawnBeams, Light, Medium, Mesh, Scene, SceneError
+from ..scene import Array, DrawnBeams, Light, Medium, Mesh, Scene
 from . import schemas as schemas
 from .curves import guide_paths, is_drawn, read_curves, read_guides
 from .lights import is_light, portal_paths, read_light
 from .links import linked
 from .medium import is_medium, read_medium
 from .meshes import is_gprim, read_meshes
-from .reading import Reading, visible
+from .reading import Reading, quiet, target_paths, visible
 from .velocities import carried
+from .warnings import Warnings
 
+_WITH_ALL_BELOW = "it is skipped with all below it"
 PROTOTYPE_PRIMS = Usd.PrimIsActive & Usd.PrimIsLoaded  # prototypes may be `over` or `class`
 
 
@@ -39,56 +42,68 @@ class _Item:
     name: str
 
 
-def read_scene(stage: Usd.Stage, time: Any = None, warned: set[str] | None = None, base: Any = None) -> Scene:
+def read_scene(stage: Usd.Stage, time: Any = None, warnings: Warnings | None = None, base: Any = None) -> Scene:
     """Return meshes, lights, drawn beams and fog of a stage at a time.
 
-    What cannot be rendered is skipped with a warning to the logger "photonbeams".
+    What cannot be read or rendered is left out with a warning to the logger "photonbeams".
 
     Parameters
     ----------
     time
         A time code, or a number; None is the default time.
-    warned
-        Warnings that were given already and are not given again; new ones are added.
+    warnings
+        Warnings that were given already and are not given again; new ones are added. They may be errors.
     base
         The frame whose samples velocities carry on, while its shutter is open; None: `time`.
 
     Raises
     ------
     SceneError
-        What cannot be read, with file, prim and attribute.
+        Of what cannot be read, where warnings are errors.
     """
-    reading = Reading(stage, time, set() if warned is None else warned, base=base)
-    contents = _Contents()
+    reading = Reading(stage, time, warnings or Warnings(), base=base)
     # Points near the largest float and sums of them are the file's fault; the values are checked where it matters.
-    with np.errstate(over="ignore", invalid="ignore"):
-        items = list(_items(reading, stage.GetPseudoRoot()))
-        lights = [item.prim for item in items if is_light(item.prim)]
-        portals = {path for prim in lights for path in portal_paths(reading, prim)}
-        guides = {path for prim in lights for path in guide_paths(reading, prim)}
-        for item in items:
-            path = item.prim.GetPath()
-            if path not in portals and (path not in guides or is_drawn(item.prim)):
-                _collect(reading, item, contents)
-    _check_media(reading, contents.media)
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"), reading.warnings.together(), quiet():
+        return _read_scene(reading)
+
+
+def _read_scene(reading: Reading) -> Scene:
+    contents = _Contents()
+    items = list(_items(reading, reading.stage.GetPseudoRoot()))
+    lights = [item.prim for item in items if is_light(item.prim)]
+    portals = {path for prim in lights for path in portal_paths(prim)}
+    guides = {path for prim in lights for path in guide_paths(prim)}
+    for item in items:
+        path = item.prim.GetPath()
+        if path not in portals and (path not in guides or is_drawn(item.prim)):
+            reading.attempt(item.prim, partial(_collect, reading, item, contents), None, "it is skipped")
+    _keep_one_filling(reading, contents)
     media = [prim for prim, _ in contents.media]
     return Scene(
         tuple(contents.meshes),
-        tuple(linked(reading, light, prim, contents.meshes, media) for prim, light in contents.lights),
+        tuple(
+            reading.attempt(
+                prim, partial(linked, reading, light, prim, contents.meshes, media), light, "it lights everything"
+            )
+            for prim, light in contents.lights
+        ),
         tuple(contents.drawn),
         tuple(medium for _, medium in contents.media),
     )
 
 
-def _check_media(reading: Reading, media: list[tuple[Usd.Prim, Medium]]) -> None:
-    """Raise SceneError where two media fill the whole space."""
-    filling = [prim for prim, medium in media if not medium.bounded]
-    for prim in filling[1:]:
-        first = filling[0].GetPath()
-        raise SceneError(
-            f"{reading.place(prim)} is a medium of the whole space, as {first} is: expected one such medium, the "
-            "others on closed gprims"
-        )
+def _keep_one_filling(reading: Reading, contents: _Contents) -> None:
+    """Keep the first of the media that fill the whole space, and warn of the others."""
+    kept: list[tuple[Usd.Prim, Medium]] = []
+    first = None
+    for prim, medium in contents.media:
+        if medium.bounded or first is None:
+            kept.append((prim, medium))
+            first = first if medium.bounded else prim
+        else:
+            text = f"is a medium of the whole space, as {first.GetPath()} is: expected one such medium, the others on "
+            reading.warn(prim, f"{text}closed gprims; it is skipped")
+    contents.media = kept
 
 
 def _collect(reading: Reading, item: _Item, contents: _Contents) -> None:
@@ -100,7 +115,10 @@ def _collect(reading: Reading, item: _Item, contents: _Contents) -> None:
             return
     if is_light(prim):
         light = read_light(reading, prim, item.to_world, item.name)
-        contents.lights.extend([(prim, replace(light, guides=read_guides(reading, prim)))] if light else [])
+        if light is not None:
+            unguided: tuple[Array, ...] = ()
+            guides = reading.attempt(prim, partial(read_guides, reading, prim), unguided, "the light has no guides")
+            contents.lights.append((prim, replace(light, guides=guides)))
     if is_gprim(prim):
         _warn_of_skinning(reading, prim)
         contents.meshes.extend(read_meshes(reading, prim, item.to_world, item.name))
@@ -127,56 +145,98 @@ def _items(reading: Reading, root: Usd.Prim) -> Iterator[_Item]:
             if UsdGeom.Imageable(prim).ComputeVisibility(reading.time) == "invisible":
                 walk.PruneChildren()
             continue
-        if prim.IsA(UsdGeom.PointInstancer):
+        to_world = reading.attempt(prim, partial(reading.to_world, prim), None, _WITH_ALL_BELOW)
+        if to_world is None or prim.IsA(UsdGeom.PointInstancer):
             walk.PruneChildren()  # prototypes are drawn where the instancer puts them, not where they stand
-            yield from _instances(reading, prim, reading.to_world(prim), str(prim.GetPath()))
-        else:
-            yield _Item(prim, reading.to_world(prim), str(prim.GetPath()))
+        if to_world is not None:
+            yield from _expanded(reading, _Item(prim, to_world, str(prim.GetPath())))
 
 
-def _instances(reading: Reading, prim: Usd.Prim, to_world: Array, name: str) -> Iterator[_Item]:
-    """Return the prims of a point instancer's prototypes, at each of its points."""
+def _expanded(reading: Reading, item: _Item, within: tuple[Sdf.Path, ...] = ()) -> list[_Item]:
+    """Return a prim or, of a point instancer, the prims of its prototypes at each of its points.
+
+    `within` are the paths of instancers that repeat this one.
+    """
+    if not item.prim.IsA(UsdGeom.PointInstancer):
+        return [item]
+    return reading.attempt(item.prim, lambda: list(_instances(reading, item, within)), [], "it is skipped")
+
+
+def _instances(reading: Reading, item: _Item, within: tuple[Sdf.Path, ...]) -> Iterator[_Item]:
+    prim = item.prim
+    if prim.GetPath() in within:
+        raise reading.fail(prim, "prototypes", "hold the instancer itself: expected prims that do not")
+    within = (*within, prim.GetPath())
     instancer = UsdGeom.PointInstancer(prim)
-    prototypes = reading.targets(prim, "prototypes")
+    prototypes = [reading.stage.GetPrimAtPath(path) for path in target_paths(prim, "prototypes")]
     moved = carried(reading, prim, "positions")
     sample = moved.reading if moved is not None else reading
-    indices = np.asarray(sample.value(prim, "protoIndices", ()), dtype=np.int64)
-    if len(indices) and not (indices.min() >= 0 and indices.max() < len(prototypes)):
-        bad = indices[(indices < 0) | (indices >= len(prototypes))][0]
-        raise reading.fail(prim, "protoIndices", f"name prototype {bad}: expected 0 to {len(prototypes) - 1}")
-    transforms = _instance_transforms(reading, sample, instancer, len(indices))
-    mask = instancer.ComputeMaskAtTime(sample.time)
-    shown = np.flatnonzero(np.asarray(mask)) if mask else range(len(indices))
-    parts = [list(_prototype_items(reading, root)) for root in prototypes]
-    for index in shown:
-        local = to_world @ reading.matrix(prim, transforms[int(index)])
-        for part in parts[indices[index]]:
-            label = f"{name}[{index}]{part.name}"
-            if part.prim.IsA(UsdGeom.PointInstancer):
-                yield from _instances(reading, part.prim, local @ part.to_world, label)
-            else:
-                yield _Item(part.prim, local @ part.to_world, label)
+    indices = sample.integers(prim, "protoIndices")
+    positions = sample.array(prim, "positions", 3) if moved is None else moved.points
+    transforms = _instance_transforms(reading, sample, instancer, indices, positions, prototypes)
+    mask = np.asarray(instancer.ComputeMaskAtTime(sample.time) or np.ones(len(indices), dtype=bool))
+    parts = [list(_prototype_items(reading, root)) if root and root.IsActive() else None for root in prototypes]
+    lost = [index for index in indices if not 0 <= index < len(parts) or parts[index] is None]
+    if lost:
+        text = f"name prototype {lost[0]}, which is not there: {len(lost)} of {len(indices)} instances are skipped"
+        reading.warn(prim, text, "protoIndices")
+    for index, (number, matrix) in enumerate(zip(indices, transforms, strict=False)):
+        if not (index >= len(mask) or mask[index]) or not 0 <= number < len(parts):
+            continue
+        local = item.to_world @ reading.matrix(prim, matrix)
+        for part in parts[number] or ():
+            copy = _Item(part.prim, local @ part.to_world, f"{item.name}[{index}]{part.name}")
+            yield from _expanded(reading, copy, within)
 
 
-def _instance_transforms(reading: Reading, sample: Reading, instancer: UsdGeom.PointInstancer, count: int) -> Any:
+def _instance_transforms(
+    reading: Reading,
+    sample: Reading,
+    instancer: UsdGeom.PointInstancer,
+    indices: Array,
+    positions: Array | None,
+    prototypes: list[Usd.Prim],
+) -> Sequence[Gf.Matrix4d]:
     """Return one matrix per instance, hidden ones too, with the prototypes' own transforms."""
-    prim = instancer.GetPrim()
-    positions = sample.array(prim, "positions", 3)
-    if (0 if positions is None else len(positions)) != count:
-        text = f"has {0 if positions is None else len(positions)} values: expected {count}, as protoIndices"
-        raise reading.fail(prim, "positions", text)
-    if not count:
-        return []
+    prim, count = instancer.GetPrim(), len(indices)
+    there = 0 if positions is None else len(positions)
+    if there != count:
+        text = f"has {there} values: expected {count}, as protoIndices; {min(there, count)} instances are rendered"
+        reading.warn(prim, text, "positions")
+    for name in ("orientations", "scales", "ids"):
+        values = sample.value(prim, name, ())
+        if len(values) not in (0, count):
+            text = f"has {len(values)} values: expected {count}, as protoIndices; none of them is used"
+            reading.warn(prim, text, name)
     # Velocities would carry instances to the earliest of all times, which is infinitely long ago.
     time = sample.time if reading.time.IsEarliestTime() else reading.time
-    result = instancer.ComputeInstanceTransformsAtTime(
+    result: Sequence[Gf.Matrix4d] = instancer.ComputeInstanceTransformsAtTime(
         time,
         sample.time,
         UsdGeom.PointInstancer.IncludeProtoXform,
         UsdGeom.PointInstancer.IgnoreMask,
     )
-    if len(result) != count:
-        raise SceneError(f"{reading.place(prim)} has orientations, scales or ids of another length than protoIndices")
+    return result if len(result) == count else _placed(sample, prim, indices, positions, prototypes)
+
+
+def _placed(
+    sample: Reading, prim: Usd.Prim, indices: Array, positions: Array | None, prototypes: list[Usd.Prim]
+) -> list[Gf.Matrix4d]:
+    """Return the matrices of the instances that have all values: OpenUSD computes none where one has not.
+
+    Angular velocities are left out.
+    """
+    given = {name: sample.value(prim, name, ()) for name in ("orientations", "scales")}
+    result = []
+    for index, (number, position) in enumerate(zip(indices, () if positions is None else positions, strict=False)):
+        matrix = Gf.Matrix4d(1)
+        if 0 <= number < len(prototypes) and prototypes[number]:
+            matrix, _ = sample.xforms.GetLocalTransformation(prototypes[number])
+        if len(given["scales"]) == len(indices):
+            matrix = matrix * Gf.Matrix4d().SetScale(Gf.Vec3d(given["scales"][index]))
+        if len(given["orientations"]) == len(indices):
+            matrix = matrix * Gf.Matrix4d().SetRotate(Gf.Quatd(given["orientations"][index]))
+        result.append(matrix * Gf.Matrix4d().SetTranslate(Gf.Vec3d(*map(float, position))))
     return result
 
 
@@ -187,11 +247,20 @@ def _prototype_items(reading: Reading, root: Usd.Prim) -> Iterator[_Item]:
         if prim.IsA(UsdGeom.Imageable) and not shown_in_prototype(reading, prim):
             walk.PruneChildren()
             continue
-        matrix, _ = reading.xforms.ComputeRelativeTransform(prim, root)
+        to_root = reading.attempt(
+            prim, partial(_relative, reading, prim, root), None, "it is skipped with all below it"
+        )
         relative = str(prim.GetPath().MakeRelativePath(root.GetPath()))
-        yield _Item(prim, reading.matrix(prim, matrix), "" if relative == "." else f"/{relative}")
-        if prim.IsA(UsdGeom.PointInstancer):
+        if to_root is not None:
+            yield _Item(prim, to_root, "" if relative == "." else f"/{relative}")
+        if to_root is None or prim.IsA(UsdGeom.PointInstancer):
             walk.PruneChildren()
+
+
+def _relative(reading: Reading, prim: Usd.Prim, root: Usd.Prim) -> Array:
+    """Return the transform of a prim of a prototype to the prototype's root."""
+    matrix, _ = reading.xforms.ComputeRelativeTransform(prim, root)
+    return reading.matrix(prim, matrix)
 
 
 def shown_in_prototype(reading: Reading, prim: Usd.Prim) -> bool:

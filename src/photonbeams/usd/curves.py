@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -11,9 +12,8 @@ from pxr import Sdf, Usd, UsdGeom
 from ..beams.curves import directions, lengths, segments, tangents
 from ..scene import Array, DrawnBeams
 from ..scene.vectors import unit
-from .lights import check_group
-from .looks import read_look
-from .reading import Reading, has_photonbeams
+from .lights import bound_look, check_group
+from .reading import Reading, has_photonbeams, target_paths
 from .splines import BASES, WRAPS, Spans, expected_points, span_counts, varying_counts
 from .velocities import carried
 
@@ -41,7 +41,7 @@ def read_curves(reading: Reading, prim: Usd.Prim, to_world: Array, name: str) ->
     moved = carried(reading, prim)
     sample = moved.reading if moved is not None else reading
     points = moved.points if moved is not None else reading.array(prim, "points", 3)
-    counts = np.asarray(sample.value(prim, "curveVertexCounts", ()), dtype=np.int64)
+    counts = sample.integers(prim, "curveVertexCounts")
     if points is None or not len(counts):
         reading.warn(prim, "has no points: it is skipped")
         return None
@@ -68,8 +68,7 @@ def read_curves(reading: Reading, prim: Usd.Prim, to_world: Array, name: str) ->
         return None
     group = str(reading.value(prim, "photonbeams:lightGroup", ""))
     check_group(reading, prim, group)
-    looks = reading.targets(prim, "photonbeams:look")
-    look = read_look(reading, prim, looks[0]) if looks else None
+    look = reading.attempt(prim, partial(bound_look, reading, prim), None, "its beams have the physical look")
     beams = _beams(source, nodes, spans.closed, power.graded or colour.graded, to_world)
     if not len(beams["start"]):
         return None
@@ -79,9 +78,9 @@ def read_curves(reading: Reading, prim: Usd.Prim, to_world: Array, name: str) ->
 _GUIDE_POINTS = 33  # of each span of a cubic guide
 
 
-def guide_paths(reading: Reading, prim: Usd.Prim) -> set[Sdf.Path]:
+def guide_paths(prim: Usd.Prim) -> set[Sdf.Path]:
     """Return the paths of the curves that a light names as its guides."""
-    return {target.GetPath() for target in reading.targets(prim, "photonbeams:guides")}
+    return set(target_paths(prim, "photonbeams:guides"))
 
 
 def read_guides(reading: Reading, light: Usd.Prim) -> tuple[Array, ...]:
@@ -106,7 +105,7 @@ def read_guides(reading: Reading, light: Usd.Prim) -> tuple[Array, ...]:
 
 def _guides(reading: Reading, prim: Usd.Prim) -> list[Array]:
     points = reading.array(prim, "points", 3)
-    counts = np.asarray(reading.value(prim, "curveVertexCounts", ()), dtype=np.int64)
+    counts = reading.integers(prim, "curveVertexCounts")
     if points is None or np.any(counts < 0) or counts.sum() != len(points):
         return []
     source = _CurvesPrim(reading, prim, counts, *_kind(reading, prim))
@@ -283,8 +282,8 @@ def _shapes(source: _CurvesPrim) -> list[Reading]:
     if len(times) < 2:
         return [source.reading]
     chosen = np.unique(np.linspace(0, len(times) - 1, _MOST_SHAPES).round().astype(int))
-    stage, warned = source.reading.stage, source.reading.warned
-    return [Reading(stage, Usd.TimeCode(times[index]), warned) for index in chosen]
+    stage, warnings = source.reading.stage, source.reading.warnings
+    return [Reading(stage, Usd.TimeCode(times[index]), warnings) for index in chosen]
 
 
 @dataclass(frozen=True)

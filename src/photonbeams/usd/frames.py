@@ -13,6 +13,7 @@ from math import isfinite
 from pxr import Tf, Usd, UsdUtils
 
 from ..scene import SceneError
+from ..scene.checks import shortened
 from .reading import LOG, file_of, varying_attributes
 
 MOST_FRAMES = 100_000
@@ -46,7 +47,7 @@ def _frames(part: str) -> list[float]:
         codes = UsdUtils.TimeCodeRange.CreateFromFrameSpec(part)
     except Tf.ErrorException as error:
         reason = str(error).rpartition(" : ")[2].strip().strip("'")
-        raise SceneError(f"{reason}: {_EXPECTED}") from None
+        raise SceneError(f"{shortened(reason, len(_EXPECTED) + 2)}: {_EXPECTED}") from None
     first, last = codes.startTimeCode.GetValue(), codes.endTimeCode.GetValue()
     if not (codes.IsValid() and max(abs(first), abs(last)) < LARGEST):
         raise SceneError(f"expected frames between -{LARGEST:g} and {LARGEST:g}")

@@ -11,6 +11,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -33,10 +34,10 @@ from ..scene import (
 from ..scene.vectors import unit
 from . import blender
 from .gobos import read_gobo, read_portal_gobo, read_texture
-from .looks import read_look
+from .looks import LookSpec, read_look
 from .medium import read_bounces
 from .meshes import is_gprim, read_solid
-from .reading import Reading
+from .reading import Reading, target_paths
 from .textures import read_image
 
 # The black body of UsdLux is normalized to luminance, yet its documentation has 6500 K result in white: without this
@@ -51,6 +52,11 @@ def is_light(prim: Usd.Prim) -> bool:
     return bool(prim.HasAPI(UsdLux.LightAPI))
 
 
+def is_dome(prim: Usd.Prim) -> bool:
+    """Return whether a light is a dome, of either version."""
+    return str(prim.GetTypeName()) in _DOMES
+
+
 def read_light(reading: Reading, prim: Usd.Prim, to_world: Array, name: str) -> Light | None:
     """Return a light, or None (with a warning) where its kind or its size cannot be rendered."""
     kind = str(prim.GetTypeName())
@@ -61,7 +67,8 @@ def read_light(reading: Reading, prim: Usd.Prim, to_world: Array, name: str) -> 
         reading.warn(prim, "is scaled to nothing: it is skipped")
         return None
     _warn_of_filters(reading, prim)
-    shared = {"name": name, **read_beam_settings(reading, prim, read_portal(reading, prim))}
+    portal = reading.attempt(prim, partial(read_portal, reading, prim), None, "the light has no portal")
+    shared = {"name": name, **read_beam_settings(reading, prim, portal)}
     shared |= {"emits_beams": makes_beams(reading, prim), "shaping": _shaping(reading, prim)}
     shared["lights_surfaces"] = any(reading.number(prim, f"inputs:{key}", 1.0) > 0 for key in ("diffuse", "specular"))
     light = _READERS[kind](reading, prim, to_world, shared)
@@ -78,9 +85,9 @@ def makes_beams(reading: Reading, prim: Usd.Prim) -> bool:
     return kind in _READERS and (kind not in _DOMES or authored) and reading.flag(prim, "photonbeams:enabled", True)
 
 
-def portal_paths(reading: Reading, prim: Usd.Prim) -> list[Sdf.Path]:
+def portal_paths(prim: Usd.Prim) -> list[Sdf.Path]:
     """Return the paths of a light's portals, which are no surfaces."""
-    return [target.GetPath() for target in reading.targets(prim, "photonbeams:portal")]
+    return target_paths(prim, "photonbeams:portal")
 
 
 def _value(reading: Reading, prim: Usd.Prim) -> Array:
@@ -213,26 +220,47 @@ def _shaping(reading: Reading, prim: Usd.Prim) -> Shaping | None:
 
 
 def read_beam_settings(reading: Reading, prim: Usd.Prim, portal: Mesh | str | None) -> dict[str, Any]:
-    """Return the fields of `BeamSettings` that PhotonBeamsLightAPI sets, applied formally or not; looks as specs."""
+    """Return the fields of `BeamSettings` that PhotonBeamsLightAPI sets, applied formally or not; looks as specs.
+
+    One that cannot be used has its default.
+    """
+
+    def own(read: Callable[..., Any], *given: Any, default: Any = None, instead: str = "its default is used") -> Any:
+        return reading.attempt(prim, partial(read, reading, prim, *given), default, instead)
+
+    number = Reading.number
+    return {
+        "group": own(_group, default="", instead="the light is in no group"),
+        "emits_beams": reading.flag(prim, "photonbeams:enabled", True),
+        "beam_count": own(_count),
+        "beam_scale": own(number, "photonbeams:intensity", 1.0, 0.0, default=1.0),
+        "seed": int(own(number, "photonbeams:seed", 0, default=0)),
+        "portal": portal,
+        "gobo": own(read_gobo, instead="the light has no gobo"),
+        "portal_gobo": own(read_portal_gobo, portal, instead="the portal has no gobo"),
+        "look": own(bound_look, instead="its beams have the physical look"),
+        "scattered": own(_scattered, default="physical"),
+        "bounces": own(read_bounces),
+    }
+
+
+def bound_look(reading: Reading, prim: Usd.Prim) -> LookSpec | None:
+    """Return the look that a light or curves name, or None."""
+    looks = reading.targets(prim, "photonbeams:look")
+    return read_look(reading, prim, looks[0]) if looks else None
+
+
+def _count(reading: Reading, prim: Usd.Prim) -> int | None:
     count = reading.value(prim, "photonbeams:count")
     if count is not None and not (isinstance(count, int) and 1 <= count <= MOST_BEAMS):
         raise reading.fail(prim, "photonbeams:count", f"is {count}: expected a number from 1 to {MOST_BEAMS:,}")
+    return None if count is None else int(count)
+
+
+def _group(reading: Reading, prim: Usd.Prim) -> str:
     group = str(reading.value(prim, "photonbeams:lightGroup", ""))
     check_group(reading, prim, group)
-    looks = reading.targets(prim, "photonbeams:look")
-    return {
-        "group": group,
-        "emits_beams": reading.flag(prim, "photonbeams:enabled", True),
-        "beam_count": None if count is None else int(count),
-        "beam_scale": reading.number(prim, "photonbeams:intensity", 1.0, minimum=0.0),
-        "seed": int(reading.number(prim, "photonbeams:seed", 0)),
-        "portal": portal,
-        "gobo": read_gobo(reading, prim),
-        "portal_gobo": read_portal_gobo(reading, prim, portal),
-        "look": read_look(reading, prim, looks[0]) if looks else None,
-        "scattered": _scattered(reading, prim),
-        "bounces": read_bounces(reading, prim),
-    }
+    return group
 
 
 def _scattered(reading: Reading, prim: Usd.Prim) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -49,7 +50,9 @@ def bound_material(reading: Reading, prim: Usd.Prim) -> Bound:
     own = material.GetPrim()
     key = ("material", (own.GetPrimInPrototype() if own.IsInstanceProxy() else own).GetPath())
     if key not in reading.cache:
-        reading.cache[key] = _read(reading, material)
+        plain = Bound(GREY, diffuse_primvar="displayColor")
+        text = "displayColor or grey is used"
+        reading.cache[key] = reading.attempt(own, partial(_read, reading, material), plain, text)
     return reading.cache[key]
 
 
@@ -173,7 +176,8 @@ class _Preview:
             self.reading.warn(node.GetPrim(), f"names {asset.path}, tiles are not rendered: its fallback is used")
             return None
         space = str(_value(self.reading, node, "sourceColorSpace", "auto"))
-        return read_image(self.reading, attribute.GetPrim(), str(attribute.GetName()), space)
+        read = partial(read_image, self.reading, attribute.GetPrim(), str(attribute.GetName()), space)
+        return self.reading.attempt(node.GetPrim(), read, None, "its fallback is used")
 
     def _wrap(self, node: UsdShade.Shader) -> str:
         s, t = (str(_value(self.reading, node, key, "useMetadata")) for key in ("wrapS", "wrapT"))

@@ -2,17 +2,32 @@
 
 from __future__ import annotations
 
-import logging
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
-from pxr import Gf, Tf, Usd, UsdGeom
+from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdUtils
 
 from ..scene import FARTHEST, Array, Color, SceneError, color, number
+from ..scene.checks import shortened, shown
+from .warnings import LOG, Warnings
 
-LOG = logging.getLogger("photonbeams")
+T = TypeVar("T")
+
+
+@contextmanager
+def quiet() -> Iterator[None]:
+    """Keep what OpenUSD would print on standard error for those who want to see all (-v)."""
+    delegate = UsdUtils.CoalescingDiagnosticDelegate()
+    try:
+        yield
+    finally:
+        messages = [str(each.commentary) for each in delegate.TakeUncoalescedDiagnostics()]
+        del delegate  # which ends its work
+        for message in messages:
+            LOG.debug("%s", message)
 
 
 def file_of(stage: Usd.Stage) -> str:
@@ -35,8 +50,8 @@ class Reading:
     stage, time
         A time code or its number; None is the default time. At that, attributes that hold only time samples answer
         with their first.
-    warned
-        Texts of warnings that were given; share it between the frames of a shot, so that each is given once.
+    warnings
+        The warnings that were given; share them between the frames of a shot, so that each is given once.
     cache
         Decoded textures, materials and triangulated prototypes by key.
     base
@@ -45,7 +60,7 @@ class Reading:
 
     stage: Usd.Stage
     time: Any = None
-    warned: set[str] = field(default_factory=set)
+    warnings: Warnings = field(default_factory=Warnings)
     cache: dict[Any, Any] = field(default_factory=dict)
     base: Any = None
 
@@ -56,18 +71,44 @@ class Reading:
 
     def place(self, prim: Usd.Prim, name: str = "") -> str:
         """Return "file: /prim.attribute", as messages begin."""
-        return f"{file_of(self.stage)}: {prim.GetPath()}{'.' if name else ''}{name}"
+        return f"{file_of(self.stage)}: {_path(prim, name)}"
 
     def fail(self, prim: Usd.Prim, name: str, text: str) -> SceneError:
         """Return (for raising) the error that an attribute `text`: "is 0: expected ..."."""
         return SceneError(f"{self.place(prim, name)} {text}")
 
     def warn(self, prim: Usd.Prim, text: str, name: str = "") -> None:
-        """Warn once about something that cannot be rendered."""
-        message = f"{self.place(prim, name)} {text}"
-        if message not in self.warned:
-            self.warned.add(message)
-            LOG.warning("%s", message)
+        """Warn once about something that cannot be rendered; SceneError where warnings are errors."""
+        self.warnings.give(f"{_path(prim, name)} {text}", file_of(self.stage))
+
+    def attempt(self, prim: Usd.Prim, read: Callable[[], T], otherwise: T, instead: str) -> T:
+        """Return what `read` returns or, where a part of the stage cannot be used, `otherwise` with a warning.
+
+        Parameters
+        ----------
+        prim
+            The prim that is read.
+        instead
+            What is done without that part, the end of the warning: "it is skipped".
+
+        Raises
+        ------
+        SceneError
+            What `read` raises, where warnings are errors.
+        """
+        file = file_of(self.stage)
+        try:
+            return read()
+        except SceneError as error:
+            if self.warnings.strict:
+                raise
+            text = str(error)
+            text = text.removeprefix(f"{file}: ") if text.startswith(f"{file}: /") else f"{prim.GetPath()}: {text}"
+        except Exception:  # values of types or sizes that no check has thought of: OpenUSD's and NumPy's own complaints
+            LOG.debug("%s", self.place(prim), exc_info=True)
+            text = f"{prim.GetPath()} cannot be read"
+        self.warnings.give(f"{shortened(text, len(file) + len(instead) + 4)}; {instead}", file)
+        return otherwise
 
     def value(self, prim: Usd.Prim, name: str, default: Any = None) -> Any:
         """Return an attribute's value or fallback at the time, or `default` where it has none."""
@@ -81,7 +122,7 @@ class Reading:
         """Return a number, checked to be finite and within its bounds."""
         value = self.value(prim, name, default)
         if not isinstance(value, (int, float)):
-            raise self.fail(prim, name, f"is {value}: expected a number")
+            raise self.fail(prim, name, f"is {shown(value)}: expected a number")
         for bound in (minimum, maximum):  # USD's floats are of single precision: 0.99 is not quite 0.99
             value = bound if np.float32(value) == np.float32(bound) else value
         return number(value, self.place(prim, name), minimum, maximum)
@@ -94,7 +135,7 @@ class Reading:
         except (TypeError, ValueError):
             numbers = np.empty(0)
         if numbers.shape not in ((), (3,)):
-            raise self.fail(prim, name, f"is {value}: expected a colour")
+            raise self.fail(prim, name, f"is {shown(value)}: expected a colour")
         return color(numbers, self.place(prim, name))
 
     def flag(self, prim: Usd.Prim, name: str, default: bool) -> bool:
@@ -105,7 +146,7 @@ class Reading:
         """Return an array attribute (or `value` of it) as (N, columns) finite float64, or None where it is empty."""
         raw = self.value(prim, name) if value is None else value
         if raw is not None and (isinstance(raw, str) or not hasattr(raw, "__len__")):
-            raise self.fail(prim, name, f"is {raw}: expected a list of values")
+            raise self.fail(prim, name, f"is {shown(raw)}: expected a list of values")
         if raw is None or len(raw) == 0:
             return None
         try:
@@ -117,6 +158,14 @@ class Reading:
             index = int(np.argmin(finite))
             raise self.fail(prim, f"{name}[{index}]", f"is {raw[index]}: expected finite numbers")
         return numbers
+
+    def integers(self, prim: Usd.Prim, name: str) -> Array:
+        """Return an array of whole numbers, (N,), empty where there is none."""
+        raw = self.value(prim, name, ())
+        found = np.asarray(raw) if not isinstance(raw, str) and hasattr(raw, "__len__") else np.asarray(None)
+        if len(np.shape(found)) != 1 or (len(found) and found.dtype.kind not in "iu"):
+            raise self.fail(prim, name, f"is {shown(raw)}: expected a list of whole numbers")
+        return found.astype(np.int64)
 
     def to_world(self, prim: Usd.Prim) -> Array:
         """Return a prim's (4, 4) transform to world space, for column vectors."""
@@ -144,8 +193,7 @@ class Reading:
         """Return the prims that a relationship names; SceneError names one that is missing."""
         if prim.GetAttribute(name):
             raise self.fail(prim, name, "is an attribute: expected a relationship, rel")
-        relationship = prim.GetRelationship(name)
-        paths = relationship.GetForwardedTargets() if relationship else []
+        paths = target_paths(prim, name)
         found = [self.stage.GetPrimAtPath(path) for path in paths]
         for path, target in zip(paths, found, strict=True):
             if not target or not target.IsActive():
@@ -153,10 +201,20 @@ class Reading:
         return found
 
 
+def _path(prim: Usd.Prim, name: str) -> str:
+    return f"{prim.GetPath()}{'.' if name else ''}{name}"
+
+
 def _time_code(time: Any) -> Usd.TimeCode:
     if not isinstance(time, Usd.TimeCode):
         time = Usd.TimeCode.Default() if time is None else Usd.TimeCode(time)
     return Usd.TimeCode.EarliestTime() if time.IsDefault() else time
+
+
+def target_paths(prim: Usd.Prim, name: str) -> list[Sdf.Path]:
+    """Return the paths that a relationship names, of prims that are there or not; none of an attribute of its name."""
+    relationship = prim.GetRelationship(name)
+    return list(relationship.GetForwardedTargets()) if relationship else []
 
 
 def visible(prim: Usd.Prim, time: Usd.TimeCode) -> bool:

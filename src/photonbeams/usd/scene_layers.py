@@ -13,6 +13,7 @@ from .lights import read_beam_settings, read_portal
 from .meshes import is_gprim
 from .reading import Reading
 from .stage import open_stage
+from .warnings import Warnings
 
 # The properties of PhotonBeamsLightAPI that emitters of Mitsuba scenes have, without "photonbeams:".
 _SUPPORTED = ("look", "lightGroup", "enabled", "count", "intensity", "seed", "portal", "gobo", "scattered", "bounces")
@@ -35,7 +36,7 @@ class SceneLayers:
     def __init__(self, layers: Iterable[str | os.PathLike[str]]) -> None:
         *stronger, last = layers
         self.stage = open_stage(last, stronger)
-        self._warned: set[str] = set()
+        self._warnings = Warnings()
 
     def read(
         self, frame: float | None, emitters: Collection[str], shapes: Collection[str]
@@ -55,7 +56,7 @@ class SceneLayers:
         SceneError
             A prim that is named like no emitter, a portal that is no shape; what cannot be read, as of lights.
         """
-        reading = Reading(self.stage, frame, self._warned)
+        reading = Reading(self.stage, frame, self._warnings)
         result = {}
         for prim in self.stage.TraverseAll():
             said = [each.GetName() for each in prim.GetAuthoredPropertiesInNamespace("photonbeams")]

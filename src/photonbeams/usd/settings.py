@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
+from functools import partial
 from math import ceil, isfinite
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,8 @@ from ..images.frame import fractions_of
 from ..images.numbering import PLACEHOLDER
 from ..scene import MOST_PIXELS, SceneError
 from ..scene.cameras import FILTERS
-from .reading import LOG, Reading, file_of
+from .reading import Reading, file_of
+from .warnings import Warnings
 
 SUFFIXES = (".exr", ".png")
 # Names that other renderers' variables have, lower case.
@@ -82,7 +84,9 @@ def _pixels(begin: float, end: float, count: int) -> tuple[float, float]:
     return fractions_of(first, last, count)
 
 
-def read_settings(stage: Usd.Stage, path: str | None = None, given: Collection[str] = ()) -> RenderSettings:
+def read_settings(
+    stage: Usd.Stage, path: str | None = None, given: Collection[str] = (), warnings: Warnings | None = None
+) -> RenderSettings:
     """Return the render settings at a path, or those that the stage's metadata names; without any, empty ones.
 
     Parameters
@@ -92,20 +96,25 @@ def read_settings(stage: Usd.Stage, path: str | None = None, given: Collection[s
     given
         Names of what is given otherwise, such as "camera", "resolution" or "products": it is not read, so that it may
         be wrong.
+    warnings
+        As in `read_scene`.
 
     Raises
     ------
     SceneError
         No settings at that path, products that are none, or values that make no picture.
     """
-    reading = Reading(stage)
+    reading = Reading(stage, warnings=warnings or Warnings())
     settings = _settings(reading, path)
     if settings is None:
         return RenderSettings()
     prim = settings.GetPrim()
     rasters = [] if "products" in given else _rasters(reading, prim)
     values = {
-        name: None if name in given else _agreed(reading, prim, rasters, name, read) for name, read in _READERS.items()
+        name: None
+        if name in given
+        else reading.attempt(prim, partial(_agreed, reading, prim, rasters, name, read), None, "it is ignored")
+        for name, read in _READERS.items()
     }
     instantaneous = values.pop("instantaneousShutter")
     still = values["disableMotionBlur"] if instantaneous is None else instantaneous or bool(values["disableMotionBlur"])
@@ -145,7 +154,8 @@ def _settings(reading: Reading, path: str | None) -> UsdRender.Settings | None:
         path = str(stage.GetMetadata("renderSettingsPrimPath") or "")
         settings = UsdRender.Settings.GetStageRenderSettings(stage)
         if path and not settings:
-            LOG.warning("%s: renderSettingsPrimPath is %s, which is no RenderSettings: ignored", file_of(stage), path)
+            text = f"renderSettingsPrimPath is {path}, which is no RenderSettings: ignored"
+            reading.warnings.give(text, file_of(stage))
         return settings if settings else None
     valid = Sdf.Path.IsValidPathString(path) and Sdf.Path(path).IsAbsoluteRootOrPrimPath()
     settings = UsdRender.Settings(stage.GetPrimAtPath(path)) if valid else None

@@ -9,13 +9,16 @@ from itertools import pairwise
 from math import isfinite
 from typing import Any
 
-from pxr import Ar, Gf, Pcp, Sdf, Tf, Ts, Usd, UsdGeom, UsdUtils
+from pxr import Ar, Gf, Sdf, Tf, Ts, Usd, UsdGeom
 
 from ..scene import SceneError, real
 from . import schemas as schemas
 from .camera import list_cameras, read_camera
+from .composition import warn_of_composition
 from .contents import read_scene
-from .reading import LOG, file_of, prims_under, varying_attributes
+from .lights import is_dome, is_light
+from .reading import file_of, prims_under, quiet, varying_attributes
+from .warnings import Warnings
 
 __all__ = ["default_time", "list_cameras", "open_stage", "read_camera", "read_scene", "sample_times"]
 
@@ -24,8 +27,11 @@ def open_stage(
     path: str | os.PathLike[str],
     session_layers: Iterable[str | os.PathLike[str]] = (),
     overrides: Iterable[str] = (),
+    warnings: Warnings | None = None,
 ) -> Usd.Stage:
     """Open a stage, with stronger layers and values laid over it.
+
+    References, payloads and sublayers that cannot be read are left out with a warning.
 
     Parameters
     ----------
@@ -36,27 +42,23 @@ def open_stage(
     overrides
         Values over those, each "/prim.attribute=value" in USD's own notation ("/Lamp.inputs:intensity=2",
         "/Dust.photonbeams:scattering=(0.1, 0.1, 0.2)"). A number stands for a colour's three, too.
+    warnings
+        As in `read_scene`.
 
     Raises
     ------
     SceneError
-        No such file, no stage, a broken one, or one that refers to files that are not there.
+        No such file, no stage, or a broken one; where warnings are errors, one that refers to what cannot be read.
     """
-    layer = _layer(str(path))
-    # What OpenUSD would print is in the errors that are raised below.
-    quiet = UsdUtils.CoalescingDiagnosticDelegate()
-    try:
-        session = Sdf.Layer.CreateAnonymous("session.usda")
-        session.subLayerPaths = [_layer(str(each)).identifier for each in session_layers]
-        stage = Usd.Stage.Open(layer, session)
-        _check_composition(stage)
-    except Tf.ErrorException as error:
-        raise SceneError(f"{path} cannot be read: {_reason(error)}") from None
-    finally:
-        messages = [str(each.commentary) for each in quiet.TakeUncoalescedDiagnostics()]
-        del quiet
-    for message in messages:
-        LOG.debug("%s", message)
+    with quiet():  # what OpenUSD would print is in the errors and warnings below
+        layer = _layer(str(path))
+        try:
+            session = Sdf.Layer.CreateAnonymous("session.usda")
+            session.subLayerPaths = [_layer(str(each)).identifier for each in session_layers]
+            stage = Usd.Stage.Open(layer, session)
+        except Tf.ErrorException as error:
+            raise SceneError(f"{path} cannot be read: {_reason(error)}") from None
+    warn_of_composition(stage, warnings or Warnings())
     for each in overrides:
         _override(stage, each)
     return stage
@@ -71,6 +73,16 @@ def check_stage(stage: object) -> None:
 def listener(stage: Usd.Stage, changed: Callable[[Any, Usd.Stage], None]) -> Any:
     """Return a listener that calls `changed` when anything on the stage changes, as long as it exists."""
     return Tf.Notice.Register(Usd.Notice.ObjectsChanged, changed, stage)
+
+
+def enable_domes(stage: Usd.Stage) -> None:
+    """Let dome lights make beams, where they do not say whether they do."""
+    domes = [prim for prim in prims_under(stage.GetPseudoRoot()) if is_light(prim) and is_dome(prim)]
+    with Usd.EditContext(stage, stage.GetSessionLayer()):
+        for prim in domes:
+            name = "photonbeams:enabled"
+            if not prim.IsInstanceProxy() and not prim.GetAttribute(name).HasAuthoredValue():
+                prim.CreateAttribute(name, Sdf.ValueTypeNames.Bool).Set(True)
 
 
 def time_code(frame: Any) -> Usd.TimeCode:
@@ -167,29 +179,6 @@ def _reason(error: Any) -> str:
     return " ".join(messages[0].split()) if messages else "expected a USD stage"
 
 
-def _check_composition(stage: Usd.Stage) -> None:
-    """Raise for a layer, prim or loop that leaves a hole in the stage; warn of what composes without it."""
-    fatal = (Pcp.ErrorInvalidAssetPathBase, Pcp.ErrorInvalidSublayerPath, Pcp.ErrorUnresolvedPrimPath)
-    warnings = []
-    for error in stage.GetCompositionErrors():
-        text = " ".join(str(error).split()).removesuffix("; skipping.").rstrip(".")
-        asset = _asset_of_no_format(error, text)
-        if asset is None and isinstance(error, (*fatal, Pcp.ErrorArcCycle, Pcp.ErrorSublayerCycle)):
-            raise SceneError(f"{file_of(stage)} refers to what cannot be read: {text}")
-        ignored = f"OpenUSD reads no files like {asset} here: what they define is ignored"
-        warnings.append(text if asset is None else ignored)
-    for text in dict.fromkeys(warnings):
-        LOG.warning("%s: %s", file_of(stage), text)
-
-
-def _asset_of_no_format(error: Any, text: str) -> str | None:
-    """Return the suffix of a file that is there and that OpenUSD has no plug-in for, as MaterialX, if that is wrong."""
-    named = re.search("@(.+?)@", text) if isinstance(error, Pcp.ErrorInvalidAssetPath) else None
-    if named is None or not os.path.exists(named[1]) or Sdf.FileFormat.FindByExtension(named[1]):
-        return None
-    return f"*{os.path.splitext(named[1])[1]}"
-
-
 def _override(stage: Usd.Stage, text: str) -> None:
     """Set one attribute, or what a relationship names, in the session layer."""
     target, equals, value = text.partition("=")
@@ -270,14 +259,11 @@ def _parsed(value: str, kind: Sdf.ValueTypeName, text: str) -> Any:
         numbers = value.split(",")
         value = f"({', '.join(numbers * 3 if len(numbers) == 1 else numbers)})"
     layer = Sdf.Layer.CreateAnonymous(".usda")
-    quiet = UsdUtils.CoalescingDiagnosticDelegate()
     try:
-        parsed = layer.ImportFromString(f'#usda 1.0\ndef "A"\n{{\n    {kind} v = {value}\n}}\n')
+        with quiet():
+            parsed = layer.ImportFromString(f'#usda 1.0\ndef "A"\n{{\n    {kind} v = {value}\n}}\n')
     except Tf.ErrorException:
         parsed = False
-    finally:
-        quiet.TakeUncoalescedDiagnostics()
-        del quiet
     spec = layer.GetAttributeAtPath("/A.v") if parsed else None
     if spec is None or spec.default is None:
         raise SceneError(f"cannot set '{text}': expected a value of type {kind}")

@@ -12,6 +12,7 @@ from pxr import Usd, UsdGeom
 from ..scene import FARTHEST, Camera, SceneError
 from .camera import chosen_camera, list_cameras, read_camera
 from .reading import Reading, file_of
+from .warnings import Warnings
 
 EYES = ("left", "right")
 _EYE_DISTANCE = 0.065  # metres: between the eyes of people
@@ -63,9 +64,9 @@ def check_stereo(stereo: object) -> None:
 
 
 def read_eyes(
-    stage: Usd.Stage, name: str | None, stereo: Stereo, time: Any = None, warned: set[str] | None = None
+    stage: Usd.Stage, name: str | None, stereo: Stereo, time: Any = None, warnings: Warnings | None = None
 ) -> tuple[Camera, Camera]:
-    """Return the cameras of the left and of the right eye; `warned` as in `read_scene`.
+    """Return the cameras of the left and of the right eye; `warnings` as in `read_scene`.
 
     A camera with a stereoRole is one of a pair, whose other is the camera with the other role beside it, or the only
     one on the stage. Any other camera is split: both eyes look along its axis, and their apertures are shifted so that
@@ -77,14 +78,14 @@ def read_eyes(
         A stereoRole without its partner, or partners whose pictures do not fit each other; of a camera that is split,
         parallel rays, or eyes that converge nearer than they can.
     """
-    prim = chosen_camera(stage, name)
+    prim = chosen_camera(stage, name, warnings)
     role = str(UsdGeom.Camera(prim).GetStereoRoleAttr().Get() or "mono")
     if role not in EYES:
         camera = read_camera(stage, str(prim.GetPath()), time)
         return split(camera, stereo, UsdGeom.GetStageMetersPerUnit(stage), f"{file_of(stage)}: {camera.name}")
     other = _partner(stage, prim, EYES[1 - EYES.index(role)])
     if stereo != Stereo():
-        reading = Reading(stage, None, set() if warned is None else warned)
+        reading = Reading(stage, None, warnings or Warnings())
         reading.warn(prim, "is one of a pair, which stand where they stand: interaxial and convergence are ignored")
     pair = {role: str(prim.GetPath()), EYES[1 - EYES.index(role)]: str(other.GetPath())}
     left, right = (read_camera(stage, pair[eye], time) for eye in EYES)

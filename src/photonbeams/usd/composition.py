@@ -1,0 +1,59 @@
+"""What OpenUSD could not compose of a stage, in sentences for users: references, payloads and sublayers."""
+
+from __future__ import annotations
+
+import os
+import re
+from typing import Any
+
+from pxr import Sdf, Usd
+
+from .reading import file_of
+from .warnings import Warnings
+
+_ARC = re.compile(r"Could not open asset @(.*?)@ for (\S+) introduced by @.*?@<(.*?)>(?: -- (.*))?")
+_TARGET = re.compile(r"Unresolved (\S+) prim path @(.*?)@<(.*?)> introduced by @.*?@<(.*?)>")
+_SUBLAYER = re.compile(r"Could not load sublayer @(.*?)@ of layer @(.*?)@(?: -- (.*))?")
+_CYCLE = re.compile(r"Cycle detected: @.*?@<(.*?)>")
+_SUBLAYER_CYCLE = re.compile(r"has cycles. Detected when layer @(.*?)@ was seen")
+_SITE = re.compile(r"@([^@]*?)(?:,@anon:[^@]*@)?@?(?=<)")
+
+
+def warn_of_composition(stage: Usd.Stage, warnings: Warnings) -> None:
+    """Warn of what leaves a hole in the stage, which is composed without it."""
+    file = file_of(stage)
+    with warnings.together():
+        for error in stage.GetCompositionErrors():
+            warnings.give(_sentence(error), file)
+
+
+def _sentence(error: Any) -> str:
+    """Return what is wrong: OpenUSD says it in words alone, which name its own session layer, too."""
+    text = " ".join(str(error).split()).removesuffix("; skipping.").rstrip(". ")
+    if found := _ARC.match(text):
+        asset, kind, prim, reason = found.groups()
+        return f"{prim} has a {kind} to @{asset}@, {_unread(asset, reason)}; the prim is without it"
+    if found := _TARGET.match(text):
+        kind, asset, target, prim = found.groups()
+        if target == "defaultPrim":
+            return f"{prim} has a {kind} to @{asset}@, which names no default prim; the prim is without it"
+        return f"{prim} has a {kind} to @{asset}@<{target}>, where no such prim is; the prim is without it"
+    if found := _SUBLAYER.match(text):
+        asset, layer, reason = found.groups()
+        return f"@{layer}@ has a sublayer @{asset}@, {_unread(asset, reason)}; the layer is without it"
+    if found := _CYCLE.match(text):
+        return f"{found[1]} refers to itself, directly or by others; the prim is without that"
+    if found := _SUBLAYER_CYCLE.search(text):
+        return f"@{found[1]}@ is among its own sublayers; it is used once"
+    return f"{_SITE.sub('', text)}; the stage is without that"
+
+
+def _unread(asset: str, reason: str | None) -> str:
+    """Return why a file is not read, as a clause."""
+    suffix = os.path.splitext(asset)[1]
+    if not reason or not os.path.exists(asset):
+        return "which is not there"
+    if not Sdf.FileFormat.FindByExtension(asset):
+        return f"and OpenUSD reads no files like *{suffix} here"
+    line = re.fullmatch(r".*?:(\d+):\d+: (.*)", reason)
+    return f"which cannot be read (line {line[1]}: {line[2]})" if line else "which cannot be read"

@@ -1,0 +1,78 @@
+"""Warnings about a stage: each is given once, many of one kind together, or with `strict` as errors."""
+
+from __future__ import annotations
+
+import logging
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from ..scene import SceneError
+from ..scene.checks import shortened
+
+LOG = logging.getLogger("photonbeams")
+
+_NAMED = 3  # prims of many with the same warning
+_DIFFERING = re.compile(r"(?:/\w+)+|-?\d[\w.+-]*")  # paths and numbers: texts that differ in these alone are of a kind
+
+
+class Warnings:
+    """The warnings about a stage, shared between all readings of a shot.
+
+    Attributes
+    ----------
+    strict
+        Whether a warning is an error.
+    given
+        The texts that were logged: each is logged once.
+    """
+
+    def __init__(self, strict: bool = False) -> None:
+        self.strict = strict
+        self.given: set[str] = set()
+        self._held: dict[tuple[str, ...], list[str]] | None = None
+
+    def give(self, text: str, file: str = "") -> None:
+        """Log a warning that was not given before; SceneError where warnings are errors.
+
+        Parameters
+        ----------
+        text, file
+            A sentence; or one that begins with the path of a prim or of its attribute, and their file.
+        """
+        sentence = f"{file}: {text}" if file else text
+        if self.strict:
+            raise SceneError(sentence)
+        if sentence in self.given:
+            return
+        self.given.add(sentence)
+        if self._held is None or not file:
+            LOG.warning("%s", shortened(sentence))
+            return
+        place, _, rest = text.partition(" ")
+        kind = (file, _DIFFERING.sub("#", f"{place.partition('.')[2]} {rest}"))
+        self._held.setdefault(kind, []).append(text)
+
+    @contextmanager
+    def together(self) -> Iterator[None]:
+        """Log the warnings within this context at its end: those of one kind as one, with the number of prims."""
+        if self._held is not None:
+            yield
+            return
+        self._held = {}
+        try:
+            yield
+        finally:
+            held, self._held = self._held, None
+            for (file, _), texts in held.items():
+                LOG.warning("%s", _joined(file, texts))
+
+
+def _joined(file: str, texts: list[str]) -> str:
+    """Return one warning for several of a kind."""
+    first, *others = texts
+    if not others:
+        return shortened(f"{file}: {first}")
+    names = [text.partition(" ")[0].partition(".")[0] for text in others[:_NAMED]]
+    end = f" (and {len(others):,} more like this: {', '.join(names)}{', …' if len(others) > _NAMED else ''})"
+    return shortened(f"{file}: {first}", len(end)) + end
