@@ -12,7 +12,7 @@ import typer
 from .animation import Animation, Task, print_plan
 from .asked import Asked
 from .outputs import checkpoint_of, chosen_layers, finish_frame, prepare_outputs, snapshots_of, write_frame
-from .progress import counted, error_note, held_interrupt, messages, snapshots
+from .progress import counted, error_note, held_signals, messages, snapshots
 
 if TYPE_CHECKING:
     from ..images.frame import Frame
@@ -78,7 +78,7 @@ class Job(ABC):
 
 
 class Kept(KeyboardInterrupt):
-    """Ctrl-C after a checkpoint was written; `done` says so."""
+    """A signal that ended a render after a checkpoint was written; `done` says so."""
 
     def __init__(self, done: str) -> None:
         super().__init__(done)
@@ -95,7 +95,7 @@ def opened(asked: Asked, check: Callable[[], None]) -> Job:
 
 def run(asked: Asked) -> None:
     """Render what the flags ask for."""
-    with messages(asked.quiet, asked.verbose), held_interrupt() as check, snapshots(asked.snapshot) as due:
+    with messages(asked.quiet, asked.verbose), held_signals() as check, snapshots(asked.snapshot) as due:
         asked.start_device()
         job = opened(asked, check)
         if asked.list_cameras:
@@ -148,7 +148,7 @@ def _rendered(
     job: Job, asked: Asked, task: Task, advance: Callable[[int, str], None], kept: Sequence[str],
     due: Callable[[], bool], *, several: bool,
 ) -> Frame:  # fmt: skip
-    """Return a frame, having written checkpoints on the way, the last one when Ctrl-C is pressed, and snapshots."""
+    """Return a frame, having written checkpoints on the way, one more if a signal ends the render, and snapshots."""
     from ..render.checkpoint import Checkpoint
 
     checkpoint = None

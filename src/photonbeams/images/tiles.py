@@ -42,7 +42,9 @@ def join_tiles(paths: Sequence[Path], output: PathLike, *, partial: bool = False
         covered[place] = True
         parts = _read(path)  # one at a time: the picture may be larger than the memory that all need
         if not joined:
-            joined = [{name: _black(each.pixels, covered.shape) for name, each in part.channels.items()} for part in parts]
+            joined = [
+                {name: _black(each.pixels, covered.shape) for name, each in part.channels.items()} for part in parts
+            ]
         for part, into in zip(parts, joined, strict=True):
             for name, channel in part.channels.items():
                 into[name][place] = channel.pixels

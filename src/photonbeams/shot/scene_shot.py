@@ -113,9 +113,10 @@ class SceneShot(Shot):
         result = {}
         for name, fields in layers.read(frame, names, [each.id() for each in self.plugin.shapes()]).items():
             spec = fields.pop("look")
-            if spec is not None and repr(spec) not in self._looks:
-                self._looks[repr(spec)] = build_look(spec)
-            result[name] = scene.BeamSettings(**fields, look=self._looks.get(repr(spec)))
+            key = digest(spec)
+            if spec is not None and key not in self._looks:
+                self._looks[key] = build_look(spec)
+            result[name] = scene.BeamSettings(**fields, look=self._looks.get(key))
         return result
 
     def _loaded(self, path: Path) -> Any:
