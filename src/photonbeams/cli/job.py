@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from ..runtime.limits import check_address_space
 from .animation import Animation, Task, print_plan
 from .asked import Asked
 from .outputs import checkpoint_of, chosen_layers, finish_frame, prepare_outputs, snapshots_of, write_frame
@@ -69,12 +70,16 @@ class Job(ABC):
 
     def memory(self) -> int:
         """Return how many bytes a pass needs, about: a stage may be large, and so may its beams be."""
+        return _PROGRAM_BYTES + self.picture_memory()
+
+    def picture_memory(self) -> int:
+        """Return how many bytes the picture needs, about."""
         from ..images.frame import pixels_of
         from ..render.stage_frame import PIXEL_BYTES
 
         views = 2 if self._asked.stereo and self._asked.view is None else 1
         left, top, right, bottom = pixels_of(self._given["crop"], *self._size)
-        return _PROGRAM_BYTES + (right - left) * (bottom - top) * (PIXEL_BYTES + views * _SUMS_BYTES)
+        return (right - left) * (bottom - top) * (PIXEL_BYTES + views * _SUMS_BYTES)
 
 
 class Kept(KeyboardInterrupt):
@@ -109,6 +114,7 @@ def run(asked: Asked) -> None:
         first = (todo or tasks)[0]
         kept = chosen_layers(asked.layers, first.outputs, job.layers(first))
         job.check(first, todo)
+        check_address_space(job.picture_memory())
         for task in todo:
             prepare_outputs(task.outputs)
         check()
