@@ -22,12 +22,17 @@ class StageJob(Job):
     _own: RenderSettings
 
     def __init__(self, asked: Asked, check: Callable[[], None]) -> None:
+        from ..usd.render_passes import apply_pass
         from ..usd.stage import open_stage
 
         self._asked, self._check = asked, check
         self._numbers = frame_numbers(asked.frames, asked.outputs)
         check()
         self._stage = open_stage(asked.path, asked.session_layers, asked.overrides)
+        self._settings_path = asked.render_settings
+        if asked.render_pass is not None:
+            own = apply_pass(self._stage, asked.render_pass)
+            self._settings_path = asked.render_settings or own
         self._end, self._plate = asked.plates.end(), asked.plates.plate()
 
     def cameras(self) -> list[str]:
@@ -66,7 +71,7 @@ class StageJob(Job):
             "camera": asked.camera, "resolution": any(asked.res), "dataWindowNDC": asked.crop,
             "products": asked.outputs, PIXEL_FILTER: asked.quality.pixel_filter,
         }  # fmt: skip
-        return read_settings(self._stage, asked.render_settings, [name for name, value in flags.items() if value])
+        return read_settings(self._stage, self._settings_path, [name for name, value in flags.items() if value])
 
     def layers(self, first: Task) -> list[str]:
         """Return the names of the layers that a frame has."""
