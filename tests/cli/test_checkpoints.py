@@ -8,6 +8,7 @@ import pytest
 
 from cli.results import fails, untouched
 from cli.test_render import CAMERA, FLOOR, FOG, LAMP, write_stage
+from photonbeams.cli.progress import held_signals
 from photonbeams.images.files import read_layers
 from photonbeams.render import stage_frame as frame
 
@@ -26,15 +27,15 @@ def stage(tmp_path):
     return write_stage(tmp_path / "stage.usda", FOG, camera, KEY, FILL, FLOOR, metadata="startTimeCode = 1")
 
 
-def interrupted(monkeypatch, after):
-    """Press Ctrl-C when so many passes are done in all."""
+def interrupted(monkeypatch, after, sent=signal.SIGINT):
+    """Press Ctrl-C, or send another signal, when so many passes are done in all."""
     add_pass, done = frame.StageRenderer.add_pass, []
 
     def pressed(self, number):
         add_pass(self, number)
         done.append(number)
         if len(done) == after:
-            os.kill(os.getpid(), signal.SIGINT)
+            os.kill(os.getpid(), sent)
 
     monkeypatch.setattr(frame.StageRenderer, "add_pass", pressed)
 
@@ -58,6 +59,33 @@ def test_frames_of_two_eyes_go_on_where_ctrl_c_ended_them(render, stage, out, mo
             whole, resumed = (read_layers(out / f"{name}.{number}.exr", view) for name in ("whole", "a"))
             assert {"beams_key", "beams_fill"} <= set(whole) == set(resumed)
             assert all(np.array_equal(each, resumed[layer]) for layer, each in whole.items())
+
+
+@pytest.mark.parametrize(("name", "code"), [("SIGTERM", 143), ("SIGHUP", 129)])
+def test_a_signal_ends_a_render_as_ctrl_c_does(render, stage, out, monkeypatch, name, code):
+    number = getattr(signal, name)
+    with monkeypatch.context() as patched:
+        interrupted(patched, 2, number)
+        result = render(stage, "-o", out / "a.exr", *SMALL, "--checkpoint", 1000)
+    kept = out / "a.checkpoint"
+    assert result == (code, "", f"Ended by {name}; {kept} has 2 passes: --resume goes on from there\n")
+    assert signal.getsignal(number) == signal.SIG_DFL
+    fails(render(stage, "-o", out / "a.exr", *SMALL, "--passes", 1, "--resume"), 1, str(kept),
+          "has passes up to 2, and 1 are asked for: expected at least 2, or no --resume")  # fmt: skip
+    assert render(stage, "-o", out / "a.exr", *SMALL, "--passes", 1)[0] == 0 and kept.exists()
+    assert render(stage, "-o", out / "a.exr", *SMALL, "--passes", 2, "--resume")[0] == 0 and not kept.exists()
+
+
+def test_what_nohup_ignores_stays_ignored(monkeypatch):
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        with held_signals() as check:
+            assert signal.getsignal(signal.SIGHUP) == signal.SIG_IGN
+            assert signal.getsignal(signal.SIGTERM) != signal.SIG_DFL
+            os.kill(os.getpid(), signal.SIGHUP)
+            check()
+    finally:
+        signal.signal(signal.SIGHUP, before)
 
 
 def test_a_changed_stage_look_or_function_is_refused(render, stage, out, monkeypatch):

@@ -10,6 +10,7 @@ import pytest
 from cli.results import fails
 from cli.test_checkpoints import FILL, KEY
 from cli.test_render import CAMERA, FLOOR, FOG, write_stage
+from photonbeams import Shot
 from photonbeams.images.files import read_layers
 from photonbeams.render import stage_frame as frame
 
@@ -101,6 +102,15 @@ def test_tiles_join_without_a_seam(call, render, stage, out, pixel_filter):
     assert call("merge", out / "tile*.exr", "-o", out / "joined.exr", "-q")[0] == 0
     assert same(out / "joined.exr", out / "whole.exr")
     assert headers(out / "joined.exr") == headers(out / "whole.exr")
+
+
+def test_a_crop_is_that_part_of_the_whole_picture_to_the_bit(stage):
+    """Its corner is on no tile's, the stage has a lens and things that move, and the picture an odd size."""
+    shot, given = Shot.open(stage), {"passes": 2, "beams": 64, "width": 53, "height": 47}
+    whole, part = (shot.render(1, crop=crop, **given).layers for crop in (None, (0.31, 0.23, 0.83, 0.92)))
+    assert part["rgba"].shape[:2] == (33, 28) and part["beams_fill"].any()
+    for name, pixels in part.items():
+        assert np.array_equal(pixels, whole[name][10:43, 16:44]), name
 
 
 def test_tiles_that_do_not_belong_together_are_refused(call, render, stage, out):

@@ -84,7 +84,7 @@ def test_frames_are_kept_in_files_and_joined(tmp_path):
             found.join(FrameSums(**{"views": [summed([9])], "planned": 8, "about": "hash"} | change))
 
 
-@pytest.mark.parametrize("change", ["cut", "key", "range", "format"])
+@pytest.mark.parametrize("change", ["cut", "key", "range", "order", "format", "nan", "size", "counts"])
 def test_a_file_that_is_no_checkpoint_is_named(tmp_path, change):
     path = tmp_path / "a.checkpoint"
     state = FrameSums([summed(range(3))], 4).state()
@@ -92,6 +92,14 @@ def test_a_file_that_is_no_checkpoint_is_named(tmp_path, change):
         del state["counts"]
     if change == "format":
         state["counts"] = state["counts"] + 1
+    if change == "nan":
+        state["view 0/2+1/alpha"] = np.full_like(state["view 0/2+1/alpha"], np.nan)
+    if change == "size":
+        state["view 0/2+1/alpha"] = state["view 0/2+1/alpha"][1:]
+    if change == "order":
+        state["view 0/3+2/alpha"] = state["view 0/2+1/alpha"]
+    if change == "counts":
+        state["counts"][3] = -1
     if change == "range":
         state["view 0/1+1/alpha"] = state["view 0/2+1/alpha"]
     with path.open("wb") as file:

@@ -1,7 +1,11 @@
 """Files: whole or not there."""
 
+import os
+import subprocess
+
 import pytest
 
+from photonbeams.runtime import files
 from photonbeams.runtime.files import atomic_path, try_path
 
 
@@ -38,6 +42,32 @@ def test_a_trial_leaves_no_trace(tmp_path):
     (tmp_path / "a.npz").mkdir()
     with pytest.raises(IsADirectoryError):
         try_path(tmp_path / "a.npz")
+
+
+def test_what_killed_writers_left_goes_and_what_others_write_stays(tmp_path):
+    ended = subprocess.Popen(["true"])
+    ended.wait()
+    names = {
+        "dead": f".a.{files._HOST}-{ended.pid}-0123456789ab.tmp.exr",
+        "alive": f".a.{files._HOST}-{os.getppid()}-0123456789ab.tmp.exr",
+        "elsewhere": ".a.00000000ff-1-0123456789ab.tmp.exr",
+        "old": ".b.00000000ff-1-0123456789ab.tmp.exr",
+        "mine": ".a.0123-1.tmp.exr",
+    }
+    for name in names.values():
+        (tmp_path / name).touch()
+    os.utime(tmp_path / names["old"], (0, 0))
+    os.utime(tmp_path / names["mine"], (0, 0))
+    with atomic_path(tmp_path / "a.exr"):
+        pass
+    assert {each.name for each in tmp_path.iterdir()} == {"a.exr", names["alive"], names["elsewhere"], names["mine"]}
+
+
+def test_a_pipe_is_not_replaced(tmp_path):
+    os.mkfifo(tmp_path / "a.exr")
+    with pytest.raises(OSError, match=r"this is a device or a pipe"), atomic_path(tmp_path / "a.exr"):
+        pass
+    assert (tmp_path / "a.exr").is_fifo()
 
 
 def test_a_link_stays_one_and_its_file_is_written(tmp_path):

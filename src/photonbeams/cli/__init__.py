@@ -2,8 +2,8 @@
 
 Each command is the function of its name in the module of its name, and that module is imported when the command is
 called or listed. The modules import what is heavy (Mitsuba, OpenUSD, Dr.Jit) inside the function, so that `--help`
-is fast. Exit codes: 0 success, 1 a failed render, 2 bad usage, 75 a lost farm (to be tried again), 130 interrupted;
-messages go to standard error.
+is fast. Exit codes: 0 success, 1 a failed render, 2 bad usage, 75 a lost farm (to be tried again), 128 + the number of
+the signal that ended the command (130 for Ctrl-C); messages go to standard error.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from collections.abc import Sequence
 from importlib import import_module
 from importlib.util import find_spec
 from itertools import pairwise
+from signal import SIGINT, Signals
 from typing import Annotated, Any, NoReturn
 
 import typer
@@ -23,7 +24,7 @@ from typer.exceptions import TyperException
 __all__ = ["app", "main"]
 
 _COMMANDS = ("render", "merge", "beams", "export", "swatch", "info", "quadrature", "doctor")
-_INTERRUPTED = 130
+_INTERRUPTED = 128 + SIGINT
 _TEMPORARY = 75  # EX_TEMPFAIL of sysexits.h
 
 
@@ -39,6 +40,17 @@ class _Commands(TyperGroup):
             if name not in self.commands and name in self.list_commands(ctx):
                 self.commands[name] = _command(name)
         return self.commands.get(cmd_name)
+
+    def invoke(self, ctx: Any) -> Any:
+        """Call the command; a signal that ends it is an `_Ended`, for Typer would take each for Ctrl-C."""
+        try:
+            return super().invoke(ctx)
+        except KeyboardInterrupt as interrupt:
+            raise _Ended from interrupt
+
+
+class _Ended(Exception):  # noqa: N818 (no error: a signal)
+    """A signal that ended the command is the cause."""
 
 
 def _command(name: str) -> Any:
@@ -76,37 +88,41 @@ def main(arguments: Sequence[str] | None = None) -> None:
     came from. An error that is the program's own keeps its traceback.
     """
     given = sys.argv[1:] if arguments is None else list(arguments)
-    interrupted: BaseException | None = None
     try:
         # Typer would draw a box around what is wrong, and cut the sentence into lines.
         code = app(args=given or ["--help"], prog_name="photonbeams", standalone_mode=False)
     except TyperException as error:
         _fail(f"Error: {_usage(error)}", 2, given)
-    except KeyboardInterrupt:
-        code = _INTERRUPTED
-    except Exception as error:
+    except (Exception, KeyboardInterrupt) as error:
+        number = _signal(error)
+        if number is not None:
+            _end(number, getattr(error, "done", None), given)
         sentence = _sentence(error)
-        if _interrupted(error):
-            code, interrupted = _INTERRUPTED, error
-        elif sentence is None or os.environ.get("PHOTONBEAMS_TRACEBACK", "0") not in ("", "0"):
+        if sentence is None or os.environ.get("PHOTONBEAMS_TRACEBACK", "0") not in ("", "0"):
             raise
-        else:
-            _fail(f"Error: {sentence}", _TEMPORARY if _of_farm(error) else 1, given)
-    if code == _INTERRUPTED:
-        _fail(f"Interrupted; {getattr(interrupted, 'done', 'nothing was written')}", _INTERRUPTED, given)
+        _fail(f"Error: {sentence}", _TEMPORARY if _of_farm(error) else 1, given)
+    if code == _INTERRUPTED:  # before the command was called
+        _end(SIGINT, None, given)
     raise SystemExit(code or (0 if given else 2))  # without a command the help is shown for want of one
 
 
-def _interrupted(error: BaseException | None) -> bool:
-    """Return whether Ctrl-C is behind an error: Dr.Jit wraps what is raised while it records a loop."""
+def _signal(error: BaseException | None) -> int | None:
+    """Return the signal behind an error, None without one: Dr.Jit wraps what is raised while it records a loop."""
+    found = None
     while error is not None:
         if isinstance(error, KeyboardInterrupt):
-            return True
+            found = getattr(error, "number", found or int(SIGINT))
         error = error.__cause__ or error.__context__
-    return False
+    return found
 
 
-def _of_farm(error: Exception) -> bool:
+def _end(number: int, done: str | None, given: Sequence[str]) -> NoReturn:
+    """Say which signal ended the command, and what is done; exit as shells expect it."""
+    ended = "Interrupted" if number == SIGINT else f"Ended by {Signals(number).name}"
+    _fail(f"{ended}; {done or 'nothing was written'}", 128 + number, given)
+
+
+def _of_farm(error: BaseException) -> bool:
     """Return whether a farm is to blame, so that the same command may succeed later."""
     from ..farm.cluster import FarmError
 
@@ -125,7 +141,7 @@ def _usage(error: TyperException) -> str:
     return error.message if own else " ".join(error.format_message().split()).rstrip(".")  # type: ignore[attr-defined]
 
 
-def _sentence(error: Exception) -> str | None:
+def _sentence(error: BaseException) -> str | None:
     """Return what to tell the user of an error, or None if it is a fault of the program."""
     from ..farm.cluster import FarmError
     from ..runtime.device import DeviceError

@@ -93,8 +93,8 @@ def tasks_of(
         frame = 0.0 if code.IsDefault() else float(code.GetValue())
         files = outputs or [Output(product_file(shot.stage, each, code), variables=each.variables) for each in products]
         task = Task(number, f"{frame:.10g}", tuple(each.numbered(frame) for each in files))
-        for product, path in zip([] if outputs or anywhere else products, task.files, strict=False):
-            check_product(path, f"{file_of(shot.stage)}: {product.path}.productName")
+        for product, path in zip([] if outputs else products, task.files, strict=False):
+            check_product(path, f"{file_of(shot.stage)}: {product.path}.productName", anywhere=anywhere)
         for path in task.files:
             owner = owners.setdefault(path.absolute(), task.name)
             if owner is not task.name:

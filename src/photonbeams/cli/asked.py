@@ -64,6 +64,7 @@ class Asked:
     crop: tuple[float, float, float, float] | None
     tile: tuple[int, int] | None
     render_settings: str | None
+    render_pass: str | None
     allow_paths: bool
     overrides: Sequence[str]
     session_layers: Sequence[Path]

@@ -13,7 +13,7 @@ from .animation import Task, frame_numbers, tasks_of
 from .flags import Device, FogFlags, check_flags, start_device
 from .outputs import Output, checked_path
 from .programs import load_function
-from .progress import counted, held_interrupt, messages
+from .progress import counted, held_signals, messages
 
 
 def beams(
@@ -50,7 +50,7 @@ def beams(
     check_flags(beams=beams, anisotropy=anisotropy, threads=threads)
     fog = FogFlags.parse(scattering, absorption, anisotropy)
     target = Output(checked_path("--output", output, (".usd", ".usda", ".usdc")))
-    with messages(quiet, verbose), held_interrupt() as check:
+    with messages(quiet, verbose), held_signals() as check:
         start_device(device, threads)
         from ..shot import Shot
         from ..usd.export import check_path

@@ -12,7 +12,7 @@ from . import options
 from .animation import frame_numbers, tasks_of
 from .flags import Device, FogFlags, check_flags, start_device
 from .outputs import Output, checked_path
-from .progress import counted, held_interrupt, messages
+from .progress import counted, held_signals, messages
 
 
 def export(
@@ -43,7 +43,7 @@ def export(
     check_flags(res, crop=crop, anisotropy=anisotropy)
     fog = FogFlags.parse(scattering, absorption, anisotropy)
     target = Output(checked_path("--output", output, (".xml",)))
-    with messages(quiet, verbose), held_interrupt() as check:
+    with messages(quiet, verbose), held_signals() as check:
         start_device(Device.auto, None)
         from ..shot import Shot
         from ..shot.export import check_path

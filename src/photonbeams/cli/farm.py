@@ -15,7 +15,7 @@ import typer
 from ..farm.cluster import FarmOptions, connected, dashboard
 from ..farm.run import Farm, FarmFrame, FarmState, FarmWork
 from ..farm.work import threads_here
-from ..render.checkpoint import Checkpoint
+from ..render.checkpoint import Checkpoint, check_passes
 from ..render.frame_sums import FrameSums
 from ..scene import SceneError
 from .animation import FrameError, Task, report_line
@@ -94,6 +94,7 @@ class FarmAnimation:
         if not (self.asked.resume and path.is_file()):
             return FarmFrame(passes, passes)
         sums = FrameSums.load(path)
+        check_passes(path, sums, passes)
         left = sums.missing(passes)
         if not left:  # nobody will render what tells whether it is of this picture
             self.job.render(task, None, checkpoint=Checkpoint(path, None))

@@ -222,6 +222,9 @@ class FogFlags:
 
 def start_device(device: Device, threads: int | None) -> None:
     """Start the device on so many threads."""
+    from ..runtime.limits import check_address_space
+
+    check_address_space()
     from ..runtime import device as devices
 
     devices.select(device.value)

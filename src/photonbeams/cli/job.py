@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from ..runtime.limits import check_address_space
 from .animation import Animation, Task, print_plan
 from .asked import Asked
 from .outputs import checkpoint_of, chosen_layers, finish_frame, prepare_outputs, snapshots_of, write_frame
-from .progress import counted, error_note, held_interrupt, messages, snapshots
+from .progress import counted, error_note, held_signals, messages, snapshots
 
 if TYPE_CHECKING:
     from ..images.frame import Frame
@@ -69,16 +70,20 @@ class Job(ABC):
 
     def memory(self) -> int:
         """Return how many bytes a pass needs, about: a stage may be large, and so may its beams be."""
+        return _PROGRAM_BYTES + self.picture_memory()
+
+    def picture_memory(self) -> int:
+        """Return how many bytes the picture needs, about."""
         from ..images.frame import pixels_of
         from ..render.stage_frame import PIXEL_BYTES
 
         views = 2 if self._asked.stereo and self._asked.view is None else 1
         left, top, right, bottom = pixels_of(self._given["crop"], *self._size)
-        return _PROGRAM_BYTES + (right - left) * (bottom - top) * (PIXEL_BYTES + views * _SUMS_BYTES)
+        return (right - left) * (bottom - top) * (PIXEL_BYTES + views * _SUMS_BYTES)
 
 
 class Kept(KeyboardInterrupt):
-    """Ctrl-C after a checkpoint was written; `done` says so."""
+    """A signal that ended a render after a checkpoint was written; `done` says so."""
 
     def __init__(self, done: str) -> None:
         super().__init__(done)
@@ -95,7 +100,7 @@ def opened(asked: Asked, check: Callable[[], None]) -> Job:
 
 def run(asked: Asked) -> None:
     """Render what the flags ask for."""
-    with messages(asked.quiet, asked.verbose), held_interrupt() as check, snapshots(asked.snapshot) as due:
+    with messages(asked.quiet, asked.verbose), held_signals() as check, snapshots(asked.snapshot) as due:
         asked.start_device()
         job = opened(asked, check)
         if asked.list_cameras:
@@ -109,6 +114,7 @@ def run(asked: Asked) -> None:
         first = (todo or tasks)[0]
         kept = chosen_layers(asked.layers, first.outputs, job.layers(first))
         job.check(first, todo)
+        check_address_space(job.picture_memory())
         for task in todo:
             prepare_outputs(task.outputs)
         check()
@@ -148,7 +154,7 @@ def _rendered(
     job: Job, asked: Asked, task: Task, advance: Callable[[int, str], None], kept: Sequence[str],
     due: Callable[[], bool], *, several: bool,
 ) -> Frame:  # fmt: skip
-    """Return a frame, having written checkpoints on the way, the last one when Ctrl-C is pressed, and snapshots."""
+    """Return a frame, having written checkpoints on the way, one more if a signal ends the render, and snapshots."""
     from ..render.checkpoint import Checkpoint
 
     checkpoint = None

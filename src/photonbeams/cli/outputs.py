@@ -92,17 +92,18 @@ def checked_path(flag: str, path: Path, suffixes: Sequence[str]) -> Path:
     return path
 
 
-def check_product(path: Path, where: str) -> None:
-    """Refuse a render product that leads out of the working folder, onto a device, or over what is no picture.
+def check_product(path: Path, where: str, *, anywhere: bool = False) -> None:
+    """Refuse a render product that leads onto a device, over what is no picture or, unless `anywhere`, out of here.
 
     Products are named by stages, which may be a stranger's.
     """
     from ..scene import SceneError
 
     target, folder = Path(os.path.realpath(path)), Path.cwd().resolve()
-    expected = "expected --allow-paths, --render-settings, or -o FILE"
-    if not target.is_relative_to(folder):
+    if not (anywhere or target.is_relative_to(folder)):
+        expected = "expected --allow-paths, --render-settings, or -o FILE"
         raise SceneError(f"{where} is '{path}', which is outside of the working folder: {expected}")
+    expected = "expected another name, or -o FILE"
     if target.exists() and not target.is_file():
         raise SceneError(f"{where} is '{path}', which is no file: {expected}")
     if target.is_file() and target.stat().st_size:
@@ -218,9 +219,10 @@ def write_frame(frame: Frame, outputs: Sequence[Output], asked: Asked, kept: Seq
 
 
 def finish_frame(frame: Frame, outputs: Sequence[Output], asked: Asked, kept: Sequence[str]) -> None:
-    """Write the files of a frame that has all of its passes, and remove its checkpoint and its snapshots."""
+    """Write the files of a frame that has all of its passes; remove its snapshots, and the checkpoint that it used."""
     write_frame(frame, outputs, asked, kept)
-    for path in [checkpoint_of(outputs), *(each.path for each in snapshots_of(outputs))]:
+    used = [checkpoint_of(outputs)] if asked.resume or asked.checkpoint is not None else []
+    for path in [*used, *(each.path for each in snapshots_of(outputs))]:
         path.unlink(missing_ok=True)
 
 

@@ -18,6 +18,10 @@ if TYPE_CHECKING:
     from ..render.passes import Statistics
 
 
+# What ends a render; Windows has no SIGHUP.
+_ENDING = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
+
+
 class Progress(StrEnum):
     """How progress is shown."""
 
@@ -50,34 +54,45 @@ class _Lines(logging.Formatter):
         return f"{record.levelname.capitalize()}: {record.getMessage()}"
 
 
+class Stopped(KeyboardInterrupt):
+    """Ctrl-C, or another signal that ends a render in order; the exit code is 128 + `number`."""
+
+    def __init__(self, number: int) -> None:
+        super().__init__(number)
+        self.number = number
+
+
 @contextmanager
-def held_interrupt() -> Iterator[Callable[[], None]]:
-    """Delay Ctrl-C until the yielded function is called; a second one is not delayed.
+def held_signals() -> Iterator[Callable[[], None]]:
+    """Delay Ctrl-C, SIGTERM and SIGHUP until the yielded function is called; a second signal is not delayed.
 
     Compiled libraries lose an exception that is raised while they are imported or call Python: they print a traceback
-    and go on, hang, or abort.
+    and go on, hang, or abort. Signals that the parent process has this one ignore, as nohup does, stay ignored.
     """
-    pressed = False
+    received: int | None = None
 
-    def hold(*_: object) -> None:
-        nonlocal pressed
-        if pressed:
-            raise KeyboardInterrupt
-        pressed = True
+    def hold(number: int, _: object) -> None:
+        nonlocal received
+        if received is not None:
+            raise Stopped(received)
+        received = number
 
     def check() -> None:
-        if pressed:
-            raise KeyboardInterrupt
+        if received is not None:
+            raise Stopped(received)
 
-    usual = signal.getsignal(signal.SIGINT) is signal.default_int_handler
-    if not usual or threading.current_thread() is not threading.main_thread():
+    if threading.current_thread() is not threading.main_thread():
         yield check
         return
-    signal.signal(signal.SIGINT, hold)
+    usual = {number: signal.getsignal(number) for number in _ENDING}
+    held = [number for number, own in usual.items() if own in (signal.SIG_DFL, signal.default_int_handler)]
+    for number in held:
+        signal.signal(number, hold)
     try:
         yield check
     finally:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
+        for number in held:
+            signal.signal(number, usual[number])
 
 
 @contextmanager

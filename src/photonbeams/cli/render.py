@@ -63,6 +63,10 @@ def render(
             help="RenderSettings prim; flags win over it. Default: the one that the stage names.",
         ),
     ] = None,
+    render_pass: Annotated[
+        str | None,
+        typer.Option(metavar="PATH", help="RenderPass prim: its settings, and what of the stage it renders."),
+    ] = None,
     allow_paths: Annotated[
         bool, typer.Option("--allow-paths", help="Write render products that a stage names outside of this folder.")
     ] = False,
@@ -255,7 +259,7 @@ def render(
             order=order, pixel_filter=pixel_filter, seed=seed,
         ),
         camera=camera or None, list_cameras=list_cameras, res=res, res_scale=res_scale, crop=crop, tile=_tile(tile),
-        render_settings=render_settings, allow_paths=allow_paths,
+        render_settings=render_settings, render_pass=render_pass, allow_paths=allow_paths,
         overrides=overrides or (), session_layers=session_layer or (),
         fog=FogFlags.parse(scattering, absorption, anisotropy, beams_only_fog), dome_beams=dome_beams,
         strict=strict, looks=look or (), groups=group or (), simulate=simulate, emit=emit, stereo=eyes,

@@ -22,6 +22,7 @@ class StageJob(Job):
     _own: RenderSettings
 
     def __init__(self, asked: Asked, check: Callable[[], None]) -> None:
+        from ..usd.render_passes import apply_pass
         from ..usd.stage import enable_domes, open_stage
         from ..usd.warnings import Warnings
 
@@ -32,6 +33,10 @@ class StageJob(Job):
         self._stage = open_stage(asked.path, asked.session_layers, asked.overrides, self._warnings)
         if asked.dome_beams:
             enable_domes(self._stage)
+        self._settings_path = asked.render_settings
+        if asked.render_pass is not None:
+            own = apply_pass(self._stage, asked.render_pass)
+            self._settings_path = asked.render_settings or own
         self._end, self._plate = asked.plates.end(), asked.plates.plate()
 
     def cameras(self) -> list[str]:
@@ -71,7 +76,7 @@ class StageJob(Job):
             "products": asked.outputs, PIXEL_FILTER: asked.quality.pixel_filter,
         }  # fmt: skip
         given = [name for name, value in flags.items() if value]
-        return read_settings(self._stage, asked.render_settings, given, self._warnings)
+        return read_settings(self._stage, self._settings_path, given, self._warnings)
 
     def layers(self, first: Task) -> list[str]:
         """Return the names of the layers that a frame has."""

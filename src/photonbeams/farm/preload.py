@@ -1,9 +1,11 @@
-"""What the workers of a local farm do first: leave Ctrl-C to the command, which ends them in order."""
+"""What the workers of a local farm do first: leave signals of the terminal to the command, which ends them in order."""
 
 import signal
 from typing import Any
 
 
 def dask_setup(_: Any) -> None:
-    """Ignore Ctrl-C, which a terminal sends to all processes."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    """Ignore Ctrl-C and SIGHUP, which a terminal sends to all processes."""
+    for name in ("SIGINT", "SIGHUP"):  # Windows has no SIGHUP
+        if hasattr(signal, name):
+            signal.signal(getattr(signal, name), signal.SIG_IGN)

@@ -294,7 +294,11 @@ class Farm:
 
     def _join(self, address: str, part: FramePart, state: Mapping[str, Any]) -> None:
         sender = f"worker {self._names.get(address, address)}: {self._what(part)}"
-        self.work.frames[part.frame].join(FrameSums.of(state), sender)
+        try:
+            sums = FrameSums.of(state)
+        except (KeyError, ValueError) as error:
+            raise SceneError(f"{sender}: what it sent is no sum of passes: {error}") from None
+        self.work.frames[part.frame].join(sums, sender)
         self._state.passes += len(part.numbers)
         if self._dispatcher.frame_done(part.frame):
             self._finish(part.frame)

@@ -48,13 +48,20 @@ class Checkpoint:
         """Return a checkpoint, or the one at a path; None stays None."""
         return given if given is None or isinstance(given, cls) else cls(given)  # type: ignore[arg-type]
 
-    def begin(self, about: str) -> FrameSums | None:
-        """Return the sums to resume from, None to start anew; `about` is that of `FrameSums`.
+    def begin(self, about: str, passes: int | None = None) -> FrameSums | None:
+        """Return the sums to resume from, None to start anew.
+
+        Parameters
+        ----------
+        about
+            That of `FrameSums`.
+        passes
+            How many the frame shall have; None: not less than there are.
 
         Raises
         ------
         SceneError
-            The file is no checkpoint, or one of another picture.
+            The file is no checkpoint, one of another picture, or one of more passes.
         """
         self._written = time.perf_counter()
         if not self.resume or not self.path.is_file():
@@ -65,6 +72,7 @@ class Checkpoint:
                 f"{self.path}: is the checkpoint of another scene or of other settings: expected the same, or no "
                 "--resume"
             )
+        check_passes(self.path, sums, passes)
         return sums
 
     @property
@@ -89,6 +97,14 @@ class Checkpoint:
     def remove(self) -> None:
         """Remove the file, if there is one."""
         self.path.unlink(missing_ok=True)
+
+
+def check_passes(path: PathLike, sums: FrameSums, passes: int | None) -> None:
+    """Raise SceneError where a checkpoint has passes beyond those that are wanted: they cannot be taken out again."""
+    ranges = sums.ranges()
+    if passes is not None and ranges and ranges[-1].stop > passes:
+        expected = f"expected at least {ranges[-1].stop}, or no --resume"
+        raise SceneError(f"{path}: has passes up to {ranges[-1].stop}, and {passes} are asked for: {expected}")
 
 
 def identity(*about: Any) -> str:

@@ -79,6 +79,8 @@ class FrameSums:
         kind, count, planned, beams, tests = map(int, state["counts"])
         if kind != _FORMAT:
             raise ValueError("written by another version")
+        if not (1 <= count <= 2 and 0 <= planned < 2**31 and min(beams, tests) >= 0):
+            raise ValueError("its counts are out of range")
         parts: list[dict[str, Array]] = [{} for _ in range(count)]
         development = {}
         for name, each in state.items():
@@ -88,6 +90,8 @@ class FrameSums:
             elif name not in ("about", "counts"):
                 development[name] = each
         views = [PassSums.restored(each) for each in parts]
+        if any(each.ranges() != views[0].ranges() for each in views):
+            raise ValueError("its views have other passes")
         return cls(views, planned or None, beams, tests, str(state["about"]), development)
 
     def save(self, path: PathLike) -> None:

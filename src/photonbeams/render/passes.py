@@ -146,7 +146,7 @@ def accumulate(
     checkpoint = run.checkpoint
     limit = settings.time_limit
     part = run.part or PlannedPasses(range(settings.passes), settings.passes if limit is None else None)
-    saved = None if checkpoint is None else checkpoint.begin(about)
+    saved = None if checkpoint is None else checkpoint.begin(about, settings.passes)
     start = time.perf_counter()
     with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
         dr.kernel_history_clear()

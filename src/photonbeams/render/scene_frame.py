@@ -66,7 +66,8 @@ class SceneRenderer(FrameRenderer):
         self.simulation = Simulation(self._scene, emission, self._tuning, sources, self._scene.sizes, named)
         if settings.guiding in (None, True) and all(each.view is not None for each in self._sensors):
             with self.statistics.phase("guide"):
-                views = [each.view.projection for each in self._sensors if each.view is not None]
+                # Of whole pictures, or a crop would not be that part of the picture.
+                views = [each.view.whole().projection for each in self._sensors if each.view is not None]
                 redistribute(emission, emission.learn(lambda emitted: self.simulation.seen(emitted, views)))
         window = self._sensors[0].window
         reconstruction = reconstruction_filter(settings.pixel_filter, sensor.film().rfilter())

@@ -22,6 +22,8 @@ Pictures = Mapping[str, np.ndarray]
 
 _MOST_PIXELS = 1 << 18  # whose errors are looked at
 
+_MOST_PASSES = 2**31
+
 DEPTH = "depth"  # a picture of the first pass, to which nothing is added
 
 
@@ -94,6 +96,13 @@ class PassSums:
             first, count = map(int, place.split("+"))
             parts.setdefault((first, count), {})[picture] = each
         result = cls()
+        for (first, count), pictures in parts.items():
+            # As `_insert` joins them: whole blocks from the first pass on, and powers of two.
+            blocks = first == 0 and count % BLOCK == 0
+            power = 0 < count <= BLOCK and BLOCK % count == 0 and first % count == 0
+            if not (blocks or power) or not 0 < first + count <= _MOST_PASSES or first < 0:
+                raise ValueError(f"passes {first}+{count} are out of range")
+            _check_pictures(pictures)
         for (first, count), pictures in sorted(parts.items()):
             result._insert(first, count, pictures)
         return result
@@ -119,6 +128,17 @@ class PassSums:
     def _leading(self) -> tuple[int, int] | None:
         """Return the part that goes on where the first blocks end, if that is one of whole blocks."""
         return next((part for part in self._parts if part[0] == self._whole and part[1] % BLOCK == 0), None)
+
+
+def _check_pictures(pictures: Pictures) -> None:
+    """Raise ValueError for pictures that no pass has: of several sizes, or of what is no finite number."""
+    for name, each in pictures.items():
+        if each.dtype != np.float32 or each.shape[-1:] != next(iter(pictures.values())).shape[-1:]:
+            raise ValueError(f"{name} has another type or size")
+        # Nothing is infinitely far away, and squares of the brightest light are beyond single precision.
+        wrong = np.isnan(each) if name in (DEPTH, "squares") else ~np.isfinite(each)
+        if wrong.any():
+            raise ValueError(f"{name} has values that are no finite numbers")
 
 
 def _added(first: Pictures, second: Pictures, own: bool = False) -> Pictures:

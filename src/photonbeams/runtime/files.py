@@ -2,7 +2,7 @@
 
 A file grows beside its target under a hidden name of its own and is renamed once it is whole and on the disk, so that
 neither a full disk nor a second writer leaves half of one. What goes wrong on the way is an `OSError` that names the
-target. What a process leaves that was killed while it wrote, the next writer of the same file removes.
+target. What a process leaves that was killed while it wrote, the next writer in the same folder removes.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import os
 import platform
 import re
 import secrets
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from hashlib import sha256
@@ -30,6 +31,7 @@ def _processes() -> str:
 
 
 _HOST = _processes()
+_STALE = 86400.0  # seconds: nobody writes one file for so long
 _CLEARED: set[str] = set()  # folders from which this process has removed leftovers
 
 
@@ -54,6 +56,8 @@ def atomic_path(path: PathLike) -> Iterator[Path]:
         _remove_leftovers(str(target.parent))
         if path.is_dir():
             raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+        if path.exists() and not path.is_file():  # a rename would take a device or a pipe away
+            raise OSError(errno.EINVAL, "expected a file, this is a device or a pipe", str(path))
         # Mode 666 under the user's umask, which a temporary file would not have.
         os.close(os.open(beside, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666))
         yield beside
@@ -90,16 +94,20 @@ def try_path(path: PathLike) -> None:
 
 
 def _remove_leftovers(folder: str) -> None:
-    """Remove what killed processes left in a folder, once."""
+    """Remove what killed processes left in a folder, once; of other machines and boots, what is a day old."""
     if folder in _CLEARED or os.name != "posix":
         return
     _CLEARED.add(folder)
-    name = re.compile(rf"\..*\.{_HOST}-(\d+)-[0-9a-f]+\.tmp(\.\w+)?")
+    name = re.compile(r"\..*\.([0-9a-f]{10})-(\d+)-[0-9a-f]{12}\.tmp(\.\w+)?")
     with suppress(OSError):
         for each in os.scandir(folder):
             found = name.fullmatch(each.name)
-            if found and not _alive(int(found[1])):
-                os.unlink(each.path)
+            if not found:
+                continue
+            with suppress(OSError):  # another process may have removed it meanwhile
+                dead = found[1] == _HOST and not _alive(int(found[2]))
+                if dead or time.time() - each.stat(follow_symlinks=False).st_mtime > _STALE:
+                    os.unlink(each.path)
 
 
 def _alive(process: int) -> bool:

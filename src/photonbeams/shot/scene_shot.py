@@ -114,9 +114,10 @@ class SceneShot(Shot):
         result = {}
         for name, fields in layers.read(frame, names, [each.id() for each in self.plugin.shapes()]).items():
             spec = fields.pop("look")
-            if spec is not None and repr(spec) not in self._looks:
-                self._looks[repr(spec)] = build_look(spec)
-            result[name] = scene.BeamSettings(**fields, look=self._looks.get(repr(spec)))
+            key = digest(spec)
+            if spec is not None and key not in self._looks:
+                self._looks[key] = build_look(spec)
+            result[name] = scene.BeamSettings(**fields, look=self._looks.get(key))
         return result
 
     def _loaded(self, path: Path) -> Any:
@@ -247,7 +248,8 @@ class SceneShot(Shot):
     def _render(self, request: FrameRequest) -> tuple[FrameRenderer, Development]:
         from ..render.film import margin_of
         from ..render.scene_frame import Extras, groups_of, render
-        from ..world.sensors import Sensor
+        from ..world.cameras import Window
+        from ..world.sensors import Sensor, camera_of
 
         frame, settings = request.frame, request.settings
         self.load(frame)
@@ -255,11 +257,13 @@ class SceneShot(Shot):
         depths, pixels = request.read_plates(number, names, self.size(request.width, request.height), self._warn)
         window = self._window(request.width, request.height, request.crop)
         grown = window if request.crop is None else window.grown(margin_of(self._filter(settings)))
-        with self._resized(grown):
+        with self._resized(Window.full(window.width, window.height)):  # cameras are measured on the whole film
             eyes = self.eyes()
-            shown = [eyes[EYES.index(name)] for name in names] if eyes else []
+            own = camera_of(self.sensor)
+            shown = [eyes[EYES.index(name)] for name in names] if eyes else [own] if own else []
             if not request.lens:
                 shown = [replace(each, lens_radius=0.0) for each in shown or [_camera(self.sensor)]]
+        with self._resized(grown):
             sensors = [Sensor(self.sensor, each) for each in shown] or [Sensor(self.sensor)]
             ends = [each.seen_by(_view(sensor)) for each, sensor in zip(depths, sensors, strict=False)]
             extras = Extras(self._beams, shown, ends)

@@ -373,7 +373,7 @@ class Shot:
         if not isinstance(spec, LookSpec):
             return spec
         known = self._looks.get(spec.name)
-        if known is None or repr(known[0]) != repr(spec):
+        if known is None or digest(known[0]) != digest(spec):
             from ..usd.shading import build_look  # starts Dr.Jit, which readers do not need
 
             known = self._looks[spec.name] = (spec, build_look(spec))

@@ -20,7 +20,12 @@ from .warnings import Warnings
 
 SUFFIXES = (".exr", ".png")
 # Names that other renderers' variables have, lower case.
-_ALIASES = {"color": "rgba", "beauty": "rgba", "ci": "rgba", "c": "rgba", "z": "depth"}
+_ALIASES = {
+    **dict.fromkeys(("color", "beauty", "ci", "c", "rgb", "a", "alpha", "lpe:c.*", "lpe:c.*[lo]"), "rgba"),
+    **dict.fromkeys(("z", "lineardepth"), "depth"),
+    **dict.fromkeys(("volume", "volume_direct"), "beams"),
+}
+_LAYERS = ("rgba", "surface", "beams", "transmittance", "depth")
 _EDGE = 1e-4  # of a pixel: dataWindowNDC is in single precision
 
 #: The attribute of settings and products that names a pixel filter, as Mitsuba's plug-ins are called.
@@ -269,9 +274,17 @@ _READERS: dict[str, Callable[[Reading, Usd.Prim], Any]] = {
 def _variables(reading: Reading, product: Usd.Prim) -> tuple[str, ...]:
     """Return the layers that a product's variables mean, by what the renderer is to look for, else by their names."""
     names = []
-    for prim in reading.targets(product, "orderedVars"):
-        if not prim.IsA(UsdRender.Var):
-            raise reading.fail(product, "orderedVars", f"names {prim.GetPath()}: expected a RenderVar")
+    for path in product.GetRelationship("orderedVars").GetForwardedTargets():
+        prim = reading.stage.GetPrimAtPath(path)
+        if not prim or not prim.IsA(UsdRender.Var):
+            reading.warn(product, f"names {path}: expected a RenderVar; it is left out", "orderedVars")
+            continue
         name = str(reading.value(prim, "sourceName", "")) or prim.GetName()
-        names.append(_ALIASES.get(name.lower(), name))
+        kind = str(reading.value(prim, "sourceType", "raw"))
+        name = _ALIASES.get((name if kind == "raw" else f"{kind}:{name}").lower(), name if kind == "raw" else "")
+        if not name:
+            text = f"is '{kind}': it is left out, for layers alone are written, such as beams or depth"
+            reading.warn(prim, text, "sourceType")
+            continue
+        names.append(name.lower() if name.lower() in _LAYERS else name)
     return tuple(dict.fromkeys(names))

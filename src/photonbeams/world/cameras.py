@@ -33,10 +33,9 @@ class Window:
     def grown(self, margin: int) -> Window:
         """Return the window with so many more pixels on each side, as far as the picture goes.
 
-        It begins at a corner of the picture's tiles, in which pixels share places on the lens.
+        It begins at a corner of the picture's tiles, in which pixels share places on the lens and times: its pixels
+        are those of the whole picture then.
         """
-        if not margin:
-            return self
         x0, y0, x1, y1 = self.crop
         x0, y0 = (max(each - margin, 0) // TILE * TILE for each in (x0, y0))
         return Window(self.width, self.height, (x0, y0, min(x1 + margin, self.width), min(y1 + margin, self.height)))
@@ -88,6 +87,9 @@ class View:
         scale = np.array([window.width, window.height]) * depth / self.aperture
         offset = np.array([camera.horizontal_offset, camera.vertical_offset]) / depth * scale
         center = np.array([window.width, window.height]) / 2 + np.array([-1, 1]) * offset
+        # Rays are made in the whole picture: in single precision, those of a crop window would differ by a rounding.
+        self._center = [dr.opaque(Float, each) for each in center]
+        self._corner = [dr.opaque(UInt32, each) for each in window.crop[:2]]
         center = center - np.array(window.crop[:2])
         height, width = window.shape
         corners = np.abs(np.array([[0, 0], [width, height]]) - center) / scale
@@ -104,6 +106,10 @@ class View:
             lens=_lens(camera),
         )
 
+    def whole(self) -> View:
+        """Return the camera that looks at the whole picture, of which this may be a crop window."""
+        return View(self.camera, Window.full(self.window.width, self.window.height))
+
     @property
     def film(self) -> bool:
         """Whether rays have a place on a lens, or a time."""
@@ -116,12 +122,12 @@ class View:
         it is asked where there is a lens or motion (of the camera, or of anything else, as its giver knows).
         """
         (column, row), view = self.pixels(), self.projection
-        x, y = Float(column) + dr.opaque(Float, offset[0]), Float(row) + dr.opaque(Float, offset[1])
+        x, y = self._places(offset)
         if sample is None:
             origin, direction = self._through(x, y)
             return CameraRays(origin, direction, self._facing(direction))
         square, time = sample(self._whole(dr.arange(UInt32, lanes(view))))
-        own, _, _ = self._film(Float(view.center[0]), Float(view.center[1]), square, time)
+        own, _, _ = self._film(Float(self._center[0]), Float(self._center[1]), square, time)
         own, time = own + dr.zeros(Array3f, lanes(view)), time + dr.zeros(Float, lanes(view))
         group = lane_of(column, row, dr.opaque(UInt32, view.columns))
         origin, direction, facing = self._film(x, y, *sample(self._whole(group)))
@@ -137,7 +143,7 @@ class View:
     def _film(self, x: Any, y: Any, square: Any, time: Any) -> tuple[Any, Any, Any]:
         """Return origin, direction and planar depth per unit of t of rays that have a place on the lens and a time."""
         view = self.projection
-        right, up = (x - view.center[0]) / view.scale[0], (view.center[1] - y) / view.scale[1]
+        right, up = (x - self._center[0]) / view.scale[0], (self._center[1] - y) / view.scale[1]
         place, toward = Array3f(0), Array3f(right, up, 1)
         if view.orthographic:
             place, toward = Array3f(right, up, 0), Array3f(0, 0, 1)
@@ -167,18 +173,23 @@ class View:
         index, columns = dr.arange(UInt32, width * height), dr.opaque(UInt32, width)
         return index % columns, index // columns
 
+    def _places(self, offset: tuple[float, float]) -> tuple[Any, Any]:
+        """Return where in the whole picture rays pass the pixels of the window, at `offset` in each."""
+        (column, row), (left, top) = self.pixels(), self._corner
+        return Float(column + left) + dr.opaque(Float, offset[0]), Float(row + top) + dr.opaque(Float, offset[1])
+
     def coarse_rays(self, columns: int, rows: int) -> tuple[Any, Any]:
         """Return rays on a coarse grid over the whole picture, also of a crop window: its beams are the same ones."""
-        (left, top), window = self.window.crop[:2], self.window
+        window = self.window
         index, across = dr.arange(UInt32, columns * rows), dr.opaque(UInt32, columns)
-        x = (Float(index % across) + 0.5) * dr.opaque(Float, window.width / columns) - dr.opaque(Float, left)
-        y = (Float(index // across) + 0.5) * dr.opaque(Float, window.height / rows) - dr.opaque(Float, top)
+        x = (Float(index % across) + 0.5) * dr.opaque(Float, window.width / columns)
+        y = (Float(index // across) + 0.5) * dr.opaque(Float, window.height / rows)
         return self._through(x, y)
 
     def _through(self, x: Any, y: Any) -> tuple[Any, Any]:
         view, pose = self.projection, self.projection.poses[0]
-        right = (x - view.center[0]) / view.scale[0]
-        up = (view.center[1] - y) / view.scale[1]
+        right = (x - self._center[0]) / view.scale[0]
+        up = (self._center[1] - y) / view.scale[1]
         if view.orthographic:
             origin = pose.origin + pose.right * right + pose.up * up
             direction = pose.forward + 0 * origin
@@ -194,8 +205,7 @@ class View:
 
     def cosines(self, offset: tuple[float, float]) -> np.ndarray:
         """Return (H, W) planar depth per unit of distance from the camera, at `offset` in [0, 1)² of each pixel."""
-        x, y = self.pixels()
-        _, direction = self._through(Float(x) + dr.opaque(Float, offset[0]), Float(y) + dr.opaque(Float, offset[1]))
+        _, direction = self._through(*self._places(offset))
         result: np.ndarray = self._facing(direction).numpy().reshape(self.window.shape)
         return result
 
