@@ -11,7 +11,7 @@ SOURCE = Path(photonbeams.__file__).parent
 
 #: Each room knows those before it, and none after it.
 ROOMS = (
-    "scene", "runtime", "numerics", "quadrature", "beams", "looks", "estimators", "world", "transport", "render",
+    "scene", "volumes", "runtime", "numerics", "quadrature", "beams", "looks", "estimators", "world", "transport", "render",
     "images", "usd", "shot", "integrator", "farm",
     "cli",
 )  # fmt: skip
@@ -23,8 +23,9 @@ KNOWERS = {
     "pxr": {"usd", "cli"},  # `info` and `doctor` look at stages and at versions themselves
     "OpenEXR": {"images", "cli"},
     "OpenImageIO": {"images", "cli"},
+    "blosc": {"volumes"},
     "mitsuba": {"runtime", "world", "transport", "render", "shot", "integrator"},
-    "drjit": {*ROOMS} - {"scene", "quadrature", "usd", "farm", "cli"},
+    "drjit": {*ROOMS} - {"scene", "volumes", "quadrature", "usd", "farm", "cli"},
 }
 
 MODULES = sorted(path for path in SOURCE.rglob("*.py") if path.parent != SOURCE or path.stem in ROOMS)

@@ -1,12 +1,9 @@
 """Fog."""
 
-import struct
-
 import numpy as np
 import pytest
 
 from photonbeams import Shot, medium_of_colors
-from photonbeams.runtime.device import mitsuba
 from photonbeams.scene import SceneError
 
 FOG = """
@@ -62,84 +59,6 @@ def test_of_two_media_of_the_whole_space_the_first_is_kept(scene, caplog):
     (medium,) = scene(f'def Scope "F" {API} {{\n{FOG}\n}}\ndef Scope "G" {API} {{\n}}').media
     assert medium.name == "/F"
     assert "/G is a medium of the whole space, as /F is: expected one such medium" in caplog.text
-
-
-def volume(file="smoke.vol", scale=1.0):
-    return f"""
-        def Volume "F" {API} {{
-            {FOG}
-            double3 xformOp:translate = (5, 0, 0)
-            uniform token[] xformOpOrder = ["xformOp:translate"]
-            rel field:density = </F/D>
-            def OpenVDBAsset "D" {{
-                asset filePath = @{file}@
-                float3 xformOp:scale = ({scale}, {scale}, {scale})
-                uniform token[] xformOpOrder = ["xformOp:scale"]
-            }}
-        }}"""
-
-
-@pytest.mark.parametrize("channels", [1, 3])
-def test_a_volume_with_a_density_is_a_medium_on_a_grid(scene, tmp_path, caplog, channels):
-    values = np.random.default_rng(0).random((2, 3, 4, channels)).astype(np.float32)
-    file = tmp_path / "smoke.vol"
-    mitsuba().VolumeGrid(values).write(str(file))
-    (medium,) = scene(volume(file, scale=2.0)).media
-    assert np.array_equal(medium.grid.values, values[..., 0] if channels == 1 else values)
-    assert np.allclose(medium.grid.to_world @ [1, 1, 1, 1], [7, 2, 2, 1])  # the unit cube, twice as large, at x = 5
-    assert medium.scattering == pytest.approx((0.1, 0.2, 0.3))
-    assert (medium.name, medium.bounded) == ("/F", True)
-    assert not caplog.text
-
-
-def test_a_volume_fills_the_bounding_box_of_its_file(scene, tmp_path):
-    header = struct.pack("<3sB5i6f", b"VOL", 3, 1, 1, 1, 2, 1, -1, -2, -3, 1, 2, 3)
-    file = tmp_path / "smoke.vol"
-    file.write_bytes(header + np.array([1, 2], dtype="<f4").tobytes())
-    grid = scene(volume(file)).media[0].grid
-    assert grid.values.tolist() == [[[1]], [[2]]]
-    assert np.allclose(grid.to_world @ [0, 0, 0, 1], [4, -2, -3, 1])
-    assert np.allclose(grid.to_world @ [1, 1, 1, 1], [6, 2, 3, 1])
-
-
-def test_a_volume_of_another_kind_of_file_is_skipped_with_a_warning(scene, caplog):
-    assert scene(volume("smoke.vdb")).media == ()
-    assert "/F has its density in smoke.vdb, which is not read: expected a .vol file; it is skipped" in caplog.text
-
-
-def test_a_volume_without_fog_is_no_medium(scene, caplog):
-    assert scene('def Volume "F" {\n}').media == ()
-    assert "/F is a Volume, which is not rendered: it is skipped" in caplog.text
-
-
-HEADER = struct.pack("<3sB5i6f", b"VOL", 3, 1, 1, 1, 1, 1, 0, 0, 0, 1, 1, 1)
-
-
-@pytest.mark.parametrize(
-    ("data", "message"),
-    [
-        (None, r"/F/D\.filePath names .*smoke\.vol: expected a \.vol file, there is none"),
-        (b"VOL", r"expected a \.vol file of a density \(it has 3 bytes\)"),
-        (b"LOV" + HEADER[3:], r"its header is not that of float32 data of one or three channels"),
-        (HEADER, r"it ends before its 1 values"),
-        (HEADER + struct.pack("<f", -1), r"grid has values that are negative or not finite"),
-        (HEADER + struct.pack("<f", np.nan), r"grid has values that are negative or not finite"),
-        (HEADER[:36] + struct.pack("<3f", 0, 1, 1) + struct.pack("<f", 1), r"grid has a transform that is flat"),
-    ],
-)
-def test_densities_that_cannot_be_read_are_errors(scene, tmp_path, data, message):
-    file = tmp_path / "smoke.vol"
-    if data is not None:
-        file.write_bytes(data)
-    with pytest.raises(SceneError, match=message):
-        scene(volume(file))
-
-
-def test_a_volume_whose_density_is_no_field_is_an_error(scene):
-    with pytest.raises(SceneError, match=r"/F\.field:density names no field: expected a relationship to a prim"):
-        scene(f'def Volume "F" {API} {{\n{FOG}\n}}')
-    with pytest.raises(SceneError, match=r"/G\.filePath names no file: expected a grid, @name\.vol@"):
-        scene(f'def Volume "F" {API} {{\n{FOG}\nrel field:density = </G>\n}}\ndef Scope "G" {{\n}}')
 
 
 def test_a_medium_may_say_how_often_light_is_scattered(scene):

@@ -1,4 +1,4 @@
-"""`photonbeams info`: what a stage or a picture holds."""
+"""`photonbeams info`: what a stage, a picture or a volume file holds."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import typer
 
 from . import options
 from .console import standard_output
+from .volumes import COLUMNS, VOLUMES, volume_rows
 
 if TYPE_CHECKING:
     from pxr import Usd
@@ -24,19 +25,22 @@ _NO_NEWS = ("channels", "chunkCount", "lineOrder", "name", "type", "view", "scre
 
 
 def info(
-    path: Annotated[Path, typer.Argument(help="A stage, or an image.")],
+    path: Annotated[Path, typer.Argument(help="A stage, an image, or a volume file.")],
     session_layer: options.SessionLayers = None,
 ) -> None:
-    """Show what a USD stage or an image file holds.
+    """Show what a USD stage, an image or a volume file holds.
 
     Of a stage: cameras, lights, meshes, fog, looks, frames and units. Of an image: its parts with their views,
-    channels, sizes, ranges and NaNs, and its headers.
+    channels, sizes, ranges and NaNs, and its headers. Of a .vdb or .vol file: its grids with their types, boxes of
+    active voxels, ranges of values, and the memory of the box.
     """
     console = standard_output()
     if path.suffix.lower() in STAGES:
         _show_stage(console, path, session_layer or ())
     elif session_layer:
         raise typer.BadParameter(f"--session-layer is of a stage, and {path} is none: expected {', '.join(STAGES)}")
+    elif path.suffix.lower() in VOLUMES:
+        console.print(_table(COLUMNS, volume_rows(path)))
     else:
         _show_image(console, path)
 

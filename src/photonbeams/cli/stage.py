@@ -35,7 +35,7 @@ class StageJob(Job):
             enable_domes(self._stage)
         self._settings_path = asked.render_settings
         if asked.render_pass is not None:
-            own = apply_pass(self._stage, asked.render_pass)
+            own = apply_pass(self._stage, asked.render_pass, self._warnings)
             self._settings_path = asked.render_settings or own
         self._end, self._plate = asked.plates.end(), asked.plates.plate()
 

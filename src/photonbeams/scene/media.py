@@ -20,7 +20,7 @@ _FACES = np.array(
 
 @dataclass(frozen=True)
 class DensityGrid:
-    """A density on a grid of cells.
+    """A density, or another quantity of a medium, on a grid of cells.
 
     Attributes
     ----------
@@ -72,13 +72,17 @@ class Medium:
         The density, or None: it is 1.
     bounces
         How often light is scattered in it before it is scattered toward the camera; None: the renderer's choice.
+    scattering_color
+        Of a medium on a grid: factors of its scattering, from 0 to 1; what is not scattered is absorbed. None: 1.
+    emission
+        Of a medium on a grid: the radiance that it emits along a scene unit, or None.
 
     Raises
     ------
     SceneError
         Coefficients that are negative, not finite, or neither one number nor three; an anisotropy beyond ±0.99;
-        a negative number of bounces; both a mesh and a grid; numbers whose gradients are enabled: a `looks.Fog` has
-        those.
+        a negative number of bounces; both a mesh and a grid; colours or emission without a grid; numbers whose
+        gradients are enabled: a `looks.Fog` has those.
     """
 
     scattering: Color
@@ -89,6 +93,8 @@ class Medium:
     name: str = ""
     grid: DensityGrid | None = None
     bounces: int | None = None
+    scattering_color: DensityGrid | None = None
+    emission: DensityGrid | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "scattering", color(self.scattering, "scattering"))
@@ -98,6 +104,8 @@ class Medium:
             number(whole(self.bounces, "bounces"), "bounces", 0)
         if self.mesh is not None and self.grid is not None:
             raise SceneError(f"medium {self.name}: has a mesh and a grid: expected one of them")
+        if self.grid is None and (self.scattering_color is not None or self.emission is not None):
+            raise SceneError(f"medium {self.name}: has colours or emission on a grid: expected its density on one, too")
 
     @property
     def extinction(self) -> Color:

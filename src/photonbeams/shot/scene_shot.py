@@ -21,6 +21,7 @@ from ..usd.reading import LOG
 from ..usd.scene_layers import SceneLayers
 from ..usd.stereo import EYES, Stereo, check_stereo, split, views_of
 from ..usd.warnings import Warnings
+from .scene_files import check_grids
 from .shot import Shot
 
 if TYPE_CHECKING:
@@ -127,6 +128,7 @@ class SceneShot(Shot):
         if not path.is_file():
             raise SceneError(f"{path}: no such file")
         try:
+            check_grids(path, self._parameters)
             # Meshes that Mitsuba merges lose their ids.
             named = self._layers is not None or any(isinstance(each.portal, str) for each in self._beams.values())
             plugin = mi.load_file(str(path), optimize=not named, **self._parameters)

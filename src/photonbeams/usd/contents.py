@@ -110,8 +110,8 @@ def _collect(reading: Reading, item: _Item, contents: _Contents) -> None:
     prim = item.prim
     if is_medium(prim):
         medium = read_medium(reading, prim, item.to_world, item.name)
-        contents.media.extend([] if medium is None else [(prim, medium)])
-        if medium is None or medium.bounded:
+        contents.media.append((prim, medium))
+        if medium.bounded:
             return
     if is_light(prim):
         light = read_light(reading, prim, item.to_world, item.name)

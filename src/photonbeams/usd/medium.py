@@ -2,31 +2,36 @@
 
 from __future__ import annotations
 
-from pxr import Usd, UsdGeom, UsdVol
+import numpy as np
+from pxr import Usd, UsdGeom, UsdLux, UsdVol
 
-from ..scene import Array, Color, Medium, SceneError
+from ..scene import Array, Color, DensityGrid, Medium, SceneError
 from ..world.medium_colors import coefficients
 from .meshes import is_closed, is_gprim, read_solid
 from .reading import Reading, has_photonbeams
-from .volumes import read_grid
+from .volume_shaders import Emission, VolumeShading, read_shading
+from .volumes import field_of, fields_of, read_density, read_field
+
+# Radiance of a black body is this times T⁴, as in Blender's volumes: Stefan and Boltzmann's constant, in 1e6 W / m².
+_RADIANCE = 5.670374e-14 / np.pi
+_COLDEST, _HOTTEST = 1000, 10000  # kelvin, between which OpenUSD knows the colours
 
 
 def is_medium(prim: Usd.Prim) -> bool:
-    """Return whether a prim describes fog."""
+    """Return whether a prim describes fog: by our attributes, or as a volume that has fields."""
+    return _has_medium(prim) or (prim.IsA(UsdVol.Volume) and bool(fields_of(prim)))
+
+
+def _has_medium(prim: Usd.Prim) -> bool:
     return has_photonbeams(prim, "PhotonBeamsMediumAPI", "scattering", "absorption", "nearColor", "farColor")
 
 
-def read_medium(reading: Reading, prim: Usd.Prim, to_world: Array, name: str) -> Medium | None:
-    """Return the medium of a prim: it fills a closed gprim or a grid, and of any other prim the whole space.
-
-    None, with a warning, where its grid is in a file of a kind that is not read.
-    """
-    mesh = grid = None
+def read_medium(reading: Reading, prim: Usd.Prim, to_world: Array, name: str) -> Medium:
+    """Return the medium of a prim: it fills a closed gprim or a grid, and of any other prim the whole space."""
     if prim.IsA(UsdVol.Volume):
-        grid = read_grid(reading, prim, to_world)
-        if grid is None:
-            return None
-    elif is_gprim(prim) and is_closed(reading, prim):
+        return _read_volume(reading, prim, to_world, name)
+    mesh = None
+    if is_gprim(prim) and is_closed(reading, prim):
         mesh = read_solid(reading, prim, to_world)
     elif is_gprim(prim):
         reading.warn(prim, "is not closed: its fog fills the whole space")
@@ -40,9 +45,43 @@ def read_medium(reading: Reading, prim: Usd.Prim, to_world: Array, name: str) ->
         mesh=mesh,
         surfaces=reading.flag(prim, "photonbeams:surfaces", True),
         name=name,
-        grid=grid,
         bounces=read_bounces(reading, prim),
     )
+
+
+def _read_volume(reading: Reading, prim: Usd.Prim, to_world: Array, name: str) -> Medium:
+    """Return the medium of a volume: by our attributes, or by its material's shader."""
+    own = _has_medium(prim)
+    shading = VolumeShading(*_coefficients(reading, prim)) if own else read_shading(reading, prim)
+    colors = emission = None
+    if shading.color and (field := field_of(reading, prim, shading.color)):
+        found = read_field(reading, prim, field, to_world)
+        colors = DensityGrid(np.minimum(found.values, 1), found.to_world)
+    if shading.emission is not None and (field := field_of(reading, prim, shading.emission.field)):
+        emission = _emitted(read_field(reading, prim, field, to_world), shading.emission)
+    return Medium(
+        scattering=shading.scattering,
+        absorption=shading.absorption,
+        anisotropy=reading.number(prim, "photonbeams:anisotropy", shading.anisotropy, -0.99, 0.99),
+        surfaces=reading.flag(prim, "photonbeams:surfaces", True),
+        name=name,
+        grid=read_density(reading, prim, to_world, shading.density),
+        bounces=read_bounces(reading, prim),
+        scattering_color=colors,
+        emission=emission,
+    )
+
+
+def _emitted(field: DensityGrid, emission: Emission) -> DensityGrid:
+    """Return the radiance that a volume emits along a scene unit."""
+    values = field.values if field.values.ndim == 4 else field.values[..., None]
+    if emission.kelvin:
+        kelvin = values.mean(axis=-1).astype(np.float64) * emission.kelvin
+        known = np.linspace(_COLDEST, _HOTTEST, 181)
+        colors = np.array([UsdLux.BlackbodyTemperatureAsRgb(float(each)) for each in known])
+        chroma = np.stack([np.interp(kelvin, known, colors[:, each]) for each in range(3)], axis=-1)
+        values = chroma * (_RADIANCE * kelvin**4)[..., None]
+    return DensityGrid((values * np.array(emission.color)).astype(np.float32), field.to_world)
 
 
 def read_bounces(reading: Reading, prim: Usd.Prim) -> int | None:

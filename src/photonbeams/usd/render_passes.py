@@ -9,9 +9,10 @@ from pxr import Sdf, Usd, UsdGeom, UsdRender
 from ..scene import SceneError
 from .lights import is_light
 from .reading import Reading, file_of, prims_under
+from .warnings import Warnings
 
 
-def apply_pass(stage: Usd.Stage, path: str) -> str | None:
+def apply_pass(stage: Usd.Stage, path: str, warnings: Warnings | None = None) -> str | None:
     """Show on a stage what a pass renders, in its session layer; return the path of the pass's settings, if it has any.
 
     Prims of the collection `prune`, and those that `renderVisibility` leaves out, are not rendered. What `matte` and
@@ -22,7 +23,7 @@ def apply_pass(stage: Usd.Stage, path: str) -> str | None:
     SceneError
         No pass at that path, or one whose configuration is in another file or is no RenderSettings.
     """
-    reading = Reading(stage)
+    reading = Reading(stage, warnings=warnings or Warnings())
     prim = stage.GetPrimAtPath(path) if Sdf.Path.IsValidPathString(path) and Sdf.Path(path).IsPrimPath() else None
     if not prim or not prim.IsA(UsdRender.Pass):
         names = [str(each.GetPath()) for each in stage.Traverse() if each.IsA(UsdRender.Pass)]

@@ -82,8 +82,10 @@ def _plugin(medium: scene.Medium) -> Any:
     """
     extinction = np.array(medium.extinction)
     albedo = np.divide(medium.scattering, extinction, out=np.zeros(3), where=extinction > 0)
+    albedo = np.minimum(albedo, 1).reshape(1, 1, 1, 3)
+    colors = medium.scattering_color
     properties = {
-        "albedo": _volume(np.minimum(albedo, 1).reshape(1, 1, 1, 3)),
+        "albedo": _volume(albedo) if colors is None else _colored(albedo, colors),
         "phase": {"type": "hg", "g": medium.anisotropy} if medium.anisotropy else {"type": "isotropic"},
         **({"id": medium.name} if medium.name else {}),
     }
@@ -93,6 +95,12 @@ def _plugin(medium: scene.Medium) -> Any:
     grey = values.shape[3] == 1 and np.ptp(extinction) == 0
     density = _volume(values * (extinction[:1] if grey else extinction), medium.grid.to_world)
     return mi.load_dict({"type": "heterogeneous", "sigma_t": density, **properties})
+
+
+def _colored(albedo: Array, colors: scene.DensityGrid) -> dict[str, Any]:
+    """Return an albedo times colours."""
+    factors = colors.values if colors.values.ndim == 4 else colors.values[..., None]
+    return _volume(np.minimum(albedo * factors, 1), colors.to_world)
 
 
 def _volume(values: Array, to_world: Array | None = None) -> dict[str, Any]:

@@ -1,0 +1,41 @@
+"""Files that Mitsuba scenes name, looked at before Mitsuba reads them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from ..scene import SceneError
+from ..volumes.bytes import opened
+from ..volumes.vol import vol_shape
+
+
+def check_grids(path: Path, parameters: Mapping[str, str]) -> None:
+    """Check the .vol files that a scene names: Mitsuba ends the process over some, such as a grid without cells.
+
+    Files that are not there are left to Mitsuba, which knows where else they may be.
+
+    Raises
+    ------
+    SceneError
+        A file that is broken, or holds no grid of 1, 3 or 6 channels.
+    RuntimeError
+        Of Mitsuba's: a scene that cannot be parsed.
+    """
+    from ..runtime.device import mitsuba
+
+    mi = mitsuba()
+    parsed: Any = mi.parser.parse_file(mi.parser.ParserConfig(mi.variant()), str(path), **parameters)
+    for node in parsed.nodes:
+        properties = node.props
+        if properties.plugin_name() != "gridvolume" or "filename" not in properties:
+            continue
+        file = path.parent / str(properties["filename"])
+        if not file.exists():
+            continue
+        try:
+            with opened(file) as data:
+                vol_shape(data)
+        except SceneError as error:
+            raise SceneError(f"{path}: names {file}: expected a grid that can be read ({error})") from None

@@ -1,0 +1,257 @@
+"""Volume shaders of materials: Arnold's standard_volume, MaterialX's and Karma's volumes, and others in part."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from pxr import Usd, UsdGeom, UsdShade
+
+from ..scene import BLACK, Array, Color, color
+from .reading import Reading
+from .volumes import DENSITY, field_of
+
+# Renderers of which a material may have a volume shader, beside one for all, "".
+_CONTEXTS = ("mtlx", "arnold", "kma", "karma", "", "ri", "glslfx")
+_ANISOTROPY = 0.99
+_DEEPEST = 16  # nodes one after the other
+
+# Arnold's and Blender's volumes have this albedo where nobody says otherwise; their extinction is the density.
+_ALBEDO = 0.5
+
+
+@dataclass(frozen=True)
+class Emission:
+    """What a volume emits along a scene unit: a colour, times a field, or that of a black body.
+
+    Attributes
+    ----------
+    field
+        The field that scales it; of a black body, its temperature.
+    kelvin
+        The temperature where the field is 1, or 0: it is no black body.
+    """
+
+    color: Color
+    field: str
+    kelvin: float = 0.0
+
+
+@dataclass(frozen=True)
+class VolumeShading:
+    """What a volume shader says: coefficients at density 1, and which fields it reads."""
+
+    scattering: Color = (_ALBEDO,) * 3
+    absorption: Color = (1 - _ALBEDO,) * 3
+    anisotropy: float = 0.0
+    density: str = DENSITY
+    color: str = ""
+    emission: Emission | None = None
+
+
+def read_shading(reading: Reading, prim: Usd.Prim) -> VolumeShading:
+    """Return what the shader of a volume's material says; without one, extinction 1 and albedo 0.5."""
+    binding = UsdShade.MaterialBindingAPI(prim)
+    for purpose in (UsdShade.Tokens.full, UsdShade.Tokens.preview):
+        material, _ = binding.ComputeBoundMaterial(purpose)
+        if material:
+            break
+    if not material:
+        return VolumeShading()
+    shaders = [shader for each in _CONTEXTS if (shader := material.ComputeVolumeSource(each)[0])]
+    if not shaders:
+        text = "has no volume shader: extinction 1 and albedo 0.5 at density 1 are used"
+        reading.warn(material.GetPrim(), text)
+        return VolumeShading()
+    shader = next((each for each in shaders if _reader(each) is not _other), shaders[0])
+    return _reader(shader)(_Network(reading, prim, shader))
+
+
+def _reader(shader: UsdShade.Shader) -> Callable[[_Network], VolumeShading]:
+    kind = str(shader.GetShaderId() or "")
+    if kind.removeprefix("arnold:") == "standard_volume":
+        return _arnold
+    if kind.startswith("ND_volume") or "anisotropic_vdf" in kind or "absorption_vdf" in kind:
+        return _materialx
+    return _coefficients if kind.split(":")[-1] == "kma_volume" else _other
+
+
+class _Network:
+    """A volume shader with what is connected to it, evaluated as products of constants and fields.
+
+    Attributes
+    ----------
+    fields
+        The volume's fields that the last value was made of, without the density.
+    """
+
+    def __init__(self, reading: Reading, prim: Usd.Prim, shader: UsdShade.Shader) -> None:
+        self.reading, self.prim, self.shader = reading, prim, shader
+        self.fields: list[str] = []
+
+    def at(self, shader: UsdShade.Shader) -> _Network:
+        """Return the network from another of its nodes on."""
+        return _Network(self.reading, self.prim, shader)
+
+    def source(self, name: str) -> UsdShade.Shader | None:
+        """Return the node that is connected to an input, or None."""
+        output = self._attribute(self.shader, name)
+        is_output = output is not None and UsdShade.Utils.GetType(output.GetName()) == UsdShade.AttributeType.Output
+        return UsdShade.Shader(output.GetPrim()) if output is not None and is_output else None
+
+    def text(self, name: str, default: str) -> str:
+        """Return an input that is a string."""
+        attribute = self._attribute(self.shader, name)
+        value = None if attribute is None else attribute.Get(self.reading.time)
+        return value if isinstance(value, str) else default
+
+    def number(self, name: str, default: float, minimum: float = 0.0, maximum: float = np.inf) -> float:
+        """Return an input that is a number; one out of range is clipped, with a warning."""
+        found = float(np.mean(self._checked(name, default)))
+        if not minimum <= found <= maximum:
+            text = f"is {found:g}: expected at least {minimum:g}{f' and at most {maximum:g}' if maximum < 9e9 else ''}"
+            self.reading.warn(self.shader.GetPrim(), f"{text}; the nearest is used", f"inputs:{name}")
+        return float(np.clip(found, minimum, maximum))
+
+    def color(self, name: str, default: Any) -> Color:
+        """Return an input that is a colour, from 0 on."""
+        found = self._checked(name, default)
+        if found.min() < 0:
+            text = f"is {tuple(found.tolist())}: expected numbers from 0 on; those below 0 count as 0"
+            self.reading.warn(self.shader.GetPrim(), text, f"inputs:{name}")
+        return color(np.maximum(found, 0), self.reading.place(self.shader.GetPrim(), f"inputs:{name}"))
+
+    def _checked(self, name: str, default: Any) -> Array:
+        """Return an input as finite numbers, one or three of them."""
+        self.fields = []
+        found = self._value(self.shader, name, default, 0)
+        if found.size in (1, 3) and np.all(np.isfinite(found)):
+            return found
+        raise self.reading.fail(self.shader.GetPrim(), f"inputs:{name}", f"is {found}: expected one or three numbers")
+
+    def _attribute(self, node: UsdShade.Shader, name: str) -> Usd.Attribute | None:
+        source = node.GetInput(name)
+        attributes = UsdShade.Utils.GetValueProducingAttributes(source) if source else []
+        return attributes[0] if attributes else None
+
+    def _value(self, node: UsdShade.Shader, name: str, default: Any, depth: int) -> Array:
+        attribute = self._attribute(node, name)
+        if attribute is None or depth > _DEEPEST:
+            return np.asarray(default, dtype=np.float64)
+        if UsdShade.Utils.GetType(attribute.GetName()) == UsdShade.AttributeType.Output:
+            return self._node(UsdShade.Shader(attribute.GetPrim()), default, depth + 1)
+        value = attribute.Get(self.reading.time)
+        try:
+            return np.asarray(default if value is None else value, dtype=np.float64)
+        except (TypeError, ValueError):
+            raise self.reading.fail(attribute.GetPrim(), attribute.GetName(), f"is {value}: expected numbers") from None
+
+    def _node(self, node: UsdShade.Shader, default: Any, depth: int) -> Array:
+        """Return what a node gives: products of constants, primvars and fields; of any other node its input."""
+        kind = str(node.GetShaderId() or "")
+        if "multiply" in kind:
+            return self._value(node, "in1", 1.0, depth) * self._value(node, "in2", 1.0, depth)
+        if "constant" in kind:
+            return self._value(node, "value", default, depth)
+        for key in ("geomprop", "fieldname", "varname", "attribute"):
+            named = self._attribute(node, key)
+            if named is not None:
+                return self._property(node, str(named.Get(self.reading.time)), default, depth)
+        if not any(each in kind for each in ("convert", "dot", "swizzle", "extract")):
+            text = f"is a node '{kind}', which is not evaluated: what it makes of its input is left out"
+            self.reading.warn(node.GetPrim(), text)
+        return self._value(node, "in", default, depth)
+
+    def _property(self, node: UsdShade.Shader, name: str, default: Any, depth: int) -> Array:
+        """Return a primvar of the volume, or 1 for a field, which is then among `fields`."""
+        if field_of(self.reading, self.prim, name) is not None:
+            self.fields += [name] if name != DENSITY else []
+            return np.asarray(1.0)
+        primvar = UsdGeom.PrimvarsAPI(self.prim).FindPrimvarWithInheritance(name)
+        value = primvar.Get(self.reading.time) if primvar else None
+        if value is None:
+            fallback = "fallback" if self._attribute(node, "fallback") is not None else "default"
+            return self._value(node, fallback, default, depth)
+        return np.asarray(value, dtype=np.float64).reshape(-1)[:3]
+
+
+def _arnold(network: _Network) -> VolumeShading:
+    """Read Arnold's standard_volume: `transparent` is left of light after `transparent_depth` at density 1."""
+    depth = max(network.number("transparent_depth", 1.0), 1e-6)
+    transparent = np.clip(network.color("transparent", np.exp(-1.0)), 1e-6, 1)
+    extinction = network.number("density", 1.0) * -np.log(transparent) / depth
+    albedo = np.minimum(network.number("scatter", 1.0) * np.array(network.color("scatter_color", _ALBEDO)), 1)
+    if network.text("transparent_channel", ""):
+        network.reading.warn(network.shader.GetPrim(), "is not rendered: it is ignored", "inputs:transparent_channel")
+    return VolumeShading(
+        tuple(albedo * extinction),
+        tuple((1 - albedo) * extinction),
+        network.number("scatter_anisotropy", 0.0, -_ANISOTROPY, _ANISOTROPY),
+        network.text("density_channel", DENSITY) or DENSITY,
+        network.text("scatter_color_channel", ""),
+        _arnold_emission(network),
+    )
+
+
+def _arnold_emission(network: _Network) -> Emission | None:
+    mode = network.text("emission_mode", "blackbody")
+    strength = network.number("emission", 1.0) * np.array(network.color("emission_color", 1.0))
+    if mode == "none" or not strength.any():
+        return None
+    if mode == "blackbody":
+        kelvin = network.number("temperature", 1.0) * network.number("blackbody_kelvin", 5000.0)
+        strength = strength * network.number("blackbody_intensity", 1.0)
+        return Emission(tuple(strength), network.text("temperature_channel", "temperature"), kelvin)
+    key, default = ("density_channel", DENSITY) if mode == "density" else ("emission_channel", "heat")
+    return Emission(tuple(strength), network.text(key, default))
+
+
+def _materialx(network: _Network) -> VolumeShading:
+    """Read MaterialX's `volume`, of a vdf and perhaps an edf."""
+    nodes = [network.shader, *(network.source(name) for name in ("vdf", "edf"))]
+    coefficients = VolumeShading(BLACK, BLACK)
+    emission = None
+    for node in filter(None, nodes):
+        kind = str(node.GetShaderId() or "")
+        if "_vdf" in kind:
+            coefficients = _coefficients(network.at(node))
+        elif "_edf" in kind:
+            emission = _emission(network.at(node), "color")
+    if coefficients.scattering == coefficients.absorption == BLACK:
+        network.reading.warn(network.shader.GetPrim(), "scatters and absorbs nothing: expected a vdf that does")
+    return VolumeShading(
+        coefficients.scattering, coefficients.absorption, coefficients.anisotropy, DENSITY, coefficients.color, emission
+    )
+
+
+def _coefficients(network: _Network) -> VolumeShading:
+    """Read absorption, scattering and anisotropy: MaterialX's vdf, and Karma's volume, which is one with emission."""
+    absorption = network.color("absorption", 0.0)
+    scattering = network.color("scattering", 0.0)
+    fields = network.fields
+    anisotropy = network.number("anisotropy", 0.0, -_ANISOTROPY, _ANISOTROPY)
+    emission = _emission(network, "emission")
+    return VolumeShading(scattering, absorption, anisotropy, DENSITY, fields[0] if fields else "", emission)
+
+
+def _emission(network: _Network, name: str) -> Emission | None:
+    found = network.color(name, 0.0)
+    fields = network.fields
+    return Emission(found, fields[0] if fields else DENSITY) if any(found) else None
+
+
+def _other(network: _Network) -> VolumeShading:
+    """Read a shader of another kind: what most have, by the names that most have for it."""
+    shader, kind = network.shader.GetPrim(), str(network.shader.GetShaderId() or "none")
+    text = f"is a volume shader '{kind}', which is not known: its densityScale, albedo and anisotropy are used"
+    network.reading.warn(shader, text)
+
+    def first(*names: str) -> str:
+        return next((each for each in names if network.shader.GetInput(each)), names[0])
+
+    density = network.number(first("densityScale", "densityscale", "density_scale"), 1.0)
+    albedo = np.minimum(network.color(first("albedo", "scatter_color", "scattercolor"), _ALBEDO), 1)
+    anisotropy = network.number(first("anisotropy", "phase", "g"), 0.0, -_ANISOTROPY, _ANISOTROPY)
+    return VolumeShading(tuple(density * albedo), tuple(density * (1 - albedo)), anisotropy)

@@ -1,0 +1,1 @@
+"""Files of volumes: OpenVDB's .vdb and Mitsuba's .vol, read into NumPy arrays."""

@@ -1,0 +1,102 @@
+"""Bytes of volume files: bounds that hold whatever a file says of itself, and what its blocks are compressed with."""
+
+from __future__ import annotations
+
+import stat
+import struct
+import zlib
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import blosc
+
+from ..scene import SceneError
+
+_LENGTH = struct.Struct("<I")
+_SIZE = struct.Struct("<q")
+
+# Flags of compression in .vdb files.
+ZIP, ACTIVE_MASK, BLOSC = 1, 2, 4
+
+# Blosc begins a block with version, codec, flags, type size, and the counts of bytes: decompressed, in a part, in all.
+_BLOSC_HEADER = struct.Struct("<4B3I")
+
+
+def opened(path: str | Path) -> BinaryIO:
+    """Return a file, opened for reading.
+
+    Raises
+    ------
+    SceneError
+        A folder, pipe or device, for these are never read to their end; a file that cannot be opened.
+    """
+    try:
+        if not stat.S_ISREG(Path(path).stat().st_mode):
+            raise SceneError("it is no regular file")
+        return open(path, "rb")
+    except OSError as error:
+        raise SceneError(f"it cannot be opened: {error.strerror}") from None
+
+
+class Cursor:
+    """Reads a stretch of bytes from its front."""
+
+    def __init__(self, data: bytes | memoryview) -> None:
+        self._data, self.place = memoryview(data), 0
+
+    @classmethod
+    def of(cls, file: BinaryIO, first: int, most: int) -> Cursor:
+        """Return a cursor over up to `most` bytes of a file, from the byte `first` on."""
+        if first < 0 or most < 0:
+            raise SceneError("it names places that are not in it")
+        file.seek(first)
+        return cls(file.read(most))
+
+    def take(self, count: int) -> memoryview:
+        """Return the next bytes."""
+        end = self.place + count
+        if count < 0 or end > len(self._data):
+            raise SceneError("it ends too early, or its sizes are wrong")
+        result = self._data[self.place : end]
+        self.place = end
+        return result
+
+    def unpack(self, layout: struct.Struct) -> tuple[Any, ...]:
+        """Return the next numbers."""
+        return layout.unpack(self.take(layout.size))
+
+    def text(self) -> str:
+        """Return the next string, which its length precedes."""
+        return bytes(self.take(self.unpack(_LENGTH)[0])).decode("utf-8", "replace")
+
+    def block(self, size: int, compression: int) -> bytes | memoryview:
+        """Return the next `size` bytes, decompressed."""
+        if not compression & (ZIP | BLOSC):
+            return self.take(size)
+        (stored,) = self.unpack(_SIZE)
+        if stored <= 0:  # what does not become smaller is not compressed
+            result: bytes | memoryview = self.take(-stored)
+        elif compression & BLOSC:
+            result = _from_blosc(self.take(stored), size)
+        else:
+            result = _from_zip(self.take(stored), size)
+        if len(result) != size:
+            raise SceneError(f"a block has {len(result)} bytes where {size} are due")
+        return result
+
+
+def _from_zip(data: memoryview, size: int) -> bytes:
+    try:
+        return zlib.decompressobj().decompress(data, max(size, 1))
+    except zlib.error:
+        raise SceneError("a block cannot be decompressed") from None
+
+
+def _from_blosc(data: memoryview, size: int) -> bytes:
+    # Checked before memory is taken: the library believes what the block says.
+    if len(data) < _BLOSC_HEADER.size or _BLOSC_HEADER.unpack_from(data)[4:7:2] != (size, len(data)):
+        raise SceneError("a block is not as long as it says")
+    try:
+        return bytes(blosc.decompress(bytes(data)))
+    except blosc.error:
+        raise SceneError("a block cannot be decompressed") from None

@@ -1,0 +1,237 @@
+"""Trees of OpenVDB grids: where the voxels are, and their values.
+
+A root has nodes of 4096³ voxels, these have nodes of 128³, and these have leaves of 8³. Where a node has no child, one
+value fills the child's whole place: a tile. Masks say which voxels and tiles are active.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..scene import Array, SceneError
+from .bytes import ACTIVE_MASK, Cursor
+
+_COUNT, _COUNTS, _ORIGIN = struct.Struct("<i"), struct.Struct("<2I"), struct.Struct("<3i")
+_AT_ONCE = 4096  # leaves
+_MOST_TILES = 1 << 22
+
+# What a node says of its inactive values: all are the background, or the negative of it; all are one value; a mask
+# chooses between the background and its negative, between the background and one value, between two values; none of
+# these, so that all values are stored.
+_BACKGROUND, _NEGATIVE, _ONE, _MASK, _MASK_AND_ONE, _MASK_AND_TWO, _ALL = range(7)
+
+
+class Tile(NamedTuple):
+    """A cube of one value: its least index, its size in voxels, the value, and whether it is active."""
+
+    origin: tuple[int, int, int]
+    size: int
+    value: Array
+    active: bool
+
+
+@dataclass(frozen=True)
+class _Encoding:
+    """How values of nodes are stored."""
+
+    type: np.dtype
+    stored: np.dtype
+    channels: int
+    compression: int
+    background: Array
+
+    def values(self, cursor: Cursor, mask: Array) -> Array:
+        """Return the next values of a node, (voxels, channels)."""
+        (kind,) = cursor.take(1)
+        if kind > _ALL:
+            raise SceneError(f"a node has inactive values of the kind {kind}: expected 0 to {_ALL}")
+        first = self.background if kind == _BACKGROUND else -self.background
+        second = self.background
+        if kind in (_ONE, _MASK_AND_ONE, _MASK_AND_TWO):
+            first = self._single(cursor)
+        if kind == _MASK_AND_TWO:
+            second = self._single(cursor)
+        chosen = bits(cursor.take(len(mask) // 8)) if kind in (_MASK, _MASK_AND_ONE, _MASK_AND_TWO) else None
+        sparse = bool(self.compression & ACTIVE_MASK) and kind != _ALL
+        count = int(np.count_nonzero(mask)) if sparse else len(mask)
+        found = self._stored(cursor, count)
+        if count == len(mask):
+            return found
+        result = np.empty((len(mask), self.channels), self.type)
+        result[:] = first if chosen is None else np.where(chosen[:, None], second, first)
+        result[mask] = found
+        return result
+
+    def _single(self, cursor: Cursor) -> Array:
+        return np.frombuffer(cursor.take(self.type.itemsize * self.channels), self.type)
+
+    def _stored(self, cursor: Cursor, count: int) -> Array:
+        if not count and self.stored != self.type:
+            return np.empty((0, self.channels), self.type)  # of half floats not even the size is written
+        block = cursor.block(count * self.channels * self.stored.itemsize, self.compression)
+        return np.frombuffer(block, self.stored).reshape(count, self.channels).astype(self.type)
+
+
+class Tree:
+    """The voxels of a grid.
+
+    Parameters
+    ----------
+    topology, values
+        Where the file has them.
+    levels
+        The binary logarithms of the sizes of nodes.
+    kind, channels
+        NumPy's type of values, and how many a voxel has.
+    half
+        Whether floats are stored as half floats.
+    compression
+        Flags.
+    name
+        OpenVDB's name of the type: leaves of "bool" and "mask" are stored in another way.
+
+    Attributes
+    ----------
+    background
+        (channels,): the value of all that is not in the tree.
+    tiles
+        Those that are active, or have another value than the background.
+    origins, masks
+        (leaves, 3) the least index of each leaf, and (leaves, bytes) which of its voxels are active, as bits.
+    size
+        Voxels along the edge of a leaf.
+
+    Raises
+    ------
+    SceneError
+        A tree that is broken, or has too many tiles.
+    """
+
+    def __init__(
+        self, topology: Cursor, values: Cursor, levels: tuple[int, ...], kind: str, channels: int, half: bool,
+        compression: int, name: str,
+    ) -> None:  # fmt: skip
+        if not levels or not 1 <= sum(levels) <= 20 or max(levels) > 6:
+            raise SceneError(f"a grid has nodes of the sizes {levels}: expected 5, 4 and 3")
+        (buffers,) = topology.unpack(_COUNT)
+        if buffers != 1:
+            raise SceneError(f"a grid has {buffers} buffers: expected 1")
+        type_ = np.dtype(kind)
+        self.channels, self.size, self._levels, self._bits = channels, 1 << levels[-1], levels, name in ("bool", "mask")
+        self._plain, self._cursor = name == "mask", values
+        self.background = np.frombuffer(topology.take(type_.itemsize * channels), type_)
+        shorter = np.dtype("<f2") if half and type_.kind == "f" else type_
+        if type_.kind == "b":  # there is no negative of it in NumPy, as in C++ it is the same
+            self._encoding = _Encoding(np.dtype("<i1"), np.dtype("<i1"), 1, compression, self.background.view("<i1"))
+        else:
+            self._encoding = _Encoding(type_, shorter, channels, compression, self.background)
+        self.tiles: list[Tile] = []
+        self._found: list[tuple[Array, Array]] = []
+        self._root(topology)
+        self._start = values.place
+        count = self.size**3 // 8
+        self.origins = np.concatenate([each for each, _ in self._found]) if self._found else np.empty((0, 3), np.int64)
+        self.masks = np.concatenate([each for _, each in self._found]) if self._found else np.empty((0, count), "u1")
+
+    def _root(self, cursor: Cursor) -> None:
+        tiles, children = cursor.unpack(_COUNTS)
+        for _ in range(tiles):
+            origin = cursor.unpack(_ORIGIN)
+            value = np.frombuffer(cursor.take(self.background.nbytes), self.background.dtype)
+            self._keep(Tile(origin, 1 << sum(self._levels), value, bool(cursor.take(1)[0])))
+        for _ in range(children):
+            self._node(cursor, np.array(cursor.unpack(_ORIGIN), dtype=np.int64), 0)
+
+    def _keep(self, tile: Tile) -> None:
+        if tile.active or not np.array_equal(tile.value, self.background):
+            self.tiles.append(tile)
+        if len(self.tiles) > _MOST_TILES:
+            raise SceneError(f"a grid has more than {_MOST_TILES} tiles")
+
+    def _node(self, cursor: Cursor, origin: Array, level: int) -> None:
+        """Read a node and its children."""
+        log = self._levels[level]
+        count, size = 1 << 3 * log, 1 << sum(self._levels[level + 1 :])
+        children, active = (bits(cursor.take(count // 8)) for _ in range(2))
+        values = self._encoding.values(cursor, active)
+        differs = (values != self._encoding.background).any(axis=1)
+        for index in np.flatnonzero(~children & (active | differs)):
+            place = origin + size * _offset(index, log)
+            value = values[index].astype(self.background.dtype)
+            self._keep(Tile((int(place[0]), int(place[1]), int(place[2])), size, value, bool(active[index])))
+        inner = np.flatnonzero(children)
+        places = origin + size * _offset(inner, log)
+        if level + 2 == len(self._levels):
+            masks = np.frombuffer(cursor.take(len(inner) * size**3 // 8), "u1").reshape(len(inner), -1)
+            self._found.append((places, masks))
+            return
+        for place in places:
+            self._node(cursor, place, level + 1)
+
+    def leaves(self) -> Iterator[tuple[Array, Array, Array]]:
+        """Yield origins (n, 3), active voxels (n, size³) and values (n, size³, channels) of some leaves at a time.
+
+        The order of voxels in a leaf is that of the array [x, y, z].
+        """
+        self._cursor.place = self._start
+        for first in range(0, len(self.origins), _AT_ONCE):
+            masks = bits(self.masks[first : first + _AT_ONCE].reshape(-1)).reshape(-1, self.size**3)
+            values = np.stack([self._leaf(each) for each in masks])
+            yield self.origins[first : first + _AT_ONCE], masks, values
+
+    def _leaf(self, mask: Array) -> Array:
+        """Return the next leaf's values."""
+        bytes_, cursor = self.size**3 // 8, self._cursor
+        stored = cursor.take(bytes_)  # the mask once more
+        if not self._bits:
+            return self._encoding.values(cursor, mask)
+        cursor.take(_ORIGIN.size)
+        return bits(stored if self._plain else cursor.take(bytes_))[:, None]
+
+    @cached_property
+    def active_voxels(self) -> int:
+        """How many voxels are active, with those of active tiles."""
+        leaves = sum(
+            int(np.bitwise_count(self.masks[i : i + _AT_ONCE]).sum()) for i in range(0, len(self.masks), _AT_ONCE)
+        )
+        return leaves + sum(tile.size**3 for tile in self.tiles if tile.active)
+
+    @cached_property
+    def box(self) -> tuple[Array, Array] | None:
+        """The least and the greatest index of active voxels; None where there are none."""
+        lows, highs = [], []
+        for first in range(0, len(self.origins), _AT_ONCE):
+            shape = (-1, self.size, self.size, self.size)
+            active = bits(self.masks[first : first + _AT_ONCE].reshape(-1)).reshape(shape)
+            some = active.any(axis=(1, 2, 3))
+            origins, active = self.origins[first : first + _AT_ONCE][some], active[some]
+            for axis in range(3) if some.any() else ():
+                line = active.any(axis=tuple(each + 1 for each in range(3) if each != axis))
+                lows.append((axis, int((origins[:, axis] + line.argmax(axis=1)).min())))
+                highs.append((axis, int((origins[:, axis] + self.size - 1 - line[:, ::-1].argmax(axis=1)).max())))
+        for tile in self.tiles:
+            if tile.active:
+                lows += [(axis, tile.origin[axis]) for axis in range(3)]
+                highs += [(axis, tile.origin[axis] + tile.size - 1) for axis in range(3)]
+        if not lows:
+            return None
+        low = [min(value for axis, value in lows if axis == each) for each in range(3)]
+        high = [max(value for axis, value in highs if axis == each) for each in range(3)]
+        return np.array(low, dtype=np.int64), np.array(high, dtype=np.int64)
+
+
+def bits(data: Array | memoryview) -> Any:
+    """Return a mask's bits."""
+    return np.unpackbits(np.frombuffer(data, "u1"), bitorder="little").view(bool)
+
+
+def _offset(index: Any, log: int) -> Array:
+    """Return the places of a node's entries in it, (n, 3): z is the fastest."""
+    side = (1 << log) - 1
+    return np.stack([index >> 2 * log, (index >> log) & side, index & side], axis=-1).astype(np.int64)

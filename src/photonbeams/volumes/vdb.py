@@ -1,0 +1,216 @@
+"""OpenVDB files: which grids they hold, with metadata and transforms. `tree` has the voxels.
+
+A file has a header, metadata, and for each grid a descriptor with the places of its parts. A grid has its compression,
+metadata, transform, the topology of its tree, and the values of the tree's leaves.
+"""
+
+from __future__ import annotations
+
+import io
+import re
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, BinaryIO
+
+import numpy as np
+
+from ..scene import Array, SceneError
+from .bytes import ACTIVE_MASK, BLOSC, ZIP, Cursor
+from .tree import Tree
+
+# Since 222 grids say how each is compressed; later versions of the library write nothing newer than 225.
+VERSIONS = range(222, 226)
+
+_MAGIC = b" BDV\0\0\0\0"
+_START = struct.Struct("<8s3IB36s")  # magic, version of the format, of the library, offsets of grids, UUID
+_COUNT = struct.Struct("<i")
+_PLACES = struct.Struct("<3q")  # of the grid, of its leaves' values, of its end
+_FLAGS = struct.Struct("<I")
+_MOST_GRIDS = 4096
+_HEADER = 1 << 24  # bytes that a header with its metadata may have
+_DESCRIPTOR = 1 << 16
+
+# Maps that store translation, scale, and three more vectors that follow from the scale.
+_MATRIX, _VECTOR = 16, 3
+_MAPS = {
+    "AffineMap": _MATRIX, "UnitaryMap": _MATRIX, "TranslationMap": _VECTOR,
+    "ScaleMap": 5 * _VECTOR, "UniformScaleMap": 5 * _VECTOR,
+    "ScaleTranslateMap": 6 * _VECTOR, "UniformScaleTranslateMap": 6 * _VECTOR,
+}  # fmt: skip
+
+_METADATA = {
+    "int32": "<i", "int64": "<q", "float": "<f", "double": "<d", "bool": "<?", "vec3i": "<3i", "vec3s": "<3f",
+    "vec3d": "<3d",
+}  # fmt: skip
+
+#: Values of types of grids: NumPy's type, and numbers a voxel.
+TYPES = {
+    "float": ("<f4", 1), "double": ("<f8", 1), "half": ("<f2", 1), "int32": ("<i4", 1), "int64": ("<i8", 1),
+    "uint8": ("<u1", 1), "uint32": ("<u4", 1), "bool": ("?", 1), "mask": ("?", 1),
+    "vec3s": ("<f4", 3), "vec3d": ("<f8", 3), "vec3i": ("<i4", 3),
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class VDBGrid:
+    """A grid of a file.
+
+    Attributes
+    ----------
+    name
+        Several grids of a file may share it.
+    type
+        That of its values, as "float" or "vec3s".
+    levels
+        The binary logarithms of its nodes' sizes, from the root's children to the leaves: 5, 4, 3.
+    to_file
+        (4, 4) transform from indices of voxels to the file's space, for column vectors; None of one that is no
+        linear map, as that of a frustum.
+    metadata
+        What the file says of the grid.
+    """
+
+    name: str
+    type: str
+    levels: tuple[int, ...]
+    half: bool
+    compression: int
+    to_file: Array | None
+    metadata: dict[str, Any]
+    data: bytes
+    _topology: int
+    _values: int
+
+    @property
+    def is_level_set(self) -> bool:
+        """Whether its values are distances from a surface, and no densities."""
+        return bool(self.metadata.get("class") == "level set")
+
+    @property
+    def codec(self) -> str:
+        """The compression in words."""
+        words = {BLOSC: "Blosc", ZIP: "zip", ACTIVE_MASK: "active voxels"}
+        return ", ".join(text for flag, text in words.items() if self.compression & flag) or "none"
+
+    @cached_property
+    def tree(self) -> Tree:
+        """Its voxels.
+
+        Raises
+        ------
+        SceneError
+            A type of values that is not read; a tree that is broken.
+        """
+        if self.type not in TYPES:
+            known = ", ".join(TYPES)
+            raise SceneError(f"its grid {self.name} has voxels of the type {self.type}: expected one of {known}")
+        topology, values = (Cursor(memoryview(self.data)[place:]) for place in (self._topology, self._values))
+        return Tree(topology, values, self.levels, *TYPES[self.type], self.half, self.compression, self.type)
+
+
+def read_grids(file: BinaryIO) -> list[VDBGrid]:
+    """Return the grids of a file.
+
+    Raises
+    ------
+    SceneError
+        A file of another format, of a version that is not read, or broken; the sentence is to follow the file's name.
+    """
+    return list(_grids(file))
+
+
+def _grids(file: BinaryIO) -> Iterator[VDBGrid]:
+    size = file.seek(0, io.SEEK_END)
+    cursor = Cursor.of(file, 0, min(size, _HEADER))
+    if size < _START.size:
+        raise SceneError(f"it has {size} bytes")
+    magic, version, _, _, offsets, _ = cursor.unpack(_START)
+    if magic != _MAGIC:
+        raise SceneError("it is no OpenVDB file")
+    if version not in VERSIONS:
+        raise SceneError(f"its format has the version {version}: expected {VERSIONS[0]} to {VERSIONS[-1]}")
+    if not offsets:
+        raise SceneError("it is a stream, which does not say where its grids are: expected a file")
+    _metadata(cursor)
+    (count,) = cursor.unpack(_COUNT)
+    if not 0 <= count <= _MOST_GRIDS:
+        raise SceneError(f"it has {count} grids: expected up to {_MOST_GRIDS}")
+    place, found = cursor.place, dict[str, tuple[int, int, int]]()
+    for _ in range(count):
+        cursor = Cursor.of(file, place, _DESCRIPTOR)
+        unique, kind, source = cursor.text(), cursor.text(), cursor.text()
+        start, values, end = cursor.unpack(_PLACES)
+        yield _grid(file, size, (unique, kind), (start, values, end), found.get(source) if source else None)
+        found[unique] = (start, values, end)
+        if end < place:
+            raise SceneError("its grids are not one after the other")
+        place = end
+
+
+def _grid(
+    file: BinaryIO, size: int, names: tuple[str, str], places: tuple[int, int, int],
+    shared: tuple[int, int, int] | None,
+) -> VDBGrid:  # fmt: skip
+    """Return a grid; one that is an instance has metadata and transform of its own, and the tree of another."""
+    name, kind = names[0].split("\x1e")[0], names[1].removesuffix("_HalfFloat")
+    first, _, end = places
+    if not 0 <= first <= end <= size:
+        raise SceneError(f"its grid {name} is not within it")
+    cursor = Cursor.of(file, first, end - first)
+    (compression,) = cursor.unpack(_FLAGS)
+    metadata = _metadata(cursor)
+    to_file = _transform(cursor)
+    parts = re.fullmatch(r"Tree_(\w+?)((?:_\d)+)", kind)
+    value, levels = (parts[1], tuple(int(each) for each in parts[2][1:].split("_"))) if parts else (kind, ())
+    half = kind != names[1] or metadata.get("is_saved_as_half_float") is True
+    if shared is None:
+        return VDBGrid(name, value, levels, half, compression, to_file, metadata,
+                       _body(file, places, size), cursor.place, places[1] - first)  # fmt: skip
+    other = Cursor.of(file, shared[0], shared[2] - shared[0])
+    (compression,) = other.unpack(_FLAGS)
+    _metadata(other)
+    _transform(other)
+    return VDBGrid(name, value, levels, half, compression, to_file, metadata, _body(file, shared, size), other.place,
+                   shared[1] - shared[0])  # fmt: skip
+
+
+def _body(file: BinaryIO, places: tuple[int, int, int], size: int) -> bytes:
+    first, values, end = places
+    if not 0 <= first <= values <= end <= size:
+        raise SceneError("the values of a grid are not within it")
+    file.seek(first)
+    return file.read(end - first)
+
+
+def _metadata(cursor: Cursor) -> dict[str, Any]:
+    """Return the next metadata; values of types that nobody here needs are left out."""
+    result: dict[str, Any] = {}
+    (count,) = cursor.unpack(_COUNT)
+    for _ in range(count):
+        name, kind = cursor.text(), cursor.text()
+        (size,) = cursor.unpack(_COUNT)
+        value = bytes(cursor.take(size))
+        if kind == "string":
+            result[name] = value.decode("utf-8", "replace")
+        elif kind in _METADATA and len(value) == struct.calcsize(_METADATA[kind]):
+            numbers = struct.unpack(_METADATA[kind], value)
+            result[name] = numbers if len(numbers) > 1 else numbers[0]
+    return result
+
+
+def _transform(cursor: Cursor) -> Array | None:
+    """Return the next map from voxels to the file's space; None of a frustum, after which nothing can be read."""
+    kind = cursor.text()
+    if kind not in _MAPS:
+        return None
+    numbers = np.array(cursor.unpack(struct.Struct(f"<{_MAPS[kind]}d")))
+    result = np.eye(4)
+    if len(numbers) == _MATRIX:
+        result = numbers.reshape(4, 4).T
+    elif "Translat" in kind:
+        result[:3, 3], numbers = numbers[:3], numbers[3:]
+    if "Scale" in kind:
+        result[:3, :3] = np.diag(numbers[:3])
+    return result

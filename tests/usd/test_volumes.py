@@ -1,0 +1,269 @@
+"""Volumes: fields in .vdb and .vol files, and the shaders of their materials."""
+
+import struct
+
+import numpy as np
+import pytest
+
+from photonbeams.runtime.device import mitsuba
+from photonbeams.scene import SceneError
+from photonbeams.usd.stage import read_scene
+from photonbeams.volumes.writing import write_vdb
+
+FOG = """
+    color3f photonbeams:scattering = (0.1, 0.2, 0.3)
+    color3f photonbeams:absorption = (0.01, 0.02, 0.03)
+"""
+API = '(prepend apiSchemas = ["PhotonBeamsMediumAPI"])'
+
+
+def volume(file="smoke.vol", scale=1.0):
+    return f"""
+        def Volume "F" {API} {{
+            {FOG}
+            double3 xformOp:translate = (5, 0, 0)
+            uniform token[] xformOpOrder = ["xformOp:translate"]
+            rel field:density = </F/D>
+            def OpenVDBAsset "D" {{
+                asset filePath = @{file}@
+                float3 xformOp:scale = ({scale}, {scale}, {scale})
+                uniform token[] xformOpOrder = ["xformOp:scale"]
+            }}
+        }}"""
+
+
+@pytest.mark.parametrize("channels", [1, 3])
+def test_a_volume_with_a_density_is_a_medium_on_a_grid(scene, tmp_path, caplog, channels):
+    values = np.random.default_rng(0).random((2, 3, 4, channels)).astype(np.float32)
+    file = tmp_path / "smoke.vol"
+    mitsuba().VolumeGrid(values).write(str(file))
+    (medium,) = scene(volume(file, scale=2.0)).media
+    assert np.array_equal(medium.grid.values, values[..., 0] if channels == 1 else values)
+    assert np.allclose(medium.grid.to_world @ [1, 1, 1, 1], [7, 2, 2, 1])  # the unit cube, twice as large, at x = 5
+    assert medium.scattering == pytest.approx((0.1, 0.2, 0.3))
+    assert (medium.name, medium.bounded) == ("/F", True)
+    assert not caplog.text
+
+
+def test_a_volume_fills_the_bounding_box_of_its_file(scene, tmp_path):
+    header = struct.pack("<3sB5i6f", b"VOL", 3, 1, 1, 1, 2, 1, -1, -2, -3, 1, 2, 3)
+    file = tmp_path / "smoke.vol"
+    file.write_bytes(header + np.array([1, 2], dtype="<f4").tobytes())
+    grid = scene(volume(file)).media[0].grid
+    assert grid.values.tolist() == [[[1]], [[2]]]
+    assert np.allclose(grid.to_world @ [0, 0, 0, 1], [4, -2, -3, 1])
+    assert np.allclose(grid.to_world @ [1, 1, 1, 1], [6, 2, 3, 1])
+
+
+def test_a_volume_without_fog_is_no_medium(scene, caplog):
+    assert scene('def Volume "F" {\n}').media == ()
+    assert "/F is a Volume, which is not rendered: it is skipped" in caplog.text
+
+
+HEADER = struct.pack("<3sB5i6f", b"VOL", 3, 1, 1, 1, 1, 1, 0, 0, 0, 1, 1, 1)
+
+
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        (None, r"/F/D\.filePath names .*smoke\.vol: expected a \.vdb or \.vol file, there is none"),
+        (b"VOL", r"expected a grid that can be read \(it has 3 bytes\)"),
+        (b"LOV" + HEADER[3:], r"its header is not that of float32 data"),
+        (HEADER, r"it ends before its 1 values"),
+        (HEADER[:8] + struct.pack("<4i", 0, 4, 4, 1) + HEADER[24:], r"it has 0 x 4 x 4 cells: expected 1 or more"),
+        (
+            HEADER[:8] + struct.pack("<4i", 1, 1, 1, 99) + HEADER[24:] + bytes(396),
+            r"it has 99 channels: expected 1 or 3",
+        ),
+        (HEADER[:8] + struct.pack("<4i", 2**30, 2**30, 2**30, 1) + HEADER[24:], r"it ends before its \d+ values"),
+        (HEADER + struct.pack("<f", np.nan), r"grid has values that are negative or not finite"),
+        (HEADER[:36] + struct.pack("<3f", 0, 1, 1) + struct.pack("<f", 1), r"grid has a transform that is flat"),
+    ],
+)
+def test_densities_that_cannot_be_read_are_errors(scene, tmp_path, data, message):
+    file = tmp_path / "smoke.vol"
+    if data is not None:
+        file.write_bytes(data)
+    with pytest.raises(SceneError, match=message):
+        scene(volume(file))
+
+
+def test_a_volume_whose_density_is_no_field_is_an_error(scene):
+    with pytest.raises(SceneError, match=r"/F\.field:density names no field: expected a prim with a filePath"):
+        scene(f'def Volume "F" {API} {{\n{FOG}\n}}')
+    with pytest.raises(SceneError, match=r"/G\.filePath names no file: expected a grid, @name\.vdb@ or @name\.vol@"):
+        scene(f'def Volume "F" {API} {{\n{FOG}\nrel field:density = </G>\n}}\ndef Scope "G" {{\n}}')
+
+
+VALUES = np.zeros((4, 5, 6), np.float32)
+VALUES[1:3, 1:4, 1:5] = np.arange(1, 25, dtype=np.float32).reshape(2, 3, 4) / 8
+
+
+@pytest.fixture
+def smoke(tmp_path):
+    """Write smoke with a colour, a temperature and two densities of one name; return the body of a volume of it."""
+    colors = np.stack([VALUES / 4, VALUES / 8, (VALUES > 0) * 1.0], axis=-1)
+    write_vdb(tmp_path / "smoke.vdb", {"density": VALUES, "temperature": VALUES / 3, "Cd": colors}, half=False)
+    return volume_of(tmp_path / "smoke.vdb")
+
+
+def volume_of(file, fields=("density", "temperature", "Cd"), more="", material=""):
+    assets = "\n".join(
+        f"""rel field:{name} = </V/{name}>
+        def OpenVDBAsset "{name}" {{
+            token fieldName = "{name}"
+            asset filePath = @{file}@
+        }}"""
+        for name in fields
+    )
+    api = '(prepend apiSchemas = ["MaterialBindingAPI"])' if material else ""
+    return f"""def Volume "V" {api} {{
+        {"rel material:binding = </M>" if material else ""}
+        {more}
+        {assets}
+    }}
+    {material}"""
+
+
+def shader(kind, *inputs, context=""):
+    lines = "\n".join(inputs)
+    return f"""def Material "M" {{
+        token outputs:{context}volume.connect = </M/S.outputs:out>
+        def Shader "S" {{
+            uniform token info:id = "{kind}"
+            {lines}
+            token outputs:out
+        }}
+    }}"""
+
+
+def test_a_volume_is_a_medium_as_other_renderers_show_it(scene, smoke, caplog):
+    (medium,) = scene(smoke).media
+    assert np.array_equal(medium.grid.values[1:-1, 1:-1, 1:-1], VALUES[1:3, 1:4, 1:5])
+    assert np.allclose(medium.grid.to_world @ [0, 0, 0, 1], [0, 0, 0, 1])  # a voxel of 0 around it
+    assert np.allclose(medium.grid.to_world @ [1, 1, 1, 1], [6, 5, 4, 1])
+    assert medium.scattering == medium.absorption == (0.5, 0.5, 0.5)
+    assert medium.emission is None and medium.scattering_color is None
+    assert not caplog.text
+
+
+def test_arnolds_standard_volume(scene, tmp_path, smoke):
+    material = shader(
+        "arnold:standard_volume", "float inputs:density = 3", "float inputs:scatter = 0.5",
+        "color3f inputs:scatter_color = (1, 0.5, 0)", "float inputs:scatter_anisotropy = 0.3",
+        "color3f inputs:transparent = (0.5, 0.25, 1)", "float inputs:transparent_depth = 2",
+        'string inputs:scatter_color_channel = "Cd"', "float inputs:temperature = 2",
+        "float inputs:blackbody_kelvin = 1000", "float inputs:emission = 0.5", context="arnold:",
+    )  # fmt: skip
+    (medium,) = scene(volume_of(tmp_path / "smoke.vdb", material=material)).media
+    extinction = 3 * np.log([2, 4, 1]) / 2
+    assert medium.extinction == pytest.approx(tuple(extinction))
+    assert medium.scattering == pytest.approx(tuple(extinction * [0.5, 0.25, 0]))
+    assert medium.anisotropy == pytest.approx(0.3)
+    assert np.allclose(medium.scattering_color.values[1:-1, 1:-1, 1:-1, 0], np.minimum(VALUES[1:3, 1:4, 1:5] / 4, 1))
+    # 5.670374e-14 T⁴ / π at 2000 K, half of it, with a luminance of 1.
+    hot = medium.emission.values[1:-1, 1:-1, 1:-1][VALUES[1:3, 1:4, 1:5] == 3][0]
+    assert hot @ [0.2126, 0.7152, 0.0722] == pytest.approx(0.5 * 5.670374e-14 * 2000**4 / np.pi, rel=1e-3)
+    assert hot[0] > hot[1] > hot[2]
+
+
+@pytest.mark.parametrize("node", [True, False], ids=["MaterialX", "Karma"])
+def test_materialx_and_karma(scene, tmp_path, smoke, node):
+    inputs = (
+        "vector3f inputs:absorption = (0.1, 0.2, 0.3)",
+        "vector3f inputs:scattering.connect = </M/Product.outputs:out>",
+        "float inputs:anisotropy = -0.4",
+    )
+    material = shader("kma_volume", *inputs, "color3f inputs:emission = (0, 0, 2)", context="mtlx:" if node else "")
+    extra = """
+        def Shader "Product" {
+            uniform token info:id = "ND_multiply_vector3FA"
+            vector3f inputs:in1.connect = </M/Field.outputs:out>
+            float inputs:in2 = 0.5
+            vector3f outputs:out
+        }
+        def Shader "Field" {
+            uniform token info:id = "ND_geompropvalue_vector3"
+            string inputs:geomprop = "Cd"
+            vector3f outputs:out
+        }"""
+    if node:
+        material = material.replace('"kma_volume"', '"ND_anisotropic_vdf"').replace("outputs:out>", "outputs:out>", 1)
+        material = material.replace('def Shader "S"', 'def Shader "Vdf"', 1)
+        extra += """
+        def Shader "S" {
+            uniform token info:id = "ND_volume_volumeshader"
+            token inputs:vdf.connect = </M/Vdf.outputs:out>
+            token inputs:edf.connect = </M/Edf.outputs:out>
+            token outputs:out
+        }
+        def Shader "Edf" {
+            uniform token info:id = "ND_uniform_edf"
+            color3f inputs:color = (0, 0, 2)
+            token outputs:out
+        }"""
+    material = f"{material.rstrip()[:-1]}{extra}\n}}"
+    (medium,) = scene(volume_of(tmp_path / "smoke.vdb", material=material)).media
+    assert medium.scattering == pytest.approx((0.5, 0.5, 0.5))
+    assert medium.absorption == pytest.approx((0.1, 0.2, 0.3))
+    assert medium.anisotropy == pytest.approx(-0.4)
+    assert np.allclose(medium.scattering_color.values[1:-1, 1:-1, 1:-1, 1], np.minimum(VALUES[1:3, 1:4, 1:5] / 8, 1))
+    assert np.allclose(medium.emission.values[1:-1, 1:-1, 1:-1, 2], 2 * VALUES[1:3, 1:4, 1:5])
+
+
+def test_a_shader_that_is_not_known_is_read_by_usual_names(scene, tmp_path, smoke, caplog):
+    material = shader("Smoke", "float inputs:densityScale = 2", "float inputs:albedo.connect = </M/A.outputs:out>")
+    material = (
+        material.rstrip()[:-1]
+        + """
+        def Shader "A" {
+            uniform token info:id = "UsdPrimvarReader_float"
+            string inputs:varname = "albedo"
+            float outputs:out
+        }
+    }"""
+    )
+    (medium,) = scene(volume_of(tmp_path / "smoke.vdb", material=material, more="float primvars:albedo = 0.25")).media
+    assert medium.scattering == pytest.approx((0.5,) * 3)
+    assert medium.absorption == pytest.approx((1.5,) * 3)
+    assert "/M/S is a volume shader 'Smoke', which is not known: its densityScale, albedo" in caplog.text
+
+
+def test_files_of_a_sequence(usd, tmp_path):
+    for frame in (1, 2):
+        write_vdb(tmp_path / f"smoke.{frame}.vdb", {"density": VALUES * frame})
+    body = volume_of("x", ("density",)).replace(
+        "asset filePath = @x@",
+        f"asset filePath.timeSamples = {{ 1: @{tmp_path}/smoke.1.vdb@, 2: @{tmp_path}/smoke.2.vdb@ }}",
+    )
+    stage = usd(body)
+    first, second, third = (read_scene(stage, time).media[0].grid.values for time in (1, 1.9, 2))
+    assert second is first
+    assert np.array_equal(third, 2 * first)
+
+
+def test_a_volume_of_a_sequence_that_is_empty_at_first_is_a_medium(scene, tmp_path):
+    write_vdb(tmp_path / "smoke.vdb", {"density": np.zeros((3, 3, 3))})
+    (medium,) = scene(volume_of(tmp_path / "smoke.vdb", ("density",))).media
+    assert not medium.grid.values.any()
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (('fieldName = "density"', 'fieldName = "fuel"'), r"it has no grid fuel, but density"),
+        (('fieldName = "density"', 'fieldName = "density"\nint fieldIndex = 1'), "no grid density of the fieldIndex 1"),
+        (("smoke.vdb", "smoke.f3d"), r"/V/density\.filePath names .*: expected a \.vdb or \.vol file"),
+    ],
+)
+def test_fields_that_are_not_there_are_errors(scene, tmp_path, change, message):
+    write_vdb(tmp_path / "smoke.vdb", {"density": VALUES})
+    with pytest.raises(SceneError, match=message):
+        scene(volume_of(tmp_path / "smoke.vdb", ("density",)).replace(*change))
+
+
+def test_values_below_zero_count_as_zero_with_a_warning(scene, tmp_path, caplog):
+    write_vdb(tmp_path / "smoke.vdb", {"density": VALUES - 2})
+    (medium,) = scene(volume_of(tmp_path / "smoke.vdb", ("density",))).media
+    assert medium.grid.values.min() == 0
+    assert "/V/density.filePath has a grid with values down to -2: those below 0 count as 0" in caplog.text

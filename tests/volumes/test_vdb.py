@@ -1,0 +1,167 @@
+"""OpenVDB files: voxels as OpenVDB's own library reads them, and files that are broken."""
+
+import gzip
+import io
+import struct
+import zlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from photonbeams.scene import SceneError
+from photonbeams.volumes.bytes import opened
+from photonbeams.volumes.dense import voxels_of
+from photonbeams.volumes.vdb import read_grids
+from photonbeams.volumes.writing import write_vdb
+
+DATA = Path(__file__).parent / "data"
+KINDS = gzip.decompress((DATA / "kinds.vdb.gz").read_bytes())
+
+
+@pytest.fixture(scope="module")
+def grids():
+    return read_grids(io.BytesIO(KINDS))
+
+
+@pytest.fixture(scope="module")
+def expected():
+    with np.load(DATA / "kinds.npz") as file:
+        return dict(file)
+
+
+def named(grids, name):
+    name, _, index = name.partition("[")
+    return [each for each in grids if each.name == name][int(index.rstrip("]") or 0)]
+
+
+@pytest.mark.parametrize("name", ["sparse", "half", "tiles", "vectors", "flags", "twin[0]", "twin[1]", "instance"])
+def test_voxels_are_those_of_openvdb(grids, expected, name):
+    grid, array = named(grids, name), expected[f"{name}/array"]
+    assert grid.tree.active_voxels == expected[f"{name}/active"]
+    assert np.array_equal(grid.tree.box[0], expected[f"{name}/low"])
+    found = voxels_of(grid).values[1:-1, 1:-1, 1:-1]
+    assert np.array_equal(found.swapaxes(0, 2), array.astype(np.float32))
+
+
+@pytest.mark.parametrize("name", ["sparse", "half", "tiles", "instance"])
+def test_transforms_are_those_of_openvdb(grids, expected, name):
+    corners = np.array([[0, 0, 0, 1], [1, 0, 0, 1], [0, 1, 0, 1], [0, 0, 1, 1]])
+    assert np.allclose((corners @ named(grids, name).to_file.T)[:, :3], expected[f"{name}/corners"], atol=1e-6)
+
+
+def test_a_level_set_becomes_a_density(grids, expected):
+    distance = expected["sphere/array"]
+    found = voxels_of(named(grids, "sphere"))
+    assert np.allclose(found.values[1:-1, 1:-1, 1:-1].swapaxes(0, 2), np.clip(-distance / 2, 0, 1), atol=1e-6)
+    assert found.at(np.zeros((1, 3))) == 1
+
+
+def test_a_dense_box_is_interpolated_as_openvdb_does(grids):
+    grid = named(grids, "sparse")
+    box = voxels_of(grid)
+    index = np.array([[-6, 125, 4090], [5, 133, 4109], [-6.5, 125, 4090], [-7, 125, 4090], [0.25, 130, 4100]])
+    corners = {tuple(each): box.at((np.array([each]) @ grid.to_file[:3, :3].T) + grid.to_file[:3, 3])[0, 0]
+               for each in ([-6, 125, 4090], [0, 130, 4100], [1, 130, 4100])}  # fmt: skip
+    found = box.at(index @ grid.to_file[:3, :3].T + grid.to_file[:3, 3])[:, 0]
+    assert found[2] == pytest.approx(corners[-6, 125, 4090] / 2, abs=1e-6)
+    assert found[3] == pytest.approx(0, abs=1e-6)
+    assert found[4] == pytest.approx(0.75 * corners[0, 130, 4100] + 0.25 * corners[1, 130, 4100], abs=1e-6)
+
+
+@pytest.mark.parametrize("name", ["sparse", "tiles", "vectors"])
+def test_cells_of_a_coarse_box_have_the_mean_of_their_voxels(grids, expected, name):
+    grid, array = named(grids, name), expected[f"{name}/array"].astype(np.float32)
+    coarse = voxels_of(grid, most=1200)
+    step = coarse.step
+    assert step > 1
+    cells = [-(-count // step) for count in array.shape[:3]]
+    whole = np.zeros([*(step * each for each in cells), *array.shape[3:]], np.float32)
+    whole[tuple(slice(0, count) for count in array.shape[:3])] = array
+    means = whole.reshape(cells[0], step, cells[1], step, cells[2], step, -1).mean(axis=(1, 3, 5))
+    found = coarse.values[1:-1, 1:-1, 1:-1].swapaxes(0, 2)
+    assert np.allclose(found.reshape(*cells, -1), means, atol=1e-6)
+    # And the box is at the same place, larger by the cells that are not full.
+    fine = voxels_of(grid).to_file
+    edges = coarse.to_file[:3, :3] / (np.array(cells) + 2)
+    assert np.allclose(edges, step * fine[:3, :3] / (np.array(array.shape[:3]) + 2))
+    assert np.allclose(coarse.to_file[:3, 3] + edges.sum(axis=1), fine[:3, 3] + edges.sum(axis=1) / step)
+
+
+@pytest.mark.parametrize("half", [True, False])
+@pytest.mark.parametrize("channels", [1, 3])
+def test_what_is_written_is_read(tmp_path, half, channels):
+    # OpenVDB 10.0.1 and 12.0.0 read the same voxels from these files.
+    values = np.zeros((10, 9, 140, channels), np.float32)
+    values[2:8, 1:9, 3:137] = np.random.default_rng(3).random((6, 8, 134, channels))
+    values = values.astype(np.float16 if half else np.float32)
+    box = np.array([[14, 1, 0, -3], [0, 9, 0, 0], [0, 0, 5, 2], [0, 0, 0, 1]], dtype=float)
+    path = tmp_path / "smoke.vdb"
+    write_vdb(path, {"density": values[..., 0] if channels == 1 else values, "other": values[..., 0]}, box, half)
+    with opened(path) as file:
+        first, other = read_grids(file)
+    assert (first.name, first.type, first.half, first.codec) == (
+        "density", "float" if channels == 1 else "vec3s", half, "zip, active voxels",
+    )  # fmt: skip
+    found = voxels_of(first)
+    assert np.array_equal(found.values.reshape(8, 10, 136, -1)[1:-1, 1:-1, 1:-1], values[2:8, 1:9, 3:137])
+    center = box @ [70.5 / 140, 5.5 / 9, 4.5 / 10, 1]
+    assert np.allclose(found.at(center[None, :3]), values[4, 5, 70])
+    assert other.tree.active_voxels == np.count_nonzero(values[..., 0])
+
+
+def of_version(number):
+    return KINDS[:8] + struct.pack("<I", number) + KINDS[12:]
+
+
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        (b"", "it has 0 bytes"),
+        (b"x" * 100, "it is no OpenVDB file"),
+        (of_version(219), "its format has the version 219: expected 222 to 225"),
+        (KINDS[:20] + b"\0" + KINDS[21:], "it is a stream"),
+        (KINDS[:57], "it ends too early"),
+        (KINDS[:-2000], "is not within it|are not within it"),
+    ],
+)
+def test_broken_files_are_refused_in_a_sentence(data, message):
+    with pytest.raises(SceneError, match=message):
+        for grid in read_grids(io.BytesIO(data)):
+            voxels_of(grid)
+
+
+def test_changed_bytes_are_refused_in_a_sentence_or_read(tmp_path):
+    path = tmp_path / "smoke.vdb"
+    write_vdb(path, {"density": np.random.default_rng(0).random((9, 9, 9))})
+    original, random = path.read_bytes(), np.random.default_rng(5)
+    refused = 0
+    for place in (*range(60, 420, 3), *random.integers(0, len(original), 120)):
+        data = bytearray(original)
+        data[place] ^= int(random.integers(1, 256))
+        try:
+            for grid in read_grids(io.BytesIO(bytes(data))):
+                voxels_of(grid, most=4096)
+        except SceneError as error:
+            refused += 1
+            assert len(str(error)) < 200
+    assert refused > 20
+
+
+def test_a_block_that_lies_about_its_size_is_refused():
+    from photonbeams.volumes.bytes import BLOSC, ZIP, Cursor
+
+    bomb = zlib.compress(bytes(1 << 20))
+    with pytest.raises(SceneError, match="a block is not as long"):
+        Cursor(struct.pack("<q", 10) + bytes(10)).block(64, BLOSC)
+    assert len(Cursor(struct.pack("<q", len(bomb)) + bomb).block(64, ZIP)) == 64  # and no more was unpacked
+    claim = struct.pack("<4B3I", 2, 1, 1, 4, 1 << 31, 1 << 31, 24) + bytes(8)
+    with pytest.raises(SceneError, match="a block is not as long as it says"):
+        Cursor(struct.pack("<q", len(claim)) + claim).block(2048, BLOSC)
+
+
+def test_a_folder_is_no_file(tmp_path):
+    with pytest.raises(SceneError, match="it is no regular file"):
+        opened(tmp_path)
+    with pytest.raises(SceneError, match="it cannot be opened: No such file"):
+        opened(tmp_path / "none.vdb")
