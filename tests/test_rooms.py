@@ -11,8 +11,8 @@ SOURCE = Path(photonbeams.__file__).parent
 
 #: Each room knows those before it, and none after it.
 ROOMS = (
-    "scene", "volumes", "runtime", "numerics", "quadrature", "beams", "looks", "estimators", "world", "transport", "render",
-    "images", "usd", "shot", "integrator", "farm",
+    "scene", "volumes", "runtime", "numerics", "quadrature", "beams", "looks", "estimators", "world", "transport",
+    "render", "images", "usd", "shot", "integrator", "farm",
     "cli",
 )  # fmt: skip
 

@@ -482,7 +482,8 @@ def test_a_layer_that_is_not_there_is_named(render, stage, out):
             [
                 "gone.usda@, which is not there; the layer is without it",
                 "/Portal has 1 faces without area",
-                "/Lamp.photonbeams:portal names /Portal, which has no area: expected a surface; the light has no portal",
+                "/Lamp.photonbeams:portal names /Portal, which has no area: expected a surface; the light has no "
+                "portal",
                 "/Floor.faceVertexIndices has 4 values: expected 5, the sum of faceVertexCounts; it is skipped",
             ],
         ),

@@ -56,7 +56,7 @@ def test_what_a_pass_says_and_is_not_done_is_warned_of(usd, caplog):
             "rel collection:cameraVisibility:excludes = </Back>",
             "rel collection:prune:includes = None",
             'string[] command = ["rm", "-rf"]',
-        )  # fmt: skip
+        )
     )
     assert apply_pass(stage, "/Pass") is None
     assert [message.partition(" is not done")[0].rpartition(": ")[2] for message in caplog.messages] == [
