@@ -343,7 +343,7 @@ def test_without_a_command_the_help_is_shown(capsys, monkeypatch):
     [
         (("-cam", "Nobody"), ("'Nobody'", "/Camera")),
         (("--set", "/Lamp.inputs:intensity"), ("expected /prim.attribute=value",)),
-        (("--set", "/Lamp.inputs:intensity=nan"), ("/Lamp.inputs:intensity is nan", "finite")),
+        (("--set", "/Lamp.inputs:intensity=nan"), ("/Lamp.inputs:intensity=nan", "finite")),
         (("--set", "/Nobody.x=1"), ("no prim /Nobody",)),
         (("--session-layer", "gone.usda"), ("gone.usda", "no such file")),
         (("--res", 60000, 60000), ("60000 x 60000 pixels", "GiB", "--crop")),

@@ -267,4 +267,6 @@ def _parsed(value: str, kind: Sdf.ValueTypeName, text: str) -> Any:
     spec = layer.GetAttributeAtPath("/A.v") if parsed else None
     if spec is None or spec.default is None:
         raise SceneError(f"cannot set '{text}': expected a value of type {kind}")
+    if isinstance(spec.default, float) and not isfinite(spec.default):
+        raise SceneError(f"cannot set '{text}': expected a finite number")
     return spec.default
