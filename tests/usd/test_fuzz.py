@@ -8,11 +8,11 @@ from collections.abc import Iterator
 from dataclasses import fields, is_dataclass
 
 import numpy as np
-import pytest
 from pxr import Gf, Sdf, Usd
 
 from photonbeams.scene import SceneError
 from photonbeams.scene.checks import LONGEST
+from photonbeams.usd.groups import groups_at_all_times, makers_at_all_times
 from photonbeams.usd.reading import quiet
 from photonbeams.usd.settings import read_settings
 from photonbeams.usd.stage import default_time, read_camera, read_scene
@@ -215,6 +215,7 @@ def Material "Material"
     }
 }
 """
+SEEDS = 120  # of more than a thousand that were tried
 WRONG = [
     ("float", float("nan")), ("float", float("inf")), ("float", -1.0), ("float", 3e38), ("double", 1e300), ("int", -7),
     ("int", 2**31 - 1), ("bool", True), ("string", "text"), ("token", ""), ("asset", Sdf.AssetPath("gone.exr")),
@@ -273,10 +274,9 @@ def arrays(value: object) -> Iterator[np.ndarray]:
         yield np.asarray(value)
 
 
-@pytest.mark.parametrize("part", range(2))
-def test_a_stage_that_is_wrong_in_one_place_is_read_without_it(part, caplog, capfd):
-    caplog.set_level(logging.DEBUG, "photonbeams")
-    for seed in range(150 * part, 150 * (part + 1)):
+def test_a_stage_that_is_wrong_in_one_place_is_read_without_it(caplog, capfd):
+    caplog.set_level(logging.WARNING, "photonbeams")
+    for seed in range(SEEDS):
         layer = Sdf.Layer.CreateAnonymous(".usda")
         layer.ImportFromString(STAGE)
         with quiet():
@@ -289,11 +289,11 @@ def test_a_stage_that_is_wrong_in_one_place_is_read_without_it(part, caplog, cap
             assert scene.meshes and scene.lights, (seed, what)
         except Exception as error:
             raise AssertionError((seed, what)) from error
-        for read in (read_camera, read_settings):
+        for read in (read_camera, read_settings, groups_at_all_times, makers_at_all_times):
             try:
                 read(stage)
             except SceneError as error:
                 assert len(str(error)) <= LONGEST
         for record in caplog.records:
-            assert record.levelno < logging.WARNING or len(record.getMessage()) <= LONGEST, (seed, what)
+            assert len(record.getMessage()) <= LONGEST, (seed, what)
     assert capfd.readouterr().err == ""

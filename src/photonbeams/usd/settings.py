@@ -277,7 +277,7 @@ _READERS: dict[str, Callable[[Reading, Usd.Prim], Any]] = {
 def _variables(reading: Reading, product: Usd.Prim) -> tuple[str, ...]:
     """Return the layers that a product's variables mean, by what the renderer is to look for, else by their names."""
     names = []
-    for path in product.GetRelationship("orderedVars").GetForwardedTargets():
+    for path in target_paths(product, "orderedVars"):
         prim = reading.stage.GetPrimAtPath(path)
         if not prim or not prim.IsA(UsdRender.Var):
             reading.warn(product, f"names {path}: expected a RenderVar; it is left out", "orderedVars")
