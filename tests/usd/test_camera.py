@@ -163,4 +163,4 @@ def test_the_render_settings_name_the_camera(usd):
 )
 def test_a_camera_that_makes_no_picture_is_an_error(usd, text, name, message):
     with pytest.raises(SceneError, match=message):
-        read_camera(usd(text), name)
+        read_camera(usd(text), name, warnings=Warnings(strict=True))

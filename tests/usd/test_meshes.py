@@ -280,15 +280,15 @@ def color(name, value):
     """
 
 
-def test_a_subset_that_names_no_face_of_the_mesh_is_an_error(scene):
+def test_a_subset_has_those_of_its_faces_that_are_there(scene, caplog):
     body = f"""{QUAD}
         def GeomSubset "S" {{
             uniform token elementType = "face"
             uniform token familyName = "materialBind"
-            int[] indices = [7]
+            int[] indices = [7, 0]
         }}"""
-    with pytest.raises(SceneError, match=r"/M/S\.indices name face 7: expected faces from 0 to 0"):
-        scene(mesh(body))
+    assert [each.name for each in scene(mesh(body)).meshes] == ["/M/S"]
+    assert "/M/S.indices name face 7: expected faces from 0 to 0; the others are used" in caplog.text
 
 
 @pytest.mark.parametrize(

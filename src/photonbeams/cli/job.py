@@ -75,7 +75,7 @@ class Job(ABC):
     def picture_memory(self) -> int:
         """Return how many bytes the picture needs, about."""
         from ..images.frame import pixels_of
-        from ..render.stage_frame import PIXEL_BYTES
+        from ..render.memory import PIXEL_BYTES
 
         views = 2 if self._asked.stereo and self._asked.view is None else 1
         left, top, right, bottom = pixels_of(self._given["crop"], *self._size)

@@ -21,6 +21,7 @@ from .checkpoint import identity
 from .film import Film, group_layers, reconstruction_filter
 from .frame import FrameRenderer, Simulated, ViewRays
 from .holdouts import HoldoutDepth
+from .memory import check_memory
 from .passes import PLAIN_RUN, RunOptions, accumulate, pixel_offset
 from .scene_lighting import SceneLighting
 from .settings import DEFAULT_PATHS, DEFAULTS, Settings
@@ -53,6 +54,7 @@ class SceneRenderer(FrameRenderer):
         super().__init__(settings, settings.depth(), None)
         extras = extras or Extras()
         self._sensors = [Sensor(sensor, eye) for eye in extras.eyes or (None,)]
+        check_memory(self._sensors[0].window, settings.beams or DEFAULT_PATHS)
         self._holdouts: Sequence[HoldoutDepth | None] = extras.holdouts or [None] * len(self._sensors)
         with self.statistics.phase("build"):
             own = _EmitterSettings.of(plugin, extras.beams)

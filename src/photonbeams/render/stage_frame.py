@@ -15,7 +15,6 @@ from .. import scene
 from ..beams.guides import known_guides, pieces_along
 from ..beams.sets import BeamSet
 from ..numerics.samples import BITS, Samples
-from ..runtime import device
 from ..runtime.device import Array3f, Float, UInt32
 from ..transport.portal_visibility import lights_seen
 from ..transport.simulation import StageSimulation, renumbering
@@ -30,6 +29,7 @@ from .film import Film, group_layers, reconstruction_filter
 from .film import layer_names as names_of
 from .frame import FrameRenderer, Simulated, ViewRays
 from .holdouts import HoldoutDepth
+from .memory import check_memory
 from .passes import PLAIN_RUN, RunOptions, accumulate, pixel_offset
 from .settings import DEFAULTS, Settings
 from .stage_lighting import StageLighting
@@ -37,9 +37,6 @@ from .stage_lighting import StageLighting
 _WIDEST_TURN = 30.0  # degrees: half of it in the middle of the way, the camera's axes are shorter by 3.4 %
 
 _LENS, _TIME = 101, 102  # streams of samples
-
-# Bytes at the peak of a pass on the CPU: resident memory of renders of 2 to 20 million pixels and 1 to 3 million beams.
-PIXEL_BYTES, BEAM_BYTES = 300, 350
 
 
 def render(
@@ -157,23 +154,14 @@ def black(description: scene.Scene) -> list[str]:
 
 
 def _check_memory(description: scene.Scene, window: Window, settings: Settings) -> None:
-    """Raise SceneError for a pass that the system would end for want of memory, which it does without a word.
-
-    On CUDA Dr.Jit says so itself.
-    """
-    height, width = window.shape
+    """Raise SceneError for a pass that does not fit into memory."""
     usual = settings.beams or scene.DEFAULT_BEAMS
     counts = [usual if light.beam_count is None else light.beam_count for light in description.lights]
     pieces = [_pieces(light) for light in description.lights]
     beams = sum(
         count * each for light, count, each in zip(description.lights, counts, pieces, strict=True) if light.emits_beams
     )
-    needed, present = PIXEL_BYTES * width * height + BEAM_BYTES * beams, device.memory()
-    if device.backend() == "llvm" and present is not None and needed > present:
-        raise scene.SceneError(
-            f"{width} x {height} pixels and {beams:,} beams take {needed / 2**30:,.0f} GiB, and this machine has "
-            f"{present / 2**30:,.0f}: expected fewer, or a part of the picture by --crop"
-        )
+    check_memory(window, beams)
 
 
 def layer_names(description: scene.Scene) -> list[str]:

@@ -41,13 +41,13 @@ ESCAPE = 8.0
 BLACK: Color = (0.0, 0.0, 0.0)
 
 
-_LONGEST = 300  # characters of a sentence
+LONGEST = 300  # characters of a sentence
 _LONGEST_VALUE = 60  # characters of a value in it
 
 
 def shortened(text: str, less: int = 0) -> str:
     """Return a sentence, cut where it is longer than one that is read; `less` are characters to come after it."""
-    most = max(_LONGEST - less, 1)
+    most = max(LONGEST - less, 1)
     return text if len(text) <= most else f"{text[: most - 1]}…"
 
 
@@ -174,7 +174,7 @@ def _misuse(name: str, signature: inspect.Signature, given: int, named: dict[str
         return f"{name} is given {given} arguments by place: expected up to {len(positional)}, {', '.join(positional)}"
     missing = [key for key in needed if key not in named and key not in positional[:given]]
     if missing:
-        return f"{name} lacks {', '.join(missing)}: expected {', '.join(parameters)}"[:_LONGEST]
+        return f"{name} lacks {', '.join(missing)}: expected {', '.join(parameters)}"[:LONGEST]
     return f"{name}: {error}"
 
 

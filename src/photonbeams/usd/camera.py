@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import numpy as np
 from pxr import Usd, UsdGeom, UsdRender
 
-from ..scene import Array, Camera, SceneError
+from ..scene import FARTHEST, Array, Camera, SceneError
 from ..scene.vectors import unit
 from .reading import LOG, Reading, file_of, prims_under, quiet, target_paths
 from .warnings import Warnings
@@ -91,10 +92,10 @@ def _camera(reading: Reading, prim: Usd.Prim) -> Camera:
     if projection not in ("perspective", "orthographic"):
         raise reading.fail(prim, "projection", f"is '{projection}': expected perspective or orthographic")
     orthographic = projection == "orthographic"
-    near, far = (float(each) for each in reading.value(prim, "clippingRange", (1, 1e6)))
-    if not 0 <= near < far < np.inf:
-        raise reading.fail(prim, "clippingRange", f"is ({near:g}, {far:g}): expected a near distance before a far one")
-    radius, focus = (0.0, 0.0) if orthographic else _lens(reading, prim)
+    clipping = reading.attempt(prim, partial(_clipping, reading, prim), (0.0, FARTHEST), "nothing is clipped")
+    radius, focus = 0.0, 0.0
+    if not orthographic:
+        radius, focus = reading.attempt(prim, partial(_lens, reading, prim), (0.0, 0.0), "all is in focus")
     camera = Camera(
         name=str(prim.GetPath()),
         to_world=_rigid(reading, prim),
@@ -104,13 +105,21 @@ def _camera(reading: Reading, prim: Usd.Prim) -> Camera:
         horizontal_offset=_TENTH * reading.number(prim, "horizontalApertureOffset", 0.0),
         vertical_offset=_TENTH * reading.number(prim, "verticalApertureOffset", 0.0),
         orthographic=orthographic,
-        clipping=(near, far),
+        clipping=clipping,
         lens_radius=radius,
         focus_distance=focus,
-        exposure_scale=_exposure_scale(reading, prim),
+        exposure_scale=reading.attempt(prim, partial(_exposure_scale, reading, prim), 1.0, "its exposure is left out"),
     )
     _check_proportions(reading, prim, camera)
     return camera
+
+
+def _clipping(reading: Reading, prim: Usd.Prim) -> tuple[float, float]:
+    """Return the distances at which a camera's view begins and ends."""
+    near, far = reading.vector(prim, "clippingRange", (1.0, 1e6))
+    if not 0 <= near < far < np.inf:
+        raise reading.fail(prim, "clippingRange", f"is ({near:g}, {far:g}): expected a near distance before a far one")
+    return near, far
 
 
 def _lens(reading: Reading, prim: Usd.Prim) -> tuple[float, float]:

@@ -17,7 +17,7 @@ from .lights import is_light, portal_paths, read_light
 from .links import linked
 from .medium import is_medium, read_medium
 from .meshes import is_gprim, read_meshes
-from .reading import Reading, quiet, target_paths, visible
+from .reading import Reading, is_relationship, quiet, target_paths, visible
 from .velocities import carried
 from .warnings import Warnings
 
@@ -166,6 +166,8 @@ def _instances(reading: Reading, item: _Item, within: tuple[Sdf.Path, ...]) -> I
     prim = item.prim
     if prim.GetPath() in within:
         raise reading.fail(prim, "prototypes", "hold the instancer itself: expected prims that do not")
+    if not is_relationship(prim, "prototypes"):
+        raise reading.fail(prim, "prototypes", "is an attribute: expected a relationship, rel")
     within = (*within, prim.GetPath())
     instancer = UsdGeom.PointInstancer(prim)
     prototypes = [reading.stage.GetPrimAtPath(path) for path in target_paths(prim, "prototypes")]
@@ -205,6 +207,8 @@ def _instance_transforms(
         reading.warn(prim, text, "positions")
     for name in ("orientations", "scales", "ids"):
         values = sample.value(prim, name, ())
+        if not hasattr(values, "__len__"):
+            raise reading.fail(prim, name, f"is {values}: expected a list of values")
         if len(values) not in (0, count):
             text = f"has {len(values)} values: expected {count}, as protoIndices; none of them is used"
             reading.warn(prim, text, name)

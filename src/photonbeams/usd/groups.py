@@ -13,7 +13,7 @@ from .curves import is_drawn
 from .lights import is_light, makes_beams
 from .links import lights_media
 from .medium import is_medium
-from .reading import Reading, prims_under, visible
+from .reading import Reading, prims_under, target_paths, visible
 
 
 def groups_at_all_times(stage: Usd.Stage) -> frozenset[str]:
@@ -37,8 +37,7 @@ def groups_at_all_times(stage: Usd.Stage) -> frozenset[str]:
 def makers_at_all_times(stage: Usd.Stage) -> set[str]:
     """Return the paths of all lights and drawn curves on a stage, hidden ones too, and of the looks that they name."""
     prims = [maker.prim for maker in _makers(stage.GetPseudoRoot())]
-    looks = (prim.GetRelationship("photonbeams:look") for prim in prims)
-    paths = [path for look in looks if look for path in look.GetForwardedTargets()]
+    paths = [path for prim in prims for path in target_paths(prim, "photonbeams:look")]
     return {str(path) for path in (*paths, *(prim.GetPath() for prim in prims))}
 
 
@@ -55,6 +54,10 @@ class _Maker:
     prim: Usd.Prim
     root: Usd.Prim
     instancer: _Maker | None
+
+    def repeats(self, prim: Usd.Prim) -> bool:
+        """Return whether this is `prim`, or a part of one of its instances."""
+        return self.prim == prim or (self.instancer is not None and self.instancer.repeats(prim))
 
     def seen(self, reading: Reading) -> bool:
         """Return whether the prim is to be rendered at a time."""
@@ -91,7 +94,9 @@ def _makers(root: Usd.Prim, instancer: _Maker | None = None) -> Iterator[_Maker]
         maker = _Maker(prim, root, instancer)
         if prim.IsA(UsdGeom.PointInstancer):
             walk.PruneChildren()  # as `contents` does: prototypes are where the instancer puts them
-            for path in prim.GetRelationship("prototypes").GetForwardedTargets():
+            if instancer is not None and instancer.repeats(prim):
+                continue
+            for path in target_paths(prim, "prototypes"):
                 if target := prim.GetStage().GetPrimAtPath(path):
                     yield from _makers(target, maker)
         elif is_light(prim) or (prim.IsA(UsdGeom.BasisCurves) and is_drawn(prim)):

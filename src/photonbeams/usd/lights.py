@@ -300,7 +300,7 @@ def read_portal(reading: Reading, prim: Usd.Prim) -> Mesh | None:
 
 
 def _warn_of_filters(reading: Reading, prim: Usd.Prim) -> None:
-    if prim.GetRelationship("light:filters").GetTargets():
+    if target_paths(prim, "light:filters"):
         reading.warn(prim, "are not rendered: the light shines without them", "light:filters")
 
 

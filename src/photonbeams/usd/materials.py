@@ -7,10 +7,10 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from pxr import Usd, UsdShade
+from pxr import Sdf, Tf, Usd, UsdShade
 
 from ..scene import Array, Material, SceneError, UVTexture, color, number, rgb
-from .reading import Reading
+from .reading import Reading, is_relationship, target_paths
 from .textures import read_image
 
 GREY = Material()
@@ -43,7 +43,10 @@ class Bound:
 
 def bound_material(reading: Reading, prim: Usd.Prim) -> Bound:
     """Return the material bound to a gprim or face subset; without one, a grey that takes `displayColor`."""
-    material, _ = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial(UsdShade.Tokens.full)
+    try:
+        material, _ = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial(UsdShade.Tokens.full)
+    except Tf.ErrorException:  # of a binding that is an attribute
+        material = None
     if not material:
         _warn_of_missing(reading, prim)
         return Bound(GREY, diffuse_primvar="displayColor")
@@ -59,8 +62,11 @@ def bound_material(reading: Reading, prim: Usd.Prim) -> Bound:
 def _warn_of_missing(reading: Reading, prim: Usd.Prim) -> None:
     """Warn where a prim or its nearest ancestor with a binding names a material that is not there."""
     while prim:
-        binding = prim.GetRelationship("material:binding")
-        targets = binding.GetTargets() if binding else []
+        if not is_relationship(prim, "material:binding"):
+            text = "is an attribute: expected a relationship, rel; displayColor or grey is used"
+            reading.warn(prim, text, "material:binding")
+            return
+        targets = target_paths(prim, "material:binding")
         if targets:
             text = f"names {targets[0]}: expected a material on the stage; displayColor or grey is used"
             reading.warn(prim, text, "material:binding")
@@ -160,6 +166,9 @@ class _Preview:
             value = np.asarray(_value(self.reading, node, "fallback", (0, 0, 0, 1)), dtype=float)
             pixels = value.reshape(1, 1, -1)
         pixels = _four_channels(pixels) * scale + bias
+        if not np.isfinite(pixels).all():
+            place = self._place(node, "fallback")
+            raise SceneError(f"{place}, scale or bias is not finite: expected finite numbers")
         chosen = np.maximum(pixels[..., _CHANNELS[output]], 0.0).astype(np.float32)
         if name not in _COLORS:
             chosen = chosen[..., :1]
@@ -172,7 +181,7 @@ class _Preview:
         if attribute is None:
             return None
         asset = attribute.Get(self.reading.time)
-        if asset is not None and "<UDIM>" in asset.path:
+        if isinstance(asset, Sdf.AssetPath) and "<UDIM>" in asset.path:
             self.reading.warn(node.GetPrim(), f"names {asset.path}, tiles are not rendered: its fallback is used")
             return None
         space = str(_value(self.reading, node, "sourceColorSpace", "auto"))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -74,9 +75,14 @@ def _parts(reading: Reading, prim: Usd.Prim, name: str) -> list[tuple[Bound, str
     parts = []
     for subset in subsets:
         own = subset.GetPrim()
-        faces = np.asarray(sample.value(own, "indices", ()), dtype=np.int64)
-        if len(faces) and not (faces.min() >= 0 and faces.max() < count):
-            raise reading.fail(own, "indices", f"name face {faces.max()}: expected faces from 0 to {count - 1}")
+        faces = reading.attempt(
+            own, partial(sample.integers, own, "indices"), np.zeros(0, dtype=np.int64), "it is empty"
+        )
+        there = (faces >= 0) & (faces < count)
+        if not there.all():
+            bad = faces[~there][0]
+            reading.warn(own, f"name face {bad}: expected faces from 0 to {count - 1}; the others are used", "indices")
+        faces = faces[there]
         faces = faces[free[faces]]
         free[faces] = False
         parts.append((bound_material(reading, own), f"{name}/{own.GetName()}", faces))

@@ -159,6 +159,14 @@ class Reading:
             raise self.fail(prim, f"{name}[{index}]", f"is {raw[index]}: expected finite numbers")
         return numbers
 
+    def vector(self, prim: Usd.Prim, name: str, default: tuple[float, ...]) -> tuple[float, ...]:
+        """Return as many numbers as `default` has; they need not be finite."""
+        value = self.value(prim, name, default)
+        try:
+            return tuple(float(each) for each, _ in zip(value, default, strict=True))
+        except (TypeError, ValueError):
+            raise self.fail(prim, name, f"is {shown(value)}: expected {len(default)} numbers") from None
+
     def integers(self, prim: Usd.Prim, name: str) -> Array:
         """Return an array of whole numbers, (N,), empty where there is none."""
         raw = self.value(prim, name, ())
@@ -191,7 +199,7 @@ class Reading:
 
     def targets(self, prim: Usd.Prim, name: str) -> list[Usd.Prim]:
         """Return the prims that a relationship names; SceneError names one that is missing."""
-        if prim.GetAttribute(name):
+        if prim.GetAttribute(name) or not is_relationship(prim, name):
             raise self.fail(prim, name, "is an attribute: expected a relationship, rel")
         paths = target_paths(prim, name)
         found = [self.stage.GetPrimAtPath(path) for path in paths]
@@ -214,7 +222,12 @@ def _time_code(time: Any) -> Usd.TimeCode:
 def target_paths(prim: Usd.Prim, name: str) -> list[Sdf.Path]:
     """Return the paths that a relationship names, of prims that are there or not; none of an attribute of its name."""
     relationship = prim.GetRelationship(name)
-    return list(relationship.GetForwardedTargets()) if relationship else []
+    return list(relationship.GetForwardedTargets()) if relationship and is_relationship(prim, name) else []
+
+
+def is_relationship(prim: Usd.Prim, name: str) -> bool:
+    """Return whether nothing on the stage declares a relationship as an attribute, as the prim's schema cannot tell."""
+    return all(isinstance(spec, Sdf.RelationshipSpec) for spec in prim.GetRelationship(name).GetPropertyStack())
 
 
 def visible(prim: Usd.Prim, time: Usd.TimeCode) -> bool:

@@ -15,7 +15,7 @@ from ..images.frame import fractions_of
 from ..images.numbering import PLACEHOLDER
 from ..scene import MOST_PIXELS, SceneError
 from ..scene.cameras import FILTERS
-from .reading import Reading, file_of
+from .reading import Reading, file_of, is_relationship, target_paths
 from .warnings import Warnings
 
 SUFFIXES = (".exr", ".png")
@@ -159,8 +159,9 @@ def _settings(reading: Reading, path: str | None) -> UsdRender.Settings | None:
         path = str(stage.GetMetadata("renderSettingsPrimPath") or "")
         settings = UsdRender.Settings.GetStageRenderSettings(stage)
         if path and not settings:
-            text = f"renderSettingsPrimPath is {path}, which is no RenderSettings: ignored"
-            reading.warnings.give(text, file_of(stage))
+            reading.warnings.give(
+                f"renderSettingsPrimPath is {path}, which is no RenderSettings: ignored", file_of(stage)
+            )
         return settings if settings else None
     valid = Sdf.Path.IsValidPathString(path) and Sdf.Path(path).IsAbsoluteRootOrPrimPath()
     settings = UsdRender.Settings(stage.GetPrimAtPath(path)) if valid else None
@@ -202,7 +203,7 @@ def _agreed(
 
 def _authored(prim: Usd.Prim, name: str) -> bool:
     if name == "camera":
-        return bool(prim.GetRelationship(name).GetForwardedTargets())
+        return bool(target_paths(prim, name)) or not is_relationship(prim, name)
     attribute = prim.GetAttribute(name)
     return bool(attribute and attribute.HasAuthoredValue())
 
@@ -215,9 +216,11 @@ def _camera(reading: Reading, prim: Usd.Prim) -> str:
 
 
 def _resolution(reading: Reading, prim: Usd.Prim) -> tuple[int, int]:
-    width, height = reading.value(prim, "resolution")
+    width, height = reading.vector(prim, "resolution", (0, 0))
     if not (1 <= width <= MOST_PIXELS and 1 <= height <= MOST_PIXELS):
-        raise reading.fail(prim, "resolution", f"is {width} x {height}: expected 1 to {MOST_PIXELS} pixels each way")
+        raise reading.fail(
+            prim, "resolution", f"is {width:g} x {height:g}: expected 1 to {MOST_PIXELS} pixels each way"
+        )
     return int(width), int(height)
 
 
@@ -236,7 +239,7 @@ def _conform_policy(reading: Reading, prim: Usd.Prim) -> str:
 
 
 def _data_window(reading: Reading, prim: Usd.Prim) -> Window:
-    x0, y0, x1, y1 = window = tuple(float(each) for each in reading.value(prim, "dataWindowNDC"))
+    x0, y0, x1, y1 = window = reading.vector(prim, "dataWindowNDC", (0.0, 0.0, 1.0, 1.0))
     text = f"is ({', '.join(f'{each:g}' for each in window)})"
     inside = (max(x0, 0.0), max(y0, 0.0), min(x1, 1.0), min(y1, 1.0))
     if not (all(map(isfinite, window)) and inside[0] < inside[2] and inside[1] < inside[3]):
@@ -274,7 +277,7 @@ _READERS: dict[str, Callable[[Reading, Usd.Prim], Any]] = {
 def _variables(reading: Reading, product: Usd.Prim) -> tuple[str, ...]:
     """Return the layers that a product's variables mean, by what the renderer is to look for, else by their names."""
     names = []
-    for path in product.GetRelationship("orderedVars").GetForwardedTargets():
+    for path in target_paths(product, "orderedVars"):
         prim = reading.stage.GetPrimAtPath(path)
         if not prim or not prim.IsA(UsdRender.Var):
             reading.warn(product, f"names {path}: expected a RenderVar; it is left out", "orderedVars")

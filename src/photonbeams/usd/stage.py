@@ -170,6 +170,10 @@ def check_not_read(stage: Usd.Stage, path: str | os.PathLike[str]) -> None:
 
 def _reason(error: Any) -> str:
     """Return OpenUSD's message, with the line of the file first, without its own source lines."""
+    if old := re.search(
+        r"with obsolete version (\S+)\. The oldest version this software supports is ([\d.]*\d)", str(error)
+    ):
+        return f"it is a binary file of version {old[1]}, expected {old[2]} or later"
     messages = re.findall(r" : '(.*?)\s*'(?=\s*\n\tError|\s*$)", str(error), re.DOTALL)
     for message in messages:
         located = re.fullmatch(r".*?:(\d+):\d+: (.*)", message, re.DOTALL)

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from ..scene import SceneError
-from ..scene.checks import shortened
+from ..scene.checks import LONGEST, shortened
 
 LOG = logging.getLogger("photonbeams")
 
@@ -75,4 +75,6 @@ def _joined(file: str, texts: list[str]) -> str:
         return shortened(f"{file}: {first}")
     names = [text.partition(" ")[0].partition(".")[0] for text in others[:_NAMED]]
     end = f" (and {len(others):,} more like this: {', '.join(names)}{', …' if len(others) > _NAMED else ''})"
+    if len(file) + len(first) + len(end) + 2 > LONGEST:
+        end = f" (and {len(others):,} more like this)"
     return shortened(f"{file}: {first}", len(end)) + end

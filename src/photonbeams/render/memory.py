@@ -1,0 +1,30 @@
+"""How much memory a pass takes, and that a machine has it."""
+
+from __future__ import annotations
+
+from ..runtime import device
+from ..scene import SceneError
+from ..world.cameras import Window
+
+# Bytes at the peak of a pass on the CPU: resident memory of renders of 2 to 20 million pixels and 1 to 3 million beams.
+PIXEL_BYTES, BEAM_BYTES = 300, 350
+
+_MOST_ENTRIES = 1 << 32  # of an array of Dr.Jit
+
+
+def check_memory(window: Window, beams: int) -> None:
+    """Raise SceneError for a pass that the system would end for want of memory, which it does without a word.
+
+    On CUDA Dr.Jit says so itself.
+    """
+    height, width = window.shape
+    expected = "expected fewer, or a part of the picture by --crop"
+    if 3 * width * height >= _MOST_ENTRIES:
+        most = f"{_MOST_ENTRIES // 3:,}"
+        raise SceneError(f"{width} x {height} pixels are more than {most} at a time: {expected}")
+    needed, present = PIXEL_BYTES * width * height + BEAM_BYTES * beams, device.memory()
+    if device.backend() == "llvm" and present is not None and needed > present:
+        raise SceneError(
+            f"{width} x {height} pixels and {beams:,} beams take {needed / 2**30:,.0f} GiB, and this machine has "
+            f"{present / 2**30:,.0f}: {expected}"
+        )
