@@ -387,8 +387,31 @@ def test_without_a_material_display_color_is_the_diffuse_colour(scene, caplog):
     assert only(scene(mesh(body))).material.diffuse == pytest.approx((0.1, 0.2, 0.3))
     varying = '[(0, 0, 0), (1, 0, 0), (1, 0, 0), (0, 0, 0)] (interpolation = "vertex")'
     result = only(scene(mesh(QUAD + f"color3f[] primvars:displayColor = {varying}", "V")))
-    assert result.material.diffuse == pytest.approx((0.5, 0, 0))
-    assert "/V.primvars:displayColor varies over the surface: its mean is used" in caplog.text
+    assert result.material.diffuse.values.shape == (4, 3)
+    for point, color in zip(result.points, result.material.diffuse.values, strict=True):
+        assert color.tolist() == [point[0], 0, 0]
+    assert not caplog.text
+
+
+def test_faces_have_colours_and_opacities_of_their_own(scene):
+    body = """
+        int[] faceVertexCounts = [3, 3]
+        int[] faceVertexIndices = [0, 1, 2, 0, 2, 3]
+        point3f[] points = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)]
+        color3f[] primvars:displayColor = [(1, 0, 0), (0, 1, 0)] (interpolation = "uniform")
+        float[] primvars:displayOpacity = [1, 0.5] (interpolation = "uniform")"""
+    result = only(scene(mesh(body)))
+    assert len(result.points) == 6  # each face has its own
+    found = result.material.diffuse.values[result.faces], result.material.opacity.values[result.faces]
+    assert found[0].tolist() == [[[1, 0, 0]] * 3, [[0, 1, 0]] * 3]
+    assert found[1].tolist() == [[[1]] * 3, [[0.5]] * 3]
+    assert result.material.presence
+
+
+def test_colours_that_do_not_fit_the_mesh_are_named_and_their_mean_used(scene, caplog):
+    body = QUAD + 'color3f[] primvars:displayColor = [(0, 0, 0), (1, 0, 0)] (interpolation = "vertex")'
+    assert only(scene(mesh(body, "V"))).material.diffuse == pytest.approx((0.5, 0, 0))
+    assert "/V.primvars:displayColor has 2 values of interpolation 'vertex': expected 4; their mean" in caplog.text
 
 
 def bounds_of(stage, path):

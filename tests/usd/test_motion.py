@@ -356,8 +356,8 @@ def test_images_are_decoded_once_for_all_times(tmp_path, shot, monkeypatch):
     text = text.replace("    rel material:binding = </Glow>", f"    {uvs}\n    rel material:binding = </Glow>")
     text = text.replace("diffuseColor = (0, 0, 0)", "diffuseColor.connect = </Glow/Image.outputs:rgb>")
     decoded = []
-    whole = textures._decoded
-    monkeypatch.setattr(textures, "_decoded", lambda path: decoded.append(path) or whole(path))
+    whole = textures.decoded
+    monkeypatch.setattr(textures, "decoded", lambda path, *given: decoded.append(path) or whole(path, *given))
     stage = shot(text=text)
     first, later = (stage.read(frame)[0] for frame in (1, 2))
     assert len(decoded) == 1

@@ -87,10 +87,10 @@ def test_a_layer_that_is_not_there_is_a_warning_or_an_error_that_names_it(tmp_pa
 
 
 def test_a_file_in_a_format_of_another_build_is_warned_of(tmp_path, caplog):
-    (tmp_path / "gold.mtlx").write_text("<?xml version='1.0'?>\n<materialx version='1.38'/>\n")
-    path = written(tmp_path, LAMP + 'def Scope "Looks" (\n    references = @./gold.mtlx@\n) {\n}\n')
+    (tmp_path / "gold.abc").write_text("Alembic, which is another plug-in's")
+    path = written(tmp_path, LAMP + 'def Scope "Looks" (\n    references = @./gold.abc@\n) {\n}\n')
     assert len(read_scene(open_stage(path)).lights) == 1
-    assert "OpenUSD reads no files like *.mtlx here" in caplog.text
+    assert "OpenUSD reads no files like *.abc here" in caplog.text
 
 
 def test_values_can_be_set_over_the_stage(tmp_path):

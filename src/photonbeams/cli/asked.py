@@ -68,6 +68,7 @@ class Asked:
     allow_paths: bool
     overrides: Sequence[str]
     session_layers: Sequence[Path]
+    texture_limit: int | None
     fog: FogFlags
     dome_beams: bool
     strict: bool

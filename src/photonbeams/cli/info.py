@@ -207,7 +207,9 @@ def _mesh_rows(meshes: Sequence[Mesh]) -> list[tuple[str, ...]]:
     rows: list[tuple[str, ...]] = []
     for mesh in meshes[:MESHES_SHOWN]:
         diffuse = mesh.material.diffuse
-        material = _triple(diffuse) if isinstance(diffuse, tuple) else f"{diffuse.pixels.shape[1]} px texture"
+        material = _triple(diffuse) if isinstance(diffuse, tuple) else "varies from vertex to vertex"
+        if not isinstance(diffuse, tuple) and hasattr(diffuse, "pixels"):
+            material = f"{diffuse.pixels.shape[1]} px texture"
         rows.append((mesh.name, f"{len(mesh.points):,}", f"{len(mesh.faces):,}", material))
     if len(meshes) > MESHES_SHOWN:
         rest = meshes[MESHES_SHOWN:]

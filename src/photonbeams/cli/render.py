@@ -209,6 +209,15 @@ def render(
         ),
     ] = None,
     session_layer: options.SessionLayers = None,
+    texture_limit: Annotated[
+        int | None,
+        typer.Option(
+            metavar="PIXELS",
+            min=1,
+            max=65536,
+            help="Scale textures down that are larger a side, default: 4096; images of lights: twice as large.",
+        ),
+    ] = None,
     exposure: options.Exposure = 0.0,
     seed: Annotated[
         int | None,
@@ -260,7 +269,7 @@ def render(
         ),
         camera=camera or None, list_cameras=list_cameras, res=res, res_scale=res_scale, crop=crop, tile=_tile(tile),
         render_settings=render_settings, render_pass=render_pass, allow_paths=allow_paths,
-        overrides=overrides or (), session_layers=session_layer or (),
+        overrides=overrides or (), session_layers=session_layer or (), texture_limit=texture_limit,
         fog=FogFlags.parse(scattering, absorption, anisotropy, beams_only_fog), dome_beams=dome_beams,
         strict=strict, looks=look or (), groups=group or (), simulate=simulate, emit=emit, stereo=eyes,
         view=None if view in (None, ViewName.both) else view.value,

@@ -1,31 +1,67 @@
-"""Images as textures: decoded by OpenImageIO, scene-linear."""
+"""Images as textures: decoded by OpenImageIO, scene-linear, no larger than a limit."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import OpenImageIO
 
+from ..runtime.files import why_unreadable
 from ..scene import Array
 from .display import is_encoded, srgb_decoded
 from .files import reason
 
+#: Pixels a side beyond which textures are scaled down, unless a user says otherwise.
+TEXTURE_LIMIT = 4096
 
-def decoded(path: str) -> tuple[Array | None, str, str]:
-    """Return pixels (H, W, C), the type they are stored in, and the decoder's complaint if there are none."""
+_STRIP = 64 * 2**20  # bytes of a large image that are decoded at once
+_LARGEST = 16384  # megabytes of pixels, uncompressed: what a small file can claim to hold
+
+OpenImageIO.attribute("limits:imagesize_MB", _LARGEST)
+
+#: Turns pixels as they are stored into scene-linear ones; its second argument is the type that they are stored in.
+Linearize = Callable[[Array, str], Array]
+
+
+@dataclass(frozen=True)
+class Decoded:
+    """An image file's pixels, (H, W, C) float32 scene-linear, and its own size; or None and the decoder's complaint."""
+
+    pixels: Array | None
+    width: int = 0
+    height: int = 0
+    error: str = ""
+
+
+def decoded(path: str, linearize: Linearize, limit: int = TEXTURE_LIMIT) -> Decoded:
+    """Return an image of at most `limit` pixels a side: a smaller level of the file, or means over pixels.
+
+    No more is in memory than four times the result and a strip of the file.
+    """
+    problem = why_unreadable(path)
+    if problem:
+        return Decoded(None, error=problem)
     config = OpenImageIO.ImageSpec()
     config.attribute("oiio:UnassociatedAlpha", 1)  # the colour where alpha is 0 is still the surface's colour
     file: Any = OpenImageIO.ImageInput.open(path, config)
     if not file:
-        return None, "", reason(OpenImageIO.geterror())
-    kind = str(file.spec().format)
-    pixels = file.read_image("float")
-    error = file.geterror()
-    file.close()
-    if pixels is None or not np.size(pixels):
-        return None, kind, reason(error)
-    return np.asarray(pixels, dtype=np.float32).reshape(*np.shape(pixels)[:2], -1), kind, ""
+        return Decoded(None, error=reason(OpenImageIO.geterror()))
+    try:
+        width, height = file.spec().width, file.spec().height
+        level = 0
+        while max(file.spec().width, file.spec().height) > limit and file.seek_subimage(0, level + 1):
+            level += 1
+        file.geterror()
+        file.seek_subimage(0, level)
+        pixels = _read(file, level, linearize, limit)
+        return Decoded(pixels, width, height, "" if pixels is not None else reason(file.geterror()))
+    except MemoryError:
+        return Decoded(None, width, height, f"its {width} x {height} pixels do not fit into memory")
+    finally:
+        file.close()
 
 
 def linear(pixels: Array, kind: str, color_space: str) -> Array:
@@ -37,3 +73,66 @@ def linear(pixels: Array, kind: str, color_space: str) -> Array:
     count = channels if channels not in (2, 4) else channels - 1  # alpha is never encoded
     result[..., :count] = srgb_decoded(result[..., :count])
     return result
+
+
+def _read(file: Any, level: int, linearize: Linearize, limit: int) -> Array | None:
+    """Return the pixels of a level, scaled down by a whole number where it is too large; None if that fails."""
+    spec = file.spec()
+    kind, width, height = str(spec.format), spec.width, spec.height
+    # A fourth channel is alpha or, as others, no colour.
+    channels = spec.nchannels if spec.nchannels <= 3 else 4 if spec.alpha_channel in (3, -1) else 3
+    factor = max(1, max(width, height) // limit)
+    if factor == 1:
+        stored = file.read_image(0, level, 0, channels, "float")
+        if stored is None or not np.size(stored):
+            return None
+        pixels = linearize(np.asarray(stored, dtype=np.float32).reshape(height, width, -1), kind)
+        return _resized(pixels, limit)
+    result = np.empty((-(-height // factor), -(-width // factor), channels), np.float32)
+    for first, strip in _strips(file, level, channels, factor):
+        if strip is None:
+            return None
+        rows = np.asarray(strip, dtype=np.float32).reshape(-1, width, channels)
+        scaled = _means(linearize(rows, kind), factor)
+        result[first // factor : first // factor + len(scaled)] = scaled
+    return _resized(result, limit)
+
+
+def _resized(pixels: Array, limit: int) -> Array:
+    """Return pixels, of less than twice the limit a side, scaled down to it; the ratio of the sides stays."""
+    height, width, channels = pixels.shape
+    size = max(height, width)
+    if size <= limit:
+        return pixels
+    small = max(1, round(height * limit / size)), max(1, round(width * limit / size))
+    spec = OpenImageIO.ImageSpec(small[1], small[0], channels, "float")
+    result = OpenImageIO.ImageBuf(spec)
+    if not OpenImageIO.ImageBufAlgo.resize(result, OpenImageIO.ImageBuf(pixels), filtername="box"):
+        return pixels
+    return np.asarray(result.get_pixels("float"), dtype=np.float32).reshape(*small, channels)
+
+
+def _strips(file: Any, level: int, channels: int, factor: int) -> Iterator[tuple[int, Any]]:
+    """Yield the first row and the pixels of strips that are whole multiples of `factor`, and of tiles, high."""
+    spec = file.spec()
+    step = int(np.lcm(factor, spec.tile_height)) if spec.tile_width else factor
+    step *= max(1, _STRIP // (4 * spec.width * channels * step))
+    for first in range(0, spec.height, step):
+        end = min(first + step, spec.height)
+        x, y = spec.x, spec.y
+        if spec.tile_width:
+            columns = (x, x + spec.width)
+            yield first, file.read_tiles(0, level, *columns, y + first, y + end, 0, 1, 0, channels, "float")
+        else:
+            yield first, file.read_scanlines(0, level, y + first, y + end, 0, 0, channels, "float")
+
+
+def _means(pixels: Array, factor: int) -> Array:
+    """Return the means over squares of pixels; those at the far edges may be cut off."""
+    for axis in (0, 1):
+        starts = np.arange(0, pixels.shape[axis], factor)
+        counts = np.diff(np.append(starts, pixels.shape[axis]))
+        shape = [1, 1, 1]
+        shape[axis] = -1
+        pixels = np.add.reduceat(pixels, starts, axis=axis) / counts.reshape(shape).astype(np.float32)
+    return pixels

@@ -1,4 +1,4 @@
-"""Files that are written whole or not at all.
+"""Files that are written whole or not at all, and those that can be read.
 
 A file grows beside its target under a hidden name of its own and is renamed once it is whole and on the disk, so that
 neither a full disk nor a second writer leaves half of one. What goes wrong on the way is an `OSError` that names the
@@ -12,6 +12,7 @@ import os
 import platform
 import re
 import secrets
+import stat
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -33,6 +34,27 @@ def _processes() -> str:
 _HOST = _processes()
 _STALE = 86400.0  # seconds: nobody writes one file for so long
 _CLEARED: set[str] = set()  # folders from which this process has removed leftovers
+
+
+_KINDS = (
+    (stat.S_ISDIR, "a folder"),
+    (stat.S_ISFIFO, "a named pipe"),
+    (stat.S_ISCHR, "a device"),
+    (stat.S_ISBLK, "a device"),
+    (stat.S_ISSOCK, "a socket"),
+)
+
+
+def why_unreadable(path: PathLike) -> str:
+    """Return what keeps a path from being read as a file, "a named pipe", say; "" where nothing does.
+
+    Pipes and devices may have no end, and to open one may block for ever: ask before a file of a user's is opened.
+    """
+    try:
+        mode = os.stat(path).st_mode
+    except (OSError, ValueError) as error:
+        return getattr(error, "strerror", None) or str(error)
+    return next((f"it is {name}" for test, name in _KINDS if test(mode)), "")
 
 
 @contextmanager

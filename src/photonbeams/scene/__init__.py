@@ -14,6 +14,7 @@ from .checks import (
     FARTHEST,
     MOST_BEAMS,
     MOST_PIXELS,
+    WHITE,
     Array,
     Color,
     SceneError,
@@ -32,7 +33,7 @@ from .checks import (
 from .lights import SCATTERED, BeamSettings, DistantLight, DomeLight, FlatLight, Gobo, Light, Shaping, SphereLight
 from .media import DensityGrid, Medium
 from .scene import Scene
-from .surfaces import Material, Mesh, UVTexture
+from .surfaces import Material, Mesh, UVTexture, VertexValues
 
 __all__ = [
     "BLACK",
@@ -42,6 +43,7 @@ __all__ = [
     "MOST_BEAMS",
     "MOST_PIXELS",
     "SCATTERED",
+    "WHITE",
     "Array",
     "BeamSettings",
     "Camera",
@@ -61,6 +63,7 @@ __all__ = [
     "Shaping",
     "SphereLight",
     "UVTexture",
+    "VertexValues",
     "arguments",
     "choice",
     "color",

@@ -40,6 +40,8 @@ ESCAPE = 8.0
 
 BLACK: Color = (0.0, 0.0, 0.0)
 
+WHITE: Color = (1.0, 1.0, 1.0)
+
 
 LONGEST = 300  # characters of a sentence
 _LONGEST_VALUE = 60  # characters of a value in it

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from .checks import BLACK, Array, Color, SceneError
+from .checks import BLACK, WHITE, Array, Color, SceneError
 from .vectors import Plane, plane_of
 
 
@@ -20,18 +20,37 @@ class UVTexture:
 
 
 @dataclass(frozen=True)
-class Material:
-    """The inputs of a UsdPreviewSurface that the renderer uses."""
+class VertexValues:
+    """A number or a colour at each vertex of one mesh, (V, 1 or 3), linear in between."""
 
-    diffuse: Color | UVTexture = (0.18, 0.18, 0.18)
+    values: Array
+
+
+@dataclass(frozen=True)
+class Material:
+    """The inputs of a UsdPreviewSurface that the renderer uses.
+
+    Attributes
+    ----------
+    presence
+        Whether opacity says where the surface is, instead of how clear it is.
+    tint
+        What a clear surface multiplies light by that it lets through.
+    normal
+        Normals in tangent space, n / 2 + 1 / 2 in three channels; None: the mesh's own.
+    """
+
+    diffuse: Color | UVTexture | VertexValues = (0.18, 0.18, 0.18)
     emissive: Color | UVTexture = BLACK
     roughness: float | UVTexture = 0.5
     metallic: float | UVTexture = 0.0
     ior: float = 1.5
     clearcoat: float = 0.0
     clearcoat_roughness: float = 0.01
-    opacity: float | UVTexture = 1.0
-    presence: bool = False  # opacity says where the surface is, not how clear it is
+    opacity: float | UVTexture | VertexValues = 1.0
+    presence: bool = False
+    tint: Color = WHITE
+    normal: UVTexture | None = None
 
 
 @dataclass(frozen=True)

@@ -164,6 +164,7 @@ class Shot:
         session_layers: PathLike | Iterable[PathLike] = (),
         overrides: str | Iterable[str] = (),
         strict: bool = False,
+        texture_limit: int | None = None,
     ) -> Shot:
         """Open a USD stage, or a Mitsuba scene.
 
@@ -196,6 +197,9 @@ class Shot:
             what they would say of lights.
         strict
             Whether a warning about the stage is an error, also that a part of it cannot be read and is left out.
+        texture_limit
+            Pixels a side beyond which textures of a stage are scaled down, those of lights beyond twice as many; None:
+            4096.
 
         Raises
         ------
@@ -211,7 +215,9 @@ class Shot:
             if given is not None:
                 text = f"expected photonbeams:{expected} on the lights of a stage"
                 raise scene.SceneError(f"{name} are for Mitsuba scenes: {text}")
-        stage = stages.open_stage(path, session_layers, overrides, Warnings(strict))
+        if texture_limit is not None and scene.whole(texture_limit, "texture_limit", " of pixels") < 1:
+            raise scene.SceneError(f"texture_limit is {texture_limit}: expected at least 1 pixel")
+        stage = stages.open_stage(path, session_layers, overrides, Warnings(strict), texture_limit)
         shot = cls(stage, camera, medium, stereo, simulate, emit, looks, strict)
         shot.cameras()  # a wrong name is an error now, not after a long read
         return shot

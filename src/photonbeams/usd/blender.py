@@ -49,3 +49,8 @@ def lost_world_rotation(prim: Usd.Prim, time: Usd.TimeCode) -> bool:
 def world() -> Array:
     """Return the rotation (3, 3) of a Blender world: pole from +Y to +Z, the image's middle from +Z to +X."""
     return np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+
+
+def wrote_material(prim: Usd.Prim) -> bool:
+    """Return whether a material comes from a layer that Blender wrote."""
+    return any(_signed(spec.layer) for spec in prim.GetPrimStack())

@@ -10,19 +10,21 @@ from typing import Any
 from pxr import Ar, Usd, UsdUtils
 
 from ..runtime.digest import digest
+from ..runtime.files import why_unreadable
+from .textures import texture_limit
 
 
 def stage_digest(stage: Usd.Stage) -> str:
     """Return a hash of a stage as it is composed, session layer included, and of the files that it names."""
     layer = stage.Flatten(addSourceFileComment=False)
     UsdUtils.ModifyAssetPaths(layer, cache(_file_digest))
-    return digest(layer.ExportToString())
+    return digest(layer.ExportToString(), texture_limit(stage))
 
 
 def _file_digest(name: str) -> str:
     """Return a hash of the file of an asset path, or the file's name where there is none."""
     resolver = Ar.GetResolver()
     resolved = str(resolver.Resolve(name))
-    is_file = resolved and not os.path.isdir(resolved)
+    is_file = resolved and not why_unreadable(Ar.SplitPackageRelativePathOuter(resolved)[0])
     asset: Any = resolver.OpenAsset(Ar.ResolvedPath(resolved)) if is_file else None
     return os.path.basename(name) if asset is None else sha256(asset.GetBuffer() or b"").hexdigest()

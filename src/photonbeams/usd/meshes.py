@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -9,10 +10,10 @@ from typing import Any
 import numpy as np
 from pxr import Usd, UsdGeom, UsdShade
 
-from ..scene import FARTHEST, Array, Material, Mesh, UVTexture
+from ..scene import FARTHEST, Array, Material, Mesh
 from ..scene.vectors import unit
 from .gprims import GPRIMS, gprim_polygons
-from .materials import Bound, bound_material
+from .materials import Bound, bound_material, flattened, on_mesh, primvars_of
 from .polygons import Polygons, Triangles, Values, triangles_of
 from .reading import Reading
 from .velocities import carried
@@ -35,10 +36,14 @@ def read_meshes(reading: Reading, prim: Usd.Prim, to_world: Array, name: str) ->
     """
     result = []
     for bound, label, faces in _parts(reading, prim, name):
-        triangles = _triangles(reading, prim, bound.uv_name)
-        chosen = None if faces is None else np.isin(triangles.faces, faces)
-        material = _surface(reading, prim, bound, triangles.uvs is not None)
-        mesh = _in_world(triangles, chosen, to_world, label, material)
+        constants, varying = primvars_of(reading, prim, bound)
+        triangles = _triangles(reading, prim, bound.uv_name, varying)
+        if faces is not None:
+            triangles = triangles.chosen(np.isin(triangles.faces, faces))
+        at_vertices = {"diffuse": triangles.colors, "opacity": triangles.opacities}
+        given = {**{name: each for name, each in at_vertices.items() if each is not None}, **constants}
+        material = on_mesh(reading, prim, bound, triangles.uvs, given)
+        mesh = _in_world(triangles, to_world, label, material)
         reading.within_reach(prim, mesh.points)
         if len(mesh.faces):
             result.append(mesh)
@@ -47,7 +52,7 @@ def read_meshes(reading: Reading, prim: Usd.Prim, to_world: Array, name: str) ->
 
 def read_solid(reading: Reading, prim: Usd.Prim, to_world: Array) -> Mesh:
     """Return a gprim's triangles alone, as one mesh: what portals and media need."""
-    mesh = _in_world(_triangles(reading, prim, ""), None, to_world, str(prim.GetPath()), Material())
+    mesh = _in_world(_triangles(reading, prim, ""), to_world, str(prim.GetPath()), Material())
     reading.within_reach(prim, mesh.points)
     return mesh
 
@@ -89,43 +94,18 @@ def _parts(reading: Reading, prim: Usd.Prim, name: str) -> list[tuple[Bound, str
     return [*parts, (bound_material(reading, prim), name, np.flatnonzero(free))]
 
 
-def _surface(reading: Reading, prim: Usd.Prim, bound: Bound, has_uvs: bool) -> Material:
-    """Return the material with what depends on the mesh filled in: its colours, or no textures without UVs."""
-    material = bound.material
-    if bound.diffuse_primvar:
-        mean = _mean_color(reading, prim, bound.diffuse_primvar)
-        material = material if mean is None else replace(material, diffuse=mean)
-    if has_uvs:
-        return material
-    textured = {key: value for key, value in vars(material).items() if isinstance(value, UVTexture)}
-    if not textured:
-        return material
-    reading.warn(prim, f"has no primvar '{bound.uv_name}' for its textures: their mean colour is used")
-    changes: dict[str, Any] = {}
-    for key, texture in textured.items():
-        mean = texture.pixels.mean(axis=(0, 1), dtype=np.float64)
-        is_color = key in ("diffuse", "emissive")
-        changes[key] = tuple(np.broadcast_to(mean, 3).tolist()) if is_color else float(mean[0])
-    return replace(material, **changes)
-
-
-def _mean_color(reading: Reading, prim: Usd.Prim, primvar: str) -> Any:
-    colors = UsdGeom.PrimvarsAPI(prim).FindPrimvarWithInheritance(primvar)
-    numbers = reading.array(prim, f"primvars:{primvar}", 3, colors.Get(reading.time)) if colors else None
-    if numbers is None:
-        return None
-    if np.any(numbers != numbers[0]):
-        reading.warn(prim, "varies over the surface: its mean is used", f"primvars:{primvar}")
-    return tuple(numbers.mean(axis=0).tolist())
-
-
-def _triangles(reading: Reading, prim: Usd.Prim, uv_name: str) -> Triangles:
-    """Return a gprim's triangles in its own space; instances share them."""
+def _triangles(
+    reading: Reading, prim: Usd.Prim, uv_name: str, varying: Mapping[str, UsdGeom.Primvar] | None = None
+) -> Triangles:
+    """Return a gprim's triangles in its own space, with what a material takes from primvars; instances share them."""
     source = prim.GetPrimInPrototype() if prim.IsInstanceProxy() else prim
-    key = ("triangles", source.GetPath(), uv_name)
+    varying = varying or {}
+    names = tuple((field, str(primvar.GetName())) for field, primvar in varying.items())
+    key = ("triangles", source.GetPath(), uv_name, names)
     if key not in reading.cache:
         is_mesh = prim.IsA(UsdGeom.Mesh)
         polygons = _mesh_polygons(reading, prim, uv_name) if is_mesh else gprim_polygons(reading, prim)
+        polygons = _colored(reading, prim, polygons, varying)
         triangles = triangles_of(polygons)
         if not len(polygons.counts):
             has_counts = is_mesh and len(reading.value(prim, "faceVertexCounts", ())) > 0
@@ -241,12 +221,23 @@ def _checked(reading: Reading, prim: Usd.Prim, name: str, values: Values, polygo
     return values
 
 
-def _in_world(triangles: Triangles, chosen: Array | None, to_world: Array, name: str, material: Material) -> Mesh:
-    """Return the chosen triangles, or all, in world space: wound around the outward normal, also where mirrored."""
-    vertices, kept = triangles.vertices, np.arange(len(triangles.points))
-    if chosen is not None:
-        kept, vertices = np.unique(vertices[chosen], return_inverse=True)
-        vertices = vertices.reshape(-1, 3)
+def _colored(reading: Reading, prim: Usd.Prim, polygons: Polygons, varying: Mapping[str, UsdGeom.Primvar]) -> Polygons:
+    """Return polygons with what a material takes from primvars that vary; with their mean where they do not fit."""
+    for field, primvar in varying.items():
+        values = Values(flattened(reading, prim, primvar), str(primvar.GetInterpolation()))
+        count = values.expected(polygons)
+        if len(values.values) != count:
+            text = f"has {len(values.values)} values of interpolation '{values.interpolation}': expected {count}"
+            reading.warn(prim, f"{text}; their mean is used", str(primvar.GetName()))
+            values = Values(values.values.mean(axis=0, keepdims=True), "constant")
+        changes: dict[str, Any] = {"colors" if field == "diffuse" else "opacities": values}
+        polygons = replace(polygons, **changes)
+    return polygons
+
+
+def _in_world(triangles: Triangles, to_world: Array, name: str, material: Material) -> Mesh:
+    """Return triangles in world space: wound around the outward normal, also where mirrored."""
+    vertices = triangles.vertices
     linear = to_world[:3, :3]
     determinant = np.linalg.det(linear)
     if determinant < 0:
@@ -256,12 +247,12 @@ def _in_world(triangles: Triangles, chosen: Array | None, to_world: Array, name:
         # The cofactor matrix is the inverse transpose up to its scale, and exists where a scale is zero.
         x, y, z = linear.T
         cofactors = np.stack([np.cross(y, z), np.cross(z, x), np.cross(x, y)], axis=1)
-        normals = unit(np.sign(determinant or 1.0) * triangles.normals[kept] @ cofactors.T)
+        normals = unit(np.sign(determinant or 1.0) * triangles.normals @ cofactors.T)
     return Mesh(
         name=name,
-        points=triangles.points[kept] @ linear.T + to_world[:3, 3],
+        points=triangles.points @ linear.T + to_world[:3, 3],
         faces=vertices,
         normals=normals,
-        uvs=None if triangles.uvs is None else triangles.uvs[kept],
+        uvs=triangles.uvs,
         material=material,
     )

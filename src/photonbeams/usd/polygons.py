@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -46,6 +47,8 @@ class Polygons:
     indices: Array  # (sum of counts,)
     normals: Values | None = None
     uvs: Values | None = None
+    colors: Values | None = None  # what the material takes from primvars: for its colour
+    opacities: Values | None = None  # and for its opacity
     left_handed: bool = False
     smooth: bool = False  # normals are to be made, if there are none
 
@@ -59,7 +62,18 @@ class Triangles:
     faces: Array  # (T,) the polygon that each triangle is of
     normals: Array | None  # (V, 3)
     uvs: Array | None  # (V, 2)
+    colors: Array | None = None  # (V, C)
+    opacities: Array | None = None  # (V, C)
     dropped: int = 0  # faces without area
+
+    def chosen(self, triangles: Array) -> Triangles:
+        """Return some of the triangles, (T,) bool, and the points that they have."""
+        kept, vertices = np.unique(self.vertices[triangles], return_inverse=True)
+        at_points: dict[str, Any] = {
+            name: None if (values := getattr(self, name)) is None else values[kept]
+            for name in ("points", "normals", "uvs", "colors", "opacities")
+        }
+        return replace(self, vertices=vertices.reshape(-1, 3), faces=self.faces[triangles], **at_points)
 
 
 def triangles_of(polygons: Polygons) -> Triangles:
@@ -73,19 +87,23 @@ def triangles_of(polygons: Polygons) -> Triangles:
         normals = _mended(polygons.normals.at(corners, faces, polygons.indices), polygons.points[positions])
     elif polygons.smooth and len(corners):
         normals = vertex_normals(polygons.points, positions)[positions]
-    uvs = None if polygons.uvs is None else polygons.uvs.at(corners, faces, polygons.indices)
+    sources = (polygons.uvs, polygons.colors, polygons.opacities)
+    looked_up = [None if each is None else each.at(corners, faces, polygons.indices) for each in sources]
     split = [
         values
-        for source, values in ((polygons.normals, normals), (polygons.uvs, uvs))
+        for source, values in zip((polygons.normals, *sources), (normals, *looked_up), strict=True)
         if source is not None and values is not None and not source.per_point
     ]
     vertices, kept = _welded(positions, split)
+    uvs, colors, opacities = (None if each is None else each.reshape(-1, each.shape[-1])[kept] for each in looked_up)
     return Triangles(
         points=polygons.points[positions.reshape(-1)[kept]],
         vertices=vertices,
         faces=faces,
         normals=None if normals is None else normals.reshape(-1, 3)[kept],
-        uvs=None if uvs is None else uvs.reshape(-1, 2)[kept],
+        uvs=uvs,
+        colors=colors,
+        opacities=opacities,
         dropped=dropped,
     )
 

@@ -11,13 +11,16 @@ from typing import Any
 
 from pxr import Ar, Gf, Sdf, Tf, Ts, Usd, UsdGeom
 
+from ..runtime.files import why_unreadable
 from ..scene import SceneError, real
 from . import schemas as schemas
 from .camera import list_cameras, read_camera
 from .composition import warn_of_composition
 from .contents import read_scene
+from .layers import forget_changes, ready_layers
 from .lights import is_dome, is_light
 from .reading import file_of, prims_under, quiet, varying_attributes
+from .textures import limit_textures
 from .warnings import Warnings
 
 __all__ = ["default_time", "list_cameras", "open_stage", "read_camera", "read_scene", "sample_times"]
@@ -28,6 +31,7 @@ def open_stage(
     session_layers: Iterable[str | os.PathLike[str]] = (),
     overrides: Iterable[str] = (),
     warnings: Warnings | None = None,
+    texture_limit: int | None = None,
 ) -> Usd.Stage:
     """Open a stage, with stronger layers and values laid over it.
 
@@ -44,21 +48,28 @@ def open_stage(
         "/Dust.photonbeams:scattering=(0.1, 0.1, 0.2)"). A number stands for a colour's three, too.
     warnings
         As in `read_scene`.
+    texture_limit
+        Pixels a side beyond which textures are scaled down; None: 4096.
 
     Raises
     ------
     SceneError
         No such file, no stage, or a broken one; where warnings are errors, one that refers to what cannot be read.
     """
+    warnings = warnings or Warnings()
     with quiet():  # what OpenUSD would print is in the errors and warnings below
+        forget_changes()
         layer = _layer(str(path))
         try:
             session = Sdf.Layer.CreateAnonymous("session.usda")
             session.subLayerPaths = [_layer(str(each)).identifier for each in session_layers]
+            limit_textures(session, texture_limit)
+            kept = [*ready_layers(layer, warnings), *ready_layers(session, warnings)]
             stage = Usd.Stage.Open(layer, session)
+            del kept  # the stage has those that it needs
         except Tf.ErrorException as error:
             raise SceneError(f"{path} cannot be read: {_reason(error)}") from None
-    warn_of_composition(stage, warnings or Warnings())
+    warn_of_composition(stage, warnings)
     for each in overrides:
         _override(stage, each)
     return stage
@@ -148,6 +159,9 @@ def _layer(path: str) -> Sdf.Layer:
         raise SceneError(f"{path!r} cannot be read: expected a name in UTF-8") from None
     if not resolved or not os.path.exists(Ar.SplitPackageRelativePathOuter(resolved)[0]):
         raise SceneError(f"{path}: expected a USD stage, there is no such file")
+    problem = why_unreadable(Ar.SplitPackageRelativePathOuter(resolved)[0])
+    if problem and not os.path.isdir(resolved):  # to look into a pipe may take for ever
+        raise SceneError(f"{path} cannot be read: expected a USD stage, {problem}")
     if os.path.isdir(resolved) or not Usd.Stage.IsSupportedFile(resolved):
         raise SceneError(f"{path} is no USD stage: expected a .usd, .usda, .usdc or .usdz file")
     try:

@@ -3,47 +3,101 @@
 from __future__ import annotations
 
 import tempfile
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 
 import numpy as np
 from pxr import Ar, Sdf, Usd
 
-from ..images.textures import decoded, linear
-from ..scene import Array
+from ..images.textures import TEXTURE_LIMIT, Decoded, decoded, linear
+from ..runtime.files import why_unreadable
+from ..scene import Array, rgb
+from .color_spaces import AUTO, RAW, SRGB, color_space, to_linear
 from .reading import Reading
 
+_LIMIT = "photonbeams:textureLimit"
 
-def read_image(reading: Reading, prim: Usd.Prim, name: str, color_space: str = "auto") -> Array | None:
+
+def read_image(reading: Reading, prim: Usd.Prim, name: str, space: str = "auto") -> Array | None:
     """Return the image that an asset attribute names, (H, W, C) float32, first row on top; None where it names none.
 
     Parameters
     ----------
-    color_space
-        "sRGB", "raw" (as it is), or "auto": sRGB for 8-bit images of three or four channels, as UsdUVTexture has it.
+    space
+        A colour space, "raw" (as it is), or "auto": sRGB for 8-bit images of three or four channels, as UsdUVTexture
+        has it. What the attribute says of itself (`colorSpace`) wins over "auto".
 
     Raises
     ------
     SceneError
         An image that is not there or cannot be decoded.
     """
+    # Images of lights go around the whole scene, or are thrown large: they have twice the limit.
+    pixels, problem = find_image(reading, prim, name, space, 2 * texture_limit(reading.stage))
+    if problem:
+        raise reading.fail(prim, name, problem)
+    return pixels
+
+
+def find_image(
+    reading: Reading, prim: Usd.Prim, name: str, space: str = "auto", limit: int | None = None
+) -> tuple[Array | None, str]:
+    """Return the image as `read_image` does, or None and what is wrong with it: "names …: expected …"."""
     asset = reading.value(prim, name)
-    if asset is not None and not isinstance(asset, Sdf.AssetPath):
-        raise reading.fail(prim, name, f"is {asset}: expected an asset, @image@")
+    if asset is not None and not isinstance(asset, Sdf.AssetPath | str):
+        return None, f"is {asset}: expected an asset, @image@"
+    asset = Sdf.AssetPath(asset) if isinstance(asset, str) else asset
     if asset is None or not asset.path:
-        return None
+        return None, ""
     path = resolved(reading, asset)
     if not path:
-        raise reading.fail(prim, name, f"names {asset.path}: expected an image file, there is none")
-    key = ("image", path, color_space)
+        return None, f"names {asset.path}: expected an image file, there is none"
+    known = known_space(reading, prim, name, space)
+    return image_at(reading, prim, name, path, known, limit)
+
+
+def known_space(reading: Reading, prim: Usd.Prim, name: str, space: str = "auto") -> str:
+    """Return OpenUSD's name of a colour space, AUTO or RAW; with a warning, AUTO instead of one that is not known."""
+    attribute = prim.GetAttribute(name)
+    if color_space(space) == AUTO and attribute and attribute.HasColorSpace():
+        space = str(attribute.GetColorSpace())
+    known = color_space(space)
+    if known is None:
+        reading.warn(prim, f"has the colour space '{space}': expected one that OpenUSD knows; auto is used", name)
+    return known or AUTO
+
+
+def image_at(
+    reading: Reading, prim: Usd.Prim, name: str, path: str, space: str, limit: int | None = None
+) -> tuple[Array | None, str]:
+    """Return the image in a file, or None and what is wrong with it; one beyond the limit is scaled down."""
+    most = limit or texture_limit(reading.stage)
+    key = ("image", path, space, most)
     if key not in reading.cache:
-        pixels, error = _pixels(path, stamp(path), color_space)
-        if pixels is None:
-            raise reading.fail(prim, name, f"names {path}: expected an image that can be read ({error})")
-        if not np.all(np.isfinite(pixels)):
-            raise reading.fail(prim, name, f"names {path}: expected pixels that are finite numbers")
-        reading.cache[key] = pixels
-    return reading.cache[key]
+        problem = why_unreadable(Ar.SplitPackageRelativePathOuter(path)[0])
+        found = Decoded(None, error=problem) if problem else _image(path, stamp(path), space, most)
+        if found.pixels is None:
+            return None, f"names {path}: expected an image that can be read ({found.error})"
+        if not np.all(np.isfinite(found.pixels)):
+            return None, f"names {path}: expected pixels that are finite numbers"
+        height, width = found.pixels.shape[:2]
+        if (width, height) != (found.width, found.height):
+            text = f"names {Path(path).name} of {found.width} x {found.height} pixels: it is scaled down to"
+            reading.warn(prim, f"{text} {width} x {height}, for the texture limit is {most}", name)
+        reading.cache[key] = found.pixels
+    return reading.cache[key], ""
+
+
+def texture_limit(stage: Usd.Stage) -> int:
+    """Return how many pixels a side a texture may have."""
+    session = stage.GetSessionLayer()
+    return int(session.customLayerData.get(_LIMIT, TEXTURE_LIMIT)) if session else TEXTURE_LIMIT
+
+
+def limit_textures(session: Sdf.Layer, limit: int | None) -> None:
+    """Set the stage's limit on textures, in pixels a side; None leaves it as it is."""
+    if limit is not None:
+        session.customLayerData = {**session.customLayerData, _LIMIT: int(limit)}
 
 
 def stamp(path: str) -> tuple[int, int]:
@@ -54,10 +108,28 @@ def stamp(path: str) -> tuple[int, int]:
 
 # A shutter is read at many times: the images are then the same objects, decoded once.
 @lru_cache(maxsize=64)
-def _pixels(path: str, _stamp: tuple[int, int], color_space: str) -> tuple[Array | None, str]:
-    """Return an image's linear pixels, or None and the decoder's complaint."""
-    pixels, kind, error = _decoded(path)
-    return (None if pixels is None else linear(pixels, kind, color_space)), error
+def _image(path: str, _stamp: tuple[int, int], space: str, limit: int) -> Decoded:
+    """Return a file's image, scene-linear, or the decoder's complaint."""
+    linearize = partial(_linear, space=space)
+    if not Ar.IsPackageRelativePath(path):
+        return decoded(path, linearize, limit)
+    # OpenImageIO reads files: what lies in a .usdz is unpacked for it.
+    asset = Ar.GetResolver().OpenAsset(Ar.ResolvedPath(path))
+    if not asset:
+        return Decoded(None, error="it is not in the package")
+    suffix = Path(Ar.SplitPackageRelativePathInner(path)[1]).suffix
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / f"image{suffix}"
+        file.write_bytes(bytes(asset.GetBuffer()))
+        return decoded(str(file), linearize, limit)
+
+
+def _linear(pixels: Array, kind: str, space: str) -> Array:
+    """Return stored pixels of a colour space as scene-linear Rec.709."""
+    if space in (AUTO, RAW, SRGB):
+        return linear(pixels, kind, "sRGB" if space == SRGB else space)
+    colors = to_linear(rgb(pixels), space).astype(np.float32)
+    return np.concatenate([colors, pixels[..., -1:]], axis=2) if pixels.shape[2] in (2, 4) else colors
 
 
 def resolved(reading: Reading, asset: Sdf.AssetPath) -> str:
@@ -69,18 +141,3 @@ def resolved(reading: Reading, asset: Sdf.AssetPath) -> str:
         return str(asset.resolvedPath)
     anchored = Ar.GetResolver().CreateIdentifier(asset.path, Ar.ResolvedPath(reading.stage.GetRootLayer().realPath))
     return str(Ar.GetResolver().Resolve(anchored))
-
-
-def _decoded(path: str) -> tuple[Array | None, str, str]:
-    """Return pixels, the type they are stored in, and the decoder's complaint if there are none."""
-    if not Ar.IsPackageRelativePath(path):
-        return decoded(path)
-    # OpenImageIO reads files: what lies in a .usdz is unpacked for it.
-    asset = Ar.GetResolver().OpenAsset(Ar.ResolvedPath(path))
-    if not asset:
-        return None, "", "it is not in the package"
-    suffix = Path(Ar.SplitPackageRelativePathInner(path)[1]).suffix
-    with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / f"image{suffix}"
-        file.write_bytes(bytes(asset.GetBuffer()))
-        return decoded(str(file))

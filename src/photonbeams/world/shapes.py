@@ -44,6 +44,8 @@ def shape_of(
         has_vertex_texcoords=mesh.uvs is not None,
         props=properties,
     )
+    for name, values in _vertex_values(mesh.material).items():
+        shape.add_attribute(name, values.shape[1], np.ascontiguousarray(values, dtype=np.float32).ravel())
     parameters = mi.traverse(shape)
     parameters["vertex_positions"] = to_float(mesh.points)
     parameters["faces"] = to_uint(mesh.faces)
@@ -53,6 +55,12 @@ def shape_of(
         parameters["vertex_texcoords"] = to_float(mesh.uvs)
     parameters.update()
     return shape
+
+
+def _vertex_values(material: scene.Material) -> dict[str, scene.Array]:
+    """Return what a material has at each vertex, by the names of Mitsuba's mesh attributes."""
+    fields = vars(material).items()
+    return {f"vertex_{name}": value.values for name, value in fields if isinstance(value, scene.VertexValues)}
 
 
 def scene_of(shapes: Sequence[Any]) -> Any:
@@ -76,8 +84,10 @@ def sharp_bsdf_of(material: scene.Material) -> dict[str, Any] | None:
     What is transparent, but not absent in parts, is glass of its `ior`; metal that is smooth is a mirror of its colour.
     """
     if is_glass(material):
-        assert not isinstance(material.opacity, scene.UVTexture)
-        plain = {"int_ior": float(material.ior), "ext_ior": 1.0}
+        assert isinstance(material.opacity, float | int)
+        plain: dict[str, Any] = {"int_ior": float(material.ior), "ext_ior": 1.0}
+        if material.tint != scene.WHITE:
+            plain["specular_transmittance"] = _texture(material.tint)
         rough = 1.0 if isinstance(material.roughness, scene.UVTexture) else float(material.roughness)
         glass: dict[str, Any] = {"type": "dielectric", **plain}
         if rough > SMOOTH:
@@ -87,7 +97,7 @@ def sharp_bsdf_of(material: scene.Material) -> dict[str, Any] | None:
         solid = bsdf_of(replace(material, opacity=1.0))
         return {"type": "blendbsdf", "weight": float(material.opacity), "clear": glass, "solid": solid}
     if is_mirror(material):
-        color = _texture(material.diffuse)
+        color = _texture(material.diffuse, "diffuse")
         conductor = {"type": "conductor", "material": "none", "specular_reflectance": color}
         return {"type": "twosided", "surface": conductor}
     return None
@@ -95,32 +105,46 @@ def sharp_bsdf_of(material: scene.Material) -> dict[str, Any] | None:
 
 def is_glass(material: scene.Material) -> bool:
     """Return whether a surface is transparent, and refracts."""
-    clear = not isinstance(material.opacity, scene.UVTexture) and material.opacity < 1
+    clear = isinstance(material.opacity, float | int) and material.opacity < 1
     return clear and not material.presence and material.ior > 1.001
 
 
 def is_mirror(material: scene.Material) -> bool:
     """Return whether a surface is an ideal mirror."""
     metal = not isinstance(material.metallic, scene.UVTexture) and material.metallic > 0.99
-    return metal and not isinstance(material.roughness, scene.UVTexture) and material.roughness <= SMOOTH
+    smooth = not isinstance(material.roughness, scene.UVTexture) and material.roughness <= SMOOTH
+    return metal and smooth and material.normal is None
 
 
 def bsdf_of(material: scene.Material) -> dict[str, Any]:
-    """Describe a UsdPreviewSurface as Mitsuba's `principled`, seen from both sides, cut out by its opacity."""
+    """Describe a UsdPreviewSurface as Mitsuba's `principled`, or `diffuse`, of both sides, cut out by its opacity."""
+    surface: dict[str, Any] = {"type": "diffuse", "reflectance": _texture(material.diffuse, "diffuse")}
+    if not _is_matte(material):
+        surface = _principled(material)
+    if material.normal is not None:
+        surface = {"type": "normalmap", "normalmap": _texture(material.normal), "surface": surface}
+    both_sides: dict[str, Any] = {"type": "twosided", "surface": surface}
+    if cut_out(material):
+        both_sides = {"type": "mask", "opacity": _texture(material.opacity, "opacity"), "surface": both_sides}
+    return both_sides
+
+
+def _is_matte(material: scene.Material) -> bool:
+    """Return whether a surface has no reflection but the diffuse one, which is then Lambert's."""
+    return material.ior == 1 and material.metallic == 0 and material.clearcoat == 0
+
+
+def _principled(material: scene.Material) -> dict[str, Any]:
     alpha = max(float(material.clearcoat_roughness) ** 2, 1e-3)
-    surface = {
+    return {
         "type": "principled",
-        "base_color": _texture(material.diffuse),
+        "base_color": _texture(material.diffuse, "diffuse"),
         "roughness": _texture(material.roughness),
         "metallic": _texture(material.metallic),
         "eta": max(material.ior, 1 / max(material.ior, 1e-3), 1.001),  # reflectance at normal incidence is symmetric
         "clearcoat": float(np.clip(material.clearcoat, 0, 1)),
         "clearcoat_gloss": float(np.clip((0.1 - alpha) / 0.099, 0, 1)),  # Mitsuba: alpha = lerp(0.1, 0.001, gloss)
     }
-    both_sides: dict[str, Any] = {"type": "twosided", "surface": surface}
-    if cut_out(material):
-        both_sides = {"type": "mask", "opacity": _texture(material.opacity), "surface": both_sides}
-    return both_sides
 
 
 def emitter_of(material: scene.Material) -> dict[str, Any]:
@@ -134,8 +158,13 @@ def _emitter(material: scene.Material) -> Any:
     return mi.load_dict(emitter_of(material)) if glows(material) else None
 
 
-def _texture(value: scene.Color | scene.UVTexture | float) -> Any:
-    """Return a number, a colour or an image as a Mitsuba texture, in the range of a reflectance unless an image."""
+def _texture(value: scene.Color | scene.UVTexture | scene.VertexValues | float, name: str = "") -> Any:
+    """Return a number, a colour or an image as a Mitsuba texture, in the range of a reflectance unless an image.
+
+    `name` is that of the material's field, for values at vertices.
+    """
+    if isinstance(value, scene.VertexValues):
+        return {"type": "mesh_attribute", "name": f"vertex_{name}"}
     if isinstance(value, scene.UVTexture):
         pixels = np.asarray(value.pixels, dtype=np.float32)
         flip = np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 1.0], [0.0, 0.0, 1.0]])  # Mitsuba's first row is at v = 0
@@ -153,7 +182,7 @@ def _texture(value: scene.Color | scene.UVTexture | float) -> Any:
 
 def cut_out(material: scene.Material) -> bool:
     """Return whether a surface lets a part of the light through."""
-    return isinstance(material.opacity, scene.UVTexture) or material.opacity < 1
+    return not isinstance(material.opacity, float | int) or material.opacity < 1
 
 
 def glows(material: scene.Material) -> bool:

@@ -1,0 +1,60 @@
+"""Colour spaces by the names that USD, MaterialX, Arnold and OpenColorIO's configurations have for them."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+from pxr import Gf
+
+from ..scene import Array
+
+AUTO, RAW = "auto", "raw"
+SRGB = "srgb_rec709_scene"
+_LINEAR = "lin_rec709_scene"
+
+# By names without blanks, dashes, dots and underscores, in lower case.
+_NAMES = {
+    **dict.fromkeys(("", "auto", "usemetadata"), AUTO),
+    **dict.fromkeys(("raw", "none", "data", "noncolor", "identity", "utilityraw", "unknown"), RAW),
+    **dict.fromkeys(("srgb", "srgbtexture", "srgbtx", "utilitysrgbtexture", "srgbencodedrec709srgb"), SRGB),
+    **dict.fromkeys(("linear", "scenelinear", "linsrgb", "linearsrgb", "utilitylinearsrgb"), _LINEAR),
+    **dict.fromkeys(("linrec709", "linearrec709", "linearrec709srgb"), _LINEAR),
+    **dict.fromkeys(("acescg", "linap1", "acesacescg"), "lin_ap1_scene"),
+    **dict.fromkeys(("aces", "aces20651", "linap0", "acesaces20651"), "lin_ap0_scene"),
+    **dict.fromkeys(("linrec2020", "linearrec2020"), "lin_rec2020_scene"),
+    **dict.fromkeys(("lindisplayp3", "linp3d65", "linearp3d65"), "lin_p3d65_scene"),
+    **dict.fromkeys(("srgbdisplayp3", "srgbp3d65"), "srgb_p3d65_scene"),
+    **dict.fromkeys(("adobergb", "g22adobergb"), "g22_adobergb_scene"),
+    **dict.fromkeys(("gamma18", "g18rec709"), "g18_rec709_scene"),
+    **dict.fromkeys(("gamma22", "g22rec709"), "g22_rec709_scene"),
+    **dict.fromkeys(("gamma24", "g24rec709"), "g24_rec709_scene"),
+    "linadobergb": "lin_adobergb_scene",
+    "g22ap1": "g22_ap1_scene",
+    "srgbap1": "srgb_ap1_scene",
+}
+
+
+def color_space(name: str) -> str | None:
+    """Return OpenUSD's name of a colour space, or AUTO or RAW; None of one that is not known."""
+    plain = re.sub("[^a-z0-9]", "", name.lower())
+    if plain in _NAMES:
+        return _NAMES[plain]
+    return name if Gf.ColorSpace.IsValid(name) else None
+
+
+def to_linear(colors: Array, space: str) -> Array:
+    """Return colours (…, 3) of one of OpenUSD's colour spaces as scene-linear Rec.709."""
+    if space in (AUTO, RAW, _LINEAR):
+        return colors
+    known = Gf.ColorSpace(space)
+    threshold, slope = known.GetTransferFunctionParams()
+    gamma, bias = known.GetGamma(), known.GetLinearBias()
+    light = np.asarray(colors, dtype=np.float64)
+    if gamma != 1:
+        curved = ((np.maximum(light, 0) + bias) / (1 + bias)) ** gamma
+        light = np.where(light <= threshold, light / slope, curved)
+    working = Gf.ColorSpace(_LINEAR)
+    # White and black are fixed by every transfer function: the primaries alone give the matrix.
+    columns = [working.Convert(known, Gf.Vec3f(*axis)).GetRGB() for axis in np.eye(3).tolist()]
+    return light @ np.array(columns, dtype=np.float64)

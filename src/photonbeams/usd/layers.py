@@ -1,0 +1,91 @@
+"""The layers that a stage is made of, before it is composed: files that can be read, and MaterialX documents."""
+
+from __future__ import annotations
+
+import os
+from functools import cache
+
+from pxr import Ar, Sdf, Tf
+
+from ..runtime.files import why_unreadable
+from ..scene import SceneError
+from . import materialx
+from .textures import stamp
+from .warnings import Warnings
+
+#: Layers that name a translated document instead of their own: they differ from their files, and are read again.
+_CHANGED: set[str] = set()
+
+
+def ready_layers(root: Sdf.Layer, warnings: Warnings) -> list[Sdf.Layer]:
+    """Return a layer and all that it refers to, to be kept until the stage is composed.
+
+    OpenUSD opens whatever a layer names, and would wait for ever on a named pipe: in memory, layers are then without
+    it, with a warning. Of MaterialX it knows the nodes, but in its wheels has no plug-in for the documents: in memory,
+    layers then name a translation.
+
+    Raises
+    ------
+    SceneError
+        Where warnings are errors: a layer that names something that cannot be read.
+    """
+    found = {root.identifier: root}
+    waiting = [root]
+    while waiting:
+        layer = waiting.pop()
+        for name in layer.GetCompositionAssetDependencies():
+            path = str(Ar.GetResolver().Resolve(layer.ComputeAbsolutePath(name))) if name else ""
+            if not path or path in found:
+                continue
+            problem = why_unreadable(Ar.SplitPackageRelativePathOuter(path)[0])
+            if problem and not os.path.isdir(path):
+                text = f"{layer.realPath or layer.identifier} refers to {name}: expected a file, {problem}"
+                warnings.give(f"{text}; it is left out")
+                _change(layer, name, "")
+                continue
+            if _is_document(path):
+                _change(layer, name, _translated(path, warnings))
+                continue
+            try:
+                other = Sdf.Layer.FindOrOpen(path)
+            except Tf.ErrorException:  # composition says so, where it needs this layer
+                other = None
+            if other:
+                found[path] = other
+                waiting.append(other)
+    return list(found.values())
+
+
+def forget_changes() -> None:
+    """Read layers from their files again that were changed for a stage before."""
+    for identifier in list(_CHANGED):
+        layer = Sdf.Layer.Find(identifier)
+        if layer:
+            layer.Reload(force=True)
+    _CHANGED.clear()
+
+
+def _is_document(path: str) -> bool:
+    return path.endswith(".mtlx") and not Sdf.FileFormat.FindByExtension("mtlx")
+
+
+def _translated(path: str, warnings: Warnings) -> str:
+    """Return the identifier of the translation of a MaterialX document, or "", with a warning."""
+    try:
+        return str(_document(path, stamp(path)).identifier)
+    except SceneError as error:
+        warnings.give(f"{error}; it is left out")
+        return ""
+
+
+def _change(layer: Sdf.Layer, name: str, other: str) -> None:
+    """Let a layer name another one in memory, or none for ""."""
+    if layer.permissionToEdit:
+        layer.UpdateCompositionAssetDependency(name, other)
+        _CHANGED.add(layer.identifier)
+
+
+# Layers on other stages may name a document for as long as the process lives.
+@cache
+def _document(path: str, _stamp: tuple[int, int]) -> Sdf.Layer:
+    return materialx.layer_of(path)

@@ -1,0 +1,7 @@
+"""Materials of stages: networks of shader nodes as the inputs of a UsdPreviewSurface, `scene.Material`."""
+
+from .bound import Bound as Bound
+from .bound import bound_material as bound_material
+from .on_mesh import flattened as flattened
+from .on_mesh import on_mesh as on_mesh
+from .on_mesh import primvars_of as primvars_of

@@ -1,0 +1,200 @@
+"""The material that is bound to a gprim, of whichever surface shaders it has."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any
+
+import numpy as np
+from pxr import Tf, Usd, UsdShade
+
+from ...scene import Array, Material, UVTexture
+from ..blender import wrote_material
+from ..reading import Reading, is_relationship, target_paths
+from .images import IMAGES
+from .network import Network, shader_id
+from .nodes import NODES
+from .surfaces import SURFACES, Surface, category, surface_of
+from .values import Image, Primvar, Value, as_color, as_number, constant, mapped
+
+_COLORS = ("diffuse", "emissive")
+_TEXTURED = ("diffuse", "emissive", "roughness", "metallic", "opacity")
+_AT_VERTICES = ("diffuse", "opacity")
+# Fields whose values end at 1; all begin at 0.
+_PARTS = ("metallic", "opacity", "clearcoat", "clearcoat_roughness", "roughness")
+
+#: Renderers whose networks are preferred, the first most: "" is every renderer's.
+_CONTEXTS = ("mtlx", "", "arnold", "ai", "karma", "ri", "mdl")
+
+
+@dataclass(frozen=True)
+class Bound:
+    """A material as bound to a gprim, with what has to be looked up on the gprim.
+
+    Attributes
+    ----------
+    material
+        Its constants; where a field is an image or a primvar, the mean or the fallback.
+    images
+        Images by the fields that they are for.
+    primvars
+        Primvars of the gprim by the fields that they are for.
+    uv_name
+        Primvar of the texture coordinates; "" where there is no image.
+    """
+
+    material: Material
+    images: dict[str, Image] = field(default_factory=dict)
+    primvars: dict[str, Primvar] = field(default_factory=dict)
+    uv_name: str = ""
+
+
+def _unbound() -> Bound:
+    """Return what is bound where no material is: a grey that takes `displayColor` and `displayOpacity`."""
+    grey = Material()
+    primvars = {
+        "diffuse": Primvar("displayColor", np.array(grey.diffuse)),
+        "opacity": Primvar("displayOpacity", np.ones(1)),
+    }
+    return Bound(grey, {}, primvars)
+
+
+_UNBOUND = _unbound()
+
+
+def bound_material(reading: Reading, prim: Usd.Prim) -> Bound:
+    """Return the material bound to a gprim or face subset; without one, a grey that takes `displayColor`."""
+    try:
+        material, _ = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial(UsdShade.Tokens.full)
+    except Tf.ErrorException:  # of a binding that is an attribute
+        material = None
+    if not material:
+        _warn_of_missing(reading, prim)
+        return _UNBOUND
+    own = material.GetPrim()
+    key = ("material", (own.GetPrimInPrototype() if own.IsInstanceProxy() else own).GetPath())
+    if key not in reading.cache:
+        text = "displayColor or grey is used"
+        reading.cache[key] = reading.attempt(own, partial(_read, reading, material), _UNBOUND, text)
+    return reading.cache[key]
+
+
+def _warn_of_missing(reading: Reading, prim: Usd.Prim) -> None:
+    """Warn where a prim or its nearest ancestor with a binding names a material that is not there."""
+    while prim:
+        if not is_relationship(prim, "material:binding"):
+            text = "is an attribute: expected a relationship, rel; displayColor or grey is used"
+            reading.warn(prim, text, "material:binding")
+            return
+        targets = target_paths(prim, "material:binding")
+        if targets:
+            text = f"names {targets[0]}: expected a material on the stage; displayColor or grey is used"
+            reading.warn(prim, text, "material:binding")
+            return
+        prim = prim.GetParent()
+
+
+def _read(reading: Reading, material: UsdShade.Material) -> Bound:
+    """Return the first of a material's surfaces that loses nothing, else the one that loses least."""
+    found: list[tuple[int, Network, Surface]] = []
+    unknown = []
+    for shader in _surfaces(material):
+        network = Network(reading, {**NODES, **IMAGES})
+        surface = surface_of(network, shader)
+        if surface is None:
+            unknown.append(shader_id(shader) or "without an id")
+            continue
+        found.append((len(network.losses) + (category(shader) not in SURFACES), network, surface))
+        if not network.losses:
+            break
+    if not found:
+        name = unknown[0] if unknown else "none"
+        text = f"has a surface shader '{name}': expected UsdPreviewSurface, standard_surface or open_pbr_surface"
+        reading.warn(material.GetPrim(), f"{text}; displayColor or grey is used")
+        return _UNBOUND
+    _, network, surface = min(found, key=lambda each: each[0])
+    for place, text, name in network.losses:
+        reading.warn(place, text, name)
+    bound = _bound(reading, material, surface)
+    if wrote_material(material.GetPrim()) and "glass" in material.GetPrim().GetName().lower():
+        _warn_of_glass(reading, material.GetPrim(), bound.material)
+    return bound
+
+
+def _surfaces(material: UsdShade.Material) -> Iterator[UsdShade.Shader]:
+    """Yield a material's surface shaders: those of renderers that are preferred first."""
+    names = [output.GetBaseName() for output in material.GetSurfaceOutputs()]
+    contexts = [str(output.GetFullName()).removeprefix("outputs:").rpartition("surface")[0].strip(":")
+                for output in material.GetSurfaceOutputs()]  # fmt: skip
+    known = [each for each in _CONTEXTS if each in contexts or not each]
+    seen = set()
+    for context in [*known, *sorted(set(contexts) - set(known))] if names else [""]:
+        shader, _, _ = material.ComputeSurfaceSource(context)
+        if shader and shader.GetPath() not in seen:
+            seen.add(shader.GetPath())
+            yield shader
+
+
+def _warn_of_glass(reading: Reading, prim: Usd.Prim, material: Material) -> None:
+    if isinstance(material.opacity, float | int) and material.opacity == 1:
+        text = "is opaque: Blender writes no transmission; for glass, expected inputs:opacity = 0 on its shader"
+        reading.warn(prim, text)
+
+
+def _bound(reading: Reading, material: UsdShade.Material, surface: Surface) -> Bound:
+    """Return a surface's constants, images and primvars by fields of `scene.Material`, in the range of each."""
+    prim = material.GetPrim()
+    fields: dict[str, Any] = {"presence": surface.presence}
+    images, primvars = {}, {}
+    for name, value in vars(surface).items():
+        if name in ("presence", "normal", "tint") or value is None:
+            continue
+        value = _in_range(reading, prim, name, as_color(value) if name in _COLORS else as_number(value))
+        if isinstance(value, Image) and name in _TEXTURED:
+            images[name] = value
+        elif isinstance(value, Primvar) and name in _AT_VERTICES:
+            primvars[name] = value
+        elif isinstance(value, Image | Primvar):
+            kind, instead = ("a texture", "mean") if isinstance(value, Image) else ("a primvar", "fallback")
+            text = f"has {kind} for its {name.replace('_', ' ')}, which is not rendered: its {instead} is used"
+            reading.warn(prim, text)
+        fields[name] = plain(name, constant(value))
+    if surface.tint is not None:
+        fields["tint"] = plain("diffuse", np.clip(constant(surface.tint), 0, 1))
+    if isinstance(surface.normal, Image):
+        images["normal"] = surface.normal
+    return Bound(Material(**fields), images, primvars, _uv_name(reading, prim, images))
+
+
+def plain(name: str, value: Array) -> Any:
+    """Return a constant as a field of `scene.Material` has it, a number or a colour."""
+    numbers = np.asarray(value, dtype=np.float64).tolist()
+    return tuple(np.broadcast_to(numbers, 3).tolist()) if name in _COLORS else numbers[0]
+
+
+def _in_range(reading: Reading, prim: Usd.Prim, name: str, value: Value) -> Value:
+    """Return a value in the range of a field; warn of a constant that is outside of it."""
+    most = 1.0 if name in _PARTS else np.inf
+    result = mapped(lambda values: np.clip(values, 0.0, most), value)
+    if isinstance(value, np.ndarray) and not np.allclose(value, constant(result), atol=1e-6):
+        shown = ", ".join(f"{each:g}" for each in np.ravel(value))
+        expected = "0 to 1" if most == 1 else "0 or more"
+        reading.warn(prim, f"has for its {name} {shown}: expected {expected}; the nearest is used")
+    return result
+
+
+def _uv_name(reading: Reading, prim: Usd.Prim, images: dict[str, Image]) -> str:
+    """Return the primvar of the texture coordinates; a mesh has one set of them."""
+    names = list(dict.fromkeys(each.uv_name for each in images.values()))
+    if len(names) > 1:
+        others = ", ".join(names[1:])
+        reading.warn(prim, f"has textures on the primvars '{names[0]}' and '{others}': the former is used for all")
+    return names[0] if names else ""
+
+
+def texture_of(name: str, image: Image, wrap: str) -> UVTexture:
+    """Return an image as a field of `scene.Material` has it; normals are encoded as n / 2 + 1 / 2."""
+    pixels = image.pixels * 0.5 + 0.5 if name == "normal" else image.pixels
+    return UVTexture(np.ascontiguousarray(pixels, dtype=np.float32), wrap, image.transform)

@@ -1,0 +1,286 @@
+"""Nodes that are images: files, UDIM tiles and checkerboards, and where they lie on a surface."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+import numpy as np
+from pxr import Ar, Sdf, Usd, UsdShade
+
+from ...scene import Array, rgb
+from ..reading import Reading
+from ..textures import find_image, image_at, known_space, texture_limit
+from .network import Network, Node, category, is_output
+from .values import Image, Value, mapped
+
+_WRAPS = {
+    "repeat": "repeat", "clamp": "clamp", "mirror": "mirror", "black": "black", "useMetadata": "repeat",
+    "periodic": "repeat", "constant": "black", "file": "repeat", "missing": "black",
+}  # fmt: skip
+_LONGEST = 16  # transforms of UVs in a chain; loops end there, too
+_UDIM = re.compile(r"<UDIM>|%\(UDIM\)d|<udim>")
+
+
+def _usd_uv_texture(network: Network, node: UsdShade.Shader, output: str) -> Value | None:
+    """Read a UsdUVTexture: four channels, scaled and biased; its fallback where there is no image."""
+    fallback = network.value(node, "fallback")
+    pixels = _pixels(network, node, "file", str(network.plain(node, "sourceColorSpace", "auto")), fallback)
+    if pixels is None:
+        return fallback
+    scale, bias = network.vector(node, "scale", (1.0,) * 4), network.vector(node, "bias", (0.0,) * 4)
+    wrap = _wrap(network, node, "wrapS"), _wrap(network, node, "wrapT")
+    image = _placed(network, node, pixels, wrap, _coordinates(network, node, "st"))
+    return image if np.all(scale == 1) and np.all(bias == 0) else mapped(lambda values: values * scale + bias, image)
+
+
+def _materialx_image(network: Network, node: UsdShade.Shader, output: str) -> Value | None:
+    """Read MaterialX's `image`, `tiledimage` and `gltf_colorimage`; numbers and vectors of files are no colours."""
+    name = str(node.GetShaderId())
+    default = network.value(node, "default")
+    # What an 8-bit file of colours holds is sRGB, as Storm and Karma have it, unless it says otherwise.
+    space = "auto" if "color" in name.removeprefix("ND_gltf_color") else "raw"
+    pixels = _pixels(network, node, "file", space, default)
+    if pixels is None:
+        return default
+    wrap = _wrap(network, node, "uaddressmode", "periodic"), _wrap(network, node, "vaddressmode", "periodic")
+    uv_name, transform = _coordinates(network, node, "texcoord")
+    if "tiledimage" in name:
+        size = network.vector(node, "realworldtilesize", (1.0, 1.0))
+        size = size / np.maximum(network.vector(node, "realworldimagesize", (1.0, 1.0)), 1e-9)
+        tiling, offset = network.vector(node, "uvtiling", (1.0, 1.0)), network.vector(node, "uvoffset", (0.0, 0.0))
+        transform = _affine(np.diag(size * tiling), -offset * size) @ transform
+    image = _placed(network, node, pixels, wrap, (uv_name, transform))
+    single = re.search(r"_float\b|_float$", name)
+    return mapped(lambda values: values[..., :1], image) if single else image
+
+
+def _arnold_image(network: Network, node: UsdShade.Shader, output: str) -> Value | None:
+    missing = network.value(node, "missing_texture_color")
+    missing = missing if network.plain(node, "ignore_missing_textures", False) else None
+    space = str(network.plain(node, "color_space", "auto"))
+    pixels = _pixels(network, node, "filename", space, missing)
+    if pixels is None:
+        return missing
+    wrap = _wrap(network, node, "swrap", "periodic"), _wrap(network, node, "twrap", "periodic")
+    uv_name, transform = _coordinates(network, node, "uvcoords")
+    uv_name = str(network.plain(node, "uvset", "")) or uv_name
+    scale, offset = (
+        [float(network.vector(node, f"{axis}{name}", (default,))[0]) for axis in "st"]
+        for name, default in (("scale", 1.0), ("offset", 0.0))
+    )
+    transform = _affine(np.diag(scale), np.array(offset)) @ transform
+    for axis, name in enumerate(("sflip", "tflip")):
+        if network.plain(node, name, False):
+            flip = np.eye(3)
+            flip[axis] = [0, 0, 1]
+            flip[axis, axis] = -1
+            transform = flip @ transform
+    if network.plain(node, "swap_st", False):
+        transform = np.eye(3)[[1, 0, 2]] @ transform
+    image = _placed(network, node, pixels, wrap, (uv_name, transform))
+    factor, added = network.vector(node, "multiply", (1.0,) * 3), network.vector(node, "offset", (0.0,) * 3)
+    if np.all(factor == 1) and np.all(added == 0):
+        return image
+
+    def adjusted(values: Array) -> Array:
+        return np.concatenate([rgb(values) * factor + added, values[..., 3:]], axis=-1)
+
+    return mapped(adjusted, image)
+
+
+def _renderman_texture(network: Network, node: UsdShade.Shader, output: str) -> Value | None:
+    space = "sRGB" if network.plain(node, "linearize", 0) else "raw"
+    pixels = _pixels(network, node, "filename", space, None)
+    if pixels is None:
+        return network.value(node, "missingColor")
+    return _placed(network, node, pixels, ("repeat", "repeat"), _coordinates(network, node, "manifold"))
+
+
+_SQUARE = 64  # pixels of a checkerboard's square: its edges are that sharp
+
+
+def _checkerboard(network: Network, node: UsdShade.Shader, output: str) -> Value | None:
+    """Read Arnold's checkerboard, or MaterialX's, as an image of two by two squares."""
+    if str(node.GetShaderId()).startswith("arnold:"):
+        first, second = (network.vector(node, name, (value,) * 3) for name, value in (("color1", 1.0), ("color2", 0.0)))
+        frequency = [float(network.vector(node, f"{axis}_frequency", (1.0,))[0]) for axis in "uv"]
+        offset = [float(network.vector(node, f"{axis}_offset", (0.0,))[0]) for axis in "uv"]
+        uv_name, transform = str(network.plain(node, "uvset", "")), np.eye(3)
+        placed = _affine(np.diag(frequency), np.array(offset))
+    else:
+        first, second = (network.vector(node, name, (value,) * 3) for name, value in (("color2", 0.0), ("color1", 1.0)))
+        uv_name, transform = _coordinates(network, node, "texcoord")
+        placed = np.diag([*(0.5 * network.vector(node, "uvtiling", (8.0, 8.0))), 1.0])
+    pattern = np.kron(np.array([[1, 0], [0, 1]]), np.ones((_SQUARE, _SQUARE)))[..., None]
+    pixels = (second + pattern * (first - second)).astype(np.float32)
+    return Image(pixels, ("repeat", "repeat"), placed @ transform, uv_name or "st")
+
+
+IMAGES: dict[str, Node] = {
+    "UsdUVTexture": _usd_uv_texture,
+    "HwUvTexture": _usd_uv_texture,
+    "image": _materialx_image,
+    "tiledimage": _materialx_image,
+    "gltf": _materialx_image,
+    "checkerboard": _checkerboard,
+    "arnold:image": _arnold_image,
+    "arnold:checkerboard": _checkerboard,
+    "PxrTexture": _renderman_texture,
+}
+
+
+def image_input(network: Network, node: UsdShade.Shader, name: str, space: str = "auto") -> Value | None:
+    """Return an image that an input names itself, with the UVs `st`, as NVIDIA's shaders have it."""
+    pixels = _pixels(network, node, name, space, None)
+    if pixels is None:
+        return None
+    return _placed(network, node, pixels, ("repeat", "repeat"), ("st", np.eye(3)))
+
+
+def _pixels(
+    network: Network, node: UsdShade.Shader, name: str, space: str, fallback: Value | None
+) -> tuple[Array, Array] | None:
+    """Return pixels with four channels and the transform of UVs to their square, or None with a warning."""
+    attribute = network.source(node, name)
+    asset = None if attribute is None else attribute.Get(network.reading.time)
+    if attribute is None or asset is None or is_output(attribute):
+        return None
+    prim, own = attribute.GetPrim(), str(attribute.GetName())
+    path = asset.path if isinstance(asset, Sdf.AssetPath) else str(asset)
+    if _UDIM.search(path):
+        found, problem = _tiles(network.reading, attribute, _UDIM.sub("<UDIM>", path), space)
+    else:
+        pixels, problem = find_image(network.reading, prim, own, space)
+        found = None if pixels is None else (pixels, np.eye(3))
+    if problem:
+        instead = "the default" if fallback is None else "its fallback"
+        network.reading.warn(prim, f"{problem}; {instead} is used", own)
+    return None if found is None else (_four_channels(found[0]), found[1])
+
+
+def _tiles(reading: Reading, attribute: Usd.Attribute, path: str, space: str) -> tuple[tuple[Array, Array] | None, str]:
+    """Return the tiles of a UDIM texture in one image, and the transform of UVs to its square."""
+    prim, name = attribute.GetPrim(), str(attribute.GetName())
+    layer = next((spec.layer for spec in attribute.GetPropertyStack(reading.time) if spec.layer), None)
+    files = UsdShade.UdimUtils.ResolveUdimTilePaths(path, layer or reading.stage.GetRootLayer())
+    if not files:
+        return None, f"names {path}: expected files with numbers from 1001 on, there are none"
+    places = {divmod(int(number) - 1001, 10)[::-1]: str(Ar.GetResolver().Resolve(file) or file)
+              for file, number in files}  # fmt: skip
+    corner = np.min(list(places), axis=0)
+    columns, rows = np.max(list(places), axis=0) - corner + 1
+    known = known_space(reading, prim, name, space)
+    limit = max(1, int(texture_limit(reading.stage) / np.sqrt(columns * rows)))
+    tiles = {}
+    for place, file in places.items():
+        pixels, problem = image_at(reading, prim, name, file, known, limit)
+        if pixels is None:
+            reading.warn(prim, f"{problem}; black is used", name)
+            continue
+        tiles[place] = _four_channels(pixels)
+    if not tiles:
+        return None, f"names {path}: expected images that can be read"
+    height, width = np.max([each.shape[:2] for each in tiles.values()], axis=0)
+    atlas = np.zeros((rows * height, columns * width, 4), np.float32)
+    for (column, row), pixels in tiles.items():
+        top, left = (rows - 1 - (row - corner[1])) * height, (column - corner[0]) * width
+        lines, places_across = (np.arange(n) * own // n for n, own in zip((height, width), pixels.shape, strict=False))
+        atlas[top : top + height, left : left + width] = pixels[np.ix_(lines, places_across)]
+    size = np.array([1 / columns, 1 / rows])
+    return (atlas, _affine(np.diag(size), -corner * size)), ""
+
+
+def _four_channels(pixels: Array) -> Array:
+    """Return pixels as RGBA: grey is repeated, and what has no alpha is opaque."""
+    count = pixels.shape[2]
+    if count == 4:
+        return pixels
+    alpha = pixels[..., -1:] if count == 2 else np.ones_like(pixels[..., :1])
+    return np.concatenate([rgb(pixels), alpha], axis=2)
+
+
+def _placed(
+    network: Network, node: UsdShade.Shader, found: tuple[Array, Array], wrap: tuple[str, str],
+    coordinates: tuple[str, Array],
+) -> Image:  # fmt: skip
+    pixels, tiles = found
+    uv_name, transform = coordinates
+    if not np.allclose(tiles, np.eye(3)):
+        wrap = ("clamp", "clamp")
+    return Image(pixels, wrap, tiles @ transform, uv_name or "st")
+
+
+def _wrap(network: Network, node: UsdShade.Shader, name: str, default: str = "useMetadata") -> str:
+    value = str(network.plain(node, name, default))
+    if value not in _WRAPS:
+        known = ", ".join(list(_WRAPS)[:5])
+        network.lose(node, f"is '{value}': expected one of {known}; repeat is used", name)
+    return _WRAPS.get(value, "repeat")
+
+
+def _coordinates(network: Network, node: UsdShade.Shader, name: str) -> tuple[str, Array]:
+    """Return the primvar of an image's UVs, "" where none is named, and their (3, 3) transform."""
+    transform = np.eye(3)
+    for _ in range(_LONGEST):
+        attribute = network.source(node, name)
+        if attribute is None or not is_output(attribute):
+            break
+        node = UsdShade.Shader(attribute.GetPrim())
+        kind = category(node)
+        if kind in ("UsdPrimvarReader", "HwPrimvar", "PxrManifold2D", "PxrPrimvar"):
+            return str(network.plain(node, "varname", "") or network.plain(node, "primvarS", "")), transform
+        if kind in ("geompropvalue", "texcoord"):
+            return str(network.plain(node, "geomprop", "")), transform
+        if kind not in _TRANSFORMS:
+            network.lose(node, f"is a shader '{node.GetShaderId()}', which is not rendered: UVs are used as they are")
+            break
+        name, own = _TRANSFORMS[kind](network, node)
+        transform = transform @ own
+    return "", transform
+
+
+def _usd_transform_2d(network: Network, node: UsdShade.Shader) -> tuple[str, Array]:
+    """Return UsdTransform2d: scale, then rotate counter-clockwise by degrees, then translate."""
+    turned = _rotation(float(network.vector(node, "rotation", (0.0,))[0]))
+    scale = network.vector(node, "scale", (1.0, 1.0))
+    return "in", _affine(turned * scale, network.vector(node, "translation", (0.0, 0.0)))
+
+
+def _place_2d(network: Network, node: UsdShade.Shader) -> tuple[str, Array]:
+    """Return MaterialX's place2d: divide by the scale, rotate clockwise, subtract the offset, all about the pivot."""
+    scale = np.diag(1 / np.where((found := network.vector(node, "scale", (1.0, 1.0))) == 0, 1, found))
+    turned = _rotation(-float(network.vector(node, "rotate", (0.0,))[0]))
+    offset, pivot = network.vector(node, "offset", (0.0, 0.0)), network.vector(node, "pivot", (0.0, 0.0))
+    if network.plain(node, "operationorder", 0) == 1:
+        linear, moved = scale @ turned, -scale @ turned @ offset
+    else:
+        linear, moved = turned @ scale, -offset
+    return "texcoord", _affine(linear, moved + pivot - linear @ pivot)
+
+
+def _arithmetic(network: Network, node: UsdShade.Shader) -> tuple[str, Array]:
+    """Return UVs times, over, plus or minus a constant."""
+    kind = category(node)
+    by = network.vector(node, "in2", (0.0, 0.0) if kind in ("add", "subtract") else (1.0, 1.0))
+    if kind in ("add", "subtract"):
+        return "in1", _affine(np.eye(2), by if kind == "add" else -by)
+    return "in1", _affine(np.diag(by if kind == "multiply" else 1 / np.where(by == 0, 1, by)), np.zeros(2))
+
+
+_TRANSFORMS: dict[str, Any] = {
+    "UsdTransform2d": _usd_transform_2d, "place2d": _place_2d,
+    **dict.fromkeys(("add", "subtract", "multiply", "divide"), _arithmetic),
+}  # fmt: skip
+
+
+def _rotation(degrees: float) -> Array:
+    """Return a counter-clockwise rotation, (2, 2)."""
+    c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+    return np.array([[c, -s], [s, c]])
+
+
+def _affine(linear: Array, moved: Array) -> Array:
+    result = np.eye(3)
+    result[:2, :2], result[:2, 2] = linear, moved
+    return result

@@ -1,0 +1,192 @@
+"""A network of shader nodes: what the inputs of its nodes are, and what it has that cannot be rendered."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from pxr import Sdf, Usd, UsdShade
+
+from ...scene import Array
+from ..color_spaces import AUTO, RAW, color_space, to_linear
+from ..reading import Reading
+from .values import Value, as_color, as_number, channels, combinable, mapped
+
+#: Reads a node: what it gives on an output, or None where nothing can be said.
+Node = Callable[["Network", UsdShade.Shader, str], "Value | None"]
+
+_DEEPEST = 64  # nodes in a chain; loops end there, too
+_LETTERS = {"r": 0, "g": 1, "b": 2, "a": 3, "x": 0, "y": 1, "z": 2, "w": 3}
+_WHOLE = ("out", "rgb", "rgba", "result", "resultRGB", "resultRGBA", "xyz")
+
+
+class Network:
+    """The values of a network's nodes at the time of a reading.
+
+    Attributes
+    ----------
+    losses
+        Warnings about what is not rendered as the network says: prim, text, attribute.
+    """
+
+    def __init__(self, reading: Reading, nodes: dict[str, Node]) -> None:
+        self.reading = reading
+        self.losses: list[tuple[Usd.Prim, str, str]] = []
+        self._nodes, self._known = nodes, dict[Any, Value | None]()
+        self._depth = 0
+
+    def lose(self, node: UsdShade.Shader, text: str, name: str = "") -> None:
+        """Note what is not rendered."""
+        self.losses.append((node.GetPrim(), text, f"inputs:{name}" if name else ""))
+
+    def combined(self, node: UsdShade.Shader, function: Callable[..., Array], *values: Value) -> Value:
+        """Return a function of values, and note where they do not go together."""
+        if not combinable(values):
+            self.lose(node, "combines textures that are placed differently: the mean of the smaller ones is used")
+        with np.errstate(all="ignore"):
+            return mapped(lambda *arrays: np.nan_to_num(function(*arrays)), *values)
+
+    def color(self, node: UsdShade.Shader, *names: str, default: Any = None) -> Value | None:
+        """Return the first of these inputs that is authored as a colour, else the default."""
+        value = self.first(node, *names)
+        value = _numbers(default) if value is None else value
+        return None if value is None else as_color(value)
+
+    def number(self, node: UsdShade.Shader, *names: str, default: float | None = None) -> Value | None:
+        """Return the first of these inputs that is authored as a number, else the default."""
+        value = self.first(node, *names)
+        value = _numbers(default) if value is None else value
+        return None if value is None else as_number(value)
+
+    def first(self, node: UsdShade.Shader, *names: str) -> Value | None:
+        """Return the first of these inputs that is authored, or None."""
+        return next((found for name in names if (found := self.value(node, name)) is not None), None)
+
+    def plain(self, node: UsdShade.Shader, name: str, default: Any = None) -> Any:
+        """Return an input that is not connected to a node, a token say, through interfaces."""
+        attribute = self.source(node, name)
+        value = None if attribute is None or is_output(attribute) else attribute.Get(self.reading.time)
+        return default if value is None else value
+
+    def vector(self, node: UsdShade.Shader, name: str, default: tuple[float, ...]) -> Array:
+        """Return an input of constant finite numbers, as many as the default has."""
+        value = _numbers(self.plain(node, name))
+        if value is None or value.size not in (1, len(default)) or not np.all(np.isfinite(value)):
+            if value is not None:
+                self.lose(node, f"is not {len(default)} finite numbers: {default} is used", name)
+            return np.array(default, dtype=np.float64)
+        return np.broadcast_to(value, (len(default),))
+
+    def source(self, node: UsdShade.Shader, name: str) -> Usd.Attribute | None:
+        """Return the attribute that gives an input its value: an output, or where a constant is authored."""
+        own = node.GetInput(name)
+        if not own:
+            return None
+        _, missing = own.GetConnectedSources()
+        if missing:
+            self.lose(node, f"is connected to {missing[0]}: expected an output on the stage; it is ignored", name)
+        attributes = UsdShade.Utils.GetValueProducingAttributes(own)
+        return attributes[0] if attributes else own.GetAttr()
+
+    def value(self, node: UsdShade.Shader, name: str) -> Value | None:
+        """Return an input's value, or None where nothing gives it one."""
+        attribute = self.source(node, name)
+        if attribute is None:
+            return None
+        if is_output(attribute):
+            return self._output(attribute)
+        found = _numbers(attribute.Get(self.reading.time))
+        if found is None:
+            return None
+        if not np.all(np.isfinite(found)):
+            self.lose(UsdShade.Shader(attribute.GetPrim()), "is not finite: the default is used", name)
+            return None
+        return self._in_working_space(attribute, found)
+
+    def _in_working_space(self, attribute: Usd.Attribute, value: Array) -> Array:
+        """Return a constant colour as linear Rec.709, where the attribute names another space."""
+        if value.size < 3 or not attribute.HasColorSpace():
+            return value
+        space = color_space(str(attribute.GetColorSpace()))
+        if space in (None, AUTO, RAW):
+            return value
+        return np.concatenate([to_linear(value[:3], str(space)), value[3:]])
+
+    def knows(self, kind: str) -> bool:
+        """Return whether nodes of a category can be read."""
+        return kind in self._nodes
+
+    def output(self, node: UsdShade.Shader, name: str) -> Value | None:
+        """Return what a node gives on an output."""
+        return self._evaluated(node, name)
+
+    def _output(self, attribute: Usd.Attribute) -> Value | None:
+        """Return what another node gives on an output."""
+        name = attribute.GetName().removeprefix("outputs:")
+        key = attribute.GetPath()
+        if key in self._known:
+            return self._known[key]
+        node = UsdShade.Shader(attribute.GetPrim())
+        if self._depth >= _DEEPEST:
+            self.lose(node, f"is behind more than {_DEEPEST} nodes, or in a loop: it is ignored")
+            return None
+        self._depth += 1
+        try:
+            value = self._evaluated(node, name)
+        finally:
+            self._depth -= 1
+        self._known[key] = value
+        return value
+
+    def _evaluated(self, node: UsdShade.Shader, output: str) -> Value | None:
+        kind = category(node)
+        if kind not in self._nodes:
+            self.lose(node, f"is a shader '{shader_id(node) or 'without an id'}', which is not rendered: it is ignored")
+            return None
+        value = self._nodes[kind](self, node, output)
+        if value is None or output in _WHOLE:
+            return value
+        letter = output.removeprefix("out").removeprefix("result").lower()
+        return channels(value, [_LETTERS[letter]]) if letter in _LETTERS else value
+
+
+def shader_id(node: UsdShade.Shader) -> str:
+    """Return a shader's identifier, of MDL its name in the module, of others their file; "" where it has none."""
+    prim = node.GetPrim()
+    for name in ("info:mdl:sourceAsset:subIdentifier", "info:glslfx:sourceAsset", "info:OSL:sourceAsset"):
+        value = None if node.GetShaderId() else prim.GetAttribute(name).Get() if prim.HasAttribute(name) else None
+        if value:
+            return str(getattr(value, "path", value))
+    return str(node.GetShaderId() or "")
+
+
+def category(node: UsdShade.Shader) -> str:
+    """Return what kind of node a shader is, whatever the types of its inputs and whoever defines it."""
+    name = shader_id(node)
+    if name.startswith("arnold:"):
+        return name
+    if name.startswith("ND_"):
+        plain = name.removeprefix("ND_")
+        return next((each for each in _SEVERAL_WORDS if plain.startswith(each)), plain.split("_")[0])
+    return name.split("_")[0] if name.startswith(("Usd", "Hw")) else name
+
+
+# MaterialX's names end in the types of a node: these have underscores before.
+_SEVERAL_WORDS = ("standard_surface", "open_pbr_surface", "surface_unlit", "gltf_pbr", "disney_principled")
+
+
+def is_output(attribute: Usd.Attribute) -> bool:
+    """Return whether an attribute is an output of a node."""
+    return UsdShade.Utils.GetType(attribute.GetName()) == UsdShade.AttributeType.Output
+
+
+def _numbers(value: Any) -> Array | None:
+    """Return a value as an array (C,), or None of what is no number."""
+    if value is None or isinstance(value, str | Sdf.AssetPath):
+        return None
+    try:
+        found = np.atleast_1d(np.asarray(value, dtype=np.float64))
+    except (TypeError, ValueError):
+        return None
+    return found if found.ndim == 1 and 1 <= found.size <= 4 else None

@@ -1,0 +1,133 @@
+"""A material on one mesh: its images over the mesh's UVs, and what primvars give at the mesh's vertices."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from pxr import Usd, UsdGeom
+
+from ...scene import Array, Material, UVTexture, VertexValues
+from ..reading import Reading
+from .bound import Bound, plain, texture_of
+from .values import Image, constant
+
+_MOST_COPIES = 16  # of an image, side by side, where it repeats in one direction alone
+
+
+def primvars_of(reading: Reading, prim: Usd.Prim, bound: Bound) -> tuple[dict[str, Array], dict[str, UsdGeom.Primvar]]:
+    """Return what a material takes from primvars of a gprim, by its fields: constants (1, C), and those that vary."""
+    constants, varying = {}, {}
+    for name, wanted in bound.primvars.items():
+        found = UsdGeom.PrimvarsAPI(prim).FindPrimvarWithInheritance(wanted.name)
+        if not found or not found.HasValue():
+            continue
+        values = flattened(reading, prim, found)
+        if not len(values):
+            continue
+        if len(values) == 1 or found.GetInterpolation() == "constant":
+            constants[name] = values[:1]
+        else:
+            varying[name] = found
+    return constants, varying
+
+
+def flattened(reading: Reading, prim: Usd.Prim, primvar: UsdGeom.Primvar) -> Array:
+    """Return a primvar's values, (N, C), N = 0 with a warning where they are no finite numbers."""
+    name = str(primvar.GetName())
+    try:
+        flat = primvar.ComputeFlattened(reading.time)
+        numbers = np.asarray(flat, dtype=np.float64)
+    except Exception:
+        flat, numbers = None, np.empty(0)
+    if flat is None or numbers.ndim > 2:
+        reading.warn(prim, "does not hold numbers, or its indices name values that it does not have", name)
+        return np.empty((0, 1))
+    is_list = str(primvar.GetTypeName()).endswith("[]")
+    numbers = numbers.reshape(len(numbers), -1) if is_list else numbers.reshape(1, -1)
+    if not np.all(np.isfinite(numbers)):
+        reading.warn(prim, "holds values that are not finite: it is not used", name)
+        return np.empty((0, 1))
+    return numbers
+
+
+def on_mesh(
+    reading: Reading, prim: Usd.Prim, bound: Bound, uvs: Array | None, primvars: Mapping[str, Array]
+) -> Material:
+    """Return a bound material with what depends on the mesh filled in.
+
+    Parameters
+    ----------
+    uvs
+        (V, 2), or None: images are then replaced by their means.
+    primvars
+        By the fields of the material that they are for: one value, (1, C), or one at each vertex, (V, C).
+    """
+    changes: dict[str, Any] = {}
+    for name, primvar in bound.primvars.items():
+        if name in primvars:
+            values = np.clip(primvar.function(primvars[name]), 0, None if name == "diffuse" else 1)
+            columns = 3 if name == "diffuse" else 1
+            values = np.broadcast_to(values[:, :1] if values.shape[1] < columns else values[:, :columns],
+                                     (len(values), columns))  # fmt: skip
+            varies = len(values) > 1 and bool(np.any(values != values[0]))
+            changes[name] = VertexValues(np.ascontiguousarray(values)) if varies else plain(name, values[0])
+            if name == "opacity" and np.any(values < 1):
+                changes["presence"] = True
+    if bound.images and uvs is None:
+        reading.warn(prim, f"has no primvar '{bound.uv_name}' for its textures: their mean colour is used")
+    for name, image in bound.images.items():
+        if uvs is not None:
+            changes[name] = _texture(reading, prim, name, image, uvs)
+    for name in ("diffuse", "emissive", "roughness", "metallic", "opacity"):
+        value = changes.get(name)
+        if isinstance(value, UVTexture) and np.ptp(value.pixels, axis=(0, 1)).max() == 0:
+            changes[name] = plain(name, constant(bound.images[name]))
+    return replace(bound.material, **changes) if changes else bound.material
+
+
+def _texture(reading: Reading, prim: Usd.Prim, name: str, image: Image, uvs: Array) -> UVTexture:
+    """Return an image that the mesh's UVs see as its two wrap modes have it; the renderer has one for both."""
+    if image.wrap[0] == image.wrap[1] != "black":
+        key = ("texture", name, id(image))
+        if key not in reading.cache:
+            reading.cache[key] = texture_of(name, image, image.wrap[0]), image
+        return reading.cache[key][0]
+    seen = np.c_[uvs, np.ones(len(uvs))] @ image.transform[:2].T
+    low, high = np.floor(seen.min(axis=0) + 1e-6).astype(int), np.ceil(seen.max(axis=0) - 1e-6).astype(int)
+    key = ("texture", name, id(image), *low.tolist(), *high.tolist())
+    if key not in reading.cache:
+        extended, whole = _extended(image, low, np.maximum(high, low + 1))
+        if not whole:
+            text = f"repeats a texture {int((high - low).max())} times in one direction: beyond {_MOST_COPIES} it ends"
+            reading.warn(prim, text)
+        reading.cache[key] = texture_of(name, extended, "clamp"), image
+    return reading.cache[key][0]
+
+
+def _extended(image: Image, low: Array, high: Array) -> tuple[Image, bool]:
+    """Return an image that covers the squares from `low` to `high`, and whether it covers them all.
+
+    Beyond its own square it is repeated or mirrored; one that is clamped ends there, and one that is black beyond has a
+    black edge.
+    """
+    pixels, transform, whole = image.pixels, np.eye(3), True
+    for axis, wrap in enumerate(image.wrap):
+        direction = 1 - axis  # of the array: v is along its rows, from below
+        if wrap in ("repeat", "mirror"):
+            first, count = int(low[axis]), int(high[axis] - low[axis])
+            whole &= count <= _MOST_COPIES
+            numbers = range(first, first + min(count, _MOST_COPIES))
+            flipped = np.flip(pixels, direction)
+            copies = [flipped if wrap == "mirror" and number % 2 else pixels for number in numbers]
+            pixels = np.concatenate(copies if axis == 0 else copies[::-1], axis=direction)
+            transform[axis, axis], transform[axis, 2] = 1 / len(copies), -first / len(copies)
+        elif wrap == "black":
+            size = pixels.shape[direction]
+            around = [(0, 0)] * 3
+            around[direction] = (1, 1)
+            pixels = np.pad(pixels, around)
+            transform[axis, axis], transform[axis, 2] = size / (size + 2), 1 / (size + 2)
+    return replace(image, pixels=pixels, wrap=("clamp", "clamp"), transform=transform @ image.transform), whole

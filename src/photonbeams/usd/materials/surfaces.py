@@ -1,0 +1,437 @@
+"""Surface shaders as the inputs of a UsdPreviewSurface: what each of them calls them, and what it has beyond them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from pxr import UsdShade
+
+from ...scene import Array, rgb
+from .images import image_input
+from .network import Network, category, shader_id
+from .values import Image, Value, as_number, constant
+
+
+@dataclass
+class Surface:
+    """The inputs of a surface, None where nothing is authored; see `scene.Material`."""
+
+    diffuse: Value | None = None
+    emissive: Value | None = None
+    roughness: Value | None = None
+    metallic: Value | None = None
+    ior: Value | None = None
+    clearcoat: Value | None = None
+    clearcoat_roughness: Value | None = None
+    opacity: Value | None = None
+    presence: bool = False
+    tint: Value | None = None
+    normal: Value | None = None
+
+
+Reader = Callable[[Network, UsdShade.Shader], Surface]
+
+
+def preview(network: Network, node: UsdShade.Shader) -> Surface:
+    """Read a UsdPreviewSurface."""
+    threshold = float(network.vector(node, "opacityThreshold", (0.0,))[0])
+    surface = Surface(
+        diffuse=network.color(node, "diffuseColor"),
+        emissive=network.color(node, "emissiveColor"),
+        roughness=network.number(node, "roughness"),
+        metallic=network.number(node, "metallic"),
+        ior=network.number(node, "ior"),
+        clearcoat=network.number(node, "clearcoat"),
+        clearcoat_roughness=network.number(node, "clearcoatRoughness"),
+        opacity=network.number(node, "opacity"),
+        presence=threshold > 0 or str(network.plain(node, "opacityMode", "")) == "presence",
+        normal=network.color(node, "normal") if _connected(node, "normal") else None,
+    )
+    if _connected(node, "displacement"):
+        network.lose(node, "is not rendered: it is ignored", "displacement")
+    if threshold > 0 and surface.opacity is not None:
+        surface.opacity = network.combined(node, lambda values: (values >= threshold).astype(float), surface.opacity)
+    if network.plain(node, "useSpecularWorkflow", 0):
+        _specular_workflow(network, node, surface)
+    return surface
+
+
+def _specular_workflow(network: Network, node: UsdShade.Shader, surface: Surface) -> None:
+    """Take the reflectance at normal incidence from a colour: a dielectric's index of refraction, or a metal."""
+    color = network.color(node, "specularColor", default=0.0)
+    assert color is not None
+    diffuse = np.full(3, 0.18) if surface.diffuse is None else surface.diffuse
+    mean = constant(color)
+    surface.metallic = np.zeros(1)
+    if isinstance(color, np.ndarray) and np.ptp(mean) <= 0.02 and mean.max() < 0.2:
+        surface.ior = _ior_of(float(mean.mean()))
+        return
+
+    # As Khronos converts glTF's specular workflow, with a dielectric's 0.04.
+    def metallic(colors: Array, speculars: Array) -> Array:
+        total, strongest = colors.max(axis=-1, keepdims=True), speculars.max(axis=-1, keepdims=True)
+        linear = total * (1 - strongest) / 0.96 + strongest - 0.08
+        root = np.sqrt(np.maximum(linear**2 - 4 * 0.04 * (0.04 - strongest), 0))
+        return np.where(strongest <= 0.04, 0.0, np.clip((root - linear) / 0.08, 0, 1))
+
+    def base(colors: Array, speculars: Array) -> Array:
+        part = metallic(colors, speculars)
+        dielectric = colors * (1 - speculars.max(axis=-1, keepdims=True)) / (0.96 * np.maximum(1 - part, 1e-4))
+        conductor = (speculars - 0.04 * (1 - part)) / np.maximum(part, 1e-4)
+        return np.clip(dielectric + part**2 * (conductor - dielectric), 0, 1)
+
+    surface.ior = np.full(1, 1.5)
+    surface.diffuse = network.combined(node, base, diffuse, color)
+    surface.metallic = network.combined(node, metallic, diffuse, color)
+
+
+@dataclass(frozen=True)
+class _Names:
+    """What a layered surface (Autodesk's standard surface, OpenPBR) calls its inputs; "" where it has none."""
+
+    base: str
+    metalness: str
+    specular: str
+    roughness_default: float
+    ior: str
+    transmission: str
+    subsurface: str
+    coat: str
+    emission: str
+    emission_default: float
+    opacity: str
+    thin: str
+    normal: str
+    ignored: tuple[str, ...]
+
+
+_STANDARD = _Names(
+    "base", "metalness", "specular", 0.2, "specular_IOR", "transmission", "subsurface", "coat", "emission", 0.0,
+    "opacity", "thin_walled", "normal", ("sheen", "specular_anisotropy", "thin_film_thickness", "transmission_scatter"),
+)  # fmt: skip
+_OPEN_PBR = _Names(
+    "base_weight", "base_metalness", "specular_weight", 0.3, "specular_ior", "transmission_weight", "subsurface_weight",
+    "coat_weight", "emission_luminance", 0.0, "geometry_opacity", "geometry_thin_walled", "geometry_normal",
+    ("fuzz_weight", "specular_roughness_anisotropy", "thin_film_weight", "transmission_scatter"),
+)  # fmt: skip
+
+
+def _layered(names: _Names) -> Reader:
+    """Return a reader of a surface in layers: base, subsurface, transmission, coat, emission."""
+
+    def read(network: Network, node: UsdShade.Shader) -> Surface:
+        def number(name: str, default: float) -> Value:
+            found = network.number(node, name, default=default)
+            assert found is not None
+            return found
+
+        def colored(name: str, default: float) -> Value:
+            found = network.color(node, name, default=default)
+            assert found is not None
+            return found
+
+        base = network.combined(node, np.multiply, number(names.base, 1.0), colored("base_color", 0.8))
+        subsurface, transmission = number(names.subsurface, 0.0), number(names.transmission, 0.0)
+        if np.any(constant(subsurface) > 0):
+            under = colored("subsurface_color", 1.0 if names is _STANDARD else 0.8)
+            base = network.combined(node, _mix, base, under, subsurface)
+            network.lose(node, "is rendered as diffuse reflection", names.subsurface)
+        coat = number(names.coat, 0.0)
+        if np.any(constant(coat) > 0):
+            base = network.combined(node, lambda a, tint, part: a * _mix(np.ones(3), tint, part), base,
+                                    colored("coat_color", 1.0), coat)  # fmt: skip
+        for name in names.ignored:
+            found = network.number(node, name)
+            if found is not None and np.any(constant(found) != 0):
+                network.lose(node, "is not rendered: it is ignored", name)
+        glow = number(names.emission, names.emission_default)
+        clear = network.combined(node, lambda part, metal: part * (1 - metal), transmission,
+                                 number(names.metalness, 0.0))  # fmt: skip
+        surface = Surface(
+            diffuse=base,
+            emissive=network.combined(node, np.multiply, glow, colored("emission_color", 1.0)),
+            roughness=number("specular_roughness", names.roughness_default),
+            metallic=number(names.metalness, 0.0),
+            ior=_weighted_ior(network, node, names),
+            clearcoat=coat,
+            clearcoat_roughness=number("coat_roughness", 0.1 if names is _STANDARD else 0.0),
+            normal=network.color(node, names.normal) if _connected(node, names.normal) else None,
+        )
+        _set_opacity(network, node, surface, colored(names.opacity, 1.0), clear, names)
+        return surface
+
+    return read
+
+
+def _weighted_ior(network: Network, node: UsdShade.Shader, names: _Names) -> Array:
+    """Return the index of refraction whose reflectance at normal incidence is that of the weighted specular layer."""
+    ior = network.number(node, names.ior, default=1.5)
+    weight = network.number(node, names.specular, default=1.0)
+    tint = network.color(node, "specular_color", default=1.0)
+    assert ior is not None and weight is not None and tint is not None
+    if any(isinstance(each, Image) for each in (ior, weight, tint)):
+        network.lose(node, "is a texture: its mean is used", names.specular)
+    eta = float(constant(ior)[0])
+    reflectance = float(np.clip(constant(weight)[0], 0, 1)) * float(np.clip(constant(tint), 0, 1).mean())
+    return np.full(1, eta) if reflectance == 1 else _ior_of(reflectance * ((eta - 1) / (eta + 1)) ** 2)
+
+
+def _ior_of(reflectance: float) -> Array:
+    """Return the index of refraction of a reflectance at normal incidence."""
+    root = np.sqrt(np.clip(reflectance, 0, 0.99))
+    return np.full(1, (1 + root) / (1 - root))
+
+
+def _set_opacity(
+    network: Network, node: UsdShade.Shader, surface: Surface, opacity: Value, clear: Value, names: _Names
+) -> None:
+    """Set what is cut out, or else what is clear: glass, or a thin wall, which does not refract."""
+    cut = as_number(network.combined(node, lambda values: rgb(values).mean(axis=-1, keepdims=True), opacity))
+    is_cut, is_clear = np.any(constant(cut) < 1), np.any(constant(clear) > 0)
+    surface.presence = bool(is_cut) or bool(network.plain(node, names.thin, False))
+    if is_cut and is_clear:
+        network.lose(node, "is not rendered of a surface that is cut out by its opacity: it is opaque", "transmission")
+    surface.opacity = cut if is_cut else network.combined(node, lambda part: 1 - part, clear)
+    if is_clear and not is_cut:
+        surface.tint = network.color(node, "transmission_color", default=1.0)
+        if isinstance(clear, Image):
+            network.lose(node, "is a texture: the surface is clear there, and does not refract", names.transmission)
+        depth = network.number(node, "transmission_depth")
+        if depth is not None and constant(depth)[0] > 0:
+            network.lose(node, "is not rendered: light is tinted where it passes the surface", "transmission_depth")
+
+
+def _mix(first: Array, second: Array, part: Array) -> Array:
+    return first + part * (second - first)
+
+
+def unlit(*names: str) -> Reader:
+    """Return a reader of surfaces that show a colour whatever lights them."""
+
+    def read(network: Network, node: UsdShade.Shader) -> Surface:
+        color = network.color(node, *names, default=1.0)
+        weight = network.number(node, "emission", default=1.0)
+        assert color is not None and weight is not None
+        emissive = network.combined(node, np.multiply, color, weight)
+        return Surface(np.zeros(3), emissive, ior=np.ones(1), opacity=_opacity(network, node), presence=True)
+
+    return read
+
+
+def _opacity(network: Network, node: UsdShade.Shader, *names: str) -> Value | None:
+    found = network.color(node, *(names or ("opacity",)))
+    return None if found is None else network.combined(node, lambda a: rgb(a).mean(axis=-1, keepdims=True), found)
+
+
+def _diffuse(color: str, weight: str = "", default: float = 0.5, scale: float = 1.0) -> Reader:
+    """Return a reader of surfaces that are diffuse alone."""
+
+    def read(network: Network, node: UsdShade.Shader) -> Surface:
+        found = network.color(node, color, default=default)
+        part = network.number(node, weight, default=scale) if weight else np.ones(1)
+        assert found is not None and part is not None
+        diffuse = network.combined(node, np.multiply, found, part)
+        return Surface(diffuse, roughness=np.ones(1), ior=np.ones(1), opacity=_opacity(network, node), presence=True)
+
+    return read
+
+
+@dataclass(frozen=True)
+class _Plain:
+    """What a surface shader calls the inputs of a UsdPreviewSurface, most of them by one name each."""
+
+    diffuse: tuple[str, ...] = ()
+    weight: tuple[str, ...] = ()
+    emissive: tuple[str, ...] = ()
+    emission: tuple[str, ...] = ()
+    roughness: tuple[str, ...] = ()
+    metallic: tuple[str, ...] = ()
+    ior: tuple[str, ...] = ()
+    clearcoat: tuple[str, ...] = ()
+    opacity: tuple[str, ...] = ()
+    transmission: tuple[str, ...] = ()
+
+    def __call__(self, network: Network, node: UsdShade.Shader) -> Surface:
+        """Return the surface, noting that another shader was found."""
+        network.lose(node, f"is a '{_label(node)}': it is rendered as the UsdPreviewSurface that is nearest to it")
+        diffuse, emissive = network.color(node, *self.diffuse), network.color(node, *self.emissive)
+        weight, glow = network.number(node, *self.weight), network.number(node, *self.emission)
+        if diffuse is not None and weight is not None:
+            diffuse = network.combined(node, np.multiply, diffuse, weight)
+        if emissive is not None and (glow is not None or self.emission):
+            emissive = network.combined(node, np.multiply, emissive, np.zeros(1) if glow is None else glow)
+        opacity, presence = _opacity(network, node, *self.opacity) if self.opacity else None, True
+        clear = network.number(node, *self.transmission)
+        if clear is not None and np.any(constant(clear) > 0):
+            opacity, presence = network.combined(node, lambda part: 1 - part, clear), False
+        return Surface(
+            diffuse, emissive, network.number(node, *self.roughness), network.number(node, *self.metallic),
+            network.number(node, *self.ior), network.number(node, *self.clearcoat), opacity=opacity, presence=presence,
+        )  # fmt: skip
+
+
+def _label(node: UsdShade.Shader) -> str:
+    return shader_id(node) or "shader without an id"
+
+
+def _omni(network: Network, node: UsdShade.Shader) -> Surface:
+    """Read NVIDIA's OmniPBR, whose textures are inputs of the shader itself."""
+    tint = network.color(node, "diffuse_tint", default=1.0)
+    color = image_input(network, node, "diffuse_texture") or network.color(
+        node, "diffuse_color_constant", "diffuse_color", "base_color", default=0.2
+    )
+    assert tint is not None and color is not None
+    surface = Surface(
+        diffuse=network.combined(node, lambda a, b: rgb(a) * rgb(b), color, tint),
+        roughness=network.number(node, "reflection_roughness_constant", "roughness"),
+        metallic=network.number(node, "metallic_constant", "metallic"),
+    )
+    for field, texture, influence in (
+        ("roughness", "reflectionroughness_texture", "reflection_roughness_texture_influence"),
+        ("metallic", "metallic_texture", "metallic_texture_influence"),
+    ):
+        image = image_input(network, node, texture, "raw")
+        part = network.vector(node, influence, (0.0,))
+        if image is not None and np.any(part > 0):
+            plain = getattr(surface, field)
+            plain = np.full(1, 0.5 if field == "roughness" else 0.0) if plain is None else plain
+            setattr(surface, field, network.combined(node, _mix, plain, as_number(image), part))
+    normals = image_input(network, node, "normalmap_texture", "raw")
+    if normals is not None:
+        surface.normal = network.combined(node, lambda a: 2 * rgb(a) - 1, normals)
+    if network.plain(node, "enable_emission", False):
+        surface.emissive = network.color(node, "emissive_color", default=1.0)
+        network.lose(node, "is not rendered: emissive_color is taken for the radiance", "emissive_intensity")
+    if network.plain(node, "enable_opacity", False):
+        surface.opacity, surface.presence = network.number(node, "opacity_constant", default=1.0), True
+    return surface
+
+
+def _glass(network: Network, node: UsdShade.Shader) -> Surface:
+    """Read NVIDIA's OmniGlass."""
+    tint = network.color(node, "glass_color", default=1.0)
+    ior = network.number(node, "glass_ior", default=1.491)
+    return Surface(roughness=network.number(node, "frosting_roughness", default=0.0), ior=ior, opacity=np.zeros(1),
+                   tint=tint)  # fmt: skip
+
+
+def _first_shader(*names: str) -> Reader:
+    """Return a reader of shaders that stand for one of others: the first that is connected."""
+
+    def read(network: Network, node: UsdShade.Shader) -> Surface:
+        for name in names:
+            attribute = network.source(node, name)
+            inner = UsdShade.Shader(attribute.GetPrim()) if attribute is not None else None
+            if inner and inner.GetPrim() != node.GetPrim():
+                if category(node) != "arnold:two_sided":
+                    network.lose(node, f"is a '{_label(node)}': its {name} alone is rendered")
+                return surface_of(network, inner) or Surface()
+        return Surface()
+
+    return read
+
+
+def guessed(network: Network, node: UsdShade.Shader) -> Surface | None:
+    """Read a shader that is not known by the names that most shaders use; None where it has none of them."""
+    surface = _GUESSED(network, node)
+    known = (surface.diffuse, surface.emissive, surface.metallic, surface.roughness)
+    return surface if any(each is not None for each in known) else None
+
+
+def surface_of(network: Network, node: UsdShade.Shader) -> Surface | None:
+    """Return what a surface shader says, or None of one that says nothing that can be rendered."""
+    kind = category(node)
+    if kind in SURFACES:
+        return SURFACES[kind](network, node)
+    if kind.startswith("arnold:") and network.knows(kind):
+        # In Arnold whatever gives a colour may be a surface.
+        color = network.output(node, "out")
+        return None if color is None else Surface(np.zeros(3), color, ior=np.ones(1))
+    return guessed(network, node)
+
+
+def _materialx_surface(network: Network, node: UsdShade.Shader) -> Surface:
+    """Read MaterialX's `surface`, put together of a BSDF and an EDF: of a diffuse BSDF alone nothing is lost."""
+    surface = Surface(np.zeros(3), ior=np.ones(1), presence=True)
+    surface.opacity = network.number(node, "opacity")
+    for name in ("bsdf", "edf"):
+        attribute = network.source(node, name)
+        part = UsdShade.Shader(attribute.GetPrim()) if attribute is not None else node
+        if part.GetPrim() == node.GetPrim():
+            continue
+        color = network.color(part, "color", default=0.18 if name == "bsdf" else 1.0)
+        weight = network.number(part, "weight", default=1.0)
+        assert color is not None and weight is not None
+        value = network.combined(part, np.multiply, color, weight)
+        if name == "edf":
+            surface.emissive = value
+            continue
+        surface.diffuse = value
+        if category(part) not in ("oren", "burley"):
+            network.lose(part, f"is a '{_label(part)}': its color alone is rendered, as diffuse reflection")
+    return surface
+
+
+_COLORS = ("diffuseColor", "baseColor", "base_color", "diffuse_color", "diffuse", "Kd_color", "color", "albedo", "Cs")
+_GUESSED = _Plain(
+    diffuse=_COLORS, emissive=("emissiveColor", "emission_color", "emitColor"),
+    emission=("emission", "emissionWeight"), roughness=("roughness", "specular_roughness", "specularRoughness"),
+    metallic=("metallic", "metalness"), ior=("ior", "IOR"), opacity=("opacity", "presence"),
+)  # fmt: skip
+
+_PRINCIPLED = _Plain(
+    diffuse=("baseColor", "base_color"), emissive=("emitColor", "emissive"), roughness=("roughness", "specRoughness"),
+    metallic=("metallic",), ior=("ior",), clearcoat=("clearcoat",), opacity=("presence",),
+    transmission=("specTrans", "spec_trans", "transmission", "refractionGain"),
+)  # fmt: skip
+
+SURFACES: dict[str, Reader] = {
+    "UsdPreviewSurface": preview,
+    "PxrPreviewSurface": preview,
+    "standard_surface": _layered(_STANDARD),
+    "arnold:standard_surface": _layered(_STANDARD),
+    "open_pbr_surface": _layered(_OPEN_PBR),
+    "arnold:openpbr_surface": _layered(_OPEN_PBR),
+    "surface_unlit": unlit("emission_color"),
+    "surface": _materialx_surface,
+    "arnold:flat": unlit("color"),
+    "arnold:utility": _diffuse("color", default=1.0),
+    "arnold:lambert": _diffuse("Kd_color", "Kd", default=1.0, scale=0.7),
+    "arnold:matte": unlit("color"),
+    "arnold:standard": _Plain(
+        diffuse=("Kd_color",), weight=("Kd",), emissive=("emission_color",), emission=("emission",),
+        roughness=("specular_roughness",), opacity=("opacity",), ior=("IOR",), transmission=("Kt",),
+    ),
+    "arnold:two_sided": _first_shader("front", "back"),
+    "arnold:ray_switch_shader": _first_shader("camera", "diffuse_reflection"),
+    "arnold:ray_switch_rgba": _first_shader("camera", "diffuse_reflection"),
+    "arnold:mix_shader": _first_shader("shader1", "shader2"),
+    "arnold:switch_shader": _first_shader("input0", "input1"),
+    "arnold:layer_shader": _first_shader("input1", "input2"),
+    "arnold:aov_write_rgb": _first_shader("passthrough"),
+    "arnold:aov_write_rgba": _first_shader("passthrough"),
+    "arnold:cryptomatte": _first_shader("passthrough"),
+    "PxrDisney": _PRINCIPLED,
+    "PxrDisneyBsdf": _PRINCIPLED,
+    "disney_principled": _PRINCIPLED,
+    "gltf_pbr": _PRINCIPLED,
+    "PxrSurface": _Plain(
+        diffuse=("diffuseColor",), weight=("diffuseGain",), emissive=("glowColor",), emission=("glowGain",),
+        roughness=("specularRoughness",), opacity=("presence",), transmission=("refractionGain",),
+        ior=("glassIor",),
+    ),
+    "PxrDiffuse": _diffuse("diffuseColor"),
+    "PxrConstant": unlit("emitColor"),
+    "PxrBlack": _diffuse("no", default=0.0),
+    "OmniPBR": _omni,
+    "OmniSurface": _omni,
+    "OmniGlass": _glass,
+}  # fmt: skip
+
+
+def _connected(node: UsdShade.Shader, name: str) -> bool:
+    own: Any = node.GetInput(name) if name else None
+    return bool(own) and bool(own.HasConnectedSource())

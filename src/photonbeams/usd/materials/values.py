@@ -1,0 +1,122 @@
+"""Values in a network of shader nodes: constants, images over UVs, and primvars; functions of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...scene import Array, rgb
+
+
+def identity(values: Array) -> Array:
+    """Return values as they are."""
+    return values
+
+
+@dataclass(frozen=True)
+class Image:
+    """An image over UVs: `pixels` (H, W, C) float32, first row at v = 1.
+
+    Attributes
+    ----------
+    wrap
+        What is beyond the image in u and in v: repeat, clamp, mirror or black.
+    transform
+        (3, 3), applied to (u, v, 1).
+    uv_name
+        Primvar of the UVs.
+    """
+
+    pixels: Array
+    wrap: tuple[str, str]
+    transform: Array
+    uv_name: str
+
+    def placed_as(self, other: Image) -> bool:
+        """Return whether two images lie on a surface in the same way."""
+        same = self.wrap == other.wrap and self.uv_name == other.uv_name
+        return same and np.allclose(self.transform, other.transform)
+
+
+@dataclass(frozen=True)
+class Primvar:
+    """What a primvar of the gprim gives, (N, C), after a function; `fallback` (C,) where there is no such primvar."""
+
+    name: str
+    fallback: Array
+    function: Callable[[Array], Array] = identity
+
+
+#: A constant is an array (C,).
+Value = Array | Image | Primvar
+
+
+def mapped(function: Callable[..., Array], *values: Value) -> Value:
+    """Return a function of values, which takes arrays (…, C) with any leading axes.
+
+    Images are brought to the size of the largest one. Where images and primvars meet, or images that are placed
+    differently, the largest image stays what it is, and all others are replaced by their means or fallbacks.
+    """
+    images = [each for each in values if isinstance(each, Image)]
+    primvars = [each for each in values if isinstance(each, Primvar)]
+    if images:
+        largest = max(images, key=lambda each: each.pixels[..., 0].size)
+        pixels = function(*(_over(each, largest) for each in values))
+        shape = largest.pixels.shape[:2]
+        return replace(largest, pixels=np.broadcast_to(pixels, (*shape, pixels.shape[-1])).astype(np.float32))
+    if not primvars:
+        return np.atleast_1d(function(*values))
+    first = primvars[0]
+
+    def composed(raw: Array) -> Array:
+        follows = [isinstance(each, Primvar) and each.name == first.name for each in values]
+        arguments = [
+            each.function(raw) if own and isinstance(each, Primvar) else constant(each)
+            for own, each in zip(follows, values, strict=True)
+        ]
+        result = function(*arguments)
+        return np.broadcast_to(result, (len(raw), result.shape[-1]))
+
+    return Primvar(first.name, np.atleast_1d(function(*map(constant, values))), composed)
+
+
+def combinable(values: Sequence[Value]) -> bool:
+    """Return whether `mapped` loses nothing of these values."""
+    images = [each for each in values if isinstance(each, Image)]
+    names = {each.name for each in values if isinstance(each, Primvar)}
+    return len(names) + bool(images) <= 1 and all(each.placed_as(images[0]) for each in images)
+
+
+def constant(value: Value) -> Array:
+    """Return a value's mean, or its fallback, (C,)."""
+    if isinstance(value, Image):
+        return value.pixels.mean(axis=(0, 1), dtype=np.float64)
+    return value.fallback if isinstance(value, Primvar) else value
+
+
+def channels(value: Value, chosen: list[int]) -> Value:
+    """Return some channels of a value: of one that has a single channel that, of other ones the last for missing."""
+    return mapped(lambda values: values[..., [min(each, values.shape[-1] - 1) for each in chosen]], value)
+
+
+def as_color(value: Value) -> Value:
+    """Return a value with three channels."""
+    return mapped(rgb, value)
+
+
+def as_number(value: Value) -> Value:
+    """Return a value's first channel."""
+    return channels(value, [0])
+
+
+def _over(value: Value, image: Image) -> Array:
+    """Return a value in the pixels of an image, (H, W, C), or constant, (C,)."""
+    if not isinstance(value, Image) or not value.placed_as(image):
+        return constant(value)
+    height, width = image.pixels.shape[:2]
+    rows, columns = (
+        np.arange(count) * own // count for count, own in zip((height, width), value.pixels.shape[:2], strict=True)
+    )
+    return value.pixels if value is image else value.pixels[np.ix_(rows, columns)]

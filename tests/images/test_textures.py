@@ -1,0 +1,71 @@
+"""Textures: their size is bounded, and what is read of a large one."""
+
+import os
+
+import numpy as np
+import OpenImageIO
+import pytest
+
+from photonbeams.images import textures
+from photonbeams.images.textures import decoded, linear
+
+
+def raw(pixels, kind):
+    return linear(pixels, kind, "raw")
+
+
+def test_an_image_within_the_limit_is_read_as_it_is(image):
+    pixels = np.random.default_rng(3).random((5, 8, 3)).astype(np.float32)
+    found = decoded(str(image("a.exr", pixels, "float")), raw, 8)
+    np.testing.assert_array_equal(found.pixels, pixels)
+    assert (found.width, found.height, found.error) == (8, 5, "")
+
+
+@pytest.mark.parametrize("strip", [1, 2**20])
+@pytest.mark.parametrize("tiled", [False, True])
+def test_a_large_image_is_read_in_strips_of_means(tmp_path, monkeypatch, strip, tiled):
+    """A whole factor is a mean over squares, exact to the rounding of float32."""
+    monkeypatch.setattr(textures, "_STRIP", strip)
+    pixels = np.random.default_rng(3).random((48, 64, 3)).astype(np.float32)
+    path = str(tmp_path / "a.exr")
+    spec = OpenImageIO.ImageSpec(64, 48, 3, "float")
+    if tiled:
+        spec.tile_width = spec.tile_height = 16
+    file = OpenImageIO.ImageOutput.create(path)
+    assert file.open(path, spec)
+    assert file.write_image(pixels)
+    file.close()
+    found = decoded(path, raw, 16)
+    expected = pixels.reshape(12, 4, 16, 4, 3).mean(axis=(1, 3))
+    np.testing.assert_allclose(found.pixels, expected, rtol=1e-6)
+    assert (found.width, found.height) == (64, 48)
+
+
+@pytest.mark.parametrize("size", [(30, 17), (17, 30), (16, 1), (33, 33)])
+def test_other_sizes_keep_their_ratio_and_their_mean(image, size):
+    found = decoded(str(image("a.exr", np.full((*size, 1), 0.25), "float")), raw, 12).pixels
+    assert max(found.shape[:2]) == 12
+    assert found.shape[0] / found.shape[1] == pytest.approx(size[0] / size[1], rel=0.5 / min(found.shape[:2]) + 1e-6)
+    np.testing.assert_allclose(found, 0.25, rtol=1e-6)
+
+
+def test_means_are_of_light_and_not_of_its_encoding(image):
+    path = str(image("a.png", [[[0, 0, 0], [1, 1, 1]], [[1, 1, 1], [0, 0, 0]]]))
+    found = decoded(path, lambda pixels, kind: linear(pixels, kind, "auto"), 1)
+    np.testing.assert_allclose(found.pixels, 0.5, atol=1e-6)
+
+
+def test_a_level_of_the_file_that_is_small_enough_is_read(tmp_path):
+    path = str(tmp_path / "a.tx")
+    source = OpenImageIO.ImageBuf(np.full((64, 64, 3), 0.5, np.float32))
+    assert OpenImageIO.ImageBufAlgo.make_texture(OpenImageIO.MakeTxTexture, source, path)
+    found = decoded(path, raw, 16)
+    assert found.pixels.shape == (16, 16, 3)
+    np.testing.assert_allclose(found.pixels, 0.5, rtol=1e-3)
+
+
+def test_pipes_and_devices_are_refused_at_once(tmp_path):
+    os.mkfifo(tmp_path / "a.png")
+    assert decoded(str(tmp_path / "a.png"), raw).error == "it is a named pipe"
+    assert decoded("/dev/zero", raw).error == "it is a device"
+    assert decoded(str(tmp_path), raw).error == "it is a folder"

@@ -1,0 +1,117 @@
+"""What a stage is made of: layers that are files, and MaterialX documents."""
+
+import os
+
+import numpy as np
+import pytest
+
+from photonbeams.scene import SceneError
+from photonbeams.usd.stage import open_stage, read_scene
+from photonbeams.usd.textures import texture_limit
+from photonbeams.usd.warnings import Warnings
+
+DOCUMENT = """<?xml version="1.0"?>
+<materialx version="1.38" colorspace="lin_rec709">
+  <nodegraph name="NG">
+    <input name="strength" type="float" value="0.5" />
+    <image name="picture" type="color3">
+      <input name="file" type="filename" value="a.exr" />
+    </image>
+    <multiply name="dimmed" type="color3">
+      <input name="in1" type="color3" nodename="picture" />
+      <input name="in2" type="float" interfacename="strength" />
+    </multiply>
+    <output name="color" type="color3" nodename="dimmed" />
+  </nodegraph>
+  <standard_surface name="Surface" type="surfaceshader">
+    <input name="base_color" type="color3" nodegraph="NG" output="color" />
+    <input name="specular_roughness" type="float" value="%s" />
+  </standard_surface>
+  <surfacematerial name="Painted" type="material">
+    <input name="surfaceshader" type="surfaceshader" nodename="Surface" />
+  </surfacematerial>
+</materialx>
+"""
+STAGE = """#usda 1.0
+def Scope "Looks" (references = @%s@</MaterialX/Materials>) {
+}
+def Plane "P" (prepend apiSchemas = ["MaterialBindingAPI"]) {
+    rel material:binding = </Looks/Painted>
+}
+"""
+
+
+def written(path, text):
+    path.write_text(text)
+    return path
+
+
+def test_a_materialx_document_is_read(tmp_path, image, caplog):
+    pytest.importorskip("MaterialX")
+    pixels = [[[0.2, 0.4, 0.6], [0.8, 1, 0]]]
+    os.rename(image("a.exr", pixels, "float"), tmp_path / "a.exr")
+    written(tmp_path / "m.mtlx", DOCUMENT % 0.25)
+    stage = written(tmp_path / "stage.usda", STAGE % "m.mtlx")
+    found = read_scene(open_stage(stage)).meshes[0].material
+    assert np.allclose(found.diffuse.pixels, 0.5 * np.array(pixels))
+    assert found.roughness == 0.25
+    # A second stage sees what the file has then, and OpenUSD's own layer is not what was changed for the first.
+    written(tmp_path / "m.mtlx", DOCUMENT % 0.125)
+    assert read_scene(open_stage(stage)).meshes[0].material.roughness == 0.125
+    assert (tmp_path / "stage.usda").read_text() == STAGE % "m.mtlx"
+    assert not caplog.text
+
+
+def test_a_broken_document_is_named_and_left_out(tmp_path, caplog):
+    pytest.importorskip("MaterialX")
+    written(tmp_path / "m.mtlx", "<materialx><oh")
+    stage = open_stage(written(tmp_path / "stage.usda", STAGE % "m.mtlx"))
+    assert read_scene(stage).meshes[0].material.diffuse == (0.18, 0.18, 0.18)
+    assert "m.mtlx cannot be read: expected a MaterialX document" in caplog.text
+
+
+@pytest.mark.parametrize("arc", ["references = @%s@", "payload = @%s@", "inherits = </B>"])
+def test_a_layer_that_is_no_file_is_refused_at_once(tmp_path, caplog, arc):
+    pipe = tmp_path / "pipe.usda"
+    os.mkfifo(pipe)
+    named = arc % pipe.name if "%" in arc else arc
+    sub = "" if "%" in arc else f"(subLayers = [@{pipe.name}@])"
+    stage = written(tmp_path / "stage.usda", f'#usda 1.0\n{sub}\ndef "A" ({named}) {{\n}}\n')
+    with pytest.raises(SceneError, match=r"stage\.usda refers to pipe\.usda: expected a file, it is a named pipe"):
+        open_stage(stage, warnings=Warnings(strict=True))
+    assert open_stage(stage).GetPrimAtPath("/A")
+    assert "it is a named pipe; it is left out" in caplog.text
+    with pytest.raises(SceneError, match=r"pipe\.usda cannot be read: expected a USD stage, it is a named pipe"):
+        open_stage(pipe)
+
+
+def test_the_texture_limit_bounds_textures(usd, image, tmp_path, caplog):
+    path = image("a.png", np.full((2, 8, 3), 0.5))
+    text = f"""#usda 1.0
+def RectLight "L" {{
+    asset inputs:texture:file = @{path}@
+}}
+def Plane "P" (prepend apiSchemas = ["MaterialBindingAPI"]) {{
+    rel material:binding = </M>
+}}
+def Material "M" {{
+    token outputs:surface.connect = </M/S.outputs:surface>
+    def Shader "S" {{
+        uniform token info:id = "UsdPreviewSurface"
+        color3f inputs:diffuseColor.connect = </M/T.outputs:rgb>
+        color3f inputs:emissiveColor.connect = </M/T.outputs:rgb>
+        token outputs:surface
+    }}
+    def Shader "T" {{
+        uniform token info:id = "UsdUVTexture"
+        asset inputs:file = @{path}@
+        float3 outputs:rgb
+    }}
+}}
+"""
+    stage = open_stage(written(tmp_path / "stage.usda", text), texture_limit=4)
+    assert texture_limit(stage) == 4
+    read_scene(stage)
+    (record,) = caplog.records  # images of lights have twice the limit
+    expected = "/M/T.inputs:file names a.png of 8 x 2 pixels: it is scaled down to 4 x 1, for the texture limit is 4"
+    assert expected in record.getMessage()
