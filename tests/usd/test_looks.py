@@ -255,7 +255,7 @@ def test_a_misspelt_attribute_is_named(read, caplog):
         ("float photonbeams:along:ramp:knots = 1", r"along:ramp:knots is 1\.0: expected a list of values"),
         ("color3f[] photonbeams:along:tint = [(1, 1, 1)]", r"along:tint is .*: expected a colour"),
         ("float[] photonbeams:noise:drift = [1, 2]", r"noise:drift has 2 values: expected three"),
-        ('string photonbeams:along:texture = "a.png"', r"along:texture is a\.png: expected an asset"),
+        ('string photonbeams:along:texture = "a.png"', r"along:texture names a\.png: expected an image file"),
         ("int photonbeams:noise:octaves = 9", r"noise:octaves is 9: expected a whole number from 1 to 8"),
         ("float photonbeams:noise:scale = 0", r"noise:scale is 0: expected a positive number"),
         ("float photonbeams:variation = 2", r"variation is 2.*: expected a finite number at least 0 at most 1"),

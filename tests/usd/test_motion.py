@@ -465,14 +465,25 @@ def test_a_pair_of_prims_needs_no_numbers(shot):
     ("message", "overrides"),
     [
         (r"/Camera\.shutter:close is -1 and shutter:open 0: expected a shutter", ["/Camera.shutter:close=-1"]),
-        (r"/Camera\.focusDistance is 0 and fStop 2", ["/Camera.fStop=2", "/Camera.focusDistance=0"]),
-        (r"/Camera\.fStop is -1", ["/Camera.fStop=-1"]),
-        (r"/Camera\.shutter:open is nan", ["/Camera.shutter:open=nan"]),
+        (r"/Camera\.shutter:open=nan': expected a finite number", ["/Camera.shutter:open=nan"]),
     ],
 )
 def test_bad_cameras_are_told_in_a_sentence(shot, message, overrides):
     with pytest.raises(SceneError, match=message):
         shot(*overrides).render(1, **SMALL)
+
+
+@pytest.mark.parametrize(
+    ("message", "overrides"),
+    [
+        ("/Camera.focusDistance is 0 and fStop 2", ["/Camera.fStop=2", "/Camera.focusDistance=0"]),
+        ("/Camera.fStop is -1", ["/Camera.fStop=-1"]),
+    ],
+)
+def test_a_lens_that_cannot_be_is_a_pinhole_with_a_warning(shot, message, overrides, caplog):
+    assert shot(*overrides).cameras(1)[0].lens_radius == 0
+    assert message in caplog.text
+    assert "all is in focus" in caplog.text
 
 
 def test_bad_eyes_are_told_in_a_sentence(shot):
