@@ -32,7 +32,7 @@ STAGES = (".usd", ".usda", ".usdc", ".usdz")
 REFERENCES = (
     "ref/reference.tif",
     "baseline/{stem}.png",
-    "baseline/{stem}_0.png",
+    "baseline/*{stem}*.png",
     "thumbnails/{stem}.png",
     "{stem}.png",
 )
@@ -100,9 +100,9 @@ def reference(path: Path) -> Path | None:
     """Return the image that a suite has of a stage, or None."""
     for folder in (path.parent, path.parent.parent):
         for name in REFERENCES:
-            found = folder / name.format(stem=path.stem)
-            if found.exists():
-                return found
+            found = sorted(folder.glob(name.format(stem=path.stem)))
+            if found:
+                return found[0]
     return None
 
 
@@ -116,7 +116,8 @@ def draw_sheets(outcomes: Sequence[Outcome], root: Path, out: Path) -> None:
     """Draw the pictures of a folder's stages, each beside its reference."""
     shown = [each for each in outcomes if each.kind == "picture"]
     for page in range(0, len(shown), COLUMNS * ROWS):
-        figure, axes = plt.subplots(ROWS, 2 * COLUMNS, figsize=(16, 13), squeeze=False)
+        rows = min(ROWS, -(-(len(shown) - page) // COLUMNS))
+        figure, axes = plt.subplots(rows, 2 * COLUMNS, figsize=(16, 2.2 * rows), squeeze=False)
         for axis in axes.flat:
             axis.axis("off")
         for number, outcome in enumerate(shown[page : page + COLUMNS * ROWS]):
