@@ -23,16 +23,16 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
+import OpenImageIO
 from pxr import Usd, UsdGeom, UsdLux, UsdVol
 
-from photonbeams.images.textures import decoded
 from photonbeams.usd.reading import quiet
 
 STAGES = (".usd", ".usda", ".usdc", ".usdz")
 REFERENCES = (
     "ref/reference.tif",
     "baseline/{stem}.png",
-    "baseline/{stem}_0.png",
+    "baseline/*{stem}*.png",
     "thumbnails/{stem}.png",
     "{stem}.png",
 )
@@ -100,23 +100,26 @@ def reference(path: Path) -> Path | None:
     """Return the image that a suite has of a stage, or None."""
     for folder in (path.parent, path.parent.parent):
         for name in REFERENCES:
-            found = folder / name.format(stem=path.stem)
-            if found.exists():
-                return found
+            found = sorted(folder.glob(name.format(stem=path.stem)))
+            if found:
+                return found[0]
     return None
 
 
 def pixels(path: Path | None) -> np.ndarray | None:
     """Return an image's colours as they are stored, or None."""
-    found = decoded(str(path))[0] if path is not None and path.exists() else None
-    return None if found is None else np.clip(found[..., :3] if found.shape[2] >= 3 else found[..., [0, 0, 0]], 0, 1)
+    if path is None or not path.exists():
+        return None
+    found = np.asarray(OpenImageIO.ImageBuf(str(path)).get_pixels(OpenImageIO.FLOAT))
+    return None if found.ndim != 3 else np.clip(found[..., :3] if found.shape[2] >= 3 else found[..., [0, 0, 0]], 0, 1)
 
 
 def draw_sheets(outcomes: Sequence[Outcome], root: Path, out: Path) -> None:
     """Draw the pictures of a folder's stages, each beside its reference."""
     shown = [each for each in outcomes if each.kind == "picture"]
     for page in range(0, len(shown), COLUMNS * ROWS):
-        figure, axes = plt.subplots(ROWS, 2 * COLUMNS, figsize=(16, 13), squeeze=False)
+        rows = min(ROWS, -(-(len(shown) - page) // COLUMNS))
+        figure, axes = plt.subplots(rows, 2 * COLUMNS, figsize=(16, 2.2 * rows), squeeze=False)
         for axis in axes.flat:
             axis.axis("off")
         for number, outcome in enumerate(shown[page : page + COLUMNS * ROWS]):
@@ -152,7 +155,10 @@ def main() -> None:
         paths = [path for path in paths if not arguments.complete or is_complete(path)][:: arguments.every]
         pictures = [arguments.output / root.name / path.relative_to(root).with_suffix(".png") for path in paths]
         with ThreadPoolExecutor(arguments.workers) as pool:
-            outcomes = list(pool.map(partial(rendered, arguments=arguments), paths, pictures))
+            outcomes = []
+            for outcome in pool.map(partial(rendered, arguments=arguments), paths, pictures):
+                print(*outcome.row(root), flush=True)
+                outcomes.append(outcome)
         counts.update((each.complete, each.kind) for each in outcomes)
         rows += [each.row(root) for each in outcomes]
         draw_sheets(outcomes, root, arguments.output)

@@ -11,6 +11,7 @@ import typer
 
 from . import options
 from .console import standard_output
+from .progress import messages
 from .volumes import COLUMNS, VOLUMES, volume_rows
 
 if TYPE_CHECKING:
@@ -36,7 +37,8 @@ def info(
     """
     console = standard_output()
     if path.suffix.lower() in STAGES:
-        _show_stage(console, path, session_layer or ())
+        with messages(quiet=False, verbose=False):
+            _show_stage(console, path, session_layer or ())
     elif session_layer:
         raise typer.BadParameter(f"--session-layer is of a stage, and {path} is none: expected {', '.join(STAGES)}")
     elif path.suffix.lower() in VOLUMES:
@@ -175,11 +177,16 @@ def _stage_rows(stage: Usd.Stage, scene: Scene) -> Iterable[tuple[str, str]]:
 
 
 def _camera_rows(stage: Usd.Stage, time: Usd.TimeCode) -> list[tuple[str, ...]]:
+    from ..scene import SceneError
     from ..usd import stage as stages
 
     rows: list[tuple[str, ...]] = []
     for name in stages.list_cameras(stage):
-        camera = stages.read_camera(stage, name, time)
+        try:
+            camera = stages.read_camera(stage, name, time)
+        except SceneError as error:
+            rows.append((name, str(error).partition(f"{name}.")[2] or str(error), "", ""))
+            continue
         lens = "orthographic" if camera.orthographic else f"{camera.focal_length:.4g}"
         aperture = f"{camera.horizontal_aperture:.4g} x {camera.vertical_aperture:.4g}"
         rows.append((name, lens, aperture, _triple(camera.to_world[:3, 3])))

@@ -1,0 +1,108 @@
+"""Warnings about stages: once, together, short; and what is left out with them."""
+
+import pytest
+
+from photonbeams import Shot
+from photonbeams.scene import SceneError
+from photonbeams.scene.checks import LONGEST
+from photonbeams.usd.reading import Reading
+from photonbeams.usd.stage import open_stage, read_scene
+from photonbeams.usd.warnings import Warnings
+
+
+def test_many_warnings_of_a_kind_are_one_with_their_number(caplog):
+    warnings = Warnings()
+    with warnings.together():
+        for number in range(91):
+            warnings.give(f"/Hair{number} has {number + 1} curves without width: they are skipped", "a.usda")
+        warnings.give("/Lamp.inputs:radius is 0", "a.usda")
+        warnings.give("/Ball.radius is 0", "a.usda")
+        assert not caplog.messages
+    assert caplog.messages == [
+        "a.usda: /Hair0 has 1 curves without width: they are skipped "
+        "(and 90 more like this: /Hair1, /Hair2, /Hair3, …)",
+        "a.usda: /Lamp.inputs:radius is 0",
+        "a.usda: /Ball.radius is 0",
+    ]
+    warnings.give("/Hair7 has 8 curves without width: they are skipped", "a.usda")
+    assert len(caplog.messages) == 3
+
+
+def test_a_message_has_at_most_three_hundred_characters(caplog):
+    warnings = Warnings()
+    with warnings.together():
+        for number in range(9):
+            warnings.give(f"/{'A' * 200}{number} is skipped", "stage.usda")
+        warnings.give("/B " + 400 * "b", "stage.usda")
+    assert [len(each) <= LONGEST for each in caplog.messages] == [True, True]
+    assert caplog.messages[0].endswith(" is skipped (and 8 more like this)")
+    assert len(str(SceneError(400 * "a"))) == LONGEST
+
+
+def test_what_fails_in_a_way_that_nobody_thought_of_is_left_out(usd, caplog):
+    stage = usd('def Cube "C" {}')
+    reading = Reading(stage)
+    assert reading.attempt(stage.GetPrimAtPath("/C"), lambda: [][1], 7, "it is skipped") == 7
+    assert caplog.messages[-1].endswith("stage.usda: /C cannot be read; it is skipped")
+
+
+@pytest.mark.parametrize(
+    ("prim", "warning"),
+    [
+        ("references = @ok.usda@</Nope>", "/A has a reference to @{}/ok.usda@</Nope>, where no such prim is;"),
+        ("references = @plain.usda@", "/A has a reference to @{}/plain.usda@, which names no default prim;"),
+        ("payload = @broken.usda@", "/A has a payload to @{}/broken.usda@, which cannot be read (line 3: "),
+        ("references = </A/B>", "/A refers to itself, directly or by others;"),
+        ("references = @picture.jpg@", "/A has a reference to @{}/picture.jpg@, and OpenUSD reads no files like *.jpg"),
+    ],
+)
+def test_what_cannot_be_composed_is_left_out_in_a_sentence_of_our_own(tmp_path, caplog, capfd, prim, warning):
+    (tmp_path / "ok.usda").write_text('#usda 1.0\n(\ndefaultPrim = "R"\n)\ndef "R"\n{\n}\n')
+    (tmp_path / "plain.usda").write_text('#usda 1.0\ndef "R"\n{\n}\n')
+    (tmp_path / "broken.usda").write_text('#usda 1.0\ndef "R"\n{ what\n')
+    (tmp_path / "picture.jpg").write_text("no picture")
+    path = tmp_path / "stage.usda"
+    path.write_text(f'#usda 1.0\ndef Xform "A" ({prim}\n)\n{{\n    def "B"\n    {{\n    }}\n}}\ndef Cube "C"\n{{\n}}\n')
+    assert len(read_scene(open_stage(path)).meshes) == 1
+    assert any(f"{path}: {warning.format(tmp_path)}" in each for each in caplog.messages)
+    assert capfd.readouterr().err == ""
+    with pytest.raises(SceneError, match="stage"):
+        open_stage(path, warnings=Warnings(strict=True))
+
+
+BODY = """def Camera "Camera" {
+}
+def Mesh "Broken" {
+    int[] faceVertexCounts = [4]
+    int[] faceVertexIndices = [0, 1, 2]
+    point3f[] points = [(0, 0, 0), (1, 0, 0), (1, 1, 0)]
+}
+def Cube "Cube" {
+    %s material:binding = %s
+}
+def SphereLight "Lamp" {
+    %s photonbeams:portal = %s
+    %s photonbeams:look = %s
+    %s photonbeams:guides = %s
+    asset photonbeams:gobo = @gone.exr@
+}
+def SphereLight "Dark" {
+    float inputs:intensity = nan
+}"""
+ATTRIBUTES = ("token", '"a"') * 4
+MISSING = ("rel", "</Gone>") * 4
+
+
+@pytest.mark.parametrize("values", [ATTRIBUTES, MISSING])
+def test_a_light_is_left_with_what_of_it_can_be_used(usd, caplog, values):
+    stage = usd(BODY % values)
+    content = read_scene(stage)
+    assert [mesh.name for mesh in content.meshes] == ["/Cube"]
+    (light,) = content.lights
+    assert (light.name, light.portal, light.look, light.guides, light.gobo) == ("/Lamp", None, None, (), None)
+    for end in ("has no portal", "physical look", "has no guides", "has no gobo", "grey is used", "it is skipped"):
+        assert sum(end in each for each in caplog.messages) == (2 if end == "it is skipped" else 1)
+    path = stage.GetRootLayer().realPath
+    with pytest.raises(SceneError, match="/Broken"):
+        Shot.open(path, strict=True).read()
+    assert len(Shot.open(path).read()[0].lights) == 1
