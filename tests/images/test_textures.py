@@ -7,7 +7,7 @@ import OpenImageIO
 import pytest
 
 from photonbeams.images import textures
-from photonbeams.images.textures import decoded, linear
+from photonbeams.images.textures import decoded, linear, wrap_modes
 
 
 def raw(pixels, kind):
@@ -62,6 +62,7 @@ def test_a_level_of_the_file_that_is_small_enough_is_read(tmp_path):
     found = decoded(path, raw, 16)
     assert found.pixels.shape == (16, 16, 3)
     np.testing.assert_allclose(found.pixels, 0.5, rtol=1e-3)
+    assert wrap_modes(path) == ("black", "black")  # as maketx writes them
 
 
 def test_pipes_and_devices_are_refused_at_once(tmp_path):

@@ -78,6 +78,25 @@ def test_a_diffuse_floor_reflects_as_disneys_diffuse_bsdf(reflectance):
     assert np.allclose(reflectance, factor * np.array([0.6, 0.5, 0.4]) / np.pi, rtol=1e-5)
 
 
+def test_a_matte_floor_is_lamberts_in_the_colours_of_its_vertices_and_by_its_normals():
+    """Albedo / π of the irradiance, linear between vertices; a normal map of one normal tilts the floor."""
+    sun = scene.DistantLight("/sun", (1.0,) * 3, axis=DOWN, angle=0.0)
+    colors = np.array([[0, 0, 0.5], [0, 1, 0.5], [1, 1, 0.5], [1, 0, 0.5]])
+    matte = scene.Material(diffuse=scene.VertexValues(colors), ior=1.0)
+    at = np.array([[x, 0, z] for x in (-2.0, -1.0, 0.5) for z in (-1.0, 1.5)])
+    origin, direction = rays([0.0, 3, 4], at)
+    mean, _, _ = render(built([dataclasses.replace(FLOOR, material=matte)], sun), origin, direction, passes=1)
+    # Corners in order: x and z are −3 to 3 where red and green are 0 to 1.
+    expected = np.stack([(at[:, 0] + 3) / 6, (at[:, 2] + 3) / 6, np.full(len(at), 0.5)]) / np.pi
+    assert np.allclose(mean, expected, atol=1e-6)
+    tilted = np.array([0.6, 0.0, 0.8]) / 2 + 0.5
+    normal = scene.UVTexture(np.full((1, 1, 3), tilted, np.float32))
+    uvs = np.array([[0.0, 0], [0, 1], [1, 1], [1, 0]])
+    bent = dataclasses.replace(FLOOR, uvs=uvs, material=scene.Material(diffuse=(0.5,) * 3, ior=1.0, normal=normal))
+    mean, _, _ = render(built([bent], sun), origin, direction, passes=1)
+    assert np.allclose(mean, 0.5 * 0.8 / np.pi, rtol=1e-5)
+
+
 @pytest.mark.parametrize(
     ("light", "irradiance"),
     [

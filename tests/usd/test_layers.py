@@ -23,9 +23,11 @@ DOCUMENT = """<?xml version="1.0"?>
     </multiply>
     <output name="color" type="color3" nodename="dimmed" />
   </nodegraph>
-  <standard_surface name="Surface" type="surfaceshader">
+  <standard_surface name="Surface" type="surfaceshader" colorspace="srgb_texture">
     <input name="base_color" type="color3" nodegraph="NG" output="color" />
     <input name="specular_roughness" type="float" value="%s" />
+    <input name="emission" type="float" value="1" />
+    <input name="emission_color" type="color3" value="0.5, 0.5, 0.5" />
   </standard_surface>
   <surfacematerial name="Painted" type="material">
     <input name="surfaceshader" type="surfaceshader" nodename="Surface" />
@@ -55,6 +57,7 @@ def test_a_materialx_document_is_read(tmp_path, image, caplog):
     found = read_scene(open_stage(stage)).meshes[0].material
     assert np.allclose(found.diffuse.pixels, 0.5 * np.array(pixels))
     assert found.roughness == 0.25
+    assert found.emissive == pytest.approx((((0.5 + 0.055) / 1.055) ** 2.4,) * 3, abs=1e-6)
     # A second stage sees what the file has then, and OpenUSD's own layer is not what was changed for the first.
     written(tmp_path / "m.mtlx", DOCUMENT % 0.125)
     assert read_scene(open_stage(stage)).meshes[0].material.roughness == 0.125

@@ -64,6 +64,17 @@ def decoded(path: str, linearize: Linearize, limit: int = TEXTURE_LIMIT) -> Deco
         file.close()
 
 
+def wrap_modes(path: str) -> tuple[str, str] | None:
+    """Return what a texture file says is beyond it in u and in v, "black", "clamp", "periodic" or "mirror", or None."""
+    file: Any = None if why_unreadable(path) else OpenImageIO.ImageInput.open(path)
+    if not file:
+        OpenImageIO.geterror()
+        return None
+    first, _, second = str(file.spec().getattribute("wrapmodes") or "").partition(",")
+    file.close()
+    return (first, second or first) if first else None
+
+
 def linear(pixels: Array, kind: str, color_space: str) -> Array:
     """Return stored pixels as scene-linear ones; `color_space` is "sRGB", "raw" or "auto", by how they are stored."""
     channels = pixels.shape[2]

@@ -110,8 +110,10 @@ class _Translation:
             return self._of_node(node, element.getOutputString(), scope, parent)
         if not element.getValueString():
             return None
-        space = element.getColorSpace()
-        own = space if space != self._document.getColorSpace() else ""
+        space = element.getActiveColorSpace()
+        # The document's own is no word about its files: 8-bit ones without another are sRGB, as elsewhere.
+        is_file = element.getType() == "filename" and space == self._document.getColorSpace()
+        own = space if element.getType() in ("filename", "color3", "color4") and not is_file else ""
         return _Constant(element.getType(), element.getResolvedValueString(), own)
 
     def _of_graph(

@@ -8,15 +8,16 @@ from typing import Any
 import numpy as np
 from pxr import Ar, Sdf, Usd, UsdShade
 
+from ...images.textures import wrap_modes
 from ...scene import Array, rgb
 from ..reading import Reading
-from ..textures import find_image, image_at, known_space, texture_limit
+from ..textures import find_image, image_at, known_space, resolved, texture_limit
 from .network import Network, Node, category, is_output
 from .values import Image, Value, mapped
 
 _WRAPS = {
-    "repeat": "repeat", "clamp": "clamp", "mirror": "mirror", "black": "black", "useMetadata": "repeat",
-    "periodic": "repeat", "constant": "black", "file": "repeat", "missing": "black",
+    "repeat": "repeat", "clamp": "clamp", "mirror": "mirror", "black": "black", "useMetadata": "",
+    "periodic": "repeat", "constant": "black", "file": "", "missing": "black",
 }  # fmt: skip
 _LONGEST = 16  # transforms of UVs in a chain; loops end there, too
 _UDIM = re.compile(r"<UDIM>|%\(UDIM\)d|<udim>")
@@ -29,7 +30,7 @@ def _usd_uv_texture(network: Network, node: UsdShade.Shader, output: str) -> Val
     if pixels is None:
         return fallback
     scale, bias = network.vector(node, "scale", (1.0,) * 4), network.vector(node, "bias", (0.0,) * 4)
-    wrap = _wrap(network, node, "wrapS"), _wrap(network, node, "wrapT")
+    wrap = _wraps(network, node, ("wrapS", "wrapT"), "useMetadata", "file")
     image = _placed(network, node, pixels, wrap, _coordinates(network, node, "st"))
     return image if np.all(scale == 1) and np.all(bias == 0) else mapped(lambda values: values * scale + bias, image)
 
@@ -43,7 +44,7 @@ def _materialx_image(network: Network, node: UsdShade.Shader, output: str) -> Va
     pixels = _pixels(network, node, "file", space, default)
     if pixels is None:
         return default
-    wrap = _wrap(network, node, "uaddressmode", "periodic"), _wrap(network, node, "vaddressmode", "periodic")
+    wrap = _wraps(network, node, ("uaddressmode", "vaddressmode"), "periodic", "file")
     uv_name, transform = _coordinates(network, node, "texcoord")
     if "tiledimage" in name:
         size = network.vector(node, "realworldtilesize", (1.0, 1.0))
@@ -62,7 +63,7 @@ def _arnold_image(network: Network, node: UsdShade.Shader, output: str) -> Value
     pixels = _pixels(network, node, "filename", space, missing)
     if pixels is None:
         return missing
-    wrap = _wrap(network, node, "swrap", "periodic"), _wrap(network, node, "twrap", "periodic")
+    wrap = _wraps(network, node, ("swrap", "twrap"), "periodic", "filename")
     uv_name, transform = _coordinates(network, node, "uvcoords")
     uv_name = str(network.plain(node, "uvset", "")) or uv_name
     scale, offset = (
@@ -211,12 +212,22 @@ def _placed(
     return Image(pixels, wrap, tiles @ transform, uv_name or "st")
 
 
-def _wrap(network: Network, node: UsdShade.Shader, name: str, default: str = "useMetadata") -> str:
-    value = str(network.plain(node, name, default))
-    if value not in _WRAPS:
-        known = ", ".join(list(_WRAPS)[:5])
-        network.lose(node, f"is '{value}': expected one of {known}; repeat is used", name)
-    return _WRAPS.get(value, "repeat")
+def _wraps(network: Network, node: UsdShade.Shader, names: tuple[str, str], default: str, file: str) -> tuple[str, str]:
+    """Return the wrap modes that two inputs name; where they leave it to the file, what that says, else repeat."""
+    found = []
+    for name in names:
+        value = str(network.plain(node, name, default))
+        if value not in _WRAPS:
+            known = ", ".join(list(_WRAPS)[:5])
+            network.lose(node, f"is '{value}': expected one of {known}; repeat is used", name)
+        found.append(_WRAPS.get(value, "repeat"))
+    if all(found):
+        return found[0], found[1]
+    asset = network.plain(node, file)
+    path = resolved(network.reading, asset) if isinstance(asset, Sdf.AssetPath) and asset.path else ""
+    own = wrap_modes(path) if path and not Ar.IsPackageRelativePath(path) else None
+    first, second = (_WRAPS.get(each, "") or "repeat" for each in own or ("repeat", "repeat"))
+    return found[0] or first, found[1] or second
 
 
 def _coordinates(network: Network, node: UsdShade.Shader, name: str) -> tuple[str, Array]:

@@ -110,8 +110,8 @@ def _texture(reading: Reading, prim: Usd.Prim, name: str, image: Image, uvs: Arr
 def _extended(image: Image, low: Array, high: Array) -> tuple[Image, bool]:
     """Return an image that covers the squares from `low` to `high`, and whether it covers them all.
 
-    Beyond its own square it is repeated or mirrored; one that is clamped ends there, and one that is black beyond has a
-    black edge.
+    Beyond its own square it is repeated or mirrored; one that is clamped ends there, and one that is black beyond has
+    an edge of what black became in the network.
     """
     pixels, transform, whole = image.pixels, np.eye(3), True
     for axis, wrap in enumerate(image.wrap):
@@ -126,8 +126,7 @@ def _extended(image: Image, low: Array, high: Array) -> tuple[Image, bool]:
             transform[axis, axis], transform[axis, 2] = 1 / len(copies), -first / len(copies)
         elif wrap == "black":
             size = pixels.shape[direction]
-            around = [(0, 0)] * 3
-            around[direction] = (1, 1)
-            pixels = np.pad(pixels, around)
+            edge = np.broadcast_to(image.beyond, np.take(pixels, [0], direction).shape).astype(np.float32)
+            pixels = np.concatenate([edge, pixels, edge], axis=direction)
             transform[axis, axis], transform[axis, 2] = size / (size + 2), 1 / (size + 2)
     return replace(image, pixels=pixels, wrap=("clamp", "clamp"), transform=transform @ image.transform), whole

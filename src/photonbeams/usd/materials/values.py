@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -27,12 +27,15 @@ class Image:
         (3, 3), applied to (u, v, 1).
     uv_name
         Primvar of the UVs.
+    beyond
+        The value where an image that wraps to black is not, (C,).
     """
 
     pixels: Array
     wrap: tuple[str, str]
     transform: Array
     uv_name: str
+    beyond: Array = field(default_factory=lambda: np.zeros(4))
 
     def placed_as(self, other: Image) -> bool:
         """Return whether two images lie on a surface in the same way."""
@@ -64,8 +67,9 @@ def mapped(function: Callable[..., Array], *values: Value) -> Value:
     if images:
         largest = max(images, key=lambda each: each.pixels[..., 0].size)
         pixels = function(*(_over(each, largest) for each in values))
-        shape = largest.pixels.shape[:2]
-        return replace(largest, pixels=np.broadcast_to(pixels, (*shape, pixels.shape[-1])).astype(np.float32))
+        beyond = function(*(each.beyond if isinstance(each, Image) else constant(each) for each in values))
+        shape = (*largest.pixels.shape[:2], pixels.shape[-1])
+        return replace(largest, pixels=np.broadcast_to(pixels, shape).astype(np.float32), beyond=beyond)
     if not primvars:
         return np.atleast_1d(function(*values))
     first = primvars[0]
