@@ -117,8 +117,11 @@ def _text(value: Any) -> str:
 
 def _show_stage(console: Console, path: Path, layers: Sequence[Path]) -> None:
     from ..usd import stage as stages
+    from ..usd.unread import warn_of_unread
+    from ..usd.warnings import Warnings
 
     stage = stages.open_stage(path, layers)
+    warn_of_unread(stage, Warnings())
     time = stages.default_time(stage)
     scene = stages.read_scene(stage, time)
     console.print(_table(None, _stage_rows(stage, scene)))

@@ -24,6 +24,7 @@ from ..usd.looks import LookSpec
 from ..usd.motion import Exposure
 from ..usd.reading import file_of, frame_number
 from ..usd.stereo import EYES, Stereo, check_stereo, read_eyes, views_of
+from ..usd.unread import warn_of_unread
 from ..usd.warnings import Warnings
 
 if TYPE_CHECKING:
@@ -135,6 +136,7 @@ class Shot:
         if not (self.camera is None or isinstance(self.camera, str)):
             raise scene.SceneError(f"camera is {self.camera!r}: expected the path or the name of a camera of the stage")
         self.stage: Usd.Stage = stage
+        warn_of_unread(stage, self._warnings)
         self._listener = self._listening()
 
     def _listening(self) -> Any:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from difflib import get_close_matches
 from typing import Any, TypeVar
 
 import numpy as np
@@ -109,6 +110,14 @@ class Reading:
             text = f"{prim.GetPath()} cannot be read"
         self.warnings.give(f"{shortened(text, len(file) + len(instead) + 4)}; {instead}", file)
         return otherwise
+
+    def warn_of_unknown(self, prim: Usd.Prim, name: str, known: Collection[str]) -> None:
+        """Warn of an attribute that prims of this kind do not have; tell the name that was probably meant."""
+        short = {each.removeprefix("photonbeams:"): each for each in known}
+        near = get_close_matches(name.removeprefix("photonbeams:"), short, 1, 0.7)
+        meant = "".join(f"; expected {short[each]}" for each in near)
+        kind = prim.GetTypeName() or "prim without a type"
+        self.warn(prim, f"is no attribute of a {kind}: it is ignored{meant}", name)
 
     def value(self, prim: Usd.Prim, name: str, default: Any = None) -> Any:
         """Return an attribute's value or fallback at the time, or `default` where it has none."""
