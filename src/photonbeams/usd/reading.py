@@ -123,7 +123,19 @@ class Reading:
         """Return an attribute's value or fallback at the time, or `default` where it has none."""
         attribute = prim.GetAttribute(name)
         result = attribute.Get(self.time) if attribute else None
+        if isinstance(result, str) and not name.startswith("photonbeams:"):
+            result = self._token(prim, attribute, result)
         return default if result is None else result
+
+    def _token(self, prim: Usd.Prim, attribute: Usd.Attribute, value: str) -> str | None:
+        """Return a value, or the fallback with a warning where the schema has no such token."""
+        allowed = attribute.GetMetadata("allowedTokens")
+        if not allowed or value in allowed:
+            return value
+        fallback = prim.GetPrimDefinition().GetAttributeFallbackValue(attribute.GetName())
+        used = "it is ignored" if fallback is None else f"{fallback} is used"
+        self.warn(prim, f"is '{value}': expected one of {', '.join(allowed)}; {used}", attribute.GetName())
+        return None if fallback is None else str(fallback)
 
     def number(
         self, prim: Usd.Prim, name: str, default: float, minimum: float = -np.inf, maximum: float = np.inf
