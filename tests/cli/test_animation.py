@@ -110,7 +110,7 @@ def test_frames_are_rendered_in_their_order_and_reported(render, stage, out):
     assert code == 0
     assert names(out) == ["a.0001.exr", "a.0002.exr", "a.0003.exr", "b"]
     assert names(out / "b") == ["a.1.png", "a.2.png", "a.3.png"]
-    found = [re.fullmatch(r"frame (\d): 1 passes, 16 beams, [\d.]+ s, wrote (.+)", line) for line in lines[:3]]
+    found = [re.fullmatch(r"frame (\d): 1 pass, 16 beams, [\d.]+ s, wrote (.+)", line) for line in lines[:3]]
     assert [match[1] for match in found] == ["3", "1", "2"]
     assert found[0][2] == "a.0003.exr, b/a.3.png"
     assert re.fullmatch(r"3 frames rendered, 0 skipped, 6 files written, [\d.]+ s", lines[3])

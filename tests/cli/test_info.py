@@ -74,8 +74,8 @@ def test_the_keyhole_stage_shows_all_that_a_render_needs(capsys):
         r"^frames 1 to 101, 24 a second$",
         r"^fog scattering [\d.]",
         r"^a beam of power 1 and radius 1 shows [\d. e-]+, one unit along [\d. e-]+$",
-        r"^/World/Camera 0\.032 0\.036 x 0\.02025 ",
-        r"^/World/Flight ",
+        r"^/World/Camera 32 mm on 36 mm 58\.7 degrees wide no blur all sharp x 1 ",
+        r"^/World/Flight 28 mm on 36 mm 65\.5 degrees wide -0\.25 to 0\.25 frames f/4 at 2\.5 x 1 ",
         r"^/World/Light/Key rect .* key 4,096.* /World/Portal /World/Looks/Keyhole$",
         r"^/World/Light/Fill dome .* none$",
         r"^/World/Door/Leaf [\d,]+ [\d,]+ 256 px texture$",
@@ -88,7 +88,7 @@ def test_the_keyhole_stage_shows_all_that_a_render_needs(capsys):
 def test_a_stage_from_blender_says_what_it_lacks(capsys):
     found = lines(capsys, EXAMPLES / "blender" / "attic.usda")
     assert "fog none: give one with --scattering" in found
-    assert "frames one, no range is given" in found
+    assert "frames no range is given, 24 a second" in found
     assert "up axis Z" in found
     assert any(line.startswith("and ") and " more " in line for line in found)
 

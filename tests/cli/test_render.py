@@ -114,7 +114,7 @@ def test_all_outputs_are_written_and_summed_up(render, stage, out):
     assert not np.array_equal(read_image(out / "new" / "b.png"), read_image(out / "c.png"))
     lines = stderr.splitlines()
     assert lines[:2] == ["pass 0 of 1", "pass 1 of 1"]
-    assert re.fullmatch(r"1 passes, 64 beams, \d+ million ray-beam tests", lines[2])
+    assert re.fullmatch(r"1 pass, 64 beams, \d+ million ray-beam tests", lines[2])
     assert re.fullmatch(
         r"[\d.]+ s \(build [\d.]+, simulate .*, beams [\d.]+; compiling [\d.]+ of it, \d+ kernels\)", lines[3]
     )
@@ -144,6 +144,15 @@ def test_a_run_of_hashes_is_the_frame_number(render, stage, out, flags, name):
 def test_the_size_is_what_is_given_and_the_rest_the_apertures(render, stage, out, flags, size):
     assert render(stage(), "-o", out / "a.exr", "--passes", 1, "--beams", 64, *flags, small=False)[0] == 0
     assert read_layers(out / "a.exr")["rgba"].shape == (*size, 4)
+
+
+def test_an_exposure_is_chosen_and_told(render, stage, out):
+    code, _, stderr = render(stage(), "-o", out / "a.png", "--auto-exposure")
+    told = re.search(r"pictures are exposed by (\S+) stops, as by --exposure (\S+)$", stderr, re.MULTILINE)
+    assert code == 0 and told[1] == told[2]
+    assert render(stage(), "-o", out / "b.png", "--exposure", told[1], "-q")[0] == 0
+    assert (out / "a.png").read_bytes() == (out / "b.png").read_bytes()
+    fails(render(stage(), "-o", out / "a.png", "--auto-exposure", "--exposure", 1), 2, "expected no --exposure")
 
 
 def test_a_crop_has_its_place_in_the_header_and_the_pixels_of_the_whole(render, stage, out):

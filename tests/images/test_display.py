@@ -15,6 +15,16 @@ def test_the_view_changes_nothing_below_its_shoulder_and_never_leaves_0_to_1():
     assert view[2].tolist() == [0.0, 0.0, 0.25]
 
 
+def test_an_exposure_puts_nearly_all_light_below_the_shoulder():
+    pixels = np.zeros((10, 50, 4))
+    pixels[:2, :, 1] = np.linspace(0.01, 0.02, 100).reshape(2, 50)
+    pixels[:2, :, 3] = 1
+    pixels[0, 0], pixels[1, 0, 0] = np.inf, 1e6  # lamps do not count, nor do black pixels
+    stops = display.exposure_of(pixels)
+    assert 0.02 * 2**stops == pytest.approx(display.SHOULDER, rel=0.08)  # a tenth of a stop, and the 95th of 100
+    assert display.exposure_of(np.zeros((2, 2, 4))) == 0
+
+
 def test_the_view_is_smooth_and_rises_with_the_light():
     light = np.geomspace(0.01, 1e4, 4001)[:, None] * np.array([1.0, 0.6, 0.2])
     view = display.tone_mapped(light)

@@ -20,6 +20,13 @@ STAGE = Path(__file__).parents[1] / "usd" / "data" / "comparison.usda"
 CAMERA = "/World/Camera"
 
 
+def test_a_frame_that_the_stage_does_not_have_is_refused(usd):
+    shot = pb.Shot(usd('def Camera "C" {\n}\n', "startTimeCode = 1\nendTimeCode = 4"))
+    for ask in (shot.render, shot.beams):
+        with pytest.raises(pb.SceneError, match="has no frame 5: expected frames from 1 to 4"):
+            ask(5)
+
+
 def stage_with_camera(position, turn):
     return pb.Shot.open(
         STAGE,

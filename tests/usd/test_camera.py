@@ -1,5 +1,7 @@
 """UsdGeomCamera."""
 
+import logging
+
 import numpy as np
 import pytest
 from pxr import Gf, UsdGeom
@@ -71,6 +73,19 @@ def test_exposure_is_as_usd_has_it(usd):
     assert read_camera(usd(camera(body))).exposure_scale == pytest.approx(2 * 4 * 0.5 * 3 / 2**2)
     stage = usd(camera("float exposure.timeSamples = { 1: 0, 3: 2 }"))
     assert read_camera(stage, time=2).exposure_scale == 2
+
+
+def test_a_black_exposure_and_a_wrong_projection_are_warned_of_once(usd, caplog):
+    caplog.set_level(logging.WARNING, "photonbeams")
+    stage, warnings = usd(camera('float exposure:iso = 0\ntoken projection = "fisheye"')), Warnings()
+    for _ in range(2):
+        result = read_camera(stage, warnings=warnings)
+    assert result.exposure_scale == 0 and not result.orthographic
+    told = [message.partition("stage.usda: ")[2] for message in caplog.messages]
+    assert told == [
+        "/C.projection is 'fisheye': expected one of perspective, orthographic; perspective is used",
+        "/C.exposure:iso multiplies all light with 0: the picture is black",
+    ]
 
 
 def test_an_orthographic_camera_needs_no_lens(usd):

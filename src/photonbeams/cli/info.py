@@ -119,13 +119,16 @@ def _text(value: Any) -> str:
 
 def _show_stage(console: Console, path: Path, layers: Sequence[Path]) -> None:
     from ..usd import stage as stages
+    from ..usd.unread import warn_of_unread
+    from ..usd.warnings import Warnings
 
     stage = stages.open_stage(path, layers)
+    warn_of_unread(stage, Warnings())
     time = stages.default_time(stage)
     scene = stages.read_scene(stage, time)
     console.print(_table(None, _stage_rows(stage, scene)))
     sections = [
-        ("camera", "lens", "aperture", "position"),
+        ("camera", "lens", "view", "shutter", "focus", "exposure", "position"),
         ("light", "kind", "radiance", "group", "beams", "portal", "look"),
         ("mesh", "points", "triangles", "material"),
         ("drawn beams", "count", "group", "look"),
@@ -162,7 +165,7 @@ def _stage_rows(stage: Usd.Stage, scene: Scene) -> Iterable[tuple[str, str]]:
         first, last = stage.GetStartTimeCode(), stage.GetEndTimeCode()
         yield "frames", f"{first:g} to {last:g}, {stage.GetTimeCodesPerSecond():g} a second"
     else:
-        yield "frames", "one, no range is given"
+        yield "frames", f"no range is given, {stage.GetTimeCodesPerSecond():g} a second"
     yield "triangles", f"{sum(len(mesh.faces) for mesh in scene.meshes):,} in {len(scene.meshes):,} meshes"
     medium = scene.medium
     if medium is None:
@@ -177,19 +180,31 @@ def _stage_rows(stage: Usd.Stage, scene: Scene) -> Iterable[tuple[str, str]]:
 
 
 def _camera_rows(stage: Usd.Stage, time: Usd.TimeCode) -> list[tuple[str, ...]]:
+    from pxr import UsdGeom
+
     from ..scene import SceneError
     from ..usd import stage as stages
+    from ..usd.camera import read_shutter
 
     rows: list[tuple[str, ...]] = []
+    to_mm = 1000 * UsdGeom.GetStageMetersPerUnit(stage)
     for name in stages.list_cameras(stage):
         try:
             camera = stages.read_camera(stage, name, time)
+            begin, end = read_shutter(stage, name, time)
         except SceneError as error:
-            rows.append((name, str(error).partition(f"{name}.")[2] or str(error), "", ""))
+            rows.append((name, str(error).partition(f"{name}.")[2] or str(error), *("",) * 5))
             continue
-        lens = "orthographic" if camera.orthographic else f"{camera.focal_length:.4g}"
-        aperture = f"{camera.horizontal_aperture:.4g} x {camera.vertical_aperture:.4g}"
-        rows.append((name, lens, aperture, _triple(camera.to_world[:3, 3])))
+        wide = camera.horizontal_aperture
+        if camera.orthographic:
+            lens, view = "orthographic", f"{wide:.4g} units wide"
+        else:
+            lens = f"{to_mm * camera.focal_length:.4g} mm on {to_mm * wide:.4g} mm"
+            view = f"{2 * np.degrees(np.arctan(0.5 * wide / camera.focal_length)):.3g} degrees wide"
+        shutter = f"{begin:g} to {end:g} frames" if begin < end else "no blur"
+        stop = camera.focal_length / max(2 * camera.lens_radius, 1e-30)
+        focus = f"f/{stop:.3g} at {camera.focus_distance:.4g}" if camera.lens_radius else "all sharp"
+        rows.append((name, lens, view, shutter, focus, f"x {camera.exposure_scale:g}", _triple(camera.to_world[:3, 3])))
     return rows
 
 

@@ -56,6 +56,23 @@ class Output:
         return next((name for name in found if name not in NUMBERS), found[0])
 
 
+@dataclass
+class Exposure:
+    """The exposure of pictures in stops; None until a first frame has chosen it, for all frames have the same."""
+
+    stops: float | None
+
+    def of(self, pixels: Array, *, quiet: bool = False) -> float:
+        """Return the exposure; where it is not given, choose it by this picture, and say so."""
+        if self.stops is None:
+            from ..images.display import exposure_of
+
+            self.stops = exposure_of(pixels)
+            if not quiet:
+                typer.echo(f"pictures are exposed by {self.stops:g} stops, as by --exposure {self.stops:g}", err=True)
+        return self.stops
+
+
 def parse_outputs(files: Iterable[Path], pictures: Iterable[str]) -> list[Output]:
     """Return the outputs that flags name, not yet numbered."""
     outputs = [Output(checked_path("--output", path, (".exr", ".png"))) for path in files]
@@ -215,7 +232,8 @@ def _holding(frame: Frame, names: Sequence[str]) -> Frame:
 
 def write_frame(frame: Frame, outputs: Sequence[Output], asked: Asked, kept: Sequence[str]) -> None:
     """Write the files of a frame, as the flags ask for."""
-    write_outputs(frame, outputs, kept, asked.exposure, asked.command, chosen=asked.layers is not None)
+    exposure = asked.exposure.of(frame.layers["rgba"], quiet=asked.quiet)
+    write_outputs(frame, outputs, kept, exposure, asked.command, chosen=asked.layers is not None)
 
 
 def finish_frame(frame: Frame, outputs: Sequence[Output], asked: Asked, kept: Sequence[str]) -> None:

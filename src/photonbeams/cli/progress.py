@@ -226,10 +226,10 @@ def summary_lines(statistics: Statistics, files: Iterable[Path], seconds: float)
     """Return what was done for the one frame of a render."""
     phases = ", ".join(f"{name} {value:.1f}" for name, value in statistics.seconds.items())
     return [
-        f"{statistics.passes:,} passes, {statistics.beams:,} beams, "
+        f"{counted(statistics.passes, 'pass', 'passes')}, {counted(statistics.beams, 'beam')}, "
         f"{statistics.tests / 1e6:,.0f} million ray-beam tests",
         f"{seconds:.1f} s ({phases}; compiling {statistics.compile_seconds:.1f} of it, "
-        f"{statistics.kernels_compiled} kernels)",
+        f"{counted(statistics.kernels_compiled, 'kernel')})",
         *filter(None, [error_note(statistics.error)]),
         *(f"wrote {path}" for path in files),
     ]
@@ -242,7 +242,7 @@ def error_note(error: float | None) -> str:
 
 def frame_line(name: str, statistics: Statistics, files: Iterable[Path], seconds: float) -> str:
     """Return what was done for one frame of several."""
-    done = f"{statistics.passes:,} passes, {statistics.beams:,} beams, {seconds:.1f} s"
+    done = f"{counted(statistics.passes, 'pass', 'passes')}, {counted(statistics.beams, 'beam')}, {seconds:.1f} s"
     return f"frame {name}: {done}, wrote {', '.join(map(str, files))}"
 
 

@@ -13,7 +13,7 @@ from . import options
 from .asked import Asked, Plates
 from .flags import Device, Estimator, Filter, FogFlags, PassRange, Quality, RuleName, check_flags
 from .job import run
-from .outputs import Output, parse_outputs, part_outputs
+from .outputs import Exposure, Output, parse_outputs, part_outputs
 from .progress import Progress
 from .xml import check_given
 
@@ -219,6 +219,10 @@ def render(
         ),
     ] = None,
     exposure: options.Exposure = 0.0,
+    auto_exposure: Annotated[
+        bool,
+        typer.Option("--auto-exposure", help="Choose it by the first frame and print it; an .exr stays as is."),
+    ] = False,
     seed: Annotated[
         int | None,
         typer.Option(help="Seed of all samples, the same for all frames: beams stay where they are; default: 0."),
@@ -261,7 +265,7 @@ def render(
         raise typer.BadParameter("--group is for Mitsuba scenes: expected photonbeams:lightGroup on a stage's lights")
     _check_replaced(outputs, {"--holdout": holdout, "--over": over})
     asked = Asked(
-        path=scene, outputs=outputs, layers=layers, exposure=exposure, frames=frames, skip_existing=skip_existing,
+        path=scene, outputs=outputs, layers=layers, frames=frames, skip_existing=skip_existing,
         checkpoint=checkpoint, resume=resume, snapshot=snapshot, part=part, farm=farm,
         quality=Quality(
             passes=passes, time_limit=time_limit, beams=beams, bounces=bounces, estimator=estimator, rule=rule,
@@ -270,6 +274,7 @@ def render(
         camera=camera or None, list_cameras=list_cameras, res=res, res_scale=res_scale, crop=crop, tile=_tile(tile),
         render_settings=render_settings, render_pass=render_pass, allow_paths=allow_paths,
         overrides=overrides or (), session_layers=session_layer or (), texture_limit=texture_limit,
+        exposure=_exposure(exposure, auto_exposure),
         fog=FogFlags.parse(scattering, absorption, anisotropy, beams_only_fog), dome_beams=dome_beams,
         strict=strict, looks=look or (), groups=group or (), simulate=simulate, emit=emit, stereo=eyes,
         view=None if view in (None, ViewName.both) else view.value,
@@ -281,6 +286,12 @@ def render(
         command=options.command_line(),
     )  # fmt: skip
     run(asked)
+
+
+def _exposure(stops: float, auto: bool) -> Exposure:
+    if auto and stops:
+        raise typer.BadParameter("--auto-exposure chooses the exposure: expected no --exposure beside it")
+    return Exposure(None if auto else stops)
 
 
 def _stereo(stereo: bool, interaxial: float | None, convergence: float | None, view: ViewName | None) -> Stereo | None:

@@ -10,6 +10,22 @@ SHOULDER = 0.5  # scene-linear value up to which `tone_mapped` changes nothing
 WHITENING = 0.15  # how fast the shoulder turns bright colours white; the value of Khronos' PBR Neutral
 
 
+# Of the lit pixels, which part is to be darker than white's shoulder: the rest are lamps and what is close to them.
+_JUDGED = 0.95
+
+
+def exposure_of(pixels: Array) -> float:
+    """Return the exposure in stops, to a tenth, at which nearly all of a picture is below the shoulder.
+
+    Alpha and pixels without light do not count; of a black picture it is 0.
+    """
+    peak = np.asarray(pixels, dtype=np.float64)[..., :3].max(axis=-1)
+    lit = peak[np.isfinite(peak) & (peak > 0)]
+    if not lit.size:
+        return 0.0
+    return round(float(np.clip(np.log2(SHOULDER / np.quantile(lit, _JUDGED)), -100, 100)), 1)
+
+
 def tone_mapped(pixels: Array, exposure: float = 0.0) -> Array:
     """Return display-linear colours in [0, 1] of scene-linear ones: the view that PNGs are made with.
 

@@ -77,6 +77,9 @@ class BuiltShot(Shot):
         """Return a hash of what there is to render."""
         return digest(self.scene, self._number(frame), self._arguments)
 
+    def _check_frame(self, frame: float | None) -> None:
+        pass
+
     def _check_target(self, path: PathLike) -> None:
         pass
 

@@ -18,12 +18,14 @@ from ..usd import stage as stages
 from ..usd.bounds import bounds_at_all_times
 from ..usd.camera import read_shutter
 from ..usd.export import write_beams
+from ..usd.frames import check_frames
 from ..usd.groups import groups_at_all_times, makers_at_all_times
 from ..usd.header import header
 from ..usd.looks import LookSpec
 from ..usd.motion import Exposure
 from ..usd.reading import file_of, frame_number
 from ..usd.stereo import EYES, Stereo, check_stereo, read_eyes, views_of
+from ..usd.unread import warn_of_unread
 from ..usd.warnings import Warnings
 
 if TYPE_CHECKING:
@@ -135,6 +137,7 @@ class Shot:
         if not (self.camera is None or isinstance(self.camera, str)):
             raise scene.SceneError(f"camera is {self.camera!r}: expected the path or the name of a camera of the stage")
         self.stage: Usd.Stage = stage
+        warn_of_unread(stage, self._warnings)
         self._listener = self._listening()
 
     def _listening(self) -> Any:
@@ -227,6 +230,11 @@ class Shot:
         if frame is None:
             return stages.default_time(self.stage)
         return stages.time_code(frame)
+
+    def _check_frame(self, frame: float | None) -> None:
+        """Raise SceneError for a frame that the stage does not have."""
+        if frame is not None and not self.time(frame).IsDefault():
+            check_frames(self.stage, [self._number(frame)])
 
     def read(self, frame: float | None = None, base: float | None = None) -> tuple[scene.Scene, scene.Camera]:
         """Return the scene at a frame, with its looks built, and the camera.
@@ -520,6 +528,7 @@ class Shot:
         from ..world.cameras import View, Window
 
         frame, number = request.frame, self._number(request.frame)
+        self._check_frame(frame)
         plates = [each for each in (request.holdout, request.over) if each is not None]
         size = self.resolution(request.width, request.height, frame, plates, request.view)
         window = Window(size[0], size[1], pixels_of(request.crop, *size))
@@ -589,6 +598,7 @@ class Shot:
         from ..render.stage_frame import simulate
         from ..world.cameras import Window
 
+        self._check_frame(frame)
         exposure = self.exposure(frame, blur=False, lens=False)
         self._warn_of_darkness(exposure(0.0)[0], frame)
         size = self.resolution(128, None, frame)

@@ -88,10 +88,7 @@ def _camera(reading: Reading, prim: Usd.Prim) -> Camera:
             raise reading.fail(prim, name, "is 0: expected a positive number")
         return value
 
-    projection = str(reading.value(prim, "projection", "perspective"))
-    if projection not in ("perspective", "orthographic"):
-        raise reading.fail(prim, "projection", f"is '{projection}': expected perspective or orthographic")
-    orthographic = projection == "orthographic"
+    orthographic = reading.value(prim, "projection", "perspective") == "orthographic"
     clipping = reading.attempt(prim, partial(_clipping, reading, prim), (0.0, FARTHEST), "nothing is clipped")
     radius, focus = 0.0, 0.0
     if not orthographic:
@@ -141,6 +138,10 @@ def _exposure_scale(reading: Reading, prim: Usd.Prim) -> float:
     if reading.number(prim, "exposure:fStop", 1.0, minimum=0.0) == 0:
         raise reading.fail(prim, "exposure:fStop", "is 0: expected a positive number")
     scale = float(UsdGeom.Camera(prim).ComputeLinearExposureScale(reading.time))
+    if scale == 0:
+        dark = [name for name in ("iso", "time", "responsivity") if reading.value(prim, f"exposure:{name}") == 0]
+        name = f"exposure:{dark[0]}" if dark else "exposure"
+        reading.warn(prim, "multiplies all light with 0: the picture is black", name)
     if not scale <= _BRIGHTEST:
         text = f"with exposure:iso and the others multiplies light with {scale:g}: expected at most {_BRIGHTEST:g}"
         raise reading.fail(prim, "exposure", text)

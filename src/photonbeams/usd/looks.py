@@ -257,7 +257,7 @@ def _warn_of_unknown(source: _LookAttributes) -> None:
     known = set(definition.GetPropertyNames())
     for name in source.prim.GetAuthoredPropertyNames():
         if name.startswith("photonbeams:") and name not in known:
-            source.reading.warn(source.prim, "is no attribute of a PhotonBeamsLook: it is ignored", str(name))
+            source.reading.warn_of_unknown(source.prim, str(name), known)
 
 
 def _along(source: _LookAttributes) -> AlongSpec:

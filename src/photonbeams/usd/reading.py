@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from difflib import get_close_matches
 from typing import Any, TypeVar
 
 import numpy as np
@@ -110,11 +111,31 @@ class Reading:
         self.warnings.give(f"{shortened(text, len(file) + len(instead) + 4)}; {instead}", file)
         return otherwise
 
+    def warn_of_unknown(self, prim: Usd.Prim, name: str, known: Collection[str]) -> None:
+        """Warn of an attribute that prims of this kind do not have; tell the name that was probably meant."""
+        short = {each.removeprefix("photonbeams:"): each for each in known}
+        near = get_close_matches(name.removeprefix("photonbeams:"), short, 1, 0.7)
+        meant = "".join(f"; expected {short[each]}" for each in near)
+        kind = prim.GetTypeName() or "prim without a type"
+        self.warn(prim, f"is no attribute of a {kind}: it is ignored{meant}", name)
+
     def value(self, prim: Usd.Prim, name: str, default: Any = None) -> Any:
         """Return an attribute's value or fallback at the time, or `default` where it has none."""
         attribute = prim.GetAttribute(name)
         result = attribute.Get(self.time) if attribute else None
+        if isinstance(result, str) and not name.startswith("photonbeams:"):
+            result = self._token(prim, attribute, result)
         return default if result is None else result
+
+    def _token(self, prim: Usd.Prim, attribute: Usd.Attribute, value: str) -> str | None:
+        """Return a value, or the fallback with a warning where the schema has no such token."""
+        allowed = attribute.GetMetadata("allowedTokens")
+        if not allowed or value in allowed:
+            return value
+        fallback = prim.GetPrimDefinition().GetAttributeFallbackValue(attribute.GetName())
+        used = "it is ignored" if fallback is None else f"{fallback} is used"
+        self.warn(prim, f"is '{value}': expected one of {', '.join(allowed)}; {used}", attribute.GetName())
+        return None if fallback is None else str(fallback)
 
     def number(
         self, prim: Usd.Prim, name: str, default: float, minimum: float = -np.inf, maximum: float = np.inf

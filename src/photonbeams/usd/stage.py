@@ -19,6 +19,7 @@ from .composition import warn_of_composition
 from .contents import read_scene
 from .layers import forget_changes, ready_layers
 from .lights import is_dome, is_light
+from .metadata import complete_metadata
 from .reading import file_of, prims_under, quiet, varying_attributes
 from .textures import limit_textures
 from .warnings import Warnings
@@ -70,6 +71,7 @@ def open_stage(
         except Tf.ErrorException as error:
             raise SceneError(f"{path} cannot be read: {_reason(error)}") from None
     warn_of_composition(stage, warnings)
+    complete_metadata(stage, warnings)
     for each in overrides:
         _override(stage, each)
     return stage

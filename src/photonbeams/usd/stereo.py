@@ -81,14 +81,14 @@ def read_eyes(
     prim = chosen_camera(stage, name, warnings)
     role = str(UsdGeom.Camera(prim).GetStereoRoleAttr().Get() or "mono")
     if role not in EYES:
-        camera = read_camera(stage, str(prim.GetPath()), time)
+        camera = read_camera(stage, str(prim.GetPath()), time, warnings)
         return split(camera, stereo, UsdGeom.GetStageMetersPerUnit(stage), f"{file_of(stage)}: {camera.name}")
     other = _partner(stage, prim, EYES[1 - EYES.index(role)])
     if stereo != Stereo():
         reading = Reading(stage, None, warnings or Warnings())
         reading.warn(prim, "is one of a pair, which stand where they stand: interaxial and convergence are ignored")
     pair = {role: str(prim.GetPath()), EYES[1 - EYES.index(role)]: str(other.GetPath())}
-    left, right = (read_camera(stage, pair[eye], time) for eye in EYES)
+    left, right = (read_camera(stage, pair[eye], time, warnings) for eye in EYES)
     _check_pair(Reading(stage, time), *(stage.GetPrimAtPath(pair[eye]) for eye in EYES))
     return left, right
 

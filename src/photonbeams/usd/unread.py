@@ -1,0 +1,88 @@
+"""What a stage says to photonbeams and nothing reads: misspelt attributes, and prims that are not there."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from difflib import get_close_matches
+from functools import cache
+
+from pxr import Sdf, Usd, UsdGeom, UsdRender
+
+from .lights import is_light
+from .reading import Reading, prims_under
+from .settings import PIXEL_FILTER
+from .warnings import Warnings
+
+_MOST_PATHS = 10_000  # among which the one that was meant is looked for
+
+
+def warn_of_unread(stage: Usd.Stage, warnings: Warnings) -> None:
+    """Warn of photonbeams' attributes that their prims do not have, and of those of prims that are only `over`."""
+    reading = Reading(stage, warnings=warnings)
+    with warnings.together():
+        _warn(reading)
+
+
+def _warn(reading: Reading) -> None:
+    stage = reading.stage
+    prototypes: frozenset[Sdf.Path] | None = None
+    for prim in Usd.PrimRange.AllPrims(stage.GetPseudoRoot()):
+        said = [each.GetName() for each in prim.GetAuthoredPropertiesInNamespace("photonbeams")]
+        if not said and not (prim.HasAuthoredMetadata("apiSchemas") and not prim.IsDefined() and _applied(prim)):
+            continue
+        if not prim.IsActive() or prim.IsAbstract():
+            continue
+        if not prim.IsDefined():
+            prototypes = _prototypes(stage) if prototypes is None else prototypes
+            if not any(path in prototypes for path in prim.GetPath().GetPrefixes()):
+                reading.warn(prim, f"is an `over` of a prim that is not there: what it says is ignored{_meant(prim)}")
+        elif prim.GetTypeName() != "PhotonBeamsLook":  # which tell themselves
+            for name in said:
+                if name not in _known(prim):
+                    reading.warn_of_unknown(prim, name, _known(prim))
+
+
+def _known(prim: Usd.Prim) -> frozenset[str]:
+    """Return the names of photonbeams' attributes that a prim may have."""
+    if prim.IsA(UsdRender.Settings) or prim.IsA(UsdRender.Product):
+        return frozenset({PIXEL_FILTER})
+    names = _of_schema("PhotonBeamsMediumAPI")
+    if is_light(prim):
+        names |= _of_schema("PhotonBeamsLightAPI")
+    if prim.IsA(UsdGeom.Curves):
+        names |= _of_schema("PhotonBeamsCurvesAPI")
+    return names
+
+
+@cache
+def _of_schema(name: str) -> frozenset[str]:
+    definition = Usd.SchemaRegistry().FindAppliedAPIPrimDefinition(name)
+    return frozenset(each for each in definition.GetPropertyNames() if each.startswith("photonbeams:"))
+
+
+def _applied(prim: Usd.Prim) -> bool:
+    listed = prim.GetMetadata("apiSchemas")
+    return any(name.startswith("PhotonBeams") for name in listed.GetAddedOrExplicitItems())
+
+
+def _prototypes(stage: Usd.Stage) -> frozenset[Sdf.Path]:
+    """Return the paths of the prototypes of point instancers, which may be `over`."""
+    instancers = (prim for prim in prims_under(stage.GetPseudoRoot()) if prim.IsA(UsdGeom.PointInstancer))
+    targets = (prim.GetRelationship("prototypes").GetForwardedTargets() for prim in instancers)
+    return frozenset(path for paths in targets for path in paths)
+
+
+def _meant(prim: Usd.Prim) -> str:
+    """Return which prim an `over` was probably meant for, as the end of a sentence."""
+    paths = [str(each.GetPath()) for each in _some(prims_under(prim.GetStage().GetPseudoRoot()))]
+    own, same = str(prim.GetPath()), [path for path in paths if path.rpartition("/")[2] == prim.GetName()]
+    near = get_close_matches(own, same, 1, 0) or get_close_matches(own, paths, 1, 0.75)
+    return f"; expected {near[0]}" if near else ""
+
+
+def _some(prims: Iterator[Usd.Prim]) -> Iterator[Usd.Prim]:
+    for number, prim in enumerate(prims):
+        if number >= _MOST_PATHS:
+            return
+        if not prim.IsPseudoRoot():
+            yield prim
