@@ -420,10 +420,6 @@ def lamp(body):
         ((FOG, CAMERA, LAMP, with_(FLOOR, "[4]", "[5, -1]")), ("/Floor.faceVertexCounts holds -1",)),
         ((FOG, CAMERA, LAMP, with_(FLOOR, "(2, -1, -2)", "(nan, 0, 0)")), ("/Floor.points[2] is (nan", "finite")),
         ((FOG, CAMERA, LAMP, with_(FLOOR, "-1, ", "-1e30, ")), ("/Floor reaches 1e+30 units", "1e+12")),
-        (
-            (FOG, CAMERA, LAMP, with_(FLOOR, "}\n", "    normal3f[] normals = [(0, 1, 0)]\n}\n")),
-            ("/Floor.normals has 1 values", "expected 4"),
-        ),
         # cameras
         ((FOG, with_(CAMERA, "focalLength = 20", "focalLength = 0"), LAMP), ("/Camera.focalLength is 0", "positive")),
         ((FOG, with_(CAMERA, "focalLength = 20", "focalLength = nan"), LAMP), ("/Camera.focalLength is nan",)),

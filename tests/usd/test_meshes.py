@@ -301,17 +301,6 @@ def test_a_subset_has_those_of_its_faces_that_are_there(scene, caplog):
         (QUAD.replace("[0, 1, 2, 3]", "[0, 1, 2, -1]"), r"/M\.faceVertexIndices name point -1"),
         (QUAD.replace("[4]", "[5]"), r"/M\.faceVertexIndices has 4 values: expected 5"),
         (QUAD.replace("(1, 1, 0)", "(1, nan, 0)"), r"/M\.points\[2\] is .*: expected finite numbers"),
-        (QUAD + "normal3f[] normals = [(0, 0, 1)]", r"/M\.normals has 1 values of interpolation 'vertex': expected 4"),
-        (
-            QUAD + 'texCoord2f[] primvars:st = [(0, 0)] (interpolation = "vertex")',
-            r"/M\.primvars:st has 1 values of interpolation 'vertex': expected 4",
-        ),
-        (
-            QUAD
-            + 'texCoord2f[] primvars:st = [(0, 0)] (interpolation = "vertex")\n'
-            + "int[] primvars:st:indices = [0, 5, 0, 0]",
-            r"/M\.primvars:st:indices name values that primvars:st does not have",
-        ),
     ],
 )
 def test_contradictions_are_errors_that_name_prim_and_attribute(scene, body, message):
@@ -341,12 +330,6 @@ def test_a_warning_is_given_once_for_all_frames(usd, caplog):
         read_scene(stage, frame, warnings)
     assert len(caplog.records) == 1
     assert len(warnings.given) == 1
-
-
-def test_what_is_not_rendered_is_named(scene, caplog):
-    scene('def Points "P" {}\ndef BasisCurves "Hair" {}')
-    assert "/P is a Points, which is not rendered" in caplog.text
-    assert "/Hair is a BasisCurves without PhotonBeamsCurvesAPI, which is not rendered" in caplog.text
 
 
 GPRIMS = {

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from .flags import Device, FogFlags, PassRange, Quality, start_device
+from .flags import Device, FogFlags, PassRange, Quality, SelectionFlags, start_device
 from .outputs import Exposure, Output
 from .progress import Progress
 
@@ -69,6 +69,7 @@ class Asked:
     overrides: Sequence[str]
     session_layers: Sequence[Path]
     texture_limit: int | None
+    selection: SelectionFlags
     fog: FogFlags
     dome_beams: bool
     strict: bool

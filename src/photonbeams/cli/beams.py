@@ -10,7 +10,7 @@ import typer
 
 from . import options
 from .animation import Task, frame_numbers, tasks_of
-from .flags import Device, FogFlags, check_flags, start_device
+from .flags import Device, FogFlags, SelectionFlags, check_flags, start_device
 from .outputs import Output, checked_path
 from .programs import load_function
 from .progress import counted, held_signals, messages
@@ -35,6 +35,10 @@ def beams(
     emit: options.Emit = None,
     overrides: options.Overrides = None,
     session_layer: options.SessionLayers = None,
+    variant: options.Variants = None,
+    mask: options.Mask = None,
+    purposes: options.Purposes = None,
+    complexity: options.ComplexityName = None,
     seed: Annotated[int, typer.Option(help="Seed of all samples.")] = 0,
     threads: options.Threads = None,
     device: Annotated[Device, typer.Option(help="Where to trace light.")] = Device.auto,
@@ -49,6 +53,7 @@ def beams(
     """
     check_flags(beams=beams, anisotropy=anisotropy, threads=threads)
     fog = FogFlags.parse(scattering, absorption, anisotropy)
+    selected = SelectionFlags(mask, purposes, variant or (), complexity)
     target = Output(checked_path("--output", output, (".usd", ".usda", ".usdc")))
     with messages(quiet, verbose), held_signals() as check:
         start_device(device, threads)
@@ -58,7 +63,7 @@ def beams(
         from ..usd.stage import check_not_read, open_stage
 
         numbers = frame_numbers(frames, [target])
-        stage = open_stage(scene, session_layer or (), overrides or ())
+        stage = open_stage(scene, session_layer or (), overrides or (), selection=selected.selection())
         check_frames(stage, [each for each in numbers if each is not None])
         shot = Shot(
             stage, camera, medium=fog.over,

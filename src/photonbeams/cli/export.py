@@ -10,7 +10,7 @@ import typer
 
 from . import options
 from .animation import frame_numbers, tasks_of
-from .flags import Device, FogFlags, check_flags, start_device
+from .flags import Device, FogFlags, SelectionFlags, check_flags, start_device
 from .outputs import Output, checked_path
 from .progress import counted, held_signals, messages
 
@@ -29,6 +29,10 @@ def export(
     anisotropy: options.Anisotropy = None,
     overrides: options.Overrides = None,
     session_layer: options.SessionLayers = None,
+    variant: options.Variants = None,
+    mask: options.Mask = None,
+    purposes: options.Purposes = None,
+    complexity: options.ComplexityName = None,
     quiet: options.Quiet = False,
     verbose: options.Verbose = False,
 ) -> None:
@@ -42,6 +46,7 @@ def export(
     """
     check_flags(res, crop=crop, anisotropy=anisotropy)
     fog = FogFlags.parse(scattering, absorption, anisotropy)
+    selected = SelectionFlags(mask, purposes, variant or (), complexity)
     target = Output(checked_path("--output", output, (".xml",)))
     with messages(quiet, verbose), held_signals() as check:
         start_device(Device.auto, None)
@@ -52,7 +57,7 @@ def export(
         from ..usd.stage import open_stage
 
         numbers = frame_numbers(frames, [target])
-        stage = open_stage(scene, session_layer or (), overrides or ())
+        stage = open_stage(scene, session_layer or (), overrides or (), selection=selected.selection())
         check_frames(stage, [each for each in numbers if each is not None])
         shot = Shot(stage, camera, medium=fog.over)
         tasks = tasks_of(shot, numbers, [target], ())

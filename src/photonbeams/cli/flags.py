@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import TYPE_CHECKING
@@ -12,6 +13,7 @@ if TYPE_CHECKING:
     from ..quadrature import Rule
     from ..render.settings import Settings
     from ..scene import Color, Medium
+    from ..usd.selection import Selection
 
 MOST_THREADS = 1024
 MOST_BOUNCES = 2**31 - 3  # 2 edges less than `max_depth`
@@ -41,6 +43,15 @@ class Filter(StrEnum):
     mitchell = "mitchell"
     catmullrom = "catmullrom"
     lanczos = "lanczos"
+
+
+class Complexity(StrEnum):
+    """How finely subdivision surfaces are refined."""
+
+    low = "low"
+    medium = "medium"
+    high = "high"
+    veryhigh = "veryhigh"
 
 
 class Device(StrEnum):
@@ -186,6 +197,22 @@ def parse_color(flag: str, text: str | None) -> Color | None:
     except ValueError:  # a SceneError is one, too
         expected = "one number, or three with commas between, finite and at least 0"
         raise typer.BadParameter(f"{flag} is {text}: expected {expected}") from None
+
+
+@dataclass(frozen=True)
+class SelectionFlags:
+    """The flags that say what of a stage is read, as they are given."""
+
+    mask: str | None = None
+    purposes: str | None = None
+    variants: Sequence[str] = ()
+    complexity: Complexity | None = None
+
+    def selection(self) -> Selection:
+        """Return what they select; SceneError where that is nothing of USD's."""
+        from ..usd.selection import Selection
+
+        return Selection.of(self.mask, self.purposes, self.variants, self.complexity and self.complexity.value)
 
 
 @dataclass(frozen=True)

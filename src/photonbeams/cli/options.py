@@ -9,6 +9,8 @@ from typing import Annotated
 
 import typer
 
+from .flags import Complexity
+
 Scattering = Annotated[
     str | None, typer.Option(metavar="S|R,G,B", help="A fog for a stage without, or instead of the stage's.")
 ]
@@ -53,6 +55,26 @@ SessionLayers = Annotated[
 Strict = Annotated[
     bool,
     typer.Option("--strict", help="Warnings about the stage are errors; without, what cannot be read is left out."),
+]
+Mask = Annotated[
+    str | None,
+    typer.Option(
+        metavar="PATH,PATH", help="Prims that are read, with what is below and above them and what they refer to."
+    ),
+]
+Purposes = Annotated[
+    str | None,
+    typer.Option(metavar="NAME,NAME", help="Purposes that are rendered beside default; default: render."),
+]
+Variants = Annotated[
+    list[str] | None,
+    typer.Option("--variant", metavar="/prim{set=choice}", help="A variant over the stage's; may be repeated."),
+]
+ComplexityName = Annotated[
+    Complexity | None,
+    typer.Option(
+        help="How finely subdivision surfaces are refined; default: those that say of themselves that they are, high."
+    ),
 ]
 Threads = Annotated[int | None, typer.Option(help="Processor threads.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors alone.")]

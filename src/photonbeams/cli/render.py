@@ -11,7 +11,7 @@ import typer
 
 from . import options
 from .asked import Asked, Plates
-from .flags import Device, Estimator, Filter, FogFlags, PassRange, Quality, RuleName, check_flags
+from .flags import Device, Estimator, Filter, FogFlags, PassRange, Quality, RuleName, SelectionFlags, check_flags
 from .job import run
 from .outputs import Exposure, Output, parse_outputs, part_outputs
 from .progress import Progress
@@ -218,6 +218,10 @@ def render(
             help="Scale textures down that are larger a side, default: 4096; images of lights: twice as large.",
         ),
     ] = None,
+    variant: options.Variants = None,
+    mask: options.Mask = None,
+    purposes: options.Purposes = None,
+    complexity: options.ComplexityName = None,
     exposure: options.Exposure = 0.0,
     auto_exposure: Annotated[
         bool,
@@ -275,6 +279,7 @@ def render(
         render_settings=render_settings, render_pass=render_pass, allow_paths=allow_paths,
         overrides=overrides or (), session_layers=session_layer or (), texture_limit=texture_limit,
         exposure=_exposure(exposure, auto_exposure),
+        selection=SelectionFlags(mask, purposes, variant or (), complexity),
         fog=FogFlags.parse(scattering, absorption, anisotropy, beams_only_fog), dome_beams=dome_beams,
         strict=strict, looks=look or (), groups=group or (), simulate=simulate, emit=emit, stereo=eyes,
         view=None if view in (None, ViewName.both) else view.value,

@@ -30,7 +30,10 @@ class StageJob(Job):
         self._numbers = frame_numbers(asked.frames, asked.outputs)
         check()
         self._warnings = Warnings(asked.strict)
-        self._stage = open_stage(asked.path, asked.session_layers, asked.overrides, self._warnings, asked.texture_limit)
+        self._stage = open_stage(
+            asked.path, asked.session_layers, asked.overrides, self._warnings, asked.texture_limit,
+            asked.selection.selection(),
+        )  # fmt: skip
         if asked.dome_beams:
             enable_domes(self._stage)
         self._settings_path = asked.render_settings

@@ -168,6 +168,10 @@ class Shot:
         overrides: str | Iterable[str] = (),
         strict: bool = False,
         texture_limit: int | None = None,
+        variants: str | Iterable[str] = (),
+        mask: str | Iterable[str] | None = None,
+        purposes: str | Iterable[str] | None = None,
+        complexity: str | None = None,
     ) -> Shot:
         """Open a USD stage, or a Mitsuba scene.
 
@@ -203,6 +207,14 @@ class Shot:
         texture_limit
             Pixels a side beyond which textures of a stage are scaled down, those of lights beyond twice as many; None:
             4096.
+        variants
+            Of a stage: choices of variants, each "/prim{set=choice}".
+        mask, purposes
+            Of a stage: the prims that are read, with what is above and below them and what they refer to, None: all;
+            and the purposes that are rendered beside "default", None: "render".
+        complexity
+            Of a stage: how finely subdivision surfaces are refined, "low", "medium", "high" or "veryhigh"; None: those
+            that say of themselves that they are, "high".
 
         Raises
         ------
@@ -212,7 +224,10 @@ class Shot:
         session_layers = [session_layers] if isinstance(session_layers, str | os.PathLike) else session_layers
         overrides = [overrides] if isinstance(overrides, str) else overrides
         if Path(path).suffix.lower() == ".xml":
-            of_stages = {"medium": medium, "simulate": simulate, "emit": emit, "strict": strict}
+            of_stages = {
+                "medium": medium, "simulate": simulate, "emit": emit, "strict": strict, "variants": variants,
+                "mask": mask, "purposes": purposes, "complexity": complexity,
+            }  # fmt: skip
             return _opened_scene(path, camera, stereo, looks, groups, beams, session_layers, overrides, of_stages)
         for name, given, expected in (("groups", groups, "lightGroup"), ("beams", beams, "…")):
             if given is not None:
@@ -220,7 +235,8 @@ class Shot:
                 raise scene.SceneError(f"{name} are for Mitsuba scenes: {text}")
         if texture_limit is not None and scene.whole(texture_limit, "texture_limit", " of pixels") < 1:
             raise scene.SceneError(f"texture_limit is {texture_limit}: expected at least 1 pixel")
-        stage = stages.open_stage(path, session_layers, overrides, Warnings(strict), texture_limit)
+        selection = stages.Selection.of(mask, purposes, variants, complexity)
+        stage = stages.open_stage(path, session_layers, overrides, Warnings(strict), texture_limit, selection)
         shot = cls(stage, camera, medium, stereo, simulate, emit, looks, strict)
         shot.cameras()  # a wrong name is an error now, not after a long read
         return shot

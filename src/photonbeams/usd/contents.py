@@ -16,8 +16,10 @@ from .curves import guide_paths, is_drawn, read_curves, read_guides
 from .lights import is_light, portal_paths, read_light
 from .links import linked
 from .medium import is_medium, read_medium
-from .meshes import is_gprim, read_meshes
+from .meshes import is_surface, read_meshes
+from .primvars import Instance
 from .reading import Reading, is_relationship, quiet, target_paths, visible
+from .selection import rendered_purposes
 from .velocities import carried
 from .warnings import Warnings
 
@@ -40,6 +42,7 @@ class _Item:
     prim: Usd.Prim
     to_world: Array
     name: str
+    instances: tuple[Instance, ...] = ()  # of the innermost instancer first
 
 
 def read_scene(stage: Usd.Stage, time: Any = None, warnings: Warnings | None = None, base: Any = None) -> Scene:
@@ -119,20 +122,13 @@ def _collect(reading: Reading, item: _Item, contents: _Contents) -> None:
             unguided: tuple[Array, ...] = ()
             guides = reading.attempt(prim, partial(read_guides, reading, prim), unguided, "the light has no guides")
             contents.lights.append((prim, replace(light, guides=guides)))
-    if is_gprim(prim):
-        _warn_of_skinning(reading, prim)
-        contents.meshes.extend(read_meshes(reading, prim, item.to_world, item.name))
-    elif prim.IsA(UsdGeom.BasisCurves) and is_drawn(prim):
+    if prim.IsA(UsdGeom.BasisCurves) and is_drawn(prim):
         drawn = read_curves(reading, prim, item.to_world, item.name)
         contents.drawn.extend([drawn] if drawn else [])
+    elif is_surface(prim):
+        contents.meshes.extend(read_meshes(reading, prim, item.to_world, item.name, item.instances))
     elif prim.IsA(UsdGeom.Gprim):
-        hint = " without PhotonBeamsCurvesAPI" if prim.IsA(UsdGeom.BasisCurves) else ""
-        reading.warn(prim, f"is a {prim.GetTypeName()}{hint}, which is not rendered: it is skipped")
-
-
-def _warn_of_skinning(reading: Reading, prim: Usd.Prim) -> None:
-    if "SkelBindingAPI" in prim.GetAppliedSchemas() and prim.HasRelationship("skel:skeleton"):
-        reading.warn(prim, "is deformed by a skeleton, which is not rendered: its points are used as they are")
+        reading.warn(prim, f"is a {prim.GetTypeName()}, which is not rendered: it is skipped")
 
 
 def _items(reading: Reading, root: Usd.Prim) -> Iterator[_Item]:
@@ -187,7 +183,8 @@ def _instances(reading: Reading, item: _Item, within: tuple[Sdf.Path, ...]) -> I
             continue
         local = item.to_world @ reading.matrix(prim, matrix)
         for part in parts[number] or ():
-            copy = _Item(part.prim, local @ part.to_world, f"{item.name}[{index}]{part.name}")
+            instances = (Instance(prim, index), *item.instances)
+            copy = _Item(part.prim, local @ part.to_world, f"{item.name}[{index}]{part.name}", instances)
             yield from _expanded(reading, copy, within)
 
 
@@ -270,6 +267,5 @@ def _relative(reading: Reading, prim: Usd.Prim, root: Usd.Prim) -> Array:
 def shown_in_prototype(reading: Reading, prim: Usd.Prim) -> bool:
     """Return whether a prim of a prototype is to be rendered with it, as far as the prim itself says."""
     # What hides the prototype where it stands, above its root, does not hide its instances.
-    return reading.value(prim, "visibility", "inherited") != "invisible" and reading.value(
-        prim, "purpose", "default"
-    ) in ("default", "render")
+    purpose = reading.value(prim, "purpose", "default")
+    return reading.value(prim, "visibility", "inherited") != "invisible" and purpose in rendered_purposes(reading.stage)

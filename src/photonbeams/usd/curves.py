@@ -14,7 +14,8 @@ from ..scene import Array, DrawnBeams
 from ..scene.vectors import unit
 from .lights import bound_look, check_group
 from .reading import Reading, has_photonbeams, target_paths
-from .splines import BASES, WRAPS, Spans, expected_points, span_counts, varying_counts
+from .splines import Spans, expected_points, span_counts, varying_counts
+from .strands import basis_of
 from .velocities import carried
 
 # Time samples of a curve at most at which its curvature is looked at: a curve has as many pieces at all times, or what
@@ -48,7 +49,7 @@ def read_curves(reading: Reading, prim: Usd.Prim, to_world: Array, name: str) ->
     if counts.sum() != len(points) or np.any(counts < 0):
         text = f"sums to {counts.sum()}: expected the number of points, {len(points)}, and none below 0"
         raise reading.fail(prim, "curveVertexCounts", text)
-    source = _CurvesPrim(sample, prim, counts, *_kind(reading, prim))
+    source = _CurvesPrim(sample, prim, counts, *basis_of(reading, prim))
     radii = source.widths()
     spans = Spans.of(counts, source.drawable() & radii.present(counts), source.kind, source.wrap)
     radii.warn_of_thin(source)
@@ -108,7 +109,7 @@ def _guides(reading: Reading, prim: Usd.Prim) -> list[Array]:
     counts = reading.integers(prim, "curveVertexCounts")
     if points is None or np.any(counts < 0) or counts.sum() != len(points):
         return []
-    source = _CurvesPrim(reading, prim, counts, *_kind(reading, prim))
+    source = _CurvesPrim(reading, prim, counts, *basis_of(reading, prim))
     spans = Spans.of(counts, source.drawable(), source.kind, source.wrap)
     span, t = spans.nodes(np.full(len(spans.curve), 1 if source.kind == "linear" else _GUIDE_POINTS))
     to_world = reading.to_world(prim)
@@ -116,17 +117,6 @@ def _guides(reading: Reading, prim: Usd.Prim) -> list[Array]:
     reading.within_reach(prim, placed)
     curves = [placed[spans.curve[span] == curve] for curve in np.unique(spans.curve)]
     return [curve for curve in curves if np.any(curve != curve[0])]
-
-
-def _kind(reading: Reading, prim: Usd.Prim) -> tuple[str, str]:
-    """Return "linear" or the basis of cubic curves, and how they wrap."""
-    linear = reading.value(prim, "type", "cubic") == "linear"
-    basis, wrap = str(reading.value(prim, "basis", "bezier")), str(reading.value(prim, "wrap", "nonperiodic"))
-    if not linear and basis not in BASES:
-        raise reading.fail(prim, "basis", f"is '{basis}': expected one of {', '.join(BASES)}")
-    if wrap not in WRAPS:
-        raise reading.fail(prim, "wrap", f"is '{wrap}': expected one of {', '.join(WRAPS)}")
-    return "linear" if linear else basis, wrap
 
 
 def _scale(to_world: Array) -> float:

@@ -9,7 +9,7 @@ from ..scene import Array, Color, DensityGrid, Medium, SceneError
 from ..world.medium_colors import coefficients
 from .meshes import is_closed, is_gprim, read_solid
 from .reading import Reading, has_photonbeams
-from .volume_shaders import Emission, VolumeShading, read_shading
+from .volume_shaders import Emission, VolumeShading, bound_to, read_shading
 from .volumes import field_of, fields_of, read_density, read_field
 
 # Radiance of a black body is this times T⁴, as in Blender's volumes: Stefan and Boltzmann's constant, in 1e6 W / m².
@@ -18,8 +18,16 @@ _COLDEST, _HOTTEST = 1000, 10000  # kelvin, between which OpenUSD knows the colo
 
 
 def is_medium(prim: Usd.Prim) -> bool:
-    """Return whether a prim describes fog: by our attributes, or as a volume that has fields."""
-    return _has_medium(prim) or (prim.IsA(UsdVol.Volume) and bool(fields_of(prim)))
+    """Return whether a prim describes fog: by our attributes, as a volume of fields, or by its material alone."""
+    return _has_medium(prim) or (prim.IsA(UsdVol.Volume) and bool(fields_of(prim))) or _is_filled(prim)
+
+
+def _is_filled(prim: Usd.Prim) -> bool:
+    """Return whether a gprim has a material that is a volume alone."""
+    material = bound_to(prim) if is_gprim(prim) else None
+    if material is None or any(each.HasConnectedSource() for each in material.GetSurfaceOutputs()):
+        return False
+    return any(each.HasConnectedSource() for each in material.GetVolumeOutputs())
 
 
 def _has_medium(prim: Usd.Prim) -> bool:
@@ -30,6 +38,8 @@ def read_medium(reading: Reading, prim: Usd.Prim, to_world: Array, name: str) ->
     """Return the medium of a prim: it fills a closed gprim or a grid, and of any other prim the whole space."""
     if prim.IsA(UsdVol.Volume):
         return _read_volume(reading, prim, to_world, name)
+    if not _has_medium(prim):
+        return _read_filled(reading, prim, to_world, name)
     mesh = None
     if is_gprim(prim) and is_closed(reading, prim):
         mesh = read_solid(reading, prim, to_world)
@@ -69,6 +79,22 @@ def _read_volume(reading: Reading, prim: Usd.Prim, to_world: Array, name: str) -
         bounces=read_bounces(reading, prim),
         scattering_color=colors,
         emission=emission,
+    )
+
+
+def _read_filled(reading: Reading, prim: Usd.Prim, to_world: Array, name: str) -> Medium:
+    """Return the medium of a gprim whose material is a volume: the same everywhere in it."""
+    if not is_closed(reading, prim):
+        raise SceneError(f"{reading.place(prim)} has a material that is a volume: expected a closed mesh around it")
+    shading = read_shading(reading, prim)
+    if shading.emission is not None and not shading.emission.kelvin:
+        reading.warn(prim, "has a volume that emits light without a field, which is not rendered: it is ignored")
+    return Medium(
+        scattering=shading.scattering,
+        absorption=shading.absorption,
+        anisotropy=shading.anisotropy,
+        mesh=read_solid(reading, prim, to_world),
+        name=name,
     )
 
 

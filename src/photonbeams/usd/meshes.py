@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -12,13 +12,27 @@ from pxr import Usd, UsdGeom, UsdShade
 
 from ..scene import FARTHEST, Array, Material, Mesh
 from ..scene.vectors import unit
+from .blender import wrote_material
 from .gprims import GPRIMS, gprim_polygons
 from .materials import Bound, bound_material, flattened, on_mesh, primvars_of
-from .polygons import Polygons, Triangles, Values, triangles_of
+from .patches import read_patch, read_tetrahedra
+from .polygons import Polygons, Tessellation, Triangles, Values, triangles_of
+from .primvars import Instance, find_primvar, read_instanced, read_primvar, read_values
 from .reading import Reading
-from .velocities import carried
+from .skinning import deformed, is_skinned
+from .subdivision import SCHEMES, subdivided
+from .tubes import read_spheres, read_tubes
+from .velocities import Carried, carried
+from .volume_shaders import bound_to
 
-_INTERPOLATIONS = ("constant", "uniform", "varying", "vertex", "faceVarying")
+_TESSELLATED: dict[Any, Callable[[Reading, Usd.Prim], Tessellation | None]] = {
+    UsdGeom.BasisCurves: read_tubes,
+    UsdGeom.NurbsCurves: read_tubes,
+    UsdGeom.HermiteCurves: read_tubes,
+    UsdGeom.Points: read_spheres,
+    UsdGeom.NurbsPatch: read_patch,
+    UsdGeom.TetMesh: read_tetrahedra,
+}
 
 
 def is_gprim(prim: Usd.Prim) -> bool:
@@ -26,17 +40,30 @@ def is_gprim(prim: Usd.Prim) -> bool:
     return prim.IsA(UsdGeom.Mesh) or prim.GetTypeName() in GPRIMS
 
 
-def read_meshes(reading: Reading, prim: Usd.Prim, to_world: Array, name: str) -> list[Mesh]:
+def is_surface(prim: Usd.Prim) -> bool:
+    """Return whether a prim has a surface: a gprim of `is_gprim`, or one that is tessellated, closed or not."""
+    return is_gprim(prim) or any(prim.IsA(kind) for kind in _TESSELLATED)
+
+
+def read_meshes(
+    reading: Reading, prim: Usd.Prim, to_world: Array, name: str, instances: Sequence[Instance] = ()
+) -> list[Mesh]:
     """Return a gprim's surface: a mesh for each material bound to it or to its face subsets.
+
+    `instances` are those of point instancers that repeat the prim, the innermost first: their primvars reach it.
 
     Raises
     ------
     SceneError
-        Topology, normals or points that contradict each other.
+        Topology or points that contradict each other.
     """
     result = []
+    _warn_of_lost_volume(reading, prim)
     for bound, label, faces in _parts(reading, prim, name):
         constants, varying = primvars_of(reading, prim, bound)
+        for field, wanted in bound.primvars.items():
+            own = read_instanced(reading, prim, wanted.name, 3 if field == "diffuse" else 1, instances)
+            constants |= {} if own is None else {field: own[None]}
         triangles = _triangles(reading, prim, bound.uv_name, varying)
         if faces is not None:
             triangles = triangles.chosen(np.isin(triangles.faces, faces))
@@ -48,6 +75,15 @@ def read_meshes(reading: Reading, prim: Usd.Prim, to_world: Array, name: str) ->
         if len(mesh.faces):
             result.append(mesh)
     return result
+
+
+def _warn_of_lost_volume(reading: Reading, prim: Usd.Prim) -> None:
+    """Warn of a material without shaders that may have been a volume, and say how the mesh becomes its fog."""
+    material = bound_to(prim)
+    if material and wrote_material(material.GetPrim()) and not material.GetPrim().GetAllChildren():
+        text = f"is {material.GetPath()}, which Blender wrote without its shaders, as it does with volumes: it is grey"
+        flag = f"--set '{prim.GetPath()}.photonbeams:scattering=0.1'"
+        reading.warn(prim, f"{text}; for fog in it: {flag}", "material:binding")
 
 
 def read_solid(reading: Reading, prim: Usd.Prim, to_world: Array) -> Mesh:
@@ -98,31 +134,71 @@ def _triangles(
     reading: Reading, prim: Usd.Prim, uv_name: str, varying: Mapping[str, UsdGeom.Primvar] | None = None
 ) -> Triangles:
     """Return a gprim's triangles in its own space, with what a material takes from primvars; instances share them."""
-    source = prim.GetPrimInPrototype() if prim.IsInstanceProxy() else prim
     varying = varying or {}
-    names = tuple((field, str(primvar.GetName())) for field, primvar in varying.items())
-    key = ("triangles", source.GetPath(), uv_name, names)
+    # Instances may be deformed by skeletons of their own, and inherit primvars.
+    shared = prim.IsInstanceProxy() and not is_skinned(prim)
+    uvs = find_primvar(prim, uv_name or "st")
+    inherited = {**({} if uvs is None else {"uvs": uvs}), **varying}
+    sources = tuple((name, _source(primvar)) for name, primvar in inherited.items())
+    key = ("triangles", (_in_prototype(prim) if shared else prim).GetPath(), uv_name, sources)
     if key not in reading.cache:
-        is_mesh = prim.IsA(UsdGeom.Mesh)
-        polygons = _mesh_polygons(reading, prim, uv_name) if is_mesh else gprim_polygons(reading, prim)
-        polygons = _colored(reading, prim, polygons, varying)
+        polygons = _polygons(reading, prim, uv_name, varying)
         triangles = triangles_of(polygons)
-        if not len(polygons.counts):
-            has_counts = is_mesh and len(reading.value(prim, "faceVertexCounts", ())) > 0
+        if is_gprim(prim) and not len(polygons.counts):
+            has_counts = prim.IsA(UsdGeom.Mesh) and len(reading.value(prim, "faceVertexCounts", ())) > 0
             reading.warn(prim, f"has no {'points' if has_counts else 'faces'}: it is skipped")
-        elif triangles.dropped:
+        elif triangles.dropped and prim.IsA(UsdGeom.Mesh):
             reading.warn(prim, f"has {triangles.dropped} faces without area: they are skipped")
         reading.cache[key] = triangles
     return reading.cache[key]
 
 
-def _mesh_polygons(reading: Reading, prim: Usd.Prim, uv_name: str) -> Polygons:
-    moved = carried(reading, prim)
+def _polygons(reading: Reading, prim: Usd.Prim, uv_name: str, varying: Mapping[str, UsdGeom.Primvar]) -> Polygons:
+    """Return a prim's surface as polygons, with what its material asks for."""
+    moved = carried(reading, prim) if prim.IsA(UsdGeom.Mesh) else None
+    found = _tessellation(reading, prim, moved)
     # The rest of a mesh is that of the sample which velocities carry on: its topology may be another at each.
     reading = moved.reading if moved is not None else reading
+    if found is None:
+        return Polygons(np.zeros((0, 3)), np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64))
+    values: dict[str, Values] = _colors(reading, prim, found.lengths, varying)
+    uvs = None if prim.GetTypeName() in GPRIMS else _uvs(reading, prim, found.lengths, uv_name)
+    values |= {} if uvs is None else {"uvs": uvs}
+    spread: dict[str, Any] = {name: found.spread(each) for name, each in values.items()}
+    polygons = replace(found.polygons, **spread)
+    if not prim.IsA(UsdGeom.Mesh):
+        return polygons
+    return _without_holes(subdivided(reading, prim, polygons), reading.integers(prim, "holeIndices"))
+
+
+def _tessellation(reading: Reading, prim: Usd.Prim, moved: Carried | None) -> Tessellation | None:
+    if prim.IsA(UsdGeom.Mesh):
+        polygons = _cage(reading, prim, moved)
+    elif prim.GetTypeName() in GPRIMS:
+        polygons = gprim_polygons(reading, prim)
+    else:
+        return next(read for kind, read in _TESSELLATED.items() if prim.IsA(kind))(reading, prim)
+    return Tessellation(polygons, polygons.lengths, lambda values: values)
+
+
+def _source(primvar: UsdGeom.Primvar) -> str:
+    """Return the path of a primvar, in the prototype if it is of one."""
+    return f"{_in_prototype(primvar.GetAttr().GetPrim()).GetPath()}.{primvar.GetName()}"
+
+
+def _in_prototype(prim: Usd.Prim) -> Usd.Prim:
+    """Return the prim that an instance's prim stands for, or the prim itself."""
+    return prim.GetPrimInPrototype() if prim.IsInstanceProxy() else prim
+
+
+def _cage(reading: Reading, prim: Usd.Prim, moved: Carried | None) -> Polygons:
+    """Return a mesh's polygons as they are on the stage, deformed, with their normals."""
+    reading = moved.reading if moved is not None else reading
     points = moved.points if moved is not None else reading.array(prim, "points", 3)
-    counts = np.asarray(reading.value(prim, "faceVertexCounts", ()), dtype=np.int64)
-    indices = np.asarray(reading.value(prim, "faceVertexIndices", ()), dtype=np.int64)
+    bent = None if moved is not None or points is None else deformed(reading, prim, points)
+    points = points if bent is None else bent.points
+    counts = reading.integers(prim, "faceVertexCounts")
+    indices = reading.integers(prim, "faceVertexIndices")
     if points is None:
         return Polygons(np.zeros((0, 3)), counts[:0], indices[:0])
     if np.any(counts < 0):
@@ -142,97 +218,64 @@ def _mesh_polygons(reading: Reading, prim: Usd.Prim, uv_name: str) -> Polygons:
         counts,
         indices,
         left_handed=reading.value(prim, "orientation") == "leftHanded",
-        smooth=scheme in ("catmullClark", "loop"),
+        smooth=scheme in SCHEMES,
     )
-    polygons = replace(polygons, normals=_normals(reading, prim, polygons), uvs=_uvs(reading, prim, polygons, uv_name))
-    return _without_holes(polygons, np.asarray(reading.value(prim, "holeIndices", ()), dtype=np.int64))
+    normals = _normals(reading, prim, polygons)
+    if bent is not None and normals is not None:
+        normals = bent.normals(normals, indices)
+    return replace(polygons, normals=normals)
 
 
 def _without_holes(polygons: Polygons, holes: Array) -> Polygons:
-    holes = holes[(holes >= 0) & (holes < len(polygons.counts))]
     if not len(holes):
         return polygons
-    # A face of no vertices keeps the numbering of faces; its own corners are left out of the list.
-    keep = np.ones(len(polygons.counts), dtype=bool)
-    keep[holes] = False
-    corners = np.repeat(keep, polygons.counts)
-    changes: dict[str, Any] = {"counts": np.where(keep, polygons.counts, 0), "indices": polygons.indices[corners]}
-    for key in ("normals", "uvs"):
-        values = getattr(polygons, key)
-        if values is not None and values.interpolation == "faceVarying":
-            changes[key] = Values(values.values[corners], "faceVarying")
-    return replace(polygons, **changes)
+    origin = np.arange(len(polygons.counts)) if polygons.origin is None else polygons.origin
+    return polygons.chosen(~np.isin(origin, holes))
 
 
 def _normals(reading: Reading, prim: Usd.Prim, polygons: Polygons) -> Values | None:
     """Return authored normals; primvars:normals win over normals, as UsdGeomMesh has it."""
     primvar = UsdGeom.PrimvarsAPI(prim).GetPrimvar("normals")
     if primvar and primvar.HasValue():
-        return _primvar(reading, prim, primvar, 3, polygons)
-    numbers = reading.array(prim, "normals", 3)
-    if numbers is None:
-        return None
-    return _checked(reading, prim, "normals", Values(numbers, UsdGeom.Mesh(prim).GetNormalsInterpolation()), polygons)
+        return read_primvar(reading, prim, primvar, 3, polygons.lengths)
+    interpolation = str(UsdGeom.Mesh(prim).GetNormalsInterpolation())
+    return read_values(reading, prim, "normals", 3, interpolation, polygons.lengths)
 
 
-def _uvs(reading: Reading, prim: Usd.Prim, polygons: Polygons, uv_name: str) -> Values | None:
-    """Return the texture coordinates that the material asks for, else `st`, else the first there are."""
-    api = UsdGeom.PrimvarsAPI(prim)
+def _uvs(reading: Reading, prim: Usd.Prim, lengths: Mapping[str, int], uv_name: str) -> Values | None:
+    """Return the texture coordinates that the material asks for, else `st`, else the first that can be used."""
     others = [
-        each.GetPrimvarName() for each in api.GetPrimvarsWithValues() if str(each.GetTypeName()).startswith("texCoord2")
+        each.GetPrimvarName()
+        for each in UsdGeom.PrimvarsAPI(prim).GetPrimvarsWithValues()
+        if str(each.GetTypeName()).startswith("texCoord2")
     ]
-    for name in [*([uv_name] if uv_name else []), "st", *others]:
-        primvar = api.FindPrimvarWithInheritance(name)
-        if primvar and primvar.HasValue():
-            uvs = _primvar(reading, prim, primvar, 2, polygons)
-            if uvs is not None and np.abs(uvs.values).max() > FARTHEST:
-                text = f"holds {np.abs(uvs.values).max():g}: expected no more than {FARTHEST:g}"
-                raise reading.fail(prim, str(primvar.GetName()), text)
+    for name in dict.fromkeys([*([uv_name] if uv_name else []), "st", *others]):
+        primvar = find_primvar(prim, name)
+        uvs = None if primvar is None else read_primvar(reading, prim, primvar, 2, lengths)
+        if uvs is None:
+            continue
+        farthest = np.abs(uvs.values).max(initial=0)
+        if farthest <= FARTHEST:
             return uvs
+        text = f"holds {farthest:g}: expected no more than {FARTHEST:g}; it is left out"
+        reading.warn(prim, text, f"primvars:{name}")
     return None
 
 
-def _primvar(
-    reading: Reading, prim: Usd.Prim, primvar: UsdGeom.Primvar, columns: int, polygons: Polygons
-) -> Values | None:
-    name = str(primvar.GetName())
-    try:
-        flat = primvar.ComputeFlattened(reading.time)
-    except Exception:
-        flat = None
-    if flat is None:
-        raise reading.fail(prim, f"{name}:indices", f"name values that {name} does not have")
-    if not hasattr(flat, "__len__") or np.ndim(flat) == 1:
-        flat = [flat]
-    numbers = reading.array(prim, name, columns, flat)
-    if numbers is None:
-        return None
-    return _checked(reading, prim, name, Values(numbers, str(primvar.GetInterpolation())), polygons)
-
-
-def _checked(reading: Reading, prim: Usd.Prim, name: str, values: Values, polygons: Polygons) -> Values:
-    count = values.expected(polygons)
-    if values.interpolation not in _INTERPOLATIONS or len(values.values) != count:
-        raise reading.fail(
-            prim,
-            name,
-            f"has {len(values.values)} values of interpolation '{values.interpolation}': expected {count}",
-        )
-    return values
-
-
-def _colored(reading: Reading, prim: Usd.Prim, polygons: Polygons, varying: Mapping[str, UsdGeom.Primvar]) -> Polygons:
-    """Return polygons with what a material takes from primvars that vary; with their mean where they do not fit."""
+def _colors(
+    reading: Reading, prim: Usd.Prim, lengths: Mapping[str, int], varying: Mapping[str, UsdGeom.Primvar]
+) -> dict[str, Values]:
+    """Return what a material takes from primvars that vary; their mean where they do not fit."""
+    result = {}
     for field, primvar in varying.items():
         values = Values(flattened(reading, prim, primvar), str(primvar.GetInterpolation()))
-        count = values.expected(polygons)
+        count = lengths.get(values.interpolation, 0)
         if len(values.values) != count:
             text = f"has {len(values.values)} values of interpolation '{values.interpolation}': expected {count}"
             reading.warn(prim, f"{text}; their mean is used", str(primvar.GetName()))
             values = Values(values.values.mean(axis=0, keepdims=True), "constant")
-        changes: dict[str, Any] = {"colors" if field == "diffuse" else "opacities": values}
-        polygons = replace(polygons, **changes)
-    return polygons
+        result["colors" if field == "diffuse" else "opacities"] = values
+    return result
 
 
 def _in_world(triangles: Triangles, to_world: Array, name: str, material: Material) -> Mesh:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -18,11 +19,6 @@ class Values:
 
     values: Array
     interpolation: str
-
-    def expected(self, polygons: Polygons) -> int:
-        """Return the number of values that the interpolation asks for."""
-        lengths = {"constant": 1, "uniform": len(polygons.counts), "faceVarying": len(polygons.indices)}
-        return lengths.get(self.interpolation, len(polygons.points))
 
     @property
     def per_point(self) -> bool:
@@ -40,7 +36,10 @@ class Values:
 
 @dataclass(frozen=True)
 class Polygons:
-    """A polygon mesh in local space, faces counter-clockwise around the outward normal unless `left_handed`."""
+    """A polygon mesh in local space, faces counter-clockwise around the outward normal unless `left_handed`.
+
+    `origin` (F,) is the face of the stage's mesh that each face is a part of; None: they are the same.
+    """
 
     points: Array  # (P, 3)
     counts: Array  # (F,)
@@ -51,6 +50,51 @@ class Polygons:
     opacities: Values | None = None  # and for its opacity
     left_handed: bool = False
     smooth: bool = False  # normals are to be made, if there are none
+    origin: Array | None = None
+
+    @property
+    def lengths(self) -> dict[str, int]:
+        """How many values a primvar of each interpolation has."""
+        points = len(self.points)
+        return {
+            "constant": 1, "uniform": len(self.counts), "varying": points, "vertex": points,
+            "faceVarying": len(self.indices),
+        }  # fmt: skip
+
+    def primvars(self) -> list[tuple[str, Values]]:
+        """Return the values that the mesh has, by their fields."""
+        found = ((each.name, getattr(self, each.name)) for each in fields(self))
+        return [(name, value) for name, value in found if isinstance(value, Values)]
+
+    def chosen(self, faces: Array) -> Polygons:
+        """Return some of the faces, (F,) bool, which keep their `origin`."""
+        if faces.all():
+            return self
+        corners = np.repeat(faces, self.counts)
+        origin = np.flatnonzero(faces) if self.origin is None else self.origin[faces]
+        changes: dict[str, Any] = {"counts": self.counts[faces], "indices": self.indices[corners], "origin": origin}
+        for name, values in self.primvars():
+            chosen = {"uniform": faces, "faceVarying": corners}.get(values.interpolation)
+            if chosen is not None:
+                changes[name] = Values(values.values[chosen], values.interpolation)
+        return replace(self, **changes)
+
+
+@dataclass(frozen=True)
+class Tessellation:
+    """Polygons that stand for a prim.
+
+    Attributes
+    ----------
+    lengths
+        How many values a primvar of each interpolation has on the prim.
+    spread
+        A function from the values of a primvar of the prim to those of the polygons.
+    """
+
+    polygons: Polygons
+    lengths: Mapping[str, int]
+    spread: Callable[[Values], Values]
 
 
 @dataclass(frozen=True)
@@ -59,7 +103,7 @@ class Triangles:
 
     points: Array  # (V, 3)
     vertices: Array  # (T, 3) indices of points
-    faces: Array  # (T,) the polygon that each triangle is of
+    faces: Array  # (T,) the stage's polygon that each triangle is of
     normals: Array | None  # (V, 3)
     uvs: Array | None  # (V, 2)
     colors: Array | None = None  # (V, C)
@@ -99,7 +143,7 @@ def triangles_of(polygons: Polygons) -> Triangles:
     return Triangles(
         points=polygons.points[positions.reshape(-1)[kept]],
         vertices=vertices,
-        faces=faces,
+        faces=faces if polygons.origin is None else polygons.origin[faces],
         normals=None if normals is None else normals.reshape(-1, 3)[kept],
         uvs=uvs,
         colors=colors,

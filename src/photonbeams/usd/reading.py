@@ -13,6 +13,7 @@ from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdUtils
 
 from ..scene import FARTHEST, Array, Color, SceneError, color, number
 from ..scene.checks import shortened, shown
+from .selection import rendered_purposes
 from .warnings import LOG, Warnings
 
 T = TypeVar("T")
@@ -252,12 +253,12 @@ def is_relationship(prim: Usd.Prim, name: str) -> bool:
 
 
 def visible(prim: Usd.Prim, time: Usd.TimeCode) -> bool:
-    """Return whether a prim is to be rendered: not invisible, and of purpose default or render."""
+    """Return whether a prim is to be rendered: not invisible, and of a purpose that is rendered."""
     imageable = UsdGeom.Imageable(prim)
     if not imageable:
         return True
     purpose = imageable.ComputePurpose()
-    return imageable.ComputeVisibility(time) != "invisible" and purpose in ("default", "render")
+    return imageable.ComputeVisibility(time) != "invisible" and purpose in rendered_purposes(prim.GetStage())
 
 
 def has_photonbeams(prim: Usd.Prim, schema: str, *attributes: str) -> bool:

@@ -9,7 +9,7 @@ from itertools import pairwise
 from math import isfinite
 from typing import Any
 
-from pxr import Ar, Gf, Sdf, Tf, Ts, Usd, UsdGeom
+from pxr import Ar, Gf, Sdf, Tf, Ts, Usd, UsdGeom, UsdSkel
 
 from ..runtime.files import why_unreadable
 from ..scene import SceneError, real
@@ -21,10 +21,11 @@ from .layers import forget_changes, ready_layers
 from .lights import is_dome, is_light
 from .metadata import complete_metadata
 from .reading import file_of, prims_under, quiet, varying_attributes
+from .selection import EVERYTHING, Selection
 from .textures import limit_textures
 from .warnings import Warnings
 
-__all__ = ["default_time", "list_cameras", "open_stage", "read_camera", "read_scene", "sample_times"]
+__all__ = ["Selection", "default_time", "list_cameras", "open_stage", "read_camera", "read_scene", "sample_times"]
 
 
 def open_stage(
@@ -33,6 +34,7 @@ def open_stage(
     overrides: Iterable[str] = (),
     warnings: Warnings | None = None,
     texture_limit: int | None = None,
+    selection: Selection = EVERYTHING,
 ) -> Usd.Stage:
     """Open a stage, with stronger layers and values laid over it.
 
@@ -51,6 +53,8 @@ def open_stage(
         As in `read_scene`.
     texture_limit
         Pixels a side beyond which textures are scaled down; None: 4096.
+    selection
+        What of the stage is rendered.
 
     Raises
     ------
@@ -66,8 +70,9 @@ def open_stage(
             session.subLayerPaths = [_layer(str(each)).identifier for each in session_layers]
             limit_textures(session, texture_limit)
             kept = [*ready_layers(layer, warnings), *ready_layers(session, warnings)]
-            stage = Usd.Stage.Open(layer, session)
+            stage = selection.open(layer, session)
             del kept  # the stage has those that it needs
+            selection.apply(stage, str(path))
         except Tf.ErrorException as error:
             raise SceneError(f"{path} cannot be read: {_reason(error)}") from None
     warn_of_composition(stage, warnings)
@@ -149,6 +154,8 @@ def extent_varies(stage: Usd.Stage) -> bool:
         name = attribute.GetName()
         if name.startswith("photonbeams:") or (name.startswith("inputs:") and name not in sizes):
             continue
+        if attribute.GetPrim().IsA(UsdSkel.Animation):
+            return True
         if any(prim.IsA(UsdGeom.Boundable) for prim in prims_under(attribute.GetPrim())):
             return True
     return False

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from pxr import Usd, UsdGeom, UsdShade
+from pxr import Tf, Usd, UsdGeom, UsdShade
 
 from ..scene import BLACK, Array, Color, color
 from .reading import Reading
@@ -53,12 +53,8 @@ class VolumeShading:
 
 def read_shading(reading: Reading, prim: Usd.Prim) -> VolumeShading:
     """Return what the shader of a volume's material says; without one, extinction 1 and albedo 0.5."""
-    binding = UsdShade.MaterialBindingAPI(prim)
-    for purpose in (UsdShade.Tokens.full, UsdShade.Tokens.preview):
-        material, _ = binding.ComputeBoundMaterial(purpose)
-        if material:
-            break
-    if not material:
+    material = bound_to(prim)
+    if material is None:
         return VolumeShading()
     shaders = [shader for each in _CONTEXTS if (shader := material.ComputeVolumeSource(each)[0])]
     if not shaders:
@@ -67,6 +63,19 @@ def read_shading(reading: Reading, prim: Usd.Prim) -> VolumeShading:
         return VolumeShading()
     shader = next((each for each in shaders if _reader(each) is not _other), shaders[0])
     return _reader(shader)(_Network(reading, prim, shader))
+
+
+def bound_to(prim: Usd.Prim) -> UsdShade.Material | None:
+    """Return the material that is bound to a prim, or None."""
+    binding = UsdShade.MaterialBindingAPI(prim)
+    for purpose in (UsdShade.Tokens.full, UsdShade.Tokens.preview):
+        try:
+            material, _ = binding.ComputeBoundMaterial(purpose)
+        except Tf.ErrorException:  # of a binding that is an attribute
+            return None
+        if material:
+            return material
+    return None
 
 
 def _reader(shader: UsdShade.Shader) -> Callable[[_Network], VolumeShading]:

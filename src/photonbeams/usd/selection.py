@@ -1,0 +1,149 @@
+"""What of a stage is rendered, and how finely: population mask, purposes, variants and complexity, as in usdrecord.
+
+The choice is kept in the stage's session layer, so that every reader of the stage finds it.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from pxr import Sdf, Usd, UsdGeom
+
+from ..scene import SceneError
+
+#: Levels of subdivision by the names that usdrecord gives them.
+COMPLEXITIES = {"low": 0, "medium": 1, "high": 2, "veryhigh": 3}
+_PURPOSES = tuple(str(each) for each in UsdGeom.Imageable.GetOrderedPurposeTokens())
+_KEY = "photonbeams"  # in customLayerData of the session layer
+
+
+@dataclass(frozen=True)
+class Selection:
+    """What to render of a stage.
+
+    Attributes
+    ----------
+    mask
+        Paths of prims: they, what is below and above them, and what they refer to are all of the stage. None: all.
+    purposes
+        Purposes that are rendered beside "default"; None: "render".
+    variants
+        Choices of variants, each "/prim{set=choice}".
+    complexity
+        How finely subdivision surfaces are refined: a name of COMPLEXITIES. None: those that say of themselves that
+        they are, "high", and meshes without a word of it "low".
+
+    Raises
+    ------
+    SceneError
+        What is none of these, in one sentence.
+    """
+
+    mask: tuple[str, ...] | None = None
+    purposes: tuple[str, ...] | None = None
+    variants: tuple[str, ...] = ()
+    complexity: str | None = None
+
+    def __post_init__(self) -> None:
+        for path in self.mask or ():
+            valid = Sdf.Path.IsValidPathString(path) and Sdf.Path(path).IsAbsolutePath()
+            if not (valid and Sdf.Path(path).IsAbsoluteRootOrPrimPath()):
+                raise SceneError(f"the mask names '{path}': expected the path of a prim, such as /World/Lamp")
+        for purpose in self.purposes or ():
+            if purpose not in _PURPOSES:
+                raise SceneError(f"purposes name '{purpose}': expected some of {', '.join(_PURPOSES)}")
+        if self.complexity is not None and self.complexity not in COMPLEXITIES:
+            raise SceneError(f"complexity is '{self.complexity}': expected one of {', '.join(COMPLEXITIES)}")
+        for text in self.variants:
+            if _VARIANT.fullmatch(text.strip()) is None:
+                raise SceneError(f"cannot select '{text}': expected /prim{{set=choice}}")
+
+    @classmethod
+    def of(
+        cls,
+        mask: str | Iterable[str] | None = None,
+        purposes: str | Iterable[str] | None = None,
+        variants: str | Iterable[str] = (),
+        complexity: str | None = None,
+    ) -> Selection:
+        """Return what a user says: names in one text are separated by commas or spaces, as flags have them."""
+        chosen = (variants,) if isinstance(variants, str) else tuple(variants)
+        return cls(_names(mask), _names(purposes), chosen, complexity)
+
+    def open(self, layer: Sdf.Layer, session: Sdf.Layer) -> Usd.Stage:
+        """Return the stage of a layer and a session layer, in which the choice is then kept."""
+        if self.mask is None:
+            stage = Usd.Stage.Open(layer, session)
+        else:
+            stage = Usd.Stage.OpenMasked(layer, session, Usd.StagePopulationMask(self.mask))
+            stage.ExpandPopulationMask()  # materials, portals and so on, wherever they are
+        purposes = None if self.purposes is None else " ".join(self.purposes)
+        kept = {"purposes": purposes, "complexity": self.complexity}
+        given = {name: value for name, value in kept.items() if value is not None}
+        if given:
+            session.customLayerData = {**session.customLayerData, _KEY: given}
+        return stage
+
+    def apply(self, stage: Usd.Stage, name: str) -> None:
+        """Select the variants on a stage of that name; SceneError for prims that are not there."""
+        for path in self.mask or ():
+            if not stage.GetPrimAtPath(path):
+                raise SceneError(f"the mask names {path}: expected a prim that is on {name}")
+        for text in self.variants:
+            _select(stage, text, name)
+
+
+EVERYTHING = Selection()
+
+
+def _names(given: str | Iterable[str] | None) -> tuple[str, ...] | None:
+    if given is None:
+        return None
+    return tuple(given.replace(",", " ").split()) if isinstance(given, str) else tuple(given)
+
+
+_VARIANT = re.compile(r"(/[^{}]*)\{\s*([^={}]+?)\s*=\s*([^={}]*?)\s*\}")
+
+
+def _select(stage: Usd.Stage, text: str, name: str) -> None:
+    """Select one variant in the session layer."""
+    matched = _VARIANT.fullmatch(text.strip())
+    assert matched is not None
+    path, variant_set, choice = matched.groups()
+    prim = stage.GetPrimAtPath(path) if Sdf.Path.IsValidPathString(path) else None
+    if not prim or prim.IsPseudoRoot():
+        raise SceneError(f"cannot select '{text}': {name} has no prim {path}")
+    if prim.IsInstanceProxy():
+        raise SceneError(f"cannot select '{text}': {path} is inside an instance, expected a prim outside of instances")
+    sets = prim.GetVariantSets()
+    if variant_set not in sets.GetNames():
+        found = ", ".join(sets.GetNames()) or "none"
+        raise SceneError(f"cannot select '{text}': {path} has no variant set {variant_set}, expected one of {found}")
+    choices = sets.GetVariantSet(variant_set).GetVariantNames()
+    if choice and choice not in choices:
+        raise SceneError(f"cannot select '{text}': expected {variant_set} to be one of {', '.join(choices)}")
+    with Usd.EditContext(stage, stage.GetSessionLayer()):
+        chosen = sets.GetVariantSet(variant_set)
+        if choice:
+            chosen.SetVariantSelection(choice)
+        else:
+            chosen.BlockVariantSelection()
+
+
+def _kept(stage: Usd.Stage, key: str) -> str | None:
+    session = stage.GetSessionLayer()
+    return None if session is None else session.customLayerData.get(_KEY, {}).get(key)
+
+
+def rendered_purposes(stage: Usd.Stage) -> tuple[str, ...]:
+    """Return the purposes of prims that are rendered."""
+    named = _kept(stage, "purposes")
+    return ("default", "render") if named is None else ("default", *named.split())
+
+
+def refinement_level(stage: Usd.Stage) -> int | None:
+    """Return how often subdivision surfaces are refined, or None where that is left to them."""
+    name = _kept(stage, "complexity")
+    return None if name is None else COMPLEXITIES[name]

@@ -1,0 +1,69 @@
+"""Meshes whose material is a volume alone: boxes of fog, no surfaces."""
+
+import numpy as np
+import pytest
+
+from photonbeams.scene import SceneError
+
+VOLUME = """
+def Material "Smoke"
+{
+    token outputs:volume.connect = </Smoke/Volume.outputs:volume>
+    SURFACE
+    def Shader "Volume"
+    {
+        uniform token info:id = "arnold:standard_volume"
+        float inputs:density = 2
+        color3f inputs:scatter_color = (0.75, 0.5, 0.25)
+        float inputs:scatter_anisotropy = 0.3
+        string inputs:emission_mode = "none"
+        token outputs:volume
+    }
+    def Shader "Surface"
+    {
+        uniform token info:id = "UsdPreviewSurface"
+        token outputs:surface
+    }
+}
+def KIND "Box" (
+    prepend apiSchemas = ["MaterialBindingAPI"]
+)
+{
+    rel material:binding = </Smoke>
+}
+"""
+
+
+def stage(kind="Cube", surface=""):
+    return VOLUME.replace("KIND", kind).replace("SURFACE", surface)
+
+
+def test_the_volume_fills_its_mesh_which_is_no_surface(scene):
+    found = scene(stage())
+    assert not found.meshes
+    (medium,) = found.media
+    assert medium.mesh is not None
+    assert medium.mesh.volume == pytest.approx(8)
+    assert np.allclose(medium.scattering, [1.5, 1.0, 0.5])
+    assert np.allclose(medium.absorption, [0.5, 1.0, 1.5])
+    assert medium.anisotropy == pytest.approx(0.3)
+
+
+def test_a_material_with_a_surface_is_one(scene):
+    found = scene(stage(surface="token outputs:surface.connect = </Smoke/Surface.outputs:surface>"))
+    assert len(found.meshes) == 1
+    assert not found.media
+
+
+def test_an_open_mesh_holds_no_fog(scene):
+    with pytest.raises(SceneError, match="/Box has a material that is a volume: expected a closed mesh around it"):
+        scene(stage("Plane"))
+
+
+def test_a_volume_that_blender_did_not_write_is_told_with_the_flag_that_makes_fog(scene, caplog):
+    text = 'def Material "Fog"\n{\n}\n' + stage().replace("</Smoke>", "</Fog>")
+    assert len(scene(text, 'doc = "Blender v5.0.1"').meshes) == 1
+    assert "--set '/Box.photonbeams:scattering=0.1'" in caplog.text
+    caplog.clear()
+    scene(text)
+    assert "--set" not in caplog.text
