@@ -195,7 +195,7 @@ def test_lamps_are_seen_directly_and_hide_what_is_behind():
 
 
 def test_lights_that_light_no_surfaces_are_neither_seen_nor_felt():
-    hidden = dataclasses.replace(LIGHT, lights_surfaces=False)
+    hidden = dataclasses.replace(LIGHT, surface_scale=0)
     origin, direction = rays([[0, 1, 4], [0.3, 0.1, 0]], [[0.0, 0, 0], [0.3, 2.5, 0]])
     mean, _, result = render(built([FLOOR], hidden), origin, direction, passes=1)
     assert np.all(mean == 0)

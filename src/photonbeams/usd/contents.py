@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from pxr import Gf, Sdf, Usd, UsdGeom
 
-from ..scene import Array, DrawnBeams, Light, Medium, Mesh, Scene
+from ..scene import Array, DrawnBeams, Light, Medium, Mesh, MeshLight, Scene
 from . import schemas as schemas
 from .curves import guide_paths, is_drawn, read_curves, read_guides
 from .lights import is_light, portal_paths, read_light
@@ -113,15 +113,21 @@ def _collect(reading: Reading, item: _Item, contents: _Contents) -> None:
         contents.media.append((prim, medium))
         if medium.bounded:
             return
+    meshes: list[Mesh] = []
+    if is_gprim(prim):
+        _warn_of_skinning(reading, prim)
+        meshes = read_meshes(reading, prim, item.to_world, item.name)
     if is_light(prim):
-        light = read_light(reading, prim, item.to_world, item.name)
+        read = partial(read_light, reading, prim, item.to_world, item.name, meshes)
+        light = reading.attempt(prim, read, None, "it does not shine") if is_gprim(prim) else read()
         if light is not None:
             unguided: tuple[Array, ...] = ()
             guides = reading.attempt(prim, partial(read_guides, reading, prim), unguided, "the light has no guides")
             contents.lights.append((prim, replace(light, guides=guides)))
+        if isinstance(light, MeshLight) and not light.surface:
+            return
     if is_gprim(prim):
-        _warn_of_skinning(reading, prim)
-        contents.meshes.extend(read_meshes(reading, prim, item.to_world, item.name))
+        contents.meshes.extend(meshes)
     elif prim.IsA(UsdGeom.BasisCurves) and is_drawn(prim):
         drawn = read_curves(reading, prim, item.to_world, item.name)
         contents.drawn.extend([drawn] if drawn else [])
