@@ -13,7 +13,7 @@ from .checks import Array, SceneError, number
 _ROWS, _COLUMNS = 721, 361
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Profile:
     """A factor on a light's radiance by direction: the intensity of an IES profile, linear between its angles.
 

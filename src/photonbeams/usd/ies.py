@@ -7,13 +7,13 @@ light's own axis is how Cycles and hdEmbree read them.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import lru_cache
-from pathlib import Path
 
 import numpy as np
 from pxr import Ar, Sdf, Usd
 
-from ..scene import Array, Profile, SceneError
+from ..scene import Array, Profile
 from .reading import Reading
 from .textures import resolved, stamp
 
@@ -31,28 +31,22 @@ def read_profile(reading: Reading, prim: Usd.Prim) -> Profile | None:
     if not path:
         reading.warn(prim, f"names {asset.path}, which is not there: the light shines without its IES profile", _NAME)
         return None
+    scale = reading.number(prim, "inputs:shaping:ies:angleScale", 0.0)
+    normalize = reading.flag(prim, "inputs:shaping:ies:normalize", False)
     try:
-        profile = _profile(path, stamp(path))
-    except (SceneError, ValueError) as error:
+        return _profile(path, stamp(path), scale, normalize)
+    except ValueError as error:
         text = f"names {path}, which is no IES profile ({error}): the light shines without it"
         reading.warn(prim, text, _NAME)
         return None
-    scale = reading.number(prim, "inputs:shaping:ies:angleScale", 0.0)
-    return _variant(profile, scale, reading.flag(prim, "inputs:shaping:ies:normalize", False))
 
 
 # One object for all times of a shutter: its table is then on the device once.
 @lru_cache(maxsize=64)
-def _variant(profile: Profile, scale: float, normalize: bool) -> Profile:
-    result = profile.normalized() if normalize else profile
-    return Profile(result.vertical, result.horizontal, result.intensity, scale)
-
-
-@lru_cache(maxsize=64)
-def _profile(path: str, _stamp: tuple[int, int]) -> Profile:
+def _profile(path: str, _stamp: tuple[int, int], scale: float, normalize: bool) -> Profile:
     asset = Ar.GetResolver().OpenAsset(Ar.ResolvedPath(path))
-    data = bytes(asset.GetBuffer()) if asset else Path(path).read_bytes()
-    return parse(data.decode("latin-1"))
+    result = parse(bytes(asset.GetBuffer() if asset else b"").decode("latin-1"))
+    return replace(result.normalized() if normalize else result, angle_scale=scale)
 
 
 def parse(text: str) -> Profile:
