@@ -31,7 +31,8 @@ def is_asked(prim: Usd.Prim) -> bool:
     if prim.HasAPI(UsdLux.LightAPI) or not is_gprim(prim):
         return False
     enabled = prim.GetAttribute("photonbeams:enabled")
-    return bool("PhotonBeamsLightAPI" in prim.GetAppliedSchemas() or (enabled and enabled.HasAuthoredValue()))
+    told = bool(enabled) and enabled.HasAuthoredValue() and enabled.Get() is not False
+    return told or "PhotonBeamsLightAPI" in prim.GetAppliedSchemas()
 
 
 def read_glow(reading: Reading, prim: Usd.Prim, meshes: Sequence[Mesh]) -> Glow | None:
