@@ -170,10 +170,21 @@ def test_only_what_a_light_is_linked_to_stops_it(light):
 def test_surfaces_are_scaled_and_shadows_end_where_a_light_says():
     origin, direction = rays([[0, 1, 4], [2.5, 1, 4]], [[0.0, 0, 0], [2.5, 0, 0]])  # under the roof, and beside it
     lit = render(built([FLOOR], SUN), origin, direction, passes=1)[0]
-    for distance, shadow in ((1.9, 1), (2.1, 0)):  # the roof is 2 above the floor
-        light = dataclasses.replace(SUN, surface_scale=0.5, shadow_distance=distance)
+    for distance, color, shadow in ((1.9, 0.0, 1), (2.1, 0.0, 0), (np.inf, 0.3, 0.3)):  # the roof is 2 above the floor
+        light = dataclasses.replace(SUN, surface_scale=0.5, shadow_distance=distance, shadow_color=(color,) * 3)
         mean = render(built([FLOOR, ROOF], light), origin, direction, passes=1)[0]
         assert np.allclose(mean, 0.5 * lit * [shadow, 1], rtol=1e-6)
+
+
+def test_hidden_lamps_light_surfaces_and_are_not_seen():
+    origin, direction = rays([[0, 1, 4], [0.3, 0.1, 0]], [[0.0, 0, 0], [0.3, 2.5, 0]])  # at the floor, at the lamp
+    seen, hidden = (
+        render(built([FLOOR], dataclasses.replace(LIGHT, seen=shown)), origin, direction, passes=1)[0]
+        for shown in (True, False)
+    )
+    assert np.allclose(seen[:, 0], hidden[:, 0], rtol=1e-6)
+    assert np.allclose(seen[:, 1], [5, 4, 3])
+    assert np.all(hidden[:, 1] == 0)
 
 
 @pytest.mark.parametrize("depth", [0.0, 0.5], ids=["air", "fog"])

@@ -203,12 +203,21 @@ def test_what_is_not_rendered_of_a_light_is_named(scene, caplog):
     assert (found.shadow_distance, found.surface_scale) == (3, 1)
     for text in (
         "light:filters are not rendered: the light shines without them",
-        "inputs:shadow:color is not rendered: shadows are black",
+        "inputs:shadow:color is of the shadows on surfaces alone: beams end where a surface stops them",
         "inputs:shadow:falloff is not rendered: shadows have the same strength everywhere",
-        "inputs:shadow:distance limits the shadows on surfaces alone: beams end where a surface stops them",
+        "inputs:shadow:distance is of the shadows on surfaces alone: beams end where a surface stops them",
         "inputs:specular is 0, inputs:diffuse 1: surfaces take the latter for both",
     ):
         assert f"/L.{text}" in caplog.text
+
+
+@pytest.mark.parametrize(
+    "name", ["bool inputs:visibility:camera", "bool visibleInPrimaryRay", "float primvars:arnold:camera"]
+)
+def test_a_light_may_be_hidden_from_the_camera_as_other_programs_say_it(scene, name):
+    assert only(scene(light("RectLight"))).seen
+    assert only(scene(light("RectLight", f"{name} = 1"))).seen
+    assert not only(scene(light("RectLight", f"{name} = 0"))).seen
 
 
 def test_no_surface_blocks_a_light_without_shadows(scene):

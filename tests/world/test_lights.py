@@ -247,7 +247,8 @@ def test_a_bright_pixel_shines_from_its_place_in_the_latlong_image(square, turn,
     height, width = 16, 32
     image = np.zeros((height, width, 3), dtype=np.float32)
     image[row, column] = 1
-    # UsdLuxDomeLight: longitude runs from +π at the left edge to −π at the right one, and +Y is up.
+    # hdEmbree, OpenUSD's reference, has s = 1 − fract(atan2(x, z) / 2π + ½) and t = acos(y) / π (UsdLuxDomeLight):
+    # longitude runs from +π at the left edge to −π at the right one, and +Y is up.
     longitude, latitude = np.pi * (1 - 2 * (column + 0.5) / width), np.pi * (0.5 - (row + 0.5) / height)
     local = [np.sin(longitude) * np.cos(latitude), np.sin(latitude), np.cos(longitude) * np.cos(latitude)]
     direction = turn @ local

@@ -36,8 +36,9 @@ class StageLighting:
 
     def lamp(self, origin: Array3f, direction: Array3f, flown: Float) -> NearestLamp | None:
         """Return the nearest lamp along rays that have `flown` so far already, of those that emit toward them."""
-        seen = [lamp for lamp, _ in self._world.mesh_lamps if bare(lamp).seen]
-        if not self._world.lamps and not seen:
+        packed = [lamps for lamps in self._world.lamps if lamps.seen]
+        single = [lamp for lamp, links in self._world.mesh_lamps if bare(lamp).seen and (links is None or links.seen)]
+        if not packed and not single:
             return None
         # Images on portals tint the light that passed them before the ray began, too.
         straight_from = origin - flown * direction
@@ -51,9 +52,9 @@ class StageLighting:
 
         width = max(dr.width(origin), dr.width(direction))
         state: tuple[Any, ...] = (dr.full(Float, dr.inf, width), dr.zeros(Array3f, width))
-        for lamps in self._world.lamps:
+        for lamps in packed:
             state = _each(lamps, state, nearer)
-        for lamp in seen:
+        for lamp in single:
             state = nearer(lamp, UInt32(0), state)
         return NearestLamp(*state)
 
@@ -66,15 +67,17 @@ class StageLighting:
     def _background(self, origin: Array3f, direction: Array3f) -> Array3f:
         """Return the radiance at infinity: environments and the discs of distant lights."""
         result = dr.zeros(Array3f, max(dr.width(origin), dr.width(direction)))
-        for dome, _ in self._world.domes:
-            result += dome.see(origin, direction).radiance
+        for dome, links in self._world.domes:
+            if links is None or links.seen:
+                result += dome.see(origin, direction).radiance
 
         def add(light: Any, _: UInt32, state: tuple[Any, ...]) -> tuple[Any, ...]:
             found = light.see(origin, direction)
             return (state[0] + dr.select(dr.isfinite(found.distance), 0, found.radiance),)
 
         for lamps in self._world.lamps:
-            (result,) = _each(lamps, (result,), add)
+            if lamps.seen:
+                (result,) = _each(lamps, (result,), add)
         return result
 
     def _glow(self, hit: Any, active: Bool) -> Array3f:
@@ -130,6 +133,7 @@ class _Reflection:
         self.origin = Array3f(hit.spawn_ray(mi.Vector3f(self.direction)).o)
         self.shadow_reach: Any = Float(dr.inf)
         self.scale: Any = Float(1)
+        self.shadow: Any = None
         self.open = self._open(world)
 
     def _open(self, world: StageWorld) -> Bool:
@@ -148,10 +152,14 @@ class _Reflection:
         """Return the reflection of lights with links: they light some surfaces, and some surfaces block them."""
         result = copy(self)
         result.active = links.lights(self.hit, self.active)
-        result.scale, result.shadow_reach = links.scale, links.reach
+        result.scale, result.shadow_reach, result.shadow = links.scale, links.reach, links.shadow
         result.weight = dr.select(result.active, self.weight * links.scale, 0)
         result.open = result._open(links.world)
         return result
+
+    def left(self, free: Bool, lit: Bool) -> Array3f:
+        """Return the factor on light that nothing blocks (`free`) or that is blocked, of the paths that are lit."""
+        return dr.select(free, Array3f(1), 0 if self.shadow is None else dr.select(lit, self.shadow, 0))
 
     def evaluate(self, direction: Array3f) -> tuple[Array3f, Float]:
         """Return BSDF times cosine, and the pdf of sampling that direction."""
@@ -191,11 +199,15 @@ def _reflected(world: StageWorld, reflection: _Reflection, light: Any, names: tu
     reach = dr.minimum(sample.distance * (1 - _SHORTENED), reflection.shadow_reach)
     seed = point.samples.bits(point.order, *stream)
     free = useful & ~world.blocked(start, sample.direction, reach, useful, seed)
-    dimming = world.dimming(start, sample.direction, sample.distance, medium, seed, free)
-    result = dr.select(free, value * dimming, 0)
+    shown = free if reflection.shadow is None else useful
+    dimming = world.dimming(start, sample.direction, sample.distance, medium, seed, shown)
+    result = dr.select(shown, value * dimming * reflection.left(free, useful), 0)
 
     found = light.see(place, reflection.direction)
-    met = reflection.sees(world, found.hit & (dr.max(reflection.weight) > 0), found.distance)
+    hit = found.hit & (dr.max(reflection.weight) > 0)
+    met = reflection.sees(world, hit, found.distance)
+    shown = met if reflection.shadow is None else hit
     weight = power_heuristic(reflection.pdf, found.pdf)
-    dimming = world.dimming(start, reflection.direction, found.distance, medium, hash32(seed), met)
-    return result + dr.select(met, reflection.weight * found.radiance * weight * dimming, 0)
+    dimming = world.dimming(start, reflection.direction, found.distance, medium, hash32(seed), shown)
+    value = reflection.weight * found.radiance * weight * dimming * reflection.left(met, hit)
+    return result + dr.select(shown, value, 0)

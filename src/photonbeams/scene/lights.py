@@ -152,8 +152,11 @@ class Light(BeamSettings):
         The light's cone and focus, or None for neither.
     surface_scale
         A factor on the light that surfaces get from it; its beams shine either way.
-    shadow_distance
-        How near to a surface others have to be to cast a shadow on it; on beams they cast theirs without end.
+    shadow_distance, shadow_color
+        How near to a surface others have to be to cast a shadow on it, and which part of the light is left in it. On
+        beams shadows are black and without end.
+    seen
+        Whether the light itself is in pictures.
     frame
         (4, 4) transform from the light's own space to the world, for column vectors: the light shines along its −Z, +Y
         is up, its origin is the light's place. Axes of unit length, square to each other, without the light's size;
@@ -170,6 +173,8 @@ class Light(BeamSettings):
     portal: Mesh | None = field(default=None, kw_only=True)
     surface_scale: float = 1.0
     shadow_distance: float = np.inf
+    shadow_color: Color = BLACK
+    seen: bool = True
     frame: Array = field(default_factory=lambda: np.eye(4))
     unlit: frozenset[str] = frozenset()
     unshadowed: frozenset[str] = frozenset()

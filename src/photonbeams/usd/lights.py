@@ -361,26 +361,35 @@ def _on_surfaces(reading: Reading, prim: Usd.Prim) -> dict[str, Any]:
         text = f"is {specular:g}, inputs:diffuse {diffuse:g}: surfaces take the latter for both"
         reading.warn(prim, text, "inputs:specular")
     distance = reading.number(prim, "inputs:shadow:distance", -1.0)
-    if distance > 0 and makes_beams(reading, prim):
-        text = "limits the shadows on surfaces alone: beams end where a surface stops them"
-        reading.warn(prim, text, "inputs:shadow:distance")
+    color = reading.color(prim, "inputs:shadow:color", (0, 0, 0))
+    for name, given in (("distance", distance > 0), ("color", max(color) > 0)):
+        if given and makes_beams(reading, prim):
+            text = "is of the shadows on surfaces alone: beams end where a surface stops them"
+            reading.warn(prim, text, f"inputs:shadow:{name}")
     return {
         "surface_scale": diffuse,
         "shadow_distance": distance if distance > 0 else np.inf,
+        "shadow_color": color,
+        "seen": not any(reading.value(prim, name, True) in (False, 0) for name in _SEEN),
     }
 
 
 def _warn_of_what_is_left_out(reading: Reading, prim: Usd.Prim) -> None:
     if target_paths(prim, "light:filters"):
         reading.warn(prim, "are not rendered: the light shines without them", "light:filters")
-    color = reading.color(prim, "inputs:shadow:color", (0, 0, 0))
-    if max(color) > 0:
-        reading.warn(prim, "is not rendered: shadows are black", "inputs:shadow:color")
     if reading.number(prim, "inputs:shadow:falloff", -1.0) > 0:
         reading.warn(prim, "is not rendered: shadows have the same strength everywhere", "inputs:shadow:falloff")
 
 
 _DOMES = ("DomeLight", "DomeLight_1")
+# How programs say that the camera does not see a light, for UsdLux has no word for it: Karma and hdEmbree, Omniverse,
+# Arnold, RenderMan.
+_SEEN = (
+    "inputs:visibility:camera",
+    "visibleInPrimaryRay",
+    "primvars:arnold:camera",
+    "primvars:ri:attributes:visibility:camera",
+)
 _UNRENDERED = {
     "PortalLight": "is skipped: the light of a dome is sampled by its brightness, without portals",
     "PluginLight": "is a light of a renderer's own kind, which is not rendered: it is skipped",

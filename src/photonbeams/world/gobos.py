@@ -294,7 +294,8 @@ def _slide(light: scene.Light, gobo: scene.Gobo) -> Slide:
     """Return where a light's own image lies."""
     side, up, ahead = _axes(light)
     if isinstance(light, scene.FlatLight):
-        # As one sees it who faces the light, hence from +X: so UsdLux has the texture of a rectangle.
+        # UsdLuxRectLight has the image's first pixel at (+X, +Y) and its last at (-X, -Y): upright for one who faces
+        # the light. Arnold has it so for usdlux_version 25.05, and mirrored before that.
         x = light.half_x if np.dot(light.half_x, side) < 0 else -np.asarray(light.half_x)
         y = light.half_y if np.dot(light.half_y, up) > 0 else -np.asarray(light.half_y)
         return Slide.of(gobo, light.center, 2 * x, 2 * y, ahead)

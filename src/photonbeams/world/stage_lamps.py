@@ -9,6 +9,7 @@ import drjit as dr
 import numpy as np
 
 from ..runtime.device import Bool, UInt32
+from ..scene import BLACK, Color
 from .gobos import ProjectedLight, pack_projected
 from .lights import pack
 
@@ -20,13 +21,16 @@ class Links(NamedTuple):
     """How lights with the same links meet surfaces.
 
     `world` has the surfaces that block them, `lit` says for each shape whether they light it (None: all). Shadows of
-    surfaces farther than `reach` are not cast; `scale` is a factor on the light that is reflected.
+    surfaces farther than `reach` are not cast; `scale` is a factor on the light that is reflected, and `shadow` one on
+    what is left of it in a shadow. `seen` says whether pictures show the lights.
     """
 
     world: StageWorld
     lit: Any | None
     reach: Any
     scale: Any
+    shadow: Any
+    seen: bool
 
     def lights(self, hit: Any, active: Bool) -> Bool:
         """Return which of the active hits are on surfaces that the lights shine on."""
@@ -42,6 +46,8 @@ class LinkKey(NamedTuple):
     unshadowed: frozenset[str] = frozenset()
     shadow_distance: float = np.inf
     surface_scale: float = 1.0
+    shadow_color: Color = BLACK
+    seen: bool = True
 
 
 class Lamps(NamedTuple):
@@ -64,6 +70,11 @@ class Lamps(NamedTuple):
             return cls(kind, pack(sources), count, {}, links)
         packed, pixels = pack_projected(sources)
         return cls(kind, packed, count, pixels, links)
+
+    @property
+    def seen(self) -> bool:
+        """Whether pictures show the lights."""
+        return self.links is None or self.links.seen
 
     def light(self, number: UInt32) -> Any:
         """Return one of the lights, in a loop over them."""

@@ -186,7 +186,8 @@ class StageWorld(World):
     def _linked(self, light: scene.Light) -> LinkKey:
         """Return which of the surfaces a light does not light, which do not block it, and how it shines on them."""
         unlit, unshadowed = _among(light.unlit, self.meshes), _among(light.unshadowed, self.meshes)
-        return LinkKey(unlit, unshadowed, light.shadow_distance, light.surface_scale)
+        shining = light.shadow_distance, light.surface_scale, light.shadow_color, light.seen
+        return LinkKey(unlit, unshadowed, *shining)
 
     def _links(self, key: LinkKey) -> Links | None:
         if key == LinkKey():
@@ -194,7 +195,8 @@ class StageWorld(World):
         unlit, unshadowed = key.unlit, key.unshadowed
         world = replace(self, surfaces=self.blockers[unshadowed]) if unshadowed else self
         lit = self._lit_shapes(unlit) if unlit else None
-        return Links(world, lit, opaque(key.shadow_distance), opaque(key.surface_scale))
+        reach, scale, shadow = opaque(key.shadow_distance), opaque(key.surface_scale), opaque(key.shadow_color)
+        return Links(world, lit, reach, scale, shadow, key.seen)
 
     def _lit_shapes(self, unlit: frozenset[str]) -> Any:
         """Return for each shape, by Mitsuba's number, whether it is lit, 1 or 0."""
