@@ -7,7 +7,8 @@ import pytest
 from photonbeams import scene
 from photonbeams.numerics.arrays import to_vectors
 from photonbeams.numerics.sampling import sobol_block
-from photonbeams.world.gobos import projected
+from photonbeams.runtime.device import Array3f, UInt32
+from photonbeams.world.gobos import pack_projected, projected
 from photonbeams.world.lights import source
 from photonbeams.world.profiles import ProfileTable
 
@@ -44,3 +45,16 @@ def test_directions_are_sampled_with_the_density_that_they_are_told_to_have():
     assert np.mean(weight) == pytest.approx(4 * np.pi, rel=1e-4)
     assert np.allclose(np.mean(weight * direction.numpy() ** 2, axis=1), 4 * np.pi / 3, rtol=1e-3)
     assert dr.allclose(dr.norm(direction), 1, atol=1e-5)
+
+
+def test_lights_that_share_a_profile_share_its_table():
+    shared, own = scene.Profile([0, 180], [0], [[1, 1]]), scene.Profile([0, 180], [0], [[3, 3]])
+    lights = [
+        scene.SphereLight(f"/{number}", (1.0, 1.0, 1.0), shaping=scene.Shaping(180, profile=profile))
+        for number, profile in enumerate((shared, own, shared))
+    ]
+    packed, pixels = pack_projected([projected(source(light), light, None, {}) for light in lights])
+    assert len(pixels["profile"].x) == 2 * (2 * 721 + 1)
+    for number, expected in enumerate((1, 3, 1)):
+        light = dr.gather(type(packed), packed, UInt32(number)).with_pixels(pixels)
+        assert np.allclose(light.tint(Array3f(0), Array3f(0, 0, -1)).numpy(), expected)

@@ -227,9 +227,9 @@ def projected(bare: Any, light: scene.Light, portal: Portal | None, images: Imag
         result.slide = _slide(light, slide)
     if portal_gobo is not None and portal is not None:
         result.portal_gobo = _portal_gobo(light, portal_gobo, portal)
-    if profile is not None:
+    if profile is not None and light.shaping is not None:
         result.profile = ProfileTable.of(profile, light.frame)
-        result.sampler = ProfileSampler(result.profile, light, isinstance(light, scene.FlatLight))
+        result.sampler = ProfileSampler(result.profile, light.shaping, isinstance(light, scene.FlatLight))
     return result
 
 
@@ -247,10 +247,14 @@ def pack_projected(sources: Sequence[Any]) -> tuple[Any, dict[str, Any]]:
         return packed, sources[0].pixels
     pixels = {}
     for name in sources[0].pixels:
-        images = [_padded(source.images[name]) for source in sources]
-        first = np.cumsum([0] + [len(image) for image in images])
-        getattr(packed, name).first = to_uint([*first[:-1], first[-2]])  # the last light is there twice
-        pixels[name] = to_vectors(np.concatenate(images))
+        keys = [id(source.images[name].image) for source in sources]
+        images = {key: _padded(source.images[name]) for key, source in zip(keys, sources, strict=True)}
+        starts = np.cumsum([0] + [len(image) for image in images.values()])
+        first = dict(zip(images, starts[:-1], strict=True))
+        getattr(packed, name).first = to_uint(
+            [first[key] for key in [*keys, keys[-1]]]
+        )  # the last light is there twice
+        pixels[name] = to_vectors(np.concatenate(list(images.values())))
     return packed, pixels
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Any, ClassVar
 
 import drjit as dr
@@ -79,25 +80,8 @@ class ProfileTable:
 class ProfileSampler:
     """Directions with a density like what a light with a profile radiates, its cone and its own cosine included."""
 
-    def __init__(self, table: ProfileTable, light: scene.Light, flat: bool) -> None:
-        assert light.shaping is not None and light.shaping.profile is not None
-        self._table = table
-        profile = light.shaping.profile
-        rows, columns = profile.image.shape[:2]
-        theta, phi = np.linspace(0, np.pi, rows), np.linspace(0, 2 * np.pi, columns)
-        shape = ShapingFactor.of(light.shaping).factor(Float(np.cos(theta))).numpy().max(axis=0)
-        if flat:
-            shape = shape * np.maximum(np.cos(theta), 0)
-        value = profile.at(np.degrees(theta)[:, None], np.degrees(phi)) * shape[:, None]
-        # A scaled profile has its edges between the rows: the greatest of the neighbours leaves none of it out.
-        padded = np.pad(value, ((1, 1), (0, 0)), mode="edge")
-        value = np.maximum(np.maximum(padded[:-2], padded[1:-1]), padded[2:])
-        sine = np.sin(theta)[:, None]
-        mean = float((value * sine).mean() / max(sine.mean(), 1e-30)) or 1.0
-        weight = (value + _FAINT * mean) * sine
-        if flat:
-            weight[theta > np.pi / 2 + np.pi / (rows - 1)] = 0
-        self._warp = mi.MarginalContinuous2D0(mi.TensorXf(np.ascontiguousarray(weight, dtype=np.float32)))
+    def __init__(self, table: ProfileTable, shaping: scene.Shaping, flat: bool) -> None:
+        self._table, self._warp = table, _warp(shaping, flat)
 
     def sample(self, v: Array2f) -> tuple[Array3f, Float]:
         """Return directions for points of the unit square, and their density per solid angle."""
@@ -105,3 +89,25 @@ class ProfileSampler:
         theta, phi = Float(place.y) * dr.pi, Float(place.x) * dr.two_pi
         density = Float(pdf) / (2 * dr.square(dr.pi) * dr.maximum(dr.sin(theta), 1e-7))
         return self._table.direction(theta, phi), density
+
+
+@lru_cache(maxsize=16)  # a building has many luminaires of one kind
+def _warp(shaping: scene.Shaping, flat: bool) -> Any:
+    """Return the map from the unit square to angles around the axis and from it, in units of 360 and 180 degrees."""
+    profile = shaping.profile
+    assert profile is not None
+    rows, columns = profile.image.shape[:2]
+    theta, phi = np.linspace(0, np.pi, rows), np.linspace(0, 2 * np.pi, columns)
+    shape = ShapingFactor.of(shaping).factor(Float(np.cos(theta))).numpy().max(axis=0)
+    if flat:
+        shape = shape * np.maximum(np.cos(theta), 0)
+    value = profile.at(np.degrees(theta)[:, None], np.degrees(phi)) * shape[:, None]
+    # A scaled profile has its edges between the rows: the greatest of the neighbours leaves none of it out.
+    padded = np.pad(value, ((1, 1), (0, 0)), mode="edge")
+    value = np.maximum(np.maximum(padded[:-2], padded[1:-1]), padded[2:])
+    sine = np.sin(theta)[:, None]
+    mean = float((value * sine).mean() / sine.mean()) or 1.0
+    weight = (value + _FAINT * mean) * sine
+    if flat:
+        weight[theta > np.pi / 2 + np.pi / (rows - 1)] = 0
+    return mi.MarginalContinuous2D0(mi.TensorXf(np.ascontiguousarray(weight, dtype=np.float32)))
