@@ -29,14 +29,13 @@ from ..scene import (
     Light,
     Mesh,
     MeshLight,
-    Shaping,
     SphereLight,
     rgb,
 )
 from ..scene.vectors import unit
 from . import blender
 from .gobos import read_gobo, read_portal_gobo, read_texture
-from .ies import read_profile
+from .light_controls import on_surfaces, read_shaping, warn_of_what_is_left_out
 from .looks import LookSpec, read_look
 from .medium import read_bounces
 from .mesh_lights import is_asked, read_glow
@@ -83,11 +82,11 @@ def read_light(
     if kind not in _DOMES and abs(np.linalg.det(to_world[:3, :3])) < 1e-30:
         reading.warn(prim, "is scaled to nothing: it is skipped")
         return None
-    _warn_of_what_is_left_out(reading, prim)
+    warn_of_what_is_left_out(reading, prim)
     portal = reading.attempt(prim, partial(read_portal, reading, prim), None, "the light has no portal")
     shared = {"name": name, **read_beam_settings(reading, prim, portal)}
-    shared |= {"emits_beams": makes_beams(reading, prim), "shaping": _shaping(reading, prim)}
-    shared |= _on_surfaces(reading, prim)
+    shared |= {"emits_beams": makes_beams(reading, prim), "shaping": read_shaping(reading, prim)}
+    shared |= on_surfaces(reading, prim, shared["emits_beams"])
     if kind in _READERS:
         light: Light | None = _READERS[kind](reading, prim, to_world, shared)
     else:
@@ -261,19 +260,6 @@ def _rotation(to_world: Array) -> Array:
     return np.asarray(left @ right)
 
 
-def _shaping(reading: Reading, prim: Usd.Prim) -> Shaping | None:
-    names = [name for name in prim.GetAuthoredPropertyNames() if name.startswith("inputs:shaping:")]
-    if not names:
-        return None
-    return Shaping(
-        cone_angle=reading.number(prim, "inputs:shaping:cone:angle", 90.0, 0.0, 180.0),
-        cone_softness=min(max(reading.number(prim, "inputs:shaping:cone:softness", 0.0), 0.0), 1.0),
-        focus=reading.number(prim, "inputs:shaping:focus", 0.0, minimum=0.0),
-        focus_tint=reading.color(prim, "inputs:shaping:focusTint", (0, 0, 0)),
-        profile=read_profile(reading, prim),
-    )
-
-
 def read_beam_settings(reading: Reading, prim: Usd.Prim, portal: Mesh | str | None) -> dict[str, Any]:
     """Return the fields of `BeamSettings` that PhotonBeamsLightAPI sets, applied formally or not; looks as specs.
 
@@ -354,42 +340,7 @@ def read_portal(reading: Reading, prim: Usd.Prim) -> Mesh | None:
     )
 
 
-def _on_surfaces(reading: Reading, prim: Usd.Prim) -> dict[str, Any]:
-    """Return how strongly a light shines on surfaces, and how far their shadows reach."""
-    diffuse, specular = (reading.number(prim, f"inputs:{key}", 1.0, minimum=0.0) for key in ("diffuse", "specular"))
-    if diffuse != specular:
-        text = f"is {specular:g}, inputs:diffuse {diffuse:g}: surfaces take the latter for both"
-        reading.warn(prim, text, "inputs:specular")
-    distance = reading.number(prim, "inputs:shadow:distance", -1.0)
-    color = reading.color(prim, "inputs:shadow:color", (0, 0, 0))
-    for name, given in (("distance", distance > 0), ("color", max(color) > 0)):
-        if given and makes_beams(reading, prim):
-            text = "is of the shadows on surfaces alone: beams end where a surface stops them"
-            reading.warn(prim, text, f"inputs:shadow:{name}")
-    return {
-        "surface_scale": diffuse,
-        "shadow_distance": distance if distance > 0 else np.inf,
-        "shadow_color": color,
-        "seen": not any(reading.value(prim, name, True) in (False, 0) for name in _SEEN),
-    }
-
-
-def _warn_of_what_is_left_out(reading: Reading, prim: Usd.Prim) -> None:
-    if target_paths(prim, "light:filters"):
-        reading.warn(prim, "are not rendered: the light shines without them", "light:filters")
-    if reading.number(prim, "inputs:shadow:falloff", -1.0) > 0:
-        reading.warn(prim, "is not rendered: shadows have the same strength everywhere", "inputs:shadow:falloff")
-
-
 _DOMES = ("DomeLight", "DomeLight_1")
-# How programs say that the camera does not see a light, for UsdLux has no word for it: Karma and hdEmbree, Omniverse,
-# Arnold, RenderMan.
-_SEEN = (
-    "inputs:visibility:camera",
-    "visibleInPrimaryRay",
-    "primvars:arnold:camera",
-    "primvars:ri:attributes:visibility:camera",
-)
 _UNRENDERED = {
     "PortalLight": "is skipped: the light of a dome is sampled by its brightness, without portals",
     "PluginLight": "is a light of a renderer's own kind, which is not rendered: it is skipped",
