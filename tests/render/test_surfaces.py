@@ -186,6 +186,54 @@ def test_only_what_a_light_is_linked_to_stops_it(light):
     assert np.all(shadow.mean(axis=1) < 0.85 * open_floor[0].mean(axis=1))  # the roof hides a quarter of the sky
 
 
+def test_surfaces_are_scaled_and_shadows_end_where_a_light_says():
+    origin, direction = rays([[0, 1, 4], [2.5, 1, 4]], [[0.0, 0, 0], [2.5, 0, 0]])  # under the roof, and beside it
+    lit = render(built([FLOOR], SUN), origin, direction, passes=1)[0]
+    for distance, color, shadow in ((1.9, 0.0, 1), (2.1, 0.0, 0), (np.inf, 0.3, 0.3)):  # the roof is 2 above the floor
+        light = dataclasses.replace(SUN, surface_scale=0.5, shadow_distance=distance, shadow_color=(color,) * 3)
+        mean = render(built([FLOOR, ROOF], light), origin, direction, passes=1)[0]
+        assert np.allclose(mean, 0.5 * lit * [shadow, 1], rtol=1e-6)
+
+
+def test_hidden_lamps_light_surfaces_and_are_not_seen():
+    origin, direction = rays([[0, 1, 4], [0.3, 0.1, 0]], [[0.0, 0, 0], [0.3, 2.5, 0]])  # at the floor, at the lamp
+    seen, hidden = (
+        render(built([FLOOR], dataclasses.replace(LIGHT, seen=shown)), origin, direction, passes=1)[0]
+        for shown in (True, False)
+    )
+    assert np.allclose(seen[:, 0], hidden[:, 0], rtol=1e-6)
+    assert np.allclose(seen[:, 1], [5, 4, 3])
+    assert np.all(hidden[:, 1] == 0)
+
+
+@pytest.mark.parametrize("depth", [0.0, 0.5], ids=["air", "fog"])
+def test_an_image_on_a_portal_tints_the_lamp_behind_it_also_through_a_boundary_of_fog(depth):
+    green = scene.Gobo(np.full((2, 2, 3), [0.0, 1.0, 0.0], dtype=np.float32))
+    pane = quad("/pane", [[-1, -1, 2], [1, -1, 2], [1, 1, 2], [-1, 1, 2]], DIFFUSE)
+    lamp = scene.SphereLight("/s", (1.0, 2.0, 3.0), radius=0.5, portal=pane, portal_gobo=green)
+    fog = scene.Medium((0.0,) * 3, (depth,) * 3, mesh=box("/fog", (-3, -3, 3), (3, 3, 4)))
+    world = StageWorld.build(scene.Scene((), (lamp,), media=(fog,)), viewpoints=[(0, 0, 6)])
+    mean, _, _ = render(world, *rays([0, 0, 6], [0.0, 0, 0]), passes=1)
+    # The ray meets both sides of the slab of fog, one unit thick, before it passes the pane.
+    assert np.allclose(mean[:, 0], [0, 2 * np.exp(-depth), 0], rtol=1e-3)
+    behind = dataclasses.replace(fog, mesh=box("/fog", (-3, -3, 1), (3, 3, 1.5)))
+    world = StageWorld.build(scene.Scene((), (lamp,), media=(behind,)), viewpoints=[(0, 0, 6)])
+    mean, _, _ = render(world, *rays([0, 0, 6], [0.0, 0, 0]), passes=1)
+    assert np.allclose(mean[:, 0], [0, 2 * np.exp(-0.5 * depth), 0], rtol=1e-3)
+
+
+def test_a_mesh_light_without_a_surface_is_seen_as_a_lamp_and_one_with_a_surface_is_not():
+    glow = quad("/glow", [[-1, 2, -1], [1, 2, -1], [1, 2, 1], [-1, 2, 1]], DIFFUSE)
+    floor = [[0, 1, 4], [0, 1, 0.0]]
+    origin, direction = rays(floor, [[0.0, 0, 0], [0, 2, 0]])
+    lamp = scene.MeshLight("/m", (5.0, 4.0, 3.0), mesh=glow)
+    seen = render(built([FLOOR], lamp), origin, direction, passes=1)[0]
+    assert np.allclose(seen[:, 1], [5, 4, 3])
+    surface = render(built([FLOOR, glow], dataclasses.replace(lamp, surface=True)), origin, direction, passes=1)[0]
+    assert np.all(surface[:, 1] == 0)
+    assert np.allclose(surface[:, 0], seen[:, 0], rtol=1e-4)  # the same light on the floor
+
+
 def test_a_glowing_surface_glows_also_where_some_lights_pass_it():
     lamp = quad("/glow", ROOF.points, scene.Material(diffuse=scene.BLACK, emissive=(2.0, 1.0, 3.0)))
     origin, direction = rays([0, 1, 4], [0.0, 2, 0])
@@ -214,7 +262,7 @@ def test_lamps_are_seen_directly_and_hide_what_is_behind():
 
 
 def test_lights_that_light_no_surfaces_are_neither_seen_nor_felt():
-    hidden = dataclasses.replace(LIGHT, lights_surfaces=False)
+    hidden = dataclasses.replace(LIGHT, surface_scale=0)
     origin, direction = rays([[0, 1, 4], [0.3, 0.1, 0]], [[0.0, 0, 0], [0.3, 2.5, 0]])
     mean, _, result = render(built([FLOOR], hidden), origin, direction, passes=1)
     assert np.all(mean == 0)

@@ -1,5 +1,7 @@
 """Light paths at the light: their power, and that strata add up, against float64 integrals and `illuminate`."""
 
+import dataclasses
+
 import drjit as dr
 import numpy as np
 import pytest
@@ -52,6 +54,17 @@ def distant(angle=5.0, **given):
     return scene.DistantLight("/light", RADIANCE, axis=AXIS, angle=angle, **given)
 
 
+def cylinder(**given):
+    given = {"half": np.array([0.3, 0, 0.4])} | given
+    return scene.CylinderLight("/light", RADIANCE, radius=0.1, axis=AXIS, **given)
+
+
+def tetrahedron(**given):
+    points = 0.2 * np.array([[1.0, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]])
+    mesh = scene.Mesh("/light", points, np.array([[0, 1, 2], [0, 3, 1], [0, 2, 3], [1, 3, 2]]))
+    return scene.MeshLight("/light", RADIANCE, mesh=mesh, **given)
+
+
 def world(light):
     """Return a world of one light, within a sphere of radius 4."""
     return StageWorld.build(scene.Scene(lights=(light,)), viewpoints=[(-4, 0, 0), (4, 0, 0)])
@@ -78,6 +91,11 @@ def flux(paths, where=None):
 
 
 SHAPED = scene.Shaping(cone_angle=35.0)
+#: A profile that is brighter to one side: cd at 0, 30 and 60 degrees down, at four directions around.
+LOPSIDED = scene.Shaping(
+    180.0,
+    profile=scene.Profile([0, 30, 60], [0, 90, 180, 270, 360], [[2, 5, 1], [2, 3, 0], [2, 1, 0], [2, 3, 0], [2, 5, 1]]),
+)
 
 
 @pytest.mark.parametrize(
@@ -86,7 +104,9 @@ SHAPED = scene.Shaping(cone_angle=35.0)
         (sphere(), 4 * np.pi**2 * 0.2**2),
         (sphere(shaping=SHAPED), 2 * np.pi**2 * 0.2**2 * (1 - np.cos(np.radians(35)))),
         (sphere(radius=0.0), 4 * np.pi),
-        (sphere(radius=0.0, shaping=scene.Shaping(cone_angle=180.0, focus=3.0)), 2 * np.pi / 4),
+        (sphere(radius=0.0, shaping=scene.Shaping(cone_angle=90.0, focus=3.0)), 2 * np.pi / 4),
+        (cylinder(), np.pi * 2 * np.pi * 0.1 * 1.0),
+        (tetrahedron(), np.pi * np.sqrt(3) * 0.2 * 0.2 * 8),
         (flat(), np.pi * 0.08),
         (flat(disk=True), np.pi * 0.08 * np.pi / 4),
         (flat(shaping=SHAPED), np.pi * 0.08 * np.sin(np.radians(35)) ** 2),
@@ -109,6 +129,29 @@ def test_soft_cone_carries_the_integral_of_its_falloff():
     expected = (2 * np.pi * np.sin(angle) * (1 - x * x * (3 - 2 * x))).sum() * np.radians(50) / 20_000
     total, error = flux(emission(sphere(radius=0.0, shaping=shaping))[0])
     assert np.all(np.abs(total - np.multiply(expected, RADIANCE)) < 4 * error + 1e-5 * total)
+
+
+def mean_of_profile(profile, flat=False, count=720):
+    """Return ∫ profile dω, of a flat light times the cosine: midpoint rule, float64."""
+    theta = np.pi * (np.arange(count) + 0.5) / count
+    phi = 360 * (np.arange(count) + 0.5) / count
+    value = profile.at(np.degrees(theta)[:, None], phi) * np.sin(theta)[:, None]
+    return (value * (np.maximum(np.cos(theta), 0)[:, None] if flat else 1)).sum() * 2 * np.pi * np.pi / count**2
+
+
+@pytest.mark.parametrize("scale", [0.0, 0.4, -0.6])
+def test_paths_follow_a_profile_and_carry_its_integral(scale):
+    profile = dataclasses.replace(LOPSIDED.profile, angle_scale=scale)
+    shaping = dataclasses.replace(LOPSIDED, profile=profile)
+    for light, flat_light in ((sphere(radius=0.0, shaping=shaping), False), (flat(shaping=shaping), True)):
+        if flat_light and scale < 0:  # all its light goes up, behind the rectangle
+            continue
+        value = emission(light)[0].flux.numpy().astype(np.float64)
+        expected = mean_of_profile(profile, flat_light) * (0.08 if flat_light else 1)
+        total, error = value.sum(axis=1), np.sqrt(COUNT) * value.std(axis=1)
+        assert np.all(np.abs(total - np.multiply(expected, RADIANCE)) < error + 2e-3 * total)
+        # Paths are where the light is: their power hardly differs.
+        assert value[0].std() < 0.3 * value[0].mean()
 
 
 def test_paths_begin_on_the_light():
@@ -194,9 +237,10 @@ def test_paths_through_a_portal_and_the_others_make_the_light_without_one(light)
 
 @pytest.mark.parametrize(
     "light",
-    [sphere(), sphere(radius=0.0, shaping=scene.Shaping(60, 0.5, 1.5)), flat(), flat(disk=True), distant(),
+    [sphere(), sphere(radius=0.0, shaping=scene.Shaping(60, 0.5, 1.5)), flat(), flat(disk=True), cylinder(),
+     tetrahedron(), sphere(radius=0.0, shaping=LOPSIDED), flat(shaping=LOPSIDED), distant(),
      scene.DomeLight("/light", RADIANCE, image=np.random.default_rng(1).random((8, 16, 3)))],
-    ids=["sphere", "spot", "rect", "disk", "distant", "dome"],
+    ids=["sphere", "spot", "rect", "disk", "cylinder", "mesh", "profile", "rect with profile", "distant", "dome"],
 )  # fmt: skip
 def test_beams_that_land_on_a_patch_carry_what_illuminate_says(light):
     paths, built = emission(light, count=1 << 16)

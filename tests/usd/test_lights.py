@@ -3,7 +3,16 @@
 import numpy as np
 import pytest
 
-from photonbeams.scene import BLACK, DistantLight, DomeLight, FlatLight, SceneError, SphereLight
+from photonbeams.scene import (
+    BLACK,
+    CylinderLight,
+    DistantLight,
+    DomeLight,
+    FlatLight,
+    MeshLight,
+    SceneError,
+    SphereLight,
+)
 from photonbeams.usd.stage import read_scene
 
 SCALED = """
@@ -164,18 +173,122 @@ def test_hidden_lights_and_lights_scaled_to_nothing_do_not_shine(scene, caplog):
     assert "/L is scaled to nothing: it is skipped" in caplog.text
 
 
-def test_a_light_of_another_kind_is_skipped_with_a_warning(scene, caplog):
-    assert scene(light("CylinderLight")).lights == ()
-    assert "/L is a light of kind CylinderLight, which is not rendered: it is skipped" in caplog.text
+@pytest.mark.parametrize(
+    ("kind", "message"),
+    [
+        ("PluginLight", "is a light of a renderer's own kind, which is not rendered: it is skipped"),
+        ("GeometryLight", "is deprecated and not rendered: expected MeshLightAPI on the geometry; it is skipped"),
+        ("PortalLight", "is skipped: the light of a dome is sampled by its brightness, without portals"),
+        ("PxrEnvDayLight", "is a light of kind PxrEnvDayLight, which is not rendered: it is skipped"),
+    ],
+)
+def test_a_light_of_another_kind_is_skipped_with_a_warning(scene, caplog, kind, message):
+    assert scene(light(kind)).lights == ()
+    assert f"/L {message}" in caplog.text
+
+
+def test_a_volume_light_is_named(scene, caplog):
+    assert scene(light("Volume", extra='(prepend apiSchemas = ["VolumeLightAPI"])')).lights == ()
+    assert "/L is a light by VolumeLightAPI, which is not rendered: it does not shine" in caplog.text
 
 
 def test_what_is_not_rendered_of_a_light_is_named(scene, caplog):
     body = """
-        asset inputs:shaping:ies:file = @a.ies@
-        rel light:filters = </L>"""
-    assert len(scene(light("RectLight", body)).lights) == 1
-    for name in ("inputs:shaping:ies:file is", "light:filters are"):
-        assert f"/L.{name} not rendered" in caplog.text
+        rel light:filters = </L>
+        color3f inputs:shadow:color = (0.5, 0, 0)
+        float inputs:shadow:falloff = 2
+        float inputs:shadow:distance = 3
+        float inputs:specular = 0"""
+    found = only(scene(light("RectLight", body)))
+    assert (found.shadow_distance, found.surface_scale) == (3, 1)
+    for text in (
+        "light:filters are not rendered: the light shines without them",
+        "inputs:shadow:color is of the shadows on surfaces alone: beams end where a surface stops them",
+        "inputs:shadow:falloff is not rendered: shadows have the same strength everywhere",
+        "inputs:shadow:distance is of the shadows on surfaces alone: beams end where a surface stops them",
+        "inputs:specular is 0, inputs:diffuse 1: surfaces take the latter for both",
+    ):
+        assert f"/L.{text}" in caplog.text
+
+
+@pytest.mark.parametrize(
+    "name", ["bool inputs:visibility:camera", "bool visibleInPrimaryRay", "float primvars:arnold:camera"]
+)
+def test_a_light_may_be_hidden_from_the_camera_as_other_programs_say_it(scene, name):
+    assert only(scene(light("RectLight"))).seen
+    assert only(scene(light("RectLight", f"{name} = 1"))).seen
+    assert not only(scene(light("RectLight", f"{name} = 0"))).seen
+
+
+def test_no_surface_blocks_a_light_without_shadows(scene):
+    ball = 'def Sphere "Ball" {\n}'
+    assert only(scene(light("RectLight", "bool inputs:shadow:enable = 0") + ball)).unshadowed == {"/Ball"}
+    assert only(scene(light("RectLight") + ball)).unshadowed == frozenset()
+
+
+def test_a_cylinder_lies_along_x_and_is_normalized_by_its_mantle(scene):
+    tube = only(scene(light("CylinderLight", f"float inputs:length = 3\nfloat inputs:radius = 0.2\n{SCALED}")))
+    assert isinstance(tube, CylinderLight)
+    assert np.allclose(tube.half, [3, 0, 0])
+    assert tube.radius == pytest.approx(0.2 * 3.5)
+    assert tube.radiance == (1, 1, 1)
+    body = f"bool inputs:normalize = 1\nfloat inputs:intensity = 5\nfloat inputs:length = 3\n{SCALED}"
+    assert only(scene(light("CylinderLight", body))).radiance[0] == pytest.approx(5 / (2 * np.pi * 0.5 * 3.5 * 6))
+
+
+def test_a_line_has_the_intensity_of_the_normalized_cylinder(scene):
+    body = "bool treatAsLine = 1\nfloat inputs:radius = 0\nfloat inputs:length = 2\nfloat inputs:intensity = 7"
+    line = only(scene(light("CylinderLight", body)))
+    # Square to it, of any cylinder of the area A = 2πrl: radiance · 2rl = 7 / π.
+    assert line.radiance[0] * 2 * line.radius * 2 == pytest.approx(7 / np.pi)
+    assert line.radius < 0.001
+
+
+GLOWING = """
+def Material "Glow" {
+    token outputs:surface.connect = </Glow/S.outputs:surface>
+    def Shader "S" {
+        uniform token info:id = "UsdPreviewSurface"
+        color3f inputs:emissiveColor = (0.5, 1, 2)
+        token outputs:surface
+    }
+}
+"""
+
+
+def mesh_light(body="", api="MeshLightAPI", bound=True):
+    binding = "rel material:binding = </Glow>" if bound else ""
+    text = light("Cube", f"{body}\n{binding}", f'(prepend apiSchemas = ["{api}", "MaterialBindingAPI"])')
+    return GLOWING + text.replace("double size", "")
+
+
+@pytest.mark.parametrize(
+    ("body", "bound", "radiance", "surface"),
+    [
+        ("", True, (1.5, 3, 0), True),
+        ("", False, (3, 3, 0), True),
+        ('token light:materialSyncMode = "independent"', True, (3, 3, 0), True),
+        ('token light:materialSyncMode = "noMaterialResponse"', True, (3, 3, 0), False),
+        ("bool inputs:normalize = 1", False, (3 / 24, 3 / 24, 0), True),
+    ],
+    ids=["tinted", "no glow", "independent", "no material", "normalized"],
+)
+def test_a_mesh_light_shines_as_its_material_sync_mode_says(scene, body, bound, radiance, surface):
+    found = scene(mesh_light(f"{body}\ncolor3f inputs:color = (1, 1, 0)\nfloat inputs:intensity = 3", bound=bound))
+    lamp = only(found)
+    assert isinstance(lamp, MeshLight)
+    assert lamp.radiance == pytest.approx(radiance)
+    assert (lamp.surface, len(found.meshes)) == (surface, int(surface))
+    assert lamp.mesh.area == pytest.approx(24)
+    assert lamp.emits_beams
+
+
+def test_a_glowing_mesh_makes_beams_where_asked(scene, caplog):
+    assert scene(mesh_light(api="GeomModelAPI")).lights == ()
+    asked = only(scene(mesh_light("bool photonbeams:enabled = 1", api="GeomModelAPI")))
+    assert (asked.radiance, asked.surface, asked.emits_beams) == ((0.5, 1, 2), True, True)
+    assert scene(mesh_light("bool photonbeams:enabled = 1", api="GeomModelAPI", bound=False)).lights == ()
+    assert "/L.photonbeams:enabled is asked for beams, and its material emits no light: it makes none" in caplog.text
 
 
 def test_a_light_that_lights_everything_gives_no_warning(scene, caplog):

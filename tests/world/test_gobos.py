@@ -173,6 +173,7 @@ def test_an_image_on_a_pane_is_upright_for_one_who_faces_the_light(portal):
         weight, sample = seen_from(world(point(CORNERS)).lights[0], beside)
         assert np.allclose(weight * sample.distance.numpy()[:, None] ** 2, 1, rtol=1e-5)
     else:
+        # By UsdLuxRectLight's documentation the first pixel is at (+X, +Y).
         source = world(flat(CORNERS)).lights[0]
         for (u, v), color in {(0.8, 0.8): RED, (0.2, 0.8): GREEN, (0.8, 0.2): BLUE, (0.2, 0.2): WHITE}.items():
             weight, _ = seen_from(source, [[0, 0, -4]], (u, v))

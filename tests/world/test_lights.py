@@ -56,6 +56,22 @@ def sphere(radius=0.5, **given):
     return scene.SphereLight("/sphere", RADIANCE, center=np.array([1.0, 2, 3]), radius=radius, axis=AXIS, **given)
 
 
+def cylinder(radius=0.3, length=2.0, **given):
+    center = np.array([1.0, 2, 3])
+    return scene.CylinderLight(
+        "/tube", RADIANCE, center=center, half=0.5 * length * UP, radius=radius, axis=AXIS, **given
+    )
+
+
+def box(**given):
+    """Return a mesh light: a box of edges 1, 2 and 3 around (1, 2, 3), faces wound outward."""
+    signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+    quads = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
+    faces = np.array([corner for a, b, c, d in quads for corner in ([a, b, c], [a, c, d])])
+    mesh = scene.Mesh("/box", np.array([1.0, 2, 3]) + 0.5 * signs * [1, 2, 3], faces)
+    return scene.MeshLight("/box", RADIANCE, mesh=mesh, **given)
+
+
 def test_irradiance_of_a_point_is_intensity_over_squared_distance(square):
     source = lights.source(sphere(radius=0.0))
     assert agrees(irradiance(source, [1, 2, 0], [0, 0, 1], square), 1 / 9)
@@ -116,18 +132,21 @@ def test_irradiance_of_an_even_dome_is_pi_times_its_radiance(square):
         sphere(shaping=scene.Shaping(70, 0.5, 2.0)),
         flat(),
         flat(disk=True),
+        cylinder(),
+        box(),
         scene.DistantLight("/sun", RADIANCE, axis=AXIS, angle=10.0),
         scene.DomeLight("/dome", RADIANCE, image=np.random.default_rng(3).random((8, 16, 3)).astype(np.float32)),
     ],
-    ids=["sphere", "spot", "rect", "disk", "distant", "dome"],
+    ids=["sphere", "spot", "rect", "disk", "cylinder", "mesh", "distant", "dome"],
 )
 def test_a_ray_sees_what_the_light_sample_carries(square, light):
     source = lights.source(light)
     point = vector(np.array([1.0, 2, 3]) + 2.5 * AXIS + 0.3 * UP) + dr.zeros(Float, POINTS)
     sample = source.illuminate(point, square)
     sight = source.see(point, sample.direction)
-    hit = sight.hit.numpy()
-    assert hit.mean() > 0.99  # rounding loses a few at the rim
+    lit = sample.weight.numpy().max(axis=0) > 0  # not from the back of a mesh
+    hit = sight.hit.numpy() & lit
+    assert hit.sum() > 0.99 * lit.sum() > 0  # rounding loses a few at the rim
     pdf, carried = sight.pdf.numpy()[hit], sample.weight.numpy()[:, hit]
     # Near a sphere's rim, and over the steps between an image's pixels, rounding of the direction is amplified.
     assert np.median(np.abs(pdf / sample.pdf.numpy()[hit] - 1)) < 1e-5
@@ -139,7 +158,7 @@ def test_a_ray_sees_what_the_light_sample_carries(square, light):
 
 
 def test_rays_past_a_light_see_nothing(square):
-    for light in (sphere(), flat(), flat(disk=True)):
+    for light in (sphere(), flat(), flat(disk=True), cylinder(radius=0.5, length=1.0), box(surface=True)):
         source = lights.source(light)
         start = np.array([1.0, 2, 3]) + 2 * AXIS
         for direction in (AXIS, np.array([0.0, 0.8, 0.0]) - 0.6 * AXIS):  # away from it; more than 0.7 to its side
@@ -147,6 +166,47 @@ def test_rays_past_a_light_see_nothing(square):
     corner = np.array([1.0, 2, 3]) + 2 * AXIS + 0.65 * SIDE + 0.35 * UP  # in the rectangle, not in the ellipse
     assert dr.all(lights.source(flat()).see(vector(corner), vector(-AXIS)).hit)
     assert not dr.any(lights.source(flat(disk=True)).see(vector(corner), vector(-AXIS)).hit)
+
+
+def irradiance_of_tube(point, normal, radius, half, count=1000):
+    """Return ∫ max(cos, 0) max(cos at the tube, 0) / d² over the mantle around +Y: midpoint rule, float64."""
+    phi = 2 * np.pi * (np.arange(count) + 0.5) / count
+    y = half * (2 * (np.arange(count) + 0.5) / count - 1)[:, None]
+    out = np.stack([np.cos(phi), 0 * phi, np.sin(phi)], axis=-1)
+    to = radius * out[None] + y[..., None] * UP - point
+    squared = np.sum(to * to, axis=-1)
+    leaving, arriving = -np.einsum("ijk,jk->ij", to, out), to @ normal
+    value = np.maximum(leaving, 0) * np.maximum(arriving, 0) / squared**2
+    return value.sum() * 4 * np.pi * radius * half / count**2
+
+
+@pytest.mark.parametrize(
+    ("place", "normal"),
+    [((1.2, 0.4, 0), (-1, 0, 0)), ((0.35, 0, 0), (-1, 0, 0)), ((0.5, 1.7, 0.2), (-0.6, -0.8, 0)),
+     ((-3, -2, 1), (0.6, 0.8, 0))],
+    ids=["beside", "close", "beyond its end", "far"],
+)  # fmt: skip
+def test_irradiance_of_a_cylinder_is_the_integral_over_its_mantle(square, place, normal):
+    value = irradiance(lights.source(cylinder()), np.array([1.0, 2, 3]) + place, normal, square)
+    expected = irradiance_of_tube(np.array(place), np.array(normal), 0.3, 1.0)
+    assert np.all(np.abs(value[0] - np.multiply(expected, RADIANCE)) < 4 * value[1] + 1e-3 * value[0])
+
+
+def test_a_short_cylinder_far_away_has_the_intensity_of_its_silhouette(square):
+    sine = 0.8
+    away = np.array([sine, 0.6, 0.0])
+    expected = 2 * 0.3 * 2.0 * sine / 400**2
+    assert agrees(irradiance(lights.source(cylinder()), np.array([1.0, 2, 3]) + 400 * away, -away, square), expected)
+
+
+def test_a_cylinder_is_dark_from_within_and_beyond_its_open_ends(square):
+    value, _ = irradiance(lights.source(cylinder()), [1.1, 2 + 1.5, 3], -UP, square)
+    assert np.array_equal(value, [0, 0, 0])
+
+
+def test_irradiance_of_a_mesh_is_that_of_the_faces_that_are_seen(square):
+    expected = 4 * np.pi * corner_factor(0.5 / 0.7, 1.0 / 0.7)  # the face toward +Z, of 1 by 2, at a distance of 0.7
+    assert agrees(irradiance(lights.source(box()), [1, 2, 3 + 1.5 + 0.7], [0, 0, -1], square), expected)
 
 
 def factor(shaping, degrees):
@@ -163,7 +223,8 @@ def test_spot_cone_falls_from_its_soft_start_to_its_edge():
 
 def test_focus_is_a_power_of_the_cosine_and_its_tint_what_remains():
     focused = scene.Shaping(cone_angle=180.0, focus=3.0)
-    assert np.allclose(factor(focused, [0, 60, 100])[0], [1, 0.125, 0], atol=1e-6)
+    # UsdLuxShapingAPI takes the absolute cosine: without a cone, light goes out behind a sphere as well.
+    assert np.allclose(factor(focused, [0, 60, 120])[0], [1, 0.125, 0.125], atol=1e-6)
     tinted = scene.Shaping(cone_angle=180.0, focus=3.0, focus_tint=(0.2, 0.4, 1.0))
     assert np.allclose(factor(tinted, 60)[:, 0], [0.2 * 0.875 + 0.125, 0.4 * 0.875 + 0.125, 1], atol=1e-6)
 
@@ -186,7 +247,8 @@ def test_a_bright_pixel_shines_from_its_place_in_the_latlong_image(square, turn,
     height, width = 16, 32
     image = np.zeros((height, width, 3), dtype=np.float32)
     image[row, column] = 1
-    # UsdLuxDomeLight: longitude runs from +π at the left edge to −π at the right one, and +Y is up.
+    # hdEmbree, OpenUSD's reference, has s = 1 − fract(atan2(x, z) / 2π + ½) and t = acos(y) / π (UsdLuxDomeLight):
+    # longitude runs from +π at the left edge to −π at the right one, and +Y is up.
     longitude, latitude = np.pi * (1 - 2 * (column + 0.5) / width), np.pi * (0.5 - (row + 0.5) / height)
     local = [np.sin(longitude) * np.cos(latitude), np.sin(latitude), np.cos(longitude) * np.cos(latitude)]
     direction = turn @ local

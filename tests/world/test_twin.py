@@ -75,3 +75,20 @@ def test_a_point_in_the_fog_says_so():
     assert twin.parts["In"]["medium"] == {"type": "ref", "id": "fog-medium"}
     assert "medium" not in twin.parts["Out"]
     assert set(twin.files) == {"fog.ply"} and not twin.lost
+
+
+def test_tubes_and_meshes_that_shine_are_shapes_with_emitters():
+    ball = box("/box", (-1, -1, -1), (1, 1, 1))
+    profile = scene.Profile([0, 90], [0], [[1, 0]])
+    lights = (
+        scene.CylinderLight("/Tube", (1, 2, 3), half=np.array([0, 2.0, 0]), radius=0.5),
+        scene.MeshLight("/Mesh", (1, 2, 3), mesh=ball, shaping=scene.Shaping(180, profile=profile)),
+        scene.MeshLight("/Glow", (1, 2, 3), mesh=ball, surface=True),
+    )
+    twin = twin_of(scene.Scene(lights=lights), scene.Camera("/c", np.eye(4)), Window.full(4, 4), "files")
+    tube, mesh = twin.parts["Tube-shape"], twin.parts["Mesh-shape"]
+    assert (tube["type"], tube["p0"], tube["p1"], tube["radius"]) == ("cylinder", [0, -2, 0], [0, 2, 0], 0.5)
+    assert tube["Tube"]["radiance"] == mesh["Mesh"]["radiance"] == {"type": "rgb", "value": [1, 2, 3]}
+    assert (mesh["type"], list(twin.files)) == ("ply", ["Mesh.ply"])
+    assert any("/Glow is left out: in Mitsuba its light is what its material emits" in each for each in twin.lost)
+    assert any("/Mesh.inputs:shaping:ies:file is left out" in each for each in twin.lost)

@@ -220,6 +220,7 @@ def _light_row(light: Light) -> tuple[str, ...]:
     if getattr(light, "image", None) is not None:
         kind += ", image"
     kind += "" if light.gobo is None else ", gobo"
+    kind += "" if light.shaping is None or light.shaping.profile is None else ", profile"
     portal += "" if light.portal_gobo is None else ", gobo"
     return (light.name, kind, _triple(light.radiance), light.group, beams, portal, _name(light.look))
 

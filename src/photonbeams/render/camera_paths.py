@@ -114,8 +114,8 @@ class ShadingPoint:
 class Lighting(Protocol):
     """The emitters of a world: as camera paths see them, and as they light surfaces."""
 
-    def lamp(self, origin: Array3f, direction: Array3f) -> NearestLamp | None:
-        """Return the nearest lamp along rays; None where all emitters are surfaces."""
+    def lamp(self, origin: Array3f, direction: Array3f, flown: Float) -> NearestLamp | None:
+        """Return the nearest lamp along rays that have `flown` so far already; None where all emitters are surfaces."""
 
     def emission(self, hit: Any, origin: Array3f, direction: Array3f, active: Bool) -> Array3f:
         """Return the emitted radiance of surfaces, and the background's where rays meet nothing."""
@@ -191,7 +191,7 @@ def _step(
     start = paths.origin + paths.near * paths.direction
     reach = dr.minimum(paths.far - paths.near, dr.largest(Float))
     hit = world.seen(start, paths.direction, reach, alive, samples.bits(paths.order, _CUTOUT, step))
-    lamp = tracing.lighting.lamp(start, paths.direction)
+    lamp = tracing.lighting.lamp(start, paths.direction, paths.flown)
     met = alive & hit.is_valid()
     distance = dr.select(met, hit.t, reach)
     on_lamp = Bool(False)

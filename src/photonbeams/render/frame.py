@@ -253,7 +253,7 @@ class _CameraImage:
 class _NoLighting:
     """The lighting of a world without surfaces."""
 
-    def lamp(self, origin: Array3f, direction: Array3f) -> None:
+    def lamp(self, origin: Array3f, direction: Array3f, flown: Float) -> None:
         """Return None."""
         return
 

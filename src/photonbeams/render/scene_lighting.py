@@ -11,7 +11,7 @@ from typing import Any
 import drjit as dr
 
 from ..numerics.sampling import power_heuristic
-from ..runtime.device import Array3f, Bool, mitsuba
+from ..runtime.device import Array3f, Bool, Float, mitsuba
 from ..world.scene_world import SceneWorld
 from ..world.visibility import through
 from .camera_paths import ShadingPoint
@@ -27,7 +27,7 @@ class SceneLighting:
     def __init__(self, world: SceneWorld) -> None:
         self._world = world
 
-    def lamp(self, origin: Array3f, direction: Array3f) -> None:
+    def lamp(self, origin: Array3f, direction: Array3f, flown: Float) -> None:
         """Return None: all emitters are surfaces, or the background."""
         return
 

@@ -15,7 +15,9 @@ import drjit as dr
 from ..numerics.hashing import hash32
 from ..numerics.sampling import power_heuristic
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
-from ..world.stage_world import Lamps, Links, StageWorld
+from ..world.gobos import bare
+from ..world.stage_lamps import Lamps, Links
+from ..world.stage_world import StageWorld
 from .camera_paths import NearestLamp, ShadingPoint
 
 mi = mitsuba()
@@ -32,21 +34,28 @@ class StageLighting:
     def __init__(self, world: StageWorld) -> None:
         self._world = world
 
-    def lamp(self, origin: Array3f, direction: Array3f) -> NearestLamp | None:
-        """Return the nearest lamp along rays, of those that emit toward them."""
-        if not self._world.lamps:
+    def lamp(self, origin: Array3f, direction: Array3f, flown: Float) -> NearestLamp | None:
+        """Return the nearest lamp along rays that have `flown` so far already, of those that emit toward them."""
+        packed = [lamps for lamps in self._world.lamps if lamps.seen]
+        single = [lamp for lamp, links in self._world.mesh_lamps if bare(lamp).seen and (links is None or links.seen)]
+        if not packed and not single:
             return None
+        # Images on portals tint the light that passed them before the ray began, too.
+        straight_from = origin - flown * direction
 
         def nearer(light: Any, _: UInt32, state: tuple[Any, ...]) -> tuple[Any, ...]:
             distance, radiance = state
-            found = light.see(origin, direction)
-            front = found.hit & (found.distance < distance) & (dr.max(found.radiance) > 0)
-            return dr.select(front, found.distance, distance), dr.select(front, found.radiance, radiance)
+            found = light.see(straight_from, direction)
+            beyond = found.distance - flown
+            front = found.hit & (beyond > 0) & (beyond < distance) & (dr.max(found.radiance) > 0)
+            return dr.select(front, beyond, distance), dr.select(front, found.radiance, radiance)
 
         width = max(dr.width(origin), dr.width(direction))
         state: tuple[Any, ...] = (dr.full(Float, dr.inf, width), dr.zeros(Array3f, width))
-        for lamps in self._world.lamps:
+        for lamps in packed:
             state = _each(lamps, state, nearer)
+        for lamp in single:
+            state = nearer(lamp, UInt32(0), state)
         return NearestLamp(*state)
 
     def emission(self, hit: Any, origin: Array3f, direction: Array3f, active: Bool) -> Array3f:
@@ -58,15 +67,17 @@ class StageLighting:
     def _background(self, origin: Array3f, direction: Array3f) -> Array3f:
         """Return the radiance at infinity: environments and the discs of distant lights."""
         result = dr.zeros(Array3f, max(dr.width(origin), dr.width(direction)))
-        for dome, _ in self._world.domes:
-            result += dome.see(origin, direction).radiance
+        for dome, links in self._world.domes:
+            if links is None or links.seen:
+                result += dome.see(origin, direction).radiance
 
         def add(light: Any, _: UInt32, state: tuple[Any, ...]) -> tuple[Any, ...]:
             found = light.see(origin, direction)
             return (state[0] + dr.select(dr.isfinite(found.distance), 0, found.radiance),)
 
         for lamps in self._world.lamps:
-            (result,) = _each(lamps, (result,), add)
+            if lamps.seen:
+                (result,) = _each(lamps, (result,), add)
         return result
 
     def _glow(self, hit: Any, active: Bool) -> Array3f:
@@ -80,13 +91,13 @@ class StageLighting:
     def direct(self, point: ShadingPoint, active: Bool) -> Array3f:
         """Return the direct light that surfaces reflect along the path, by one sample of each lamp."""
         world, radiance = self._world, dr.zeros(Array3f, dr.width(point.hit.t))
-        if not world.lamps and not world.domes:
+        if not world.lamps and not world.domes and not world.mesh_lamps:
             return radiance
         reflection = _Reflection(world, point, active)
         for kind, lamps in enumerate(world.lamps):
             (radiance,) = _each(lamps, (radiance,), _adding(world, reflection, lamps.links, kind))
-        for number, (dome, links) in enumerate(world.domes):
-            radiance += _reflected(*_linked(world, reflection, links), dome, (UInt32(_DOME + 16 * number),))
+        for number, (lamp, links) in enumerate([*world.domes, *world.mesh_lamps]):
+            radiance += _reflected(*_linked(world, reflection, links), lamp, (UInt32(_DOME + 16 * number),))
         return radiance
 
 
@@ -120,33 +131,41 @@ class _Reflection:
         self.direction = Array3f(hit.to_world(sample.wo))
         self.seed = point.samples.bits(point.order, _LIGHT, point.step)
         self.origin = Array3f(hit.spawn_ray(mi.Vector3f(self.direction)).o)
+        self.shadow_reach: Any = Float(dr.inf)
+        self.scale: Any = Float(1)
+        self.shadow: Any = None
         self.open = self._open(world)
 
     def _open(self, world: StageWorld) -> Bool:
-        """Return whether the sample meets no surface at all: tested at half the time that the nearest one takes."""
+        """Return whether the sample meets no surface that casts a shadow: tested in half the time of the nearest."""
         alive = self.active & (dr.max(self.weight) > 0)
-        return alive & ~world.blocked(self.origin, self.direction, Float(dr.inf), alive, self.seed)
+        return alive & ~world.blocked(self.origin, self.direction, self.shadow_reach, alive, self.seed)
 
     def sees(self, world: StageWorld, met: Bool, distance: Float) -> Bool:
         """Return which BSDF samples that meet a light, at a distance, are not blocked."""
         # Small lights are met seldom. The seed is that of `open`: a cut-out that lets one ray through lets the other.
         behind = met & ~self.open & dr.isfinite(distance)
-        reach = distance * (1 - _SHORTENED)
+        reach = dr.minimum(distance * (1 - _SHORTENED), self.shadow_reach)
         return met & (self.open | (behind & ~world.blocked(self.origin, self.direction, reach, behind, self.seed)))
 
     def of_lights(self, links: Links) -> _Reflection:
         """Return the reflection of lights with links: they light some surfaces, and some surfaces block them."""
         result = copy(self)
         result.active = links.lights(self.hit, self.active)
-        result.weight = dr.select(result.active, self.weight, 0)
+        result.scale, result.shadow_reach, result.shadow = links.scale, links.reach, links.shadow
+        result.weight = dr.select(result.active, self.weight * links.scale, 0)
         result.open = result._open(links.world)
         return result
+
+    def left(self, free: Bool, lit: Bool) -> Array3f:
+        """Return the factor on light that nothing blocks (`free`) or that is blocked, of the paths that are lit."""
+        return dr.select(free, Array3f(1), 0 if self.shadow is None else dr.select(lit, self.shadow, 0))
 
     def evaluate(self, direction: Array3f) -> tuple[Array3f, Float]:
         """Return BSDF times cosine, and the pdf of sampling that direction."""
         wo = self.hit.to_local(mi.Vector3f(direction))
         value, pdf = self.bsdf.eval_pdf(self.context, self.hit, wo, self.active)
-        return Array3f(value) / self.opacity, pdf / self.opacity
+        return Array3f(value) * (self.scale / self.opacity), pdf / self.opacity
 
 
 def _adding(
@@ -177,14 +196,18 @@ def _reflected(world: StageWorld, reflection: _Reflection, light: Any, names: tu
     value = value * sample.weight * weight
     useful = reflection.active & (dr.max(value) > 0)
     start = Array3f(hit.spawn_ray(mi.Vector3f(sample.direction)).o)
-    reach = sample.distance * (1 - _SHORTENED)
+    reach = dr.minimum(sample.distance * (1 - _SHORTENED), reflection.shadow_reach)
     seed = point.samples.bits(point.order, *stream)
     free = useful & ~world.blocked(start, sample.direction, reach, useful, seed)
-    dimming = world.dimming(start, sample.direction, sample.distance, medium, seed, free)
-    result = dr.select(free, value * dimming, 0)
+    shown = free if reflection.shadow is None else useful
+    dimming = world.dimming(start, sample.direction, sample.distance, medium, seed, shown)
+    result = dr.select(shown, value * dimming * reflection.left(free, useful), 0)
 
     found = light.see(place, reflection.direction)
-    met = reflection.sees(world, found.hit & (dr.max(reflection.weight) > 0), found.distance)
+    hit = found.hit & (dr.max(reflection.weight) > 0)
+    met = reflection.sees(world, hit, found.distance)
+    shown = met if reflection.shadow is None else hit
     weight = power_heuristic(reflection.pdf, found.pdf)
-    dimming = world.dimming(start, reflection.direction, found.distance, medium, hash32(seed), met)
-    return result + dr.select(met, reflection.weight * found.radiance * weight * dimming, 0)
+    dimming = world.dimming(start, reflection.direction, found.distance, medium, hash32(seed), shown)
+    value = reflection.weight * found.radiance * weight * dimming * reflection.left(met, hit)
+    return result + dr.select(shown, value, 0)

@@ -30,8 +30,21 @@ from .checks import (
     shown,
     whole,
 )  # fmt: skip
-from .lights import SCATTERED, BeamSettings, DistantLight, DomeLight, FlatLight, Gobo, Light, Shaping, SphereLight
+from .lights import (
+    SCATTERED,
+    BeamSettings,
+    CylinderLight,
+    DistantLight,
+    DomeLight,
+    FlatLight,
+    Gobo,
+    Light,
+    MeshLight,
+    Shaping,
+    SphereLight,
+)
 from .media import DensityGrid, Medium
+from .profiles import Profile
 from .scene import Scene
 from .surfaces import Material, Mesh, UVTexture, VertexValues
 
@@ -48,6 +61,7 @@ __all__ = [
     "BeamSettings",
     "Camera",
     "Color",
+    "CylinderLight",
     "DensityGrid",
     "DistantLight",
     "DomeLight",
@@ -58,6 +72,8 @@ __all__ = [
     "Material",
     "Medium",
     "Mesh",
+    "MeshLight",
+    "Profile",
     "Scene",
     "SceneError",
     "Shaping",

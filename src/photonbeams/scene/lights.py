@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .checks import BLACK, MOST_BEAMS, Array, Color, SceneError, color, number, rgb, shown, whole
-from .surfaces import Mesh
+from .profiles import Profile
+from .surfaces import Mesh, UVTexture
 
 if TYPE_CHECKING:
     from ..looks import Look
@@ -19,12 +20,13 @@ SCATTERED = ("physical", "look", "off")
 
 @dataclass(frozen=True)
 class Shaping:
-    """UsdLuxShapingAPI: a light's cone, its soft edge and its focus (angles in degrees from the light's axis)."""
+    """UsdLuxShapingAPI: a light's cone, its soft edge, its focus and its profile; angles in degrees from its axis."""
 
     cone_angle: float = 90.0
     cone_softness: float = 0.0
     focus: float = 0.0
     focus_tint: Color = BLACK
+    profile: Profile | None = None
 
 
 @dataclass(frozen=True)
@@ -148,8 +150,13 @@ class Light(BeamSettings):
         intensity. For a distant light of no angle: irradiance.
     shaping
         The light's cone and focus, or None for neither.
-    lights_surfaces
-        Whether surfaces are lit by it; its beams shine either way.
+    surface_scale
+        A factor on the light that surfaces get from it; its beams shine either way.
+    shadow_distance, shadow_color
+        How near to a surface others have to be to cast a shadow on it, and which part of the light is left in it. On
+        beams shadows are black and without end.
+    seen
+        Whether the light itself is in pictures.
     frame
         (4, 4) transform from the light's own space to the world, for column vectors: the light shines along its −Z, +Y
         is up, its origin is the light's place. Axes of unit length, square to each other, without the light's size;
@@ -164,16 +171,27 @@ class Light(BeamSettings):
     radiance: Color
     shaping: Shaping | None = None
     portal: Mesh | None = field(default=None, kw_only=True)
-    lights_surfaces: bool = True
+    surface_scale: float = 1.0
+    shadow_distance: float = np.inf
+    shadow_color: Color = BLACK
+    seen: bool = True
     frame: Array = field(default_factory=lambda: np.eye(4))
     unlit: frozenset[str] = frozenset()
     unshadowed: frozenset[str] = frozenset()
     guides: tuple[Array, ...] = ()
 
+    @property
+    def lights_surfaces(self) -> bool:
+        """Whether surfaces are lit by it."""
+        return self.surface_scale > 0
+
     def __post_init__(self) -> None:
         super().__post_init__()
+        number(self.surface_scale, f"{self.name}: surface_scale", 0.0)
+        if not self.shadow_distance > 0:
+            raise SceneError(f"{self.name}: shadow_distance is {self.shadow_distance}: expected a number above 0")
         object.__setattr__(self, "radiance", color(self.radiance, f"{self.name}: radiance"))
-        for name in ("center", "axis", "half_x", "half_y"):
+        for name in ("center", "axis", "half", "half_x", "half_y"):
             if hasattr(self, name):
                 value = np.asarray(getattr(self, name), dtype=np.float64)
                 if value.shape != (3,) or not np.all(np.isfinite(value)):
@@ -208,6 +226,45 @@ class FlatLight(Light):
         """Area in square scene units."""
         box = 4.0 * float(np.linalg.norm(np.cross(self.half_x, self.half_y)))
         return box * np.pi / 4.0 if self.disk else box
+
+
+@dataclass(frozen=True)
+class CylinderLight(Light):
+    """The mantle of a cylinder, without its ends: its axis is `center` ± `half`. `axis` is as a sphere light's."""
+
+    center: Array = field(default_factory=lambda: np.zeros(3))
+    half: Array = field(default_factory=lambda: np.array([0.5, 0.0, 0.0]))
+    radius: float = 0.5
+    axis: Array = field(default_factory=lambda: np.array([0.0, 0.0, -1.0]))
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not (number(self.radius, f"{self.name}: radius") > 0 and self.area > 0):
+            raise SceneError(f"{self.name}: radius is {self.radius:g}, area {self.area:g}: expected numbers above 0")
+
+    @property
+    def area(self) -> float:
+        """Area in square scene units."""
+        return 4.0 * np.pi * self.radius * float(np.linalg.norm(self.half))
+
+
+@dataclass(frozen=True)
+class MeshLight(Light):
+    """A mesh that emits evenly from its outer side: `radiance`, times an image where it has one.
+
+    `surface` says whether the mesh is a surface of the scene as well: it is then seen as its material has it, and not
+    as the light.
+    """
+
+    mesh: Mesh | None = field(default=None, kw_only=True)
+    image: UVTexture | None = None
+    axis: Array = field(default_factory=lambda: np.array([0.0, 0.0, -1.0]))
+    surface: bool = False
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not (isinstance(self.mesh, Mesh) and self.mesh.area > 0):
+            raise SceneError(f"{self.name}: expected a mesh that has an area")
 
 
 @dataclass(frozen=True)

@@ -18,8 +18,10 @@ from ..numerics.sampling import sobol_block
 from ..numerics.structs import Struct
 from ..runtime.device import Array2f, Array3f, Bool, Float
 from ..world.bounds import Bounds
+from ..world.cylinders import CylinderLamp
 from ..world.gobos import ProjectedLight, bare, spread
 from ..world.lights import FlatLamp, SphereLamp
+from ..world.mesh_lamps import MeshLamp
 from ..world.portals import Portal
 from ..world.stage_world import StageWorld
 from ..world.warp import disk, perpendicular, power_cone, sphere
@@ -33,6 +35,8 @@ LIGHT_SIDE = 0.25
 
 # How often a beam is halved at most where a surface blocks its rim.
 HALVINGS, HALVINGS_ASIDE = 1, 5
+
+Aimed = tuple[Array3f, Float]  # directions, and their density per solid angle
 
 _WIDE = 2 * np.pi / 3  # a cone wider than this is sampled as part of the whole sphere, which distorts less
 _GRAZING = 0.02  # the least cosine for a footprint: a beam along a surface would be infinitely wide
@@ -76,9 +80,13 @@ def emit(light: scene.Light, source: Any, bounds: Bounds, u: Array2f, v: Array2f
     """Return `count` light paths in all directions of a light: u places them on the light, v directs them."""
     lamp = bare(source)
     if isinstance(lamp, SphereLamp):
-        result = _emit_sphere(light, lamp, u, v)
+        result = _emit_sphere(lamp, u, _directions(light, source, v))
     elif isinstance(lamp, FlatLamp):
-        result = _emit_flat(light, lamp, u, v)
+        result = _emit_flat(lamp, u, _directions(light, source, v))
+    elif isinstance(lamp, CylinderLamp):
+        result = _emit_cylinder(lamp, u, _directions(light, source, v))
+    elif isinstance(lamp, MeshLamp):
+        result = _emit_mesh(lamp, u, v)
     else:
         result = _emit_from_infinity(lamp, bounds, u, v)
     if isinstance(source, ProjectedLight):
@@ -118,9 +126,9 @@ def emit_through(source: Any, portal: Portal, bounds: Bounds, u: Array2f, v: Arr
     return result
 
 
-def _emit_sphere(light: scene.Light, source: SphereLamp, u: Array2f, v: Array2f) -> LampRays:
+def _emit_sphere(source: SphereLamp, u: Array2f, aimed: Aimed) -> LampRays:
     result = LampRays()
-    result.direction, density = _directions(light, source.axis, v, flat=False)
+    result.direction, density = aimed
     s, t = perpendicular(result.direction)
     offset = disk(u)
     lift = dr.safe_sqrt(1 - dr.squared_norm(offset))
@@ -132,12 +140,36 @@ def _emit_sphere(light: scene.Light, source: SphereLamp, u: Array2f, v: Array2f)
     return result
 
 
-def _emit_flat(light: scene.Light, source: FlatLamp, u: Array2f, v: Array2f) -> LampRays:
+def _emit_flat(source: FlatLamp, u: Array2f, aimed: Aimed) -> LampRays:
     result = LampRays()
-    result.direction, density = _directions(light, source.axis, v, flat=True)
+    result.direction, density = aimed
     cosine = dr.dot(result.direction, source.axis)
     result.origin = source.position(u)
     result.flux = source.emitted(result.direction) * (cosine * source.area / dr.maximum(density, 1e-30))
+    result.extent_x = dr.sqrt(source.area * dr.maximum(cosine, _GRAZING))
+    _spread(result, dr.maximum(density, _GRAZING / dr.pi))
+    return result
+
+
+def _emit_cylinder(source: CylinderLamp, u: Array2f, aimed: Aimed) -> LampRays:
+    """Return paths in all directions; those along one direction begin all over the silhouette."""
+    result = LampRays()
+    result.direction, density = aimed
+    result.origin = source.position(u, result.direction)
+    area = source.silhouette(result.direction)
+    result.flux = source.emitted(result.direction) * (area / density)
+    result.extent_x = dr.sqrt(area)
+    _spread(result, density)
+    return result
+
+
+def _emit_mesh(source: MeshLamp, u: Array2f, v: Array2f) -> LampRays:
+    """Return paths that leave each point of a mesh in proportion to the cosine."""
+    result = LampRays()
+    result.origin, normal, radiance = source.position(u)
+    result.direction, density = power_cone(v, normal, opaque(1.0), opaque(1.0))
+    cosine = dr.dot(result.direction, normal)
+    result.flux = radiance * source.emitted(result.direction) * (source.area * dr.pi)
     result.extent_x = dr.sqrt(source.area * dr.maximum(cosine, _GRAZING))
     _spread(result, dr.maximum(density, _GRAZING / dr.pi))
     return result
@@ -166,13 +198,18 @@ def _spread(result: LampRays, density: Float) -> None:
     result.y0, result.y1 = dr.full(Float, 0, width), dr.full(Float, 1, width)
 
 
-def _directions(light: scene.Light, axis: Array3f, v: Array2f, flat: bool) -> tuple[Array3f, Float]:
+def _directions(light: scene.Light, source: Any, v: Array2f) -> Aimed:
     """Return directions within the light's cone and their density per solid angle.
 
-    The density follows what the light radiates: cos θ of a flat light, and the focus where that darkens the rest.
+    The density follows what the light radiates: its profile, cos θ of a flat light, and the focus where that darkens
+    the rest.
     """
+    if isinstance(source, ProjectedLight) and source.sampler is not None:
+        return source.sampler.sample(v)
+    axis, flat = bare(source).axis, isinstance(bare(source), FlatLamp)
     shaping = light.shaping or scene.Shaping(cone_angle=180.0)
-    focused = shaping.focus > 0 and max(shaping.focus_tint) == 0
+    # Focus darkens what is beside the axis, before a light and behind it.
+    focused = shaping.focus > 0 and max(shaping.focus_tint) == 0 and (flat or shaping.cone_angle <= 90)
     widest = np.pi / 2 if flat or focused else np.pi
     cutoff = min(np.radians(shaping.cone_angle), widest if flat else min(widest, spread(light)))
     power = (1.0 if flat else 0.0) + (shaping.focus if focused else 0.0)

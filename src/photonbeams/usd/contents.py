@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from pxr import Gf, Sdf, Usd, UsdGeom
 
-from ..scene import Array, DrawnBeams, Light, Medium, Mesh, Scene
+from ..scene import Array, DrawnBeams, Light, Medium, Mesh, MeshLight, Scene
 from . import schemas as schemas
 from .curves import guide_paths, is_drawn, read_curves, read_guides
 from .lights import is_light, portal_paths, read_light
@@ -116,18 +116,24 @@ def _collect(reading: Reading, item: _Item, contents: _Contents) -> None:
         contents.media.append((prim, medium))
         if medium.bounded:
             return
+    beams = prim.IsA(UsdGeom.BasisCurves) and is_drawn(prim)
+    meshes: list[Mesh] = []
+    if is_surface(prim) and not beams:
+        meshes = read_meshes(reading, prim, item.to_world, item.name, item.instances)
     if is_light(prim):
-        light = read_light(reading, prim, item.to_world, item.name)
+        read = partial(read_light, reading, prim, item.to_world, item.name, meshes)
+        light = reading.attempt(prim, read, None, "it does not shine") if meshes else read()
         if light is not None:
             unguided: tuple[Array, ...] = ()
             guides = reading.attempt(prim, partial(read_guides, reading, prim), unguided, "the light has no guides")
             contents.lights.append((prim, replace(light, guides=guides)))
-    if prim.IsA(UsdGeom.BasisCurves) and is_drawn(prim):
+        if isinstance(light, MeshLight) and not light.surface:
+            return
+    contents.meshes.extend(meshes)
+    if beams:
         drawn = read_curves(reading, prim, item.to_world, item.name)
         contents.drawn.extend([drawn] if drawn else [])
-    elif is_surface(prim):
-        contents.meshes.extend(read_meshes(reading, prim, item.to_world, item.name, item.instances))
-    elif prim.IsA(UsdGeom.Gprim):
+    elif prim.IsA(UsdGeom.Gprim) and not is_surface(prim):
         reading.warn(prim, f"is a {prim.GetTypeName()}, which is not rendered: it is skipped")
 
 

@@ -9,7 +9,7 @@ W/(π A) and flux W; of a sphere the radiant intensity is W/(4π), and it stays 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -22,20 +22,23 @@ from ..scene import (
     SCATTERED,
     Array,
     Color,
+    CylinderLight,
     DistantLight,
     DomeLight,
     FlatLight,
     Light,
     Mesh,
-    Shaping,
+    MeshLight,
     SphereLight,
     rgb,
 )
 from ..scene.vectors import unit
 from . import blender
 from .gobos import read_gobo, read_portal_gobo, read_texture
+from .light_controls import on_surfaces, read_shaping, warn_of_what_is_left_out
 from .looks import LookSpec, read_look
 from .medium import read_bounces
+from .mesh_lights import is_asked, read_glow
 from .meshes import is_gprim, read_solid
 from .reading import Reading, target_paths
 from .textures import read_image
@@ -45,11 +48,13 @@ from .textures import read_image
 _WHITE_KELVIN = 6500.0
 # A normalized sphere of a smaller radius is a point: its radiance would exceed single precision.
 _POINT = 1e-12
+# A line is a cylinder of this radius in units of its length: its light is that of the limit to one part in 10^4.
+_LINE = 1e-4
 
 
 def is_light(prim: Usd.Prim) -> bool:
     """Return whether a prim is a light, of a supported kind or another."""
-    return bool(prim.HasAPI(UsdLux.LightAPI))
+    return bool(prim.HasAPI(UsdLux.LightAPI)) or is_asked(prim) or _is_foreign(prim)
 
 
 def is_dome(prim: Usd.Prim) -> bool:
@@ -57,22 +62,36 @@ def is_dome(prim: Usd.Prim) -> bool:
     return str(prim.GetTypeName()) in _DOMES
 
 
-def read_light(reading: Reading, prim: Usd.Prim, to_world: Array, name: str) -> Light | None:
-    """Return a light, or None (with a warning) where its kind or its size cannot be rendered."""
+def _is_foreign(prim: Usd.Prim) -> bool:
+    """Return whether a prim is of a type that is not installed here and by its name a light."""
+    return prim.GetTypeName().endswith("Light") and not prim.GetPrimTypeInfo().GetSchemaType()
+
+
+def read_light(
+    reading: Reading, prim: Usd.Prim, to_world: Array, name: str, meshes: Sequence[Mesh] = ()
+) -> Light | None:
+    """Return a light, or None (with a warning) where its kind or its size cannot be rendered.
+
+    `meshes` are the surfaces of a gprim, which is a mesh light.
+    """
     kind = str(prim.GetTypeName())
-    if kind not in _READERS:
-        reading.warn(prim, f"is a light of kind {kind}, which is not rendered: it is skipped")
+    if not (kind in _READERS or is_gprim(prim)):
+        why = _UNRENDERED.get(kind, f"is a light of kind {kind}, which is not rendered: it is skipped")
+        reading.warn(prim, why)
         return None
     if kind not in _DOMES and abs(np.linalg.det(to_world[:3, :3])) < 1e-30:
         reading.warn(prim, "is scaled to nothing: it is skipped")
         return None
-    _warn_of_filters(reading, prim)
+    warn_of_what_is_left_out(reading, prim)
     portal = reading.attempt(prim, partial(read_portal, reading, prim), None, "the light has no portal")
     shared = {"name": name, **read_beam_settings(reading, prim, portal)}
-    shared |= {"emits_beams": makes_beams(reading, prim), "shaping": _shaping(reading, prim)}
-    shared["lights_surfaces"] = any(reading.number(prim, f"inputs:{key}", 1.0) > 0 for key in ("diffuse", "specular"))
-    light = _READERS[kind](reading, prim, to_world, shared)
-    return replace(light, frame=_frame(to_world, getattr(light, "axis", None)))
+    shared |= {"emits_beams": makes_beams(reading, prim), "shaping": read_shaping(reading, prim)}
+    shared |= on_surfaces(reading, prim, shared["emits_beams"])
+    if kind in _READERS:
+        light: Light | None = _READERS[kind](reading, prim, to_world, shared)
+    else:
+        light = _mesh(reading, prim, to_world, shared, meshes)
+    return None if light is None else replace(light, frame=_frame(to_world, getattr(light, "axis", None)))
 
 
 def makes_beams(reading: Reading, prim: Usd.Prim) -> bool:
@@ -82,7 +101,8 @@ def makes_beams(reading: Reading, prim: Usd.Prim) -> bool:
     """
     kind = str(prim.GetTypeName())
     authored = prim.GetAttribute("photonbeams:enabled").HasAuthoredValue()
-    return kind in _READERS and (kind not in _DOMES or authored) and reading.flag(prim, "photonbeams:enabled", True)
+    can = (kind in _READERS or is_gprim(prim)) and (kind not in _DOMES or authored)
+    return can and reading.flag(prim, "photonbeams:enabled", True)
 
 
 def portal_paths(prim: Usd.Prim) -> list[Sdf.Path]:
@@ -149,6 +169,41 @@ def _flat(reading: Reading, prim: Usd.Prim, to_world: Array, shared: dict[str, A
     return replace(light, radiance=_rgb(radiance))
 
 
+def _cylinder(reading: Reading, prim: Usd.Prim, to_world: Array, shared: dict[str, Any]) -> Light:
+    linear = to_world[:3, :3]
+    length = reading.number(prim, "inputs:length", 1.0, minimum=0.0)
+    if length == 0:
+        raise reading.fail(prim, "inputs:length", "is 0: expected a positive number")
+    half = 0.5 * length * linear[:, 0]
+    whole = 2 * float(np.linalg.norm(half))
+    radius = reading.number(prim, "inputs:radius", 0.5, minimum=0.0)
+    radius *= float(np.linalg.norm(linear[:, 1:], axis=0).mean())
+    reading.within_reach(prim, [*half, radius])
+    # Of no radius there would be no light: a line has that of the normalized cylinder.
+    normalized = _normalized(reading, prim) or radius == 0
+    radius = max(radius, _LINE * whole) if normalized else radius
+    light = CylinderLight(
+        **shared, radiance=(0, 0, 0), center=to_world[:3, 3], half=half, radius=radius,
+        axis=unit(linear @ [0.0, 0.0, -1.0]),
+    )  # fmt: skip
+    return replace(light, radiance=_rgb(_value(reading, prim) / (light.area if normalized else 1.0)))
+
+
+def _mesh(
+    reading: Reading, prim: Usd.Prim, to_world: Array, shared: dict[str, Any], meshes: Sequence[Mesh]
+) -> Light | None:
+    glow = read_glow(reading, prim, meshes)
+    if glow is None:
+        return None
+    radiance = np.asarray(glow.tint) * (1.0 if is_asked(prim) else _value(reading, prim))
+    if not is_asked(prim) and _normalized(reading, prim):
+        radiance = radiance / glow.mesh.area
+    return MeshLight(
+        **shared, radiance=_rgb(radiance), mesh=glow.mesh, image=glow.image, surface=glow.surface,
+        axis=unit(to_world[:3, :3] @ [0.0, 0.0, -1.0]),
+    )  # fmt: skip
+
+
 def _distant(reading: Reading, prim: Usd.Prim, to_world: Array, shared: dict[str, Any]) -> Light:
     angle = reading.number(prim, "inputs:angle", 0.53, 0.0, 360.0)
     value = _value(reading, prim)
@@ -203,20 +258,6 @@ def _rotation(to_world: Array) -> Array:
     """Return the nearest rotation (or mirrored rotation) to a transform's linear part."""
     left, _, right = np.linalg.svd(to_world[:3, :3])
     return np.asarray(left @ right)
-
-
-def _shaping(reading: Reading, prim: Usd.Prim) -> Shaping | None:
-    names = [name for name in prim.GetAuthoredPropertyNames() if name.startswith("inputs:shaping:")]
-    if not names:
-        return None
-    if reading.value(prim, "inputs:shaping:ies:file") not in (None, Sdf.AssetPath()):
-        reading.warn(prim, "is not rendered: the light shines without its IES profile", "inputs:shaping:ies:file")
-    return Shaping(
-        cone_angle=reading.number(prim, "inputs:shaping:cone:angle", 90.0, 0.0, 180.0),
-        cone_softness=min(max(reading.number(prim, "inputs:shaping:cone:softness", 0.0), 0.0), 1.0),
-        focus=reading.number(prim, "inputs:shaping:focus", 0.0, minimum=0.0),
-        focus_tint=reading.color(prim, "inputs:shaping:focusTint", (0, 0, 0)),
-    )
 
 
 def read_beam_settings(reading: Reading, prim: Usd.Prim, portal: Mesh | str | None) -> dict[str, Any]:
@@ -299,16 +340,18 @@ def read_portal(reading: Reading, prim: Usd.Prim) -> Mesh | None:
     )
 
 
-def _warn_of_filters(reading: Reading, prim: Usd.Prim) -> None:
-    if target_paths(prim, "light:filters"):
-        reading.warn(prim, "are not rendered: the light shines without them", "light:filters")
-
-
 _DOMES = ("DomeLight", "DomeLight_1")
+_UNRENDERED = {
+    "PortalLight": "is skipped: the light of a dome is sampled by its brightness, without portals",
+    "PluginLight": "is a light of a renderer's own kind, which is not rendered: it is skipped",
+    "GeometryLight": "is deprecated and not rendered: expected MeshLightAPI on the geometry; it is skipped",
+    "Volume": "is a light by VolumeLightAPI, which is not rendered: it does not shine",
+}
 _READERS: dict[str, Callable[[Reading, Usd.Prim, Array, dict[str, Any]], Light]] = {
     "SphereLight": _sphere,
     "DiskLight": _flat,
     "RectLight": _flat,
+    "CylinderLight": _cylinder,
     "DistantLight": _distant,
     "DomeLight": _dome,
     "DomeLight_1": _dome,

@@ -17,7 +17,9 @@ def linked(reading: Reading, light: Light, prim: Usd.Prim, meshes: Sequence[Mesh
     A light that its light link keeps from all media makes no beams: beams are how media are lit.
     """
     unlit = _left_out(reading, prim, "lightLink", meshes)
-    unshadowed = _left_out(reading, prim, "shadowLink", meshes)
+    casts = reading.flag(prim, "inputs:shadow:enable", True)
+    every = frozenset(mesh.name for mesh in meshes)
+    unshadowed = _left_out(reading, prim, "shadowLink", meshes) if casts else every
     if light.emits_beams and not lights_media(reading, prim, media):
         names = ", ".join(str(each.GetPath()) for each in media)
         LOG.info("%s makes no beams: its light link leaves out the fog %s", reading.place(prim), names)

@@ -58,6 +58,11 @@ def _clouds(description: scene.Scene) -> list[Any]:
         if isinstance(light, scene.FlatLight):
             signs = np.array([[1, 1], [1, -1], [-1, 1], [-1, -1]])
             clouds.append(light.center + signs @ np.array([light.half_x, light.half_y]))
+        if isinstance(light, scene.CylinderLight):
+            ends = light.center + np.array([[-1.0], [1.0]]) * light.half
+            clouds += [ends + light.radius * each for each in np.concatenate([np.eye(3), -np.eye(3)])]
+        if isinstance(light, scene.MeshLight) and light.mesh is not None:
+            clouds.append(light.mesh.used_points)
         if light.portal is not None:
             clouds.append(light.portal.points)
     clouds += [boundary.points for each in description.media if (boundary := each.boundary) is not None]

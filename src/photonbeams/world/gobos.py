@@ -20,7 +20,9 @@ import numpy as np
 from .. import scene
 from ..numerics.arrays import opaque, to_uint, to_vectors
 from ..runtime.device import Array2f, Array3f, Bool, Float, UInt32
-from .lights import Illumination, LightHit, pack
+from .illumination import Illumination, LightHit
+from .lights import pack
+from .profiles import ProfileSampler, ProfileTable
 
 if TYPE_CHECKING:
     from .portals import Portal
@@ -100,14 +102,14 @@ class Slide:
 
 
 class ProjectedLight:
-    """A light with a gobo: a slide, an image on its portal, or both. `projected` makes the class of each kind of light.
+    """A light with images: a slide, one on its portal, a profile. `projected` makes the class of each combination.
 
     Attributes
     ----------
     bare
         The light without them.
-    slide, portal_gobo
-        Where the images lie; one that the light does not have (`has_slide`, `has_portal_gobo`) is not there.
+    slide, portal_gobo, profile
+        Where the images lie; those that the light does not have are not there: see `has`.
     pixels
         The images of both; not a part of the struct, for it is the same for all lights of a kind.
     images
@@ -117,14 +119,15 @@ class ProjectedLight:
     """
 
     DRJIT_STRUCT: ClassVar[dict[str, Any]] = {}
-    has_slide: ClassVar[bool] = False
-    has_portal_gobo: ClassVar[bool] = False
+    has: ClassVar[frozenset[str]] = frozenset()
 
     bare: Any
     slide: Any
     portal_gobo: Any
+    profile: Any
+    sampler: ProfileSampler | None
     pixels: dict[str, Any]
-    images: dict[str, scene.Gobo]
+    images: dict[str, scene.Gobo | scene.Profile]
     lit: dict[bool, float]
 
     def with_pixels(self, pixels: dict[str, Any]) -> ProjectedLight:
@@ -155,9 +158,13 @@ class ProjectedLight:
         return self.tint(point, -direction) * self._passing(point, direction, distance)
 
     def tint(self, point: Array3f, direction: Array3f) -> Array3f:
-        """Return the slide's colour for the light that passes a point along a direction."""
-        if not self.has_slide:
-            return Array3f(1)
+        """Return the colour of slide and profile for the light that passes a point along a direction."""
+        color = Array3f(1)
+        if "profile" in self.has:
+            color *= self.profile.factor(direction, self.pixels["profile"])
+        return color * self._slide_color(point, direction) if "slide" in self.has else color
+
+    def _slide_color(self, point: Array3f, direction: Array3f) -> Array3f:
         if self.bare.central:
             point = self.bare.center  # the picture goes out from there, also of the light beside it
         _, place = self.slide.crossing(point, direction)
@@ -166,14 +173,14 @@ class ProjectedLight:
 
     def portal_color(self, point: Array3f) -> Array3f:
         """Return the colour of the portal at a point of it."""
-        if not self.has_portal_gobo:
+        if "portal_gobo" not in self.has:
             return Array3f(1)
         _, place = self.portal_gobo.crossing(point, self.portal_gobo.normal)
         return self.portal_gobo.color(place, self.pixels["portal_gobo"])
 
     def _passing(self, origin: Array3f, direction: Array3f, distance: Float) -> Array3f:
         """Return the portal's colour on segments that cross its rectangle, else 1."""
-        if not self.has_portal_gobo:
+        if "portal_gobo" not in self.has:
             return Array3f(1)
         crossing, place = self.portal_gobo.crossing(origin, direction)
         passes = (crossing > 0) & (crossing < distance) & self.portal_gobo.within(place)
@@ -181,11 +188,12 @@ class ProjectedLight:
 
 
 @cache
-def _kind(bare: type, slide: bool, portal_gobo: bool) -> type[ProjectedLight]:
-    """Return the class of lights of a kind with gobos."""
-    parts = {"bare": bare} | ({"slide": Slide} if slide else {}) | ({"portal_gobo": Slide} if portal_gobo else {})
-    name = f"{'Slide' if slide else ''}{'Portal' if portal_gobo else ''}{bare.__name__}"
-    return type(name, (ProjectedLight,), {"DRJIT_STRUCT": parts, "has_slide": slide, "has_portal_gobo": portal_gobo})
+def _kind(bare: type, has: frozenset[str]) -> type[ProjectedLight]:
+    """Return the class of lights of a kind with images."""
+    kinds = {"slide": Slide, "portal_gobo": Slide, "profile": ProfileTable}
+    parts = {"bare": bare} | {name: kind for name, kind in kinds.items() if name in has}
+    name = "".join(each.title().replace("_", "") for each in kinds if each in has) + bare.__name__
+    return type(name, (ProjectedLight,), {"DRJIT_STRUCT": parts, "has": has})
 
 
 def projected(bare: Any, light: scene.Light, portal: Portal | None, images: Images) -> Any:
@@ -205,18 +213,31 @@ def projected(bare: Any, light: scene.Light, portal: Portal | None, images: Imag
     """
     slide = None if isinstance(light, scene.DomeLight) else light.gobo
     portal_gobo = light.portal_gobo if portal is not None else None
-    if slide is None and portal_gobo is None:
+    profile = profile_of(light)
+    images_of = {"slide": slide, "portal_gobo": portal_gobo, "profile": profile}
+    there = {name: image for name, image in images_of.items() if image is not None}
+    if not there:
         return bare
     kind: Any = type(bare)
-    result = _kind(kind, slide is not None, portal_gobo is not None)()
-    result.bare, result.lit = bare, {}
-    result.images = {name: gobo for name, gobo in (("slide", slide), ("portal_gobo", portal_gobo)) if gobo is not None}
-    result.pixels = {name: _on_device(gobo, images) for name, gobo in result.images.items()}
+    result = _kind(kind, frozenset(there))()
+    result.bare, result.lit, result.sampler = bare, {}, None
+    result.images = there
+    result.pixels = {name: _on_device(image, images) for name, image in there.items()}
     if slide is not None:
         result.slide = _slide(light, slide)
     if portal_gobo is not None and portal is not None:
         result.portal_gobo = _portal_gobo(light, portal_gobo, portal)
+    if profile is not None and light.shaping is not None:
+        result.profile = ProfileTable.of(profile, light.frame)
+        result.sampler = ProfileSampler(result.profile, light.shaping, isinstance(light, scene.FlatLight))
     return result
+
+
+def profile_of(light: scene.Light) -> scene.Profile | None:
+    """Return the profile of a light that has directions of its own."""
+    if light.shaping is None or isinstance(light, scene.DomeLight | scene.DistantLight):
+        return None
+    return light.shaping.profile
 
 
 def pack_projected(sources: Sequence[Any]) -> tuple[Any, dict[str, Any]]:
@@ -226,10 +247,14 @@ def pack_projected(sources: Sequence[Any]) -> tuple[Any, dict[str, Any]]:
         return packed, sources[0].pixels
     pixels = {}
     for name in sources[0].pixels:
-        images = [_padded(source.images[name]) for source in sources]
-        first = np.cumsum([0] + [len(image) for image in images])
-        getattr(packed, name).first = to_uint([*first[:-1], first[-2]])  # the last light is there twice
-        pixels[name] = to_vectors(np.concatenate(images))
+        keys = [id(source.images[name].image) for source in sources]
+        images = {key: _padded(source.images[name]) for key, source in zip(keys, sources, strict=True)}
+        starts = np.cumsum([0] + [len(image) for image in images.values()])
+        first = dict(zip(images, starts[:-1], strict=True))
+        getattr(packed, name).first = to_uint(
+            [first[key] for key in [*keys, keys[-1]]]
+        )  # the last light is there twice
+        pixels[name] = to_vectors(np.concatenate(list(images.values())))
     return packed, pixels
 
 
@@ -238,14 +263,14 @@ def bare(source: Any) -> Any:
     return source.bare if isinstance(source, ProjectedLight) else source
 
 
-def _on_device(gobo: scene.Gobo, images: Images) -> Any:
+def _on_device(gobo: scene.Gobo | scene.Profile, images: Images) -> Any:
     key = id(gobo.image)
     if key not in images:
         images[key] = gobo.image, to_vectors(_padded(gobo))
     return images[key][1]
 
 
-def _padded(gobo: scene.Gobo) -> Any:
+def _padded(gobo: scene.Gobo | scene.Profile) -> Any:
     """Return an image's pixels, (N, 3), and one more: a gather from an array of one is another kernel."""
     flat = gobo.colors.reshape(-1, 3)
     return np.concatenate([flat, flat[-1:]])
@@ -273,7 +298,8 @@ def _slide(light: scene.Light, gobo: scene.Gobo) -> Slide:
     """Return where a light's own image lies."""
     side, up, ahead = _axes(light)
     if isinstance(light, scene.FlatLight):
-        # As one sees it who faces the light, hence from +X: so UsdLux has the texture of a rectangle.
+        # UsdLuxRectLight has the image's first pixel at (+X, +Y) and its last at (-X, -Y): upright for one who faces
+        # the light. Arnold has it so for usdlux_version 25.05, and mirrored before that.
         x = light.half_x if np.dot(light.half_x, side) < 0 else -np.asarray(light.half_x)
         y = light.half_y if np.dot(light.half_y, up) > 0 else -np.asarray(light.half_y)
         return Slide.of(gobo, light.center, 2 * x, 2 * y, ahead)

@@ -150,8 +150,16 @@ def _principled(material: scene.Material) -> dict[str, Any]:
 def emitter_of(material: scene.Material) -> dict[str, Any]:
     """Describe the light that a surface emits as an emitter of Mitsuba's."""
     value = material.emissive
-    radiance = _texture(value) if isinstance(value, scene.UVTexture) else {"type": "rgb", "value": list(value)}
-    return {"type": "area", "radiance": radiance}
+    color, image = ((1.0, 1.0, 1.0), value) if isinstance(value, scene.UVTexture) else (value, None)
+    return {"type": "area", "radiance": radiance_of(color, image)}
+
+
+def radiance_of(color: Any, image: scene.UVTexture | None = None) -> dict[str, Any]:
+    """Describe a radiance: a colour, times an image where there is one."""
+    if image is None:
+        return {"type": "rgb", "value": [float(channel) for channel in color]}
+    pixels = np.asarray(image.pixels, dtype=np.float32) * np.asarray(color, dtype=np.float32)
+    return _texture(replace(image, pixels=pixels))
 
 
 def _emitter(material: scene.Material) -> Any:

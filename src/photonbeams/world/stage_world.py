@@ -9,67 +9,30 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import drjit as dr
 import numpy as np
 
 from .. import scene
-from ..numerics.arrays import to_uint
+from ..numerics.arrays import opaque, to_uint
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from .bounds import Bounds, bounding_sphere
-from .gobos import Images, ProjectedLight, bare, pack_projected, projected
+from .cylinders import CylinderLamp
+from .gobos import Images, bare, profile_of, projected
 from .interfaces import medium_at, number
-from .lights import DistantLamp, DomeLamp, FlatLamp, Light, SphereLamp, pack, source
+from .lights import DistantLamp, DomeLamp, FlatLamp, Light, SphereLamp, source
 from .media import Media
+from .mesh_lamps import MeshLamp
 from .portals import Portal
 from .shapes import cut_out, glows, is_glass, is_mirror, scene_of, shape_of, shapes_of
 from .sources import Source
+from .stage_lamps import Lamps, LinkKey, Links, shape_number
 from .stage_media import media_of
 from .visibility import through
 from .world import World, by_link, translucent
 
 mi = mitsuba()
-
-
-class Links(NamedTuple):
-    """The links of lights: the world with the surfaces that block them, and for each shape whether they light it."""
-
-    world: StageWorld
-    lit: Any | None
-
-    def lights(self, hit: Any, active: Bool) -> Bool:
-        """Return which of the active hits are on surfaces that the lights shine on."""
-        if self.lit is None:
-            return active
-        return active & (dr.gather(UInt32, self.lit, _number(hit.shape), active) > 0)
-
-
-class Lamps(NamedTuple):
-    """All lights of one kind with the same links: a struct of arrays, and their number (opaque).
-
-    `pixels` are the images of lights with gobos. `links` are None where they light everything.
-    """
-
-    kind: Any
-    packed: Any
-    count: Any
-    pixels: dict[str, Any]
-    links: Links | None
-
-    @classmethod
-    def of(cls, sources: Sequence[Any], links: Links | None) -> Lamps:
-        """Return lights of one kind, packed."""
-        kind, count = type(sources[0]), dr.opaque(UInt32, len(sources))
-        if not isinstance(sources[0], ProjectedLight):
-            return cls(kind, pack(sources), count, {}, links)
-        packed, pixels = pack_projected(sources)
-        return cls(kind, packed, count, pixels, links)
-
-    def light(self, number: UInt32) -> Any:
-        """Return one of the lights, in a loop over them."""
-        light = dr.gather(self.kind, self.packed, number)
-        return light.with_pixels(self.pixels) if self.pixels else light
 
 
 @dataclass(frozen=True)
@@ -188,43 +151,56 @@ class StageWorld(World):
 
     @cached_property
     def lamps(self) -> tuple[Lamps, ...]:
-        """The lights of surfaces, packed by kind, for loops over them; domes are in `domes`."""
+        """The lights of surfaces, packed by kind, for loops over them; the others are in `domes` and `mesh_lamps`."""
         lights = zip(self.description.lights, self.lights, strict=True)
-        nothing: tuple[frozenset[str], ...] = (frozenset(), frozenset())
-        groups: dict[Any, list[Any]] = {(kind, *nothing): [] for kind in (SphereLamp, FlatLamp, DistantLamp)}
+        kinds = (SphereLamp, FlatLamp, CylinderLamp, DistantLamp)
+        groups: dict[Any, list[Any]] = {(kind, LinkKey()): [] for kind in kinds}
         for light, item in lights:
-            if light.lights_surfaces and max(light.radiance) > 0 and not isinstance(bare(item), DomeLamp):
-                groups.setdefault((type(item), *self._linked(light)), []).append(item)
-        return tuple(Lamps.of(items, self._links(*key[1:])) for key, items in groups.items() if items)
+            if light.lights_surfaces and max(light.radiance) > 0 and not isinstance(bare(item), DomeLamp | MeshLamp):
+                groups.setdefault((type(item), self._linked(light)), []).append(item)
+        return tuple(Lamps.of(items, self._links(key)) for (_, key), items in groups.items() if items)
 
     @cached_property
     def domes(self) -> tuple[tuple[Any, Links | None], ...]:
         """The environments, and what they light."""
+        return self._each_of(DomeLamp)
+
+    @cached_property
+    def mesh_lamps(self) -> tuple[tuple[Any, Links | None], ...]:
+        """The mesh lights, and what they light."""
+        return self._each_of(MeshLamp)
+
+    def _each_of(self, kind: type) -> tuple[tuple[Any, Links | None], ...]:
         lights = zip(self.description.lights, self.lights, strict=True)
         return tuple(
-            (item, self._links(*self._linked(light)))
+            (item, self._links(self._linked(light)))
             for light, item in lights
-            if isinstance(bare(item), DomeLamp) and light.lights_surfaces
+            if isinstance(bare(item), kind) and light.lights_surfaces
         )
 
     def stopping(self, light: scene.Light) -> StageWorld:
         """Return the world with only those surfaces that block a light: itself, where all do."""
-        _, unshadowed = self._linked(light)
+        unshadowed = self._linked(light).unshadowed
         return replace(self, surfaces=self.blockers[unshadowed]) if unshadowed else self
 
-    def _linked(self, light: scene.Light) -> tuple[frozenset[str], frozenset[str]]:
-        """Return which of the surfaces a light does not light, and which do not block it."""
-        return _among(light.unlit, self.meshes), _among(light.unshadowed, self.meshes)
+    def _linked(self, light: scene.Light) -> LinkKey:
+        """Return which of the surfaces a light does not light, which do not block it, and how it shines on them."""
+        unlit, unshadowed = _among(light.unlit, self.meshes), _among(light.unshadowed, self.meshes)
+        shining = light.shadow_distance, light.surface_scale, light.shadow_color, light.seen
+        return LinkKey(unlit, unshadowed, *shining)
 
-    def _links(self, unlit: frozenset[str], unshadowed: frozenset[str]) -> Links | None:
-        if not unlit and not unshadowed:
+    def _links(self, key: LinkKey) -> Links | None:
+        if key == LinkKey():
             return None
+        unlit, unshadowed = key.unlit, key.unshadowed
         world = replace(self, surfaces=self.blockers[unshadowed]) if unshadowed else self
-        return Links(world, self._lit_shapes(unlit) if unlit else None)
+        lit = self._lit_shapes(unlit) if unlit else None
+        reach, scale, shadow = opaque(key.shadow_distance), opaque(key.surface_scale), opaque(key.shadow_color)
+        return Links(world, lit, reach, scale, shadow, key.seen)
 
     def _lit_shapes(self, unlit: frozenset[str]) -> Any:
         """Return for each shape, by Mitsuba's number, whether it is lit, 1 or 0."""
-        numbers = [int(_number(mi.ShapePtr(shape))[0]) for shape in self.shapes]
+        numbers = [int(shape_number(mi.ShapePtr(shape))[0]) for shape in self.shapes]
         table = np.zeros(max(numbers, default=0) + 2, dtype=np.uint32)
         table[numbers] = [mesh.name not in unlit for mesh in self.meshes]
         return to_uint(table)
@@ -257,7 +233,7 @@ class StageWorld(World):
 
     def link_of(self, light: scene.Light) -> int:
         """Return the number of the set of surfaces that block a light."""
-        _, unshadowed = self._linked(light)
+        unshadowed = self._linked(light).unshadowed
         return self._unshadowing.index(unshadowed) + 1 if unshadowed else 0
 
     @property
@@ -357,14 +333,10 @@ def _known_portal(light: scene.Light, like: StageWorld | None) -> Portal | None:
 
 def _known_images(description: scene.Scene, like: StageWorld | None) -> Images:
     """Return the images of another world that this scene uses, too."""
-    gobos = [gobo for light in description.lights for gobo in (light.gobo, light.portal_gobo) if gobo is not None]
+    both = [image for light in description.lights for image in (light.gobo, light.portal_gobo, profile_of(light))]
+    gobos = [image for image in both if image is not None]
     known = {} if like is None else like.images
     return {id(gobo.image): known[id(gobo.image)] for gobo in gobos if id(gobo.image) in known}
-
-
-def _number(shape: Any) -> Any:
-    """Return the numbers by which Mitsuba knows shapes."""
-    return dr.reinterpret_array(UInt32, shape)
 
 
 def _among(names: frozenset[str], meshes: Sequence[scene.Mesh]) -> frozenset[str]:

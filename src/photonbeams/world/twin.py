@@ -179,7 +179,7 @@ def _add_surfaces(twin: Twin, content: scene.Scene, exposure: float) -> None:
         if mesh.name in hidden or not len(mesh.faces):
             continue
         material, name = mesh.material, twin.id_of(mesh.name)
-        part = _shape(twin, mesh, name)
+        part = ply(twin, mesh, name)
         twin.parts[name] = part
         if id(material) not in bsdfs:
             bsdfs[id(material)] = own = twin.id_of(f"{mesh.name}-material")
@@ -190,7 +190,7 @@ def _add_surfaces(twin: Twin, content: scene.Scene, exposure: float) -> None:
             part[f"{name}-light"] = twin.with_images(emitter_of(_exposed(material, exposure)), f"{name}-light")
 
 
-def _shape(twin: Twin, mesh: scene.Mesh, name: str) -> dict[str, Any]:
+def ply(twin: Twin, mesh: scene.Mesh, name: str) -> dict[str, Any]:
     """Describe a mesh in a file of its own."""
     path = twin.file(f"{name}.ply", lambda path: shape_of(mesh).write_ply(str(path)))
     return {"type": "ply", "filename": path, "face_normals": mesh.normals is None}
@@ -244,7 +244,7 @@ class TwinMedia:
             if boundary is not None:
                 around = self.at(boundary.points[0], than=name)
                 sides = {**self.named("interior", name), **self.named("exterior", around)}
-                twin.parts[name] = {**_shape(twin, boundary, name), "bsdf": {"type": "null"}, **sides}
+                twin.parts[name] = {**ply(twin, boundary, name), "bsdf": {"type": "null"}, **sides}
             if not each.surfaces:
                 where = each.name or "the fog"
                 twin.lost.append(f"{where}.photonbeams:surfaces is on: in Mitsuba, surfaces are dimmed by every fog")

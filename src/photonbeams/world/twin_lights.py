@@ -14,9 +14,10 @@ import numpy as np
 
 from .. import scene
 from ..numerics.arrays import to_vectors
-from .gobos import projected, spread
+from .gobos import profile_of, projected, spread
 from .lights import source, unit
-from .twin import Twin, matrix, mi, rgb, scaled
+from .shapes import radiance_of
+from .twin import Twin, matrix, mi, ply, rgb, scaled
 
 if TYPE_CHECKING:
     from .twin import TwinMedia
@@ -41,6 +42,9 @@ def add_lights(twin: Twin, lights: Sequence[scene.Light], exposure: float, radiu
         if isinstance(light, scene.DomeLight):
             domes.append(light)
             continue
+        if isinstance(light, scene.MeshLight) and light.surface:
+            twin.lost.append(f"{light.name} is left out: in Mitsuba its light is what its material emits")
+            continue
         name = twin.id_of(light.name)
         size, part = _emitter(twin, light, name)
         twin.parts[f"{name}-shape" if size > 0 else name] = part
@@ -55,6 +59,8 @@ def _emitter(twin: Twin, light: scene.Light, name: str) -> tuple[float, dict[str
     """Return the size of a light, 0 of a point, and its description."""
     if isinstance(light, scene.DistantLight):
         return 0.0, _directional(twin, light)
+    if isinstance(light, scene.CylinderLight | scene.MeshLight):
+        return _body(twin, light, name)
     assert isinstance(light, scene.SphereLight | scene.FlatLight)
     cone = _cone(light)
     if isinstance(light, scene.SphereLight) and light.radius == 0:
@@ -73,6 +79,20 @@ def _emitter(twin: Twin, light: scene.Light, name: str) -> tuple[float, dict[str
         twin.lost.append(_NO_IMAGE.format(light.name))
     ball = {"type": "sphere", "center": _place(light).tolist(), "radius": light.radius}
     return light.radius, {**ball, **_shining(rgb(light.radiance), name)}
+
+
+def _body(twin: Twin, light: scene.CylinderLight | scene.MeshLight, name: str) -> tuple[float, dict[str, Any]]:
+    """Return the size of a light that is a body, and its description."""
+    if light.shaping is not None and (_varies(light) or light.shaping.cone_angle < 180):
+        twin.lost.append(f"{light.name}.inputs:shaping is left out: emitters of some size have none in Mitsuba")
+    if isinstance(light, scene.CylinderLight):
+        ends = {key: (light.center + sign * light.half).tolist() for key, sign in (("p0", -1), ("p1", 1))}
+        tube = {"type": "cylinder", **ends, "radius": light.radius}
+        return light.radius + float(np.linalg.norm(light.half)), {**tube, **_shining(rgb(light.radiance), name)}
+    assert light.mesh is not None
+    size = 0.5 * float(np.linalg.norm(np.ptp(light.mesh.used_points, axis=0)))
+    radiance = twin.with_images(radiance_of(light.radiance, light.image), f"{name}-radiance")
+    return size, {**ply(twin, light.mesh, name), **_shining(radiance, name)}
 
 
 def _shining(radiance: dict[str, Any], name: str) -> dict[str, Any]:
@@ -236,6 +256,7 @@ def _warn(twin: Twin, light: scene.Light, endless: bool) -> None:
     """Warn of the attributes of a light that Mitsuba cannot describe."""
     own = "photonbeams:"
     lost = {
+        "inputs:shaping:ies:file is left out: Mitsuba has no profiles of lights": profile_of(light) is not None,
         f"{own}portal is left out: photon_beams finds by itself where light comes in": light.portal is not None,
         f"{own}portal:gobo is left out: Mitsuba's emitters shine through no image": light.portal_gobo is not None,
         f"{own}look is left out: beams are physical in Mitsuba": light.look is not None,
@@ -243,7 +264,8 @@ def _warn(twin: Twin, light: scene.Light, endless: bool) -> None:
         f"{own}guides is left out: light flies straight in Mitsuba": bool(light.guides),
         f"{own}intensity is left out: it is of beams alone": light.emits_beams and light.beam_scale != 1,
         f"{own}enabled is off, and yet its light is scattered in Mitsuba": not light.emits_beams,
-        "inputs:diffuse is 0, and yet surfaces are lit by it in Mitsuba": not light.lights_surfaces,
+        f"inputs:diffuse is {light.surface_scale:g}, in Mitsuba it is 1": light.surface_scale != 1,
+        "inputs:shadow:distance is left out: shadows have no end in Mitsuba": light.shadow_distance < np.inf,
         "collection:lightLink is left out: in Mitsuba it lights everything": bool(light.unlit),
         "collection:shadowLink is left out: in Mitsuba all surfaces stop it": bool(light.unshadowed),
     }  # fmt: skip

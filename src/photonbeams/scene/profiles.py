@@ -1,0 +1,117 @@
+"""Angular profiles of lights, as IES files have them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from .checks import Array, SceneError, number
+
+# Rows of a profile's table from 0 to 180 degrees, and columns around: the angles of nearly all files are among them.
+_ROWS, _COLUMNS = 721, 361
+
+
+@dataclass(frozen=True, eq=False)
+class Profile:
+    """A factor on a light's radiance by direction: the intensity of an IES profile, linear between its angles.
+
+    Attributes
+    ----------
+    vertical
+        (V,) degrees from the light's axis, local −Z: ascending within 0 and 180. Beyond them there is no light.
+    horizontal
+        (H,) degrees around the axis, from 0 to 360; or one angle, of a profile that is the same all around. 0 is where
+        the light shines toward its −X, 90 toward −Y: as hdEmbree, OpenUSD's reference renderer, has it.
+    intensity
+        (H, V) numbers of at least 0.
+    angle_scale
+        `inputs:shaping:ies:angleScale` of UsdLux: above 0 a factor on vertical angles as measured from the light's
+        axis, below 0 the negative of a factor on those as measured from its opposite; 0 is 1.
+
+    Raises
+    ------
+    SceneError
+        Arrays that do not fit each other, angles that do not ascend, intensities that are negative or not finite.
+    """
+
+    vertical: Array
+    horizontal: Array
+    intensity: Array
+    angle_scale: float = 0.0
+
+    def __post_init__(self) -> None:
+        number(self.angle_scale, "angle_scale")
+        arrays = [np.asarray(each, dtype=np.float64) for each in (self.vertical, self.horizontal, self.intensity)]
+        for name, value in zip(("vertical", "horizontal", "intensity"), arrays, strict=True):
+            object.__setattr__(self, name, value)
+        if self.intensity.shape != (len(self.horizontal), len(self.vertical)) or not self.intensity.size:
+            raise SceneError(
+                f"a profile has {len(self.horizontal)} and {len(self.vertical)} angles, and intensities of the shape "
+                f"{self.intensity.shape}: expected as many"
+            )
+        if not (np.all(np.isfinite(self.intensity)) and np.min(self.intensity) >= 0):
+            raise SceneError("a profile has intensities that are negative or not finite: expected at least 0")
+        for angles in (self.vertical, self.horizontal):
+            if not (np.all(np.isfinite(angles)) and np.all(np.diff(angles) > 0)):
+                raise SceneError("a profile has angles that do not ascend: expected ascending degrees")
+
+    def at(self, theta: Array, phi: Array) -> Array:
+        """Return the factor at angles from the axis and around it, in degrees, of any shape that goes together."""
+        theta, phi = np.broadcast_arrays(self.scaled(np.asarray(theta, dtype=np.float64)), np.mod(phi, 360.0))
+        row, down = _between(self.vertical, theta)
+        column, aside = _between(self.horizontal, phi)
+        values = self.intensity
+        below, above = np.minimum(row + 1, values.shape[1] - 1), np.minimum(column + 1, values.shape[0] - 1)
+        first = (1 - down) * values[column, row] + down * values[column, below]
+        second = (1 - down) * values[above, row] + down * values[above, below]
+        slack = 1e-6
+        there = (theta >= self.vertical[0] - slack) & (theta <= self.vertical[-1] + slack)
+        return np.where(there, (1 - aside) * first + aside * second, 0.0)
+
+    def scaled(self, theta: Array) -> Array:
+        """Return the angle of the profile for an angle from the light's axis."""
+        if self.angle_scale > 0:
+            return theta / self.angle_scale
+        return theta if self.angle_scale == 0 else 180.0 + (theta - 180.0) / -self.angle_scale
+
+    def normalized(self) -> Profile:
+        """Return the profile over its mean, of the sphere or, if it ends at its equator, of the hemisphere.
+
+        The mean is that of hdEmbree: the intensity at the middle of each patch between the profile's angles.
+        """
+        around = np.array([0.0, 360.0]) if len(self.horizontal) == 1 else self.horizontal
+        values = np.repeat(self.intensity, 2, axis=0) if len(self.horizontal) == 1 else self.intensity
+        width, height = np.radians(np.diff(around)), np.radians(np.diff(self.vertical))
+        middle = np.radians(self.vertical[:-1]) + 0.5 * height
+        mean = 0.25 * (values[1:, 1:] + values[:-1, 1:] + values[1:, :-1] + values[:-1, :-1])
+        total = float(np.sum(mean * width[:, None] * (height * np.sin(middle))))
+        whole = np.ptp(np.radians(self.vertical)) > np.pi / 2 + 0.1
+        if not total > 0:
+            return self
+        factor = np.pi * (4 if whole else 2) / total
+        return Profile(self.vertical, self.horizontal, self.intensity * factor, self.angle_scale)
+
+    @cached_property
+    def image(self) -> Array:
+        """The profile without its scale as a table, (rows, columns, 1): 0 to 180 degrees down, 0 to 360 across."""
+        plain = Profile(self.vertical, self.horizontal, self.intensity)
+        columns = 2 if len(self.horizontal) == 1 else _COLUMNS
+        theta, phi = np.linspace(0, 180, _ROWS), np.linspace(0, 360, columns)
+        table = plain.at(theta[:, None], phi)
+        table[:, -1] = table[:, 0]
+        return table[..., None].astype(np.float32)
+
+    @cached_property
+    def colors(self) -> Array:
+        """The table as colours, (rows, columns, 3)."""
+        return np.repeat(self.image, 3, axis=2)
+
+
+def _between(knots: Array, value: Array) -> tuple[Array, Array]:
+    """Return the knots before values, and how far each value is to the next one, from 0 to 1."""
+    if len(knots) == 1:
+        return np.zeros(np.shape(value), dtype=np.int64), np.zeros(np.shape(value))
+    index = np.clip(np.searchsorted(knots, value, side="right") - 1, 0, len(knots) - 2)
+    return index, np.clip((value - knots[index]) / (knots[index + 1] - knots[index]), 0.0, 1.0)

@@ -1,0 +1,153 @@
+"""IES files, IESNA LM-63 of all years: the angles and the intensities of a light's profile.
+
+The file's angles are turned into those of photometric type C, which most files have: vertical angles from straight
+down, horizontal ones around. Types A and B, of headlights and floodlights, have another polar axis; that it becomes the
+light's own axis is how Cycles and hdEmbree read them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+from pxr import Ar, Sdf, Usd
+
+from ..scene import Array, Profile
+from .reading import Reading
+from .textures import resolved, stamp
+
+_NAME = "inputs:shaping:ies:file"
+_MOST_ANGLES = 10_000
+_TYPE_C, _TYPE_B, _TYPE_A = 1, 2, 3
+
+
+def read_profile(reading: Reading, prim: Usd.Prim) -> Profile | None:
+    """Return a light's IES profile, None (with a warning) where it names a file that cannot be read."""
+    asset = reading.value(prim, _NAME)
+    if not isinstance(asset, Sdf.AssetPath) or not asset.path:
+        return None
+    path = resolved(reading, asset)
+    if not path:
+        reading.warn(prim, f"names {asset.path}, which is not there: the light shines without its IES profile", _NAME)
+        return None
+    scale = reading.number(prim, "inputs:shaping:ies:angleScale", 0.0)
+    normalize = reading.flag(prim, "inputs:shaping:ies:normalize", False)
+    try:
+        return _profile(path, stamp(path), scale, normalize)
+    except ValueError as error:
+        text = f"names {path}, which is no IES profile ({error}): the light shines without it"
+        reading.warn(prim, text, _NAME)
+        return None
+
+
+# One object for all times of a shutter: its table is then on the device once.
+@lru_cache(maxsize=64)
+def _profile(path: str, _stamp: tuple[int, int], scale: float, normalize: bool) -> Profile:
+    asset = Ar.GetResolver().OpenAsset(Ar.ResolvedPath(path))
+    result = parse(bytes(asset.GetBuffer() if asset else b"").decode("latin-1"))
+    return replace(result.normalized() if normalize else result, angle_scale=scale)
+
+
+def parse(text: str) -> Profile:
+    """Return the profile in the text of an IES file.
+
+    Raises
+    ------
+    ValueError
+        What is no such text, in one clause.
+    """
+    lines = text.splitlines()
+    tilt = next((number for number, line in enumerate(lines) if line.strip().upper().startswith("TILT=")), None)
+    if tilt is None:
+        raise ValueError("it has no line TILT=")
+    numbers = _Numbers(" ".join(lines[tilt + 1 :]))
+    if lines[tilt].strip().upper().endswith("INCLUDE"):
+        numbers.take(1)
+        numbers.take(2 * numbers.count("angles of tilt"))
+    _, _, multiplier = numbers.take(3)
+    rows, columns = numbers.count("vertical angles"), numbers.count("horizontal angles")
+    kind = int(numbers.take(1)[0])
+    numbers.take(4)  # the units of the luminaire's size, and its size
+    ballast, photometric, _ = numbers.take(3)
+    vertical, horizontal = numbers.take(rows), numbers.take(columns)
+    intensity = numbers.take(rows * columns).reshape(columns, rows) * (multiplier * ballast * photometric)
+    if kind == _TYPE_C:
+        return Profile(vertical, *_all_around(horizontal, intensity))
+    if kind == _TYPE_B:
+        return Profile(*_about_horizontal_axis(vertical, horizontal, intensity))
+    if kind == _TYPE_A:
+        return Profile(*_about_vertical_axis(vertical, horizontal, intensity))
+    raise ValueError(f"its photometric type is {kind}: expected 1, 2 or 3")
+
+
+class _Numbers:
+    """The numbers of a file, one after another."""
+
+    def __init__(self, text: str) -> None:
+        self._words = text.replace(",", " ").split()
+        self._next = 0
+
+    def take(self, count: int) -> Array:
+        """Return the next numbers."""
+        words = self._words[self._next : self._next + count]
+        if len(words) < count:
+            raise ValueError(f"it ends after {len(self._words)} numbers")
+        self._next += count
+        return np.array([float(word) for word in words])
+
+    def count(self, what: str) -> int:
+        """Return the next number, which counts something."""
+        value = float(self.take(1)[0])
+        if not (value == int(value) and 1 <= value <= _MOST_ANGLES):
+            raise ValueError(f"it has {value:g} {what}")
+        return int(value)
+
+
+def _mirrored(angles: Array, values: Array) -> tuple[Array, Array]:
+    """Return angles that begin at 0, and the values of each, with those below 0 too."""
+    if abs(angles[0]) > 1e-4:
+        return angles, values
+    return np.concatenate([-angles[:0:-1], angles]), np.concatenate([values[:0:-1], values])
+
+
+def _about_horizontal_axis(vertical: Array, horizontal: Array, intensity: Array) -> tuple[Array, Array, Array]:
+    """Return type B as type C: the angles change places, and −90 to 90 degrees become 0 to 180."""
+    around, values = _mirrored(vertical, intensity.T)
+    down, turned = _mirrored(horizontal, values.T)
+    return down + 90, *_dark_beside(around + 90, turned.T)
+
+
+def _about_vertical_axis(vertical: Array, horizontal: Array, intensity: Array) -> tuple[Array, Array, Array]:
+    """Return type A as type C: from −90 to 90 degrees around become from 270 to 90."""
+    around, values = _mirrored(horizontal, intensity)
+    return vertical + 90, *_dark_beside(180 - around[::-1], values[::-1])
+
+
+def _dark_beside(angles: Array, values: Array) -> tuple[Array, Array]:
+    """Return horizontal angles from 0 to 360, with no light beside those that are given."""
+    step, dark = 1e-3, np.zeros_like(values[:1])
+    if angles[0] > step:
+        angles, values = np.append([0.0, angles[0] - step], angles), np.concatenate([dark, dark, values])
+    if angles[-1] < 360 - step:
+        angles, values = np.append(angles, [angles[-1] + step, 360.0]), np.concatenate([values, dark, dark])
+    return angles, values
+
+
+def _all_around(angles: Array, values: Array) -> tuple[Array, Array]:
+    """Return horizontal angles from 0 to 360 of type C: a quarter, a half or one angle stands for all of them."""
+    if len(angles) == 1:
+        return np.zeros(1), values
+    if np.allclose(angles[[0, -1]], [0, 90]):
+        angles, values = np.append(angles, 180 - angles[-2::-1]), np.concatenate([values, values[-2::-1]])
+    if np.allclose(angles[[0, -1]], [90, 270]):  # the two halves beside the plane of 90 and 270 degrees are alike
+        angles, values = np.append(angles, 540 - angles[-2::-1]), np.concatenate([values, values[-2::-1]])
+        order = np.argsort(np.mod(angles[:-1], 360))
+        angles, values = np.mod(angles[:-1], 360)[order], values[:-1][order]
+    if np.allclose(angles[[0, -1]], [0, 180]):
+        return np.append(angles, 360 - angles[-2::-1]), np.concatenate([values, values[-2::-1]])
+    if angles[-1] < 360 - 1e-3 and angles[0] < 1e-3:  # against the rule, without 360, which is 0
+        return np.append(angles, 360.0), np.concatenate([values, values[:1]])
+    if np.allclose(angles[[0, -1]], [0, 360]):
+        return angles, values
+    raise ValueError(f"its horizontal angles go from {angles[0]:g} to {angles[-1]:g}")

@@ -1,0 +1,63 @@
+"""What UsdLux lets artists control of any light: its shaping, and how it shines on surfaces."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from pxr import Usd
+
+from ..scene import Shaping
+from .ies import read_profile
+from .reading import Reading, target_paths
+
+# How programs say that the camera does not see a light, for UsdLux has no word for it: Karma and hdEmbree, Omniverse,
+# Arnold, RenderMan.
+_SEEN = (
+    "inputs:visibility:camera",
+    "visibleInPrimaryRay",
+    "primvars:arnold:camera",
+    "primvars:ri:attributes:visibility:camera",
+)
+
+
+def read_shaping(reading: Reading, prim: Usd.Prim) -> Shaping | None:
+    """Return a light's cone, focus and profile, None where it has none."""
+    names = [name for name in prim.GetAuthoredPropertyNames() if name.startswith("inputs:shaping:")]
+    if not names:
+        return None
+    return Shaping(
+        cone_angle=reading.number(prim, "inputs:shaping:cone:angle", 90.0, 0.0, 180.0),
+        cone_softness=min(max(reading.number(prim, "inputs:shaping:cone:softness", 0.0), 0.0), 1.0),
+        focus=reading.number(prim, "inputs:shaping:focus", 0.0, minimum=0.0),
+        focus_tint=reading.color(prim, "inputs:shaping:focusTint", (0, 0, 0)),
+        profile=read_profile(reading, prim),
+    )
+
+
+def on_surfaces(reading: Reading, prim: Usd.Prim, beams: bool) -> dict[str, Any]:
+    """Return how strongly a light shines on surfaces, and what its shadows are; `beams` is whether it makes some."""
+    diffuse, specular = (reading.number(prim, f"inputs:{key}", 1.0, minimum=0.0) for key in ("diffuse", "specular"))
+    if diffuse != specular:
+        text = f"is {specular:g}, inputs:diffuse {diffuse:g}: surfaces take the latter for both"
+        reading.warn(prim, text, "inputs:specular")
+    distance = reading.number(prim, "inputs:shadow:distance", -1.0)
+    color = reading.color(prim, "inputs:shadow:color", (0, 0, 0))
+    for name, given in (("distance", distance > 0), ("color", max(color) > 0)):
+        if given and beams:
+            text = "is of the shadows on surfaces alone: beams end where a surface stops them"
+            reading.warn(prim, text, f"inputs:shadow:{name}")
+    return {
+        "surface_scale": diffuse,
+        "shadow_distance": distance if distance > 0 else np.inf,
+        "shadow_color": color,
+        "seen": not any(reading.value(prim, name, True) in (False, 0) for name in _SEEN),
+    }
+
+
+def warn_of_what_is_left_out(reading: Reading, prim: Usd.Prim) -> None:
+    """Warn about a light's filters, and about what else of it is not rendered."""
+    if target_paths(prim, "light:filters"):
+        reading.warn(prim, "are not rendered: the light shines without them", "light:filters")
+    if reading.number(prim, "inputs:shadow:falloff", -1.0) > 0:
+        reading.warn(prim, "is not rendered: shadows have the same strength everywhere", "inputs:shadow:falloff")

@@ -1,0 +1,90 @@
+"""Mesh lights: gprims with UsdLuxMeshLightAPI, and glowing ones that are asked for beams."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from pxr import Usd, UsdLux
+
+from ..scene import Array, Color, Mesh, UVTexture
+from .meshes import is_gprim
+from .reading import Reading
+
+_TINTED, _INDEPENDENT, _ALONE = "materialGlowTintsLight", "independent", "noMaterialResponse"
+
+
+@dataclass(frozen=True)
+class Glow:
+    """What a mesh emits as a light: its outer side, a factor on the light's radiance, perhaps an image."""
+
+    mesh: Mesh
+    tint: Color
+    image: UVTexture | None
+    surface: bool
+
+
+def is_asked(prim: Usd.Prim) -> bool:
+    """Return whether a gprim that is no light is told to make beams: of the light that its material emits."""
+    if prim.HasAPI(UsdLux.LightAPI) or not is_gprim(prim):
+        return False
+    enabled = prim.GetAttribute("photonbeams:enabled")
+    told = bool(enabled) and enabled.HasAuthoredValue() and enabled.Get() is not False
+    return told or "PhotonBeamsLightAPI" in prim.GetAppliedSchemas()
+
+
+def read_glow(reading: Reading, prim: Usd.Prim, meshes: Sequence[Mesh]) -> Glow | None:
+    """Return what a gprim with these meshes emits, or None (with a warning) where it cannot emit.
+
+    Where `light:materialSyncMode` has the material's glow tint the light, and no material glows, the light's colour
+    stands alone.
+    """
+    own = [mesh for mesh in meshes if len(mesh.faces) and mesh.area > 0]
+    if not own:
+        reading.warn(prim, "is a light without a surface: it does not shine")
+        return None
+    glowing = [mesh for mesh in own if _glows(mesh)]
+    mode = _TINTED if is_asked(prim) else str(reading.value(prim, "light:materialSyncMode", _TINTED))
+    if mode not in (_TINTED, _INDEPENDENT, _ALONE):
+        raise reading.fail(
+            prim, "light:materialSyncMode", f"is '{mode}': expected {_TINTED}, {_INDEPENDENT} or {_ALONE}"
+        )
+    if is_asked(prim) and not glowing:
+        reading.warn(prim, "is asked for beams, and its material emits no light: it makes none", "photonbeams:enabled")
+        return None
+    if mode != _TINTED or not glowing:
+        return Glow(_joined(own), (1.0, 1.0, 1.0), None, mode != _ALONE)
+    if len(glowing) == 1:
+        emissive = glowing[0].material.emissive
+        if isinstance(emissive, UVTexture):
+            return Glow(glowing[0], (1.0, 1.0, 1.0), emissive, True)
+    areas = np.array([mesh.area for mesh in glowing])
+    mean = areas @ np.array([_mean(mesh) for mesh in glowing]) / areas.sum()
+    if len({tuple(_mean(mesh)) for mesh in glowing}) > 1:
+        reading.warn(prim, "has parts that glow differently: as a light it has their mean colour")
+    return Glow(_joined(glowing), (float(mean[0]), float(mean[1]), float(mean[2])), None, True)
+
+
+def _glows(mesh: Mesh) -> bool:
+    emissive = mesh.material.emissive
+    return isinstance(emissive, UVTexture) or max(emissive) > 0
+
+
+def _mean(mesh: Mesh) -> Array:
+    """Return the mean colour of a mesh's emission."""
+    emissive: Any = mesh.material.emissive
+    if isinstance(emissive, UVTexture):
+        emissive = emissive.pixels.mean(axis=(0, 1), dtype=np.float64)
+    return np.broadcast_to(np.asarray(emissive, dtype=np.float64), 3)
+
+
+def _joined(meshes: Sequence[Mesh]) -> Mesh:
+    """Return meshes as one, without what only their surfaces need."""
+    starts = np.cumsum([0] + [len(mesh.points) for mesh in meshes[:-1]])
+    return Mesh(
+        name=meshes[0].name,
+        points=np.concatenate([mesh.points for mesh in meshes]),
+        faces=np.concatenate([mesh.faces + start for mesh, start in zip(meshes, starts, strict=True)]),
+    )

@@ -1,0 +1,74 @@
+"""Mesh lights: surfaces that emit light from their outer side."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import drjit as dr
+
+from .. import scene
+from ..numerics.arrays import opaque
+from ..runtime.device import Array2f, Array3f, Float, mitsuba
+from .illumination import Illumination, Lamp, LightHit, ShapingFactor, unit
+from .shapes import radiance_of, scene_of, shape_of
+
+mi = mitsuba()
+
+
+class MeshLamp(Lamp):
+    """A mesh that radiates from its outer side, sampled uniformly in area by Mitsuba.
+
+    Each is a kind of its own to kernels: a mesh is not packed with others.
+    """
+
+    def __init__(self, light: scene.MeshLight) -> None:
+        assert light.mesh is not None
+        emitter = mi.load_dict({"type": "area", "radiance": radiance_of(light.radiance, light.image)})
+        # Faces radiate evenly, whatever normals they are shaded with.
+        self._shape = shape_of(replace(light.mesh, normals=None), emitter=emitter)
+        self._emitter = emitter
+        self._scene = scene_of([self._shape])
+        self.axis, self.shaping = opaque(unit(light.axis)), ShapingFactor.of(light.shaping)
+        self.area = opaque(light.mesh.area)
+        self.textured = light.image is not None
+        self.radiance = opaque(light.radiance)
+        self.seen = not light.surface
+
+    def emitted(self, direction: Array3f) -> Array3f:
+        """Return the factor on the radiance that leaves along `direction`."""
+        return self.shaping.factor(dr.dot(direction, self.axis))
+
+    def position(self, u: Array2f) -> tuple[Array3f, Array3f, Array3f]:
+        """Return points uniform in area, off the surface by its rounding, with normal and radiance."""
+        sample = self._shape.sample_position(0.0, mi.Point2f(u))
+        place = dr.zeros(mi.SurfaceInteraction3f, dr.width(u))
+        place.p, place.n, place.uv, place.wi = sample.p, sample.n, sample.uv, mi.Vector3f(0, 0, 1)
+        radiance = Array3f(self._emitter.eval(place)) if self.textured else self.radiance + 0 * u.x
+        start = place.spawn_ray(mi.Vector3f(sample.n)).o
+        return Array3f(start), Array3f(sample.n), radiance
+
+    def illuminate(self, point: Array3f, u: Array2f) -> Illumination:
+        """Return the direction to a point of the mesh, uniform in area."""
+        sample, weight = self._emitter.sample_direction(_at(point), mi.Point2f(u))
+        direction = Array3f(sample.d)
+        lit = (sample.pdf > 0) & dr.isfinite(sample.pdf) & (dr.dot(Array3f(sample.n), direction) < 0)
+        weight = dr.select(lit, Array3f(weight) * self.emitted(-direction), 0)
+        return Illumination(direction, Float(sample.dist), weight, dr.select(lit, Float(sample.pdf), 0))
+
+    def see(self, origin: Array3f, direction: Array3f) -> LightHit:
+        """Return what a ray sees of the mesh's outer side."""
+        hit = self._scene.ray_intersect(mi.Ray3f(mi.Point3f(origin), mi.Vector3f(direction)))
+        there = hit.is_valid()
+        front = there & (dr.dot(Array3f(hit.n), direction) < 0)
+        sample = mi.DirectionSample3f(self._scene, hit, _at(origin))
+        pdf = self._emitter.pdf_direction(_at(origin), sample, front)
+        radiance = Array3f(self._emitter.eval(hit, front)) * self.emitted(-direction)
+        return LightHit(front, dr.select(front, hit.t, dr.inf), dr.select(front, radiance, 0), Float(pdf))
+
+
+def _at(point: Array3f) -> Any:
+    """Return Mitsuba's record of a point that is lit."""
+    result = dr.zeros(mi.SurfaceInteraction3f, dr.width(point))
+    result.p = mi.Point3f(point)
+    return result

@@ -1,0 +1,106 @@
+"""IES profiles of lights: the text of LM-63 files, their angles as UsdLux and hdEmbree have them, and their mean."""
+
+import numpy as np
+import pytest
+
+from photonbeams.usd.ies import parse
+
+#: Photometric type, horizontal angles, and rows of candela at 0, 45 and 90 degrees (−90, 0 and 90 of types A and B).
+HEAD = "IESNA:LM-63-2002\n[TEST] none\nTILT=NONE\n"
+
+
+def file(horizontal, rows, kind=1, vertical=(0, 45, 90), factor=1.0, head=HEAD):
+    numbers = [1, -1, factor, len(vertical), len(horizontal), kind, 2, 0, 0, 0, 1, 1, 50, *vertical, *horizontal]
+    return head + "\n".join(str(each) for each in [*numbers, *np.ravel(rows)])
+
+
+def at(profile, theta, phi):
+    return float(profile.at(theta, phi))
+
+
+def test_one_horizontal_angle_is_the_same_all_around():
+    profile = parse(file([0], [[4, 2, 0]], factor=2.5))
+    assert [at(profile, theta, phi) for theta, phi in ((0, 10), (45, 200), (22.5, 300), (91, 0))] == [10, 5, 7.5, 0]
+
+
+def test_a_quarter_and_a_half_are_mirrored():
+    quarter = parse(file([0, 90], [[4, 2, 0], [4, 1, 0]]))
+    assert [at(quarter, 45, phi) for phi in (0, 90, 180, 270, 45, 225)] == [2, 1, 2, 1, 1.5, 1.5]
+    half = parse(file([0, 90, 180], [[4, 2, 0], [4, 1, 0], [4, 3, 0]]))
+    assert [at(half, 45, phi) for phi in (0, 90, 180, 270, 135, 225)] == [2, 1, 3, 1, 2, 2]
+    other = parse(file([90, 180, 270], [[4, 2, 0], [4, 1, 0], [4, 3, 0]]))
+    assert [at(other, 45, phi) for phi in (90, 180, 270, 0, 45, 135)] == [2, 1, 3, 1, 1.5, 1.5]
+
+
+def test_a_circle_may_lack_its_last_angle():
+    profile = parse(file([0, 120, 240], [[0, 1, 0], [0, 2, 0], [0, 3, 0]]))
+    assert [at(profile, 45, phi) for phi in (0, 120, 240, 300)] == [1, 2, 3, 2]
+
+
+def test_tilt_is_read_past_and_words_may_be_separated_by_commas():
+    tilted = file([0], [[4, 2, 0]], head="IESNA91\nTILT=INCLUDE\n1\n3\n0 45 90\n1.0 0.9 0.8\n")
+    assert at(parse(tilted.replace("\n0\n", ", 0,\n")), 45, 0) == 2
+
+
+def test_types_a_and_b_have_their_polar_axis_along_the_light():
+    ahead = [[0, 1, 0], [0, 8, 0], [0, 1, 0]]  # brightest straight ahead, where both angles are 0
+    for kind, phi in ((2, 90), (3, 180)):
+        profile = parse(file([-90, 0, 90], ahead, kind, vertical=(-90, 0, 90)))
+        assert at(profile, 90, phi) == 8
+        assert at(profile, 90, phi + 180) == 0  # there is no light behind
+
+
+def test_the_mean_is_that_of_the_hemisphere_or_the_sphere():
+    for vertical in (np.arange(0, 91, 2.0), np.arange(0, 181, 2.0)):
+        profile = parse(file([0], np.full((1, len(vertical)), 7.0), vertical=vertical)).normalized()
+        assert at(profile, 30, 0) == pytest.approx(1, rel=1e-4)  # the midpoint rule of patches two degrees high
+    lobe = parse(file([0], np.cos(np.radians(np.arange(91.0)))[None], vertical=np.arange(91.0))).normalized()
+    assert at(lobe, 0, 0) == pytest.approx(2, rel=1e-3)  # the mean of cos θ over a hemisphere is one half
+
+
+@pytest.mark.parametrize(
+    ("scale", "theta", "inside"), [(0.5, 20, 40), (2.0, 80, 40), (-0.5, 160, 140), (-2.0, 20, 100)]
+)
+def test_the_angle_scale_is_that_of_usdlux(scale, theta, inside):
+    profile = parse(file([0], np.arange(181.0)[None], vertical=np.arange(181.0)))
+    scaled = type(profile)(profile.vertical, profile.horizontal, profile.intensity, scale)
+    assert at(scaled, theta, 0) == pytest.approx(inside)
+
+
+def test_the_table_has_the_profile():
+    profile = parse(file([0, 90, 180], [[4, 2, 0], [4, 1, 0], [4, 3, 0]]))
+    table = profile.image[..., 0]
+    theta, phi = np.linspace(0, 180, table.shape[0]), np.linspace(0, 360, table.shape[1])
+    assert np.allclose(table, profile.at(theta[:, None], phi))
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "it has no line TILT="),
+        (HEAD + "1 2 3", "it ends after 3 numbers"),
+        (file([0], [[4, 2]]), "it ends after 19 numbers"),
+        (file([0], [[4, -2, 0]]), "negative"),
+        (file([0], [[4, 2, 0]], vertical=(0, 90, 45)), "do not ascend"),
+        (file([0], [[4, 2, 0]], kind=7), "its photometric type is 7: expected 1, 2 or 3"),
+        (file([10, 80], [[4, 2, 0], [4, 2, 0]]), "its horizontal angles go from 10 to 80"),
+        (HEAD + "1 1 1 0 1 1", "it has 0 vertical angles"),
+        (HEAD + "one two three", "could not convert"),
+    ],
+)  # fmt: skip
+def test_what_is_no_profile_is_named(text, message):
+    with pytest.raises(ValueError, match=message):
+        parse(text)
+
+
+def test_a_light_reads_its_profile_and_shines_without_one_that_is_not_there(scene, tmp_path, caplog):
+    (tmp_path / "good.ies").write_text(file([0], [[4, 2, 0]]))
+    (tmp_path / "bad.ies").write_text("nothing")
+    body = 'def SphereLight "{0}" {{\n asset inputs:shaping:ies:file = @{1}/{0}.ies@\n{2}\n}}\n'
+    more = "float inputs:shaping:ies:angleScale = 0.5\nbool inputs:shaping:ies:normalize = 1"
+    text = "".join(body.format(name, tmp_path, more) for name in ("good", "bad", "none"))
+    good, bad, none = (light.shaping.profile for light in scene(text).lights)
+    assert good.angle_scale == 0.5
+    assert (bad, none) == (None, None)
+    assert "bad.ies, which is no IES profile (it has no line TILT=): the light shines without it" in caplog.text
+    assert "none.ies, which is not there: the light shines without its IES profile" in caplog.text
