@@ -14,6 +14,7 @@ import photonbeams as pb
 from comparison import lit, single_scattering
 from photonbeams.runtime import device
 from photonbeams.usd.header import frame_rate
+from photonbeams.usd.looks import AlongSpec, CurveSpec, LookSpec
 from photonbeams.usd.stage import open_stage, read_scene
 
 STAGE = Path(__file__).parents[1] / "usd" / "data" / "comparison.usda"
@@ -25,6 +26,18 @@ def test_a_frame_that_the_stage_does_not_have_is_refused(usd):
     for ask in (shot.render, shot.beams):
         with pytest.raises(pb.SceneError, match="has no frame 5: expected frames from 1 to 4"):
             ask(5)
+
+
+def test_looks_that_differ_in_one_of_a_thousand_numbers_are_two(usd):
+    shot, row = pb.Shot(usd('def Camera "C" {\n}\n')), np.ones((2000, 3))
+    changed = row.copy()
+    changed[1000] = 0.5  # which NumPy does not print
+
+    def look(texture):
+        return shot._look("/Lamp", LookSpec("/Look", AlongSpec(curve=CurveSpec(texture=texture))))
+
+    first = look(row)
+    assert look(row.copy()) is first and look(changed) is not first
 
 
 def stage_with_camera(position, turn):
