@@ -7,7 +7,9 @@ import OpenImageIO
 import pytest
 
 from photonbeams.images import textures
+from photonbeams.images.files import read_image
 from photonbeams.images.textures import decoded, linear, wrap_modes
+from photonbeams.scene import SceneError
 
 
 def raw(pixels, kind):
@@ -68,5 +70,7 @@ def test_a_level_of_the_file_that_is_small_enough_is_read(tmp_path):
 def test_pipes_and_devices_are_refused_at_once(tmp_path):
     os.mkfifo(tmp_path / "a.png")
     assert decoded(str(tmp_path / "a.png"), raw).error == "it is a named pipe"
+    with pytest.raises(SceneError, match=r"a\.png cannot be read: expected an image, it is a named pipe"):
+        read_image(tmp_path / "a.png")
     assert decoded("/dev/zero", raw).error == "it is a device"
     assert decoded(str(tmp_path), raw).error == "it is a folder"

@@ -18,7 +18,7 @@ import numpy as np
 import OpenEXR
 import OpenImageIO
 
-from ..runtime.files import PathLike, atomic_path, try_path
+from ..runtime.files import PathLike, atomic_path, try_path, why_unreadable
 from ..scene import Array, SceneError
 from .display import dithered, is_encoded, srgb_decoded, srgb_encoded, tone_mapped
 
@@ -361,6 +361,9 @@ def opened(path: PathLike) -> Iterator[Any]:
         As `read_parts`.
     """
     path = Path(path)
+    problem = why_unreadable(path) if path.exists() and not (path.is_file() or path.is_dir()) else ""
+    if problem:  # a pipe would keep whoever opens it waiting
+        raise SceneError(f"{path} cannot be read: expected an image, {problem}")
     with path.open("rb"):  # for the system's own words where there is no file, or no right to it
         pass
     file: Any = OpenImageIO.ImageInput.open(str(path))

@@ -20,6 +20,8 @@ TEXTURE_LIMIT = 4096
 _STRIP = 64 * 2**20  # bytes of a large image that are decoded at once
 _LARGEST = 16384  # megabytes of pixels, uncompressed: what a small file can claim to hold
 
+_DECODED = srgb_decoded(np.arange(256) / 255).astype(np.float32)
+
 OpenImageIO.attribute("limits:imagesize_MB", _LARGEST)
 
 #: Turns pixels as they are stored into scene-linear ones; its second argument is the type that they are stored in.
@@ -82,7 +84,10 @@ def linear(pixels: Array, kind: str, color_space: str) -> Array:
         return pixels
     result = pixels.copy()
     count = channels if channels not in (2, 4) else channels - 1  # alpha is never encoded
-    result[..., :count] = srgb_decoded(result[..., :count])
+    if kind == "uint8":  # 256 values: a power for each pixel would take a hundred times as long
+        result[..., :count] = _DECODED[(pixels[..., :count] * 255 + 0.5).astype(np.uint8)]
+    else:
+        result[..., :count] = srgb_decoded(result[..., :count])
     return result
 
 
@@ -140,10 +145,10 @@ def _strips(file: Any, level: int, channels: int, factor: int) -> Iterator[tuple
 
 def _means(pixels: Array, factor: int) -> Array:
     """Return the means over squares of pixels; those at the far edges may be cut off."""
-    for axis in (0, 1):
-        starts = np.arange(0, pixels.shape[axis], factor)
-        counts = np.diff(np.append(starts, pixels.shape[axis]))
-        shape = [1, 1, 1]
-        shape[axis] = -1
-        pixels = np.add.reduceat(pixels, starts, axis=axis) / counts.reshape(shape).astype(np.float32)
+    for _ in (0, 1):  # over rows, then over columns
+        whole = len(pixels) // factor * factor
+        parts = [sum(pixels[first:whole:factor] for first in range(factor)) / np.float32(factor)]
+        if whole < len(pixels):
+            parts.append(pixels[whole:].mean(axis=0, keepdims=True))
+        pixels = np.concatenate(parts).swapaxes(0, 1)
     return pixels

@@ -16,7 +16,8 @@ from ..reading import Reading, is_relationship, target_paths
 from .images import IMAGES
 from .network import Network, shader_id
 from .nodes import NODES
-from .surfaces import SURFACES, Surface, category, surface_of
+from .surface import Surface
+from .surfaces import SURFACES, category, surface_of
 from .values import Image, Primvar, Value, as_color, as_number, constant, mapped
 
 _COLORS = ("diffuse", "emissive")

@@ -2,37 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from pxr import UsdShade
 
 from ...scene import Array, rgb
 from .images import image_input
+from .layered import OPEN_PBR, STANDARD, layered
 from .network import Network, category, shader_id
-from .values import Image, Value, as_number, constant
-
-
-@dataclass
-class Surface:
-    """The inputs of a surface, None where nothing is authored; see `scene.Material`."""
-
-    diffuse: Value | None = None
-    emissive: Value | None = None
-    roughness: Value | None = None
-    metallic: Value | None = None
-    ior: Value | None = None
-    clearcoat: Value | None = None
-    clearcoat_roughness: Value | None = None
-    opacity: Value | None = None
-    presence: bool = False
-    tint: Value | None = None
-    normal: Value | None = None
-
-
-Reader = Callable[[Network, UsdShade.Shader], Surface]
+from .surface import Reader, Surface, connected, ior_of, mix
+from .values import Value, as_number, constant
 
 
 def preview(network: Network, node: UsdShade.Shader) -> Surface:
@@ -48,9 +28,9 @@ def preview(network: Network, node: UsdShade.Shader) -> Surface:
         clearcoat_roughness=network.number(node, "clearcoatRoughness"),
         opacity=network.number(node, "opacity"),
         presence=threshold > 0 or str(network.plain(node, "opacityMode", "")) == "presence",
-        normal=network.color(node, "normal") if _connected(node, "normal") else None,
+        normal=network.color(node, "normal") if connected(node, "normal") else None,
     )
-    if _connected(node, "displacement"):
+    if connected(node, "displacement"):
         network.lose(node, "is not rendered: it is ignored", "displacement")
     if threshold > 0 and surface.opacity is not None:
         surface.opacity = network.combined(node, lambda values: (values >= threshold).astype(float), surface.opacity)
@@ -67,7 +47,7 @@ def _specular_workflow(network: Network, node: UsdShade.Shader, surface: Surface
     mean = constant(color)
     surface.metallic = np.zeros(1)
     if isinstance(color, np.ndarray) and np.ptp(mean) <= 0.02 and mean.max() < 0.2:
-        surface.ior = _ior_of(float(mean.mean()))
+        surface.ior = ior_of(float(mean.mean()))
         return
 
     # As Khronos converts glTF's specular workflow, with a dielectric's 0.04.
@@ -86,126 +66,6 @@ def _specular_workflow(network: Network, node: UsdShade.Shader, surface: Surface
     surface.ior = np.full(1, 1.5)
     surface.diffuse = network.combined(node, base, diffuse, color)
     surface.metallic = network.combined(node, metallic, diffuse, color)
-
-
-@dataclass(frozen=True)
-class _Names:
-    """What a layered surface (Autodesk's standard surface, OpenPBR) calls its inputs; "" where it has none."""
-
-    base: str
-    metalness: str
-    specular: str
-    roughness_default: float
-    ior: str
-    transmission: str
-    subsurface: str
-    coat: str
-    emission: str
-    emission_default: float
-    opacity: str
-    thin: str
-    normal: str
-    ignored: tuple[str, ...]
-
-
-_STANDARD = _Names(
-    "base", "metalness", "specular", 0.2, "specular_IOR", "transmission", "subsurface", "coat", "emission", 0.0,
-    "opacity", "thin_walled", "normal", ("sheen", "specular_anisotropy", "thin_film_thickness", "transmission_scatter"),
-)  # fmt: skip
-_OPEN_PBR = _Names(
-    "base_weight", "base_metalness", "specular_weight", 0.3, "specular_ior", "transmission_weight", "subsurface_weight",
-    "coat_weight", "emission_luminance", 0.0, "geometry_opacity", "geometry_thin_walled", "geometry_normal",
-    ("fuzz_weight", "specular_roughness_anisotropy", "thin_film_weight", "transmission_scatter"),
-)  # fmt: skip
-
-
-def _layered(names: _Names) -> Reader:
-    """Return a reader of a surface in layers: base, subsurface, transmission, coat, emission."""
-
-    def read(network: Network, node: UsdShade.Shader) -> Surface:
-        def number(name: str, default: float) -> Value:
-            found = network.number(node, name, default=default)
-            assert found is not None
-            return found
-
-        def colored(name: str, default: float) -> Value:
-            found = network.color(node, name, default=default)
-            assert found is not None
-            return found
-
-        base = network.combined(node, np.multiply, number(names.base, 1.0), colored("base_color", 0.8))
-        subsurface, transmission = number(names.subsurface, 0.0), number(names.transmission, 0.0)
-        if np.any(constant(subsurface) > 0):
-            under = colored("subsurface_color", 1.0 if names is _STANDARD else 0.8)
-            base = network.combined(node, _mix, base, under, subsurface)
-            network.lose(node, "is rendered as diffuse reflection", names.subsurface)
-        coat = number(names.coat, 0.0)
-        if np.any(constant(coat) > 0):
-            base = network.combined(node, lambda a, tint, part: a * _mix(np.ones(3), tint, part), base,
-                                    colored("coat_color", 1.0), coat)  # fmt: skip
-        for name in names.ignored:
-            found = network.number(node, name)
-            if found is not None and np.any(constant(found) != 0):
-                network.lose(node, "is not rendered: it is ignored", name)
-        glow = number(names.emission, names.emission_default)
-        clear = network.combined(node, lambda part, metal: part * (1 - metal), transmission,
-                                 number(names.metalness, 0.0))  # fmt: skip
-        surface = Surface(
-            diffuse=base,
-            emissive=network.combined(node, np.multiply, glow, colored("emission_color", 1.0)),
-            roughness=number("specular_roughness", names.roughness_default),
-            metallic=number(names.metalness, 0.0),
-            ior=_weighted_ior(network, node, names),
-            clearcoat=coat,
-            clearcoat_roughness=number("coat_roughness", 0.1 if names is _STANDARD else 0.0),
-            normal=network.color(node, names.normal) if _connected(node, names.normal) else None,
-        )
-        _set_opacity(network, node, surface, colored(names.opacity, 1.0), clear, names)
-        return surface
-
-    return read
-
-
-def _weighted_ior(network: Network, node: UsdShade.Shader, names: _Names) -> Array:
-    """Return the index of refraction whose reflectance at normal incidence is that of the weighted specular layer."""
-    ior = network.number(node, names.ior, default=1.5)
-    weight = network.number(node, names.specular, default=1.0)
-    tint = network.color(node, "specular_color", default=1.0)
-    assert ior is not None and weight is not None and tint is not None
-    if any(isinstance(each, Image) for each in (ior, weight, tint)):
-        network.lose(node, "is a texture: its mean is used", names.specular)
-    eta = float(constant(ior)[0])
-    reflectance = float(np.clip(constant(weight)[0], 0, 1)) * float(np.clip(constant(tint), 0, 1).mean())
-    return np.full(1, eta) if reflectance == 1 else _ior_of(reflectance * ((eta - 1) / (eta + 1)) ** 2)
-
-
-def _ior_of(reflectance: float) -> Array:
-    """Return the index of refraction of a reflectance at normal incidence."""
-    root = np.sqrt(np.clip(reflectance, 0, 0.99))
-    return np.full(1, (1 + root) / (1 - root))
-
-
-def _set_opacity(
-    network: Network, node: UsdShade.Shader, surface: Surface, opacity: Value, clear: Value, names: _Names
-) -> None:
-    """Set what is cut out, or else what is clear: glass, or a thin wall, which does not refract."""
-    cut = as_number(network.combined(node, lambda values: rgb(values).mean(axis=-1, keepdims=True), opacity))
-    is_cut, is_clear = np.any(constant(cut) < 1), np.any(constant(clear) > 0)
-    surface.presence = bool(is_cut) or bool(network.plain(node, names.thin, False))
-    if is_cut and is_clear:
-        network.lose(node, "is not rendered of a surface that is cut out by its opacity: it is opaque", "transmission")
-    surface.opacity = cut if is_cut else network.combined(node, lambda part: 1 - part, clear)
-    if is_clear and not is_cut:
-        surface.tint = network.color(node, "transmission_color", default=1.0)
-        if isinstance(clear, Image):
-            network.lose(node, "is a texture: the surface is clear there, and does not refract", names.transmission)
-        depth = network.number(node, "transmission_depth")
-        if depth is not None and constant(depth)[0] > 0:
-            network.lose(node, "is not rendered: light is tinted where it passes the surface", "transmission_depth")
-
-
-def _mix(first: Array, second: Array, part: Array) -> Array:
-    return first + part * (second - first)
 
 
 def unlit(*names: str) -> Reader:
@@ -298,7 +158,7 @@ def _omni(network: Network, node: UsdShade.Shader) -> Surface:
         if image is not None and np.any(part > 0):
             plain = getattr(surface, field)
             plain = np.full(1, 0.5 if field == "roughness" else 0.0) if plain is None else plain
-            setattr(surface, field, network.combined(node, _mix, plain, as_number(image), part))
+            setattr(surface, field, network.combined(node, mix, plain, as_number(image), part))
     normals = image_input(network, node, "normalmap_texture", "raw")
     if normals is not None:
         surface.normal = network.combined(node, lambda a: 2 * rgb(a) - 1, normals)
@@ -391,10 +251,10 @@ _PRINCIPLED = _Plain(
 SURFACES: dict[str, Reader] = {
     "UsdPreviewSurface": preview,
     "PxrPreviewSurface": preview,
-    "standard_surface": _layered(_STANDARD),
-    "arnold:standard_surface": _layered(_STANDARD),
-    "open_pbr_surface": _layered(_OPEN_PBR),
-    "arnold:openpbr_surface": _layered(_OPEN_PBR),
+    "standard_surface": layered(STANDARD),
+    "arnold:standard_surface": layered(STANDARD),
+    "open_pbr_surface": layered(OPEN_PBR),
+    "arnold:openpbr_surface": layered(OPEN_PBR),
     "surface_unlit": unlit("emission_color"),
     "surface": _materialx_surface,
     "arnold:flat": unlit("color"),
@@ -430,8 +290,3 @@ SURFACES: dict[str, Reader] = {
     "OmniSurface": _omni,
     "OmniGlass": _glass,
 }  # fmt: skip
-
-
-def _connected(node: UsdShade.Shader, name: str) -> bool:
-    own: Any = node.GetInput(name) if name else None
-    return bool(own) and bool(own.HasConnectedSource())

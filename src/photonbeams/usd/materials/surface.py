@@ -1,0 +1,51 @@
+"""A surface as a network has it: the inputs of a UsdPreviewSurface as values."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from pxr import UsdShade
+
+from ...scene import Array
+from .network import Network
+from .values import Value
+
+
+@dataclass
+class Surface:
+    """The inputs of a surface, None where nothing is authored; see `scene.Material`."""
+
+    diffuse: Value | None = None
+    emissive: Value | None = None
+    roughness: Value | None = None
+    metallic: Value | None = None
+    ior: Value | None = None
+    clearcoat: Value | None = None
+    clearcoat_roughness: Value | None = None
+    opacity: Value | None = None
+    presence: bool = False
+    tint: Value | None = None
+    normal: Value | None = None
+
+
+Reader = Callable[[Network, UsdShade.Shader], Surface]
+
+
+def ior_of(reflectance: float) -> Array:
+    """Return the index of refraction of a reflectance at normal incidence."""
+    root = np.sqrt(np.clip(reflectance, 0, 0.99))
+    return np.full(1, (1 + root) / (1 - root))
+
+
+def mix(first: Array, second: Array, part: Array) -> Array:
+    """Return values between two others."""
+    return first + part * (second - first)
+
+
+def connected(node: UsdShade.Shader, name: str) -> bool:
+    """Return whether an input of a shader is connected."""
+    own: Any = node.GetInput(name) if name else None
+    return bool(own) and bool(own.HasConnectedSource())
