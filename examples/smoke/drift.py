@@ -13,7 +13,7 @@ STEPS = 9  # of the way back along which smoke came
 
 
 def noise(random: np.random.Generator, coarsest: float, slope: float) -> Array:
-    """Return periodic noise of deviation 1, (SIDE, SIDE, SIDE): waves from `coarsest` to the cube on, weaker by slope."""
+    """Return periodic noise of deviation 1, (SIDE, SIDE, SIDE): `coarsest` waves to the cube and more, each weaker."""
     k = np.fft.fftfreq(SIDE, 1 / SIDE)
     length = np.sqrt(sum(each**2 for each in np.meshgrid(k, k, k, indexing="ij")))
     weight = np.where((length >= coarsest) & (length < SIDE / 4), np.maximum(length, 1) ** -slope, 0)
@@ -51,12 +51,12 @@ class Smoke:
             place = place - came / STEPS * (0.34 * wind + 0.13 * eddies)
         sheets = np.exp(-((_at(self._sheets, place) / 0.42) ** 2))
         clouds = np.clip(0.62 + 0.4 * _at(self._clouds, place), 0, 1)
-        return (0.025 + clouds * sheets) * _fading(counts)
+        return (0.012 + clouds * sheets) * _fading(counts)
 
 
 def _fading(counts: tuple[int, int, int]) -> Array:
     """Return factors of cells that fall to 0 at the sides of the box, for nobody is to see the box."""
-    x, y, z = (np.clip(np.minimum(np.arange(n) + 0.5, n - np.arange(n) - 0.5) / (0.16 * n), 0, 1) for n in counts)
+    x, y, z = (np.clip(np.minimum(np.arange(n) + 0.5, n - np.arange(n) - 0.5) / (0.24 * n), 0, 1) for n in counts)
     product = x[:, None, None] * y[:, None] * z
     return product * product * (3 - 2 * product)
 

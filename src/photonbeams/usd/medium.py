@@ -68,6 +68,7 @@ def _read_volume(reading: Reading, prim: Usd.Prim, to_world: Array, name: str) -
         found = read_field(reading, prim, field, to_world)
         colors = DensityGrid(np.minimum(found.values, 1), found.to_world)
     if shading.emission is not None and (field := field_of(reading, prim, shading.emission.field)):
+        reading.warn(prim, "emits light, which cameras see: it lights no surfaces, and makes no beams")
         emission = _emitted(read_field(reading, prim, field, to_world), shading.emission)
     return Medium(
         scattering=shading.scattering,
