@@ -49,9 +49,9 @@ class Smoke:
         for _ in range(STEPS):
             wind, eddies = (np.stack([_at(each, place) for each in field]) for field in (self._wind, self._eddies))
             place = place - came / STEPS * (0.34 * wind + 0.13 * eddies)
-        sheets = np.exp(-((_at(self._sheets, place) / 0.42) ** 2))
-        clouds = np.clip(0.62 + 0.4 * _at(self._clouds, place), 0, 1)
-        return (0.012 + clouds * sheets) * _fading(counts)
+        sheets = np.exp(-((_at(self._sheets, place) / 0.36) ** 2))
+        clouds = np.clip(0.58 + 0.42 * _at(self._clouds, place), 0, 1)
+        return (0.06 + clouds * sheets) * _fading(counts)
 
 
 def _fading(counts: tuple[int, int, int]) -> Array:

@@ -42,7 +42,7 @@ HERE = Path(__file__).resolve().parent
 LOW, HIGH = np.array([-4.2, -0.4, -1.5]), np.array([4.4, 4.2, 1.5])  # of the smoke
 CELLS = (112, 60, 36)
 TIMES = (0.75, 1.0, 1.25)  # at which there is a grid; a renderer holds each until the next
-LEVELS = 32  # of the density: few, so that files are small
+LEVELS = 36  # of the density: few, so that files are small
 LAMP, TARGET = (-3.3, 3.0, -0.5), (2.6, 0.35, 0.35)
 
 
@@ -82,10 +82,10 @@ def model(folder: Path) -> Path:
     lamp = define(stage, "/World/Projector", "SphereLight", "The projector.", "PhotonBeamsLightAPI")
     lamp.AddAppliedSchema("ShapingAPI")
     author(lamp, {
-        "inputs:radius": 0.015, "inputs:intensity": 600000.0, "inputs:color": Gf.Vec3f(1.0, 0.7, 0.38),
+        "inputs:radius": 0.015, "inputs:intensity": 1000000.0, "inputs:color": Gf.Vec3f(1.0, 0.7, 0.38),
         "inputs:shaping:cone:angle": 13.0, "inputs:shaping:cone:softness": 0.05,
         "photonbeams:gobo": Sdf.AssetPath("./slots.png"), "photonbeams:lightGroup": "projector",
-        "photonbeams:count": 6000, "photonbeams:look": Sdf.Path("/World/Looks/Sharp"),
+        "photonbeams:count": 3500, "photonbeams:look": Sdf.Path("/World/Looks/Sharp"),
     })  # fmt: skip
     UsdGeom.Xformable(lamp).AddTransformOp().Set(aimed(LAMP, TARGET))
     rim = define(
@@ -95,7 +95,7 @@ def model(folder: Path) -> Path:
     author(rim, {
         "inputs:radius": 0.25, "inputs:intensity": 330.0, "inputs:color": Gf.Vec3f(0.3, 0.55, 1.0),
         "inputs:shaping:cone:angle": 55.0, "inputs:shaping:cone:softness": 0.5,
-        "photonbeams:lightGroup": "rim", "photonbeams:count": 3000,
+        "photonbeams:lightGroup": "rim", "photonbeams:count": 900,
     })  # fmt: skip
     UsdGeom.Xformable(rim).AddTransformOp().Set(aimed((3.2, 6.2, -4.4), (0.2, 1.3, 0.2)))
     author(define(stage, "/World/Looks/Sharp", "PhotonBeamsLook", "Hard beams: slots stay slots."),

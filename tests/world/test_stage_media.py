@@ -6,12 +6,16 @@ import pytest
 from tests.comparison import box
 
 from photonbeams import scene
+from photonbeams.looks import Attenuation
 from photonbeams.render.scene_frame import SceneRenderer, render
 from photonbeams.render.settings import Settings
 from photonbeams.runtime.device import Array3f, mitsuba
+from photonbeams.usd.looks import AlongSpec, LookSpec
+from photonbeams.usd.shading import build_look
 from photonbeams.world.interfaces import number
-from photonbeams.world.media import Media
+from photonbeams.world.media import Media, MediumScattering
 from photonbeams.world.stage_media import media_of
+from photonbeams.world.tracking import Tracked
 from transport.scenes import camera, cube_of, fog, load, rgb
 
 mi = mitsuba()
@@ -173,3 +177,16 @@ def interpolated(values, unit):
         x, y, z = (first + corner).T
         result = result + np.prod(np.where(corner, part, 1 - part), axis=1)[:, None] * values[z, y, x]
     return result
+
+
+def test_looks_of_stages_have_the_grids_own_physical_factors():
+    """They are products; the density is in the factors of scattering and of transmittance."""
+    (found,) = Media([media_of([smoke(np.random.default_rng(0).random((2, 2, 2)))])[0].plugin]).all
+    look = build_look(LookSpec("look", along=AlongSpec(tint=(1.0, 0.5, 0.25))))
+    shaded = found.shaded(look)
+    for given, factor in ((shaded.eye, Tracked), (shaded.angle, MediumScattering)):
+        assert [type(each) for each in given.factors] == [factor]
+    assert not any(isinstance(each, Attenuation) for each in shaded.along.factors)
+    assert shaded.across is look.across
+    short = found.for_short_beams().shaded(look)
+    assert [type(each) for each in short.angle.factors] == [MediumScattering]

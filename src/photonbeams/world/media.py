@@ -17,7 +17,7 @@ import numpy as np
 from .. import scene
 from ..looks import Attenuation, Look, Scattering
 from ..looks.context import ShadingContext
-from ..looks.factors import Factor
+from ..looks.factors import Factor, Product
 from ..numerics.arrays import to_uint, to_vectors
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from .checks import check_numbers, check_phase
@@ -51,6 +51,13 @@ class MediumScattering(Factor):
             return at.medium.scattering * Array3f(value)
         scattering = Array3f(self._plugin.get_scattering_coefficients(place, True)[0])
         return dr.select(_in_grid(self._plugin, at.position), scattering * Array3f(value), 0)
+
+
+def _with(own: Factor, kind: type[Factor], given: Factor) -> Factor:
+    """Return a factor with a medium's own one for those of a kind, in products, too, as looks of stages are."""
+    if type(given) is Product:
+        return Product([_with(own, kind, each) for each in given.factors])
+    return own if type(given) is kind else given
 
 
 class ShortBeamAttenuation(Factor):
@@ -116,12 +123,9 @@ class RenderedMedium:
         if type(own.along) is Attenuation and type(own.eye) is Attenuation and type(own.angle) is Scattering:
             return look
         result = copy(look)
-        if type(look.along) is Attenuation:
-            result.along = own.along
-        if type(look.eye) is Attenuation:
-            result.eye = own.eye
-        if type(look.angle) is Scattering:
-            result.angle = own.angle
+        result.along = _with(own.along, Attenuation, look.along)
+        result.eye = _with(own.eye, Attenuation, look.eye)
+        result.angle = _with(own.angle, Scattering, look.angle)
         return result
 
     def extinction(self, point: Any) -> Array3f:
