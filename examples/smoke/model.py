@@ -1,7 +1,7 @@
 """Write `smoke.usda`: a projector in smoke that drifts, and the files that it names.
 
 Run it with the project's Python from anywhere; it writes the stage, the gobo `slots.png` and the grids
-`smoke.1.vdb`, `smoke.2.vdb` … beside itself:
+`smoke.1.vdb` and `smoke.2.vdb` beside itself:
 
     .venv/bin/python examples/smoke/model.py
 
@@ -40,9 +40,9 @@ from photonbeams.volumes.writing import write_vdb
 
 HERE = Path(__file__).resolve().parent
 LOW, HIGH = np.array([-4.2, -0.4, -1.5]), np.array([4.4, 4.2, 1.5])  # of the smoke
-CELLS = (112, 60, 36)
-TIMES = (0.75, 1.0, 1.25)  # at which there is a grid; a renderer holds each until the next
-LEVELS = 36  # of the density: few, so that files are small
+CELLS = (104, 56, 34)
+TIMES = (0.75, 1.0)  # at which there is a grid; a renderer holds each until the next
+LEVELS = 12  # of the density, from one power of two to the next: few, so that files are small
 LAMP, TARGET = (-3.3, 3.0, -0.5), (2.6, 0.35, 0.35)
 
 
@@ -61,7 +61,8 @@ def grids(folder: Path) -> list[str]:
     box = np.diag([*(HIGH - LOW), 1.0])
     box[:3, 3] = LOW
     for number, time in enumerate(TIMES, 1):
-        density = np.round(LEVELS * smoke.density(LOW, HIGH, CELLS, time)) / LEVELS
+        mantissa, exponent = np.frexp(smoke.density(LOW, HIGH, CELLS, time))
+        density = np.where(exponent < -7, 0, np.ldexp(np.round(2 * LEVELS * mantissa) / (2 * LEVELS), exponent))
         names.append(f"smoke.{number}.vdb")
         write_vdb(folder / names[-1], {"density": density.transpose(2, 1, 0)}, box)
     return names
