@@ -299,3 +299,11 @@ def test_a_sequence_that_is_blurred_is_the_mean_of_its_instants(usd, tmp_path):
     instants = [np.exp(-2 * densities[int(8 * time)] * np.array([0.5, 1, 2])) for time in times]
     # Rays that pass a boundary go on a little behind it: 5e-5 of a unit here.
     assert np.allclose(found, np.mean(instants, axis=0), rtol=3e-4)
+
+
+def test_a_temperature_that_cannot_be_read_leaves_the_smoke(usd, tmp_path, caplog, smoke):
+    material = shader("arnold:standard_volume", context="arnold:")
+    body = volume_of(tmp_path / "smoke.vdb", material=material)
+    (medium,) = read_scene(usd(body.replace('fieldName = "temperature"', 'fieldName = "heat"')), 1).media
+    assert medium.emission is None and medium.grid.values.max() == 3
+    assert "it has no grid heat" in caplog.text and "it emits no light" in caplog.text
