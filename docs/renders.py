@@ -42,7 +42,7 @@ EXAMPLES = {
 }
 
 #: The stages of docs/examples.md, each shown by a picture of its name, and the most bytes that it may have.
-STAGES = ("examples/forest/forest.usda", "examples/concert/concert.usda")
+STAGES = ("examples/forest/forest.usda", "examples/concert/concert.usda", "examples/smoke/smoke.usda")
 MOST = 490_000
 
 OVER = (*ATTIC, "--holdout", PLATE, "--over", PLATE)

@@ -1,6 +1,7 @@
 """`photonbeams info` says what a file holds, in lines that can be searched."""
 
 import re
+import struct
 from fractions import Fraction
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import pytest
 from photonbeams.cli.info import info, statistics
 from photonbeams.images.files import write_frame
 from photonbeams.scene import SceneError
+from photonbeams.volumes.writing import write_vdb
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 
@@ -120,3 +122,19 @@ def test_what_is_neither_stage_nor_image_is_named(tmp_path):
         info(tmp_path / "a.txt")
     with pytest.raises(FileNotFoundError):
         info(tmp_path / "b.exr")
+
+
+def test_a_volume_file_shows_its_grids(tmp_path, capsys):
+    values = np.zeros((4, 5, 6), np.float32)
+    values[1:3, 1:4, 1:5] = np.linspace(0.25, 2, 24).reshape(2, 3, 4)
+    write_vdb(tmp_path / "smoke.vdb", {"density": values, "Cd": np.ones((2, 2, 2, 3))}, np.diag([3, 2.5, 2, 1]))
+    found = lines(capsys, tmp_path / "smoke.vdb")
+    assert found[0] == "grid type class voxels box from voxel size range dense compression"
+    assert found[1] == "density float, half fog volume 24 4 x 3 x 2 1 1 1 0.5 0.25 to 2 0.1 kB zip, active voxels"
+    assert found[2].startswith("Cd vec3s, half fog volume 8 2 x 2 x 2 0 0 0 1.5 1.25 1 1 to 1")
+    header = struct.pack("<3sB5i6f", b"VOL", 3, 1, 2, 1, 1, 1, -1, 0, 0, 1, 1, 1)
+    (tmp_path / "smoke.vol").write_bytes(header + np.array([1, 3], "<f4").tobytes())
+    assert lines(capsys, tmp_path / "smoke.vol")[1] == "float 2 2 x 1 x 1 -1 0 0 1 1 to 3 0.0 kB none"
+    (tmp_path / "smoke.vdb").write_bytes(b"x" * 99)
+    with pytest.raises(SceneError, match=r"smoke\.vdb: expected a grid that can be read, but it is no OpenVDB file"):
+        info(tmp_path / "smoke.vdb")

@@ -17,7 +17,7 @@ from photonbeams import Shot
 from photonbeams.cli import main
 
 PAGES = {
-    "README.md": 5, "docs/guide.md": 13, "docs/beams.md": 6, "docs/examples.md": 14, "docs/looks.md": 0,
+    "README.md": 5, "docs/guide.md": 13, "docs/beams.md": 6, "docs/examples.md": 17, "docs/looks.md": 0,
     "docs/mitsuba.md": 5, "docs/matrix.md": 0, "docs/theory.md": 0, "docs/dependencies.md": 0,
     "docs/architecture.md": 0, "docs/farm.md": 6, "docs/scale.md": 0,
 }  # fmt: skip

@@ -1,11 +1,13 @@
 """Mitsuba scenes as shots: what two eyes, holdouts and plates are in a part of the picture."""
 
+import struct
+
 import numpy as np
 import pytest
 
 import photonbeams as pb
 from photonbeams.runtime.device import mitsuba
-from photonbeams.scene import BeamSettings, Gobo
+from photonbeams.scene import BeamSettings, Gobo, SceneError
 from transport.scenes import T, camera, cube_of, fog, load, rgb
 
 mi = mitsuba()
@@ -137,3 +139,23 @@ def test_another_integrators_paths_are_as_long_as_it_says(integrator, depths):
     settings = pb.Shot(load(lamp=LAMP, sensor=camera(), integrator=integrator)).settings()
     assert (settings.max_depth, settings.rr_depth) == depths
     assert settings.hide_emitters == integrator.get("hide_emitters", False)
+
+
+@pytest.mark.parametrize(
+    ("counts", "size", "message"),
+    [
+        ((0, 4, 4, 1), 0, "it has 0 x 4 x 4 cells"),
+        ((2, 2, 2, 99), 8 * 99, "it has 99 channels"),
+        ((4, 4, 4, 1), 3, "it ends before its 64 values"),
+    ],
+)
+def test_grids_that_would_end_the_process_are_refused(tmp_path, counts, size, message):
+    header = struct.pack("<3sB5i6f", b"VOL", 3, 1, *counts, 0, 0, 0, 1, 1, 1)
+    (tmp_path / "smoke.vol").write_bytes(header + bytes(4 * size))
+    (tmp_path / "a.xml").write_text(
+        """<scene version="3.0.0"><default name="grid" value="smoke"/><shape type="cube">
+        <medium type="heterogeneous" name="interior"><volume type="gridvolume" name="sigma_t">
+        <string name="filename" value="$grid.vol"/></volume></medium></shape><sensor type="perspective"/></scene>"""
+    )
+    with pytest.raises(SceneError, match=rf"a\.xml: names .*smoke\.vol: expected a grid that can be read \({message}"):
+        pb.Shot.open(tmp_path / "a.xml")

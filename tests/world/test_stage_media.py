@@ -1,16 +1,21 @@
 """Media of a scene as Mitsuba's."""
 
+import drjit as dr
 import numpy as np
 import pytest
 from tests.comparison import box
 
 from photonbeams import scene
+from photonbeams.looks import Attenuation
 from photonbeams.render.scene_frame import SceneRenderer, render
 from photonbeams.render.settings import Settings
-from photonbeams.runtime.device import mitsuba
+from photonbeams.runtime.device import Array3f, mitsuba
+from photonbeams.usd.looks import AlongSpec, LookSpec
+from photonbeams.usd.shading import build_look
 from photonbeams.world.interfaces import number
-from photonbeams.world.media import Media
+from photonbeams.world.media import Media, MediumScattering
 from photonbeams.world.stage_media import media_of
+from photonbeams.world.tracking import Tracked
 from transport.scenes import camera, cube_of, fog, load, rgb
 
 mi = mitsuba()
@@ -132,3 +137,56 @@ def test_a_frame_knows_how_large_media_of_a_scene_are():
     sizes = {each.number: simulation.size(each) for each in simulation.world.media.all}
     assert sizes[number(drop.plugin)] == pytest.approx(np.sqrt(3), rel=1e-5)
     assert sizes[number(air.plugin)] >= np.sqrt(3)  # as large as the scene
+
+
+def test_emission_of_a_grid_is_the_integral_along_camera_rays():
+    """Against 20,000 points of the same linear interpolation in float64, within five standard errors."""
+    random = np.random.default_rng(2)
+    density, glow = random.random((4, 5, 6)), random.random((4, 5, 6, 3))
+    grids = [scene.DensityGrid(each, np.diag([2.0, 2.0, 2.0, 1.0])) for each in (density, glow)]
+    color = (1.0, 2.0, 0.5)
+    medium = scene.Medium((0.0,) * 3, color, grid=grids[0], emission=grids[1], name="/Fire")
+    (built,) = media_of([medium])
+    media = Media([built.plugin], emission={number(built.plugin): built.emission})
+    assert media.emissive
+    count, origin = 4096, np.array([0.2, 0.9, -1.0])
+    direction = np.array([0.25, 0.1, 1.0]) / np.linalg.norm([0.25, 0.1, 1.0])
+    rays = [mi.Vector3f(*each.tolist()) + dr.zeros(mi.Vector3f, count) for each in (origin, direction)]
+    found = media.emitted(dr.full(mi.UInt32, number(built.plugin), count), *map(Array3f, rays), mi.Float(9.0),
+                          dr.arange(mi.UInt32, count), dr.full(mi.Bool, True, count)).numpy().T  # fmt: skip
+    enter, leave = 1 / direction[2], 3 / direction[2]
+    t = enter + (np.arange(20000) + 0.5) * (leave - enter) / 20000
+    points = origin + t[:, None] * direction
+    extinction = interpolated(density[..., None], points / 2) * color
+    transmittance = np.exp(-np.cumsum(extinction, axis=0) * (t[1] - t[0]))
+    expected = (transmittance * interpolated(glow, points / 2)).sum(axis=0) * (t[1] - t[0])
+    assert np.all(np.abs(found.mean(axis=0) - expected) < 5 * found.std(axis=0) / np.sqrt(count) + 1e-3 * expected)
+    passed = media.transmittance(dr.full(mi.UInt32, number(built.plugin), count), *map(Array3f, rays), mi.Float(9.0),
+                                 dr.arange(mi.UInt32, count), dr.full(mi.Bool, True, count)).numpy().T  # fmt: skip
+    error = np.abs(passed.mean(axis=0) - transmittance[-1])
+    assert np.all(error < 5 * passed.std(axis=0) / np.sqrt(count) + 1e-3 * transmittance[-1])
+
+
+def interpolated(values, unit):
+    """Return values (Z, Y, X, C), at the centres of cells, at points of the unit cube, clamped at its sides."""
+    shape = np.array(values.shape[2::-1])
+    place = np.clip(unit * shape - 0.5, 0, shape - 1)
+    first = np.minimum(place.astype(int), shape - 2)
+    part, result = place - first, 0
+    for corner in np.ndindex(2, 2, 2):
+        x, y, z = (first + corner).T
+        result = result + np.prod(np.where(corner, part, 1 - part), axis=1)[:, None] * values[z, y, x]
+    return result
+
+
+def test_looks_of_stages_have_the_grids_own_physical_factors():
+    """They are products; the density is in the factors of scattering and of transmittance."""
+    (found,) = Media([media_of([smoke(np.random.default_rng(0).random((2, 2, 2)))])[0].plugin]).all
+    look = build_look(LookSpec("look", along=AlongSpec(tint=(1.0, 0.5, 0.25))))
+    shaded = found.shaded(look)
+    for given, factor in ((shaded.eye, Tracked), (shaded.angle, MediumScattering)):
+        assert [type(each) for each in given.factors] == [factor]
+    assert not any(isinstance(each, Attenuation) for each in shaded.along.factors)
+    assert shaded.across is look.across
+    short = found.for_short_beams().shaded(look)
+    assert [type(each) for each in short.angle.factors] == [MediumScattering]

@@ -167,7 +167,16 @@ def _stage_rows(stage: Usd.Stage, scene: Scene) -> Iterable[tuple[str, str]]:
     else:
         yield "frames", f"no range is given, {stage.GetTimeCodesPerSecond():g} a second"
     yield "triangles", f"{sum(len(mesh.faces) for mesh in scene.meshes):,} in {len(scene.meshes):,} meshes"
+    grids = [(each, each.grid) for each in scene.media if each.grid is not None]
+    for each, grid in grids:
+        cells = " x ".join(str(count) for count in grid.values.shape[2::-1])
+        glow = "" if each.emission is None else ", emits light"
+        yield "smoke", f"{each.name}: {cells} cells, densities up to {grid.values.max():.4g}{glow}"
+        coefficients = f"scattering {_triple(each.scattering)}, absorption {_triple(each.absorption)}"
+        yield "", f"{coefficients} per unit at density 1"
     medium = scene.medium
+    if medium is None and grids:
+        return
     if medium is None:
         yield "fog", "none: give one with --scattering"
         return

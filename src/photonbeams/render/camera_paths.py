@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 mi = mitsuba()
 
-_LOBE, _TURN, _ROULETTE, _WAY, _CUTOUT = 301, 302, 303, 304, 305  # streams of samples
+_LOBE, _TURN, _ROULETTE, _WAY, _CUTOUT, _GLOW = 301, 302, 303, 304, 305, 306  # streams of samples
 
 # Lobes that make a surface more than a boundary of media; Mitsuba's `Delta` includes `Null`.
 _VISIBLE = int(mi.BSDFFlags.Smooth | mi.BSDFFlags.DeltaReflection | mi.BSDFFlags.DeltaTransmission)
@@ -75,7 +75,7 @@ class CameraVertex(Struct):
     Attributes
     ----------
     radiance
-        The radiance of the surface or the background, times the throughput.
+        The radiance of the surface or the background, and what media emit before it, times the throughput.
     solid
         Whether it is a surface or a lamp: no boundary of media, no background.
     end
@@ -220,6 +220,11 @@ def _step(
         if photons is not None:
             radiance += photons(hit, paths.depth, smooth)
     vertex.radiance = dr.select(alive, radiance * clear, 0)
+    if world.media.emissive:
+        seed = samples.bits(paths.order, _GLOW, step)
+        vertex.radiance += paths.throughput * world.media.emitted(
+            paths.medium, start, paths.direction, distance, seed, alive
+        )
     visible = (UInt32(flags) & _VISIBLE) != 0
     vertex.solid = on_lamp | (met & (visible | ~mi.has_flag(flags, mi.BSDFFlags.Null)))
     if not tracing.sharp:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 from pxr import Usd, UsdGeom, UsdLux, UsdVol
 
@@ -63,12 +65,8 @@ def _read_volume(reading: Reading, prim: Usd.Prim, to_world: Array, name: str) -
     """Return the medium of a volume: by our attributes, or by its material's shader."""
     own = _has_medium(prim)
     shading = VolumeShading(*_coefficients(reading, prim)) if own else read_shading(reading, prim)
-    colors = emission = None
-    if shading.color and (field := field_of(reading, prim, shading.color)):
-        found = read_field(reading, prim, field, to_world)
-        colors = DensityGrid(np.minimum(found.values, 1), found.to_world)
-    if shading.emission is not None and (field := field_of(reading, prim, shading.emission.field)):
-        emission = _emitted(read_field(reading, prim, field, to_world), shading.emission)
+    colors = reading.attempt(prim, partial(_colors, reading, prim, to_world, shading), None, "its colour is even")
+    emission = reading.attempt(prim, partial(_glow, reading, prim, to_world, shading), None, "it emits no light")
     return Medium(
         scattering=shading.scattering,
         absorption=shading.absorption,
@@ -96,6 +94,25 @@ def _read_filled(reading: Reading, prim: Usd.Prim, to_world: Array, name: str) -
         mesh=read_solid(reading, prim, to_world),
         name=name,
     )
+
+
+def _colors(reading: Reading, prim: Usd.Prim, to_world: Array, shading: VolumeShading) -> DensityGrid | None:
+    """Return the factors of a volume's scattering, of the field that its shader names and the volume may have."""
+    field = field_of(reading, prim, shading.color) if shading.color else None
+    if field is None:
+        return None
+    found = read_field(reading, prim, field, to_world)
+    return DensityGrid(np.minimum(found.values, 1), found.to_world)
+
+
+def _glow(reading: Reading, prim: Usd.Prim, to_world: Array, shading: VolumeShading) -> DensityGrid | None:
+    """Return what a volume emits; shaders name temperatures whether or not the volume has any."""
+    field = None if shading.emission is None else field_of(reading, prim, shading.emission.field)
+    if shading.emission is None or field is None:
+        return None
+    result = _emitted(read_field(reading, prim, field, to_world), shading.emission)
+    reading.warn(prim, "emits light, which cameras see: it lights no surfaces, and makes no beams")
+    return result
 
 
 def _emitted(field: DensityGrid, emission: Emission) -> DensityGrid:

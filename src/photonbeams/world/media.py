@@ -6,7 +6,7 @@ that the sensor names. Light paths begin at emitters, which seldom name one: see
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from typing import Any
@@ -17,12 +17,12 @@ import numpy as np
 from .. import scene
 from ..looks import Attenuation, Look, Scattering
 from ..looks.context import ShadingContext
-from ..looks.factors import Factor
+from ..looks.factors import Factor, Product
 from ..numerics.arrays import to_uint, to_vectors
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from .checks import check_numbers, check_phase
 from .interfaces import medium_ahead, number, numbers, pointers
-from .tracking import MediumSegment, Track, Tracked, walk
+from .tracking import MediumSegment, Track, Tracked, glow, walk
 
 mi = mitsuba()
 
@@ -51,6 +51,13 @@ class MediumScattering(Factor):
             return at.medium.scattering * Array3f(value)
         scattering = Array3f(self._plugin.get_scattering_coefficients(place, True)[0])
         return dr.select(_in_grid(self._plugin, at.position), scattering * Array3f(value), 0)
+
+
+def _with(own: Factor, kind: type[Factor], given: Factor) -> Factor:
+    """Return a factor with a medium's own one for those of a kind, in products, too, as looks of stages are."""
+    if type(given) is Product:
+        return Product([_with(own, kind, each) for each in given.factors])
+    return own if type(given) is kind else given
 
 
 class ShortBeamAttenuation(Factor):
@@ -116,12 +123,9 @@ class RenderedMedium:
         if type(own.along) is Attenuation and type(own.eye) is Attenuation and type(own.angle) is Scattering:
             return look
         result = copy(look)
-        if type(look.along) is Attenuation:
-            result.along = own.along
-        if type(look.eye) is Attenuation:
-            result.eye = own.eye
-        if type(look.angle) is Scattering:
-            result.angle = own.angle
+        result.along = _with(own.along, Attenuation, look.along)
+        result.eye = _with(own.eye, Attenuation, look.eye)
+        result.angle = _with(own.angle, Scattering, look.angle)
         return result
 
     def extinction(self, point: Any) -> Array3f:
@@ -160,6 +164,8 @@ class Media:
         The medium that fills the whole space, and whether it leaves light from infinity undimmed.
     unfelt
         Beams-only media, which do not dim surfaces.
+    emission
+        Mitsuba's volumes of what heterogeneous media emit along a scene unit, by the media's numbers.
 
     Raises
     ------
@@ -169,7 +175,7 @@ class Media:
 
     def __init__(
         self, plugins: Iterable[Any], around: Any = None, filling: Any = None, clear: bool = False,
-        unfelt: Sequence[Any] = (),
+        unfelt: Sequence[Any] = (), emission: Mapping[int, Any] | None = None,
     ) -> None:  # fmt: skip
         found = {number(plugin): plugin for plugin in plugins if plugin is not None}
         for each in found.values():  # all of them first: Mitsuba calls all phase functions where it calls one
@@ -189,6 +195,7 @@ class Media:
         felt = np.ones(size, dtype=np.uint32)
         felt[[number(each) for each in unfelt]] = 0
         self._felt = to_uint(felt) if unfelt else None
+        self._emission = [(each, emission[each.number]) for each in self.all if emission and each.number in emission]
 
     @classmethod
     def of(cls, plugin: Any) -> Media:
@@ -243,6 +250,28 @@ class Media:
         return dr.select(
             varying, walk(segment, lambda point: _extinction(media, point, varying), varying & inside), plain
         )
+
+    @property
+    def emissive(self) -> bool:
+        """Whether any medium emits light."""
+        return bool(self._emission)
+
+    def emitted(
+        self, medium: UInt32, origin: Array3f, direction: Array3f, distance: Float, seed: UInt32, active: Bool
+    ) -> Array3f:
+        """Return the radiance that media emit along rays over a distance, an unbiased estimate."""
+        result = dr.zeros(Array3f, dr.width(direction))
+        for each, volume in self._emission:
+            inside = active & (medium == dr.opaque(UInt32, each.number))
+
+            def emission(point: Any, volume: Any = volume) -> Array3f:
+                place = dr.zeros(mi.Interaction3f, dr.width(point))
+                place.p = mi.Point3f(point)
+                return Array3f(volume.eval(place))
+
+            segment = each.segment(origin, direction, Float(0), distance, seed)
+            result += glow(segment, each.extinction, emission, inside)
+        return result
 
     def beyond(self, hit: Any, direction: Any, medium: UInt32, active: Bool) -> UInt32:
         """Return the number of the medium that rays enter at a hit; where it is no interface, the medium before it.

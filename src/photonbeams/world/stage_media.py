@@ -26,11 +26,20 @@ _OVERLAP = 0.02
 
 @dataclass(frozen=True)
 class BuiltMedium:
-    """A medium of a scene as Mitsuba's: its plug-in, and the shape that bounds it, None where it fills the space."""
+    """A medium of a scene as Mitsuba's.
+
+    Attributes
+    ----------
+    plugin, shape
+        The medium, and the shape that bounds it, None where it fills the space.
+    emission
+        Mitsuba's volume of the radiance that it emits along a scene unit, or None.
+    """
 
     medium: scene.Medium
     plugin: Any
     shape: Any = None
+    emission: Any = None
 
 
 def media_of(media: Sequence[scene.Medium], warned: set[str] | None = None) -> list[BuiltMedium]:
@@ -71,7 +80,9 @@ def media_of(media: Sequence[scene.Medium], warned: set[str] | None = None) -> l
         shape = shape_of(
             boundaries[id(each)], mi.load_dict({"type": "null"}), interior=plugins[id(each)], exterior=exterior
         )
-        result.append(BuiltMedium(each, plugins[id(each)], shape))
+        emitted = each.emission
+        emission = None if emitted is None else mi.load_dict(_volume(emitted.values, emitted.to_world))
+        result.append(BuiltMedium(each, plugins[id(each)], shape, emission))
     return result
 
 

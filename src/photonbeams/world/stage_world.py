@@ -370,5 +370,8 @@ def _media(description: scene.Scene, like: StageWorld | None) -> tuple[Media, tu
         if each.shape is not None
     }
     around = scene_of(boundaries) if len(boundaries) > 1 else None
-    media = Media([each.plugin for each in built], around, filling=filling, clear=True, unfelt=unfelt)
+    emission = {number(each.plugin): each.emission for each in built if each.emission is not None}
+    media = Media(
+        [each.plugin for each in built], around, filling=filling, clear=True, unfelt=unfelt, emission=emission
+    )
     return media, boundaries, sizes

@@ -85,6 +85,41 @@ def walk(
     return product * dr.exp(-depth)
 
 
+@dr.syntax
+def glow(segment: MediumSegment, extinction: Extinction, emission: Extinction, active: Any) -> Any:
+    """Return the radiance that a medium emits along rays' segments, an unbiased estimate: ∫ T(t) ε(t) dt.
+
+    Each piece has one point of ε, at a random distance, and the transmittance up to there is that of `walk`.
+
+    Parameters
+    ----------
+    emission
+        Returns the radiance that is emitted along a scene unit, at points: Array3f.
+    """
+    piece, drawn = UInt32(0), UInt32(0)
+    depth, product, result = Array3f(0), Array3f(1), Array3f(0)
+    step = dr.maximum(segment.far - segment.near, 0) * (1 / SEGMENTS)
+    going = active & (step > 0)
+    while going & (piece < SEGMENTS):
+        begin = dr.fma(Float(piece), step, segment.near)
+        control, rate = _control(segment, extinction, begin, step)
+        place = dr.fma(unit_float(hash32(segment.seed, piece, UInt32(1))), step, begin)
+        t = begin - dr.log(1 - unit_float(hash32(segment.seed, drawn))) * dr.rcp(rate)
+        drawn += 1
+        passed, before = Array3f(product), Array3f(1)
+        while t < begin + step:
+            factor = 1 - (extinction(dr.fma(segment.direction, t, segment.origin)) - control) * dr.rcp(rate)
+            product *= factor
+            before *= dr.select(t < place, factor, 1)
+            t -= dr.log(1 - unit_float(hash32(segment.seed, drawn))) * dr.rcp(rate)
+            drawn += 1
+        left = passed * before * dr.exp(-depth - control * (place - begin))
+        result += step * left * emission(dr.fma(segment.direction, place, segment.origin))
+        depth += control * step
+        piece += 1
+    return result
+
+
 def _control(segment: MediumSegment, extinction: Extinction, begin: Any, step: Any) -> tuple[Any, Any]:
     """Return a piece's control, and the rate of its points."""
     first, last = (extinction(dr.fma(segment.direction, begin + place * step, segment.origin)) for place in _PROBES)

@@ -17,6 +17,7 @@ import numpy as np
 
 from .. import scene
 from ..runtime.device import mitsuba
+from ..scene import Array
 from .bounds import bounding_sphere
 from .cameras import Window
 from .shapes import bsdf_of, cut_out, emitter_of, glows, shape_of
@@ -274,12 +275,22 @@ def _medium_of(twin: Twin, medium: scene.Medium, name: str) -> dict[str, Any]:
     phase = {"type": "hg", "g": medium.anisotropy} if medium.anisotropy else {"type": "isotropic"}
     # Mitsuba takes colours of media for reflectances, which are 1 at most.
     shared = {"scale": peak, "albedo": rgb(albedo), "phase": phase}
+    if medium.scattering_color is not None:
+        colors = medium.scattering_color.values
+        factors = (colors if colors.ndim == 4 else colors[..., None]) * albedo
+        shared["albedo"] = _grid_of(twin, f"{name}-albedo", factors, medium.scattering_color)
+    if medium.emission is not None:
+        twin.lost.append(f"{medium.name} emits light, which Mitsuba's media do not: its emission is left out")
     if medium.grid is None:
         return {"type": "homogeneous", "sigma_t": rgb(extinction / peak), **shared}
     values = medium.grid.values[..., None] if medium.grid.values.ndim == 3 else medium.grid.values
     if values.shape[3] > 1 or np.ptp(extinction) > 0:
         values = values * (extinction / peak)
+    return {"type": "heterogeneous", "sigma_t": _grid_of(twin, name, values, medium.grid), **shared}
+
+
+def _grid_of(twin: Twin, name: str, values: Array, place: scene.DensityGrid) -> dict[str, Any]:
+    """Describe values on a grid, which are in a file."""
     grid = mi.VolumeGrid(np.ascontiguousarray(values, dtype=np.float32))
     path = twin.file(f"{name}.vol", lambda path: grid.write(str(path)))
-    density = {"type": "gridvolume", "filename": path, "raw": True, "to_world": matrix(medium.grid.to_world)}
-    return {"type": "heterogeneous", "sigma_t": density, **shared}
+    return {"type": "gridvolume", "filename": path, "raw": True, "to_world": matrix(place.to_world)}
