@@ -106,3 +106,10 @@ def test_a_light_is_left_with_what_of_it_can_be_used(usd, caplog, values):
     with pytest.raises(SceneError, match="/Broken"):
         Shot.open(path, strict=True).read()
     assert len(Shot.open(path).read()[0].lights) == 1
+
+
+@pytest.mark.parametrize("kind", ["DomeLight", "RectLight"])
+def test_a_light_without_its_texture_has_one_colour(usd, caplog, kind):
+    (light,) = read_scene(usd(f'def {kind} "L" {{\nasset inputs:texture:file = @gone.exr@\n}}')).lights
+    assert light.radiance == (1, 1, 1) and light.gobo is None and getattr(light, "image", None) is None
+    assert caplog.messages[0].endswith("there is none; the light has one colour")

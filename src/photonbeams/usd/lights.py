@@ -154,7 +154,7 @@ def _flat(reading: Reading, prim: Usd.Prim, to_world: Array, shared: dict[str, A
         if size == 0:
             raise reading.fail(prim, f"inputs:{key}", "is 0: expected a positive number")
     if not disk and shared["gobo"] is None:
-        shared["gobo"] = read_texture(reading, prim)
+        shared["gobo"] = reading.attempt(prim, partial(read_texture, reading, prim), None, "the light has one colour")
     linear = to_world[:3, :3]
     half_x, half_y = linear[:, 0] * half[0], linear[:, 1] * half[1]
     reading.within_reach(prim, [half_x, half_y])
@@ -221,7 +221,8 @@ def _dome(reading: Reading, prim: Usd.Prim, to_world: Array, shared: dict[str, A
     form = str(reading.value(prim, "inputs:texture:format", "automatic"))
     image = None
     if form in ("automatic", "latlong"):
-        image = read_image(reading, prim, "inputs:texture:file")
+        read = partial(read_image, reading, prim, "inputs:texture:file")
+        image = reading.attempt(prim, read, None, "the light has one colour")
     else:
         reading.warn(prim, f"is '{form}', which is not rendered: the light has one colour", "inputs:texture:format")
     if image is not None:
