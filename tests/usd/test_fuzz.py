@@ -286,9 +286,8 @@ def test_a_stage_that_is_wrong_in_one_place_is_read_without_it(caplog, capfd):
         try:
             scene = read_scene(stage, default_time(stage))
             numbers = [each for each in arrays(scene) if each.dtype.kind == "f"]
-            assert not any(np.isnan(each).any() for each in numbers), (seed, what)
-            # A light's shadows have no end unless it has a `shadow_distance`; all else is finite.
-            assert sum(np.isinf(each).any() for each in numbers) <= len(scene.lights), (seed, what)
+            # What a scene says of distances may be infinite, as those of shadows are.
+            assert all(np.isfinite(each).all() if each.ndim else not np.isnan(each) for each in numbers), (seed, what)
             assert scene.meshes and scene.lights, (seed, what)
         except Exception as error:
             raise AssertionError((seed, what)) from error
