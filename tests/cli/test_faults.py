@@ -24,7 +24,7 @@ KILLS = 20
 # and another one begins, a second later instead of five.
 FORKS = """
 import os, sys
-import numpy, pxr.Usd, pxr.UsdGeom, pxr.UsdLux, scipy.stats.qmc, scipy.ndimage, scipy.interpolate, typer, rich.progress
+import numpy, pxr.Usd, pxr.UsdGeom, pxr.UsdLux, typer, rich.progress
 import OpenEXR, OpenImageIO
 from photonbeams import cli
 for line in sys.stdin:

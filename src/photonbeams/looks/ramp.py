@@ -1,4 +1,4 @@
-"""Interpolation of knots: none, linear, smooth, Catmull–Rom, monotone, by SciPy's interpolators."""
+"""Interpolation of knots: none, linear, smooth, Catmull–Rom, monotone."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ from typing import Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
-from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
 
 from ..numerics.given import Given
 from ..runtime.device import Float
@@ -30,11 +29,17 @@ def interpolate(
     if len(knots) == 1:
         return np.broadcast_to(colors[0], (*place.shape, 3))
     if interpolation == "monotone":
+        from scipy.interpolate import PchipInterpolator  # takes long to import
+
         return PchipInterpolator(knots, colors)(place)
-    if interpolation == "catmull-rom":
-        return CubicHermiteSpline(knots, colors, np.gradient(colors, knots, axis=0))(place)
     index = np.clip(np.searchsorted(knots, place, side="right") - 1, 0, len(knots) - 2)
-    t = (place - knots[index]) / (knots[index + 1] - knots[index])
+    length = knots[index + 1] - knots[index]
+    t = (place - knots[index]) / length
+    if interpolation == "catmull-rom":  # cubic Hermite interpolation
+        slope, t, length = np.gradient(colors, knots, axis=0), t[..., None], length[..., None]
+        ease = t * t * (3 - 2 * t)
+        bent = t * (1 - t) * ((1 - t) * slope[index] - t * slope[index + 1]) * length
+        return colors[index] * (1 - ease) + colors[index + 1] * ease + bent
     if interpolation == "none":
         t = np.where(place >= knots[-1], 1.0, 0.0)
     elif interpolation == "smooth":

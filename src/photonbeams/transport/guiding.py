@@ -15,7 +15,6 @@ from typing import Any
 
 import drjit as dr
 import numpy as np
-from scipy.ndimage import uniform_filter
 
 from ..numerics.hashing import hash32
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
@@ -88,6 +87,8 @@ def _filled(density: Array) -> float:
 
 def _density(points: Array, importance: Array, bins: tuple[int, ...]) -> Array:
     """Return the smoothed histogram of importance over the cube."""
+    from scipy.ndimage import uniform_filter  # takes long to import
+
     index = [np.minimum((points[:, axis] * count).astype(int), count - 1) for axis, count in enumerate(bins)]
     density = np.zeros(bins)
     np.add.at(density, tuple(index), importance)
