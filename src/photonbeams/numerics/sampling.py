@@ -32,7 +32,8 @@ def _direction_numbers() -> npt.NDArray[np.uint32]:
             m.append(value)
         rows.append(m)
     # Number k is a fraction of 2^(k + 1): its digits are k + 1 bits, the first of them on top.
-    return np.array([[int(f"{value:b}".zfill(k + 1)[::-1], 2) for k, value in enumerate(row)] for row in rows], np.uint32)
+    reversed_rows = [[int(f"{value:b}".zfill(k + 1)[::-1], 2) for k, value in enumerate(row)] for row in rows]
+    return np.array(reversed_rows, dtype=np.uint32)
 
 
 _DIRECTIONS = _direction_numbers()
@@ -44,14 +45,14 @@ def sobol_points(count: int, block: int, key: tuple[int, ...]) -> npt.NDArray[np
     Consecutive blocks continue one sequence, so passes stratify each other.
     """
     points = sobol_digits(block * count, count)
-    points += np.random.SeedSequence(key).generate_state(4)[:, None]
+    points = points + np.random.SeedSequence(key).generate_state(4)[:, None]
     for factor in _HASH:
         points ^= points * np.uint32(factor)
     return (_reversed(points) >> 8).T * np.float32(2.0**-24)
 
 
 def sobol_digits(first: int, count: int) -> npt.NDArray[np.uint32]:
-    """Return points first to first + count - 1 before they are scrambled, (4, count): binary digits, the first in bit 0.
+    """Return points from number `first` on before they are scrambled, (4, count): binary digits, the first in bit 0.
 
     SciPy has this sequence, too, but takes longer to import than all else that a render needs.
     """
@@ -71,7 +72,8 @@ def sobol_digits(first: int, count: int) -> npt.NDArray[np.uint32]:
 def _reversed(bits: npt.NDArray[np.uint32]) -> npt.NDArray[np.uint32]:
     """Return 32 bits in reversed order."""
     for shift, mask in ((1, 0x55555555), (2, 0x33333333), (4, 0x0F0F0F0F)):
-        bits = ((bits >> shift) & np.uint32(mask)) | ((bits & np.uint32(mask)) << shift)
+        kept = np.uint32(mask)
+        bits = ((bits >> np.uint32(shift)) & kept) | ((bits & kept) << np.uint32(shift))
     return bits.byteswap()
 
 

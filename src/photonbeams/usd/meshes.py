@@ -15,24 +15,16 @@ from ..scene.vectors import unit
 from .blender import wrote_material
 from .gprims import GPRIMS, gprim_polygons
 from .materials import Bound, bound_material, flattened, on_mesh, primvars_of
-from .patches import read_patch, read_tetrahedra
 from .polygons import Polygons, Tessellation, Triangles, Values, triangles_of
 from .primvars import Instance, find_primvar, read_instanced, read_primvar, read_values
 from .reading import Reading
+from .selection import refinement_level
 from .skinning import deformed, is_skinned
-from .subdivision import SCHEMES, subdivided
 from .tubes import read_spheres, read_tubes
 from .velocities import Carried, carried
 from .volume_shaders import bound_to
 
-_TESSELLATED: dict[Any, Callable[[Reading, Usd.Prim], Tessellation | None]] = {
-    UsdGeom.BasisCurves: read_tubes,
-    UsdGeom.NurbsCurves: read_tubes,
-    UsdGeom.HermiteCurves: read_tubes,
-    UsdGeom.Points: read_spheres,
-    UsdGeom.NurbsPatch: read_patch,
-    UsdGeom.TetMesh: read_tetrahedra,
-}
+_SCHEMES = ("catmullClark", "loop")
 
 
 def is_gprim(prim: Usd.Prim) -> bool:
@@ -168,7 +160,30 @@ def _polygons(reading: Reading, prim: Usd.Prim, uv_name: str, varying: Mapping[s
     polygons = replace(found.polygons, **spread)
     if not prim.IsA(UsdGeom.Mesh):
         return polygons
-    return _without_holes(subdivided(reading, prim, polygons), reading.integers(prim, "holeIndices"))
+    return _without_holes(_refined(reading, prim, polygons), reading.integers(prim, "holeIndices"))
+
+
+def _refined(reading: Reading, prim: Usd.Prim, polygons: Polygons) -> Polygons:
+    """Return a mesh's polygons, subdivided where it is a subdivision surface."""
+    scheme = str(reading.value(prim, "subdivisionScheme", "catmullClark"))
+    level = refinement_level(prim, polygons.normals is not None)
+    if scheme not in _SCHEMES or not level or not len(polygons.counts):
+        return polygons
+    from .subdivision import subdivided  # SciPy takes long to import
+
+    return subdivided(reading, prim, polygons, scheme, level)
+
+
+def _patch(reading: Reading, prim: Usd.Prim) -> Tessellation | None:
+    from .patches import read_patch  # SciPy takes long to import
+
+    return read_patch(reading, prim)
+
+
+def _tetrahedra(reading: Reading, prim: Usd.Prim) -> Tessellation | None:
+    from .patches import read_tetrahedra
+
+    return read_tetrahedra(reading, prim)
 
 
 def _tessellation(reading: Reading, prim: Usd.Prim, moved: Carried | None) -> Tessellation | None:
@@ -218,7 +233,7 @@ def _cage(reading: Reading, prim: Usd.Prim, moved: Carried | None) -> Polygons:
         counts,
         indices,
         left_handed=reading.value(prim, "orientation") == "leftHanded",
-        smooth=scheme in SCHEMES,
+        smooth=scheme in _SCHEMES,
     )
     normals = _normals(reading, prim, polygons)
     if bent is not None and normals is not None:
@@ -299,3 +314,13 @@ def _in_world(triangles: Triangles, to_world: Array, name: str, material: Materi
         uvs=triangles.uvs,
         material=material,
     )
+
+
+_TESSELLATED: dict[Any, Callable[[Reading, Usd.Prim], Tessellation | None]] = {
+    UsdGeom.BasisCurves: read_tubes,
+    UsdGeom.NurbsCurves: read_tubes,
+    UsdGeom.HermiteCurves: read_tubes,
+    UsdGeom.Points: read_spheres,
+    UsdGeom.NurbsPatch: _patch,
+    UsdGeom.TetMesh: _tetrahedra,
+}

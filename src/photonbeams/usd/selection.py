@@ -15,6 +15,8 @@ from ..scene import SceneError
 
 #: Levels of subdivision by the names that usdrecord gives them.
 COMPLEXITIES = {"low": 0, "medium": 1, "high": 2, "veryhigh": 3}
+_LEVEL = COMPLEXITIES["high"]  # of meshes that are subdivided, without a complexity
+_SAYING = ("subdivisionScheme", "creaseIndices", "cornerIndices")  # attributes by which a mesh says that it is
 _PURPOSES = tuple(str(each) for each in UsdGeom.Imageable.GetOrderedPurposeTokens())
 _KEY = "photonbeams"  # in customLayerData of the session layer
 
@@ -143,7 +145,14 @@ def rendered_purposes(stage: Usd.Stage) -> tuple[str, ...]:
     return ("default", "render") if named is None else ("default", *named.split())
 
 
-def refinement_level(stage: Usd.Stage) -> int | None:
-    """Return how often subdivision surfaces are refined, or None where that is left to them."""
-    name = _kept(stage, "complexity")
-    return None if name is None else COMPLEXITIES[name]
+def refinement_level(prim: Usd.Prim, has_normals: bool) -> int:
+    """Return how often a subdivision mesh is refined.
+
+    The fallback of `subdivisionScheme` is catmullClark, but few who leave it there mean to have their boxes rounded:
+    without a complexity, such meshes are polygons with smooth normals, as usdrecord draws them.
+    """
+    is_said = any(prim.GetAttribute(name).HasAuthoredValue() for name in _SAYING)
+    name = _kept(prim.GetStage(), "complexity")
+    if has_normals and not is_said:
+        return 0
+    return (_LEVEL if is_said else 0) if name is None else COMPLEXITIES[name]

@@ -7,8 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from pxr import Usd, UsdGeom
-from scipy import sparse
-from scipy.interpolate import BSpline
 
 from ..scene import Array
 from ..scene.vectors import unit
@@ -136,6 +134,9 @@ def _hermite(reading: Reading, prim: Usd.Prim, points: Array, counts: Array, mos
 
 def _nurbs(reading: Reading, prim: Usd.Prim, points: Array, counts: Array) -> Strands | None:
     """Return NURBS curves, evaluated between the ends of their ranges."""
+    from scipy import sparse  # takes long to import
+    from scipy.interpolate import BSpline
+
     orders = reading.integers(prim, "order")
     if len(orders) not in (1, len(counts)):
         raise reading.fail(prim, "order", f"has {len(orders)} values: expected {len(counts)}, one for each curve")

@@ -13,26 +13,18 @@ from ..scene.vectors import unit
 from .polygons import Polygons, Values
 from .reading import Reading
 from .refinement import SHARP, Topology
-from .selection import refinement_level
 from .strands import floats
-
-SCHEMES = ("catmullClark", "loop")
 
 # Faces of a mesh after refinement, at most: more would fill memory, and meshes as dense as this are smooth already.
 MOST_FACES = 250_000
-_LEVEL = 2  # of meshes that are subdivided, without a complexity
-_SAYING = ("subdivisionScheme", "creaseIndices", "cornerIndices")  # attributes by which a mesh says that it is
 _SHARPEST = 10.0  # from here on a sharpness is infinite, as in OpenSubdiv
 
 
-def subdivided(reading: Reading, prim: Usd.Prim, polygons: Polygons) -> Polygons:
-    """Return a subdivision mesh refined to the stage's complexity, its points on the limit surface, with normals.
+def subdivided(reading: Reading, prim: Usd.Prim, polygons: Polygons, scheme: str, level: int) -> Polygons:
+    """Return a subdivision mesh refined so often, its points on the limit surface, with normals.
 
     Polygons that no rule changes, such as single quads, are returned as they are, and so are meshes that are dense.
     """
-    scheme, level = str(reading.value(prim, "subdivisionScheme", "catmullClark")), _level(reading, prim, polygons)
-    if scheme not in SCHEMES or not level or not len(polygons.counts):
-        return polygons
     if scheme == "loop" and np.any(polygons.counts != 3):
         reading.warn(prim, "is 'loop': expected triangles alone; the mesh is not subdivided", "subdivisionScheme")
         return polygons
@@ -50,19 +42,6 @@ def subdivided(reading: Reading, prim: Usd.Prim, polygons: Polygons) -> Polygons
         refined = refined.to(level, channels)
     result = refined.smoothed()
     return result.chosen(inner[refined.parents])
-
-
-def _level(reading: Reading, prim: Usd.Prim, polygons: Polygons) -> int:
-    """Return how often a mesh is refined.
-
-    The fallback of `subdivisionScheme` is catmullClark, but few who leave it there mean to have their boxes rounded:
-    without a complexity, such meshes are polygons with smooth normals, as usdrecord draws them.
-    """
-    is_said = any(prim.GetAttribute(name).HasAuthoredValue() for name in _SAYING)
-    if polygons.normals is not None and not is_said:
-        return 0
-    level = refinement_level(reading.stage)
-    return (_LEVEL if is_said else 0) if level is None else level
 
 
 def _connected(reading: Reading, prim: Usd.Prim, topology: Topology) -> bool:
