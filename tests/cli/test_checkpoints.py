@@ -137,7 +137,7 @@ def test_a_filter_is_the_flags_or_that_of_the_render_settings(render, stage, out
     assert np.array_equal(found["settings"], found["flag"]) and np.array_equal(found["box"], found["both"])
     assert not np.array_equal(found["box"], found["flag"])
     stage.write_text(stage.read_text().replace('"gaussian"', '"sinc"'))
-    fails(render(stage, "-o", out / "a.exr", *SMALL, "-rs", "/Settings"), 1,
+    fails(render(stage, "-o", out / "a.exr", *SMALL, "-rs", "/Settings", "--strict"), 1,
           "/Settings.photonbeams:pixelFilter is 'sinc': expected one of box, tent")  # fmt: skip
 
 

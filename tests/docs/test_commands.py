@@ -202,6 +202,11 @@ def test_renders_are_small():
 def test_every_dependency_has_its_line():
     project = tomllib.loads(page("pyproject.toml"))
     more = project["project"]["optional-dependencies"]
-    named = [*project["project"]["dependencies"], *more["farm"], *more["materialx"], *(each for each in more["dev"] if "[" not in each)]
+    named = [
+        *project["project"]["dependencies"],
+        *more["farm"],
+        *more["materialx"],
+        *(each for each in more["dev"] if "[" not in each),
+    ]
     named = {re.match(r"[\w-]+", each)[0] for each in named + project["build-system"]["requires"]}
     assert set(re.findall(r"^\| ([\w-]+) \| (?!for)", page("docs/dependencies.md"), re.MULTILINE)) == named

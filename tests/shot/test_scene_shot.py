@@ -108,7 +108,6 @@ def test_a_layer_says_of_beams_what_python_says(lit):
     [
         ('"key_lamp"', '"lamp"', "/lamp is named like no emitter of the scene: expected one of key-lamp"),
         ('over "opening"', 'over "door"', "/opening: expected a prim that is on the stage"),
-        ('"off"', '"of"', "/key_lamp.photonbeams:scattered is 'of': expected"),
         ("opening", "door", "/door is named like no shape of the scene: expected one of"),
     ],
 )

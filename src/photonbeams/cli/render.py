@@ -333,11 +333,11 @@ def _farm(
     from ..farm.cluster import FarmOptions
 
     files = {name: str(path) for name, path in tls.items() if path is not None}
+    if files and not (scheduler or "").startswith("tls://"):
+        raise typer.BadParameter("--tls-... are of a tls:// scheduler: expected --scheduler tls://ADDRESS, too")
     for path in files.values():
         if not Path(path).is_file():
             raise typer.BadParameter(f"{path}: no such file: expected a certificate, or its key")
-    if files and not (scheduler or "").startswith("tls://"):
-        raise typer.BadParameter("--tls-... are of a tls:// scheduler: expected --scheduler tls://ADDRESS, too")
     if workers is None and scheduler is None:
         return None
     if workers is not None and scheduler is not None:

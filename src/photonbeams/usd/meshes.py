@@ -139,7 +139,7 @@ def _triangles(
         if is_gprim(prim) and not len(polygons.counts):
             has_counts = prim.IsA(UsdGeom.Mesh) and len(reading.value(prim, "faceVertexCounts", ())) > 0
             reading.warn(prim, f"has no {'points' if has_counts else 'faces'}: it is skipped")
-        elif triangles.dropped and prim.IsA(UsdGeom.Mesh):
+        elif triangles.dropped and is_gprim(prim):
             reading.warn(prim, f"has {triangles.dropped} faces without area: they are skipped")
         reading.cache[key] = triangles
     return reading.cache[key]
