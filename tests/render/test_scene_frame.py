@@ -34,10 +34,10 @@ def agree(ours, reference, bias):
     """Return whether two sets of pictures have the same mean, and the same means of blocks.
 
     A Z-test of each against the spread between the pictures of both sets, beside a bias: beams that are `radius` wide
-    blur what has an edge. It is `bias` of the mean, and of a block at an edge three times as much of the brightest, and a
-    32nd: places in the pixel, which all pixels of a pass share, are an eighth of a pixel off the middle in the mean of
-    four passes, and blocks are four pixels wide. Of the 48 numbers the largest may lie 4.5 off by chance, with a spread that is known from few pictures; that of blocks
-    is at least the median of all.
+    blur what has an edge. It is `bias` of the mean. Of a block at an edge it is three times as much of the brightest,
+    and a 32nd: places in the pixel, which all pixels of a pass share, are an eighth of a pixel off the middle in the
+    mean of four passes, and blocks are four pixels wide. Of the 48 numbers the largest may lie 4.5 off by chance, with
+    a spread that is known from few pictures; that of blocks is at least the median of all.
     """
     means = [each.mean(axis=(1, 2)) for each in (ours, reference)]
     own = [blocks(each) for each in (ours, reference)]
