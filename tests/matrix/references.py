@@ -1,7 +1,7 @@
 """What `volpath` makes of each row: means of blocks with their standard errors, in references.json beside this file.
 
-`python -m tests.matrix.references [WORD ...]` renders those of the rows whose names have one of the words, or all, in
-some minutes.
+`PYTHONPATH=tests python -m tests.matrix.references [WORD ...]` renders those of the rows whose names have one of the
+words, or all, in some minutes.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ def reference(row: Row) -> Means:
     """Return the stored reference of a row; raises KeyError where it is of another scene."""
     found = json.loads(FILE.read_text())[row.name]
     if found["scene"] != row.fingerprint:
-        raise KeyError(f"references.json has another scene for '{row.name}': run python -m tests.matrix.references")
+        raise KeyError(f"references.json has another scene for '{row.name}': run this module")
     return Means(*(np.array(found[name]) for name in Means._fields))
 
 
