@@ -12,6 +12,7 @@ from pathlib import Path
 from time import perf_counter
 
 from rich.console import Console
+from rich.live import Live
 from rich.table import Table
 
 import photonbeams as pb
@@ -159,18 +160,18 @@ def gallery(console: Console) -> None:
     table = Table(title=f"Frames of {GALLERY_PASSES} passes, {GALLERY_WIDTH} pixels wide, once a worker is warm")
     for name in ("shot", "first pass, s", "further passes, s", "minutes a frame", "dollars a frame"):
         table.add_column(name, justify="right" if name != "shot" else "left")
-    for name in GALLERY:
-        shot = pb.Shot.open(EXAMPLES / name)
-        times = []
-        for passes in (1, 1, 4):  # the first one compiles
-            begin = perf_counter()
-            shot.render(passes=passes, width=GALLERY_WIDTH)
-            times.append(perf_counter() - begin)
-        each = (times[2] - times[1]) / 3
-        seconds = times[1] + (GALLERY_PASSES - 1) * each
-        cost = seconds / 3600 * HOUR_COST
-        table.add_row(name, f"{times[1]:.1f}", f"{each:.2f}", f"{seconds / 60:.1f}", f"{cost:.4f}")
-    console.print(table)
+    with Live(table, console=console):  # it takes long: rows come as they are known
+        for name in GALLERY:
+            shot = pb.Shot.open(EXAMPLES / name)
+            times = []
+            for passes in (1, 1, 4):  # the first one compiles
+                begin = perf_counter()
+                shot.render(passes=passes, width=GALLERY_WIDTH)
+                times.append(perf_counter() - begin)
+            each = (times[2] - times[1]) / 3
+            seconds = times[1] + (GALLERY_PASSES - 1) * each
+            cost = seconds / 3600 * HOUR_COST
+            table.add_row(name, f"{times[1]:.1f}", f"{each:.2f}", f"{seconds / 60:.1f}", f"{cost:.4f}")
 
 
 def farms(console: Console) -> None:
