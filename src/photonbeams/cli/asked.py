@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from .flags import Device, FogFlags, PassRange, Quality, SelectionFlags, start_device
-from .outputs import Exposure, Output
+from .outputs import Output, PictureExposure
 from .progress import Progress
 
 if TYPE_CHECKING:
@@ -48,7 +48,7 @@ class Asked:
     path: Path
     outputs: Sequence[Output]
     layers: str | None
-    exposure: Exposure
+    exposure: PictureExposure
     frames: str | None
     skip_existing: bool
     checkpoint: float | None

@@ -57,7 +57,7 @@ class Output:
 
 
 @dataclass
-class Exposure:
+class PictureExposure:
     """The exposure of pictures in stops; None until a first frame has chosen it, for all frames have the same."""
 
     stops: float | None

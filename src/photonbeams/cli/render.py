@@ -13,7 +13,7 @@ from . import options
 from .asked import Asked, Plates
 from .flags import Device, Estimator, Filter, FogFlags, PassRange, Quality, RuleName, SelectionFlags, check_flags
 from .job import run
-from .outputs import Exposure, Output, parse_outputs, part_outputs
+from .outputs import Output, PictureExposure, parse_outputs, part_outputs
 from .progress import Progress
 from .xml import check_given
 
@@ -293,10 +293,10 @@ def render(
     run(asked)
 
 
-def _exposure(stops: float, auto: bool) -> Exposure:
+def _exposure(stops: float, auto: bool) -> PictureExposure:
     if auto and stops:
         raise typer.BadParameter("--auto-exposure chooses the exposure: expected no --exposure beside it")
-    return Exposure(None if auto else stops)
+    return PictureExposure(None if auto else stops)
 
 
 def _stereo(stereo: bool, interaxial: float | None, convergence: float | None, view: ViewName | None) -> Stereo | None:

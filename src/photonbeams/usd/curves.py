@@ -15,8 +15,7 @@ from ..scene.vectors import unit
 from .lights import bound_look, check_group
 from .reading import Reading, has_photonbeams, target_paths
 from .splines import Spans, expected_points, span_counts, varying_counts
-from .strands import basis_of
-from .velocities import carried
+from .strands import basis_of, read_points
 
 # Time samples of a curve at most at which its curvature is looked at: a curve has as many pieces at all times, or what
 # moves could not be followed from shutter open to shutter close.
@@ -39,16 +38,10 @@ def read_curves(reading: Reading, prim: Usd.Prim, to_world: Array, name: str) ->
     SceneError
         Counts, widths or powers that contradict each other, or are negative.
     """
-    moved = carried(reading, prim)
-    sample = moved.reading if moved is not None else reading
-    points = moved.points if moved is not None else reading.array(prim, "points", 3)
-    counts = sample.integers(prim, "curveVertexCounts")
-    if points is None or not len(counts):
-        reading.warn(prim, "has no points: it is skipped")
+    found = read_points(reading, prim)
+    if found is None:
         return None
-    if counts.sum() != len(points) or np.any(counts < 0):
-        text = f"sums to {counts.sum()}: expected the number of points, {len(points)}, and none below 0"
-        raise reading.fail(prim, "curveVertexCounts", text)
+    sample, points, counts = found
     source = _CurvesPrim(sample, prim, counts, *basis_of(reading, prim))
     radii = source.widths()
     spans = Spans.of(counts, source.drawable() & radii.present(counts), source.kind, source.wrap)

@@ -20,7 +20,7 @@ _TYPES = {
 }  # fmt: skip
 
 
-class _Constant(NamedTuple):
+class _Literal(NamedTuple):
     """A value as the document has it, with the prefix of its file and its own colour space."""
 
     kind: str
@@ -28,14 +28,14 @@ class _Constant(NamedTuple):
     color_space: str
 
 
-class _Output(NamedTuple):
+class _NodeOutput(NamedTuple):
     """An output of a shader that is already on the layer."""
 
     shader: UsdShade.Shader
     name: str
 
 
-_Scope = dict[str, "_Constant | _Output | None"]
+_Scope = dict[str, "_Literal | _NodeOutput | None"]
 
 
 def layer_of(path: str) -> Sdf.Layer:
@@ -94,11 +94,11 @@ class _Translation:
         material = UsdShade.Material.Define(self._stage, f"/MaterialX/Materials/{_valid(node.getName())}")
         found = node.getInput("surfaceshader")
         value = None if found is None else self._value(found, {}, material.GetPath())
-        if isinstance(value, _Output):
+        if isinstance(value, _NodeOutput):
             surface = material.CreateSurfaceOutput("mtlx")
             surface.ConnectToSource(value.shader.ConnectableAPI(), value.name)
 
-    def _value(self, element: Any, scope: _Scope, parent: Sdf.Path) -> _Constant | _Output | None:
+    def _value(self, element: Any, scope: _Scope, parent: Sdf.Path) -> _Literal | _NodeOutput | None:
         """Return what an input or an output of the document has: a value, or what it is connected to."""
         if element.getInterfaceName():
             return scope.get(element.getInterfaceName())
@@ -114,11 +114,11 @@ class _Translation:
         # The document's own is no word about its files: 8-bit ones without another are sRGB, as elsewhere.
         is_file = element.getType() == "filename" and space == self._document.getColorSpace()
         own = space if element.getType() in ("filename", "color3", "color4") and not is_file else ""
-        return _Constant(element.getType(), element.getResolvedValueString(), own)
+        return _Literal(element.getType(), element.getResolvedValueString(), own)
 
     def _of_graph(
         self, graph: Any, output: str, scope: _Scope, parent: Sdf.Path, inputs: Any
-    ) -> _Constant | _Output | None:
+    ) -> _Literal | _NodeOutput | None:
         """Return an output of a graph, whose interface has the values of these inputs."""
         outputs = graph.getOutputs()
         chosen = graph.getOutput(output) if output else None
@@ -129,12 +129,12 @@ class _Translation:
             if inputs is not graph:
                 definition = inputs.getNodeDef()
                 for each in definition.getInputs() if definition else ():
-                    inner[each.getName()] = _Constant(each.getType(), each.getValueString(), "")
+                    inner[each.getName()] = _Literal(each.getType(), each.getValueString(), "")
                 inner.update({each.getName(): self._value(each, scope, parent) for each in inputs.getInputs()})
             self._scopes[key] = inner
         return None if chosen is None else self._value(chosen, self._scopes[key], parent)
 
-    def _of_node(self, node: Any, output: str, scope: _Scope, parent: Sdf.Path) -> _Constant | _Output | None:
+    def _of_node(self, node: Any, output: str, scope: _Scope, parent: Sdf.Path) -> _Literal | _NodeOutput | None:
         implementation = node.getImplementation()
         if implementation is not None and implementation.getName() in self._own:
             graph = self._document.getNodeGraph(implementation.getName())
@@ -151,15 +151,15 @@ class _Translation:
                 self._set(shader, each, self._value(each, scope, parent))
         shader, name = self._shaders[key], output or "out"
         shader.CreateOutput(name, Sdf.ValueTypeNames.Token)
-        return _Output(shader, name)
+        return _NodeOutput(shader, name)
 
-    def _set(self, shader: UsdShade.Shader, element: Any, value: _Constant | _Output | None) -> None:
+    def _set(self, shader: UsdShade.Shader, element: Any, value: _Literal | _NodeOutput | None) -> None:
         """Set or connect an input of a shader."""
         kind = _TYPES.get(element.getType())
         if value is None or kind is None:
             return
         own = shader.CreateInput(element.getName(), kind)
-        if isinstance(value, _Output):
+        if isinstance(value, _NodeOutput):
             own.ConnectToSource(value.shader.ConnectableAPI(), value.name)
             return
         converted = self._converted(element.getType(), value.text)

@@ -9,9 +9,10 @@ from pxr import Usd, UsdGeom, UsdLux, UsdVol
 
 from ..scene import Array, Color, DensityGrid, Medium, SceneError
 from ..world.medium_colors import coefficients
+from .materials import bound_to
 from .meshes import is_closed, is_gprim, read_solid
 from .reading import Reading, has_photonbeams
-from .volume_shaders import Emission, VolumeShading, bound_to, read_shading
+from .volume_shaders import VolumeEmission, VolumeShading, read_shading
 from .volumes import field_of, fields_of, read_density, read_field
 
 # Radiance of a black body is this times T⁴, as in Blender's volumes: Stefan and Boltzmann's constant, in 1e6 W / m².
@@ -115,7 +116,7 @@ def _glow(reading: Reading, prim: Usd.Prim, to_world: Array, shading: VolumeShad
     return result
 
 
-def _emitted(field: DensityGrid, emission: Emission) -> DensityGrid:
+def _emitted(field: DensityGrid, emission: VolumeEmission) -> DensityGrid:
     """Return the radiance that a volume emits along a scene unit."""
     values = field.values if field.values.ndim == 4 else field.values[..., None]
     if emission.kelvin:

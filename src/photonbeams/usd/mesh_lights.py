@@ -17,7 +17,7 @@ _TINTED, _INDEPENDENT, _ALONE = "materialGlowTintsLight", "independent", "noMate
 
 
 @dataclass(frozen=True)
-class Glow:
+class MeshGlow:
     """What a mesh emits as a light: its outer side, a factor on the light's radiance, perhaps an image."""
 
     mesh: Mesh
@@ -35,7 +35,7 @@ def is_asked(prim: Usd.Prim) -> bool:
     return told or "PhotonBeamsLightAPI" in prim.GetAppliedSchemas()
 
 
-def read_glow(reading: Reading, prim: Usd.Prim, meshes: Sequence[Mesh]) -> Glow | None:
+def read_glow(reading: Reading, prim: Usd.Prim, meshes: Sequence[Mesh]) -> MeshGlow | None:
     """Return what a gprim with these meshes emits, or None (with a warning) where it cannot emit.
 
     Where `light:materialSyncMode` has the material's glow tint the light, and no material glows, the light's colour
@@ -55,16 +55,16 @@ def read_glow(reading: Reading, prim: Usd.Prim, meshes: Sequence[Mesh]) -> Glow 
         reading.warn(prim, "is asked for beams, and its material emits no light: it makes none", "photonbeams:enabled")
         return None
     if mode != _TINTED or not glowing:
-        return Glow(_joined(own), (1.0, 1.0, 1.0), None, mode != _ALONE)
+        return MeshGlow(_joined(own), (1.0, 1.0, 1.0), None, mode != _ALONE)
     if len(glowing) == 1:
         emissive = glowing[0].material.emissive
         if isinstance(emissive, UVTexture):
-            return Glow(glowing[0], (1.0, 1.0, 1.0), emissive, True)
+            return MeshGlow(glowing[0], (1.0, 1.0, 1.0), emissive, True)
     areas = np.array([mesh.area for mesh in glowing])
     mean = areas @ np.array([_mean(mesh) for mesh in glowing]) / areas.sum()
     if len({tuple(_mean(mesh)) for mesh in glowing}) > 1:
         reading.warn(prim, "has parts that glow differently: as a light it has their mean colour")
-    return Glow(_joined(glowing), (float(mean[0]), float(mean[1]), float(mean[2])), None, True)
+    return MeshGlow(_joined(glowing), (float(mean[0]), float(mean[1]), float(mean[2])), None, True)
 
 
 def _glows(mesh: Mesh) -> bool:

@@ -14,7 +14,7 @@ from ..scene import FARTHEST, Array, Material, Mesh
 from ..scene.vectors import unit
 from .blender import wrote_material
 from .gprims import GPRIMS, gprim_polygons
-from .materials import Bound, bound_material, flattened, on_mesh, primvars_of
+from .materials import Bound, bound_material, bound_to, flattened, on_mesh, primvars_of
 from .polygons import Polygons, Tessellation, Triangles, Values, triangles_of
 from .primvars import Instance, find_primvar, read_instanced, read_primvar, read_values
 from .reading import Reading
@@ -22,7 +22,6 @@ from .selection import refinement_level
 from .skinning import deformed, is_skinned
 from .tubes import read_spheres, read_tubes
 from .velocities import Carried, carried
-from .volume_shaders import bound_to
 
 _SCHEMES = ("catmullClark", "loop")
 

@@ -57,16 +57,10 @@ def read_strands(reading: Reading, prim: Usd.Prim, most: int) -> Strands | None:
 
     `most` is how many points they shall have, about; curves are left out, evenly, only where there are more of them.
     """
-    moved = carried(reading, prim)
-    sample = moved.reading if moved is not None else reading
-    points = moved.points if moved is not None else reading.array(prim, "points", 3)
-    counts = sample.integers(prim, "curveVertexCounts")
-    if points is None or not len(counts):
-        reading.warn(prim, "has no points: it is skipped")
+    found = read_points(reading, prim)
+    if found is None:
         return None
-    if counts.sum() != len(points) or np.any(counts < 0):
-        text = f"sums to {counts.sum()}: expected the number of points, {len(points)}, and none below 0"
-        raise reading.fail(prim, "curveVertexCounts", text)
+    sample, points, counts = found
     if prim.IsA(UsdGeom.NurbsCurves):
         return _nurbs(sample, prim, points, counts)
     if prim.IsA(UsdGeom.HermiteCurves):
@@ -77,6 +71,27 @@ def read_strands(reading: Reading, prim: Usd.Prim, most: int) -> Strands | None:
         text = f"has {np.count_nonzero(~chosen)} curves of other numbers of points than {expected_points(kind, wrap)}"
         reading.warn(prim, f"{text}: they are skipped", "curveVertexCounts")
     return _basis(points, counts, _thinned(reading, prim, counts, chosen, most), kind, wrap, most)
+
+
+def read_points(reading: Reading, prim: Usd.Prim) -> tuple[Reading, Array, Array] | None:
+    """Return the points of curves and how many each has, with the reading of their sample; None, warned, of no points.
+
+    Raises
+    ------
+    SceneError
+        Counts that are not those of the points.
+    """
+    moved = carried(reading, prim)
+    sample = moved.reading if moved is not None else reading
+    points = moved.points if moved is not None else reading.array(prim, "points", 3)
+    counts = sample.integers(prim, "curveVertexCounts")
+    if points is None or not len(counts):
+        reading.warn(prim, "has no points: it is skipped")
+        return None
+    if counts.sum() != len(points) or np.any(counts < 0):
+        text = f"sums to {counts.sum()}: expected the number of points, {len(points)}, and none below 0"
+        raise reading.fail(prim, "curveVertexCounts", text)
+    return sample, points, counts
 
 
 def _thinned(reading: Reading, prim: Usd.Prim, counts: Array, chosen: Array, most: int) -> Array:

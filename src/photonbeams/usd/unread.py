@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from difflib import get_close_matches
 from functools import cache
+from itertools import islice
 
 from pxr import Sdf, Usd, UsdGeom, UsdRender
 
@@ -74,15 +74,7 @@ def _prototypes(stage: Usd.Stage) -> frozenset[Sdf.Path]:
 
 def _meant(prim: Usd.Prim) -> str:
     """Return which prim an `over` was probably meant for, as the end of a sentence."""
-    paths = [str(each.GetPath()) for each in _some(prims_under(prim.GetStage().GetPseudoRoot()))]
+    paths = [str(each.GetPath()) for each in islice(prims_under(prim.GetStage().GetPseudoRoot()), 1, _MOST_PATHS)]
     own, same = str(prim.GetPath()), [path for path in paths if path.rpartition("/")[2] == prim.GetName()]
     near = get_close_matches(own, same, 1, 0) or get_close_matches(own, paths, 1, 0.75)
     return f"; expected {near[0]}" if near else ""
-
-
-def _some(prims: Iterator[Usd.Prim]) -> Iterator[Usd.Prim]:
-    for number, prim in enumerate(prims):
-        if number >= _MOST_PATHS:
-            return
-        if not prim.IsPseudoRoot():
-            yield prim

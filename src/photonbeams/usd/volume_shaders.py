@@ -7,9 +7,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from pxr import Tf, Usd, UsdGeom, UsdShade
+from pxr import Usd, UsdGeom, UsdShade
 
 from ..scene import BLACK, Array, Color, color
+from .materials import bound_to
+from .materials.network import is_output
 from .reading import Reading
 from .volumes import DENSITY, field_of
 
@@ -23,7 +25,7 @@ _ALBEDO = 0.5
 
 
 @dataclass(frozen=True)
-class Emission:
+class VolumeEmission:
     """What a volume emits along a scene unit: a colour, times a field, or that of a black body.
 
     Attributes
@@ -48,7 +50,7 @@ class VolumeShading:
     anisotropy: float = 0.0
     density: str = DENSITY
     color: str = ""
-    emission: Emission | None = None
+    emission: VolumeEmission | None = None
 
 
 def read_shading(reading: Reading, prim: Usd.Prim) -> VolumeShading:
@@ -62,23 +64,10 @@ def read_shading(reading: Reading, prim: Usd.Prim) -> VolumeShading:
         reading.warn(material.GetPrim(), text)
         return VolumeShading()
     shader = next((each for each in shaders if _reader(each) is not _other), shaders[0])
-    return _reader(shader)(_Network(reading, prim, shader))
+    return _reader(shader)(_VolumeNetwork(reading, prim, shader))
 
 
-def bound_to(prim: Usd.Prim) -> UsdShade.Material | None:
-    """Return the material that is bound to a prim, or None."""
-    binding = UsdShade.MaterialBindingAPI(prim)
-    for purpose in (UsdShade.Tokens.full, UsdShade.Tokens.preview):
-        try:
-            material, _ = binding.ComputeBoundMaterial(purpose)
-        except Tf.ErrorException:  # of a binding that is an attribute
-            return None
-        if material:
-            return material
-    return None
-
-
-def _reader(shader: UsdShade.Shader) -> Callable[[_Network], VolumeShading]:
+def _reader(shader: UsdShade.Shader) -> Callable[[_VolumeNetwork], VolumeShading]:
     kind = str(shader.GetShaderId() or "")
     if kind.removeprefix("arnold:") == "standard_volume":
         return _arnold
@@ -87,7 +76,7 @@ def _reader(shader: UsdShade.Shader) -> Callable[[_Network], VolumeShading]:
     return _coefficients if kind.split(":")[-1] == "kma_volume" else _other
 
 
-class _Network:
+class _VolumeNetwork:
     """A volume shader with what is connected to it, evaluated as products of constants and fields.
 
     Attributes
@@ -100,15 +89,14 @@ class _Network:
         self.reading, self.prim, self.shader = reading, prim, shader
         self.fields: list[str] = []
 
-    def at(self, shader: UsdShade.Shader) -> _Network:
+    def at(self, shader: UsdShade.Shader) -> _VolumeNetwork:
         """Return the network from another of its nodes on."""
-        return _Network(self.reading, self.prim, shader)
+        return _VolumeNetwork(self.reading, self.prim, shader)
 
     def source(self, name: str) -> UsdShade.Shader | None:
         """Return the node that is connected to an input, or None."""
         output = self._attribute(self.shader, name)
-        is_output = output is not None and UsdShade.Utils.GetType(output.GetName()) == UsdShade.AttributeType.Output
-        return UsdShade.Shader(output.GetPrim()) if output is not None and is_output else None
+        return UsdShade.Shader(output.GetPrim()) if output is not None and is_output(output) else None
 
     def text(self, name: str, default: str) -> str:
         """Return an input that is a string."""
@@ -149,7 +137,7 @@ class _Network:
         attribute = self._attribute(node, name)
         if attribute is None or depth > _DEEPEST:
             return np.asarray(default, dtype=np.float64)
-        if UsdShade.Utils.GetType(attribute.GetName()) == UsdShade.AttributeType.Output:
+        if is_output(attribute):
             return self._node(UsdShade.Shader(attribute.GetPrim()), default, depth + 1)
         value = attribute.Get(self.reading.time)
         try:
@@ -186,7 +174,7 @@ class _Network:
         return np.asarray(value, dtype=np.float64).reshape(-1)[:3]
 
 
-def _arnold(network: _Network) -> VolumeShading:
+def _arnold(network: _VolumeNetwork) -> VolumeShading:
     """Read Arnold's standard_volume: `transparent` is left of light after `transparent_depth` at density 1."""
     depth = max(network.number("transparent_depth", 1.0), 1e-6)
     transparent = np.clip(network.color("transparent", np.exp(-1.0)), 1e-6, 1)
@@ -204,7 +192,7 @@ def _arnold(network: _Network) -> VolumeShading:
     )
 
 
-def _arnold_emission(network: _Network) -> Emission | None:
+def _arnold_emission(network: _VolumeNetwork) -> VolumeEmission | None:
     mode = network.text("emission_mode", "blackbody")
     strength = network.number("emission", 1.0) * np.array(network.color("emission_color", 1.0))
     if mode == "none" or not strength.any():
@@ -212,12 +200,12 @@ def _arnold_emission(network: _Network) -> Emission | None:
     if mode == "blackbody":
         kelvin = network.number("temperature", 1.0) * network.number("blackbody_kelvin", 5000.0)
         strength = strength * network.number("blackbody_intensity", 1.0)
-        return Emission(tuple(strength), network.text("temperature_channel", "temperature"), kelvin)
+        return VolumeEmission(tuple(strength), network.text("temperature_channel", "temperature"), kelvin)
     key, default = ("density_channel", DENSITY) if mode == "density" else ("emission_channel", "heat")
-    return Emission(tuple(strength), network.text(key, default))
+    return VolumeEmission(tuple(strength), network.text(key, default))
 
 
-def _materialx(network: _Network) -> VolumeShading:
+def _materialx(network: _VolumeNetwork) -> VolumeShading:
     """Read MaterialX's `volume`, of a vdf and perhaps an edf."""
     nodes = [network.shader, *(network.source(name) for name in ("vdf", "edf"))]
     coefficients = VolumeShading(BLACK, BLACK)
@@ -235,7 +223,7 @@ def _materialx(network: _Network) -> VolumeShading:
     )
 
 
-def _coefficients(network: _Network) -> VolumeShading:
+def _coefficients(network: _VolumeNetwork) -> VolumeShading:
     """Read absorption, scattering and anisotropy: MaterialX's vdf, and Karma's volume, which is one with emission."""
     absorption = network.color("absorption", 0.0)
     scattering = network.color("scattering", 0.0)
@@ -245,13 +233,13 @@ def _coefficients(network: _Network) -> VolumeShading:
     return VolumeShading(scattering, absorption, anisotropy, DENSITY, fields[0] if fields else "", emission)
 
 
-def _emission(network: _Network, name: str) -> Emission | None:
+def _emission(network: _VolumeNetwork, name: str) -> VolumeEmission | None:
     found = network.color(name, 0.0)
     fields = network.fields
-    return Emission(found, fields[0] if fields else DENSITY) if any(found) else None
+    return VolumeEmission(found, fields[0] if fields else DENSITY) if any(found) else None
 
 
-def _other(network: _Network) -> VolumeShading:
+def _other(network: _VolumeNetwork) -> VolumeShading:
     """Read a shader of another kind: what most have, by the names that most have for it."""
     shader, kind = network.shader.GetPrim(), str(network.shader.GetShaderId() or "none")
     text = f"is a volume shader '{kind}', which is not known: its densityScale, albedo and anisotropy are used"

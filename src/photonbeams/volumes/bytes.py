@@ -8,8 +8,6 @@ import zlib
 from pathlib import Path
 from typing import Any, BinaryIO
 
-import blosc
-
 from ..scene import SceneError
 
 _LENGTH = struct.Struct("<I")
@@ -96,6 +94,8 @@ def _from_blosc(data: memoryview, size: int) -> bytes:
     # Checked before memory is taken: the library believes what the block says.
     if len(data) < _BLOSC_HEADER.size or _BLOSC_HEADER.unpack_from(data)[4:7:2] != (size, len(data)):
         raise SceneError("a block is not as long as it says")
+    import blosc  # not before there is a file that needs it
+
     try:
         return bytes(blosc.decompress(bytes(data)))
     except blosc.error:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
@@ -18,7 +18,7 @@ from .network import Network, shader_id
 from .nodes import NODES
 from .surface import Surface
 from .surfaces import SURFACES, category, surface_of
-from .values import Image, Primvar, Value, as_color, as_number, constant, mapped
+from .values import Image, PrimvarValue, Value, as_color, as_number, constant, mapped
 
 _COLORS = ("diffuse", "emissive")
 _TEXTURED = ("diffuse", "emissive", "roughness", "metallic", "opacity")
@@ -48,7 +48,7 @@ class Bound:
 
     material: Material
     images: dict[str, Image] = field(default_factory=dict)
-    primvars: dict[str, Primvar] = field(default_factory=dict)
+    primvars: dict[str, PrimvarValue] = field(default_factory=dict)
     uv_name: str = ""
 
 
@@ -56,8 +56,8 @@ def _unbound() -> Bound:
     """Return what is bound where no material is: a grey that takes `displayColor` and `displayOpacity`."""
     grey = Material()
     primvars = {
-        "diffuse": Primvar("displayColor", np.array(grey.diffuse)),
-        "opacity": Primvar("displayOpacity", np.ones(1)),
+        "diffuse": PrimvarValue("displayColor", np.array(grey.diffuse)),
+        "opacity": PrimvarValue("displayOpacity", np.ones(1)),
     }
     return Bound(grey, {}, primvars)
 
@@ -65,13 +65,25 @@ def _unbound() -> Bound:
 _UNBOUND = _unbound()
 
 
+def bound_to(
+    prim: Usd.Prim, purposes: Sequence[str] = (UsdShade.Tokens.full, UsdShade.Tokens.preview)
+) -> UsdShade.Material | None:
+    """Return the material that is bound to a prim for the first of the purposes that has one, or None."""
+    binding = UsdShade.MaterialBindingAPI(prim)
+    for purpose in purposes:
+        try:
+            material, _ = binding.ComputeBoundMaterial(purpose)
+        except Tf.ErrorException:  # of a binding that is an attribute
+            return None
+        if material:
+            return material
+    return None
+
+
 def bound_material(reading: Reading, prim: Usd.Prim) -> Bound:
     """Return the material bound to a gprim or face subset; without one, a grey that takes `displayColor`."""
-    try:
-        material, _ = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial(UsdShade.Tokens.full)
-    except Tf.ErrorException:  # of a binding that is an attribute
-        material = None
-    if not material:
+    material = bound_to(prim, (UsdShade.Tokens.full,))
+    if material is None:
         _warn_of_missing(reading, prim)
         return _UNBOUND
     own = material.GetPrim()
@@ -155,9 +167,9 @@ def _bound(reading: Reading, material: UsdShade.Material, surface: Surface) -> B
         value = _in_range(reading, prim, name, as_color(value) if name in _COLORS else as_number(value))
         if isinstance(value, Image) and name in _TEXTURED:
             images[name] = value
-        elif isinstance(value, Primvar) and name in _AT_VERTICES:
+        elif isinstance(value, PrimvarValue) and name in _AT_VERTICES:
             primvars[name] = value
-        elif isinstance(value, Image | Primvar):
+        elif isinstance(value, Image | PrimvarValue):
             kind, instead = ("a texture", "mean") if isinstance(value, Image) else ("a primvar", "fallback")
             text = f"has {kind} for its {name.replace('_', ' ')}, which is not rendered: its {instead} is used"
             reading.warn(prim, text)

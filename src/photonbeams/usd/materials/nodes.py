@@ -10,7 +10,7 @@ from pxr import UsdShade
 
 from ...scene import Array, rgb
 from .network import Network, Node
-from .values import Primvar, Value, channels, identity, mapped
+from .values import PrimvarValue, Value, channels, identity, mapped
 
 Function = Callable[..., Array]
 
@@ -26,7 +26,7 @@ def _primvar(*names: str, fallback: tuple[str, ...] = ("fallback", "default")) -
         if not name:
             return instead
         constant = instead if isinstance(instead, np.ndarray) else np.zeros(3)
-        return Primvar(name, constant, identity)
+        return PrimvarValue(name, constant, identity)
 
     return read
 
@@ -163,7 +163,7 @@ NODES: dict[str, Node] = {
     "HwPrimvar": _primvar("varname"),
     "geompropvalue": _primvar("geomprop"),
     "geompropvalueuniform": _primvar("geomprop"),
-    "geomcolor": lambda network, node, output: Primvar("displayColor", np.zeros(3)),
+    "geomcolor": lambda network, node, output: PrimvarValue("displayColor", np.zeros(3)),
     "PxrPrimvar": _primvar("varname", fallback=("defaultColor", "defaultFloat")),
     "arnold:user_data_rgb": _primvar("attribute"),
     "arnold:user_data_rgba": _primvar("attribute"),

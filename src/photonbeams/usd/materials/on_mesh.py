@@ -10,6 +10,7 @@ import numpy as np
 from pxr import Usd, UsdGeom
 
 from ...scene import Array, Material, UVTexture, VertexValues
+from ..primvars import find_primvar
 from ..reading import Reading
 from .bound import Bound, plain, texture_of
 from .values import Image, constant
@@ -21,8 +22,8 @@ def primvars_of(reading: Reading, prim: Usd.Prim, bound: Bound) -> tuple[dict[st
     """Return what a material takes from primvars of a gprim, by its fields: constants (1, C), and those that vary."""
     constants, varying = {}, {}
     for name, wanted in bound.primvars.items():
-        found = UsdGeom.PrimvarsAPI(prim).FindPrimvarWithInheritance(wanted.name)
-        if not found or not found.HasValue():
+        found = find_primvar(prim, wanted.name)
+        if found is None:
             continue
         values = flattened(reading, prim, found)
         if not len(values):

@@ -100,7 +100,7 @@ def _diffuse(color: str, weight: str = "", default: float = 0.5, scale: float = 
 
 
 @dataclass(frozen=True)
-class _Plain:
+class _ByNames:
     """What a surface shader calls the inputs of a UsdPreviewSurface, most of them by one name each."""
 
     diffuse: tuple[str, ...] = ()
@@ -236,13 +236,13 @@ def _materialx_surface(network: Network, node: UsdShade.Shader) -> Surface:
 
 
 _COLORS = ("diffuseColor", "baseColor", "base_color", "diffuse_color", "diffuse", "Kd_color", "color", "albedo", "Cs")
-_GUESSED = _Plain(
+_GUESSED = _ByNames(
     diffuse=_COLORS, emissive=("emissiveColor", "emission_color", "emitColor"),
     emission=("emission", "emissionWeight"), roughness=("roughness", "specular_roughness", "specularRoughness"),
     metallic=("metallic", "metalness"), ior=("ior", "IOR"), opacity=("opacity", "presence"),
 )  # fmt: skip
 
-_PRINCIPLED = _Plain(
+_PRINCIPLED = _ByNames(
     diffuse=("baseColor", "base_color"), emissive=("emitColor", "emissive"), roughness=("roughness", "specRoughness"),
     metallic=("metallic",), ior=("ior",), clearcoat=("clearcoat",), opacity=("presence",),
     transmission=("specTrans", "spec_trans", "transmission", "refractionGain"),
@@ -261,7 +261,7 @@ SURFACES: dict[str, Reader] = {
     "arnold:utility": _diffuse("color", default=1.0),
     "arnold:lambert": _diffuse("Kd_color", "Kd", default=1.0, scale=0.7),
     "arnold:matte": unlit("color"),
-    "arnold:standard": _Plain(
+    "arnold:standard": _ByNames(
         diffuse=("Kd_color",), weight=("Kd",), emissive=("emission_color",), emission=("emission",),
         roughness=("specular_roughness",), opacity=("opacity",), ior=("IOR",), transmission=("Kt",),
     ),
@@ -278,7 +278,7 @@ SURFACES: dict[str, Reader] = {
     "PxrDisneyBsdf": _PRINCIPLED,
     "disney_principled": _PRINCIPLED,
     "gltf_pbr": _PRINCIPLED,
-    "PxrSurface": _Plain(
+    "PxrSurface": _ByNames(
         diffuse=("diffuseColor",), weight=("diffuseGain",), emissive=("glowColor",), emission=("glowGain",),
         roughness=("specularRoughness",), opacity=("presence",), transmission=("refractionGain",),
         ior=("glassIor",),

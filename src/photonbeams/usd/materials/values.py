@@ -44,7 +44,7 @@ class Image:
 
 
 @dataclass(frozen=True)
-class Primvar:
+class PrimvarValue:
     """What a primvar of the gprim gives, (N, C), after a function; `fallback` (C,) where there is no such primvar."""
 
     name: str
@@ -53,7 +53,7 @@ class Primvar:
 
 
 #: A constant is an array (C,).
-Value = Array | Image | Primvar
+Value = Array | Image | PrimvarValue
 
 
 def mapped(function: Callable[..., Array], *values: Value) -> Value:
@@ -63,7 +63,7 @@ def mapped(function: Callable[..., Array], *values: Value) -> Value:
     differently, the largest image stays what it is, and all others are replaced by their means or fallbacks.
     """
     images = [each for each in values if isinstance(each, Image)]
-    primvars = [each for each in values if isinstance(each, Primvar)]
+    primvars = [each for each in values if isinstance(each, PrimvarValue)]
     if images:
         largest = max(images, key=lambda each: each.pixels[..., 0].size)
         pixels = function(*(_over(each, largest) for each in values))
@@ -75,21 +75,21 @@ def mapped(function: Callable[..., Array], *values: Value) -> Value:
     first = primvars[0]
 
     def composed(raw: Array) -> Array:
-        follows = [isinstance(each, Primvar) and each.name == first.name for each in values]
+        follows = [isinstance(each, PrimvarValue) and each.name == first.name for each in values]
         arguments = [
-            each.function(raw) if own and isinstance(each, Primvar) else constant(each)
+            each.function(raw) if own and isinstance(each, PrimvarValue) else constant(each)
             for own, each in zip(follows, values, strict=True)
         ]
         result = function(*arguments)
         return np.broadcast_to(result, (len(raw), result.shape[-1]))
 
-    return Primvar(first.name, np.atleast_1d(function(*map(constant, values))), composed)
+    return PrimvarValue(first.name, np.atleast_1d(function(*map(constant, values))), composed)
 
 
 def combinable(values: Sequence[Value]) -> bool:
     """Return whether `mapped` loses nothing of these values."""
     images = [each for each in values if isinstance(each, Image)]
-    names = {each.name for each in values if isinstance(each, Primvar)}
+    names = {each.name for each in values if isinstance(each, PrimvarValue)}
     return len(names) + bool(images) <= 1 and all(each.placed_as(images[0]) for each in images)
 
 
@@ -97,7 +97,7 @@ def constant(value: Value) -> Array:
     """Return a value's mean, or its fallback, (C,)."""
     if isinstance(value, Image):
         return value.pixels.mean(axis=(0, 1), dtype=np.float64)
-    return value.fallback if isinstance(value, Primvar) else value
+    return value.fallback if isinstance(value, PrimvarValue) else value
 
 
 def channels(value: Value, chosen: list[int]) -> Value:
