@@ -12,7 +12,7 @@ import typer
 from . import options
 from .console import standard_output
 from .progress import messages
-from .volumes import COLUMNS, VOLUMES, volume_rows
+from .volumes import COLUMNS, VOLUMES, triple, volume_rows
 
 if TYPE_CHECKING:
     from pxr import Usd
@@ -172,7 +172,7 @@ def _stage_rows(stage: Usd.Stage, scene: Scene) -> Iterable[tuple[str, str]]:
         cells = " x ".join(str(count) for count in grid.values.shape[2::-1])
         glow = "" if each.emission is None else ", emits light"
         yield "smoke", f"{each.name}: {cells} cells, densities up to {grid.values.max():.4g}{glow}"
-        coefficients = f"scattering {_triple(each.scattering)}, absorption {_triple(each.absorption)}"
+        coefficients = f"scattering {triple(each.scattering)}, absorption {triple(each.absorption)}"
         yield "", f"{coefficients} per unit at density 1"
     medium = scene.medium
     if medium is None and grids:
@@ -181,11 +181,11 @@ def _stage_rows(stage: Usd.Stage, scene: Scene) -> Iterable[tuple[str, str]]:
         yield "fog", "none: give one with --scattering"
         return
     place = "the whole space" if medium.mesh is None else medium.mesh.name
-    yield "fog", f"scattering {_triple(medium.scattering)}, absorption {_triple(medium.absorption)} per unit"
+    yield "fog", f"scattering {triple(medium.scattering)}, absorption {triple(medium.absorption)} per unit"
     dims = "" if medium.surfaces else ", leaves surfaces as they are"
     yield "", f"anisotropy {medium.anisotropy:g}, fills {place}{dims}"
     near, far = colors_of_medium(medium, 1.0)
-    yield "", f"a beam of power 1 and radius 1 shows {_triple(near)}, one unit along {_triple(far)}"
+    yield "", f"a beam of power 1 and radius 1 shows {triple(near)}, one unit along {triple(far)}"
 
 
 def _camera_rows(stage: Usd.Stage, time: Usd.TimeCode) -> list[tuple[str, ...]]:
@@ -213,7 +213,7 @@ def _camera_rows(stage: Usd.Stage, time: Usd.TimeCode) -> list[tuple[str, ...]]:
         shutter = f"{begin:g} to {end:g} frames" if begin < end else "no blur"
         stop = camera.focal_length / max(2 * camera.lens_radius, 1e-30)
         focus = f"f/{stop:.3g} at {camera.focus_distance:.4g}" if camera.lens_radius else "all sharp"
-        rows.append((name, lens, view, shutter, focus, f"x {camera.exposure_scale:g}", _triple(camera.to_world[:3, 3])))
+        rows.append((name, lens, view, shutter, focus, f"x {camera.exposure_scale:g}", triple(camera.to_world[:3, 3])))
     return rows
 
 
@@ -231,7 +231,7 @@ def _light_row(light: Light) -> tuple[str, ...]:
     kind += "" if light.gobo is None else ", gobo"
     kind += "" if light.shaping is None or light.shaping.profile is None else ", profile"
     portal += "" if light.portal_gobo is None else ", gobo"
-    return (light.name, kind, _triple(light.radiance), light.group, beams, portal, _name(light.look))
+    return (light.name, kind, triple(light.radiance), light.group, beams, portal, _name(light.look))
 
 
 def _mesh_rows(meshes: Sequence[Mesh]) -> list[tuple[str, ...]]:
@@ -239,7 +239,7 @@ def _mesh_rows(meshes: Sequence[Mesh]) -> list[tuple[str, ...]]:
     rows: list[tuple[str, ...]] = []
     for mesh in meshes[:MESHES_SHOWN]:
         diffuse = mesh.material.diffuse
-        material = _triple(diffuse) if isinstance(diffuse, tuple) else "varies from vertex to vertex"
+        material = triple(diffuse) if isinstance(diffuse, tuple) else "varies from vertex to vertex"
         if not isinstance(diffuse, tuple) and hasattr(diffuse, "pixels"):
             material = f"{diffuse.pixels.shape[1]} px texture"
         rows.append((mesh.name, f"{len(mesh.points):,}", f"{len(mesh.faces):,}", material))
@@ -278,11 +278,6 @@ def _factor_words(factor: Any, kind: str) -> str:
 
 def _name(thing: Any) -> str:
     return "" if thing is None else str(getattr(thing, "name", None) or type(thing).__name__)
-
-
-def _triple(values: Iterable[float]) -> str:
-    numbers = [f"{value:.4g}" for value in values]
-    return numbers[0] if len(set(numbers)) == 1 else " ".join(numbers)
 
 
 def _table(columns: tuple[str, ...] | None, rows: Iterable[tuple[str, ...]], right: int = 0) -> Any:

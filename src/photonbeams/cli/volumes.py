@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -34,7 +35,7 @@ def volume_rows(path: Path) -> list[tuple[str, ...]]:
     shape = np.array(values.shape[2::-1])
     kind = "float" if values.ndim == 3 else "vec3s"
     return [
-        ("", kind, "", f"{np.prod(shape):,}", _times(shape), _triple(voxels.to_file[:3, 3]), _triple(size / shape),
+        ("", kind, "", f"{np.prod(shape):,}", _times(shape), triple(voxels.to_file[:3, 3]), triple(size / shape),
          _range([values]), _memory(values.nbytes), "none")
     ]  # fmt: skip
 
@@ -42,7 +43,7 @@ def volume_rows(path: Path) -> list[tuple[str, ...]]:
 def _row(grid: VDBGrid) -> tuple[str, ...]:
     kind = grid.type + (", half" if grid.half else "")
     word = str(grid.metadata.get("class", ""))
-    size = "frustum" if grid.to_file is None else _triple(np.linalg.norm(grid.to_file[:3, :3], axis=0))
+    size = "frustum" if grid.to_file is None else triple(np.linalg.norm(grid.to_file[:3, :3], axis=0))
     try:
         tree = grid.tree
     except SceneError:  # points and text, which are no voxels
@@ -68,7 +69,8 @@ def _times(counts: Array) -> str:
     return " x ".join(str(each) for each in counts)
 
 
-def _triple(values: Array) -> str:
+def triple(values: Iterable[float]) -> str:
+    """Return numbers in a row, or one where all are the same."""
     words = [f"{value:.4g}" for value in values]
     return words[0] if len(set(words)) == 1 else " ".join(words)
 
