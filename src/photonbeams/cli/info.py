@@ -218,7 +218,7 @@ def _camera_rows(stage: Usd.Stage, time: Usd.TimeCode) -> list[tuple[str, ...]]:
 
 
 def _light_row(light: Light) -> tuple[str, ...]:
-    beams = "none"
+    beams = "none, but lights volumes" if getattr(light, "lights_media", False) else "none"
     if light.emits_beams:
         beams = "default" if light.beam_count is None else f"{light.beam_count:,}"
         beams += "" if light.beam_scale == 1.0 else f", x {light.beam_scale:g}"

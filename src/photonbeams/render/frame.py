@@ -36,6 +36,7 @@ from .gathering import EstimatorOptions, Gathering
 from .passes import Statistics, pixel_offset
 from .photons import PhotonMaps
 from .settings import Settings
+from .single_scattering import SingleScattering
 from .sums import PassSums
 
 
@@ -101,6 +102,10 @@ class FrameRenderer(ABC):
     def _pinhole(self, view: int) -> tuple[World, ViewRays] | None:
         """Return the world and the rays of a pinhole camera for depths; None where the view itself is sharp."""
 
+    def _single_scattering(self, world: World, count: int, samples: Samples) -> SingleScattering | None:
+        """Return what media scatter toward `count` pixels without beams, or None where that is nothing."""
+        return None
+
     def _clock(self, number: int) -> tuple[float, float]:
         """Return frame number and seconds of a pass, for looks that change with time."""
         return (0.0, 0.0)
@@ -152,6 +157,7 @@ class FrameRenderer(ABC):
             lambda each: LightContext(*clock, each.light, each.to_world),
         )  # fmt: skip
         gathering = Gathering(rays.view, rays.primary, light.world.media, light.sets, options, statistics)
+        sky = self._single_scattering(light.world, dr.width(rays.primary.direction), samples)
         with statistics.phase("surfaces"):
             begun = camera_paths.begin(tracing, rays.primary, film.order)
         picture = _CameraImage(dr.width(rays.primary.direction))
@@ -165,13 +171,15 @@ class FrameRenderer(ABC):
                 break
             with statistics.phase("beams"):
                 gathering.add(*step)
+                if sky is not None:
+                    sky.add(*step)
         with statistics.phase("beams"):
             gathering.finish()
         facing = 1.0 if rays.primary.facing is None else rays.primary.facing
+        beams = [*gathering.radiance.items(), *([] if sky is None else sky.radiance.items())]
         return PassPicture(
-            picture.surface, picture.alpha, [*gathering.radiance.items()], picture.transmittance,
-            picture.distance * facing,
-        )  # fmt: skip
+            picture.surface, picture.alpha, beams, picture.transmittance, picture.distance * facing
+        )
 
     def _camera_tracing(self, world: World, rays: ViewRays) -> CameraTracing:
         settings = self.settings

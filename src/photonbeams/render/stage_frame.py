@@ -32,6 +32,7 @@ from .holdouts import HoldoutDepth
 from .memory import check_memory
 from .passes import PLAIN_RUN, RunOptions, accumulate, pixel_offset
 from .settings import DEFAULTS, Settings
+from .single_scattering import SingleScattering
 from .stage_lighting import StageLighting
 
 _WIDEST_TURN = 30.0  # degrees: half of it in the middle of the way, the camera's axes are shorter by 3.4 %
@@ -172,6 +173,7 @@ def layer_names(description: scene.Scene) -> list[str]:
 def groups_of(description: scene.Scene) -> dict[str, str]:
     """Return the layer of each light group of the shot."""
     groups = {light.group for light in description.lights if light.emits_beams}
+    groups |= {light.group for light in description.sky}
     return group_layers(groups | {drawn.group for drawn in description.drawn} | description.groups)
 
 
@@ -247,6 +249,10 @@ class StageRenderer(FrameRenderer):
     def _between(self, number: int) -> Moment:
         times = self._times(number)
         return self._shutter.at(0.5 * (times[0] + times[-1]))
+
+    def _single_scattering(self, world: World, count: int, samples: Samples) -> SingleScattering | None:
+        assert isinstance(world, StageWorld)
+        return SingleScattering(world, count, samples, self._max_depth) if world.sky else None
 
     def _clock(self, number: int) -> tuple[float, float]:
         return self._shutter.clock(0.5 * sum(self._slice(number)))

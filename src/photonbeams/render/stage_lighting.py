@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from copy import copy
-from typing import Any
+from typing import Any, Protocol
 
 import drjit as dr
 
@@ -97,7 +97,7 @@ class StageLighting:
         for kind, lamps in enumerate(world.lamps):
             (radiance,) = _each(lamps, (radiance,), _adding(world, reflection, lamps.links, kind))
         for number, (lamp, links) in enumerate([*world.domes, *world.mesh_lamps]):
-            radiance += _reflected(*_linked(world, reflection, links), lamp, (UInt32(_DOME + 16 * number),))
+            radiance += scattered(*_linked(world, reflection, links), lamp, (UInt32(_DOME + 16 * number),))
         return radiance
 
 
@@ -110,6 +110,31 @@ def _each(lamps: Lamps, state: tuple[Any, ...], body: Any) -> tuple[Any, ...]:
     # The counter is as wide as the rest, for loops want one width.
     start = dr.zeros(UInt32, dr.width(state))
     return dr.while_loop((start, *state), lambda number, *_: number < lamps.count, step, label=lamps.kind.__name__)[1:]
+
+
+class _Lit(Protocol):
+    """Points that scatter light toward the camera, on surfaces or in media, and one sample of a direction each."""
+
+    point: Any
+    place: Array3f
+    active: Bool
+    weight: Array3f
+    pdf: Float
+    direction: Array3f
+    shadow_reach: Any
+    shadow: Any
+
+    def leave(self, direction: Array3f) -> Array3f:
+        """Return the origins of rays that leave the points."""
+
+    def sees(self, world: StageWorld, met: Bool, distance: Float) -> Bool:
+        """Return which samples that meet a light, at a distance, are not blocked."""
+
+    def left(self, free: Bool, lit: Bool) -> Array3f:
+        """Return the factor on light that nothing blocks (`free`) or that is blocked, of the points that are lit."""
+
+    def evaluate(self, direction: Array3f) -> tuple[Array3f, Float]:
+        """Return the factor on light from a direction, and the pdf of sampling that direction."""
 
 
 class _Reflection:
@@ -130,7 +155,7 @@ class _Reflection:
         self.weight = dr.select(active & (self.pdf > 0) & ~ideal, Array3f(weight), 0)
         self.direction = Array3f(hit.to_world(sample.wo))
         self.seed = point.samples.bits(point.order, _LIGHT, point.step)
-        self.origin = Array3f(hit.spawn_ray(mi.Vector3f(self.direction)).o)
+        self.place, self.origin = Array3f(hit.p), self.leave(self.direction)
         self.shadow_reach: Any = Float(dr.inf)
         self.scale: Any = Float(1)
         self.shadow: Any = None
@@ -140,6 +165,10 @@ class _Reflection:
         """Return whether the sample meets no surface that casts a shadow: tested in half the time of the nearest."""
         alive = self.active & (dr.max(self.weight) > 0)
         return alive & ~world.blocked(self.origin, self.direction, self.shadow_reach, alive, self.seed)
+
+    def leave(self, direction: Array3f) -> Array3f:
+        """Return the origins of rays that leave the surfaces."""
+        return Array3f(self.hit.spawn_ray(mi.Vector3f(direction)).o)
 
     def sees(self, world: StageWorld, met: Bool, distance: Float) -> Bool:
         """Return which BSDF samples that meet a light, at a distance, are not blocked."""
@@ -175,7 +204,7 @@ def _adding(
     stopping, reflection = _linked(world, reflection, links)
 
     def add(light: Any, number: UInt32, state: tuple[Any, ...]) -> tuple[Any, ...]:
-        return (state[0] + _reflected(stopping, reflection, light, (UInt32(_LIGHT + 16 * kind), number)),)
+        return (state[0] + scattered(stopping, reflection, light, (UInt32(_LIGHT + 16 * kind), number)),)
 
     return add
 
@@ -185,17 +214,17 @@ def _linked(world: StageWorld, reflection: _Reflection, links: Links | None) -> 
     return (world, reflection) if links is None else (links.world, reflection.of_lights(links))
 
 
-def _reflected(world: StageWorld, reflection: _Reflection, light: Any, names: tuple[Any, ...]) -> Array3f:
-    """Return the reflected radiance of one light: a light sample and the BSDF sample, weighted."""
-    hit, point = reflection.hit, reflection.point
-    place, medium = Array3f(hit.p), point.medium
+def scattered(world: StageWorld, reflection: _Lit, light: Any, names: tuple[Any, ...]) -> Array3f:
+    """Return the radiance of one light that is scattered: a light sample and the sample of a direction, weighted."""
+    point, place = reflection.point, reflection.place
+    medium = point.medium
     stream = (*names, point.step)
     sample = light.illuminate(place, point.samples.pair(point.order, *stream))
     value, pdf = reflection.evaluate(sample.direction)
     weight = dr.select(sample.pdf > 0, power_heuristic(sample.pdf, pdf), 1)
     value = value * sample.weight * weight
     useful = reflection.active & (dr.max(value) > 0)
-    start = Array3f(hit.spawn_ray(mi.Vector3f(sample.direction)).o)
+    start = reflection.leave(sample.direction)
     reach = dr.minimum(sample.distance * (1 - _SHORTENED), reflection.shadow_reach)
     seed = point.samples.bits(point.order, *stream)
     free = useful & ~world.blocked(start, sample.direction, reach, useful, seed)

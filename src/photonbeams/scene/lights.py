@@ -280,8 +280,10 @@ class DomeLight(Light):
     """An environment: `radiance` times an optional latitude-longitude image (H, W, 3), oriented by a rotation.
 
     The image is oriented as UsdLuxDomeLight has its latlong format: +Y is up, its middle looks along local +Z;
-    `to_world` (3, 3) turns local directions into world directions. Makes no beams unless asked.
+    `to_world` (3, 3) turns local directions into world directions. Makes no beams unless asked: `lights_media` tells
+    whether it lights the media that say they are lit by domes all the same, sampled along camera paths.
     """
 
     image: Array | None = None
     to_world: Array = field(default_factory=lambda: np.eye(3))
+    lights_media: bool = False

@@ -76,6 +76,8 @@ class Medium:
         Of a medium on a grid: factors of its scattering, from 0 to 1; what is not scattered is absorbed. None: 1.
     emission
         Of a medium on a grid: the radiance that it emits along a scene unit, or None.
+    lit_by_domes
+        Whether domes that make no beams light it: see `DomeLight.lights_media`.
 
     Raises
     ------
@@ -95,6 +97,7 @@ class Medium:
     bounces: int | None = None
     scattering_color: DensityGrid | None = None
     emission: DensityGrid | None = None
+    lit_by_domes: bool = False
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "scattering", color(self.scattering, "scattering"))

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from .beams import DrawnBeams
 from .checks import Array, SceneError
-from .lights import Light
+from .lights import DomeLight, Light
 from .media import Medium
 from .surfaces import Mesh
 
@@ -51,6 +51,14 @@ class Scene:
     def medium(self) -> Medium | None:
         """The first homogeneous medium, or None."""
         return next((each for each in self.media if each.grid is None), None)
+
+    @property
+    def sky(self) -> tuple[DomeLight, ...]:
+        """The domes that light media without beams of their own."""
+        if not any(medium.lit_by_domes for medium in self.media):
+            return ()
+        domes = (light for light in self.lights if isinstance(light, DomeLight) and light.lights_media)
+        return tuple(light for light in domes if max(light.radiance) > 0)
 
     @property
     def bounces(self) -> int:

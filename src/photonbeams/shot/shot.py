@@ -381,7 +381,7 @@ class Shot:
             self._warn(f"{self._place}: there is no fog, in which beams would be seen: {fog}")
         elif names:
             self._warn(f"{self._place}: no beams have any light: expected some of {names} to shine")
-        elif not makers(content) and _NOTHING not in self._warnings.given:
+        elif not makers(content) and not content.sky and _NOTHING not in self._warnings.given:
             self._warnings.given.add(_NOTHING)
             idle = ", ".join(light.name for light in content.lights)
             expected = f"photonbeams:enabled on {idle}" if idle else "a light that is on"

@@ -62,7 +62,8 @@ class Cutting:
     def own(self, segments: Segments) -> Bool:
         """Return which segments are the emitter's, in the medium."""
         inside = segments.medium == dr.opaque(UInt32, self.medium.number)
-        return inside & (segments.source == dr.opaque(UInt32, self.source.number))
+        mine = inside & (segments.source == dr.opaque(UInt32, self.source.number))
+        return mine if self.source.beams else mine & (segments.depth > 0)
 
     def pieces(self, segments: Segments, there: Bool) -> list[Piece]:
         """Return segments as beams, each in the two pieces on either side of its portal or its focus."""

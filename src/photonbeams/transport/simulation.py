@@ -170,11 +170,11 @@ class Simulation:
         """Return how the segments of a pass become beams, for each emitter that makes some and each medium."""
         # An artist's look may show beams in a medium that does not scatter.
         media = [each for each in self.world.media.all if self.named or max(each.medium.scattering) > 0]
-        makers = [source for source in self.sources if source.beams]
         return [
             Cutting(medium, source, *self._both_limits(number, medium), self.named, self.tuning.short)
-            for source in makers
+            for source in self.sources
             for medium in media
+            if source.beams or (source.scattered_beams and medium.number in self.world.lit_by_domes)
         ]
 
     def _both_limits(self, number: int, medium: RenderedMedium) -> tuple[Limits, Limits]:
@@ -192,9 +192,12 @@ class Simulation:
 
 
 def lamps_of(
-    world: StageWorld, beams: int, seed: int, light_side: Collection[str], surfaces: bool = False
-) -> list[Stratum]:
+    world: StageWorld, beams: int, seed: int, light_side: Collection[str], surfaces: bool = False,
+    scatters: bool = False,
+) -> list[Stratum]:  # fmt: skip
     """Return the light paths of a stage's lamps that make beams, or light `surfaces`: a fixed count each.
+
+    Where light `scatters`, domes that light media without beams make some of light that was scattered before.
 
     A lamp without a portal has one stratum: all its directions. A lamp with a portal has two that add up to it: the
     paths through the portal and, where the camera sees the lamp's own side of it, all others.
@@ -212,6 +215,7 @@ def lamps_of(
     for number, light in enumerate(world.description.lights):
         count = beams if light.beam_count is None else light.beam_count
         wanted = light.emits_beams or (surfaces and light.lights_surfaces and max(light.radiance) > 0)
+        wanted |= scatters and any(light is each for each in world.description.sky)
         if not wanted or count <= 0:
             continue
         aside = count
@@ -318,7 +322,7 @@ class StageSimulation:
     def _strata(self, world: StageWorld) -> list[Stratum]:
         """Return the light paths of a pass."""
         lit = self._scatters and self.tuning.surfaces
-        strata = lamps_of(world, self.beams, self.tuning.seed, self.light_side, lit)
+        strata = lamps_of(world, self.beams, self.tuning.seed, self.light_side, lit, self._scatters)
         return [replace(each, guide=self.guides.get(each.key)) for each in strata]
 
 

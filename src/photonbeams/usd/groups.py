@@ -10,9 +10,9 @@ from pxr import Usd, UsdGeom
 
 from .contents import PROTOTYPE_PRIMS, shown_in_prototype
 from .curves import is_drawn
-from .lights import is_light, makes_beams
+from .lights import is_light, is_sky, makes_beams
 from .links import lights_media
-from .medium import is_medium
+from .medium import is_lit_by_domes, is_medium
 from .reading import Reading, prims_under, target_paths, visible
 
 
@@ -105,5 +105,6 @@ def _makers(root: Usd.Prim, instancer: _Maker | None = None) -> Iterator[_Maker]
 
 def _makes_beams(reading: Reading, prim: Usd.Prim, media: Sequence[Usd.Prim]) -> bool:
     if is_light(prim):
-        return makes_beams(reading, prim) and lights_media(reading, prim, media)
+        makes = makes_beams(reading, prim) or (is_sky(prim) and any(map(is_lit_by_domes, media)))
+        return makes and lights_media(reading, prim, media)
     return bool(prim.GetAttribute("points").HasAuthoredValue())

@@ -105,6 +105,11 @@ def makes_beams(reading: Reading, prim: Usd.Prim) -> bool:
     return can and reading.flag(prim, "photonbeams:enabled", True)
 
 
+def is_sky(prim: Usd.Prim) -> bool:
+    """Return whether a light is a dome that does not say whether it makes beams: it lights volumes without any."""
+    return is_dome(prim) and not prim.GetAttribute("photonbeams:enabled").HasAuthoredValue()
+
+
 def portal_paths(prim: Usd.Prim) -> list[Sdf.Path]:
     """Return the paths of a light's portals, which are no surfaces."""
     return target_paths(prim, "photonbeams:portal")
@@ -228,7 +233,9 @@ def _dome(reading: Reading, prim: Usd.Prim, to_world: Array, shared: dict[str, A
     if image is not None:
         image = rgb(image)
     rotation = _rotation(to_world) @ _pole(reading, prim)
-    return DomeLight(**shared, radiance=_rgb(_value(reading, prim)), image=image, to_world=rotation)
+    return DomeLight(
+        **shared, radiance=_rgb(_value(reading, prim)), image=image, to_world=rotation, lights_media=is_sky(prim)
+    )
 
 
 def _pole(reading: Reading, prim: Usd.Prim) -> Array:

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from pxr import Sdf, Usd, UsdLux
 
-from ..scene import Light, Mesh
+from ..scene import DomeLight, Light, Mesh
 from .reading import LOG, Reading
 
 
@@ -24,6 +24,8 @@ def linked(reading: Reading, light: Light, prim: Usd.Prim, meshes: Sequence[Mesh
         names = ", ".join(str(each.GetPath()) for each in media)
         LOG.info("%s makes no beams: its light link leaves out the fog %s", reading.place(prim), names)
         light = replace(light, emits_beams=False)
+    if isinstance(light, DomeLight) and light.lights_media and not lights_media(reading, prim, media):
+        light = replace(light, lights_media=False)
     return replace(light, unlit=unlit, unshadowed=unshadowed) if unlit or unshadowed else light
 
 

@@ -20,6 +20,11 @@ _RADIANCE = 5.670374e-14 / np.pi
 _COLDEST, _HOTTEST = 1000, 10000  # kelvin, between which OpenUSD knows the colours
 
 
+def is_lit_by_domes(prim: Usd.Prim) -> bool:
+    """Return whether a prim is a medium that domes light without making beams: smoke, of which others know, too."""
+    return is_medium(prim) and (prim.IsA(UsdVol.Volume) or not _has_medium(prim))
+
+
 def is_medium(prim: Usd.Prim) -> bool:
     """Return whether a prim describes fog: by our attributes, as a volume of fields, or by its material alone."""
     return _has_medium(prim) or (prim.IsA(UsdVol.Volume) and bool(fields_of(prim))) or _is_filled(prim)
@@ -78,6 +83,7 @@ def _read_volume(reading: Reading, prim: Usd.Prim, to_world: Array, name: str) -
         bounces=read_bounces(reading, prim),
         scattering_color=colors,
         emission=emission,
+        lit_by_domes=True,
     )
 
 
@@ -94,6 +100,7 @@ def _read_filled(reading: Reading, prim: Usd.Prim, to_world: Array, name: str) -
         anisotropy=shading.anisotropy,
         mesh=read_solid(reading, prim, to_world),
         name=name,
+        lit_by_domes=True,
     )
 
 

@@ -22,7 +22,7 @@ from ..numerics.arrays import to_uint, to_vectors
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from .checks import check_numbers, check_phase
 from .interfaces import medium_ahead, number, numbers, pointers
-from .tracking import MediumSegment, Track, Tracked, glow, walk
+from .tracking import MediumSegment, Track, Tracked, glow, scattering_point, walk
 
 mi = mitsuba()
 
@@ -144,6 +144,20 @@ class RenderedMedium:
         return MediumSegment(origin, direction, dr.maximum(near, enter), dr.minimum(far, leave), majorant, seed)
 
 
+    def scattering_point(
+        self, origin: Any, direction: Any, far: Any, seed: Any, sample: Any, active: Any
+    ) -> tuple[Any, Any]:
+        """Return a point on rays, up to `far`, at which the medium scatters light toward them, and its weight."""
+
+        def scattering(point: Any) -> Array3f:
+            place = dr.zeros(mi.MediumInteraction3f, dr.width(point))
+            place.p = mi.Point3f(point)
+            return Array3f(self.plugin.get_scattering_coefficients(place, Bool(True))[0])
+
+        segment = self.segment(origin, direction, Float(0), far, seed)
+        return scattering_point(segment, self.extinction, scattering, sample, active)
+
+
 def _extinction(media: Any, point: Any, active: Any) -> Array3f:
     """Return σt of a medium, or of media, at points."""
     place = dr.zeros(mi.MediumInteraction3f, dr.width(point))
@@ -250,6 +264,14 @@ class Media:
         return dr.select(
             varying, walk(segment, lambda point: _extinction(media, point, varying), varying & inside), plain
         )
+
+    def all_felt(self) -> Media:
+        """Return the media as beams feel them: all of them dim light."""
+        if self._felt is None:
+            return self
+        result = copy(self)
+        result._felt = None
+        return result
 
     @property
     def emissive(self) -> bool:

@@ -29,6 +29,8 @@ class Source:
         Whether it lights surfaces.
     bounces
         The most bounces of its light before it is scattered toward the camera; None: the settings'.
+    scattered_beams
+        Of one that makes no beams: whether its light makes some in media that domes light, once it was scattered.
     to_world
         (4, 4) from the light's own space, for looks.
     guides
@@ -46,3 +48,4 @@ class Source:
     bounces: int | None = None
     to_world: Array | None = None
     guides: tuple[Any, ...] = ()
+    scattered_beams: bool = False

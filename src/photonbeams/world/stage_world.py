@@ -166,6 +166,17 @@ class StageWorld(World):
         return self._each_of(DomeLamp)
 
     @cached_property
+    def sky(self) -> tuple[tuple[scene.DomeLight, Any, Links | None], ...]:
+        """The environments that light media without beams, each as a lamp, and what stops them."""
+        lamps = {light.name: item for light, item in zip(self.description.lights, self.lights, strict=True)}
+        return tuple((light, lamps[light.name], self._links(self._linked(light))) for light in self.description.sky)
+
+    @cached_property
+    def lit_by_domes(self) -> frozenset[int]:  # type: ignore[override]
+        """The numbers of the media that domes light without beams."""
+        return frozenset(self.numbers[each.name] for each in self.description.media if each.lit_by_domes)
+
+    @cached_property
     def mesh_lamps(self) -> tuple[tuple[Any, Links | None], ...]:
         """The mesh lights, and what they light."""
         return self._each_of(MeshLamp)
@@ -318,6 +329,7 @@ def _source(number: int, light: scene.Light, bounces: int | None) -> Source:
     return Source(
         number, light.name, light.group, light.look, light.emits_beams, light.beam_scale, light.scattered,
         light.lights_surfaces, bounces if light.bounces is None else light.bounces, light.frame, light.guides,
+        isinstance(light, scene.DomeLight) and light.lights_media,
     )  # fmt: skip
 
 

@@ -120,6 +120,60 @@ def glow(segment: MediumSegment, extinction: Extinction, emission: Extinction, a
     return result
 
 
+@dr.syntax
+def scattering_point(
+    segment: MediumSegment, extinction: Extinction, scattering: Extinction, sample: Any, active: Any
+) -> tuple[Any, Any]:
+    """Return a point on each ray's segment at which a medium scatters light toward the ray's origin, and its weight.
+
+    The mean of f(point) · weight is ∫ T(t) σs(t) f(t) dt. Each piece has one point, at a distance of the density
+    exp(−c t), with its control c; one of them is chosen by its part in the sum (weighted reservoir sampling).
+
+    Parameters
+    ----------
+    scattering
+        Returns σs at points: Array3f.
+    sample
+        A number in [0, 1) for each ray, by which the point is chosen.
+    """
+    piece, drawn = UInt32(0), UInt32(0)
+    depth, product, weight = Array3f(0), Array3f(1), Array3f(0)
+    total, chosen, left = Float(0), Float(0), Float(sample)
+    step = dr.maximum(segment.far - segment.near, 0) * (1 / SEGMENTS)
+    going = active & (step > 0)
+    while going & (piece < SEGMENTS):
+        begin = dr.fma(Float(piece), step, segment.near)
+        control, rate = _control(segment, extinction, begin, step)
+        # Where both probes find nothing, a control of 0 is the even density.
+        even = dr.maximum(dr.mean(control), 1e-4 * rate)
+        ending = 1 - dr.exp(-even * step)
+        within = -dr.log(1 - unit_float(hash32(segment.seed, piece, UInt32(1))) * ending) * dr.rcp(even)
+        place = begin + dr.minimum(within, step)
+        t = begin - dr.log(1 - unit_float(hash32(segment.seed, drawn))) * dr.rcp(rate)
+        drawn += 1
+        passed, before = Array3f(product), Array3f(1)
+        while t < begin + step:
+            factor = 1 - (extinction(dr.fma(segment.direction, t, segment.origin)) - control) * dr.rcp(rate)
+            product *= factor
+            before *= dr.select(t < place, factor, 1)
+            t -= dr.log(1 - unit_float(hash32(segment.seed, drawn))) * dr.rcp(rate)
+            drawn += 1
+        here = passed * before * dr.exp(-depth - control * within + even * within)
+        here *= scattering(dr.fma(segment.direction, place, segment.origin)) * ending * dr.rcp(even)
+        own = dr.abs(dr.mean(here))
+        total += own
+        taken = left * total < own
+        # The same number tells the next choice: it is even in [0, 1) again, given what it told.
+        part = own * dr.rcp(dr.maximum(total, 1e-30))
+        left = dr.select(taken, left * dr.rcp(dr.maximum(part, 1e-30)), (left - part) * dr.rcp(dr.maximum(1 - part, 1e-7)))
+        left = dr.clip(left, 0, 1 - 1e-7)
+        chosen = dr.select(taken, place, chosen)
+        weight = dr.select(taken, here * dr.rcp(dr.maximum(own, 1e-30)), weight)
+        depth += control * step
+        piece += 1
+    return chosen, weight * total
+
+
 def _control(segment: MediumSegment, extinction: Extinction, begin: Any, step: Any) -> tuple[Any, Any]:
     """Return a piece's control, and the rate of its points."""
     first, last = (extinction(dr.fma(segment.direction, begin + place * step, segment.origin)) for place in _PROBES)

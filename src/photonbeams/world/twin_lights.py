@@ -263,7 +263,7 @@ def _warn(twin: Twin, light: scene.Light, endless: bool) -> None:
         f"{own}lightGroup is left out: Mitsuba's pictures have no layers of lights": bool(light.group),
         f"{own}guides is left out: light flies straight in Mitsuba": bool(light.guides),
         f"{own}intensity is left out: it is of beams alone": light.emits_beams and light.beam_scale != 1,
-        f"{own}enabled is off, and yet its light is scattered in Mitsuba": not light.emits_beams,
+        f"{own}enabled is off, and yet its light is scattered in Mitsuba": not (light.emits_beams or getattr(light, "lights_media", False)),
         f"inputs:diffuse is {light.surface_scale:g}, in Mitsuba it is 1": light.surface_scale != 1,
         "inputs:shadow:distance is left out: shadows have no end in Mitsuba": light.shadow_distance < np.inf,
         "collection:lightLink is left out: in Mitsuba it lights everything": bool(light.unlit),

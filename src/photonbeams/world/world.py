@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Any
 
 import drjit as dr
@@ -37,6 +37,8 @@ class World:
         Whether BSDFs may perturb the normal (bump and normal maps), and whether any has diffuse or glossy transmission.
     narrows
         Whether beams straight from a lamp are narrowed where a surface blocks their rim.
+    lit_by_domes
+        Numbers of the media that domes light without beams.
     """
 
     plugin: Any
@@ -47,6 +49,7 @@ class World:
     perturbed: bool
     translucent: bool
     narrows: bool
+    lit_by_domes: Collection[int] = ()
 
     @property
     def sharp(self) -> bool:

@@ -1,0 +1,125 @@
+"""Light straight from domes that media scatter toward the camera, sampled along camera paths.
+
+A dome shines from everywhere: its beams would be wide, and blur what smoke shadows in itself. Each segment of a camera
+path has a point, chosen by how much light would be scattered there, with one sample of each dome and one of the phase
+function, as surfaces have. Light that is scattered more often comes by beams.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import drjit as dr
+
+from ..estimators.estimate import ENDLESS
+from ..numerics.hashing import hash32
+from ..numerics.samples import Samples
+from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
+from ..world.interfaces import pointers
+from ..world.stage_lamps import Links
+from ..world.stage_world import StageWorld
+from .camera_paths import CameraPaths, CameraVertex, ShadingPoint
+from .stage_lighting import scattered
+
+mi = mitsuba()
+
+_PLACE, _LOBE, _TURN, _DOME = 401, 402, 403, 404  # streams of samples
+
+
+class SingleScattering:
+    """The radiance of a view's pixels in a pass, by light groups.
+
+    Parameters
+    ----------
+    world, count
+        The world, and the number of pixels.
+    samples
+        The samples of the pass.
+    max_depth
+        The longest path, as in Mitsuba's integrators; None is no limit.
+    """
+
+    def __init__(self, world: StageWorld, count: int, samples: Samples, max_depth: int | None) -> None:
+        media = world.media.all_felt()
+        self._world = world if media is world.media else replace(world, media=media)
+        self._samples, self._max_depth, self._step = samples, max_depth, 0
+        self.radiance: dict[str, Any] = {light.group: dr.zeros(Array3f, count) for light, _, _ in world.sky}
+
+    def add(self, paths: CameraPaths, vertex: CameraVertex) -> None:
+        """Add the segments of one step of camera paths."""
+        inside = paths.alive & (vertex.end > paths.near)
+        if self._max_depth is not None:
+            inside &= paths.depth + 2 <= dr.opaque(UInt32, self._max_depth)
+        found = dr.zeros(Bool, dr.width(paths.direction))
+        for number in self._world.lit_by_domes:
+            found |= paths.medium == dr.opaque(UInt32, number)
+        inside &= found
+        step = dr.opaque(UInt32, self._step)
+        self._step += 1
+        if not bool(dr.any(inside)):
+            return
+        start = paths.origin + paths.near * paths.direction
+        far = dr.minimum(vertex.end, ENDLESS) - paths.near
+        sample = self._samples.pair(paths.order, _PLACE, step).x
+        seed = hash32(vertex.seed, UInt32(_PLACE))
+        distance, weight = dr.zeros(Float, dr.width(far)), dr.zeros(Array3f, dr.width(far))
+        for medium in self._world.media.all:
+            if medium.number in self._world.lit_by_domes:
+                own = inside & (paths.medium == dr.opaque(UInt32, medium.number))
+                there, part = medium.scattering_point(start, paths.direction, far, seed, sample, own)
+                distance, weight = dr.select(own, there, distance), dr.select(own, part, weight)
+        weight *= paths.throughput
+        point = ShadingPoint(None, paths.medium, paths.order, step, self._samples)
+        place, lit = start + distance * paths.direction, inside & (dr.max(dr.abs(weight)) > 0)
+        for number, (light, lamp, links) in enumerate(self._world.sky):
+            world = self._world if links is None else links.world
+            points = _Scattering(world, point, place, paths.direction, lit, links)
+            incident = scattered(world, points, lamp, (UInt32(_DOME + 16 * number),))
+            value = weight * incident * dr.opaque(Float, light.beam_scale)
+            dr.scatter_add(self.radiance[light.group], dr.select(lit, value, 0), paths.pixel, lit)
+        dr.eval(self.radiance)
+
+
+class _Scattering:
+    """Points in media that scatter light toward the camera, and a sample of the phase function at each."""
+
+    def __init__(
+        self, world: StageWorld, point: ShadingPoint, place: Array3f, ray: Array3f, active: Bool, links: Links | None
+    ) -> None:
+        self.point, self.place, self.active = point, place, active
+        self.shadow_reach = Float(dr.inf) if links is None else links.reach
+        self.shadow = None if links is None else links.shadow
+        self._interaction = dr.zeros(mi.MediumInteraction3f, dr.width(place))
+        self._interaction.p, self._interaction.wi = mi.Point3f(place), mi.Vector3f(-ray)
+        self._interaction.sh_frame = mi.Frame3f(self._interaction.wi)
+        self._phase = pointers(dr.select(active, point.medium, 0)).phase_function()
+        lobe = point.samples.single(point.order, _LOBE, point.step)
+        u = mi.Point2f(point.samples.pair(point.order, _TURN, point.step))
+        sample = self._phase.sample(mi.PhaseFunctionContext(), self._interaction, lobe, u, active)
+        self.direction, self.pdf = Array3f(sample[0]), Float(sample[2])
+        self.weight = dr.select(active, Array3f(sample[1]), 0)
+        self._seed = point.samples.bits(point.order, _LOBE, point.step)
+        self._open = self._free(world, active, self.shadow_reach)
+
+    def _free(self, world: StageWorld, active: Bool, reach: Float) -> Bool:
+        return active & ~world.blocked(self.place, self.direction, reach, active, self._seed)
+
+    def leave(self, _: Array3f) -> Array3f:
+        """Return the origins of rays that leave the points."""
+        return self.place
+
+    def sees(self, _: StageWorld, met: Bool, __: Float) -> Bool:
+        """Return which samples that meet a dome are not blocked."""
+        return met & self._open
+
+    def left(self, free: Bool, lit: Bool) -> Array3f:
+        """Return the factor on light that nothing blocks (`free`) or that is blocked, of the points that are lit."""
+        return dr.select(free, Array3f(1), 0 if self.shadow is None else dr.select(lit, self.shadow, 0))
+
+    def evaluate(self, direction: Array3f) -> tuple[Array3f, Float]:
+        """Return the phase function, and the pdf of sampling that direction."""
+        value, pdf = self._phase.eval_pdf(
+            mi.PhaseFunctionContext(), self._interaction, mi.Vector3f(direction), self.active
+        )
+        return Array3f(value), Float(pdf)
