@@ -138,6 +138,21 @@ def shader(kind, *inputs, context=""):
     }}"""
 
 
+@pytest.mark.parametrize(
+    ("dome", "lit"),
+    [
+        ("", True),
+        ("bool photonbeams:enabled = 0", False),
+        ("bool photonbeams:enabled = 1", False),  # it makes beams then
+        ("rel collection:lightLink:excludes = </V>", False),
+    ],
+)
+def test_domes_light_volumes_unless_they_say_what_they_do(scene, smoke, dome, lit):
+    text = f'def DomeLight "Sky" {{\n{dome}\n}}\n'
+    assert [light.name for light in scene(smoke + text).sky] == ["/Sky"] * lit
+    assert not scene(f'def Scope "Fog" {API} {{\n{FOG}\n}}\n' + text).sky
+
+
 def test_a_volume_is_a_medium_as_other_renderers_show_it(scene, smoke, caplog):
     (medium,) = scene(smoke).media
     assert np.array_equal(medium.grid.values[1:-1, 1:-1, 1:-1], VALUES[1:3, 1:4, 1:5])

@@ -79,8 +79,9 @@ class FrameRenderer(ABC):
         What the passes are of, as `FrameSums` has it.
     """
 
-    def __init__(self, settings: Settings, max_depth: int | None, planned: int | None) -> None:
+    def __init__(self, settings: Settings, max_depth: int | None, planned: int | None, all_beams: bool = False) -> None:
         self.settings, self.planned, self.statistics = settings, planned, Statistics()
+        self._all_beams = all_beams
         self._max_depth = max_depth
         self._points = Points(settings.rule)
         self._films: list[Film] = []
@@ -124,6 +125,7 @@ class FrameRenderer(ABC):
         return Tuning(
             settings.seed, self._max_bounces, settings.rr_depth, settings.overlap, settings.alpha, settings.radius,
             settings.min_radius, settings.max_radius, settings.short, settings.surfaces, settings.max_depth is None,
+            visible=settings.program is None and not self._all_beams,
         )  # fmt: skip
 
     def add_pass(self, number: int) -> None:
@@ -177,9 +179,7 @@ class FrameRenderer(ABC):
             gathering.finish()
         facing = 1.0 if rays.primary.facing is None else rays.primary.facing
         beams = [*gathering.radiance.items(), *([] if sky is None else sky.radiance.items())]
-        return PassPicture(
-            picture.surface, picture.alpha, beams, picture.transmittance, picture.distance * facing
-        )
+        return PassPicture(picture.surface, picture.alpha, beams, picture.transmittance, picture.distance * facing)
 
     def _camera_tracing(self, world: World, rays: ViewRays) -> CameraTracing:
         settings = self.settings

@@ -101,7 +101,7 @@ def simulate(
         raise scene.SceneError("the stage has no light that makes beams: expected a UsdLux light, or drawn beams")
     shutter = _in_medium(shutter)
     _check_memory(shutter.at(0.0).scene, window, settings)
-    return StageRenderer(shutter, window, settings, (), viewers, settings.passes).simulated(number).sets
+    return StageRenderer(shutter, window, settings, (), viewers, settings.passes, all_beams=True).simulated(number).sets
 
 
 def _in_medium(shutter: Shutter) -> Shutter:
@@ -193,13 +193,16 @@ class StageRenderer(FrameRenderer):
     planned
         How many passes share the shutter interval and each pixel's sequence of samples; further ones begin anew. None:
         nobody knows how many there will be.
+    all_beams
+        Whether beams are made, too, that no medium and no look shows.
     """
 
     def __init__(
         self, shutter: Shutter, window: Window, settings: Settings, holdouts: Sequence[HoldoutDepth] = (),
         viewers: Callable[[], Sequence[scene.Camera]] | None = None, planned: int | None = None,
+        all_beams: bool = False,
     ) -> None:  # fmt: skip
-        super().__init__(settings, settings.depth(2 + shutter.at(0.0).scene.bounces), planned)
+        super().__init__(settings, settings.depth(2 + shutter.at(0.0).scene.bounces), planned, all_beams)
         self._shutter, self._window = shutter, window
         ends = shutter.ends(0.0, 1.0)
         self._eyes = [np.asarray(camera.to_world)[:3, 3] for moment in ends for camera in moment.cameras]

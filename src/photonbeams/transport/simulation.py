@@ -48,7 +48,8 @@ FLOOR, CEILING, FREE_PATHS = 1e-4, 0.05, 0.25
 class Tuning:
     """How light paths are traced: those fields of `render.settings.Settings` that transport reads.
 
-    `own_bounces`: each source sets the bounces of its light, up to `max_bounces`.
+    `own_bounces`: each source sets the bounces of its light, up to `max_bounces`. `visible`: only those beams are made
+    that a medium or a look shows; programs and files of beams want all.
     """
 
     seed: int = 0
@@ -62,6 +63,7 @@ class Tuning:
     short: bool = False
     surfaces: bool = True
     own_bounces: bool = False
+    visible: bool = False
 
     def limits(self, number: int, size: float, widest: float = np.inf) -> Limits:
         """Return the bounds of radii in a pass, in a region of radius `size`; `widest` bounds the default."""
@@ -168,14 +170,17 @@ class Simulation:
 
     def cuttings(self, number: int) -> list[Cutting]:
         """Return how the segments of a pass become beams, for each emitter that makes some and each medium."""
-        # An artist's look may show beams in a medium that does not scatter.
-        media = [each for each in self.world.media.all if self.named or max(each.medium.scattering) > 0]
         return [
             Cutting(medium, source, *self._both_limits(number, medium), self.named, self.tuning.short)
             for source in self.sources
-            for medium in media
-            if source.beams or (source.scattered_beams and medium.number in self.world.lit_by_domes)
+            for medium in self.world.media.all
+            if self._shown(source, medium)
+            and (source.beams or (source.scattered_beams and medium.number in self.world.lit_by_domes))
         ]
+
+    def _shown(self, source: Source, medium: RenderedMedium) -> bool:
+        """Return whether beams of an emitter in a medium are wanted: a look may show them where nothing scatters."""
+        return max(medium.medium.scattering) > 0 or (self.named and not (self.tuning.visible and source.look is None))
 
     def _both_limits(self, number: int, medium: RenderedMedium) -> tuple[Limits, Limits]:
         """Return the bounds of radii of scattered light, and of light straight from an emitter."""
@@ -193,11 +198,12 @@ class Simulation:
 
 def lamps_of(
     world: StageWorld, beams: int, seed: int, light_side: Collection[str], surfaces: bool = False,
-    scatters: bool = False,
+    scatters: bool = False, visible: bool = False,
 ) -> list[Stratum]:  # fmt: skip
     """Return the light paths of a stage's lamps that make beams, or light `surfaces`: a fixed count each.
 
-    Where light `scatters`, domes that light media without beams make some of light that was scattered before.
+    Where light `scatters`, domes that light media without beams make some of light that was scattered before. If only
+    beams count that are `visible`, lamps without a look make none where no medium scatters light.
 
     A lamp without a portal has one stratum: all its directions. A lamp with a portal has two that add up to it: the
     paths through the portal and, where the camera sees the lamp's own side of it, all others.
@@ -212,9 +218,12 @@ def lamps_of(
         Names of lamps whose paths that miss the portal are wanted too.
     """
     result = []
+    hazy = not visible or any(max(each.scattering) > 0 for each in world.description.media)
     for number, light in enumerate(world.description.lights):
         count = beams if light.beam_count is None else light.beam_count
-        wanted = light.emits_beams or (surfaces and light.lights_surfaces and max(light.radiance) > 0)
+        wanted = (light.emits_beams and (hazy or light.look is not None)) or (
+            surfaces and light.lights_surfaces and max(light.radiance) > 0
+        )
         wanted |= scatters and any(light is each for each in world.description.sky)
         if not wanted or count <= 0:
             continue
@@ -313,7 +322,9 @@ class StageSimulation:
             part = replace(whole, emission=emission_of_lamps(moving, False), tuning=straight)
             later = [_later(each, last) for each in moving]
             sets += part.moved(last, later, number, renumbering(last, first))
-        return sorted(sets, key=lambda each: each.light) + _drawn(first, last, looks or {}), hits
+        sets = sorted(sets, key=lambda each: each.light) + _drawn(first, last, looks or {})
+        dark = {each.number for each in first.media.all if self.tuning.visible and max(each.medium.scattering) <= 0}
+        return [each for each in sets if each.look is not None or each.medium not in dark], hits
 
     @property
     def _scatters(self) -> bool:
@@ -322,7 +333,8 @@ class StageSimulation:
     def _strata(self, world: StageWorld) -> list[Stratum]:
         """Return the light paths of a pass."""
         lit = self._scatters and self.tuning.surfaces
-        strata = lamps_of(world, self.beams, self.tuning.seed, self.light_side, lit, self._scatters)
+        tuning = self.tuning
+        strata = lamps_of(world, self.beams, tuning.seed, self.light_side, lit, self._scatters, tuning.visible)
         return [replace(each, guide=self.guides.get(each.key)) for each in strata]
 
 

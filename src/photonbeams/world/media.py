@@ -143,7 +143,6 @@ class RenderedMedium:
         majorant = dr.opaque(Float, max(self.medium.extinction))
         return MediumSegment(origin, direction, dr.maximum(near, enter), dr.minimum(far, leave), majorant, seed)
 
-
     def scattering_point(
         self, origin: Any, direction: Any, far: Any, seed: Any, sample: Any, active: Any
     ) -> tuple[Any, Any]:

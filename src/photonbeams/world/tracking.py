@@ -165,7 +165,9 @@ def scattering_point(
         taken = left * total < own
         # The same number tells the next choice: it is even in [0, 1) again, given what it told.
         part = own * dr.rcp(dr.maximum(total, 1e-30))
-        left = dr.select(taken, left * dr.rcp(dr.maximum(part, 1e-30)), (left - part) * dr.rcp(dr.maximum(1 - part, 1e-7)))
+        left = dr.select(
+            taken, left * dr.rcp(dr.maximum(part, 1e-30)), (left - part) * dr.rcp(dr.maximum(1 - part, 1e-7))
+        )
         left = dr.clip(left, 0, 1 - 1e-7)
         chosen = dr.select(taken, place, chosen)
         weight = dr.select(taken, here * dr.rcp(dr.maximum(own, 1e-30)), weight)

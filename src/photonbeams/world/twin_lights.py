@@ -255,6 +255,7 @@ def environment(twin: Twin, dome: scene.DomeLight, name: str) -> dict[str, Any]:
 def _warn(twin: Twin, light: scene.Light, endless: bool) -> None:
     """Warn of the attributes of a light that Mitsuba cannot describe."""
     own = "photonbeams:"
+    off = not (light.emits_beams or (isinstance(light, scene.DomeLight) and light.lights_media))
     lost = {
         "inputs:shaping:ies:file is left out: Mitsuba has no profiles of lights": profile_of(light) is not None,
         f"{own}portal is left out: photon_beams finds by itself where light comes in": light.portal is not None,
@@ -263,7 +264,7 @@ def _warn(twin: Twin, light: scene.Light, endless: bool) -> None:
         f"{own}lightGroup is left out: Mitsuba's pictures have no layers of lights": bool(light.group),
         f"{own}guides is left out: light flies straight in Mitsuba": bool(light.guides),
         f"{own}intensity is left out: it is of beams alone": light.emits_beams and light.beam_scale != 1,
-        f"{own}enabled is off, and yet its light is scattered in Mitsuba": not (light.emits_beams or getattr(light, "lights_media", False)),
+        f"{own}enabled is off, and yet its light is scattered in Mitsuba": off,
         f"inputs:diffuse is {light.surface_scale:g}, in Mitsuba it is 1": light.surface_scale != 1,
         "inputs:shadow:distance is left out: shadows have no end in Mitsuba": light.shadow_distance < np.inf,
         "collection:lightLink is left out: in Mitsuba it lights everything": bool(light.unlit),

@@ -1,0 +1,78 @@
+"""Smoke under a dome, sampled along camera paths: against closed forms and numerical integrals."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.special import expn
+
+from comparison import box
+from photonbeams import Look, Shot, scene
+
+SKY = (1.0, 2.0, 0.5)
+SCATTERING, ABSORPTION = np.array([0.9, 0.3, 0.05]), np.array([0.1, 0.3, 0.05])
+LAYERS = np.array([0.2, 3.0, 0.5, 0.0, 1.3], np.float32)  # densities of a slab's cells, from the bottom up
+WIDE = 500.0  # of the slab: free paths enough that its sides are black
+CAMERA = scene.Camera.look_at((0, 3, 0), (0, 0, 0), up=(0, 0, 1), fov=1, aspect=1)
+
+
+def slab(varying, **given):
+    """Return a slab of height 1, of one density or of layers, that domes light."""
+    numbers = {"scattering": tuple(SCATTERING), "absorption": tuple(ABSORPTION), "name": "/smoke", **given}
+    if not varying:
+        return scene.Medium(mesh=box("/smoke", (-WIDE, 0, -WIDE), (WIDE, 1, WIDE)), lit_by_domes=True, **numbers)
+    place = np.diag([2 * WIDE, 1, 2 * WIDE, 1])
+    place[:3, 3] = -WIDE, 0, -WIDE
+    return scene.Medium(grid=scene.DensityGrid(LAYERS[None, :, None], place), lit_by_domes=True, **numbers)
+
+
+def scattered_once(varying):
+    """Return what a camera above the slab sees: dL = T σs S(y) dy, S the mean of the sky that reaches y.
+
+    Of rays in all directions through the optical depth τ, the mean transmittance of a half space is E2(τ).
+    """
+    y = (np.arange(20000) + 0.5) / 20000
+    density = np.interp(y, (np.arange(5) + 0.5) / 5, LAYERS) if varying else np.ones_like(y)
+    result = []
+    for scattering, extinction, sky in zip(SCATTERING, SCATTERING + ABSORPTION, SKY, strict=True):
+        below = extinction * (np.cumsum(density) - 0.5 * density) / len(y)
+        above = extinction * density.mean() - below
+        reaching = 0.5 * sky * (expn(2, below) + expn(2, above))
+        result.append(np.mean(np.exp(-above) * scattering * density * reaching))
+    return np.array(result)
+
+
+SKY_ALONE = scene.DomeLight("/sky", SKY, lights_media=True, emits_beams=False)
+
+
+@pytest.mark.parametrize("varying", [False, True])
+def test_a_slab_under_an_even_sky_is_lit_as_exponential_integrals_say(varying):
+    shot = Shot(scene.Scene(lights=[SKY_ALONE], media=[slab(varying)]), CAMERA)
+    found = shot.render(passes=4, width=24, height=24, pixel_filter="box").layers["beams"].reshape(-1, 3)
+    error = found.std(axis=0) / np.sqrt(len(found))
+    assert np.all(np.abs(found.mean(axis=0) - scattered_once(varying)) < 4.5 * error)
+    assert np.all(error < 0.02 * found.mean(axis=0))
+
+
+def test_the_light_that_domes_scatter_in_smoke_is_in_the_beams_of_their_group():
+    # A cube of albedo 1 in a furnace is as bright as the sky. Scattered beams are a tenth of its light (9 % are missing
+    # without them); they are a twentieth of the cube's radius wide at most, and blurred out of it by no more on
+    # either side: a tenth of a tenth. Light beyond ten bounces is below 0.1 %.
+    cube = scene.Medium(
+        (0.5, 0.5, 0.5), mesh=box("/m", (-0.5, -0.5, -0.5), (0.5, 0.5, 0.5)), name="/m", lit_by_domes=True
+    )
+    sky = replace(SKY_ALONE, radiance=(1.0, 1.0, 1.0), group="sky")
+    camera = scene.Camera.look_at((0, 0.3, 3), (0, 0, 0), fov=8, aspect=1)
+    layers = Shot(scene.Scene(lights=[sky], media=[cube]), camera).render(
+        passes=4, width=24, height=24, max_depth=12, pixel_filter="box"
+    ).layers  # fmt: skip
+    assert np.array_equal(layers["beams"], layers["beams_sky"])
+    assert layers["rgba"][..., :3].mean() == pytest.approx(1, abs=0.01)
+
+
+def test_beams_that_nothing_shows_are_not_traced():
+    lamp = scene.SphereLight("/lamp", (1.0, 1.0, 1.0), center=np.array([0, 2.0, 0]), radius=0.1, group="a")
+    shown = replace(lamp, name="/shown", look=Look(angle=1.0), beam_count=64)
+    for lights, beams in (([lamp], 0), ([lamp, shown], 64)):
+        frame = Shot(scene.Scene(lights=lights), CAMERA).render(passes=1, width=8, height=8)
+        assert (frame.statistics.beams, "beams_a" in frame.layers) == (beams, True)
