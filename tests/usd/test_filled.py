@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from photonbeams.scene import SceneError
+from photonbeams.usd.stage import open_stage, read_scene
 
 VOLUME = """
 def Material "Smoke"
@@ -60,10 +61,16 @@ def test_an_open_mesh_holds_no_fog(scene):
         scene(stage("Plane"))
 
 
-def test_a_volume_that_blender_did_not_write_is_told_with_the_flag_that_makes_fog(scene, caplog):
+def test_a_volume_that_blender_did_not_write_is_told_with_the_flag_that_makes_fog(scene, usd, caplog):
     text = 'def Material "Fog"\n{\n}\n' + stage().replace("</Smoke>", "</Fog>")
     assert len(scene(text, 'doc = "Blender v5.0.1"').meshes) == 1
     assert "--set '/Box.photonbeams:scattering=0.1'" in caplog.text
+    path = usd(text, 'doc = "Blender v5.0.1"').GetRootLayer().realPath
+    found = read_scene(open_stage(path, overrides=["/Box.photonbeams:scattering=0.1"]))
+    assert not found.meshes
+    assert [(each.mesh.volume, each.scattering) for each in found.media] == [
+        (pytest.approx(8), pytest.approx((0.1, 0.1, 0.1)))
+    ]
     caplog.clear()
     scene(text)
     assert "--set" not in caplog.text
