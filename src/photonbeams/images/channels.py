@@ -16,7 +16,7 @@ import numpy as np
 
 from ..runtime.files import PathLike
 from ..scene import Array, SceneError
-from .files import REC709, opened, unreadable
+from .files import REC709, complaint, opened, unreadable
 from .numbering import numbered
 
 Warn = Callable[[str], None]
@@ -174,7 +174,7 @@ class ImageFile:
         spec = self._specs[part]
         with opened(self._path) as file:
             data = file.read_image(part, 0, 0, spec.nchannels, "float")
-            message = file.geterror()
+            message = complaint(file)
         if data is None or message:
             raise unreadable(self._path, message)
         data = np.asarray(data, np.float32).reshape(spec.height, spec.width, spec.nchannels)

@@ -368,10 +368,10 @@ def opened(path: PathLike) -> Iterator[Any]:
         pass
     file: Any = OpenImageIO.ImageInput.open(str(path))
     if not file:
-        raise unreadable(path, OpenImageIO.geterror())
+        raise unreadable(path, complaint(OpenImageIO))
     try:
         yield file
-        file.geterror()  # seeking past the last part is no error
+        complaint(file)  # seeking past the last part is no error
     finally:
         file.close()
 
@@ -383,7 +383,7 @@ def _subimages(path: PathLike) -> Iterator[tuple[Any, Array]]:
         while file.seek_subimage(index, 0):
             spec = file.spec()
             pixels = file.read_image(index, 0, 0, spec.nchannels, "float")
-            message = file.geterror()
+            message = complaint(file)
             if pixels is None or message:
                 raise unreadable(path, message)
             yield spec, np.asarray(pixels, dtype=np.float32).reshape(spec.height, spec.width, spec.nchannels)
@@ -393,6 +393,14 @@ def _subimages(path: PathLike) -> Iterator[tuple[Any, Array]]:
 def unreadable(path: PathLike, message: str) -> SceneError:
     """Return (for raising) the error of an image that cannot be decoded."""
     return SceneError(f"{path} cannot be read: expected an image ({reason(message)})")
+
+
+def complaint(decoder: Any) -> str:
+    """Return what OpenImageIO says of its last error; of broken files it quotes bytes that are no text."""
+    try:
+        return str(decoder.geterror())
+    except UnicodeDecodeError as error:
+        return error.object.decode(errors="replace")
 
 
 def reason(message: str) -> str:

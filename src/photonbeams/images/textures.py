@@ -12,7 +12,7 @@ import OpenImageIO
 from ..runtime.files import why_unreadable
 from ..scene import Array
 from .display import is_encoded, srgb_decoded
-from .files import reason
+from .files import complaint, reason
 
 #: Pixels a side beyond which textures are scaled down, unless a user says otherwise.
 TEXTURE_LIMIT = 4096
@@ -50,16 +50,16 @@ def decoded(path: str, linearize: Linearize, limit: int = TEXTURE_LIMIT) -> Deco
     config.attribute("oiio:UnassociatedAlpha", 1)  # the colour where alpha is 0 is still the surface's colour
     file: Any = OpenImageIO.ImageInput.open(path, config)
     if not file:
-        return Decoded(None, error=reason(OpenImageIO.geterror()))
+        return Decoded(None, error=reason(complaint(OpenImageIO)))
     try:
         width, height = file.spec().width, file.spec().height
         level = 0
         while max(file.spec().width, file.spec().height) > limit and file.seek_subimage(0, level + 1):
             level += 1
-        file.geterror()
+        complaint(file)
         file.seek_subimage(0, level)
         pixels = _read(file, level, linearize, limit)
-        return Decoded(pixels, width, height, "" if pixels is not None else reason(file.geterror()))
+        return Decoded(pixels, width, height, "" if pixels is not None else reason(complaint(file)))
     except MemoryError:
         return Decoded(None, width, height, f"its {width} x {height} pixels do not fit into memory")
     finally:
@@ -70,7 +70,7 @@ def wrap_modes(path: str) -> tuple[str, str] | None:
     """Return what a texture file says is beyond it in u and in v, "black", "clamp", "periodic" or "mirror", or None."""
     file: Any = None if why_unreadable(path) else OpenImageIO.ImageInput.open(path)
     if not file:
-        OpenImageIO.geterror()
+        complaint(OpenImageIO)
         return None
     first, _, second = str(file.spec().getattribute("wrapmodes") or "").partition(",")
     file.close()
