@@ -70,8 +70,6 @@ def test_a_volume_that_blender_did_not_write_is_told_with_the_flag_that_makes_fo
     assert not found.meshes
     (medium,) = found.media
     assert (medium.mesh.volume, medium.scattering) == (pytest.approx(8), pytest.approx((0.1, 0.1, 0.1)))
-        (pytest.approx(8), pytest.approx((0.1, 0.1, 0.1)))
-    ]
     caplog.clear()
     scene(text)
     assert "--set" not in caplog.text
