@@ -296,3 +296,21 @@ def test_lights_without_power_make_no_beams(light):
 def test_a_single_beam_is_a_beam(room):
     assert len(only(trace(world_of(LAMP), beams_per_light=1))["start"]) == 1
     assert len(only(trace(room, beams_per_light=1))["start"]) == 2
+
+
+def test_beams_keep_their_width_over_any_number_of_null_collisions():
+    # Thin smoke in a grid that is thick in one corner: of a coloured medium each null collision ends a step.
+    density = np.full((4, 4, 4), 0.01, np.float32)
+    density[0, 0, 0] = 1
+    place = np.diag([8.0, 8, 8, 1])
+    place[:3, 3] = -4
+    smoke = scene.Medium((4.0, 3.0, 2.0), name="/smoke", grid=scene.DensityGrid(density, place))
+    lamp = scene.SphereLight("/lamp", (1.0, 1.0, 1.0), center=np.zeros(3), radius=0.0)
+    world = StageWorld.build(scene.Scene(lights=(lamp,), media=(smoke,)), [(0, 0, 9)])
+    (found,) = trace(world, beams_per_light=256)
+    beams = found.beams
+    assert len(beams) > 8 * 256
+    # Without surfaces all beams of a point are cones of one angle.
+    distance = dr.norm(beams.end).numpy()
+    ratio = (beams.radius_end.numpy() / distance)[distance > 0.5]
+    np.testing.assert_allclose(ratio, np.median(ratio), rtol=0.05)

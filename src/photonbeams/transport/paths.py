@@ -42,7 +42,7 @@ _BRIGHTEST = 8.0
 # Factor on the radius of photons whose paths were scattered at random: see `_photon_hits`.
 _DOZEN = 3.0
 
-# Steps after which ray differentials are dropped: light that is still specular by then is faint.
+# Steps after which mirrors and lenses end ray differentials: light that is still specular by then is faint.
 _COHERENT = 8
 
 
@@ -208,8 +208,9 @@ def _step(tracing: Tracing, paths: LightPaths, step: int) -> tuple[Any, ...]:
     dr.eval(segments, in_medium, hits, on_surface, following, interaction.going, bent)
     if step < _COHERENT:
         _carry(tracing, paths, following, bent, stream)
-    else:
-        following.coherent = dr.zeros(Bool, dr.width(bent))
+    else:  # null collisions and boundaries, of which smoke may have any number, leave differentials as they are
+        following.radius = dr.select(bent, segments.width(interaction.distance), following.radius)
+        following.coherent &= ~bent
     return segments, in_medium, hits, on_surface, following, interaction.going
 
 
