@@ -38,6 +38,8 @@ class Material:
         What a clear surface multiplies light by that it lets through.
     normal
         Normals in tangent space, n / 2 + 1 / 2 in three channels; None: the mesh's own.
+    bump
+        Heights in scene units, one channel, which tilt the normals; None, or where there is `normal`: flat.
     """
 
     diffuse: Color | UVTexture | VertexValues = (0.18, 0.18, 0.18)
@@ -51,6 +53,12 @@ class Material:
     presence: bool = False
     tint: Color = WHITE
     normal: UVTexture | None = None
+    bump: UVTexture | None = None
+
+    @property
+    def perturbed(self) -> bool:
+        """Whether a normal or bump map tilts the mesh's normals."""
+        return self.normal is not None or self.bump is not None
 
 
 @dataclass(frozen=True)
