@@ -8,7 +8,7 @@ import pytest
 
 from photonbeams import scene
 from photonbeams.runtime.device import Float, mitsuba
-from photonbeams.world.normal_maps import NORMAL_MAP, slopes_of
+from photonbeams.world.normal_maps import NORMAL_MAP
 from photonbeams.world.shapes import bsdf_of, sharp_bsdf_of
 
 mi = mitsuba()
@@ -122,5 +122,5 @@ def test_bumps_tilt_the_normal_by_the_slope_of_their_heights(wrap):
 
 def test_slopes_change_their_sign_where_an_image_is_mirrored():
     heights = scene.UVTexture(np.linspace(0, 1, 8, dtype=np.float32)[None, :, None], "mirror")
-    slopes = slopes_of(heights).pixels[..., 0]
+    slopes = heights.slopes().pixels[..., 0]
     assert np.allclose(slopes[:, 1:7], 8 / 7) and np.allclose(slopes[:, 9:15], -8 / 7)

@@ -16,14 +16,11 @@ As with every such means, the BSDF is not reciprocal where they come into effect
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import drjit as dr
-import numpy as np
 
 from ..runtime.device import Float, mitsuba
-from ..scene import UVTexture
 
 mi = mitsuba()
 
@@ -37,11 +34,11 @@ _LEAST = 1e-3  # cosine between N and ωi, or the surface's normal: below, direc
 _ABOVE = 0.01  # cosine of a bent N's mirror direction
 
 
-class NormalMap(mi.BSDF):
+class NormalMap(mi.BSDF):  # type: ignore[name-defined]
     """The plug-in, with the BSDF inside, what that is in `lobes`, and one of two textures.
 
     `normalmap` is n / 2 + 1 / 2 in tangent space: the tangent points along u and the bitangent along v, also where the
-    UVs are mirrored. `slopes` are the derivatives of a bump map's heights by u and v, as `slopes_of` returns them.
+    UVs are mirrored. `slopes` are the derivatives of a bump map's heights by u and v (`scene.UVTexture.slopes`).
     """
 
     def __init__(self, properties: Any) -> None:
@@ -142,8 +139,8 @@ class NormalMap(mi.BSDF):
 def _bent(normal: Any, facing: Any) -> Any:
     """Return a normal that mirrors a direction above the surface.
 
-    In the plane of N and the surface's normal, with the angle θ between these, and φ that of the direction's projection,
-    of length ρ, the mirrored direction has the cosine ρ cos(2 θ − φ).
+    In the plane of N and the surface's normal, with the angle θ between these, and φ that of the direction's
+    projection, of length ρ, the mirrored direction has the cosine ρ cos(2 θ − φ).
     """
     sine = dr.maximum(dr.norm(mi.Vector2f(normal.x, normal.y)), 1e-9)
     x, y = normal.x / sine, normal.y / sine
@@ -154,21 +151,6 @@ def _bent(normal: Any, facing: Any) -> Any:
     angle = dr.minimum(dr.atan2(sine, normal.z), most)
     turned, height = dr.sincos(angle)
     return mi.Normal3f(turned * x, turned * y, height)
-
-
-def slopes_of(heights: UVTexture) -> UVTexture:
-    """Return the derivatives of heights (H, W, 1) by u and v, (H, W, 3) with zeros last, by central differences."""
-    pixels, wrap, to_image = np.asarray(heights.pixels[..., 0], dtype=np.float64), heights.wrap, heights.uv_transform
-    if wrap == "mirror":  # where slopes change their sign in every other square
-        pixels = np.block([[pixels[::-1], pixels[::-1, ::-1]], [pixels, pixels[:, ::-1]]])
-        wrap, to_image = "repeat", np.diag([0.5, 0.5, 1.0]) @ to_image
-    padded = np.pad(pixels, 1, "wrap" if wrap == "repeat" else "edge")
-    rows, columns = pixels.shape
-    along_u = (padded[1:-1, 2:] - padded[1:-1, :-2]) * columns / 2
-    along_v = (padded[:-2, 1:-1] - padded[2:, 1:-1]) * rows / 2  # the first row is at v = 1
-    slopes = np.stack([along_u, along_v], axis=-1) @ to_image[:2, :2]
-    result = np.concatenate([slopes, np.zeros((rows, columns, 1))], axis=-1)
-    return replace(heights, pixels=result.astype(np.float32), wrap=wrap, uv_transform=to_image)
 
 
 mi.register_bsdf(NORMAL_MAP, NormalMap)

@@ -11,7 +11,7 @@ import numpy as np
 from .. import scene
 from ..numerics.arrays import to_float, to_uint
 from ..runtime.device import mitsuba
-from .normal_maps import DIFFUSE, MIXED, NORMAL_MAP, SPECULAR, slopes_of
+from .normal_maps import DIFFUSE, MIXED, NORMAL_MAP, SPECULAR
 
 mi = mitsuba()
 
@@ -144,7 +144,7 @@ def _perturbed(material: scene.Material, surface: dict[str, Any], lobes: str | N
         return surface
     if lobes is None:
         return {"type": plain, name: _texture(texture), "surface": surface}
-    texture = slopes_of(texture) if name == "slopes" else texture
+    texture = texture.slopes() if name == "slopes" else texture
     return {"type": NORMAL_MAP, "lobes": lobes, name: _texture(texture), "surface": surface}
 
 

@@ -13,9 +13,11 @@ from pxr import Tf, Usd, UsdShade
 from ...scene import Array, Material, UVTexture
 from ..blender import wrote_material
 from ..reading import Reading, is_relationship, target_paths
+from .bumps import BUMPS
 from .images import IMAGES
 from .network import Network, shader_id
 from .nodes import NODES
+from .ramps import RAMPS
 from .surface import Surface
 from .surfaces import SURFACES, category, surface_of
 from .values import Image, PrimvarValue, Value, as_color, as_number, constant, mapped
@@ -114,7 +116,7 @@ def _read(reading: Reading, material: UsdShade.Material) -> Bound:
     found: list[tuple[int, Network, Surface]] = []
     unknown = []
     for shader in _surfaces(material):
-        network = Network(reading, {**NODES, **IMAGES})
+        network = Network(reading, {**NODES, **IMAGES, **RAMPS, **BUMPS})
         surface = surface_of(network, shader)
         if surface is None:
             unknown.append(shader_id(shader) or "without an id")
@@ -162,7 +164,7 @@ def _bound(reading: Reading, material: UsdShade.Material, surface: Surface) -> B
     fields: dict[str, Any] = {"presence": surface.presence}
     images, primvars = {}, {}
     for name, value in vars(surface).items():
-        if name in ("presence", "normal", "tint") or value is None:
+        if name in ("presence", "normal", "bump", "tint") or value is None:
             continue
         value = _in_range(reading, prim, name, as_color(value) if name in _COLORS else as_number(value))
         if isinstance(value, Image) and name in _TEXTURED:
@@ -176,8 +178,12 @@ def _bound(reading: Reading, material: UsdShade.Material, surface: Surface) -> B
         fields[name] = plain(name, constant(value))
     if surface.tint is not None:
         fields["tint"] = plain("diffuse", np.clip(constant(surface.tint), 0, 1))
-    if isinstance(surface.normal, Image):
-        images["normal"] = surface.normal
+    for name, value in (
+        ("normal", surface.normal),
+        ("bump", None if surface.bump is None else as_number(surface.bump)),
+    ):
+        if isinstance(value, Image):
+            images[name] = value
     return Bound(Material(**fields), images, primvars, _uv_name(reading, prim, images))
 
 
