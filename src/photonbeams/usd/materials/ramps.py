@@ -17,7 +17,8 @@ from .values import Image, Value
 CONSTANT, LINEAR, CATMULL_ROM, MONOTONE, SMOOTH = range(5)
 _JOINED = {"none": CONSTANT, "constant": CONSTANT, "linear": LINEAR, "catmull-rom": CATMULL_ROM, "bspline": CATMULL_ROM}
 
-_LONG, _WIDE = 1024, 256  # pixels of an image of a function of one coordinate, and of both
+_WIDE = 256  # pixels of an image of a function of both coordinates
+_SIZES = {"u": (1, 4 * _WIDE), "v": (4 * _WIDE, 1)}  # and of one
 
 
 def _angle(u: Array, v: Array) -> Array:
@@ -52,8 +53,7 @@ def over_uvs(
 
 def _direction(name: str, placed: tuple[str, Array], wrap: str = "repeat") -> Image:
     """Return one of the coordinates that ramps follow, from 0 to 1."""
-    size = {"u": (1, _LONG), "v": (_LONG, 1)}.get(name, (_WIDE, _WIDE))
-    return over_uvs(_DIRECTIONS[name], placed, wrap, size)
+    return over_uvs(_DIRECTIONS[name], placed, wrap, _SIZES.get(name, (_WIDE, _WIDE)))
 
 
 def ramp(x: Array, positions: Sequence[float], kinds: Sequence[int], values: Sequence[Array]) -> Array:
@@ -177,27 +177,26 @@ def _materialx_ramp(network: Network, node: UsdShade.Shader, output: str) -> Val
     return network.combined(node, lambda x, *values: ramp(x, positions, kinds, values), x, *knots)
 
 
-def _corners(mixed: Callable[..., Array], *names: str) -> Node:
-    """Return a reader of MaterialX's simple ramps and splits: a function of UVs and of values, 0 unless set."""
+def _corners(axes: str, mixed: Callable[..., Array], *names: str) -> Node:
+    """Return a reader of MaterialX's simple ramps and splits: a function of some of u and v, and of values."""
 
     def read(network: Network, node: UsdShade.Shader, output: str) -> Value | None:
         def found(name: str) -> Value:
             value = network.value(node, name)
             return np.full(1, 0.5 if name == "center" else 0.0) if value is None else value
 
-        uvs = over_uvs(_both, coordinates(network, node, "texcoord"), "clamp")
-        values = [found(name) for name in names]
-        return network.combined(node, lambda uv, *each: mixed(uv[..., :1], uv[..., 1:2], *each), uvs, *values)
+        placed = coordinates(network, node, "texcoord")
+        along = [over_uvs(_DIRECTIONS[axis], placed, "clamp", _SIZES[axis]) for axis in axes]
+        return network.combined(node, mixed, *along, *(found(name) for name in names))
 
     return read
 
 
-def _both(u: Array, v: Array) -> Array:
-    return np.concatenate(np.broadcast_arrays(u, v), axis=-1)
-
-
 def _texcoord(network: Network, node: UsdShade.Shader, output: str) -> Value | None:
-    return over_uvs(_both, ("", np.eye(3)), size=(2 * _WIDE, 2 * _WIDE))
+    def both(u: Array, v: Array) -> Array:
+        return np.concatenate(np.broadcast_arrays(u, v), axis=-1)
+
+    return over_uvs(both, ("", np.eye(3)), size=(2 * _WIDE, 2 * _WIDE))
 
 
 def _state(network: Network, node: UsdShade.Shader, output: str) -> Value | None:
@@ -239,16 +238,16 @@ RAMPS: dict[str, Node] = {
     "PxrRamp": _renderman_ramp,
     "ramp": _materialx_ramp,
     "texcoord": _texcoord,
-    "ramplr": _corners(lambda u, v, left, right: _mixed(left, right, u), "valuel", "valuer"),
-    "ramptb": _corners(lambda u, v, top, bottom: _mixed(bottom, top, v), "valuet", "valueb"),
+    "ramplr": _corners("u", lambda u, left, right: _mixed(left, right, u), "valuel", "valuer"),
+    "ramptb": _corners("v", lambda v, top, bottom: _mixed(bottom, top, v), "valuet", "valueb"),
     "ramp4": _corners(
-        lambda u, v, tl, tr, bl, br: _mixed(_mixed(bl, br, u), _mixed(tl, tr, u), v),
+        "uv", lambda u, v, tl, tr, bl, br: _mixed(_mixed(bl, br, u), _mixed(tl, tr, u), v),
         "valuetl", "valuetr", "valuebl", "valuebr",
     ),
     "splitlr": _corners(
-        lambda u, v, left, right, center: _mixed(left, right, u >= center), "valuel", "valuer", "center"
+        "u", lambda u, left, right, center: _mixed(left, right, u >= center), "valuel", "valuer", "center"
     ),
     "splittb": _corners(
-        lambda u, v, top, bottom, center: _mixed(bottom, top, v >= center), "valuet", "valueb", "center"
+        "v", lambda v, top, bottom, center: _mixed(bottom, top, v >= center), "valuet", "valueb", "center"
     ),
 }  # fmt: skip
