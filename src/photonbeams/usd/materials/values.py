@@ -37,6 +37,9 @@ class Image:
     uv_name: str
     beyond: Array = field(default_factory=lambda: np.zeros(4))
 
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "beyond", self.beyond[: self.pixels.shape[-1]])
+
     def placed_as(self, other: Image) -> bool:
         """Return whether two images lie on a surface in the same way."""
         same = self.wrap == other.wrap and self.uv_name == other.uv_name
