@@ -86,7 +86,7 @@ def test_values_and_densities_are_those_of_the_samples(metallic):
 
 @pytest.mark.parametrize("mirrored", [False, True])
 def test_normals_are_of_the_tangents_of_the_uvs_also_where_those_are_mirrored(mirrored):
-    bsdf = mi.load_dict({**bsdf_of(METAL)["surface"]})
+    bsdf = mi.load_dict(bsdf_of(METAL))
     dp_du, dp_dv = np.array([0.0, 2.0, 0.4]), np.array([0.5, 0.0, -0.1]) * (1 if mirrored else -1)
     n = np.array([0.0, 0.6, 0.8])
     for column, row in np.ndindex(2, 2):
@@ -107,7 +107,7 @@ def test_bumps_tilt_the_normal_by_the_slope_of_their_heights(wrap):
     to_image = np.array([[2.0, 0.5, 0.1], [0, 0.5, 0.2], [0, 0, 1]])
     heights = scene.UVTexture((0.2 * u**2 - 0.1 * v * u)[..., None].astype(np.float32), wrap, to_image)
     bsdf = mi.load_dict({"type": NORMAL_MAP, "lobes": "mixed", "surface": {"type": "diffuse"},
-                         "slopes": bsdf_of(scene.Material(bump=heights))["surface"]["slopes"]})  # fmt: skip
+                         "slopes": bsdf_of(scene.Material(bump=heights))["slopes"]})  # fmt: skip
     at = np.array([0.12, 0.31])
     s, t = to_image[:2, :2] @ at + to_image[:2, 2]
     slope = np.array([0.4 * s - 0.1 * t, -0.1 * s]) @ to_image[:2, :2]

@@ -101,7 +101,7 @@ def sharp_bsdf_of(material: scene.Material) -> dict[str, Any] | None:
     if is_mirror(material):
         color = _texture(material.diffuse, "diffuse")
         conductor = {"type": "conductor", "material": "none", "specular_reflectance": color}
-        return {"type": "twosided", "surface": _perturbed(material, conductor, SPECULAR)}
+        return _perturbed(material, {"type": "twosided", "surface": conductor}, SPECULAR)
     return None
 
 
@@ -127,8 +127,10 @@ def bsdf_of(material: scene.Material, exported: bool = False) -> dict[str, Any]:
         surface, lobes = {"type": "diffuse", "reflectance": _texture(material.diffuse, "diffuse")}, DIFFUSE
     else:
         surface, lobes = _principled(material), SPECULAR if _is_metal(material) else MIXED
-    perturbed = _perturbed(material, surface, None if exported else lobes)
-    both_sides: dict[str, Any] = {"type": "twosided", "surface": perturbed}
+    if exported:  # Mitsuba's own maps are for one side
+        both_sides: dict[str, Any] = {"type": "twosided", "surface": _perturbed(material, surface, None)}
+    else:
+        both_sides = _perturbed(material, {"type": "twosided", "surface": surface}, lobes)
     if cut_out(material):
         both_sides = {"type": "mask", "opacity": _texture(material.opacity, "opacity"), "surface": both_sides}
     return both_sides

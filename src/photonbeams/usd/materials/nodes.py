@@ -116,7 +116,25 @@ def _trigo(network: Network, node: UsdShade.Shader, output: str) -> Value | None
 
 
 def _switched(network: Network, node: UsdShade.Shader, output: str) -> Value | None:
-    return network.value(node, f"input{int(network.plain(node, 'index', 0))}")
+    """Read a switch between up to twenty inputs, by a number."""
+    index = network.number(node, "index", default=0.0)
+    inputs = [network.value(node, f"input{i}") for i in range(20) if node.GetInput(f"input{i}")]
+    if index is None or not inputs:
+        return None
+
+    def chosen(number: Array, *values: Array) -> Array:
+        place = np.clip(np.floor(number).astype(int), 0, len(values) - 1)
+        return sum((np.where(place == i, each, 0.0) for i, each in enumerate(values)), np.zeros(1))
+
+    return network.combined(node, chosen, index, *(np.zeros(1) if each is None else each for each in inputs))
+
+
+def _converted(network: Network, node: UsdShade.Shader, output: str) -> Value | None:
+    """Read Arnold's change of a colour's model, which is rendered where both are one."""
+    models = [str(network.plain(node, name, "RGB")).upper() for name in ("from", "to")]
+    if models[0] != models[1]:
+        network.lose(node, f"is from {models[0]} to {models[1]}, which is not rendered: its input is used as it is")
+    return network.value(node, "input")
 
 
 def _smoothstep(value: Array, low: Array, high: Array) -> Array:
@@ -179,6 +197,8 @@ NODES: dict[str, Node] = {
     "arnold:noise": _mean_of("color1", "color2"),
     "arnold:trigo": _trigo,
     "arnold:switch_rgba": _switched,
+    "arnold:color_convert": _converted,
+    "arnold:user_data_int": _primvar("attribute"),
     "arnold:clamp": _function(np.clip, (_IN, 0.0), (("min",), 0.0), (("max",), 1.0)),
     "smoothstep": _function(_smoothstep, (_IN, 0.0), (("low",), 0.0), (("high",), 1.0)),
     "arnold:flat": _passed("color"),
