@@ -23,7 +23,8 @@ def groups_at_all_times(stage: Usd.Stage) -> frozenset[str]:
     off are tokens and flags: they hold from one time sample to the next, and so these times tell all.
     """
     at = cache(partial(Reading, stage))
-    media = list(filter(is_medium, prims_under(stage.GetPseudoRoot())))
+    first = Reading(stage)
+    media = [prim for prim in prims_under(stage.GetPseudoRoot()) if is_medium(first, prim)]
     found: set[str] = set()
     for maker in _makers(stage.GetPseudoRoot()):
         for code in maker.times():

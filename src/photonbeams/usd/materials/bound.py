@@ -68,23 +68,27 @@ _UNBOUND = _unbound()
 
 
 def bound_to(
-    prim: Usd.Prim, purposes: Sequence[str] = (UsdShade.Tokens.full, UsdShade.Tokens.preview)
+    reading: Reading, prim: Usd.Prim, purposes: Sequence[str] = (UsdShade.Tokens.full, UsdShade.Tokens.preview)
 ) -> UsdShade.Material | None:
     """Return the material that is bound to a prim for the first of the purposes that has one, or None."""
-    binding = UsdShade.MaterialBindingAPI(prim)
-    for purpose in purposes:
+    return next((found for purpose in purposes if (found := _bound_for(reading, prim, purpose)) is not None), None)
+
+
+def _bound_for(reading: Reading, prim: Usd.Prim, purpose: str) -> UsdShade.Material | None:
+    """Return the material that is bound to a prim for a purpose, resolved once, or None."""
+    key = ("bound", prim.GetPath(), purpose)
+    if key not in reading.cache:
         try:
-            material, _ = binding.ComputeBoundMaterial(purpose)
+            material, _ = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial(purpose)
         except Tf.ErrorException:  # of a binding that is an attribute
-            return None
-        if material:
-            return material
-    return None
+            material = None
+        reading.cache[key] = material or None
+    return reading.cache[key]
 
 
 def bound_material(reading: Reading, prim: Usd.Prim) -> Bound:
     """Return the material bound to a gprim or face subset; without one, a grey that takes `displayColor`."""
-    material = bound_to(prim, (UsdShade.Tokens.full,))
+    material = bound_to(reading, prim, (UsdShade.Tokens.full,))
     if material is None:
         _warn_of_missing(reading, prim)
         return _UNBOUND
