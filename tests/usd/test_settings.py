@@ -174,7 +174,15 @@ def test_a_product_is_stronger_than_its_settings_and_the_first_than_others(usd, 
 
 
 def test_variables_are_layers_by_the_names_that_other_renderers_have(usd, warnings):
-    names = {"Ci": "rgba", "color": "rgba", "RGBA": "rgba", "Z": "depth", "depth": "depth", "volume": "beams", "N": "N"}
+    names = {
+        "Ci": "rgba",
+        "color": "rgba",
+        "RGBA": "rgba",
+        "Z": "depth",
+        "depth": "depth",
+        "volume": "beams",
+        "N": "normal",
+    }
     variables = [
         f'def RenderVar "V{k}" {{\n uniform string sourceName = "{name}"\n}}\n' for k, name in enumerate(names)
     ]
@@ -182,7 +190,7 @@ def test_variables_are_layers_by_the_names_that_other_renderers_have(usd, warnin
     variables += [lpe % ("All", "C.*"), lpe % ("Direct", "C<RD>L")]
     listed = [*(f"</V{k}>" for k in range(len(names))), "</All>", "</Direct>", "</S>", "</Gone>"]
     text = settings("rel products = </P>") + product(f"rel orderedVars = [{', '.join(listed)}]") + "".join(variables)
-    assert read_settings(usd(text, METADATA)).products == (RenderProduct("/P", ("rgba", "depth", "beams", "N")),)
+    assert read_settings(usd(text, METADATA)).products == (RenderProduct("/P", ("rgba", "depth", "beams", "normal")),)
     told = ["/Direct.sourceType is 'lpe': it is left out", "/P.orderedVars names /S: expected a RenderVar",
             "/P.orderedVars names /Gone: expected a RenderVar"]  # fmt: skip
     assert all(part in message for part, message in zip(told, warnings.messages, strict=True))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,6 +14,7 @@ from .progress import Progress
 if TYPE_CHECKING:
     from ..farm.cluster import FarmOptions
     from ..images.plates import Holdout, Plate
+    from ..usd.settings import RenderProduct
     from ..usd.stereo import Stereo
 
 
@@ -87,6 +88,12 @@ class Asked:
     quiet: bool
     verbose: bool
     command: str
+
+    def wants(self, layer: str, products: Iterable[RenderProduct] = ()) -> bool:
+        """Return whether flags or, where they name no files, render products ask for a layer by its name."""
+        given = self.layers.split(",") if self.layers is not None else []
+        asked = () if self.outputs else (each.variables for each in products)
+        return layer in {name.strip() for name in given} | {name for each in asked for name in each}
 
     def crop_of(self, width: int, height: int, own: Sequence[float] | None = None) -> Sequence[float] | None:
         """Return the part of a picture that is rendered, in fractions: what flags say or, without them, its `own`."""

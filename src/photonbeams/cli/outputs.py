@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 _PICTURES = (b"\x76\x2f\x31\x01", b"\x89PNG")  # what an .exr and a .png begin with
 
 #: Layers that are no colours, and so no pictures.
-NUMBERS = ("depth",)
+NUMBERS = ("depth", "normal")
 
 
 @dataclass(frozen=True)

@@ -65,7 +65,8 @@ class StageJob(Job):
             simulate=load_function("--simulate", asked.simulate), emit=load_function("--emit", asked.emit),
             looks=load_looks("--look", asked.looks), strict=asked.strict,
         )  # fmt: skip
-        self.settings = asked.quality.over(Settings(pixel_filter=own.pixel_filter))
+        normals = asked.wants("normal", own.products)
+        self.settings = asked.quality.over(Settings(pixel_filter=own.pixel_filter, normals=normals))
         anywhere = bool(asked.render_settings) or asked.allow_paths
         return tasks_of(self._shot, self._numbers, asked.outputs, own.products, anywhere=anywhere)
 
@@ -85,7 +86,7 @@ class StageJob(Job):
         """Return the names of the layers that a frame has."""
         content, _ = self._shot.read(first.number)
         self._check()
-        return self._shot.check(content, first.number)
+        return [*self._shot.check(content, first.number), *(["normal"] if self.settings.normals else [])]
 
     def check(self, first: Task, todo: Sequence[Task]) -> None:
         """Raise what rendering these frames would raise about the picture's size, and about plates."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import typer
@@ -66,7 +67,7 @@ class MitsubaJob(Job):
         if not asked.dry_run:
             check_outputs(asked.outputs)
         self._size = self._resolution()
-        self.settings = asked.quality.over(self._shot.settings())
+        self.settings = replace(asked.quality.over(self._shot.settings()), normals=asked.wants("normal"))
         return [self._task(number) for number in self._numbers]
 
     def _task(self, number: float | None) -> Task:
@@ -80,7 +81,7 @@ class MitsubaJob(Job):
 
     def layers(self, first: Task) -> Sequence[str]:
         """Return the names of the layers that a frame has."""
-        return self._shot.layer_names()
+        return [*self._shot.layer_names(), *(["normal"] if self.settings.normals else [])]
 
     def check(self, first: Task, todo: Sequence[Task]) -> None:
         """Raise in a dry run what rendering would raise; otherwise rendering raises it early enough."""

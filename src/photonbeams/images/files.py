@@ -115,15 +115,16 @@ def write_exr(
     metadata: Mapping[str, Any] | None = None,
     views: Views | None = None,
 ) -> None:
-    """Write a multi-part EXR, a part for each layer, `rgba` first; ZIP, half for colour, float for depth.
+    """Write a multi-part EXR, a part for each layer, `rgba` first; ZIP, half for colour, float for others.
 
     Parameters
     ----------
     path
         Its folder is made if there is none.
     layers
-        Name to pixels, all of one size, first row on top: (H, W, 4) and (H, W, 3) become R, G, B(, A), (H, W) or
-        (H, W, 1) becomes Z. Colours beyond ±65504 are clamped to that, the largest half; infinite depth stays.
+        Name to pixels, all of one size, first row on top: (H, W, 4) and (H, W, 3) become R, G, B(, A), those of
+        `normal` X, Y, Z, and (H, W) or (H, W, 1) becomes Z. Colours beyond ±65504 are clamped to that, the largest
+        half; infinite depth stays.
     metadata
         Header attributes for every part: str, int, float, `Fraction` (framesPerSecond), lists of str, and (4, 4)
         arrays. The matrices worldToCamera and worldToNDC are for row vectors, as Imath and USD have them. For a
@@ -217,6 +218,8 @@ def _all_text(values: list[Any]) -> bool:
 def _channels(name: str, pixels: Array) -> dict[str, Array]:
     """Return the layer's channels by the name that OpenEXR gives to an interleaved array."""
     pixels = np.asarray(pixels)
+    if name == "normal" and pixels.ndim == 3 and pixels.shape[2] == 3:
+        return {axis: np.ascontiguousarray(pixels[..., i], dtype=np.float32) for i, axis in enumerate("XYZ")}
     if pixels.ndim == 3 and pixels.shape[2] in (3, 4):
         key = "RGBA" if pixels.shape[2] == 4 else "RGB"
         return {key: np.ascontiguousarray(np.clip(pixels, -HALF_MAX, HALF_MAX), dtype=np.float16)}

@@ -84,6 +84,8 @@ class CameraVertex(Struct):
         That of the media from the camera on, without beams-only ones.
     seed
         Seed of the samples of transmittance along the segment.
+    normal
+        The surface's shading normal in world space, toward the camera; 0 of lamps, and unless it is asked for.
     """
 
     radiance: Array3f
@@ -91,6 +93,7 @@ class CameraVertex(Struct):
     end: Float
     transmittance: Array3f
     seed: UInt32
+    normal: Array3f
 
 
 class NearestLamp(Struct):
@@ -138,6 +141,8 @@ class CameraTracing:
         Whether surfaces are shaded; if not, paths see only emitters.
     sharp
         Whether paths may continue in this world, at a boundary of media, a mirror or glass.
+    normals
+        Whether vertices have normals.
     """
 
     world: World
@@ -147,6 +152,7 @@ class CameraTracing:
     hide_emitters: bool
     surfaces: bool = True
     sharp: bool = True
+    normals: bool = False
 
 
 def begin(tracing: CameraTracing, primary: PrimaryRays, order: UInt32) -> CameraPaths:
@@ -227,6 +233,11 @@ def _step(
         )
     visible = (UInt32(flags) & _VISIBLE) != 0
     vertex.solid = on_lamp | (met & (visible | ~mi.has_flag(flags, mi.BSDFFlags.Null)))
+    vertex.normal = dr.zeros(Array3f, 1)
+    if tracing.normals:
+        normal = world.shading_normal(hit, met)
+        # Which side is seen, the surface itself decides: at a silhouette, shading normals point anywhere.
+        vertex.normal = dr.select(met, -dr.mulsign(normal, dr.dot(Array3f(hit.n), paths.direction)), 0)
     if not tracing.sharp:
         return vertex, None
     return vertex, _onward(tracing, paths, hit, (throughput, clear), met, samples, step)

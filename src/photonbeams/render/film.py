@@ -18,7 +18,7 @@ from ..numerics.arrays import to_float
 from ..numerics.sampling import z_order
 from ..runtime.device import Array3f, Float, UInt32, mitsuba
 from ..scene import SceneError
-from .sums import DEPTH, PassSums
+from .sums import DEPTH, NORMAL, PassSums
 
 mi = mitsuba()
 
@@ -37,8 +37,8 @@ class PassPicture:
         Light groups, "" for the unnamed one, each with a (W · H, 3) radiance; a group may be there more than once.
     transmittance
         (W · H, 3) transmittance of the media up to the surfaces, or None.
-    depth
-        (W · H,) planar depths; of the first pass alone.
+    depth, normal
+        (W · H,) planar depths, and (W · H, 3) normals if they are asked for; of the first pass alone.
     """
 
     surface: Any
@@ -46,6 +46,7 @@ class PassPicture:
     beams: Sequence[tuple[str, Any]] = ()
     transmittance: Any = None
     depth: Any = None
+    normal: Any = None
 
 
 class Film:
@@ -96,6 +97,8 @@ class Film:
         values |= {"light": light, "squares": light * light}
         if picture.depth is not None:
             values[DEPTH] = picture.depth
+        if picture.normal is not None:
+            values[NORMAL] = picture.normal
         dr.eval(values)
         self.sums.add(number, {name: self._array(value) for name, value in values.items()})
 
@@ -175,6 +178,8 @@ def develop(sums: PassSums, shape: tuple[int, int], groups: Mapping[str, str]) -
     if "transmittance" in pictures:
         layers["transmittance"] = pictures["transmittance"] * scale
     layers[DEPTH] = pictures.get(DEPTH, np.full_like(alpha, np.inf))
+    if NORMAL in pictures:
+        layers[NORMAL] = pictures[NORMAL]
     return layers
 
 

@@ -143,7 +143,7 @@ class FrameRenderer(ABC):
                 rays = self._view_rays(number, view, samples, moving)
             picture = self._pass_picture(number, light, rays, film, samples, photons)
             if number == 0:
-                picture.depth = self._depth(view, film, samples, picture.depth)
+                self._add_first_hits(picture, view, film, samples, (light.world, rays))
             with statistics.phase("beams"):
                 film.add(number, picture, pixel_offset(number), dr.opaque(Float, rays.exposure))
         statistics.passes += 1
@@ -191,20 +191,25 @@ class FrameRenderer(ABC):
             settings.surfaces, world.sharp,
         )  # fmt: skip
 
-    def _depth(self, view: int, film: Film, samples: Samples, own: Any) -> Any:
-        """Return planar depths from a pinhole at shutter open: a mean of depths would be no surface's depth."""
-        sharp = self._pinhole(view)
-        if sharp is None:
-            return own
-        world, rays = sharp
+    def _add_first_hits(
+        self, picture: PassPicture, view: int, film: Film, samples: Samples, own: tuple[World, ViewRays]
+    ) -> None:
+        """Add planar depths, and normals, from a pinhole at shutter open: a mean of depths is no surface's depth."""
+        sharp, normals = self._pinhole(view), self.settings.normals
+        if sharp is None and not normals:
+            return
+        world, rays = sharp or own
         if rays.holdout is not None:
-            return rays.holdout
-        tracing = replace(self._camera_tracing(world, rays), surfaces=False)
-        picture = _CameraImage(dr.width(rays.primary.direction))
+            picture.depth = rays.holdout
+            picture.normal = dr.zeros(Array3f, dr.width(rays.primary.direction)) if normals else None
+            return
+        tracing = replace(self._camera_tracing(world, rays), surfaces=False, normals=normals)
+        seen = _CameraImage(dr.width(rays.primary.direction))
         begun = camera_paths.begin(tracing, rays.primary, film.order)
         for step in camera_paths.follow(tracing, begun, samples, None):
-            picture.add(*step)
-        return picture.distance * rays.primary.facing
+            seen.add(*step)
+        picture.depth = seen.distance * (1.0 if rays.primary.facing is None else rays.primary.facing)
+        picture.normal = seen.normal if normals else None
 
     def layers(self) -> dict[str, np.ndarray]:
         """Return the layers of the first view."""
@@ -246,6 +251,7 @@ class _CameraImage:
     def __init__(self, count: int) -> None:
         self.surface, self.transmittance = dr.zeros(Array3f, count), dr.zeros(Array3f, count)
         self.alpha, self.distance = dr.zeros(Float, count), dr.full(Float, dr.inf, count)
+        self.normal = dr.zeros(Array3f, count)
 
     def add(self, step: camera_paths.CameraPaths, vertex: camera_paths.CameraVertex) -> None:
         """Add one step of camera paths."""
@@ -255,7 +261,9 @@ class _CameraImage:
         first = own & vertex.solid
         dr.scatter(self.alpha, Float(1), step.pixel, first)
         dr.scatter(self.distance, vertex.end, step.pixel, first)
-        dr.eval(self.surface, self.transmittance, self.alpha, self.distance)
+        if dr.width(vertex.normal) > 1:
+            dr.scatter(self.normal, vertex.normal, step.pixel, first)
+        dr.eval(self.surface, self.transmittance, self.alpha, self.distance, self.normal)
 
 
 class _NoLighting:

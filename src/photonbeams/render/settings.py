@@ -58,6 +58,8 @@ class Settings:
         "auto", "billboard" or "frustum", and the frustum's quadrature.
     surfaces
         Whether surfaces are shaded; if not, there are beams alone.
+    normals
+        Whether there is a layer of normals.
     pixel_filter
         "box", "tent", "gaussian", "mitchell", "catmullrom" or "lanczos"; None: the box of a stage, a Mitsuba film's
         own.
@@ -87,13 +89,14 @@ class Settings:
     estimator: str = "auto"
     rule: Rule = DEFAULT_RULE
     surfaces: bool = True
+    normals: bool = False
     pixel_filter: str | None = None
     program: Program | None = None
 
     def __post_init__(self) -> None:
         self._check_counts()
         self._check_numbers()
-        for name in ("hide_emitters", "guiding", "short", "surfaces"):
+        for name in ("hide_emitters", "guiding", "short", "surfaces", "normals"):
             value = getattr(self, name)
             if not isinstance(value, bool | np.bool_) and not (name == "guiding" and value is None):
                 raise SceneError(f"{name} is {value!r}: expected True or False")
@@ -180,5 +183,6 @@ class SettingsArguments(TypedDict, total=False):
     estimator: str
     rule: Rule
     surfaces: bool
+    normals: bool
     pixel_filter: str | None
     program: Program | None

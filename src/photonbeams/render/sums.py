@@ -24,7 +24,8 @@ _MOST_PIXELS = 1 << 18  # whose errors are looked at
 
 _MOST_PASSES = 2**31
 
-DEPTH = "depth"  # a picture of the first pass, to which nothing is added
+# Pictures of the first pass, to which nothing is added.
+DEPTH, NORMAL = "depth", "normal"
 
 
 class PassSums:
@@ -144,7 +145,7 @@ def _check_pictures(pictures: Pictures) -> None:
 def _added(first: Pictures, second: Pictures, own: bool = False) -> Pictures:
     """Return the sums of pictures; those of one side alone are as they are. With `own`, they may replace the first."""
     result = {**second, **first}
-    for name in first.keys() & second.keys() - {DEPTH}:
+    for name in first.keys() & second.keys() - {DEPTH, NORMAL}:
         replaced = first[name] if own and first[name].flags.writeable else None
         result[name] = np.add(first[name], second[name], out=replaced)
     return result

@@ -18,6 +18,20 @@ class UVTexture:
     wrap: str = "repeat"  # repeat | clamp | mirror
     uv_transform: Array = field(default_factory=lambda: np.eye(3))  # (3, 3), applied to (u, v, 1)
 
+    def slopes(self) -> UVTexture:
+        """Return the derivatives of heights (H, W, 1) by u and v, (H, W, 3) with zeros last: central differences."""
+        pixels, wrap, to_image = np.asarray(self.pixels[..., 0], dtype=np.float64), self.wrap, self.uv_transform
+        if wrap == "mirror":  # where slopes change their sign in every other square
+            pixels = np.block([[pixels[::-1], pixels[::-1, ::-1]], [pixels, pixels[:, ::-1]]])
+            wrap, to_image = "repeat", np.diag([0.5, 0.5, 1.0]) @ to_image
+        padded = np.pad(pixels, 1, "wrap" if wrap == "repeat" else "edge")
+        rows, columns = pixels.shape
+        along_u = (padded[1:-1, 2:] - padded[1:-1, :-2]) * columns / 2
+        along_v = (padded[:-2, 1:-1] - padded[2:, 1:-1]) * rows / 2  # the first row is at v = 1
+        slopes = np.stack([along_u, along_v], axis=-1) @ to_image[:2, :2]
+        result = np.concatenate([slopes, np.zeros((rows, columns, 1))], axis=-1)
+        return UVTexture(result.astype(np.float32), wrap, to_image)
+
 
 @dataclass(frozen=True)
 class VertexValues:
@@ -38,6 +52,8 @@ class Material:
         What a clear surface multiplies light by that it lets through.
     normal
         Normals in tangent space, n / 2 + 1 / 2 in three channels; None: the mesh's own.
+    bump
+        Heights in scene units, one channel, which tilt the normals; None, or where there is `normal`: flat.
     """
 
     diffuse: Color | UVTexture | VertexValues = (0.18, 0.18, 0.18)
@@ -51,6 +67,12 @@ class Material:
     presence: bool = False
     tint: Color = WHITE
     normal: UVTexture | None = None
+    bump: UVTexture | None = None
+
+    @property
+    def perturbed(self) -> bool:
+        """Whether a normal or bump map tilts the mesh's normals."""
+        return self.normal is not None or self.bump is not None
 
 
 @dataclass(frozen=True)

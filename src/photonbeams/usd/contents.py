@@ -111,7 +111,7 @@ def _keep_one_filling(reading: Reading, contents: _Contents) -> None:
 
 def _collect(reading: Reading, item: _Item, contents: _Contents) -> None:
     prim = item.prim
-    if is_medium(prim):
+    if is_medium(reading, prim):
         medium = read_medium(reading, prim, item.to_world, item.name)
         contents.media.append((prim, medium))
         if medium.bounded:

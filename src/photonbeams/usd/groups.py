@@ -23,7 +23,8 @@ def groups_at_all_times(stage: Usd.Stage) -> frozenset[str]:
     off are tokens and flags: they hold from one time sample to the next, and so these times tell all.
     """
     at = cache(partial(Reading, stage))
-    media = list(filter(is_medium, prims_under(stage.GetPseudoRoot())))
+    first = Reading(stage)
+    media = [prim for prim in prims_under(stage.GetPseudoRoot()) if is_medium(first, prim)]
     found: set[str] = set()
     for maker in _makers(stage.GetPseudoRoot()):
         for code in maker.times():
@@ -105,6 +106,6 @@ def _makers(root: Usd.Prim, instancer: _Maker | None = None) -> Iterator[_Maker]
 
 def _makes_beams(reading: Reading, prim: Usd.Prim, media: Sequence[Usd.Prim]) -> bool:
     if is_light(prim):
-        makes = makes_beams(reading, prim) or (is_sky(prim) and any(map(is_lit_by_domes, media)))
+        makes = makes_beams(reading, prim) or (is_sky(prim) and any(is_lit_by_domes(reading, each) for each in media))
         return makes and lights_media(reading, prim, media)
     return bool(prim.GetAttribute("points").HasAuthoredValue())

@@ -20,19 +20,19 @@ _RADIANCE = 5.670374e-14 / np.pi
 _COLDEST, _HOTTEST = 1000, 10000  # kelvin, between which OpenUSD knows the colours
 
 
-def is_lit_by_domes(prim: Usd.Prim) -> bool:
+def is_lit_by_domes(reading: Reading, prim: Usd.Prim) -> bool:
     """Return whether a prim is a medium that domes light without making beams: smoke, of which others know, too."""
-    return is_medium(prim) and (prim.IsA(UsdVol.Volume) or not _has_medium(prim))
+    return is_medium(reading, prim) and (prim.IsA(UsdVol.Volume) or not _has_medium(prim))
 
 
-def is_medium(prim: Usd.Prim) -> bool:
+def is_medium(reading: Reading, prim: Usd.Prim) -> bool:
     """Return whether a prim describes fog: by our attributes, as a volume of fields, or by its material alone."""
-    return _has_medium(prim) or (prim.IsA(UsdVol.Volume) and bool(fields_of(prim))) or _is_filled(prim)
+    return _has_medium(prim) or (prim.IsA(UsdVol.Volume) and bool(fields_of(prim))) or _is_filled(reading, prim)
 
 
-def _is_filled(prim: Usd.Prim) -> bool:
+def _is_filled(reading: Reading, prim: Usd.Prim) -> bool:
     """Return whether a gprim has a material that is a volume alone."""
-    material = bound_to(prim) if is_gprim(prim) else None
+    material = bound_to(reading, prim) if is_gprim(prim) else None
     if material is None or any(each.HasConnectedSource() for each in material.GetSurfaceOutputs()):
         return False
     return any(each.HasConnectedSource() for each in material.GetVolumeOutputs())

@@ -14,7 +14,7 @@ from ..scene import FARTHEST, Array, Material, Mesh
 from ..scene.vectors import unit
 from .blender import wrote_material
 from .gprims import GPRIMS, gprim_polygons
-from .materials import Bound, bound_material, bound_to, flattened, on_mesh, primvars_of
+from .materials import Bound, bound_material, bound_to, on_mesh, primvars_of
 from .polygons import Polygons, Tessellation, Triangles, Values, triangles_of
 from .primvars import Instance, find_primvar, read_instanced, read_primvar, read_values
 from .reading import Reading
@@ -70,7 +70,7 @@ def read_meshes(
 
 def _warn_of_lost_volume(reading: Reading, prim: Usd.Prim) -> None:
     """Warn of a material without shaders that may have been a volume, and say how the mesh becomes its fog."""
-    material = bound_to(prim)
+    material = bound_to(reading, prim)
     if material and wrote_material(material.GetPrim()) and not material.GetPrim().GetAllChildren():
         text = f"is {material.GetPath()}, which Blender wrote without its shaders, as it does with volumes: it is grey"
         flag = f"--set '{prim.GetPath()}.photonbeams:scattering=0.1'"
@@ -279,17 +279,10 @@ def _uvs(reading: Reading, prim: Usd.Prim, lengths: Mapping[str, int], uv_name: 
 def _colors(
     reading: Reading, prim: Usd.Prim, lengths: Mapping[str, int], varying: Mapping[str, UsdGeom.Primvar]
 ) -> dict[str, Values]:
-    """Return what a material takes from primvars that vary; their mean where they do not fit."""
-    result = {}
-    for field, primvar in varying.items():
-        values = Values(flattened(reading, prim, primvar), str(primvar.GetInterpolation()))
-        count = lengths.get(values.interpolation, 0)
-        if len(values.values) != count:
-            text = f"has {len(values.values)} values of interpolation '{values.interpolation}': expected {count}"
-            reading.warn(prim, f"{text}; their mean is used", str(primvar.GetName()))
-            values = Values(values.values.mean(axis=0, keepdims=True), "constant")
-        result["colors" if field == "diffuse" else "opacities"] = values
-    return result
+    """Return what a material takes from primvars that vary."""
+    names = {"diffuse": "colors", "opacity": "opacities"}
+    found = {names[field]: read_primvar(reading, prim, primvar, None, lengths) for field, primvar in varying.items()}
+    return {name: values for name, values in found.items() if values is not None}
 
 
 def _in_world(triangles: Triangles, to_world: Array, name: str, material: Material) -> Mesh:

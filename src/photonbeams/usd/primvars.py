@@ -34,29 +34,42 @@ def read_primvar(
     reading: Reading,
     prim: Usd.Prim,
     primvar: UsdGeom.Primvar,
-    columns: int,
+    columns: int | None,
     lengths: Mapping[str, int],
     any_fitting: bool = False,
 ) -> Values | None:
-    """Return a primvar's values, or None, with a warning, where they cannot be used.
-
-    `elementSize` counts only where single numbers make up vectors, as in other renderers: exporters write it at random.
+    """Return a primvar's values as its interpolation asks for, or None, with a warning, where they cannot be used.
 
     Parameters
     ----------
     columns
-        Numbers of a value; of longer values the first ones are used.
+        As in `flattened`.
     lengths
         How many values each interpolation asks for; what is not listed, the prim cannot have.
     any_fitting
         Whether the number of values decides on the interpolation where it does not fit the declared one: exporters of
         curves leave that at its fallback.
     """
-    name = str(primvar.GetName())
-    numbers = _numbers(reading, prim, name, primvar.Get(reading.time), columns, primvar.GetElementSize())
+    numbers = flattened(reading, prim, primvar, columns)
     if numbers is None:
         return None
-    if primvar.IsIndexed():
+    values, name = Values(numbers, str(primvar.GetInterpolation())), str(primvar.GetName())
+    return _fitted(reading, prim, name, values, lengths, any_fitting)
+
+
+def flattened(reading: Reading, prim: Usd.Prim, primvar: UsdGeom.Primvar, columns: int | None) -> Array | None:
+    """Return a primvar's values with its indices applied, (N, columns), or None, with a warning, where there are none.
+
+    `elementSize` counts only where single numbers make up vectors, as in other renderers: exporters write it at random.
+
+    Parameters
+    ----------
+    columns
+        Numbers of a value; of longer values the first ones are used. None: as many as there are.
+    """
+    name = str(primvar.GetName())
+    numbers = _numbers(reading, prim, name, primvar.Get(reading.time), columns, primvar.GetElementSize())
+    if numbers is not None and primvar.IsIndexed():
         indices = np.asarray(primvar.GetIndices(reading.time) or (), dtype=np.int64)
         wrong = indices[(indices < 0) | (indices >= len(numbers))]
         if len(wrong):
@@ -64,7 +77,7 @@ def read_primvar(
             reading.warn(prim, text, f"{name}:indices")
             return None
         numbers = numbers[indices]
-    return _fitted(reading, prim, name, Values(numbers, str(primvar.GetInterpolation())), lengths, any_fitting)
+    return numbers
 
 
 def read_values(
@@ -132,7 +145,7 @@ def _of_instances(reading: Reading, instancer: Usd.Prim, name: str, columns: int
     return read_primvar(reading, instancer, primvar, columns, lengths)
 
 
-def _numbers(reading: Reading, prim: Usd.Prim, name: str, raw: Any, columns: int, element: int) -> Array | None:
+def _numbers(reading: Reading, prim: Usd.Prim, name: str, raw: Any, columns: int | None, element: int) -> Array | None:
     """Return raw values as (N, columns) finite numbers, or None where there are none, or none of this kind."""
     if raw is None:
         return None
@@ -145,10 +158,10 @@ def _numbers(reading: Reading, prim: Usd.Prim, name: str, raw: Any, columns: int
     elif not len(numbers):
         return None
     if numbers.ndim == 1:
-        vectors = element == columns and len(numbers) % columns == 0
-        numbers = numbers.reshape(-1, columns if vectors else 1)
-    if numbers.ndim != 2 or numbers.shape[1] < columns:
-        text = f"has values of type {type(raw).__name__}: expected {columns} numbers each; it is left out"
+        size = columns if columns == element and len(numbers) % element == 0 else 1
+        numbers = numbers.reshape(-1, size)
+    if numbers.ndim != 2 or numbers.shape[1] < (columns or 1):
+        text = f"has values of type {type(raw).__name__}: expected {columns or 1} numbers each; it is left out"
         reading.warn(prim, text.replace("1 numbers", "one number"), name)
         return None
     numbers = numbers[:, :columns]

@@ -23,9 +23,10 @@ SUFFIXES = (".exr", ".png")
 _ALIASES = {
     **dict.fromkeys(("color", "beauty", "ci", "c", "rgb", "a", "alpha", "lpe:c.*", "lpe:c.*[lo]"), "rgba"),
     **dict.fromkeys(("z", "lineardepth"), "depth"),
+    **dict.fromkeys(("n", "nn", "normals"), "normal"),
     **dict.fromkeys(("volume", "volume_direct"), "beams"),
 }
-_LAYERS = ("rgba", "surface", "beams", "transmittance", "depth")
+_LAYERS = ("rgba", "surface", "beams", "transmittance", "depth", "normal")
 _EDGE = 1e-4  # of a pixel: dataWindowNDC is in single precision
 
 #: The attribute of settings and products that names a pixel filter, as Mitsuba's plug-ins are called.

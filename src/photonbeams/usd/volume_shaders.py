@@ -55,7 +55,7 @@ class VolumeShading:
 
 def read_shading(reading: Reading, prim: Usd.Prim) -> VolumeShading:
     """Return what the shader of a volume's material says; without one, extinction 1 and albedo 0.5."""
-    material = bound_to(prim)
+    material = bound_to(reading, prim)
     if material is None:
         return VolumeShading()
     shaders = [shader for each in _CONTEXTS if (shader := material.ComputeVolumeSource(each)[0])]

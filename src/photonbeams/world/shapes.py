@@ -11,6 +11,7 @@ import numpy as np
 from .. import scene
 from ..numerics.arrays import to_float, to_uint
 from ..runtime.device import mitsuba
+from .normal_maps import DIFFUSE, MIXED, NORMAL_MAP, SPECULAR
 
 mi = mitsuba()
 
@@ -92,6 +93,7 @@ def sharp_bsdf_of(material: scene.Material) -> dict[str, Any] | None:
         glass: dict[str, Any] = {"type": "dielectric", **plain}
         if rough > SMOOTH:
             glass = {"type": "roughdielectric", "alpha": rough**2, **plain}
+        glass = _perturbed(material, glass, SPECULAR)
         if material.opacity == 0:
             return glass
         solid = bsdf_of(replace(material, opacity=1.0))
@@ -99,7 +101,7 @@ def sharp_bsdf_of(material: scene.Material) -> dict[str, Any] | None:
     if is_mirror(material):
         color = _texture(material.diffuse, "diffuse")
         conductor = {"type": "conductor", "material": "none", "specular_reflectance": color}
-        return {"type": "twosided", "surface": conductor}
+        return _perturbed(material, {"type": "twosided", "surface": conductor}, SPECULAR)
     return None
 
 
@@ -113,20 +115,45 @@ def is_mirror(material: scene.Material) -> bool:
     """Return whether a surface is an ideal mirror."""
     metal = not isinstance(material.metallic, scene.UVTexture) and material.metallic > 0.99
     smooth = not isinstance(material.roughness, scene.UVTexture) and material.roughness <= SMOOTH
-    return metal and smooth and material.normal is None
+    return metal and smooth
 
 
-def bsdf_of(material: scene.Material) -> dict[str, Any]:
-    """Describe a UsdPreviewSurface as Mitsuba's `principled`, or `diffuse`, of both sides, cut out by its opacity."""
-    surface: dict[str, Any] = {"type": "diffuse", "reflectance": _texture(material.diffuse, "diffuse")}
-    if not _is_matte(material):
-        surface = _principled(material)
-    if material.normal is not None:
-        surface = {"type": "normalmap", "normalmap": _texture(material.normal), "surface": surface}
-    both_sides: dict[str, Any] = {"type": "twosided", "surface": surface}
+def bsdf_of(material: scene.Material, exported: bool = False) -> dict[str, Any]:
+    """Describe a UsdPreviewSurface as Mitsuba's `principled`, or `diffuse`, of both sides, cut out by its opacity.
+
+    One that is exported has plug-ins of Mitsuba's alone.
+    """
+    if _is_matte(material):
+        surface, lobes = {"type": "diffuse", "reflectance": _texture(material.diffuse, "diffuse")}, DIFFUSE
+    else:
+        surface, lobes = _principled(material), SPECULAR if _is_metal(material) else MIXED
+    if exported:  # Mitsuba's own maps are for one side
+        both_sides: dict[str, Any] = {"type": "twosided", "surface": _perturbed(material, surface, None)}
+    else:
+        both_sides = _perturbed(material, {"type": "twosided", "surface": surface}, lobes)
     if cut_out(material):
         both_sides = {"type": "mask", "opacity": _texture(material.opacity, "opacity"), "surface": both_sides}
     return both_sides
+
+
+def _perturbed(material: scene.Material, surface: dict[str, Any], lobes: str | None) -> dict[str, Any]:
+    """Describe a BSDF of some lobes as the material's normal or bump map tilts it; with None, by Mitsuba's plug-ins."""
+    if material.normal is not None:
+        plain, name, texture = "normalmap", "normalmap", material.normal
+    elif material.bump is not None:
+        plain, name, texture = "bumpmap", "slopes", material.bump
+    else:
+        return surface
+    if lobes is None:
+        return {"type": plain, name: _texture(texture), "surface": surface}
+    texture = texture.slopes() if name == "slopes" else texture
+    return {"type": NORMAL_MAP, "lobes": lobes, name: _texture(texture), "surface": surface}
+
+
+def _is_metal(material: scene.Material) -> bool:
+    """Return whether a surface is metal for the most part."""
+    metallic = material.metallic
+    return float(np.mean(metallic.pixels) if isinstance(metallic, scene.UVTexture) else metallic) > 0.5
 
 
 def _is_matte(material: scene.Material) -> bool:

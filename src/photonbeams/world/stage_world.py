@@ -144,6 +144,7 @@ class StageWorld(World):
             bounds=Bounds(center, radius),
             radius=radius,
             cutouts=any(cut_out(each) and not (sharp and is_glass(each)) for each in materials),
+            perturbed=any(each.perturbed for each in materials),
             mirrors=sharp and any(is_glass(each) or is_mirror(each) for each in materials),
             glowing=any(map(glows, materials)),
             translucent=translucent(plugin),

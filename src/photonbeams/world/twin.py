@@ -184,7 +184,7 @@ def _add_surfaces(twin: Twin, content: scene.Scene, exposure: float) -> None:
         twin.parts[name] = part
         if id(material) not in bsdfs:
             bsdfs[id(material)] = own = twin.id_of(f"{mesh.name}-material")
-            twin.parts[own] = twin.with_images(bsdf_of(material), own)
+            twin.parts[own] = twin.with_images(bsdf_of(material, exported=True), own)
         part["bsdf"] = {"type": "ref", "id": bsdfs[id(material)]}
         if glows(material):
             _warn_of_glow(twin, mesh)

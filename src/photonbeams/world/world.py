@@ -10,6 +10,7 @@ import drjit as dr
 from ..numerics.hashing import hash32, unit_float
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from .media import Media, parts
+from .normal_maps import NormalMap
 from .sources import Source
 
 mi = mitsuba()
@@ -72,6 +73,12 @@ class World:
         """Return the numbers of the media in which camera rays begin."""
         raise NotImplementedError
 
+    def shading_normal(self, hit: Any, active: Bool) -> Array3f:
+        """Return the normals of surfaces in world space; on stages, as normal and bump maps tilt them."""
+        if not any(isinstance(each, NormalMap) for each in parts(self.plugin, mi.BSDF)):
+            return Array3f(hit.sh_frame.n)
+        return Array3f(dr.dispatch(hit.bsdf(), _mapped_normal, hit, active))
+
     def seen(self, origin: Array3f, direction: Array3f, reach: Float, active: Bool, seed: UInt32) -> Any:
         """Return the first surface, or boundary of a medium, that camera rays meet within `reach`."""
         hit = self.intersect(origin, direction, active, seed)
@@ -131,6 +138,12 @@ class World:
         if not self.cutouts:
             return Float(1)
         return dr.maximum(1 - dr.mean(hit.bsdf().eval_null_transmission(hit, active)), 1e-6)
+
+
+def _mapped_normal(bsdf: Any, hit: Any, active: Bool) -> Any:
+    """Return the normal of a BSDF in world space."""
+    maps = [each for each in [bsdf, *parts(bsdf, mi.BSDF)] if isinstance(each, NormalMap)]
+    return mi.Normal3f(hit.to_world(maps[0].normal(hit, active))) if maps else hit.sh_frame.n
 
 
 def by_link(plugin: Any, others: Sequence[Any], link: UInt32 | None) -> list[tuple[Any, Any]]:

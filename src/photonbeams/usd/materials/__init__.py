@@ -3,6 +3,5 @@
 from .bound import Bound as Bound
 from .bound import bound_material as bound_material
 from .bound import bound_to as bound_to
-from .on_mesh import flattened as flattened
 from .on_mesh import on_mesh as on_mesh
 from .on_mesh import primvars_of as primvars_of

@@ -13,9 +13,11 @@ from pxr import Tf, Usd, UsdShade
 from ...scene import Array, Material, UVTexture
 from ..blender import wrote_material
 from ..reading import Reading, is_relationship, target_paths
+from .bumps import BUMPS
 from .images import IMAGES
 from .network import Network, shader_id
 from .nodes import NODES
+from .ramps import RAMPS
 from .surface import Surface
 from .surfaces import SURFACES, category, surface_of
 from .values import Image, PrimvarValue, Value, as_color, as_number, constant, mapped
@@ -66,23 +68,27 @@ _UNBOUND = _unbound()
 
 
 def bound_to(
-    prim: Usd.Prim, purposes: Sequence[str] = (UsdShade.Tokens.full, UsdShade.Tokens.preview)
+    reading: Reading, prim: Usd.Prim, purposes: Sequence[str] = (UsdShade.Tokens.full, UsdShade.Tokens.preview)
 ) -> UsdShade.Material | None:
     """Return the material that is bound to a prim for the first of the purposes that has one, or None."""
-    binding = UsdShade.MaterialBindingAPI(prim)
-    for purpose in purposes:
+    return next((found for purpose in purposes if (found := _bound_for(reading, prim, purpose)) is not None), None)
+
+
+def _bound_for(reading: Reading, prim: Usd.Prim, purpose: str) -> UsdShade.Material | None:
+    """Return the material that is bound to a prim for a purpose, resolved once, or None."""
+    key = ("bound", prim.GetPath(), purpose)
+    if key not in reading.cache:
         try:
-            material, _ = binding.ComputeBoundMaterial(purpose)
+            material, _ = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial(purpose)
         except Tf.ErrorException:  # of a binding that is an attribute
-            return None
-        if material:
-            return material
-    return None
+            material = None
+        reading.cache[key] = material or None
+    return reading.cache[key]
 
 
 def bound_material(reading: Reading, prim: Usd.Prim) -> Bound:
     """Return the material bound to a gprim or face subset; without one, a grey that takes `displayColor`."""
-    material = bound_to(prim, (UsdShade.Tokens.full,))
+    material = bound_to(reading, prim, (UsdShade.Tokens.full,))
     if material is None:
         _warn_of_missing(reading, prim)
         return _UNBOUND
@@ -114,7 +120,7 @@ def _read(reading: Reading, material: UsdShade.Material) -> Bound:
     found: list[tuple[int, Network, Surface]] = []
     unknown = []
     for shader in _surfaces(material):
-        network = Network(reading, {**NODES, **IMAGES})
+        network = Network(reading, {**NODES, **IMAGES, **RAMPS, **BUMPS})
         surface = surface_of(network, shader)
         if surface is None:
             unknown.append(shader_id(shader) or "without an id")
@@ -162,7 +168,7 @@ def _bound(reading: Reading, material: UsdShade.Material, surface: Surface) -> B
     fields: dict[str, Any] = {"presence": surface.presence}
     images, primvars = {}, {}
     for name, value in vars(surface).items():
-        if name in ("presence", "normal", "tint") or value is None:
+        if name in ("presence", "normal", "bump", "tint") or value is None:
             continue
         value = _in_range(reading, prim, name, as_color(value) if name in _COLORS else as_number(value))
         if isinstance(value, Image) and name in _TEXTURED:
@@ -176,8 +182,12 @@ def _bound(reading: Reading, material: UsdShade.Material, surface: Surface) -> B
         fields[name] = plain(name, constant(value))
     if surface.tint is not None:
         fields["tint"] = plain("diffuse", np.clip(constant(surface.tint), 0, 1))
-    if isinstance(surface.normal, Image):
-        images["normal"] = surface.normal
+    for name, value in (
+        ("normal", surface.normal),
+        ("bump", None if surface.bump is None else as_number(surface.bump)),
+    ):
+        if isinstance(value, Image):
+            images[name] = value
     return Bound(Material(**fields), images, primvars, _uv_name(reading, prim, images))
 
 

@@ -31,7 +31,7 @@ def _usd_uv_texture(network: Network, node: UsdShade.Shader, output: str) -> Val
         return fallback
     scale, bias = network.vector(node, "scale", (1.0,) * 4), network.vector(node, "bias", (0.0,) * 4)
     wrap = _wraps(network, node, ("wrapS", "wrapT"), "useMetadata", "file")
-    image = _placed(network, node, pixels, wrap, _coordinates(network, node, "st"))
+    image = _placed(network, node, pixels, wrap, coordinates(network, node, "st"))
     return image if np.all(scale == 1) and np.all(bias == 0) else mapped(lambda values: values * scale + bias, image)
 
 
@@ -45,12 +45,12 @@ def _materialx_image(network: Network, node: UsdShade.Shader, output: str) -> Va
     if pixels is None:
         return default
     wrap = _wraps(network, node, ("uaddressmode", "vaddressmode"), "periodic", "file")
-    uv_name, transform = _coordinates(network, node, "texcoord")
+    uv_name, transform = coordinates(network, node, "texcoord")
     if "tiledimage" in name:
         size = network.vector(node, "realworldtilesize", (1.0, 1.0))
         size = size / np.maximum(network.vector(node, "realworldimagesize", (1.0, 1.0)), 1e-9)
         tiling, offset = network.vector(node, "uvtiling", (1.0, 1.0)), network.vector(node, "uvoffset", (0.0, 0.0))
-        transform = _affine(np.diag(size * tiling), -offset * size) @ transform
+        transform = affine(np.diag(size * tiling), -offset * size) @ transform
     image = _placed(network, node, pixels, wrap, (uv_name, transform))
     single = re.search(r"_float\b|_float$", name)
     return mapped(lambda values: values[..., :1], image) if single else image
@@ -64,13 +64,13 @@ def _arnold_image(network: Network, node: UsdShade.Shader, output: str) -> Value
     if pixels is None:
         return missing
     wrap = _wraps(network, node, ("swrap", "twrap"), "periodic", "filename")
-    uv_name, transform = _coordinates(network, node, "uvcoords")
+    uv_name, transform = coordinates(network, node, "uvcoords")
     uv_name = str(network.plain(node, "uvset", "")) or uv_name
     scale, offset = (
         [float(network.vector(node, f"{axis}{name}", (default,))[0]) for axis in "st"]
         for name, default in (("scale", 1.0), ("offset", 0.0))
     )
-    transform = _affine(np.diag(scale), np.array(offset)) @ transform
+    transform = affine(np.diag(scale), np.array(offset)) @ transform
     for axis, name in enumerate(("sflip", "tflip")):
         if network.plain(node, name, False):
             flip = np.eye(3)
@@ -95,7 +95,7 @@ def _renderman_texture(network: Network, node: UsdShade.Shader, output: str) -> 
     pixels = _pixels(network, node, "filename", space, None)
     if pixels is None:
         return network.value(node, "missingColor")
-    return _placed(network, node, pixels, ("repeat", "repeat"), _coordinates(network, node, "manifold"))
+    return _placed(network, node, pixels, ("repeat", "repeat"), coordinates(network, node, "manifold"))
 
 
 _SQUARE = 64  # pixels of a checkerboard's square: its edges are that sharp
@@ -108,10 +108,10 @@ def _checkerboard(network: Network, node: UsdShade.Shader, output: str) -> Value
         frequency = [float(network.vector(node, f"{axis}_frequency", (1.0,))[0]) for axis in "uv"]
         offset = [float(network.vector(node, f"{axis}_offset", (0.0,))[0]) for axis in "uv"]
         uv_name, transform = str(network.plain(node, "uvset", "")), np.eye(3)
-        placed = _affine(np.diag(frequency), np.array(offset))
+        placed = affine(np.diag(frequency), np.array(offset))
     else:
         first, second = (network.vector(node, name, (value,) * 3) for name, value in (("color2", 0.0), ("color1", 1.0)))
-        uv_name, transform = _coordinates(network, node, "texcoord")
+        uv_name, transform = coordinates(network, node, "texcoord")
         placed = np.diag([*(0.5 * network.vector(node, "uvtiling", (8.0, 8.0))), 1.0])
     pattern = np.kron(np.array([[1, 0], [0, 1]]), np.ones((_SQUARE, _SQUARE)))[..., None]
     pixels = (second + pattern * (first - second)).astype(np.float32)
@@ -189,7 +189,7 @@ def _tiles(reading: Reading, attribute: Usd.Attribute, path: str, space: str) ->
         lines, places_across = (np.arange(n) * own // n for n, own in zip((height, width), pixels.shape, strict=False))
         atlas[top : top + height, left : left + width] = pixels[np.ix_(lines, places_across)]
     size = np.array([1 / columns, 1 / rows])
-    return (atlas, _affine(np.diag(size), -corner * size)), ""
+    return (atlas, affine(np.diag(size), -corner * size)), ""
 
 
 def _four_channels(pixels: Array) -> Array:
@@ -230,7 +230,7 @@ def _wraps(network: Network, node: UsdShade.Shader, names: tuple[str, str], defa
     return found[0] or first, found[1] or second
 
 
-def _coordinates(network: Network, node: UsdShade.Shader, name: str) -> tuple[str, Array]:
+def coordinates(network: Network, node: UsdShade.Shader, name: str) -> tuple[str, Array]:
     """Return the primvar of an image's UVs, "" where none is named, and their (3, 3) transform."""
     transform = np.eye(3)
     for _ in range(_LONGEST):
@@ -253,21 +253,21 @@ def _coordinates(network: Network, node: UsdShade.Shader, name: str) -> tuple[st
 
 def _usd_transform_2d(network: Network, node: UsdShade.Shader) -> tuple[str, Array]:
     """Return UsdTransform2d: scale, then rotate counter-clockwise by degrees, then translate."""
-    turned = _rotation(float(network.vector(node, "rotation", (0.0,))[0]))
+    turned = rotation(float(network.vector(node, "rotation", (0.0,))[0]))
     scale = network.vector(node, "scale", (1.0, 1.0))
-    return "in", _affine(turned * scale, network.vector(node, "translation", (0.0, 0.0)))
+    return "in", affine(turned * scale, network.vector(node, "translation", (0.0, 0.0)))
 
 
 def _place_2d(network: Network, node: UsdShade.Shader) -> tuple[str, Array]:
     """Return MaterialX's place2d: divide by the scale, rotate clockwise, subtract the offset, all about the pivot."""
     scale = np.diag(1 / np.where((found := network.vector(node, "scale", (1.0, 1.0))) == 0, 1, found))
-    turned = _rotation(-float(network.vector(node, "rotate", (0.0,))[0]))
+    turned = rotation(-float(network.vector(node, "rotate", (0.0,))[0]))
     offset, pivot = network.vector(node, "offset", (0.0, 0.0)), network.vector(node, "pivot", (0.0, 0.0))
     if network.plain(node, "operationorder", 0) == 1:
         linear, moved = scale @ turned, -scale @ turned @ offset
     else:
         linear, moved = turned @ scale, -offset
-    return "texcoord", _affine(linear, moved + pivot - linear @ pivot)
+    return "texcoord", affine(linear, moved + pivot - linear @ pivot)
 
 
 def _arithmetic(network: Network, node: UsdShade.Shader) -> tuple[str, Array]:
@@ -275,8 +275,8 @@ def _arithmetic(network: Network, node: UsdShade.Shader) -> tuple[str, Array]:
     kind = category(node)
     by = network.vector(node, "in2", (0.0, 0.0) if kind in ("add", "subtract") else (1.0, 1.0))
     if kind in ("add", "subtract"):
-        return "in1", _affine(np.eye(2), by if kind == "add" else -by)
-    return "in1", _affine(np.diag(by if kind == "multiply" else 1 / np.where(by == 0, 1, by)), np.zeros(2))
+        return "in1", affine(np.eye(2), by if kind == "add" else -by)
+    return "in1", affine(np.diag(by if kind == "multiply" else 1 / np.where(by == 0, 1, by)), np.zeros(2))
 
 
 _TRANSFORMS: dict[str, Any] = {
@@ -285,13 +285,14 @@ _TRANSFORMS: dict[str, Any] = {
 }  # fmt: skip
 
 
-def _rotation(degrees: float) -> Array:
+def rotation(degrees: float) -> Array:
     """Return a counter-clockwise rotation, (2, 2)."""
     c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
     return np.array([[c, -s], [s, c]])
 
 
-def _affine(linear: Array, moved: Array) -> Array:
+def affine(linear: Array, moved: Array) -> Array:
+    """Return a linear transform of UVs, (2, 2), and a translation after it, as (3, 3)."""
     result = np.eye(3)
     result[:2, :2], result[:2, 2] = linear, moved
     return result

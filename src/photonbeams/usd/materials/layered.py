@@ -8,8 +8,9 @@ import numpy as np
 from pxr import UsdShade
 
 from ...scene import Array, rgb
+from .bumps import tilt
 from .network import Network
-from .surface import Reader, Surface, connected, ior_of, mix
+from .surface import Reader, Surface, ior_of, mix
 from .values import Image, Value, as_number, constant
 
 
@@ -83,8 +84,8 @@ def layered(names: Names) -> Reader:
             ior=_weighted_ior(network, node, names),
             clearcoat=coat,
             clearcoat_roughness=number("coat_roughness", 0.1 if names is STANDARD else 0.0),
-            normal=network.color(node, names.normal) if connected(node, names.normal) else None,
         )
+        tilt(network, node, surface, names.normal)
         _set_opacity(network, node, surface, colored(names.opacity, 1.0), clear, names)
         return surface
 

@@ -9,12 +9,11 @@ import numpy as np
 from pxr import UsdShade
 
 from ...scene import Array, rgb
+from .corrections import CORRECTIONS
 from .network import Network, Node
-from .values import PrimvarValue, Value, channels, identity, mapped
+from .values import PrimvarValue, Value, channels, identity
 
 Function = Callable[..., Array]
-
-_LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 
 
 def _primvar(*names: str, fallback: tuple[str, ...] = ("fallback", "default")) -> Node:
@@ -94,45 +93,57 @@ def _side_by_side(*values: Array) -> Array:
     return np.concatenate([np.broadcast_to(each, (*shape, each.shape[-1])) for each in values], axis=-1)[..., :4]
 
 
-def _normal_map(network: Network, node: UsdShade.Shader, output: str) -> Value | None:
-    """Read normals in tangent space of a picture of them, n / 2 + 1 / 2."""
-    picture = network.first(node, "in", "input")
-    if picture is None:
+def _mean_of(*names: str) -> Node:
+    """Return a reader of noise between two colours, of which the mean is rendered."""
+
+    def read(network: Network, node: UsdShade.Shader, output: str) -> Value | None:
+        network.lose(node, f"is a '{node.GetShaderId()}', which is not rendered: the mean of its colours is used")
+        found = [network.value(node, name) for name in names]
+        first, second = (np.full(1, 1.0 - i) if each is None else each for i, each in enumerate(found))
+        return network.combined(node, lambda a, b: (a + b) / 2, first, second)
+
+    return read
+
+
+def _trigo(network: Network, node: UsdShade.Shader, output: str) -> Value | None:
+    """Read Arnold's trigonometric functions of an angle with a frequency and a phase."""
+    function = {"cos": np.cos, "sin": np.sin, "tan": np.tan}.get(str(network.plain(node, "function", "cos")), np.cos)
+    phase, frequency = network.number(node, "phase", default=0.0), network.number(node, "frequency", default=1.0)
+    value = network.value(node, "input")
+    if value is None or phase is None or frequency is None:
         return None
-    strength = network.vector(node, "strength" if node.GetInput("strength") else "scale", (1.0, 1.0))
-    signed = not network.plain(node, "color_to_signed", True)
-    factor = np.array([*strength, 1.0])
-    return mapped(lambda values: (rgb(values) if signed else 2 * rgb(values) - 1) * factor, picture)
+    return network.combined(node, lambda a, factor, added: function(a * factor + added), value, frequency, phase)
+
+
+def _switched(network: Network, node: UsdShade.Shader, output: str) -> Value | None:
+    """Read a switch between up to twenty inputs, by a number."""
+    index = network.number(node, "index", default=0.0)
+    inputs = [network.value(node, f"input{i}") for i in range(20) if node.GetInput(f"input{i}")]
+    if index is None or not inputs:
+        return None
+
+    def chosen(number: Array, *values: Array) -> Array:
+        place = np.clip(np.floor(number).astype(int), 0, len(values) - 1)
+        return sum((np.where(place == i, each, 0.0) for i, each in enumerate(values)), np.zeros(1))
+
+    return network.combined(node, chosen, index, *(np.zeros(1) if each is None else each for each in inputs))
+
+
+def _converted(network: Network, node: UsdShade.Shader, output: str) -> Value | None:
+    """Read Arnold's change of a colour's model, which is rendered where both are one."""
+    models = [str(network.plain(node, name, "RGB")).upper() for name in ("from", "to")]
+    if models[0] != models[1]:
+        network.lose(node, f"is from {models[0]} to {models[1]}, which is not rendered: its input is used as it is")
+    return network.value(node, "input")
+
+
+def _smoothstep(value: Array, low: Array, high: Array) -> Array:
+    t = np.clip((value - low) / np.where(high == low, 1, high - low), 0, 1)
+    return t * t * (3 - 2 * t)
 
 
 def _remap(value: Array, low: Array, high: Array, to_low: Array, to_high: Array) -> Array:
     return to_low + (value - low) / np.where(high == low, 1, high - low) * (to_high - to_low)
-
-
-def _saturated(value: Array, amount: Array) -> Array:
-    grey = (rgb(value) @ _LUMINANCE)[..., None]
-    return grey + amount * (rgb(value) - grey)
-
-
-def _corrected(network: Network, node: UsdShade.Shader, output: str) -> Value | None:
-    """Read Arnold's colour correction: gamma, saturation, exposure, factor and offset; no hue and no contrast."""
-    value = network.value(node, "input")
-    if value is None:
-        return None
-    gamma, exposure, saturation = (
-        float(network.vector(node, name, (default,))[0])
-        for name, default in (("gamma", 1.0), ("exposure", 0.0), ("saturation", 1.0))
-    )
-    factor, offset = network.vector(node, "multiply", (1.0,) * 3), network.vector(node, "add", (0.0,) * 3)
-    for name, neutral in (("hue_shift", 0.0), ("contrast", 1.0)):
-        if network.vector(node, name, (neutral,))[0] != neutral:
-            network.lose(node, "is not rendered: it is ignored", name)
-
-    def corrected(colors: Array) -> Array:
-        curved = np.maximum(rgb(colors), 0) ** (1 / max(gamma, 1e-3))
-        return _saturated(curved, np.array([saturation])) * 2**exposure * factor + offset
-
-    return mapped(corrected, value)
 
 
 _FIRST, _SECOND = ("in1", "input1"), ("in2", "input2")
@@ -149,7 +160,7 @@ def _arithmetic() -> dict[str, Node]:
     one: dict[str, Function] = {
         "absval": np.abs, "abs": np.abs, "sqrt": lambda a: np.sqrt(np.maximum(a, 0)), "floor": np.floor,
         "ceil": np.ceil, "negate": np.negative, "sin": np.sin, "cos": np.cos, "exp": np.exp,
-        "luminance": lambda a: np.repeat((rgb(a) @ _LUMINANCE)[..., None], 3, axis=-1), "complement": lambda a: 1 - a,
+        "complement": lambda a: 1 - a,
     }  # fmt: skip
     nodes = {name: _function(function, (_FIRST, 0.0), (_SECOND, default)) for name, (function, default) in two.items()}
     nodes.update({name: _function(function, (_IN, 0.0)) for name, function in one.items()})
@@ -159,6 +170,10 @@ def _arithmetic() -> dict[str, Node]:
 
 NODES: dict[str, Node] = {
     **_arithmetic(),
+    **{
+        name: _function(function, *(((each,), default) for each, default in inputs))
+        for name, (function, inputs) in CORRECTIONS.items()
+    },
     "UsdPrimvarReader": _primvar("varname"),
     "HwPrimvar": _primvar("varname"),
     "geompropvalue": _primvar("geomprop"),
@@ -176,11 +191,16 @@ NODES: dict[str, Node] = {
     "arnold:rgb_to_vector": _passed("input"),
     "arnold:vector_to_rgb": _passed("input"),
     "arnold:rgb_to_float": _function(lambda a: rgb(a).mean(axis=-1, keepdims=True), (_IN, 0.0)),
-    "arnold:color_correct": _corrected,
     "arnold:color_jitter": _approximated("input"),
     "arnold:shuffle": _approximated("color"),
     "arnold:layer_rgba": _approximated("input1"),
-    "arnold:noise": _function(lambda a, b: (a + b) / 2, (("color1",), 1.0), (("color2",), 0.0)),
+    "arnold:noise": _mean_of("color1", "color2"),
+    "arnold:trigo": _trigo,
+    "arnold:switch_rgba": _switched,
+    "arnold:color_convert": _converted,
+    "arnold:user_data_int": _primvar("attribute"),
+    "arnold:clamp": _function(np.clip, (_IN, 0.0), (("min",), 0.0), (("max",), 1.0)),
+    "smoothstep": _function(_smoothstep, (_IN, 0.0), (("low",), 0.0), (("high",), 1.0)),
     "arnold:flat": _passed("color"),
     "arnold:two_sided": _passed("front"),
     "arnold:flakes": _approximated("flake_color"),
@@ -197,7 +217,6 @@ NODES: dict[str, Node] = {
     ),
     "invert": _function(lambda a, amount: amount - a, (_IN, 0.0), (("amount",), 1.0)),
     "clamp": _function(np.clip, (_IN, 0.0), (("low",), 0.0), (("high",), 1.0)),
-    "saturate": _function(_saturated, (_IN, 0.0), (("amount",), 1.0)),
     "remap": _function(
         _remap, (_IN, 0.0), (("inlow",), 0.0), (("inhigh",), 1.0), (("outlow",), 0.0), (("outhigh",), 1.0)
     ),
@@ -208,7 +227,4 @@ NODES: dict[str, Node] = {
         _remap, (_IN, 0.0), (("input_min",), 0.0), (("input_max",), 1.0), (("output_min",), 0.0),
         (("output_max",), 1.0),
     ),
-    "colorcorrect": _approximated("in"),
-    "normalmap": _normal_map,
-    "arnold:normal_map": _normal_map,
 }  # fmt: skip

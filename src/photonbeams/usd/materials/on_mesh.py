@@ -10,7 +10,7 @@ import numpy as np
 from pxr import Usd, UsdGeom
 
 from ...scene import Array, Material, UVTexture, VertexValues
-from ..primvars import find_primvar
+from ..primvars import find_primvar, flattened
 from ..reading import Reading
 from .bound import Bound, plain, texture_of
 from .values import Image, constant
@@ -25,33 +25,14 @@ def primvars_of(reading: Reading, prim: Usd.Prim, bound: Bound) -> tuple[dict[st
         found = find_primvar(prim, wanted.name)
         if found is None:
             continue
-        values = flattened(reading, prim, found)
-        if not len(values):
+        values = flattened(reading, prim, found, None)
+        if values is None or not len(values):
             continue
         if len(values) == 1 or found.GetInterpolation() == "constant":
             constants[name] = values[:1]
         else:
             varying[name] = found
     return constants, varying
-
-
-def flattened(reading: Reading, prim: Usd.Prim, primvar: UsdGeom.Primvar) -> Array:
-    """Return a primvar's values, (N, C), N = 0 with a warning where they are no finite numbers."""
-    name = str(primvar.GetName())
-    try:
-        flat = primvar.ComputeFlattened(reading.time)
-        numbers = np.asarray(flat, dtype=np.float64)
-    except Exception:
-        flat, numbers = None, np.empty(0)
-    if flat is None or numbers.ndim > 2:
-        reading.warn(prim, "does not hold numbers, or its indices name values that it does not have", name)
-        return np.empty((0, 1))
-    is_list = str(primvar.GetTypeName()).endswith("[]")
-    numbers = numbers.reshape(len(numbers), -1) if is_list else numbers.reshape(1, -1)
-    if not np.all(np.isfinite(numbers)):
-        reading.warn(prim, "holds values that are not finite: it is not used", name)
-        return np.empty((0, 1))
-    return numbers
 
 
 def on_mesh(

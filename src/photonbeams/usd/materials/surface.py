@@ -29,6 +29,7 @@ class Surface:
     presence: bool = False
     tint: Value | None = None
     normal: Value | None = None
+    bump: Value | None = None
 
 
 Reader = Callable[[Network, UsdShade.Shader], Surface]

@@ -8,6 +8,7 @@ import numpy as np
 from pxr import UsdShade
 
 from ...scene import Array, rgb
+from .bumps import tilt
 from .images import image_input
 from .layered import OPEN_PBR, STANDARD, layered
 from .network import Network, category, shader_id
@@ -28,8 +29,8 @@ def preview(network: Network, node: UsdShade.Shader) -> Surface:
         clearcoat_roughness=network.number(node, "clearcoatRoughness"),
         opacity=network.number(node, "opacity"),
         presence=threshold > 0 or str(network.plain(node, "opacityMode", "")) == "presence",
-        normal=network.color(node, "normal") if connected(node, "normal") else None,
     )
+    tilt(network, node, surface, "normal")
     if connected(node, "displacement"):
         network.lose(node, "is not rendered: it is ignored", "displacement")
     if threshold > 0 and surface.opacity is not None:
@@ -127,10 +128,12 @@ class _ByNames:
         clear = network.number(node, *self.transmission)
         if clear is not None and np.any(constant(clear) > 0):
             opacity, presence = network.combined(node, lambda part: 1 - part, clear), False
-        return Surface(
+        surface = Surface(
             diffuse, emissive, network.number(node, *self.roughness), network.number(node, *self.metallic),
             network.number(node, *self.ior), network.number(node, *self.clearcoat), opacity=opacity, presence=presence,
         )  # fmt: skip
+        tilt(network, node, surface, "normal", "bumpNormal", "normalCamera")
+        return surface
 
 
 def _label(node: UsdShade.Shader) -> str:

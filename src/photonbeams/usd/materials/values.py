@@ -37,6 +37,9 @@ class Image:
     uv_name: str
     beyond: Array = field(default_factory=lambda: np.zeros(4))
 
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "beyond", self.beyond[: self.pixels.shape[-1]])
+
     def placed_as(self, other: Image) -> bool:
         """Return whether two images lie on a surface in the same way."""
         same = self.wrap == other.wrap and self.uv_name == other.uv_name
@@ -59,16 +62,22 @@ Value = Array | Image | PrimvarValue
 def mapped(function: Callable[..., Array], *values: Value) -> Value:
     """Return a function of values, which takes arrays (…, C) with any leading axes.
 
-    Images are brought to the size of the largest one. Where images and primvars meet, or images that are placed
-    differently, the largest image stays what it is, and all others are replaced by their means or fallbacks.
+    Images are brought to the greatest height and width of those that are placed as the largest is. Where images and
+    primvars meet, or images that are placed differently, the largest image stays what it is, and all others are
+    replaced by their means or fallbacks. Of channels there are as many as the fewest of those that have several.
     """
+    several = [count for count in map(_count, values) if count > 1]
+    least = min(several, default=1)
+    values = tuple(_cut(each, least) if _count(each) > least else each for each in values)
     images = [each for each in values if isinstance(each, Image)]
     primvars = [each for each in values if isinstance(each, PrimvarValue)]
     if images:
         largest = max(images, key=lambda each: each.pixels[..., 0].size)
-        pixels = function(*(_over(each, largest) for each in values))
+        placed = [each.pixels.shape[:2] for each in images if each.placed_as(largest)]
+        height, width = np.max(placed, axis=0).tolist()
+        pixels = function(*(_over(each, largest, (height, width)) for each in values))
         beyond = function(*(each.beyond if isinstance(each, Image) else constant(each) for each in values))
-        shape = (*largest.pixels.shape[:2], pixels.shape[-1])
+        shape = (height, width, pixels.shape[-1])
         return replace(largest, pixels=np.broadcast_to(pixels, shape).astype(np.float32), beyond=beyond)
     if not primvars:
         return np.atleast_1d(function(*values))
@@ -115,12 +124,30 @@ def as_number(value: Value) -> Value:
     return channels(value, [0])
 
 
-def _over(value: Value, image: Image) -> Array:
-    """Return a value in the pixels of an image, (H, W, C), or constant, (C,)."""
+def _count(value: Value) -> int:
+    """Return how many channels a value has."""
+    return (
+        len(value.fallback)
+        if isinstance(value, PrimvarValue)
+        else (value.pixels.shape[-1] if isinstance(value, Image) else value.shape[-1])
+    )
+
+
+def _cut(value: Value, count: int) -> Value:
+    """Return a value with its first channels alone."""
+    if isinstance(value, Image):
+        return replace(value, pixels=value.pixels[..., :count], beyond=value.beyond[:count])
+    if isinstance(value, PrimvarValue):
+        function = value.function
+        return replace(value, fallback=value.fallback[:count], function=lambda raw: function(raw)[..., :count])
+    return value[..., :count]
+
+
+def _over(value: Value, image: Image, size: tuple[int, int]) -> Array:
+    """Return a value in pixels of an image's place, (H, W, C), or constant, (C,)."""
     if not isinstance(value, Image) or not value.placed_as(image):
         return constant(value)
-    height, width = image.pixels.shape[:2]
-    rows, columns = (
-        np.arange(count) * own // count for count, own in zip((height, width), value.pixels.shape[:2], strict=True)
-    )
-    return value.pixels if value is image else value.pixels[np.ix_(rows, columns)]
+    if value.pixels.shape[:2] == size:
+        return value.pixels
+    rows, columns = (np.arange(count) * own // count for count, own in zip(size, value.pixels.shape[:2], strict=True))
+    return value.pixels[np.ix_(rows, columns)]

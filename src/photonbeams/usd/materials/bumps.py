@@ -1,0 +1,98 @@
+"""Normal maps and bumps: what networks tilt a surface's normal with."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from pxr import UsdShade
+
+from ...scene import UVTexture, rgb
+from .network import Network, Node, category, is_output
+from .surface import Surface
+from .values import Image, Value, as_number, mapped
+
+# Nodes of heights in scene units: the inputs for heights, and for their scale.
+_HEIGHTS = {
+    "arnold:bump2d": (("bump_map",), ("bump_height",)),
+    "arnold:bump3d": (("bump_map",), ("bump_height",)),
+    "PxrBump": (("inputBump",), ("scale",)),
+}
+
+_SOBEL = 1 / 16  # by which MaterialX scales slopes
+
+
+def tilt(network: Network, node: UsdShade.Shader, surface: Surface, *names: str) -> None:
+    """Set the normals of a surface, or its heights, to what is connected to the first of these inputs that has it."""
+    for name in names:
+        attribute = network.source(node, name)
+        if attribute is None or not is_output(attribute):
+            continue
+        inner = UsdShade.Shader(attribute.GetPrim())
+        if category(inner) not in _HEIGHTS:
+            surface.normal = network.color(node, name)
+            return
+        heights, scale = (network.number(inner, *each, default=1.0) for each in _HEIGHTS[category(inner)])
+        assert heights is not None and scale is not None
+        found = network.combined(inner, np.multiply, heights, scale)
+        if isinstance(found, Image):
+            surface.bump = found
+        elif not isinstance(found, np.ndarray):
+            network.lose(inner, "has no image for its heights: it is ignored")
+        return
+
+
+def _normal_map(network: Network, node: UsdShade.Shader, output: str) -> Value | None:
+    """Read normals in tangent space of a picture of them, n / 2 + 1 / 2."""
+    picture = network.first(node, "in", "input")
+    if picture is None:
+        return None
+    strength = network.vector(node, "strength" if node.GetInput("strength") else "scale", (1.0, 1.0))
+    signed = not network.plain(node, "color_to_signed", True)
+    signs = [-1.0 if network.plain(node, name, False) else 1.0 for name in ("invert_x", "invert_y")]
+    factor = np.array([*(strength * signs), 1.0])
+    return mapped(lambda values: (rgb(values) if signed else 2 * rgb(values) - 1) * factor, picture)
+
+
+def _renderman_normal_map(network: Network, node: UsdShade.Shader, output: str) -> Value | None:
+    picture = network.value(node, "inputRGB")
+    factor = np.array([*[float(network.vector(node, "bumpScale", (1.0,))[0])] * 2, 1.0])
+    return None if picture is None else mapped(lambda values: (2 * rgb(values) - 1) * factor, picture)
+
+
+def _normals_of(network: Network, node: UsdShade.Shader, heights: Value | None, scale: float) -> Value | None:
+    """Return normals in tangent space of an image of heights over UVs, by MaterialX's scale."""
+    if not isinstance(heights, Image):
+        if heights is not None and not isinstance(heights, np.ndarray):
+            network.lose(node, "has no image for its heights: it is ignored")
+        return None
+    heights = as_number(heights)
+    assert isinstance(heights, Image)
+    wrap = heights.wrap[0] if heights.wrap[0] == heights.wrap[1] != "black" else "clamp"
+    slopes = UVTexture(heights.pixels, wrap, heights.transform).slopes()
+    normals = np.array([0.0, 0.0, 1.0]) - _SOBEL * scale * slopes.pixels
+    normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
+    flat = np.array([0.0, 0.0, 1.0])
+    return replace(heights, pixels=normals, wrap=(slopes.wrap,) * 2, transform=slopes.uv_transform, beyond=flat)
+
+
+def _height_to_normal(network: Network, node: UsdShade.Shader, output: str) -> Value | None:
+    """Read MaterialX's `heighttonormal`, whose normals are encoded as n / 2 + 1 / 2."""
+    scale = float(network.vector(node, "scale", (1.0,))[0])
+    normals = _normals_of(network, node, network.value(node, "in"), scale)
+    return np.array([0.5, 0.5, 1.0]) if normals is None else mapped(lambda values: values / 2 + 0.5, normals)
+
+
+def _bump(network: Network, node: UsdShade.Shader, output: str) -> Value | None:
+    """Read MaterialX's `bump`, a `heighttonormal` whose slopes are scaled."""
+    scale = float(network.vector(node, "scale", (1.0,))[0])
+    return _normals_of(network, node, network.value(node, "height"), scale)
+
+
+BUMPS: dict[str, Node] = {
+    "normalmap": _normal_map,
+    "arnold:normal_map": _normal_map,
+    "PxrNormalMap": _renderman_normal_map,
+    "heighttonormal": _height_to_normal,
+    "bump": _bump,
+}
