@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from pxr import Gf, Sdf, Usd, UsdGeom
@@ -17,6 +17,7 @@ from .lights import is_light, portal_paths, read_light
 from .links import linked
 from .medium import is_medium, read_medium
 from .meshes import is_surface, read_meshes
+from .outlines import read_outline
 from .primvars import Instance
 from .reading import Reading, is_relationship, quiet, target_paths, visible
 from .selection import rendered_purposes
@@ -33,6 +34,16 @@ class _Contents:
     lights: list[tuple[Usd.Prim, Light]] = field(default_factory=list)
     drawn: list[DrawnBeams] = field(default_factory=list)
     media: list[tuple[Usd.Prim, Medium]] = field(default_factory=list)
+    outlines: bool = False  # whether surfaces are their outlines
+
+
+class _Role(NamedTuple):
+    """What a prim is: it may be several things at once."""
+
+    medium: bool
+    beams: bool  # drawn ones
+    surface: bool
+    light: bool
 
 
 @dataclass(frozen=True)
@@ -45,7 +56,13 @@ class _Item:
     instances: tuple[Instance, ...] = ()  # of the innermost instancer first
 
 
-def read_scene(stage: Usd.Stage, time: Any = None, warnings: Warnings | None = None, base: Any = None) -> Scene:
+def read_scene(
+    stage: Usd.Stage,
+    time: Any = None,
+    warnings: Warnings | None = None,
+    base: Any = None,
+    lasting: dict[Any, Any] | None = None,
+) -> Scene:
     """Return meshes, lights, drawn beams and fog of a stage at a time.
 
     What cannot be read or rendered is left out with a warning to the logger "photonbeams".
@@ -58,20 +75,34 @@ def read_scene(stage: Usd.Stage, time: Any = None, warnings: Warnings | None = N
         Warnings that were given already and are not given again; new ones are added. They may be errors.
     base
         The frame whose samples velocities carry on, while its shutter is open; None: `time`.
+    lasting
+        What other readings of the stage have found that is the same at all times; more of it is added.
 
     Raises
     ------
     SceneError
         Of what cannot be read, where warnings are errors.
     """
-    reading = Reading(stage, time, warnings or Warnings(), base=base)
+    reading = Reading(stage, time, warnings or Warnings(), base=base, lasting={} if lasting is None else lasting)
+    return _read(reading, outlines=False)
+
+
+def read_extent(stage: Usd.Stage, time: Any, lasting: dict[Any, Any]) -> Scene:
+    """Return how far a stage reaches at a time: a scene whose surfaces are corners of their hulls, without faces.
+
+    Nothing is warned of: the time may never be rendered. `lasting` is that of `read_scene`.
+    """
+    return _read(Reading(stage, time, Warnings(muted=True), lasting=lasting), outlines=True)
+
+
+def _read(reading: Reading, outlines: bool) -> Scene:
     # Points near the largest float and sums of them are the file's fault; the values are checked where it matters.
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"), reading.warnings.together(), quiet():
-        return _read_scene(reading)
+        return _read_scene(reading, outlines)
 
 
-def _read_scene(reading: Reading) -> Scene:
-    contents = _Contents()
+def _read_scene(reading: Reading, outlines: bool) -> Scene:
+    contents = _Contents(outlines=outlines)
     items = list(_items(reading, reading.stage.GetPseudoRoot()))
     lights = [item.prim for item in items if is_light(item.prim)]
     portals = {path for prim in lights for path in portal_paths(prim)}
@@ -82,6 +113,9 @@ def _read_scene(reading: Reading) -> Scene:
             reading.attempt(item.prim, partial(_collect, reading, item, contents), None, "it is skipped")
     _keep_one_filling(reading, contents)
     media = [prim for prim, _ in contents.media]
+    if outlines:
+        lights = tuple(light for _, light in contents.lights)
+        return Scene(tuple(contents.meshes), lights, tuple(contents.drawn), tuple(each for _, each in contents.media))
     return Scene(
         tuple(contents.meshes),
         tuple(
@@ -109,18 +143,30 @@ def _keep_one_filling(reading: Reading, contents: _Contents) -> None:
     contents.media = kept
 
 
+def _role(reading: Reading, prim: Usd.Prim) -> _Role:
+    """Return as what a prim is rendered: copies of it need not ask again."""
+    key = ("role", prim.GetPath())
+    if key not in reading.cache:
+        beams = prim.IsA(UsdGeom.BasisCurves) and is_drawn(prim)
+        reading.cache[key] = _Role(is_medium(prim), beams, is_surface(prim) and not beams, is_light(prim))
+    role: _Role = reading.cache[key]
+    return role
+
+
 def _collect(reading: Reading, item: _Item, contents: _Contents) -> None:
     prim = item.prim
-    if is_medium(prim):
+    role = _role(reading, prim)
+    if role.medium:
         medium = read_medium(reading, prim, item.to_world, item.name)
         contents.media.append((prim, medium))
         if medium.bounded:
             return
-    beams = prim.IsA(UsdGeom.BasisCurves) and is_drawn(prim)
     meshes: list[Mesh] = []
-    if is_surface(prim) and not beams:
+    if role.surface and contents.outlines and not role.light:
+        meshes = [read_outline(reading, prim, item.to_world, item.name)]
+    elif role.surface:
         meshes = read_meshes(reading, prim, item.to_world, item.name, item.instances)
-    if is_light(prim):
+    if role.light:
         read = partial(read_light, reading, prim, item.to_world, item.name, meshes)
         light = reading.attempt(prim, read, None, "it does not shine") if meshes else read()
         if light is not None:
@@ -130,10 +176,10 @@ def _collect(reading: Reading, item: _Item, contents: _Contents) -> None:
         if isinstance(light, MeshLight) and not light.surface:
             return
     contents.meshes.extend(meshes)
-    if beams:
+    if role.beams:
         drawn = read_curves(reading, prim, item.to_world, item.name)
         contents.drawn.extend([drawn] if drawn else [])
-    elif prim.IsA(UsdGeom.Gprim) and not is_surface(prim):
+    elif prim.IsA(UsdGeom.Gprim) and not role.surface:
         reading.warn(prim, f"is a {prim.GetTypeName()}, which is not rendered: it is skipped")
 
 

@@ -16,7 +16,7 @@ from ..scene import SceneError, real
 from . import schemas as schemas
 from .camera import list_cameras, read_camera
 from .composition import warn_of_composition
-from .contents import read_scene
+from .contents import read_extent, read_scene
 from .layers import forget_changes, ready_layers
 from .lights import is_dome, is_light
 from .metadata import complete_metadata
@@ -25,7 +25,16 @@ from .selection import EVERYTHING, Selection
 from .textures import limit_textures
 from .warnings import Warnings
 
-__all__ = ["Selection", "default_time", "list_cameras", "open_stage", "read_camera", "read_scene", "sample_times"]
+__all__ = [
+    "Selection",
+    "default_time",
+    "list_cameras",
+    "open_stage",
+    "read_camera",
+    "read_extent",
+    "read_scene",
+    "sample_times",
+]
 
 
 def open_stage(
