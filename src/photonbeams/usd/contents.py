@@ -21,6 +21,7 @@ from .outlines import read_outline
 from .primvars import Instance
 from .reading import Reading, is_relationship, quiet, target_paths, visible
 from .selection import rendered_purposes
+from .sizes import MESH, MOST_INSTANCES, room, step_of, triangles_about
 from .velocities import carried
 from .warnings import Warnings
 
@@ -114,8 +115,12 @@ def _read_scene(reading: Reading, outlines: bool) -> Scene:
     _keep_one_filling(reading, contents)
     media = [prim for prim, _ in contents.media]
     if outlines:
-        lights = tuple(light for _, light in contents.lights)
-        return Scene(tuple(contents.meshes), lights, tuple(contents.drawn), tuple(each for _, each in contents.media))
+        return Scene(
+            tuple(contents.meshes),
+            tuple(light for _, light in contents.lights),
+            tuple(contents.drawn),
+            tuple(medium for _, medium in contents.media),
+        )
     return Scene(
         tuple(contents.meshes),
         tuple(
@@ -222,6 +227,9 @@ def _instances(reading: Reading, item: _Item, within: tuple[Sdf.Path, ...]) -> I
     moved = carried(reading, prim, "positions")
     sample = moved.reading if moved is not None else reading
     indices = sample.integers(prim, "protoIndices")
+    if len(indices) > MOST_INSTANCES:
+        text = f"has {len(indices):,} values: expected no more than {MOST_INSTANCES:,}"
+        raise reading.fail(prim, "protoIndices", text)
     positions = sample.array(prim, "positions", 3) if moved is None else moved.points
     transforms = _instance_transforms(reading, sample, instancer, indices, positions, prototypes)
     mask = np.asarray(instancer.ComputeMaskAtTime(sample.time) or np.ones(len(indices), dtype=bool))
@@ -230,14 +238,56 @@ def _instances(reading: Reading, item: _Item, within: tuple[Sdf.Path, ...]) -> I
     if lost:
         text = f"name prototype {lost[0]}, which is not there: {len(lost)} of {len(indices)} instances are skipped"
         reading.warn(prim, text, "protoIndices")
+    step = _step(reading, prim, indices, parts, within)
     for index, (number, matrix) in enumerate(zip(indices, transforms, strict=False)):
-        if not (index >= len(mask) or mask[index]) or not 0 <= number < len(parts):
+        if index % step or not (index >= len(mask) or mask[index]) or not 0 <= number < len(parts):
             continue
         local = item.to_world @ reading.matrix(prim, matrix)
         for part in parts[number] or ():
             instances = (Instance(prim, index), *item.instances)
             copy = _Item(part.prim, local @ part.to_world, f"{item.name}[{index}]{part.name}", instances)
             yield from _expanded(reading, copy, within)
+
+
+def _step(
+    reading: Reading, prim: Usd.Prim, indices: Array, parts: list[list[_Item] | None], within: tuple[Sdf.Path, ...]
+) -> int:
+    """Return of how many instances one is rendered: of as many as memory holds, each."""
+    total = _triangles_of(reading, indices, parts, within)
+    if len(within) > 1:  # of an instancer that another one repeats: it was counted there
+        return step_of(total, room())
+    step = step_of(total, room() - reading.expected)
+    reading.expected += total // step
+    if step > 1:
+        reading.warn(
+            prim, f"has {len(indices):,} instances: one of {step} is rendered, to bound memory", "protoIndices"
+        )
+    return step
+
+
+def _triangles_of(
+    reading: Reading, indices: Array, parts: list[list[_Item] | None], within: tuple[Sdf.Path, ...]
+) -> int:
+    """Return about how many triangles an instancer's copies of its prototypes have."""
+    numbers = np.bincount(indices[(indices >= 0) & (indices < len(parts))], minlength=len(parts))
+    sizes = [sum(_triangles_in(reading, each.prim, within) for each in part or ()) for part in parts]
+    return sum(int(number) * size for number, size in zip(numbers, sizes, strict=True))
+
+
+def _triangles_in(reading: Reading, prim: Usd.Prim, within: tuple[Sdf.Path, ...]) -> int:
+    """Return about how many triangles a prim of a prototype has, an instancer all of its copies."""
+    key = ("about", prim.GetPath())
+    if key not in reading.cache:
+        size = 0
+        if is_surface(prim):
+            size = MESH + triangles_about(reading, prim)
+        elif prim.IsA(UsdGeom.PointInstancer) and prim.GetPath() not in within:
+            roots = [reading.stage.GetPrimAtPath(path) for path in target_paths(prim, "prototypes")]
+            parts = [list(_prototype_items(reading, root)) if root and root.IsActive() else None for root in roots]
+            indices = reading.attempt(prim, partial(reading.integers, prim, "protoIndices"), np.zeros(0, int), "")
+            size = _triangles_of(reading, indices, parts, (*within, prim.GetPath()))
+        reading.cache[key] = size
+    return int(reading.cache[key])
 
 
 def _instance_transforms(

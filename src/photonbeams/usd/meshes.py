@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from pxr import Usd, UsdGeom, UsdShade
 
-from ..scene import FARTHEST, Array, Material, Mesh
+from ..scene import FARTHEST, Array, Material, Mesh, SceneError
 from ..scene.vectors import unit
 from .blender import wrote_material
 from .gprims import GPRIMS, gprim_polygons
@@ -20,6 +20,7 @@ from .polygons import Polygons, Tessellation, Triangles, Values, triangles_of
 from .primvars import Instance, find_primvar, read_instanced, read_primvar, read_values
 from .reading import Reading
 from .selection import refinement_level
+from .sizes import lowered, room
 from .skinning import deformed, is_skinned
 from .tubes import read_spheres, read_tubes
 from .velocities import Carried, carried
@@ -101,6 +102,9 @@ def _chosen(reading: Reading, key: Any, triangles: Triangles, faces: Array) -> T
 def _placed(reading: Reading, prim: Usd.Prim, surface: _Surface, to_world: Array, name: str) -> Mesh:
     """Return a surface in world space: the same object as at another time where nothing of it has changed."""
     reading.triangles += len(surface.triangles.faces)
+    if reading.triangles > room():
+        text = f"would be of more triangles than memory holds, with those before it: expected up to {room():,}"
+        raise SceneError(f"{reading.place(prim)} {text}")
     name += surface.suffix
     known = reading.lasting.get(("placed", name))
     if known is not None and known[0] is surface.triangles and np.array_equal(known[1], to_world):
@@ -230,7 +234,13 @@ def _refined(reading: Reading, prim: Usd.Prim, polygons: Polygons) -> Polygons:
         return polygons
     from .subdivision import subdivided  # SciPy takes long to import
 
-    return subdivided(reading, prim, polygons, scheme, level)
+    fitting = lowered(level, len(polygons.indices), room() - reading.triangles)
+    if fitting < level:
+        text = f"is refined {fitting} times instead of {level}, to bound memory"
+        reading.warn(prim, text, "subdivisionScheme")
+    if not fitting:
+        return polygons
+    return subdivided(reading, prim, polygons, scheme, fitting)
 
 
 def _patch(reading: Reading, prim: Usd.Prim) -> Tessellation | None:

@@ -60,8 +60,8 @@ class Reading:
         The frame whose samples velocities carry on, while its shutter is open; None: `time`.
     lasting
         What was read and is the same at all times, by key: readings of a stage share it until the stage is changed.
-    triangles
-        How many triangles have been read, copies counted each.
+    triangles, expected
+        How many triangles have been read, copies counted each, and about how many more copies will have.
     """
 
     stage: Usd.Stage
@@ -71,6 +71,7 @@ class Reading:
     base: Any = None
     lasting: dict[Any, Any] = field(default_factory=dict)
     triangles: int = 0
+    expected: int = 0
 
     def __post_init__(self) -> None:
         self.time = _time_code(self.time)

@@ -22,6 +22,7 @@ from .lights import is_dome, is_light
 from .metadata import complete_metadata
 from .reading import file_of, prims_under, quiet, varying_attributes
 from .selection import EVERYTHING, Selection
+from .sizes import check_prims
 from .textures import limit_textures
 from .warnings import Warnings
 
@@ -84,6 +85,7 @@ def open_stage(
             selection.apply(stage, str(path))
         except Tf.ErrorException as error:
             raise SceneError(f"{path} cannot be read: {_reason(error)}") from None
+    check_prims(stage)
     warn_of_composition(stage, warnings)
     complete_metadata(stage, warnings)
     for each in overrides:
