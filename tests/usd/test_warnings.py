@@ -116,7 +116,8 @@ def test_a_light_without_its_texture_has_one_colour(usd, caplog, kind):
 
 
 def test_a_relationship_that_is_declared_as_an_attribute_is_left_out(usd, caplog):
-    stage = usd("""def Mesh "Cube" {
+    stage = usd(
+        """def Mesh "Cube" {
         int[] faceVertexCounts = [3]
         int[] faceVertexIndices = [0, 1, 2]
         point3f[] points = [(0, 0, 0), (1, 0, 0), (0, 1, 0)]
@@ -134,7 +135,9 @@ def test_a_relationship_that_is_declared_as_an_attribute_is_left_out(usd, caplog
     }
     def Camera "Eye" {}
     def RenderSettings "Settings" { token camera = "/Gone" }
-    """, 'renderSettingsPrimPath = "/Settings"')
+    """,
+        'renderSettingsPrimPath = "/Settings"',
+    )
     found = read_scene(stage)
     assert [mesh.name for mesh in found.meshes] == ["/Cube"]
     assert [light.name for light in found.lights] == ["/Lamp"]
