@@ -1,6 +1,7 @@
 """Checkpoints: interrupted and resumed equals uninterrupted, and what is not the same is refused."""
 
 import dataclasses
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,7 +10,8 @@ from photonbeams import scene
 from photonbeams.beams.modify import recolour
 from photonbeams.beams.programs import Program
 from photonbeams.render import scene_frame
-from photonbeams.render.checkpoint import Checkpoint
+from photonbeams.render.checkpoint import Checkpoint, check_passes
+from photonbeams.render.memory import check_memory
 from photonbeams.render.passes import RunOptions
 from photonbeams.render.settings import Settings
 from photonbeams.render.stage_frame import render
@@ -165,3 +167,19 @@ def test_seconds_that_are_none_are_refused(tmp_path):
     for every in (0, -1.0, "5", float("nan")):
         with pytest.raises(SceneError, match="expected a positive number of seconds, or None"):
             Checkpoint(tmp_path / "a.npz", every)
+
+
+def test_passes_cannot_be_taken_out_of_a_checkpoint():
+    done = SimpleNamespace(ranges=lambda: [range(0, 8)])
+    check_passes("a.checkpoint", done, 8)
+    check_passes("a.checkpoint", done, None)
+    with pytest.raises(SceneError, match=r"a\.checkpoint: has passes up to 8, and 7 are asked for: expected at least"):
+        check_passes("a.checkpoint", done, 7)
+
+
+def test_a_film_that_no_memory_holds_is_refused_before_it_is_made(monkeypatch):
+    with pytest.raises(SceneError, match="100000 x 100000 pixels are more than"):
+        check_memory(Window.full(100_000, 100_000), 1)
+    monkeypatch.setattr("photonbeams.runtime.device.memory", lambda: 2**20)
+    with pytest.raises(SceneError, match="expected fewer, or a part of the picture by --crop"):
+        check_memory(Window.full(1000, 1000), 1)

@@ -60,6 +60,14 @@ def test_curves_with_normals_are_ribbons(scene):
     assert outward(found)
 
 
+def test_normals_along_their_curve_do_not_turn_it_into_a_ribbon_of_no_width(scene):
+    shape = 'uniform token type = "linear"\nfloat[] widths = [0.5]\nnormal3f[] normals = [{}]'
+    tube = only(scene, curves("(0, 0, 0), (0, 0, 2)", 2, shape.format("(0, 0, 1), (0, 0, 3)")))
+    assert np.allclose(np.linalg.norm(tube.points[:, :2], axis=1), 0.25)
+    points, normals = "(0, 0, 0), (1, 0, 0), (2, 0, 0)", "(1, 0, 0), (0, 0, 1), (0, 0, 1)"
+    assert only(scene, curves(points, 3, shape.format(normals))).area == pytest.approx(1)  # a whole ribbon
+
+
 def test_a_rational_curve_is_a_circle_and_a_tube_around_it_a_torus(scene):
     more = f"""int[] order = [3]
         double[] knots = [{KNOTS}]

@@ -6,7 +6,7 @@ from photonbeams import Shot
 from photonbeams.scene import SceneError
 from photonbeams.scene.checks import LONGEST
 from photonbeams.usd.reading import Reading
-from photonbeams.usd.stage import open_stage, read_scene
+from photonbeams.usd.stage import open_stage, read_camera, read_scene
 from photonbeams.usd.warnings import Warnings
 
 
@@ -113,3 +113,34 @@ def test_a_light_without_its_texture_has_one_colour(usd, caplog, kind):
     (light,) = read_scene(usd(f'def {kind} "L" {{\nasset inputs:texture:file = @gone.exr@\n}}')).lights
     assert light.radiance == (1, 1, 1) and light.gobo is None and getattr(light, "image", None) is None
     assert caplog.messages[0].endswith("there is none; the light has one colour")
+
+
+def test_a_relationship_that_is_declared_as_an_attribute_is_left_out(usd, caplog):
+    stage = usd(
+        """def Mesh "Cube" {
+        int[] faceVertexCounts = [3]
+        int[] faceVertexIndices = [0, 1, 2]
+        point3f[] points = [(0, 0, 0), (1, 0, 0), (0, 1, 0)]
+        token material:binding = "/Gone"
+    }
+    def SphereLight "Lamp" {
+        token photonbeams:look = "/Gone"
+        token photonbeams:portal = "/Gone"
+        token photonbeams:guides = "/Gone"
+    }
+    def PointInstancer "Copies" {
+        token prototypes = "/Cube"
+        int[] protoIndices = [0]
+        point3f[] positions = [(0, 0, 0)]
+    }
+    def Camera "Eye" {}
+    def RenderSettings "Settings" { token camera = "/Gone" }
+    """,
+        'renderSettingsPrimPath = "/Settings"',
+    )
+    found = read_scene(stage)
+    assert [mesh.name for mesh in found.meshes] == ["/Cube"]
+    assert [light.name for light in found.lights] == ["/Lamp"]
+    assert read_camera(stage).name == "/Eye"
+    for name in ("material:binding", "photonbeams:look", "photonbeams:portal", "photonbeams:guides", "prototypes"):
+        assert f".{name} is an attribute" in caplog.text

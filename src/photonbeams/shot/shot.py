@@ -128,6 +128,7 @@ class Shot:
         self._stage_digest: str | None = None
         self._warnings = Warnings(strict)
         self._looks: dict[str, Any] = {}
+        self._lasting: dict[Any, Any] = {}  # what of the stage is the same at all times
         self._kept: dict[Any, Any] = {}  # the frame whose parts were rendered last
         self._set_content(stage)
 
@@ -148,6 +149,7 @@ class Shot:
             shot = own()
             if shot is not None:
                 shot._sphere = shot._groups = shot._stage_digest = None
+                shot._lasting.clear()
 
         return forget, stages.listener(self.stage, forget)  # which does not keep `forget`
 
@@ -276,7 +278,7 @@ class Shot:
         """Return the stage's own scene and its camera."""
         time = self.time(frame)
         camera = stages.read_camera(self.stage, self.camera, time, self._warnings)
-        return stages.read_scene(self.stage, time, self._warnings, base), camera
+        return stages.read_scene(self.stage, time, self._warnings, base, self._lasting), camera
 
     @property
     def _place(self) -> str:
@@ -347,9 +349,16 @@ class Shot:
         if self._sphere is None:
             # Once: beams must not change with what moves elsewhere.
             self._sphere = bounds_at_all_times(
-                self.stage, content, lambda code: self.read(code)[0], self.cameras, emits=self.emit is not None
+                self.stage, content, self._extent, self.cameras, emits=self.emit is not None
             )
         return self._sphere
+
+    def _extent(self, frame: float | None) -> scene.Scene:
+        """Return how far the scene reaches at a frame."""
+        content = stages.read_extent(self.stage, self.time(frame), self._lasting)
+        content = replace(content, media=self._media(content))
+        made = () if self.emit is None else self._emitted(self.emit, frame, content.medium)
+        return replace(content, drawn=(*content.drawn, *made))
 
     def _groups_at_all_times(self) -> frozenset[str]:
         if self._groups is None:

@@ -21,7 +21,7 @@ _MOST_TIMES = 33
 def bounds_at_all_times(
     stage: Usd.Stage,
     content: Scene,
-    read_scene: Callable[[float | None], Scene],
+    read_extent: Callable[[float | None], Scene],
     read_cameras: Callable[[float | None], tuple[Camera, ...]],
     emits: bool,
 ) -> tuple[Array, float]:
@@ -31,8 +31,8 @@ def bounds_at_all_times(
     ----------
     content
         What the stage holds at any time: if nothing changes, that is all.
-    read_scene, read_cameras
-        Return the scene, and the cameras, at a time code.
+    read_extent, read_cameras
+        Return how far the scene reaches, and the cameras, at a time code.
     emits
         Whether a function makes beams, of which only itself knows whether they move.
     """
@@ -40,7 +40,7 @@ def bounds_at_all_times(
 
     codes = sample_times(stage, _MOST_TIMES)
     moving = bool(codes) and (extent_varies(stage) or emits)
-    states = [state for code in codes if (state := _sound(read_scene, code))] if moving else [content]
+    states = [state for code in codes if (state := _sound(read_extent, code))] if moving else [content]
     times: list[float | None] = [*codes] or [None]
     cameras = [camera for time in times for camera in _sound(read_cameras, time) or ()]
     eyes = [np.asarray(camera.to_world)[:3, 3] for camera in cameras]
@@ -48,7 +48,7 @@ def bounds_at_all_times(
 
 
 def _sound(read: Callable[[float | None], T], code: float | None) -> T | None:
-    """Return the scene at a time, or None where it cannot be read: rendering it raises the error."""
+    """Return what is there at a time, or None where it cannot be read: rendering it raises the error."""
     with suppress(SceneError):
         return read(code)
     return None

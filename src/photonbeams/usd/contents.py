@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from pxr import Gf, Sdf, Usd, UsdGeom
@@ -17,9 +17,11 @@ from .lights import is_light, portal_paths, read_light
 from .links import linked
 from .medium import is_medium, read_medium
 from .meshes import is_surface, read_meshes
+from .outlines import read_outline
 from .primvars import Instance
 from .reading import Reading, is_relationship, quiet, target_paths, visible
 from .selection import rendered_purposes
+from .sizes import MESH, MOST_INSTANCES, room, step_of, triangles_about
 from .velocities import carried
 from .warnings import Warnings
 
@@ -33,6 +35,16 @@ class _Contents:
     lights: list[tuple[Usd.Prim, Light]] = field(default_factory=list)
     drawn: list[DrawnBeams] = field(default_factory=list)
     media: list[tuple[Usd.Prim, Medium]] = field(default_factory=list)
+    outlines: bool = False  # whether surfaces are their outlines
+
+
+class _Role(NamedTuple):
+    """What a prim is: it may be several things at once."""
+
+    medium: bool
+    beams: bool  # drawn ones
+    surface: bool
+    light: bool
 
 
 @dataclass(frozen=True)
@@ -45,7 +57,13 @@ class _Item:
     instances: tuple[Instance, ...] = ()  # of the innermost instancer first
 
 
-def read_scene(stage: Usd.Stage, time: Any = None, warnings: Warnings | None = None, base: Any = None) -> Scene:
+def read_scene(
+    stage: Usd.Stage,
+    time: Any = None,
+    warnings: Warnings | None = None,
+    base: Any = None,
+    lasting: dict[Any, Any] | None = None,
+) -> Scene:
     """Return meshes, lights, drawn beams and fog of a stage at a time.
 
     What cannot be read or rendered is left out with a warning to the logger "photonbeams".
@@ -58,20 +76,34 @@ def read_scene(stage: Usd.Stage, time: Any = None, warnings: Warnings | None = N
         Warnings that were given already and are not given again; new ones are added. They may be errors.
     base
         The frame whose samples velocities carry on, while its shutter is open; None: `time`.
+    lasting
+        What other readings of the stage have found that is the same at all times; more of it is added.
 
     Raises
     ------
     SceneError
         Of what cannot be read, where warnings are errors.
     """
-    reading = Reading(stage, time, warnings or Warnings(), base=base)
+    reading = Reading(stage, time, warnings or Warnings(), base=base, lasting={} if lasting is None else lasting)
+    return _read(reading, outlines=False)
+
+
+def read_extent(stage: Usd.Stage, time: Any, lasting: dict[Any, Any]) -> Scene:
+    """Return how far a stage reaches at a time: a scene whose surfaces are corners of their hulls, without faces.
+
+    Nothing is warned of: the time may never be rendered. `lasting` is that of `read_scene`.
+    """
+    return _read(Reading(stage, time, Warnings(muted=True), lasting=lasting), outlines=True)
+
+
+def _read(reading: Reading, outlines: bool) -> Scene:
     # Points near the largest float and sums of them are the file's fault; the values are checked where it matters.
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"), reading.warnings.together(), quiet():
-        return _read_scene(reading)
+        return _read_scene(reading, outlines)
 
 
-def _read_scene(reading: Reading) -> Scene:
-    contents = _Contents()
+def _read_scene(reading: Reading, outlines: bool) -> Scene:
+    contents = _Contents(outlines=outlines)
     items = list(_items(reading, reading.stage.GetPseudoRoot()))
     lights = [item.prim for item in items if is_light(item.prim)]
     portals = {path for prim in lights for path in portal_paths(prim)}
@@ -82,6 +114,13 @@ def _read_scene(reading: Reading) -> Scene:
             reading.attempt(item.prim, partial(_collect, reading, item, contents), None, "it is skipped")
     _keep_one_filling(reading, contents)
     media = [prim for prim, _ in contents.media]
+    if outlines:
+        return Scene(
+            tuple(contents.meshes),
+            tuple(light for _, light in contents.lights),
+            tuple(contents.drawn),
+            tuple(medium for _, medium in contents.media),
+        )
     return Scene(
         tuple(contents.meshes),
         tuple(
@@ -109,18 +148,30 @@ def _keep_one_filling(reading: Reading, contents: _Contents) -> None:
     contents.media = kept
 
 
+def _role(reading: Reading, prim: Usd.Prim) -> _Role:
+    """Return as what a prim is rendered: copies of it need not ask again."""
+    key = ("role", prim.GetPath())
+    if key not in reading.cache:
+        beams = prim.IsA(UsdGeom.BasisCurves) and is_drawn(prim)
+        reading.cache[key] = _Role(is_medium(reading, prim), beams, is_surface(prim) and not beams, is_light(prim))
+    role: _Role = reading.cache[key]
+    return role
+
+
 def _collect(reading: Reading, item: _Item, contents: _Contents) -> None:
     prim = item.prim
-    if is_medium(reading, prim):
+    role = _role(reading, prim)
+    if role.medium:
         medium = read_medium(reading, prim, item.to_world, item.name)
         contents.media.append((prim, medium))
         if medium.bounded:
             return
-    beams = prim.IsA(UsdGeom.BasisCurves) and is_drawn(prim)
     meshes: list[Mesh] = []
-    if is_surface(prim) and not beams:
+    if role.surface and contents.outlines and not role.light:
+        meshes = [read_outline(reading, prim, item.to_world, item.name)]
+    elif role.surface:
         meshes = read_meshes(reading, prim, item.to_world, item.name, item.instances)
-    if is_light(prim):
+    if role.light:
         read = partial(read_light, reading, prim, item.to_world, item.name, meshes)
         light = reading.attempt(prim, read, None, "it does not shine") if meshes else read()
         if light is not None:
@@ -130,10 +181,10 @@ def _collect(reading: Reading, item: _Item, contents: _Contents) -> None:
         if isinstance(light, MeshLight) and not light.surface:
             return
     contents.meshes.extend(meshes)
-    if beams:
+    if role.beams:
         drawn = read_curves(reading, prim, item.to_world, item.name)
         contents.drawn.extend([drawn] if drawn else [])
-    elif prim.IsA(UsdGeom.Gprim) and not is_surface(prim):
+    elif prim.IsA(UsdGeom.Gprim) and not role.surface:
         reading.warn(prim, f"is a {prim.GetTypeName()}, which is not rendered: it is skipped")
 
 
@@ -176,6 +227,9 @@ def _instances(reading: Reading, item: _Item, within: tuple[Sdf.Path, ...]) -> I
     moved = carried(reading, prim, "positions")
     sample = moved.reading if moved is not None else reading
     indices = sample.integers(prim, "protoIndices")
+    if len(indices) > MOST_INSTANCES:
+        text = f"has {len(indices):,} values: expected no more than {MOST_INSTANCES:,}"
+        raise reading.fail(prim, "protoIndices", text)
     positions = sample.array(prim, "positions", 3) if moved is None else moved.points
     transforms = _instance_transforms(reading, sample, instancer, indices, positions, prototypes)
     mask = np.asarray(instancer.ComputeMaskAtTime(sample.time) or np.ones(len(indices), dtype=bool))
@@ -184,14 +238,56 @@ def _instances(reading: Reading, item: _Item, within: tuple[Sdf.Path, ...]) -> I
     if lost:
         text = f"name prototype {lost[0]}, which is not there: {len(lost)} of {len(indices)} instances are skipped"
         reading.warn(prim, text, "protoIndices")
+    step = _step(reading, prim, indices, parts, within)
     for index, (number, matrix) in enumerate(zip(indices, transforms, strict=False)):
-        if not (index >= len(mask) or mask[index]) or not 0 <= number < len(parts):
+        if index % step or not (index >= len(mask) or mask[index]) or not 0 <= number < len(parts):
             continue
         local = item.to_world @ reading.matrix(prim, matrix)
         for part in parts[number] or ():
             instances = (Instance(prim, index), *item.instances)
             copy = _Item(part.prim, local @ part.to_world, f"{item.name}[{index}]{part.name}", instances)
             yield from _expanded(reading, copy, within)
+
+
+def _step(
+    reading: Reading, prim: Usd.Prim, indices: Array, parts: list[list[_Item] | None], within: tuple[Sdf.Path, ...]
+) -> int:
+    """Return of how many instances one is rendered: of as many as memory holds, each."""
+    total = _triangles_of(reading, indices, parts, within)
+    if len(within) > 1:  # of an instancer that another one repeats: it was counted there
+        return step_of(total, room())
+    step = step_of(total, room() - reading.expected)
+    reading.expected += total // step
+    if step > 1:
+        reading.warn(
+            prim, f"has {len(indices):,} instances: one of {step} is rendered, to bound memory", "protoIndices"
+        )
+    return step
+
+
+def _triangles_of(
+    reading: Reading, indices: Array, parts: list[list[_Item] | None], within: tuple[Sdf.Path, ...]
+) -> int:
+    """Return about how many triangles an instancer's copies of its prototypes have."""
+    numbers = np.bincount(indices[(indices >= 0) & (indices < len(parts))], minlength=len(parts))
+    sizes = [sum(_triangles_in(reading, each.prim, within) for each in part or ()) for part in parts]
+    return sum(int(number) * size for number, size in zip(numbers, sizes, strict=True))
+
+
+def _triangles_in(reading: Reading, prim: Usd.Prim, within: tuple[Sdf.Path, ...]) -> int:
+    """Return about how many triangles a prim of a prototype has, an instancer all of its copies."""
+    key = ("about", prim.GetPath())
+    if key not in reading.cache:
+        size = 0
+        if is_surface(prim):
+            size = MESH + triangles_about(reading, prim)
+        elif prim.IsA(UsdGeom.PointInstancer) and prim.GetPath() not in within:
+            roots = [reading.stage.GetPrimAtPath(path) for path in target_paths(prim, "prototypes")]
+            parts = [list(_prototype_items(reading, root)) if root and root.IsActive() else None for root in roots]
+            indices = reading.attempt(prim, partial(reading.integers, prim, "protoIndices"), np.zeros(0, int), "")
+            size = _triangles_of(reading, indices, parts, (*within, prim.GetPath()))
+        reading.cache[key] = size
+    return int(reading.cache[key])
 
 
 def _instance_transforms(

@@ -3,27 +3,39 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 from pxr import Usd, UsdGeom, UsdShade
 
-from ..scene import FARTHEST, Array, Material, Mesh
+from ..scene import FARTHEST, Array, Material, Mesh, SceneError
 from ..scene.vectors import unit
 from .blender import wrote_material
 from .gprims import GPRIMS, gprim_polygons
 from .materials import Bound, bound_material, bound_to, on_mesh, primvars_of
+from .motion import equal
 from .polygons import Polygons, Tessellation, Triangles, Values, triangles_of
 from .primvars import Instance, find_primvar, read_instanced, read_primvar, read_values
 from .reading import Reading
 from .selection import refinement_level
+from .sizes import lowered, room
 from .skinning import deformed, is_skinned
 from .tubes import read_spheres, read_tubes
 from .velocities import Carried, carried
 
 _SCHEMES = ("catmullClark", "loop")
+
+
+@dataclass(frozen=True)
+class _Surface:
+    """Triangles in a prim's own space and their material; `lasting` if the triangles are the same at all times."""
+
+    suffix: str  # of the mesh's name
+    triangles: Triangles
+    material: Material
+    lasting: bool
 
 
 def is_gprim(prim: Usd.Prim) -> bool:
@@ -48,24 +60,70 @@ def read_meshes(
     SceneError
         Topology or points that contradict each other.
     """
+    key = ("surfaces", prim.GetPath(), tuple(each.instancer.GetPath() for each in instances))
+    surfaces = reading.cache.get(key)
+    if surfaces is None:
+        surfaces, alike = _surfaces(reading, prim, instances)
+        if alike:
+            reading.cache[key] = surfaces
+    meshes = [_placed(reading, prim, each, to_world, name) for each in surfaces]
+    return [mesh for mesh in meshes if len(mesh.faces)]
+
+
+def _surfaces(reading: Reading, prim: Usd.Prim, instances: Sequence[Instance]) -> tuple[list[_Surface], bool]:
+    """Return a prim's triangles by their materials, and whether they are those of all copies of it."""
     result = []
+    alike = True
     _warn_of_lost_volume(reading, prim)
-    for bound, label, faces in _parts(reading, prim, name):
+    for bound, suffix, faces in _parts(reading, prim):
         constants, varying = primvars_of(reading, prim, bound)
         for field, wanted in bound.primvars.items():
             own = read_instanced(reading, prim, wanted.name, 3 if field == "diffuse" else 1, instances)
+            alike &= own is None
             constants |= {} if own is None else {field: own[None]}
-        triangles = _triangles(reading, prim, bound.uv_name, varying)
+        triangles, lasting = _triangles(reading, prim, bound.uv_name, varying)
         if faces is not None:
-            triangles = triangles.chosen(np.isin(triangles.faces, faces))
+            triangles = _chosen(reading, (prim.GetPath(), suffix), triangles, faces)
         at_vertices = {"diffuse": triangles.colors, "opacity": triangles.opacities}
         given = {**{name: each for name, each in at_vertices.items() if each is not None}, **constants}
-        material = on_mesh(reading, prim, bound, triangles.uvs, given)
-        mesh = _in_world(triangles, to_world, label, material)
-        reading.within_reach(prim, mesh.points)
-        if len(mesh.faces):
-            result.append(mesh)
-    return result
+        result.append(_Surface(suffix, triangles, on_mesh(reading, prim, bound, triangles.uvs, given), lasting))
+    return result, alike
+
+
+def _chosen(reading: Reading, key: Any, triangles: Triangles, faces: Array) -> Triangles:
+    """Return the triangles of some faces: the same object at all times if they are of the same faces."""
+    known = reading.lasting.get(("chosen", key))
+    if known is None or known[0] is not triangles or not np.array_equal(known[1], faces):
+        known = triangles, faces, triangles.chosen(np.isin(triangles.faces, faces))
+        reading.lasting["chosen", key] = known
+    return known[2]
+
+
+def _placed(reading: Reading, prim: Usd.Prim, surface: _Surface, to_world: Array, name: str) -> Mesh:
+    """Return a surface in world space: the same object as at another time where nothing of it has changed."""
+    reading.triangles += len(surface.triangles.faces)
+    if reading.triangles > room():
+        text = f"would be of more triangles than memory holds, with those before it: expected up to {room():,}"
+        raise SceneError(f"{reading.place(prim)} {text}")
+    name += surface.suffix
+    known = reading.lasting.get(("placed", name))
+    if known is not None and known[0] is surface.triangles and np.array_equal(known[1], to_world):
+        mesh: Mesh = known[2]
+        if _alike(reading, mesh.material, surface.material):
+            return mesh
+    mesh = _in_world(surface.triangles, to_world, name, surface.material)
+    reading.within_reach(prim, mesh.points)
+    if surface.lasting:
+        reading.lasting["placed", name] = surface.triangles, to_world, mesh
+    return mesh
+
+
+def _alike(reading: Reading, known: Material, material: Material) -> bool:
+    """Return whether two materials are equal; those of many meshes are compared once."""
+    key = ("alike", id(known), id(material))
+    if key not in reading.cache:
+        reading.cache[key] = equal(known, material), known, material  # which keeps both, and so their ids
+    return bool(reading.cache[key][0])
 
 
 def _warn_of_lost_volume(reading: Reading, prim: Usd.Prim) -> None:
@@ -79,14 +137,14 @@ def _warn_of_lost_volume(reading: Reading, prim: Usd.Prim) -> None:
 
 def read_solid(reading: Reading, prim: Usd.Prim, to_world: Array) -> Mesh:
     """Return a gprim's triangles alone, as one mesh: what portals and media need."""
-    mesh = _in_world(_triangles(reading, prim, ""), to_world, str(prim.GetPath()), Material())
+    mesh = _in_world(_triangles(reading, prim, "")[0], to_world, str(prim.GetPath()), Material())
     reading.within_reach(prim, mesh.points)
     return mesh
 
 
 def is_closed(reading: Reading, prim: Usd.Prim) -> bool:
     """Return whether every edge has a triangle on each side, vertices at the same place counted as one."""
-    triangles = _triangles(reading, prim, "")
+    triangles, _ = _triangles(reading, prim, "")
     _, place = np.unique(triangles.points, axis=0, return_inverse=True)
     corners = place.reshape(-1)[triangles.vertices]
     edges = np.concatenate([corners[:, [i, (i + 1) % 3]] for i in range(3)])
@@ -95,11 +153,11 @@ def is_closed(reading: Reading, prim: Usd.Prim) -> bool:
     return len(there) > 0 and bool(np.array_equal(there, back))
 
 
-def _parts(reading: Reading, prim: Usd.Prim, name: str) -> list[tuple[Bound, str, Array | None]]:
-    """Return (material, name, faces) of the prim's material subsets, and of the faces that are in none."""
+def _parts(reading: Reading, prim: Usd.Prim) -> list[tuple[Bound, str, Array | None]]:
+    """Return (material, suffix of the name, faces) of the material subsets, and of the faces that are in none."""
     subsets = UsdShade.MaterialBindingAPI(prim).GetMaterialBindSubsets() if prim.IsA(UsdGeom.Mesh) else []
     if not subsets:
-        return [(bound_material(reading, prim), name, None)]
+        return [(bound_material(reading, prim), "", None)]
     moved = carried(reading, prim)
     sample = moved.reading if moved is not None else reading
     count = len(sample.value(prim, "faceVertexCounts", ()))
@@ -117,22 +175,28 @@ def _parts(reading: Reading, prim: Usd.Prim, name: str) -> list[tuple[Bound, str
         faces = faces[there]
         faces = faces[free[faces]]
         free[faces] = False
-        parts.append((bound_material(reading, own), f"{name}/{own.GetName()}", faces))
-    return [*parts, (bound_material(reading, prim), name, np.flatnonzero(free))]
+        parts.append((bound_material(reading, own), f"/{own.GetName()}", faces))
+    return [*parts, (bound_material(reading, prim), "", np.flatnonzero(free))]
 
 
 def _triangles(
     reading: Reading, prim: Usd.Prim, uv_name: str, varying: Mapping[str, UsdGeom.Primvar] | None = None
-) -> Triangles:
-    """Return a gprim's triangles in its own space, with what a material takes from primvars; instances share them."""
+) -> tuple[Triangles, bool]:
+    """Return a gprim's triangles in its own space, and whether they are the same at all times.
+
+    They have what a material takes from primvars; instances share them.
+    """
     varying = varying or {}
     # Instances may be deformed by skeletons of their own, and inherit primvars.
-    shared = prim.IsInstanceProxy() and not is_skinned(prim)
+    skinned = is_skinned(prim)
     uvs = find_primvar(prim, uv_name or "st")
     inherited = {**({} if uvs is None else {"uvs": uvs}), **varying}
     sources = tuple((name, _source(primvar)) for name, primvar in inherited.items())
-    key = ("triangles", (_in_prototype(prim) if shared else prim).GetPath(), uv_name, sources)
-    if key not in reading.cache:
+    used = [*inherited.values(), find_primvar(prim, "normals")]
+    lasting = not (skinned or reading.varies(prim) or any(each and each.ValueMightBeTimeVarying() for each in used))
+    cache = reading.lasting if lasting else reading.cache
+    key = ("triangles", (prim if skinned else in_prototype(prim)).GetPath(), uv_name, sources)
+    if key not in cache:
         polygons = _polygons(reading, prim, uv_name, varying)
         triangles = triangles_of(polygons)
         if is_gprim(prim) and not len(polygons.counts):
@@ -140,14 +204,14 @@ def _triangles(
             reading.warn(prim, f"has no {'points' if has_counts else 'faces'}: it is skipped")
         elif triangles.dropped and is_gprim(prim):
             reading.warn(prim, f"has {triangles.dropped} faces without area: they are skipped")
-        reading.cache[key] = triangles
-    return reading.cache[key]
+        cache[key] = triangles
+    return cache[key], lasting
 
 
 def _polygons(reading: Reading, prim: Usd.Prim, uv_name: str, varying: Mapping[str, UsdGeom.Primvar]) -> Polygons:
     """Return a prim's surface as polygons, with what its material asks for."""
     moved = carried(reading, prim) if prim.IsA(UsdGeom.Mesh) else None
-    found = _tessellation(reading, prim, moved)
+    found = tessellation(reading, prim, moved)
     # The rest of a mesh is that of the sample which velocities carry on: its topology may be another at each.
     reading = moved.reading if moved is not None else reading
     if found is None:
@@ -170,7 +234,13 @@ def _refined(reading: Reading, prim: Usd.Prim, polygons: Polygons) -> Polygons:
         return polygons
     from .subdivision import subdivided  # SciPy takes long to import
 
-    return subdivided(reading, prim, polygons, scheme, level)
+    fitting = lowered(level, len(polygons.indices), room() - reading.triangles)
+    if fitting < level:
+        text = f"is refined {fitting} times instead of {level}, to bound memory"
+        reading.warn(prim, text, "subdivisionScheme")
+    if not fitting:
+        return polygons
+    return subdivided(reading, prim, polygons, scheme, fitting)
 
 
 def _patch(reading: Reading, prim: Usd.Prim) -> Tessellation | None:
@@ -185,7 +255,8 @@ def _tetrahedra(reading: Reading, prim: Usd.Prim) -> Tessellation | None:
     return read_tetrahedra(reading, prim)
 
 
-def _tessellation(reading: Reading, prim: Usd.Prim, moved: Carried | None) -> Tessellation | None:
+def tessellation(reading: Reading, prim: Usd.Prim, moved: Carried | None) -> Tessellation | None:
+    """Return the polygons that stand for a prim, a mesh's as velocities have `moved` it; None of one without any."""
     if prim.IsA(UsdGeom.Mesh):
         polygons = _cage(reading, prim, moved)
     elif prim.GetTypeName() in GPRIMS:
@@ -197,10 +268,10 @@ def _tessellation(reading: Reading, prim: Usd.Prim, moved: Carried | None) -> Te
 
 def _source(primvar: UsdGeom.Primvar) -> str:
     """Return the path of a primvar, in the prototype if it is of one."""
-    return f"{_in_prototype(primvar.GetAttr().GetPrim()).GetPath()}.{primvar.GetName()}"
+    return f"{in_prototype(primvar.GetAttr().GetPrim()).GetPath()}.{primvar.GetName()}"
 
 
-def _in_prototype(prim: Usd.Prim) -> Usd.Prim:
+def in_prototype(prim: Usd.Prim) -> Usd.Prim:
     """Return the prim that an instance's prim stands for, or the prim itself."""
     return prim.GetPrimInPrototype() if prim.IsInstanceProxy() else prim
 

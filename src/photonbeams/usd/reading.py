@@ -58,6 +58,10 @@ class Reading:
         Decoded textures, materials and triangulated prototypes by key.
     base
         The frame whose samples velocities carry on, while its shutter is open; None: `time`.
+    lasting
+        What was read and is the same at all times, by key: readings of a stage share it until the stage is changed.
+    triangles, expected
+        How many triangles have been read, copies counted each, and about how many more copies will have.
     """
 
     stage: Usd.Stage
@@ -65,6 +69,9 @@ class Reading:
     warnings: Warnings = field(default_factory=Warnings)
     cache: dict[Any, Any] = field(default_factory=dict)
     base: Any = None
+    lasting: dict[Any, Any] = field(default_factory=dict)
+    triangles: int = 0
+    expected: int = 0
 
     def __post_init__(self) -> None:
         self.time = _time_code(self.time)
@@ -111,6 +118,14 @@ class Reading:
             text = f"{prim.GetPath()} cannot be read"
         self.warnings.give(f"{shortened(text, len(file) + len(instead) + 4)}; {instead}", file)
         return otherwise
+
+    def varies(self, prim: Usd.Prim) -> bool:
+        """Return whether an attribute of a prim may change with time, or velocities carry its points."""
+        key = ("varies", prim.GetPath())
+        if key not in self.lasting:
+            moving = prim.GetAttribute("velocities").HasAuthoredValue()
+            self.lasting[key] = moving or any(each.ValueMightBeTimeVarying() for each in prim.GetAuthoredAttributes())
+        return bool(self.lasting[key])
 
     def warn_of_unknown(self, prim: Usd.Prim, name: str, known: Collection[str]) -> None:
         """Warn of an attribute that prims of this kind do not have; tell the name that was probably meant."""

@@ -16,16 +16,26 @@ from ..scene import SceneError, real
 from . import schemas as schemas
 from .camera import list_cameras, read_camera
 from .composition import warn_of_composition
-from .contents import read_scene
+from .contents import read_extent, read_scene
 from .layers import forget_changes, ready_layers
 from .lights import is_dome, is_light
 from .metadata import complete_metadata
 from .reading import file_of, prims_under, quiet, varying_attributes
 from .selection import EVERYTHING, Selection
+from .sizes import check_prims
 from .textures import limit_textures
 from .warnings import Warnings
 
-__all__ = ["Selection", "default_time", "list_cameras", "open_stage", "read_camera", "read_scene", "sample_times"]
+__all__ = [
+    "Selection",
+    "default_time",
+    "list_cameras",
+    "open_stage",
+    "read_camera",
+    "read_extent",
+    "read_scene",
+    "sample_times",
+]
 
 
 def open_stage(
@@ -75,6 +85,7 @@ def open_stage(
             selection.apply(stage, str(path))
         except Tf.ErrorException as error:
             raise SceneError(f"{path} cannot be read: {_reason(error)}") from None
+    check_prims(stage)
     warn_of_composition(stage, warnings)
     complete_metadata(stage, warnings)
     for each in overrides:

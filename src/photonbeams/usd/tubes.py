@@ -18,6 +18,7 @@ _MOST_TRIANGLES = 1_000_000
 _SIDES = (12, 8, 6, 4, 3)  # of a tube
 _SPHERES = (4, 3, 2, 1, 0)  # subdivisions of an octahedron
 _DISC = 8  # corners
+_ALONG = 0.05  # sine of the angle to a curve below which a normal lies along it
 _THINNEST = 1 / 500  # of the extent: the width of curves and points that have none
 
 
@@ -28,11 +29,12 @@ def read_tubes(reading: Reading, prim: Usd.Prim) -> Tessellation | None:
         return None
     radii = 0.5 * strands.at(_widths(reading, prim, strands.points, strands.lengths))[:, 0]
     normals = _normals(reading, prim, strands.lengths)
-    if normals is None:
+    sides = None if normals is None else _sides(strands, strands.at(normals))
+    if normals is None or sides is None:
         rings = max((each for each in _SIDES if 2 * each * len(radii) <= _MOST_TRIANGLES), default=_SIDES[-1])
         polygons, node = _tubes(strands, radii, rings)
     else:
-        polygons, node = _ribbons(strands, radii, strands.at(normals))
+        polygons, node = _ribbons(strands, radii[:, None] * sides, strands.at(normals))
     return Tessellation(
         polygons,
         strands.lengths,
@@ -119,14 +121,31 @@ def _tubes(strands: Strands, radii: Array, sides: int) -> tuple[Polygons, Array]
     return _triangles(points, around, a, b, c, d), np.repeat(np.arange(len(radii)), sides)
 
 
-def _ribbons(strands: Strands, radii: Array, normals: Array) -> tuple[Polygons, Array]:
+def _sides(strands: Strands, normals: Array) -> Array | None:
+    """Return directions across the curves in which ribbons that face the normals extend, (N, 3).
+
+    None where most normals lie along their curves, as those of hair do that has the normals of the skin under it: they
+    say nothing of how a ribbon faces.
+    """
+    across = np.cross(_tangents(strands.points, *_segments(strands.curve, strands.closed)), unit(normals))
+    known = np.linalg.norm(across, axis=1) > _ALONG
+    if np.count_nonzero(known) <= 0.5 * len(known):
+        return None
+    # A point whose normal lies along the curve has the direction of the nearest one before it, or after it.
+    order = np.arange(len(known))
+    before = np.maximum.accumulate(np.where(known, order, -1))
+    after = np.minimum.accumulate(np.where(known, order, len(known))[::-1])[::-1].clip(max=len(known) - 1)
+    is_before = (before >= 0) & (strands.curve[before] == strands.curve)
+    return unit(across[np.where(is_before, before, after)])
+
+
+def _ribbons(strands: Strands, sides: Array, normals: Array) -> tuple[Polygons, Array]:
     """Return flat bands that face the normals, and the strands' point of each of their points."""
     first, last = _segments(strands.curve, strands.closed)
-    side = unit(np.cross(_tangents(strands.points, first, last), normals)) * radii[:, None]
-    points = np.stack([strands.points - side, strands.points + side], axis=1)
+    points = np.stack([strands.points - sides, strands.points + sides], axis=1)
     facing = np.repeat(unit(normals)[:, None], 2, axis=1)
     first, last = 2 * first[:, None], 2 * last[:, None]
-    return _triangles(points, facing, first, first + 1, last + 1, last), np.repeat(np.arange(len(radii)), 2)
+    return _triangles(points, facing, first, first + 1, last + 1, last), np.repeat(np.arange(len(sides)), 2)
 
 
 def _triangles(points: Array, normals: Array, a: Array, b: Array, c: Array, d: Array) -> Polygons:

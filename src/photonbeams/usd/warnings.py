@@ -23,12 +23,15 @@ class Warnings:
     ----------
     strict
         Whether a warning is an error.
+    muted
+        Whether warnings are kept, and not logged.
     given
-        The texts that were logged: each is logged once.
+        The texts that were given: each is logged once.
     """
 
-    def __init__(self, strict: bool = False) -> None:
+    def __init__(self, strict: bool = False, muted: bool = False) -> None:
         self.strict = strict
+        self.muted = muted
         self.given: set[str] = set()
         self._held: dict[tuple[str, ...], list[str]] | None = None
 
@@ -46,6 +49,8 @@ class Warnings:
         if sentence in self.given:
             return
         self.given.add(sentence)
+        if self.muted:
+            return
         if self._held is None or not file:
             LOG.warning("%s", shortened(sentence))
             return

@@ -1,0 +1,66 @@
+"""How much of a stage fits into memory: what instancers and subdivision make is counted before it is made."""
+
+from __future__ import annotations
+
+from pxr import Usd, UsdGeom
+
+from ..scene import SceneError
+from .reading import Reading, file_of
+
+#: Prims of a stage at most, those in instances counted each: reading takes about a millisecond for each.
+MOST_PRIMS = 10_000_000
+#: Instances of one instancer at most: OpenUSD makes a matrix of 128 bytes for each.
+MOST_INSTANCES = 10_000_000
+#: Triangles whose memory a mesh takes beside that of its own.
+MESH = 25
+_BYTES = 800  # for each triangle at the peak: resident memory of a render of 11 million, with what rays meet them by
+_UNKNOWN = 64 * 2**30  # memory, where the system does not say
+
+
+def room() -> int:
+    """Return how many triangles fit into the machine's memory."""
+    from ..runtime.device import memory  # Dr.Jit takes long to import
+
+    return (memory() or _UNKNOWN) // _BYTES
+
+
+def check_prims(stage: Usd.Stage) -> None:
+    """Raise SceneError for a stage whose instances add up to more prims than can be read."""
+    sizes: dict[Usd.Prim, int] = {}
+
+    def size(root: Usd.Prim) -> int:
+        if root not in sizes:
+            sizes[root] = sum(
+                1 + (size(prim.GetPrototype()) if prim.IsInstance() else 0) for prim in Usd.PrimRange(root)
+            )
+        return sizes[root]
+
+    total = size(stage.GetPseudoRoot()) if stage.GetPrototypes() else 0
+    if total > MOST_PRIMS:
+        text = f"has {total:,} prims in instances: expected no more than {MOST_PRIMS:,}; a mask chooses a part of them"
+        raise SceneError(f"{file_of(stage)} {text}")
+
+
+def triangles_about(reading: Reading, prim: Usd.Prim) -> int:
+    """Return about how many triangles a gprim has, without reading more than the lengths of its arrays."""
+
+    def length(name: str) -> int:
+        value = reading.value(prim, name, ())
+        return len(value) if hasattr(value, "__len__") else 0
+
+    if prim.IsA(UsdGeom.Mesh):
+        return length("faceVertexIndices")
+    return 24 * length("points") if prim.IsA(UsdGeom.PointBased) else 4096
+
+
+def step_of(total: int, left: int) -> int:
+    """Return of how many parts one is kept, so that no more than `left` are there of a `total`."""
+    return -(-total // max(left, 1)) if total > left else 1
+
+
+def lowered(level: int, corners: int, left: int) -> int:
+    """Return the highest level of subdivision, up to one, at which faces of so many corners take no more than `left`.
+
+    A corner becomes a quad at the first level, and each of these four at the next.
+    """
+    return next((each for each in range(level, 0, -1) if 2 * corners * 4 ** (each - 1) <= left), 0)
