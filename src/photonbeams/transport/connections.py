@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import drjit as dr
 import numpy as np
@@ -115,5 +115,3 @@ def _visible(world: StageWorld, views: Views) -> tuple[Bool, VisiblePoints]:
     result.part = view.part_at(place)
     result.number = number
     return (result.medium > 0) & (result.light > 0), result
-
-

@@ -132,11 +132,10 @@ class Stratum:
         nothing = dr.zeros(Array3f, count)
         weight: Any = dr.opaque(Float, 1 / count)
         differentials = sample.differentials
-        if derivative is not None:
+        if derivative is not None and self.guide is not None:
             weight = to_float(np.prod(derivative, axis=1) / count)
-            # Samples fill cells of any aspect: those of a pair are as wide by either number.
-            pair = np.sqrt(derivative[:, 0::2] * derivative[:, 1::2])
-            factors = [to_float(pair[:, k // 2]) for k in range(4)]
+            widths = self.guide.widths(derivative)
+            factors = [to_float(widths[:, k // 2]) for k in range(4)]
             columns = zip(differentials.columns(), factors, strict=True)
             differentials = RayDifferentials.of([(p * factor, d * factor) for (p, d), factor in columns])
         flux = sample.flux * weight + nothing

@@ -11,7 +11,7 @@ for any tree. The map is linear in each box, so it keeps strata together, and sc
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -25,7 +25,9 @@ _LEAST, _DEEPEST = 4, 40
 _PRIOR = 2.0
 # The greatest weight of a sample against the mean.
 _BRIGHTEST = 8.0
-# Orders of the axes that are halved: of the sun it matters where its light passes, of a small lamp where its light goes.
+# The part of the samples with visible light whose widths are below the greatest.
+_SEEN = 0.95
+# Orders of the axes that are halved: of the sun it matters where light passes, of a small lamp where it goes.
 _ORDERS = (0, 1), (2, 3), (2, 3, 0, 1)
 # Emission stays uniform where visible light fills a greater part of the cube: strata are worth more then.
 _ENOUGH = 0.5
@@ -43,11 +45,14 @@ class GuidingMap:
         The number of its lower half; the upper half is the next one.
     fraction
         The fraction of a box's samples that is in its lower half.
+    widest
+        The greatest factors on widths, by place and by direction: see `widths`.
     """
 
     axis: Array
     child: Array
     fraction: Array
+    widest: Array = field(default_factory=lambda: np.full(2, np.inf))
 
     def __call__(self, points: Array) -> tuple[Array, Array]:
         """Return the images of points (N, 4), and the derivative of the map along each axis there, (N, 4)."""
@@ -68,9 +73,22 @@ class GuidingMap:
         place = np.minimum(low + size * inside, np.nextafter(np.float32(1), np.float32(0)))
         return place.astype(np.float32), stretch
 
+    def widths(self, derivatives: Array) -> Array:
+        """Return factors on the widths of beams by place and by direction, (N, 2), for derivatives of the map (N, 4).
+
+        Samples fill cells of any aspect, so those of a pair are as wide by either number. Where light begins that no
+        camera sees samples are rare, and beams would be so wide that they shine through walls: they are no wider than
+        where it is seen.
+        """
+        return np.minimum(np.sqrt(derivatives[:, 0::2] * derivatives[:, 1::2]), self.widest)
+
     def density(self, points: Array) -> Array:
         """Return the density of the images at points (N, 4)."""
-        inside, result = points.astype(np.float64), np.ones(len(points))
+        return 1 / self.stretches(points).prod(axis=1)
+
+    def stretches(self, points: Array) -> Array:
+        """Return the derivatives of the map along each axis where its images are points (N, 4)."""
+        inside, result = points.astype(np.float64), np.ones(points.shape)
         node, rows = np.zeros(len(points), dtype=np.int64), np.arange(len(points))
         while len(rows := rows[self.axis[node[rows]] >= 0]):
             box = node[rows]
@@ -78,7 +96,7 @@ class GuidingMap:
             place = 2 * inside[rows, axis]
             upper = place >= 1
             inside[rows, axis] = place - upper
-            result[rows] *= 2 * np.where(upper, 1 - fraction, fraction)
+            result[rows, axis] *= 0.5 / np.where(upper, 1 - fraction, fraction)
             node[rows] = self.child[box] + upper
         return result
 
@@ -96,7 +114,9 @@ def learn(points: Array, weights: Array) -> GuidingMap | None:
     gains = [_gain(_grown(points[::2], weights[::2], order), points[1::2], weights[1::2]) for order in _ORDERS]
     if not np.exp(-max(gains)) < _ENOUGH:
         return None
-    return _grown(points, weights, _ORDERS[int(np.argmax(gains))])
+    guide = _grown(points, weights, _ORDERS[int(np.argmax(gains))])
+    widths = guide.widths(guide.stretches(points))
+    return replace(guide, widest=np.quantile(widths, _SEEN, axis=0))
 
 
 def _gain(guide: GuidingMap, points: Array, weights: Array) -> float:

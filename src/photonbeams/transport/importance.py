@@ -100,9 +100,13 @@ class Views:
             to_vectors([np.ravel(getattr(each, name).numpy()) for each in poses])
             for name in ("right", "up", "forward", "origin")
         ]
-        size = [(each.width, each.height) for each in views]
-        self._scale = [to_float([each.scale[k].numpy() / wide[k] for each, wide in zip(views, size)]) for k in (0, 1)]
-        self._center = [to_float([each.center[k].numpy() / wide[k] for each, wide in zip(views, size)]) for k in (0, 1)]
+        sizes = [(each.width, each.height) for each in views]
+
+        def per_size(name: str) -> list[Any]:
+            values = [[float(each.numpy()[0]) for each in getattr(view, name)] for view in views]
+            return [to_float(column) for column in (np.array(values) / np.array(sizes)).T]
+
+        self._scale, self._center = per_size("scale"), per_size("center")
         self._orthographic = to_uint([each.orthographic for each in views])
 
     def __call__(self, number: UInt32) -> View:

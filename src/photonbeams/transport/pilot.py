@@ -15,7 +15,7 @@ from .importance import Sightings
 from .inversion import samples_of
 
 # Light paths of a round, of all strata together; rounds; the fewest paths of a stratum that is guided.
-_ROUND, _FEWEST = 1 << 13, 1 << 9
+_ROUND, _ROUNDS, _FEWEST = 1 << 13, 2, 1 << 9
 # Most lines from a stratum to points in the picture, and to points that it does not reach; the weight of the latter.
 _LINES, _STOPPED, _DOUBT = 1 << 11, 1 << 10, 0.25
 
@@ -24,7 +24,7 @@ Seen = Callable[[list[Emitted]], Sightings]
 
 
 def guide(
-    strata: Sequence[Stratum], seen: Seen, rounds: int, lines: Callable[[Stratum], Lines] | None = None
+    strata: Sequence[Stratum], seen: Seen, lines: Callable[[Stratum], Lines] | None = None, straight: bool = False
 ) -> Array:
     """Guide strata toward visible light, and return how much light of each is in the picture, (S,).
 
@@ -38,10 +38,11 @@ def guide(
         The strata, whose guides are set.
     seen
         Returns what cameras see of light paths.
-    rounds
-        The number of rounds.
     lines
         Returns lines along which a stratum lights points in the picture; None: no lines are known.
+    straight
+        Whether all light that counts is straight from its emitter: no rounds follow where lines tell that uniform
+        samples serve.
     """
     total = max(sum(each.count for each in strata), 1)
     counts = [round(_ROUND * each.count / total) for each in strata]
@@ -50,11 +51,13 @@ def guide(
         if lines is not None:
             each.follow(lines(each.stratum))
         each.stratum.guide = each.learned()
-    for number in range(rounds if learning else 0):
+    found = {id(each.stratum): each for each in learning}
+    if straight:
+        learning = [each for each in learning if each.stratum.guide is not None]
+    for number in range(_ROUNDS if learning else 0):
         _round(learning, number, seen)
         for each in learning:
             each.stratum.guide = each.learned()
-    found = {id(each.stratum): each for each in learning}
     return np.array([found[id(each)].light() if id(each) in found else 0.0 for each in strata])
 
 

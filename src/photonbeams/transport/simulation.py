@@ -39,9 +39,6 @@ if TYPE_CHECKING:
 # Most candidates for one path whose light passes its lamp's images, and most candidates of a stratum.
 _MOST_DARK, _MOST_PATHS = 64, 1 << 22
 
-# Rounds of a pilot's light paths, where light is scattered more than once or emitters are Mitsuba's.
-_ROUNDS = 2
-
 _PORTAL, _ALL = 0, 1  # kinds of strata, in the seeds of their sequences
 
 # Least and greatest radius in units of a medium's radius (of photons: the world's), and the greatest in free paths.
@@ -164,10 +161,9 @@ class Simulation:
             return Sightings.joined([camera.seen(segments, hits if surfaces else None) for segments, hits in steps])
 
         if not isinstance(self.world, StageWorld):
-            return guide(self.emission.strata, seen, _ROUNDS)
+            return guide(self.emission.strata, seen)
         lines = Connections(self.world, views)
-        rounds = _ROUNDS if self.tuning.max_bounces == 0 else _ROUNDS
-        return guide(self.emission.strata, seen, rounds, lambda stratum: lines(stratum.emitter))
+        return guide(self.emission.strata, seen, lambda each: lines(each.emitter), self.tuning.max_bounces == 0)
 
     def _bounces_by_source(self) -> Any:
         """Return the most bounces by the numbers of sources, None where they are the same for all."""
