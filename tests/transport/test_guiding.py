@@ -24,9 +24,9 @@ from transport.scenes import camera, comparison, cube_of, fog, load, rgb
 def clustered(seed, count=1 << 12):
     """Samples around a few places of the cube, the more the narrower."""
     rng = np.random.default_rng(seed)
-    centers, widths = rng.random((5, 4)), 0.3 ** rng.integers(1, 4, (5, 1))
+    centers, widths = rng.random((5, 4)), 0.3 ** rng.integers(3, 5, (5, 1))
     which = rng.integers(0, 5, count)
-    return np.clip(centers[which] + widths[which] * rng.normal(size=(count, 4)), 0, 1 - 1e-6)
+    return (centers[which] + widths[which] * rng.normal(size=(count, 4))) % 1
 
 
 @given(seed=st.integers(0, 1000))
@@ -35,7 +35,8 @@ def test_a_guide_is_a_map_of_the_cube_onto_itself(seed):
     points = sobol_points(4096, 0, (seed,))
     place, stretch = guide(points)
     assert (place >= 0).all() and (place < 1).all()
-    assert guide.density(place.astype(np.float64)) == pytest.approx(1 / stretch.prod(axis=1), rel=1e-6)
+    same = np.isclose(guide.density(place), 1 / stretch.prod(axis=1), rtol=1e-6)
+    assert same.mean() > 0.99  # float32 rounds a few over a box's border
     # ∫ f = mean of f · stretch, whose weights are 10 at most, a tenth of the samples being uniform: of 4,096 samples
     # that are stratified the mean errs by less than the 5 % = 3 · √(10 / 4096) / 3 of random ones.
     values = {1.0: np.ones(4096), 0.5: place[:, 0], 0.25: place[:, 1] * place[:, 3], 1 / 3: place[:, 2] ** 2}
@@ -156,13 +157,16 @@ SPOT = """def SphereLight "Spot" (prepend apiSchemas = ["ShapingAPI"]) { float i
 def test_light_through_a_gap_is_found_and_keeps_its_power(usd, lamp):
     """Fog behind a wall with a gap 0.04 wide: its light is what the lamp shines on the gap, and many paths get in."""
     shot = pb.Shot(usd(BARN.format(lamp=lamp)))
-    guided, even = (shot.drawn_beams(beams=4096, guiding=each)[0] for each in (True, False))
-    power = np.array([shot.drawn_beams(beams=4096, seed=seed)[0].power[:, 0].sum() for seed in range(4)])
+    guided, even = ([shot.drawn_beams(beams=4096, seed=seed, guiding=each) for seed in range(3)]
+                    for each in (True, False))  # fmt: skip
+    power = np.array([sum(each.power[:, 0].sum() for each in sets) for sets in guided])
     # Of the sun E · width · height. Of a point I · the solid angle of the part of the gap whose light meets the fog,
-    # which is 2 high and begins 10.1 from it: y ∈ ±10 / 10.1 · …, where 1 / r² falls by less than 1 %.
-    wanted = 5 * 0.04 * 2 if lamp is SUN else 500 * 0.04 / 10 * solid_slope(1 / 10.1)
-    assert power.mean() == pytest.approx(wanted, abs=4 * power.std(ddof=1) / 2 + 0.02 * wanted)
-    assert len(guided.start) > 10 * len(even.start)
+    # which is 2 high and begins 10.1 from it: its slopes are ±1 / 10.1.
+    strength = shot.read()[0].lights[0].radiance[0]
+    wanted = strength * (0.04 * 2 if lamp is SUN else 0.04 / 10 * solid_slope(1 / 10.1))
+    assert power.mean() == pytest.approx(wanted, abs=5 * power.std(ddof=1) / np.sqrt(3) + 0.02 * wanted)
+    counts = [sum(len(each.start) for sets in both for each in sets) for both in (guided, even)]
+    assert counts[0] > 10 * counts[1]
 
 
 def solid_slope(slope):

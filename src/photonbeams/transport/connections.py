@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import drjit as dr
 import numpy as np
@@ -17,7 +17,7 @@ from ..runtime.device import Array3f, Bool, Float, UInt32
 from ..scene import Array
 from ..world.stage_world import StageWorld
 from .importance import Views, relative
-from .lamps import LampEmitter, PortalEmitter
+from .lamps import PortalEmitter
 
 if TYPE_CHECKING:
     from ..estimators.tiles import Projection
@@ -68,8 +68,8 @@ class Connections:
         found = compressed(*_visible(world, Views(views)))
         self._points: VisiblePoints | None = found[0] if found else None
 
-    def __call__(self, emitter: LampEmitter | PortalEmitter) -> Lines:
-        """Return the lines along which an emitter lights the points."""
+    def __call__(self, emitter: Any) -> Lines:
+        """Return the lines along which a `LampEmitter` or a `PortalEmitter` lights the points."""
         points, world = self._points, self._world
         if points is None:
             return Lines(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros(0, dtype=bool))

@@ -113,7 +113,8 @@ class Views:
         """Return the view of this number."""
         axes = [dr.gather(Array3f, each, number) for each in self._axes]
         scale, center = ([dr.gather(Float, each, number) for each in both] for both in (self._scale, self._center))
-        return View(*axes, scale, center, dr.gather(UInt32, self._orthographic, number) > 0)
+        right, up, forward, origin = axes
+        return View(right, up, forward, origin, scale, center, dr.gather(UInt32, self._orthographic, number) > 0)
 
 
 @dataclass
@@ -228,5 +229,5 @@ class CameraImportance:
         part, distance = view.part(point), dr.select(view.orthographic, 0, distance)
         dr.eval(light, part, distance, number)
         index = np.flatnonzero(light.numpy() > 0)
-        path, part, light, distance = (np.asarray(each.numpy())[index] for each in (number, part, light, distance))
-        return Sightings(path.astype(np.int64), part.astype(np.int64), light.astype(np.float64), distance)
+        columns: list[Array] = [np.asarray(each.numpy())[index] for each in (number, part, light, distance)]
+        return Sightings(columns[0].astype(np.int64), columns[1].astype(np.int64), columns[2].astype(float), columns[3])

@@ -49,6 +49,9 @@ def samples_of(emitter: Emitter, point: Array, direction: Array) -> tuple[Array,
         damping = (1e-6 * diagonal + 1e-12 * diagonal.max(axis=1, keepdims=True) + 1e-30)[:, :, None] * np.eye(4)
         step = np.linalg.solve(normal + damping, np.swapaxes(slopes, 1, 2) @ here[:, :, None])[:, :, 0]
         current = np.clip(current - np.clip(step, -0.2, 0.2), 0, 1 - 1e-6)
+    # Axes along which rays are the same, of a point or of a sun without an angle, are sampled evenly.
+    same = diagonal <= 1e-12 * diagonal.max(axis=1, keepdims=True)
+    best = np.where(same, sobol_points(len(point), 1, (_GUESSES,)), best)
     return best.astype(np.float32), error < _NEAR * size
 
 
