@@ -9,42 +9,52 @@ import photonbeams as pb
 from comparison import EYE, camera_rays, comparison_scene, lit, single_scattering, wall_distance
 from comparison import camera as stage_camera
 from photonbeams.estimators.estimate import estimate
-from photonbeams.numerics.sampling import sobol_points
+from photonbeams.numerics.sampling import pairs, sobol_block, sobol_points
 from photonbeams.render.scene_frame import SceneRenderer, render
 from photonbeams.render.settings import Settings
-from photonbeams.transport.guiding import GuidingMap, learn
+from photonbeams.transport.guiding import learn
+from photonbeams.transport.inversion import samples_of
+from photonbeams.transport.lamps import LampEmitter
 from photonbeams.transport.simulation import StageSimulation, Tuning
 from photonbeams.world.cameras import View, Window
 from photonbeams.world.stage_world import StageWorld
 from transport.scenes import camera, comparison, cube_of, fog, load, rgb
 
 
-@given(seed=st.integers(0, 1000), power=st.floats(0, 8))
-def test_a_guide_is_a_map_of_the_cube_onto_itself(seed, power):
+def clustered(seed, count=1 << 12):
+    """Samples around a few places of the cube, the more the narrower."""
     rng = np.random.default_rng(seed)
-    guide = GuidingMap(rng.random((2, 3, 4, 5)) ** power)
+    centers, widths = rng.random((5, 4)), 0.3 ** rng.integers(3, 5, (5, 1))
+    which = rng.integers(0, 5, count)
+    return (centers[which] + widths[which] * rng.normal(size=(count, 4))) % 1
+
+
+@given(seed=st.integers(0, 1000))
+def test_a_guide_is_a_map_of_the_cube_onto_itself(seed):
+    guide = learn(clustered(seed), np.ones(1 << 12))
     points = sobol_points(4096, 0, (seed,))
     place, stretch = guide(points)
     assert (place >= 0).all() and (place < 1).all()
-    # ∫ f = mean of f · stretch, of functions that are smooth: a Sobol sequence of 4,096 errs by less than 1 %.
-    for values in (np.ones(4096), place[:, 0], place[:, 1] * place[:, 3], place[:, 2] ** 2):
-        exact = {0: 1.0, 1: 0.5, 2: 0.25, 3: 1 / 3}
-        number = [np.ones(4096), place[:, 0], place[:, 1] * place[:, 3], place[:, 2] ** 2]
-        index = next(i for i, each in enumerate(number) if np.array_equal(each, values))
-        assert (values * stretch.prod(axis=1)).mean() == pytest.approx(exact[index], rel=0.05)
+    same = np.isclose(guide.density(place), 1 / stretch.prod(axis=1), rtol=1e-6)
+    assert same.mean() > 0.99  # float32 rounds a few over a box's border
+    # ∫ f = mean of f · stretch, whose weights are 10 at most, a tenth of the samples being uniform: of 4,096 samples
+    # that are stratified the mean errs by less than the 5 % = 3 · √(10 / 4096) / 3 of random ones.
+    values = {1.0: np.ones(4096), 0.5: place[:, 0], 0.25: place[:, 1] * place[:, 3], 1 / 3: place[:, 2] ** 2}
+    for exact, value in values.items():
+        assert (value * stretch.prod(axis=1)).mean() == pytest.approx(exact, abs=0.05)
 
 
 def test_stretches_are_the_derivatives_of_the_map():
-    guide = GuidingMap(np.random.default_rng(2).random((4, 4, 8, 8)) ** 4)
-    points, step = sobol_points(2048, 0, (3,)).astype(np.float64), 1e-6
+    guide = learn(clustered(2), np.ones(1 << 12))
+    points, step = sobol_points(2048, 0, (3,)).astype(np.float64), 1e-4
     place, stretch = guide(points)
     for axis in range(4):
         moved = points.copy()
         moved[:, axis] += step
-        change = (guide(moved)[0] - place)[:, axis] / step
+        change = (guide(moved)[0].astype(np.float64) - place)[:, axis] / step
         inside = moved[:, axis] < 1
-        # But for the few that step over a bin's border.
-        assert np.median(np.abs(change / stretch[:, axis] - 1)[inside]) < 1e-6
+        # But for the few that step over a box's border; float32 has 6e-8 of 1e-4.
+        assert np.median(np.abs(change - stretch[:, axis])[inside]) < 1e-3
 
 
 def test_samples_go_where_they_are_wanted():
@@ -114,6 +124,72 @@ def test_a_stage_without_a_portal_is_guided_to_the_same_mean_with_less_noise():
         assert abs(means.mean() - 1) < 4 * means.std(ddof=1) / np.sqrt(8) + 0.01
         errors.append(np.median(np.abs(np.array(found) - 1)))
     assert errors[0] < 0.7 * errors[1]
+
+
+BARN = """
+def Camera "Camera" {{ double3 xformOp:translate = (0, 0, 2)
+    uniform token[] xformOpOrder = ["xformOp:translate"] }}
+def Mesh "Wall" {{ point3f[] points = [(-50, -50, -5), (-0.02, -50, -5), (-0.02, 50, -5), (-50, 50, -5),
+        (0.02, -50, -5), (50, -50, -5), (50, 50, -5), (0.02, 50, -5)]
+    int[] faceVertexCounts = [4, 4]
+    int[] faceVertexIndices = [0, 1, 2, 3, 4, 5, 6, 7] }}
+def Cube "Fog" (prepend apiSchemas = ["PhotonBeamsMediumAPI"]) {{
+    color3f photonbeams:scattering = (0.1, 0.1, 0.1)
+    double3 xformOp:translate = (0, 0, -1.9)
+    float3 xformOp:scale = (3, 1, 3)
+    uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:scale"] }}
+{lamp}
+"""
+SUN = """def DistantLight "Sun" { float inputs:intensity = 5
+    float inputs:angle = 0
+    float3 xformOp:rotateXYZ = (0, 180, 0)
+    uniform token[] xformOpOrder = ["xformOp:rotateXYZ"] }"""
+SPOT = """def SphereLight "Spot" (prepend apiSchemas = ["ShapingAPI"]) { float inputs:radius = 0
+    bool treatAsPoint = 1
+    float inputs:intensity = 500
+    float inputs:shaping:cone:angle = 60
+    double3 xformOp:translate = (0, 0, -15)
+    float3 xformOp:rotateXYZ = (0, 180, 0)
+    uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:rotateXYZ"] }"""
+
+
+@pytest.mark.parametrize("lamp", [SUN, SPOT], ids=["sun", "spot"])
+def test_light_through_a_gap_is_found_and_keeps_its_power(usd, lamp):
+    """Fog behind a wall with a gap 0.04 wide: its light is what the lamp shines on the gap, and many paths get in."""
+    shot = pb.Shot(usd(BARN.format(lamp=lamp)))
+    guided, even = ([shot.drawn_beams(beams=4096, seed=seed, guiding=each) for seed in range(3)]
+                    for each in (True, False))  # fmt: skip
+    power = np.array([sum(each.power[:, 0].sum() for each in sets) for sets in guided])
+    # Of the sun E · width · height. Of a point I · the solid angle of the part of the gap whose light meets the fog,
+    # which is 2 high and begins 10.1 from it: its slopes are ±1 / 10.1.
+    strength = shot.read()[0].lights[0].radiance[0]
+    wanted = strength * (0.04 * 2 if lamp is SUN else 0.04 / 10 * solid_slope(1 / 10.1))
+    assert power.mean() == pytest.approx(wanted, abs=5 * power.std(ddof=1) / np.sqrt(3) + 0.02 * wanted)
+    counts = [sum(len(each.start) for sets in both for each in sets) for both in (guided, even)]
+    assert counts[0] > 10 * counts[1]
+
+
+def solid_slope(slope):
+    """Return ∫ (1 + y²)^(−3/2) dy over [−slope, slope]."""
+    return 2 * slope / np.sqrt(1 + slope**2)
+
+
+def test_samples_are_found_of_rays(usd):
+    """Emission samples of rays through points make the same rays."""
+    for lamp in (SUN.replace("angle = 0", "angle = 0.5"), SPOT.replace("radius = 0", "radius = 0.1")):
+        shot = pb.Shot(usd(BARN.format(lamp=lamp.replace("bool treatAsPoint = 1", ""))))
+        description, view = shot.read()
+        world = StageWorld.build(description, [np.asarray(view.to_world)[:3, 3]])
+        emitter = LampEmitter(world, 0)
+        sample = emitter.sample(*sobol_block(512, 3, (9,)))
+        direction = sample.direction.numpy().T
+        point = sample.origin.numpy().T + 12.0 * direction
+        samples, found = samples_of(emitter, point, direction)
+        assert found.mean() > 0.9
+        again = emitter.sample(*pairs(samples[found]))
+        size = np.sqrt(((point - point.mean(axis=0)) ** 2).sum(axis=1).mean())
+        to = again.origin.numpy().T + 12.0 * again.direction.numpy().T - point[found]
+        assert np.linalg.norm(to, axis=1).max() < 0.02 * size
 
 
 FLIGHT = """

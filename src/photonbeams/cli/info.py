@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -18,9 +20,9 @@ if TYPE_CHECKING:
     from pxr import Usd
     from rich.console import Console
 
-    from ..scene import Array, Light, Mesh, Scene
+    from ..scene import Array, Camera, Light, Mesh, Scene
 
-MESHES_SHOWN = 60
+MESHES_SHOWN, CAMERAS_WATCHING = 60, 3
 STAGES = (".usd", ".usda", ".usdc", ".usdz")
 _NO_NEWS = ("channels", "chunkCount", "lineOrder", "name", "type", "view", "screenWindowCenter", "screenWindowWidth")
 
@@ -31,9 +33,9 @@ def info(
 ) -> None:
     """Show what a USD stage, an image or a volume file holds.
 
-    Of a stage: cameras, lights, meshes, fog, looks, frames and units. Of an image: its parts with their views,
-    channels, sizes, ranges and NaNs, and its headers. Of a .vdb or .vol file: its grids with their types, boxes of
-    active voxels, ranges of values, and the memory of the box.
+    Of a stage: cameras, lights, what part of their power gets into fog and is seen, meshes, fog, looks, frames and
+    units. Of an image: its parts with their views, channels, sizes, ranges and NaNs, and its headers. Of a .vdb or .vol
+    file: its grids with their types, boxes of active voxels, ranges of values, and the memory of the box.
     """
     console = standard_output()
     if path.suffix.lower() in STAGES:
@@ -127,9 +129,11 @@ def _show_stage(console: Console, path: Path, layers: Sequence[Path]) -> None:
     time = stages.default_time(stage)
     scene = stages.read_scene(stage, time)
     console.print(_table(None, _stage_rows(stage, scene)))
+    watching = _watching(stage, time)
     sections = [
         ("camera", "lens", "view", "shutter", "focus", "exposure", "position"),
         ("light", "kind", "radiance", "group", "beams", "portal", "look"),
+        ("light", "power in fog", *(f"seen by {name}" for name in watching)),
         ("mesh", "points", "triangles", "material"),
         ("drawn beams", "count", "group", "look"),
         ("look", "along", "across", "eye", "angle"),
@@ -137,6 +141,7 @@ def _show_stage(console: Console, path: Path, layers: Sequence[Path]) -> None:
     tables: list[list[tuple[str, ...]]] = [
         _camera_rows(stage, time),
         [_light_row(light) for light in scene.lights] + _hidden_rows(stage, time),
+        _reach_rows(scene, watching),
         _mesh_rows(scene.meshes),
         [(each.name, f"{len(each.start):,}", each.group, _name(each.look)) for each in scene.drawn],
         list(_look_rows(scene)),
@@ -232,6 +237,39 @@ def _light_row(light: Light) -> tuple[str, ...]:
     kind += "" if light.shaping is None or light.shaping.profile is None else ", profile"
     portal += "" if light.portal_gobo is None else ", gobo"
     return (light.name, kind, triple(light.radiance), light.group, beams, portal, _name(light.look))
+
+
+def _watching(stage: Usd.Stage, time: Usd.TimeCode) -> dict[str, Camera]:
+    """Return the first few cameras that can be used, by name."""
+    from ..scene import SceneError
+    from ..usd import stage as stages
+
+    result = {}
+    for name in stages.list_cameras(stage)[:CAMERAS_WATCHING]:
+        with suppress(SceneError):
+            result[name] = stages.read_camera(stage, name, time)
+    return result
+
+
+def _reach_rows(scene: Scene, watching: Mapping[str, Camera]) -> list[tuple[str, ...]]:
+    """Return what part of the light of each lamp that makes beams gets into fog, and what part the cameras see."""
+    if not (scene.media and watching and any(light.emits_beams for light in scene.lights)):
+        return []
+    from ..transport.reach import reach_of_lamps
+    from ..world.cameras import View, Window
+    from ..world.stage_world import StageWorld
+
+    world = StageWorld.build(scene, [np.asarray(camera.to_world)[:3, 3] for camera in watching.values()])
+    views = []
+    for camera in watching.values():
+        height = max(1, round(128 * camera.vertical_aperture / camera.horizontal_aperture))
+        views.append(View(replace(camera, lens_radius=0.0), Window.full(128, height)).projection)
+    reach = reach_of_lamps(world, views)
+    return [(name, *map(_percent, (each.in_fog, *each.seen))) for name, each in reach.items()]
+
+
+def _percent(fraction: float) -> str:
+    return "none found" if fraction == 0 else f"{100 * fraction:.2g} %" if fraction < 0.995 else "all"
 
 
 def _mesh_rows(meshes: Sequence[Mesh]) -> list[tuple[str, ...]]:

@@ -70,7 +70,7 @@ class SceneRenderer(FrameRenderer):
             with self.statistics.phase("guide"):
                 # Of whole pictures, or a crop would not be that part of the picture.
                 views = [each.view.whole().projection for each in self._sensors if each.view is not None]
-                redistribute(emission, emission.learn(lambda emitted: self.simulation.seen(emitted, views)))
+                redistribute(emission, self.simulation.guide(views))
         window = self._sensors[0].window
         reconstruction = reconstruction_filter(settings.pixel_filter, sensor.film().rfilter())
         layers = group_layers({source.group for source in sources})

@@ -214,8 +214,7 @@ class StageRenderer(FrameRenderer):
                 for camera in moment.cameras:
                     light_side |= lights_seen(world, *View(camera, window).coarse_rays(128, 72))
         self._simulation = StageSimulation(self._tuning, settings.beams or scene.DEFAULT_BEAMS, light_side)
-        guiding = self._max_depth != 2 if settings.guiding is None else settings.guiding
-        if guiding:
+        if settings.guiding in (None, True):
             whole = Window.full(window.width, window.height)  # or a crop would not be that part of the picture
             with self.statistics.phase("guide"):
                 views = [View(camera, whole).projection for camera in (viewers() if viewers else ends[0].cameras)]

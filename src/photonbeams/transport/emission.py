@@ -7,7 +7,7 @@ carries ray differentials, the derivatives of its origin and its direction by th
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
@@ -20,7 +20,7 @@ from ..numerics.sampling import pairs, sobol_points
 from ..runtime.device import Array2f, Array3f, Float, UInt32
 from ..scene import Array
 from .differentials import RayDifferentials
-from .guiding import PILOT, GuidingMap, learn
+from .guiding import GuidingMap
 
 # Paths that estimate an emitter's flux.
 PROBE = 4096
@@ -132,9 +132,10 @@ class Stratum:
         nothing = dr.zeros(Array3f, count)
         weight: Any = dr.opaque(Float, 1 / count)
         differentials = sample.differentials
-        if derivative is not None:
+        if derivative is not None and self.guide is not None:
             weight = to_float(np.prod(derivative, axis=1) / count)
-            factors = [to_float(column) for column in derivative.T]
+            widths = self.guide.widths(derivative)
+            factors = [to_float(widths[:, k // 2]) for k in range(4)]
             columns = zip(differentials.columns(), factors, strict=True)
             differentials = RayDifferentials.of([(p * factor, d * factor) for (p, d), factor in columns])
         flux = sample.flux * weight + nothing
@@ -168,28 +169,6 @@ class Emission:
     def emit(self, block: int) -> list[Emitted]:
         """Return the light paths of pass `block`."""
         return [stratum.emit(block) for stratum in self.strata]
-
-    def learn(self, importance: Callable[[list[Emitted]], Array]) -> np.ndarray:
-        """Guide emission toward visible light, and return the importance of each stratum.
-
-        Parameters
-        ----------
-        importance
-            Returns the importance of light paths of a pilot pass, (N,), in their order.
-        """
-        total = max(self.count, 1)
-        pilot = [
-            Stratum(each.emitter, max(round(PILOT * each.count / total), 1), each.sequence) for each in self.strata
-        ]
-        points = [each.points(0, (1,)) for each in pilot]
-        emitted = [each.emit(0, own) for each, own in zip(pilot, points, strict=True)]
-        seen = importance(emitted) if emitted else np.zeros(0)
-        sums, first = np.zeros(len(self.strata)), 0
-        for number, (stratum, own) in enumerate(zip(self.strata, points, strict=True)):
-            part = seen[first : first + len(own)]
-            sums[number], first = part.sum(), first + len(own)
-            stratum.guide = learn(own, part)
-        return sums
 
 
 def probed_flux(emitter: Emitter, number: int) -> np.ndarray:

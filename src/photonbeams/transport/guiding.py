@@ -1,142 +1,165 @@
-"""Guided emission: which samples of an emitter reach what the camera sees (Jensen 1995; Vorba et al. 2014, simplified).
+"""Guided emission: which samples of an emitter reach what the camera sees (Jensen 1995; Guo et al. 2018, simplified).
 
-A pilot pass traces light with uniform emission samples, and tests points along its segments for visibility from the
-camera. A histogram over the emission samples then tells where visible light comes from, and a map of the unit cube,
-axis after axis, warps samples to that density. A fraction of the samples stays uniform, so that light which the pilot
-missed is found too, and the estimate stays unbiased.
+A pilot (`transport.pilot`) finds emission samples, points of the unit cube, whose light cameras see. A tree of boxes
+learns their density: each box is halved as long as there are samples enough. The tree warps uniform samples to that
+density: they go down it, and are stretched at each box in proportion to the probabilities of its halves.
 
-The map is piecewise linear in each dimension, so it keeps strata together, and scales ray differentials by known
-factors.
+A part of the samples stays uniform, so that light which the pilot missed is found, too, and the estimate is unbiased
+for any tree. The map is linear in each box, so it keeps strata together, and scales ray differentials by known factors.
 """
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 
-import drjit as dr
 import numpy as np
 
-from ..numerics.hashing import hash32
-from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from ..scene import Array
-from ..world.visibility import through
-from ..world.world import World
 
-mi = mitsuba()
+# The part of samples that stays uniform.
+_UNIFORM = 0.1
+# Boxes with fewer samples are not halved, nor those that are so many levels down.
+_LEAST, _DEEPEST = 4, 40
+# Each half counts as if it had so many samples more: few of them prove little.
+_PRIOR = 2.0
+# The greatest weight of a sample against the mean.
+_BRIGHTEST = 8.0
+# The part of the samples with visible light whose widths are below the greatest.
+_SEEN = 0.95
+# Orders of the axes that are halved: of the sun it matters where light passes, of a small lamp where it goes.
+_ORDERS = (0, 1), (2, 3), (2, 3, 0, 1)
+# Emission stays uniform where visible light fills a greater part of the cube: strata are worth more then.
+_ENOUGH = 0.5
 
-PILOT = 1 << 16  # light paths of the pilot pass
-# Bins over the two dimensions of place and the two of direction, many for either: of a lamp it matters most where its
-# light goes, of the sun where its light passes. And the fraction of samples that stay uniform.
-_BINS = (4, 4, 32, 32), (32, 32, 4, 4)
-_UNIFORM = 0.2
-# Points along a segment that are tested.
-_POINTS = 4
-# Emission stays uniform where a greater fraction of it is visible: stratification is worth more then.
-_ENOUGH = 0.6
 
-
+@dataclass(frozen=True)
 class GuidingMap:
-    """A map of the 4D unit cube onto itself, with a given density.
+    """A map of the 4D unit cube onto itself, by a tree of boxes that are halved.
 
-    Parameters
+    Attributes
     ----------
-    density
-        Histogram over the cube, (4, 4, 32, 32) or any other shape of four axes, not negative.
+    axis
+        The axis along which each box is halved, −1 where it is not. The first box is the cube.
+    child
+        The number of its lower half; the upper half is the next one.
+    fraction
+        The fraction of a box's samples that is in its lower half.
+    widest
+        The greatest factors on widths, by place and by direction: see `widths`.
     """
 
-    def __init__(self, density: Array) -> None:
-        weights = density / density.sum() * (1 - _UNIFORM) + _UNIFORM / density.size
-        self._rows: list[Array] = []
-        for axis in range(4):  # the probabilities along each axis, given the bins of those before it
-            sums = weights.sum(axis=tuple(range(axis + 1, 4)))
-            self._rows.append(sums / sums.sum(axis=-1, keepdims=True))
+    axis: Array
+    child: Array
+    fraction: Array
+    widest: Array = field(default_factory=lambda: np.full(2, np.inf))
 
     def __call__(self, points: Array) -> tuple[Array, Array]:
         """Return the images of points (N, 4), and the derivative of the map along each axis there, (N, 4)."""
-        place, derivative = np.empty_like(points), np.empty_like(points)
-        row = np.zeros(len(points), dtype=np.int64)
-        for axis, rows in enumerate(self._rows):
-            flat = rows.reshape(-1, rows.shape[-1])
-            ends = np.cumsum(flat, axis=1)
-            ends[:, -1] = 1.0
-            bins = flat.shape[1]
-            # One search in all rows: row r holds the numbers from r to r + 1.
-            found = np.searchsorted((ends + np.arange(len(flat))[:, None]).ravel(), points[:, axis] + row, "right")
-            chosen = np.clip(found - row * bins, 0, bins - 1)
-            fraction = flat[row, chosen]
-            begin = ends[row, chosen] - fraction
-            inside = np.clip((points[:, axis] - begin) / fraction, 0, 1)
-            place[:, axis] = (chosen + inside) / bins
-            derivative[:, axis] = 1 / (bins * fraction)
-            row = row * bins + chosen
-        return np.minimum(place, np.nextafter(np.float32(1), np.float32(0))), derivative
+        inside = points.astype(np.float64)
+        low, size, stretch = np.zeros_like(inside), np.ones_like(inside), np.ones_like(inside)
+        node, rows = np.zeros(len(points), dtype=np.int64), np.arange(len(points))
+        while len(rows := rows[self.axis[node[rows]] >= 0]):
+            box = node[rows]
+            axis, fraction = self.axis[box], self.fraction[box]
+            place = inside[rows, axis]
+            upper = place >= fraction
+            own = np.where(upper, 1 - fraction, fraction)
+            inside[rows, axis] = np.clip((place - np.where(upper, fraction, 0)) / own, 0, 1)
+            size[rows, axis] *= 0.5
+            low[rows, axis] += size[rows, axis] * upper
+            stretch[rows, axis] *= 0.5 / own
+            node[rows] = self.child[box] + upper
+        place = np.minimum(low + size * inside, np.nextafter(np.float32(1), np.float32(0)))
+        return place.astype(np.float32), stretch
 
+    def widths(self, derivatives: Array) -> Array:
+        """Return factors on the widths of beams by place and by direction, (N, 2), for derivatives of the map (N, 4).
 
-def learn(points: Array, importance: Array) -> GuidingMap | None:
-    """Return the guiding map for samples (N, 4) with importance (N,); None where uniform samples serve better."""
-    if not importance.sum() > 0:
-        return None
-    density = min((_density(points, importance, bins) for bins in _BINS), key=_filled)
-    return None if _filled(density) > _ENOUGH else GuidingMap(density)
+        Samples fill cells of any aspect, so those of a pair are as wide by either number. Where light begins that no
+        camera sees samples are rare, and beams would be so wide that they shine through walls: they are no wider than
+        where it is seen.
+        """
+        return np.minimum(np.sqrt(derivatives[:, 0::2] * derivatives[:, 1::2]), self.widest)
 
+    def density(self, points: Array) -> Array:
+        """Return the density of the images at points (N, 4)."""
+        return 1 / self.stretches(points).prod(axis=1)
 
-def _filled(density: Array) -> float:
-    """Return the fraction of the cube that a density fills: of one that is 0 or 1, its mean."""
-    return float(density.sum() ** 2 / (density.size * (density**2).sum()))
-
-
-def _density(points: Array, importance: Array, bins: tuple[int, ...]) -> Array:
-    """Return the smoothed histogram of importance over the cube."""
-    from scipy.ndimage import uniform_filter  # takes long to import
-
-    index = [np.minimum((points[:, axis] * count).astype(int), count - 1) for axis, count in enumerate(bins)]
-    density = np.zeros(bins)
-    np.add.at(density, tuple(index), importance)
-    # The histogram is noisy: neighbours of a visible bin may be visible, although the pilot did not find that. Of four
-    # filters this one served the comparison scene best: the largest of the neighbours, and the roots of both, left a
-    # tenth to a third more error.
-    return np.maximum(uniform_filter(density, size=3, mode="nearest"), 0)  # by differences of sums: −1e-17 for 0
-
-
-class CameraImportance:
-    """The importance of light paths: how much of their light a camera sees."""
-
-    def __init__(self, world: World, view: Any) -> None:
-        self._world, self._media, self._view = world, world.media, view
-
-    def importance(self, segments: Any, hits: Any, count: int) -> Array:
-        """Return the importance of paths 0 … count − 1, (count,): their light that the camera sees scattered."""
-        result = np.zeros(count)
-        if segments is not None:
-            for k in range(_POINTS):
-                s = segments.length * dr.opaque(Float, (k + 0.5) / _POINTS)
-                lit = segments.flux * self._media.absorbed(segments.medium, s)
-                scattered = self._media.scattering(segments.medium) * segments.length
-                value = self._importance(segments.origin + s * segments.direction, segments.medium, segments.number)
-                light = dr.max(lit * scattered) * value
-                np.add.at(result, segments.number.numpy(), light.numpy() / _POINTS)
-        if hits is not None:
-            value = self._importance(hits.position, UInt32(0), hits.number)
-            np.add.at(result, hits.number.numpy(), (dr.max(hits.flux) * value).numpy())
+    def stretches(self, points: Array) -> Array:
+        """Return the derivatives of the map along each axis where its images are points (N, 4)."""
+        inside, result = points.astype(np.float64), np.ones(points.shape)
+        node, rows = np.zeros(len(points), dtype=np.int64), np.arange(len(points))
+        while len(rows := rows[self.axis[node[rows]] >= 0]):
+            box = node[rows]
+            axis, fraction = self.axis[box], self.fraction[box]
+            place = 2 * inside[rows, axis]
+            upper = place >= 1
+            inside[rows, axis] = place - upper
+            result[rows, axis] *= 0.5 / np.where(upper, 1 - fraction, fraction)
+            node[rows] = self.child[box] + upper
         return result
 
-    def _importance(self, point: Array3f, medium: UInt32, number: UInt32) -> Float:
-        """Return the camera's importance at points: 0 outside of the picture, else transmittance over distance²."""
-        view = self._view
-        place = view.poses[0].to_camera(point)
-        depth = dr.maximum(place.z, 1e-6)
-        x, y = (view.center[0] + view.scale[0] * place.x / depth, view.center[1] - view.scale[1] * place.y / depth)
-        if view.orthographic:
-            x, y = view.center[0] + view.scale[0] * place.x, view.center[1] - view.scale[1] * place.y
-        inside = (x > -0.5 * view.width) & (x < 1.5 * view.width) & (y > -0.5 * view.height) & (y < 1.5 * view.height)
-        inside &= place.z > 0
-        to = (view.origin - point) if not view.orthographic else -place.z * view.poses[0].forward
-        distance = dr.maximum(dr.norm(to), 1e-6)
-        ray = mi.Ray3f(mi.Point3f(point), mi.Vector3f(to / distance))
-        ray.maxt = distance * (1 - 1e-4)
-        # A ray that begins on a surface must not meet it.
-        ray.o = ray.o + 1e-4 * distance * ray.d
-        passed, _ = through(self._world.plugin, self._media, ray, medium + 0 * number, hash32(number), Bool(inside))
-        near = dr.square(dr.maximum(distance, dr.opaque(Float, 1e-2) * distance + 1e-2))
-        weight = Float(1) if view.orthographic else dr.rcp(near)
-        return dr.select(inside, dr.max(passed) * weight, 0)
+
+def learn(points: Array, weights: Array) -> GuidingMap | None:
+    """Return the guiding map for samples (N, 4) of visible light with weights (N,); None where uniform ones serve.
+
+    Half of the samples tell in which order axes are best split, by how likely the trees of the other half find them.
+    """
+    known = weights > 0
+    points, weights = points[known], weights[known].astype(np.float64)
+    if len(weights) < 4 * _LEAST:
+        return None
+    weights = np.minimum(weights, _BRIGHTEST * weights.mean())
+    gains = [_gain(_grown(points[::2], weights[::2], order), points[1::2], weights[1::2]) for order in _ORDERS]
+    if not np.exp(-max(gains)) < _ENOUGH:
+        return None
+    guide = _grown(points, weights, _ORDERS[int(np.argmax(gains))])
+    widths = guide.widths(guide.stretches(points))
+    return replace(guide, widest=np.quantile(widths, _SEEN, axis=0))
+
+
+def _gain(guide: GuidingMap, points: Array, weights: Array) -> float:
+    """Return the mean logarithm of a map's density: e to minus it is the part of the cube that the map fills."""
+    return float((weights * np.log(guide.density(points))).sum() / weights.sum())
+
+
+def _grown(points: Array, weights: Array, order: Sequence[int]) -> GuidingMap:
+    """Return the map of a tree of boxes that are halved along axes in this order while they have enough samples.
+
+    The probabilities of halves are those of a Pólya tree (Lavine 1992): as if each had some samples more.
+    """
+    more = _PRIOR * weights.mean()
+    inside, node, own = points.astype(np.float64), np.zeros(len(points), dtype=np.int64), weights
+    axes, lower, sums = [np.full(1, -1)], [np.full(1, 0.5)], [np.full(1, 1.0)]
+    children, first = [np.zeros(1, dtype=np.int64)], 1
+    for depth in range(_DEEPEST):
+        axis = order[depth % len(order)]
+        split = np.bincount(node, minlength=len(axes[-1])) >= _LEAST
+        if not split.any():
+            break
+        kept = split[node]
+        inside, own = inside[kept], own[kept]
+        inside[:, axis] *= 2
+        upper = inside[:, axis] >= 1
+        inside[:, axis] -= upper
+        node = 2 * (np.cumsum(split) - 1)[node[kept]] + upper
+        parents = np.flatnonzero(split)
+        found = np.bincount(node, own, minlength=2 * len(parents)) + more
+        axes[-1][parents], children[-1][parents] = axis, first + 2 * np.arange(len(parents))
+        part = found / np.repeat(found[::2] + found[1::2], 2)
+        sums.append(part * np.repeat(sums[-1][parents], 2))
+        first += 2 * len(parents)
+        axes.append(np.full(2 * len(parents), -1))
+        lower.append(np.full(2 * len(parents), 0.5))
+        children.append(np.zeros(2 * len(parents), dtype=np.int64))
+    return _mapped(axes, children, sums)
+
+
+def _mapped(axes: list[Array], children: list[Array], sums: list[Array]) -> GuidingMap:
+    """Return the map of a tree, given by levels: axes, lower halves and probabilities; some samples stay uniform."""
+    child = np.concatenate(children)
+    part = np.concatenate(
+        [(1 - _UNIFORM) * own + _UNIFORM * 0.5**level for level, own in enumerate(sums)]
+    )  # a box of level k has the volume 2^-k
+    return GuidingMap(np.concatenate(axes), child, part[child] / np.where(np.concatenate(axes) < 0, 1, part))

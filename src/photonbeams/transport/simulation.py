@@ -23,9 +23,12 @@ from ..world.stage_world import StageWorld
 from ..world.world import World
 from . import paths
 from .beams import Cutting, moving_sets, sets_of
+from .connections import Connections
 from .emission import Emission, Emitted, Stratum, probed_flux
-from .guiding import CameraImportance, GuidingMap
+from .guiding import GuidingMap
+from .importance import CameraImportance, Sightings
 from .lamps import LIGHT_SIDE, LampEmitter, PortalEmitter, lit_fraction
+from .pilot import guide
 from .radii import Limits
 from .records import PhotonHits
 
@@ -150,16 +153,19 @@ class Simulation:
             self._bounces_by_source(),
         )  # fmt: skip
 
-    def seen(self, emitted: list[Emitted], views: Sequence[Projection]) -> np.ndarray:
-        """Return how much of the light of paths (N,) is seen by any of the views, in their order."""
-        cameras = [CameraImportance(self.world, each) for each in views]
-        tracing = self.tracing(0)
-        count = sum(dr.width(each.origin) for each in emitted)
-        result = np.zeros(count)
-        for segments, hits in paths.trace(tracing, paths.begin(tracing, emitted)):
-            for each in cameras:
-                result += each.importance(segments, hits if self.tuning.surfaces else None, count)
-        return result
+    def guide(self, views: Sequence[Projection]) -> np.ndarray:
+        """Guide emission toward what the views see, and return how much light of each stratum they see."""
+        camera, tracing = CameraImportance(self.world, views), self.tracing(0)
+
+        def seen(emitted: list[Emitted]) -> Sightings:
+            steps = paths.trace(tracing, paths.begin(tracing, emitted))
+            surfaces = self.tuning.surfaces
+            return Sightings.joined([camera.seen(segments, hits if surfaces else None) for segments, hits in steps])
+
+        if not isinstance(self.world, StageWorld):
+            return guide(self.emission.strata, seen)
+        lines = Connections(self.world, views)
+        return guide(self.emission.strata, seen, lambda each: lines(each.emitter), self.tuning.max_bounces == 0)
 
     def _bounces_by_source(self) -> Any:
         """Return the most bounces by the numbers of sources, None where they are the same for all."""
@@ -277,14 +283,13 @@ class StageSimulation:
     guides: Mapping[int, GuidingMap | None] = field(default_factory=dict)
 
     def guided(self, world: StageWorld, views: Sequence[Projection]) -> StageSimulation:
-        """Return the same with the paths of lamps that pass no portal sent toward what any of the views sees."""
-        strata = [
-            each for each in self._strata(world)
-            if not (isinstance(each.emitter, PortalEmitter) and each.emitter.through)
-        ]  # fmt: skip
+        """Return the same with light paths sent toward what any of the views sees.
+
+        Not those of lamps whose beams are bent: where they go is not where the paths go.
+        """
+        strata = [each for each in self._strata(world) if not world.sources[each.emitter.source].guides]
         emission = emission_of_lamps(strata)
-        whole = Simulation(world, emission, self.tuning, world.sources, world.sizes, named=True)
-        emission.learn(lambda emitted: whole.seen(emitted, views))
+        Simulation(world, emission, self.tuning, world.sources, world.sizes, named=True).guide(views)
         return replace(self, guides={each.key: each.guide for each in strata})
 
     def simulated(

@@ -1,0 +1,117 @@
+"""Connections: points in fog that cameras see, joined to emitters by straight lines that nothing stops."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import drjit as dr
+import numpy as np
+
+from ..numerics.arrays import compressed
+from ..numerics.hashing import hash32
+from ..numerics.sampling import pixel_sample
+from ..numerics.structs import Struct
+from ..runtime.device import Array3f, Bool, Float, UInt32
+from ..scene import Array
+from ..world.stage_world import StageWorld
+from .importance import Views, relative
+from .lamps import PortalEmitter
+
+if TYPE_CHECKING:
+    from ..estimators.tiles import Projection
+
+# Points of all cameras together.
+_POINTS = 1 << 16
+
+
+class VisiblePoints(Struct):
+    """Points in fog that cameras see, with the light that a unit of irradiance would send to the camera."""
+
+    position: Array3f
+    medium: UInt32
+    light: Float
+    part: UInt32
+    number: UInt32
+
+
+@dataclass(frozen=True)
+class Lines:
+    """Lines from an emitter to points in the picture: the points, and the directions of light, (N, 3).
+
+    `weight` (N,) is how much light in the picture they stand for, `free` (N,) whether nothing stops it on its way.
+    """
+
+    point: Array
+    direction: Array
+    weight: Array
+    free: Array
+
+    def chosen(self, free: bool, most: int) -> tuple[Array, Array]:
+        """Return points and directions of those lines that are free or of those that are not, by their weights."""
+        index = np.flatnonzero(self.free == free)
+        number = min(most, len(index))
+        if not number:
+            return self.point[:0], self.direction[:0]
+        ends = np.cumsum(self.weight[index])
+        places = np.searchsorted(ends, (np.arange(number) + 0.5) / number * ends[-1])
+        index = index[np.minimum(places, len(index) - 1)]
+        return self.point[index], self.direction[index]
+
+
+class Connections:
+    """Points all over the pictures of cameras, and which of them the lamps of a stage reach."""
+
+    def __init__(self, world: StageWorld, views: Sequence[Projection]) -> None:
+        self._world = world
+        found = compressed(*_visible(world, Views(views)))
+        self._points: VisiblePoints | None = found[0] if found else None
+
+    def __call__(self, emitter: Any) -> Lines:
+        """Return the lines along which a `LampEmitter` or a `PortalEmitter` lights the points."""
+        points, world = self._points, self._world
+        if points is None:
+            return Lines(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros(0, dtype=bool))
+        lamp = emitter.lamp
+        sample = lamp.illuminate(points.position, pixel_sample(points.number, dr.opaque(UInt32, 7)))
+        distance = dr.minimum(sample.distance, dr.largest(Float)) * (1 - 1e-4)
+        active = dr.max(sample.weight) > 0
+        dr.eval(sample, distance, active)
+        seed = hash32(points.number, UInt32(8))
+        link = dr.zeros(UInt32, dr.width(seed)) + dr.opaque(UInt32, emitter.link)
+        free = ~world.blocked(points.position, sample.direction, distance, active, seed, link)
+        if isinstance(emitter, PortalEmitter):
+            passes = emitter.portal.crosses(points.position, sample.direction, distance)
+            active &= passes if emitter.through else ~passes
+        reached = world.dimming(points.position, sample.direction, distance, points.medium, seed, active)
+        light = dr.select(active, dr.max(sample.weight * reached) * points.light, 0)
+        dr.eval(light, free)
+        weight, index = light.numpy().astype(np.float64), np.flatnonzero(light.numpy() > 0)
+        lit, part = free.numpy()[index], points.part.numpy()[index]
+        weight = weight[index]
+        for each in (lit, ~lit):
+            weight[each] = relative(weight[each], part[each])
+        return Lines(points.position.numpy().T[index], -sample.direction.numpy().T[index], weight, lit)
+
+
+def _visible(world: StageWorld, views: Views) -> tuple[Bool, VisiblePoints]:
+    """Return points all over the pictures, at all depths, and which of them are in fog."""
+    number = dr.arange(UInt32, _POINTS) + dr.opaque(UInt32, 0)
+    view = views(hash32(number, UInt32(4)) % views.count)
+    place = pixel_sample(number, dr.opaque(UInt32, 5))
+    depth = pixel_sample(number, dr.opaque(UInt32, 6)).x
+    origin, direction = view.ray(place)
+    hit = world.solid(origin, direction, Bool(True), number)
+    far = dr.select(hit.is_valid(), hit.t, world.bounds.exit(origin, direction))
+    distance = depth * far
+    result = VisiblePoints()
+    result.position = origin + distance * direction
+    dr.eval(result.position, direction, distance, far)
+    result.medium = world.medium_at(result.position, direction, Bool(True))
+    scattering = world.media.scattering(result.medium)
+    seen = world.dimming(result.position, -direction, distance, result.medium, number, Bool(True))
+    result.light = dr.max(seen * dr.select(scattering > 0, scattering, 1)) * far
+    result.part = view.part_at(place)
+    result.number = number
+    return (result.medium > 0) & (result.light > 0), result

@@ -1,0 +1,233 @@
+"""What cameras see of light paths: the importance by which emission is guided."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import drjit as dr
+import numpy as np
+
+from ..numerics.arrays import to_float, to_uint, to_vectors
+from ..numerics.hashing import hash32, unit_float
+from ..runtime.device import Array2f, Array3f, Bool, Float, UInt32, mitsuba
+from ..scene import Array
+from ..world.visibility import through
+from ..world.world import World
+
+if TYPE_CHECKING:
+    from ..estimators.tiles import Projection
+
+mi = mitsuba()
+
+# Points on each segment where it is seen from.
+_POINTS = 4
+# Light beside the picture counts, up to this fraction of its width and height: beams are wide.
+_MARGIN = 0.15
+# The picture is divided into columns and rows of parts; how dark one may be against their mean and still count.
+_COLUMNS, _ROWS, _DARKEST = 16, 9, 0.1
+# Light counts no more where it is nearer to the camera than this part of the median distance.
+_NEAREST = 0.1
+
+
+@dataclass(frozen=True)
+class Sightings:
+    """Points of light paths that cameras see, (M,): the path's number, the part of the picture, light and distance.
+
+    `distance` is 0 where it does not matter: of orthographic cameras.
+    """
+
+    path: Array
+    part: Array
+    light: Array
+    distance: Array
+
+    @classmethod
+    def joined(cls, several: Sequence[Sightings]) -> Sightings:
+        """Return sightings as one."""
+        names = ("path", "part", "light", "distance")
+        columns = ([getattr(each, name) for each in several] for name in names)
+        return cls(*(np.concatenate(each) if each else np.zeros(0, dtype=int) for each in columns))
+
+    def of(self, which: Array, first: int) -> Sightings:
+        """Return some of them, with paths numbered from `first` on."""
+        return Sightings(self.path[which] - first, self.part[which], self.light[which], self.distance[which])
+
+    def later(self, first: int) -> Sightings:
+        """Return the same of paths that are numbered higher by `first`."""
+        return Sightings(self.path + first, self.part, self.light, self.distance)
+
+    @cached_property
+    def in_picture(self) -> Array:
+        """How much of the light is in the picture."""
+        if not len(self.distance):
+            return self.light
+        nearest = max(_NEAREST * float(np.median(self.distance)), 1e-12)
+        return self.light / np.where(self.distance > 0, np.maximum(self.distance, nearest), 1) ** 2
+
+    def totals(self, count: int) -> Array:
+        """Return how much light of each path is in the picture, (count,)."""
+        return np.bincount(self.path, self.in_picture, minlength=count)
+
+    def importance(self, density: Array) -> Array:
+        """Return the importance of paths that lie with this density, (N,).
+
+        Light counts in proportion to that of its part of the picture: a bright part has no more paths than a dark one,
+        for what is seen is noise against light. Contributions to different parts add up as variances do.
+        """
+        if not len(self.path):
+            return np.zeros(len(density))
+        own = relative(self.in_picture / density[self.path], self.part) * density[self.path]
+        return np.sqrt(np.bincount(self.path, own**2, minlength=len(density)))
+
+
+def relative(light: Array, part: Array) -> Array:
+    """Return light (N,) in proportion to all light in its part of the picture."""
+    whole = np.bincount(part, light)
+    return light / (whole + _DARKEST * whole[whole > 0].mean())[part] if len(light) else light
+
+
+class Views:
+    """Cameras, packed for gathering; the last is there twice, for an array of one is another kernel."""
+
+    def __init__(self, views: Sequence[Projection]) -> None:
+        views = [*views, views[-1]]
+        self.count = dr.opaque(UInt32, len(views) - 1)
+        poses = [each.poses[0] for each in views]
+        self._axes = [
+            to_vectors([np.ravel(getattr(each, name).numpy()) for each in poses])
+            for name in ("right", "up", "forward", "origin")
+        ]
+        sizes = [(each.width, each.height) for each in views]
+
+        def per_size(name: str) -> list[Any]:
+            values = [[float(each.numpy()[0]) for each in getattr(view, name)] for view in views]
+            return [to_float(column) for column in (np.array(values) / np.array(sizes)).T]
+
+        self._scale, self._center = per_size("scale"), per_size("center")
+        self._orthographic = to_uint([each.orthographic for each in views])
+
+    def __call__(self, number: UInt32) -> View:
+        """Return the view of this number."""
+        axes = [dr.gather(Array3f, each, number) for each in self._axes]
+        scale, center = ([dr.gather(Float, each, number) for each in both] for both in (self._scale, self._center))
+        right, up, forward, origin = axes
+        return View(right, up, forward, origin, scale, center, dr.gather(UInt32, self._orthographic, number) > 0)
+
+
+@dataclass
+class View:
+    """A camera for each lane; the picture is the unit square, its first row on top."""
+
+    right: Any
+    up: Any
+    forward: Any
+    origin: Any
+    scale: Any
+    center: Any
+    orthographic: Any
+
+    def ray(self, place: Array2f) -> tuple[Array3f, Array3f]:
+        """Return rays through points of the picture."""
+        x = (place.x - self.center[0]) / self.scale[0] * self.right
+        across = x + (self.center[1] - place.y) / self.scale[1] * self.up
+        origin = self.origin + dr.select(self.orthographic, across, 0)
+        return origin, dr.select(self.orthographic, self.forward, dr.normalize(across + self.forward))
+
+    def clipped(self, origin: Array3f, direction: Array3f, length: Float) -> tuple[Float, Float]:
+        """Return the part of segments that is in the picture or beside it, as distances; the latter less if none."""
+        z, dz = dr.dot(origin - self.origin, self.forward), dr.dot(direction, self.forward)
+        low, high = Float(0) + 0 * length, Float(length)
+        w, dw = dr.select(self.orthographic, 1, z), dr.select(self.orthographic, 0, dz)
+        halfspaces = [(z, dz)]
+        for axis, scale, center in ((self.right, *self._of(0)), (-self.up, *self._of(1))):
+            x, dx = scale * dr.dot(origin - self.origin, axis), scale * dr.dot(direction, axis)
+            halfspaces.append((x + (center + _MARGIN) * w, dx + (center + _MARGIN) * dw))
+            halfspaces.append(((1 + _MARGIN - center) * w - x, (1 + _MARGIN - center) * dw - dx))
+        for value, slope in halfspaces:
+            zero = -value / dr.select(slope == 0, 1, slope)
+            low = dr.select(slope > 0, dr.maximum(low, zero), low)
+            high = dr.select(slope < 0, dr.minimum(high, zero), high)
+            high = dr.select((slope == 0) & (value < 0), -1, high)
+        return low, high
+
+    def _of(self, k: int) -> tuple[Any, Any]:
+        return self.scale[k], self.center[k]
+
+    def part(self, point: Array3f) -> UInt32:
+        """Return the number of the part of the picture that points are in."""
+        to = point - self.origin
+        depth = dr.select(self.orthographic, 1, dr.maximum(dr.dot(to, self.forward), 1e-30))
+        x = self.center[0] + self.scale[0] * dr.dot(to, self.right) / depth
+        y = self.center[1] - self.scale[1] * dr.dot(to, self.up) / depth
+        return self.part_at(Array2f(x, y))
+
+    def part_at(self, place: Array2f) -> UInt32:
+        """Return the number of the part of the picture of points of it."""
+        column, row = (UInt32(dr.clip(each * n, 0, n - 1)) for each, n in ((place.x, _COLUMNS), (place.y, _ROWS)))
+        return row * _COLUMNS + column
+
+
+class CameraImportance:
+    """How much of the light of paths cameras see: of all of them together, each of which sees a part of the points."""
+
+    def __init__(self, world: World, views: Sequence[Projection]) -> None:
+        self._world, self._media, self._views = world, world.media, Views(views)
+
+    def seen(self, segments: Any, hits: Any) -> Sightings:
+        """Return what is seen of light that is scattered along segments, and where paths hit surfaces."""
+        found = []
+        if segments is not None:
+            found.append(self._along(segments, segments.length, segments.medium, segments.number))
+        if hits is not None:
+            found.append(self._at(hits))
+        return Sightings.joined(found)
+
+    def _along(self, segments: Any, length: Any, medium: Any, numbers: Any) -> Sightings:
+        """Return points along segments, several on each, that cameras see; in empty space all light counts."""
+        lane = dr.arange(UInt32, _POINTS * dr.width(length))
+        which, place = lane // _POINTS, lane % _POINTS
+        origin, direction, flux = (
+            dr.gather(Array3f, each, which) for each in (segments.origin, segments.direction, segments.flux)
+        )
+        length, (medium, number) = dr.gather(Float, length, which), (
+            dr.gather(UInt32, each, which) for each in (medium, numbers)
+        )  # fmt: skip
+        view = self._views(hash32(number, place, UInt32(1)) % self._views.count)
+        low, high = view.clipped(origin, direction, length)
+        s = low + (Float(place) + unit_float(hash32(number, place, UInt32(2)))) * (1 / _POINTS) * (high - low)
+        scattering = self._media.scattering(medium)
+        lit = flux * self._media.absorbed(medium, s) * dr.select(scattering > 0, scattering, 1)
+        light = dr.max(lit) * (high - low)
+        return self._sighted(view, origin + s * direction, medium, number, light, high > low)
+
+    def _at(self, hits: Any) -> Sightings:
+        """Return the photons that cameras see."""
+        view = self._views(hash32(hits.number, UInt32(3)) % self._views.count)
+        point = Array3f(hits.position)
+        low, high = view.clipped(point, Array3f(hits.direction), Float(0) * point.x)
+        medium = dr.zeros(UInt32, dr.width(hits.number))
+        dr.make_opaque(medium)
+        return self._sighted(view, point, medium, hits.number, dr.max(hits.flux), high >= low)
+
+    def _sighted(
+        self, view: View, point: Array3f, medium: Any, number: Any, light: Any, active: Any
+    ) -> Sightings:  # fmt: skip
+        """Return those points that are seen, of all that are active."""
+        to = view.origin - point
+        away = dr.dot(to, view.forward)
+        to = dr.select(view.orthographic, away * view.forward, to)
+        distance = dr.maximum(dr.norm(to), 1e-30)
+        ray = mi.Ray3f(mi.Point3f(point), mi.Vector3f(to / distance))
+        ray.maxt = distance * (1 - 1e-4)
+        # A ray that begins on a surface must not meet it.
+        ray.o = ray.o + 1e-4 * distance * ray.d
+        passed, _ = through(self._world.plugin, self._media, ray, medium, hash32(number), Bool(active))
+        light = dr.select(active & (away < 0), light * dr.max(passed), 0)
+        part, distance = view.part(point), dr.select(view.orthographic, 0, distance)
+        dr.eval(light, part, distance, number)
+        index = np.flatnonzero(light.numpy() > 0)
+        columns: list[Array] = [np.asarray(each.numpy())[index] for each in (number, part, light, distance)]
+        return Sightings(columns[0].astype(np.int64), columns[1].astype(np.int64), columns[2].astype(float), columns[3])

@@ -1,0 +1,70 @@
+"""Emission samples of given rays: an emitter's map from samples to rays, inverted by Newton's method."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..numerics.sampling import pairs, sobol_points
+from ..scene import Array
+from .emission import Emitter
+
+# Rays from which the nearest is the first guess, steps of the iteration, and the difference for derivatives.
+_GUESSES, _STEPS, _DIFFERENCE = 1 << 12, 6, 1e-3
+# Rays are found where they miss by less than this, in units of how far the points are apart.
+_NEAR = 2e-3
+
+
+def samples_of(emitter: Emitter, point: Array, direction: Array) -> tuple[Array, Array]:
+    """Return emission samples (N, 4) of rays from an emitter through points (N, 3), and which of them were found.
+
+    Maps from samples to rays are continuous nearly everywhere. The few rays beyond a seam are not found.
+    """
+    from scipy.spatial import cKDTree  # takes long to import
+
+    size = max(float(np.sqrt(((point - point.mean(axis=0)) ** 2).sum(axis=1).mean())), 1e-6 * np.abs(point).max())
+
+    def features(origin: Array, along: Array) -> Array:
+        to = point.mean(axis=0) - origin
+        return np.concatenate([origin + (to * along).sum(axis=1, keepdims=True) * along, size * along], axis=1)
+
+    guesses = sobol_points(_GUESSES, 0, (_GUESSES,)).astype(np.float64)
+    origin, along = _rays(emitter, guesses)
+    known = np.isfinite(origin).all(axis=1) & np.isfinite(along).all(axis=1)
+    _, nearest = cKDTree(features(origin[known], along[known])).query(features(point, direction))
+    current = guesses[known][nearest]
+    best, error = current, np.full(len(point), np.inf)
+    for _ in range(_STEPS):
+        # A step of the difference along each axis, inward at the edges of the cube.
+        steps = np.where(current < 0.5, _DIFFERENCE, -_DIFFERENCE)
+        places = np.concatenate([current, *(current + steps * np.eye(4)[axis] for axis in range(4))])
+        missed = _missed(*_rays(emitter, places), np.tile(point, (5, 1)), np.tile(direction, (5, 1)), size)
+        here, *beside = np.split(missed, 5)
+        norm = np.linalg.norm(here, axis=1)
+        better = norm < error
+        best, error = np.where(better[:, None], current, best), np.where(better, norm, error)
+        slopes = np.stack([(each - here) / steps[:, axis, None] for axis, each in enumerate(beside)], axis=2)
+        slopes, here = np.nan_to_num(slopes), np.nan_to_num(here)
+        normal = np.swapaxes(slopes, 1, 2) @ slopes
+        diagonal = np.einsum("nii->ni", normal)  # damped by Marquardt's rule: light may be the same all along an axis
+        damping = (1e-6 * diagonal + 1e-12 * diagonal.max(axis=1, keepdims=True) + 1e-30)[:, :, None] * np.eye(4)
+        step = np.linalg.solve(normal + damping, np.swapaxes(slopes, 1, 2) @ here[:, :, None])[:, :, 0]
+        current = np.clip(current - np.clip(step, -0.2, 0.2), 0, 1 - 1e-6)
+    # Axes along which rays are the same, of a point or of a sun without an angle, are sampled evenly.
+    same = diagonal <= 1e-12 * diagonal.max(axis=1, keepdims=True)
+    best = np.where(same, sobol_points(len(point), 1, (_GUESSES,)), best)
+    return best.astype(np.float32), error < _NEAR * size
+
+
+def _rays(emitter: Emitter, samples: Array) -> tuple[Array, Array]:
+    """Return origins and directions of an emitter's rays for samples (N, 4)."""
+    found = emitter.sample(*pairs(samples.astype(np.float32)))
+    rays = (np.broadcast_to(each.numpy(), (3, len(samples))).T for each in (found.origin, found.direction))
+    origin, direction = (each.astype(np.float64) for each in rays)
+    return origin, direction
+
+
+def _missed(origin: Array, along: Array, point: Array, direction: Array, size: float) -> Array:
+    """Return by how much rays miss points and directions, (N, 6)."""
+    to = point - origin
+    aside = to - (to * along).sum(axis=1, keepdims=True) * along
+    return np.concatenate([-aside, size * (along - direction)], axis=1)

@@ -1,0 +1,49 @@
+"""What part of a lamp's light gets into fog, and what part of it cameras see: a few light paths tell."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from ..world.stage_world import StageWorld
+from . import paths
+from .emission import Stratum
+from .importance import CameraImportance
+from .simulation import Simulation, Tuning, emission_of_lamps, lamps_of
+
+if TYPE_CHECKING:
+    from ..estimators.tiles import Projection
+
+# Light paths of each lamp.
+_PATHS = 1 << 13
+
+
+class Reach(NamedTuple):
+    """The fractions of a lamp's light, straight from it, that get into fog, and of which each camera sees a part."""
+
+    in_fog: float
+    seen: tuple[float, ...]
+
+
+def reach_of_lamps(world: StageWorld, views: Sequence[Projection], seed: int = 0) -> dict[str, Reach]:
+    """Return how far the light of lamps gets that make beams, by name; of lamps with a portal the light through it."""
+    cameras = [CameraImportance(world, [view]) for view in views]
+    result = {}
+    for stratum in lamps_of(world, _PATHS, seed, ()):
+        own = Stratum(stratum.emitter, stratum.count, stratum.sequence)
+        emission = emission_of_lamps([own])
+        tracing = Simulation(world, emission, Tuning(seed, 0), world.sources, world.sizes).tracing(0)
+        emitted = replace(own.emit(0), halvings=0)
+        flux = emitted.flux.numpy().max(axis=0)
+        reached = np.zeros((1 + len(views), len(flux)), dtype=bool)
+        for segments, _ in paths.trace(tracing, paths.begin(tracing, [emitted])):
+            if segments is not None:
+                reached[0, segments.number.numpy()] = True
+                for place, camera in enumerate(cameras, 1):
+                    reached[place, camera.seen(segments, None).path] = True
+        fractions = reached @ flux / max(flux.sum(), 1e-30)
+        result[stratum.emitter.name] = Reach(float(fractions[0]), tuple(map(float, fractions[1:])))
+    return result
