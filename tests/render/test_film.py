@@ -22,7 +22,7 @@ FOG = scene.Medium(scattering=(0.2, 0.2, 0.2))
 CAMERA = scene.Camera(
     "/camera", to_world=np.eye(4), focal_length=1.0, horizontal_aperture=1.2, vertical_aperture=0.8, focus_distance=4.0
 )
-SEEDS = 64
+SEEDS = 24
 
 
 def drawn(shift=(0.0, 0.0, 0.0), power=1.0):
