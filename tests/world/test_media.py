@@ -105,7 +105,9 @@ def test_media_that_touch_are_as_bright_as_with_a_gap():
             floor={"type": "rectangle", "to_world": T().translate([0, -0.72, 0]).rotate([1, 0, 0], -90).scale(4)},
             light={"type": "point", "position": [-3, 2, 1], "intensity": 15.0}, sensor=camera((0, 1, 5), size=16),
         )  # fmt: skip
-        return render(both, both.sensors()[0], Settings(passes=4, max_depth=4)).layers()["rgba"][..., :3].mean(axis=(0, 1))
+        return (
+            render(both, both.sensors()[0], Settings(passes=4, max_depth=4)).layers()["rgba"][..., :3].mean(axis=(0, 1))
+        )
 
     # The same light paths through the same fog; where borders lie on each other, rays met but one of them: 3 % less.
     np.testing.assert_allclose(mean(0.0), mean(2e-3), rtol=5e-3)

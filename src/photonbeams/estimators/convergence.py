@@ -41,7 +41,17 @@ from ..quadrature import MOST_POINTS, Rule, gauss_legendre, riemann
 from ..runtime import device
 from ..scene import Medium
 
-__all__ = ["ACCURACY", "GAUSS_POINTS", "Chords", "Curve", "chord_integral", "chord_integrals", "curves", "falloffs", "profiles"]
+__all__ = [
+    "ACCURACY",
+    "GAUSS_POINTS",
+    "Chords",
+    "Curve",
+    "chord_integral",
+    "chord_integrals",
+    "curves",
+    "falloffs",
+    "profiles",
+]
 
 Array = npt.NDArray[np.float64]
 Case = tuple[str, Across, Factor]
@@ -228,9 +238,7 @@ def chord_integral(chords: Chords, across: Across, along: Factor, rule: Rule) ->
     return chord_integrals(chords, across, along, [(rule, 1)])[0]
 
 
-def chord_integrals(
-    chords: Chords, across: Across, along: Factor, rules: Sequence[tuple[Rule, int]]
-) -> list[Array]:
+def chord_integrals(chords: Chords, across: Across, along: Factor, rules: Sequence[tuple[Rule, int]]) -> list[Array]:
     """Return the chord integrals, (3, N), by rules, each on so many equal panels of each smooth piece.
 
     This is `rule.integrate` (Talk, eq. 2) with the points of all rules in one array: one kernel, launched once.
