@@ -63,7 +63,7 @@ def scene_with(name):
 @pytest.mark.parametrize("name", ["ball", "lens"])
 def test_light_through_glass_is_where_it_should_be(name):
     scene = scene_with(name)
-    shared = {"passes": 4, "beams": 1 << 14, "max_depth": 8, "max_radius": 0.05}
+    shared = {"passes": 3, "beams": 1 << 15, "max_depth": 8, "max_radius": 0.05}
     ours = np.array([
         render(scene, scene.sensors()[0], Settings(seed=seed, **shared)).layers()["rgba"][..., 0]
         for seed in range(SEEDS)

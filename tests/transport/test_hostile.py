@@ -195,7 +195,7 @@ def test_a_sensor_in_nested_media_need_not_say_so():
     parts = {"fog": cube_of(outer, 1.5), "ball": ball, "light": LAMP}
     scene = load(**parts, sensor=camera((0, 0, 0.3), (-0.5, 0.2, -1), fov=70))
     declared = load(**parts, sensor=camera((0, 0, 0.3), (-0.5, 0.2, -1), fov=70, medium=inner))
-    ours = pictures(scene, max_depth=3, hide_emitters=True, **{**SMALL, "passes": 2, "beams": 65536})
+    ours = pictures(scene, max_depth=3, hide_emitters=True, **{**SMALL, "passes": 3, "beams": 65536})
     theirs = [volpath(declared, 1024, seed, max_depth=3, hide_emitters=True) for seed in range(len(ours))]
     # Beams near the eye are bright and few, which the spread of a few pictures does not tell.
     np.testing.assert_allclose(ours.mean(axis=(0, 1, 2)), np.mean(theirs, axis=(0, 1, 2)), rtol=0.03)
@@ -206,7 +206,7 @@ def test_a_medium_of_the_sensor_ends_at_its_border():
     medium = mi.load_dict(fog(2.0, 0.8))
     scene = load(fog=cube_of(medium), light=LAMP, floor=FLOOR,
                  sensor=camera((0, 0.5, 0.5), (-0.1, -1.5, -0.3), medium=medium, fov=90))  # fmt: skip
-    ours = pictures(scene, hide_emitters=True, **{**SMALL, "passes": 2, "beams": 65536}).mean(axis=(1, 2))
+    ours = pictures(scene, hide_emitters=True, **{**SMALL, "passes": 3, "beams": 65536}).mean(axis=(1, 2))
     theirs = np.mean([volpath(scene, 512, seed, hide_emitters=True) for seed in range(4)], axis=(0, 1, 2))
     error = ours.std(axis=0, ddof=1) / np.sqrt(len(ours))
     np.testing.assert_array_less(np.abs(ours.mean(axis=0) - theirs), 4.5 * error + 0.01 * theirs)
@@ -217,7 +217,7 @@ def test_a_cornell_box_without_fog_is_that_of_path():
     plain["sensor"]["film"].update(width=32, height=32, rfilter={"type": "box"})
     scene = mi.load_dict(plain)
     # Less the lamp itself, which so few pixels show by the places that they look at.
-    ours = [render(scene, scene.sensors()[0], Settings(passes=2, beams=65536, max_depth=depth)).layers()["surface"]
+    ours = [render(scene, scene.sensors()[0], Settings(passes=3, beams=65536, max_depth=depth)).layers()["surface"]
             for depth in (None, 1)]  # fmt: skip
     theirs = [volpath(scene, 128, 0, "path", max_depth=depth) for depth in (-1, 1)]
     ours, theirs = ((whole - lamp).mean(axis=(0, 1)) for whole, lamp in (ours, theirs))
@@ -245,7 +245,7 @@ def test_rough_glass_is_lit_by_photons():
     ball = {"type": "sphere", "bsdf": {"type": "roughdielectric", "alpha": 0.4}}
     lamp = {"type": "sphere", "center": [-2.0, 3.5, 0.5], "radius": 1.0, "emitter": {"type": "area", "radiance": 5.0}}
     scene = load(ball=ball, light=lamp, sensor=camera(size=32))
-    ours = pictures(scene, passes=2, beams=65536, max_depth=3, hide_emitters=True, radius=0.02)
+    ours = pictures(scene, passes=3, beams=65536, max_depth=3, hide_emitters=True, radius=0.02)
     theirs = [volpath(scene, 128, seed, max_depth=3, hide_emitters=True) for seed in range(len(ours))]
     # The mean of 24 seeds, which spread by 1.8 % each, was that of `volpath` to 0.4 %, its own error.
     assert agree(ours, np.array(theirs), bias=0.005)
