@@ -228,10 +228,10 @@ def test_caustics_on_surfaces_are_those_of_path():
     ball = {"type": "sphere", "center": [0, 0.2, 0], "radius": 0.6, "bsdf": GLASS}
     lamp = {"type": "sphere", "center": [0, 3.5, 0], "radius": 0.5, "emitter": {"type": "area", "radiance": rgb(10.0)}}
     mirror = {"type": "rectangle", "to_world": T().translate([0, 0, -2]).scale(2), "bsdf": {"type": "conductor"}}
-    scene = load(ball=ball, light=lamp, floor=FLOOR, mirror=mirror, sensor=camera((0, 1, 4), (0, -0.5, 0), size=32))
-    settings = Settings(passes=4, beams=32768, hide_emitters=True, max_depth=6)
+    scene = load(ball=ball, light=lamp, floor=FLOOR, mirror=mirror, sensor=camera((0, 1, 4), (0, -0.5, 0)))
+    settings = Settings(passes=16, beams=8192, hide_emitters=True, max_depth=6)
     ours = render(scene, scene.sensors()[0], settings).layers()["surface"].mean(axis=(0, 1))
-    theirs = volpath(scene, 1024, 0, "path", hide_emitters=True, max_depth=6).mean(axis=(0, 1))
+    theirs = volpath(scene, 4096, 0, "path", hide_emitters=True, max_depth=6).mean(axis=(0, 1))
     np.testing.assert_allclose(ours, theirs, rtol=0.03)
 
 
