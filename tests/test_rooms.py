@@ -1,6 +1,7 @@
 """Which room of the package knows which, read from the imports of its modules."""
 
 import ast
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -35,6 +36,7 @@ def room_of(path: Path) -> str:
     return path.relative_to(SOURCE).with_suffix("").parts[0]
 
 
+@cache
 def imports(path: Path) -> list[str]:
     """Return all that a module imports while it runs, by dotted names: what is imported for types alone is left out."""
     found: list[str] = []

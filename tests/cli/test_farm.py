@@ -63,27 +63,27 @@ def test_frames_of_workers_are_those_of_one_process(render, stage, out):
     assert not list(Path.cwd().glob("dask-*"))
 
 
-def test_two_hundred_frames_leave_nothing_and_need_no_more_memory(stage, out, tmp_path):
+def test_fifty_frames_a_worker_leave_nothing_and_need_no_more_memory(stage, out, tmp_path):
     begun, found, memory = time.time(), {}, []
     temporary = tmp_path / "temporary"  # its own: other farms of this machine have files in the usual one
     temporary.mkdir()
-    flags = ("--res", 8, 0, "--passes", 1, "--beams", 16, "--workers", 4, "-q")
+    flags = ("--res", 8, 0, "--passes", 1, "--beams", 16, "--workers", 2, "-q")
     own_folder = {**os.environ, "TMPDIR": str(temporary)}
-    with start("render", stage, "-o", out / "a.###.exr", "-f", "1:200", *flags, env=own_folder) as process:
+    with start("render", stage, "-o", out / "a.###.exr", "-f", "1:100", *flags, env=own_folder) as process:
         while process.poll() is None:
             done = len(list(out.glob("a.*.exr")))
             with contextlib.suppress(psutil.Error):
                 found |= {each.pid: each for each in psutil.Process(process.pid).children(recursive=True)}
-                if done >= 60:
+                if done >= 30:
                     own = [*workers_of(process), psutil.Process(process.pid)]
                     memory.append(sum(each.memory_info().rss for each in own))
             time.sleep(0.3)
         assert process.wait() == 0, process.stderr.read()
-    assert len(list(out.glob("a.*.exr"))) == 200
+    assert len(list(out.glob("a.*.exr"))) == 100
     quarter = max(1, len(memory) // 4)
     early, late = np.mean(memory[:quarter]), np.mean(memory[-quarter:])
     assert late < 1.1 * early, memory
-    assert len(found) >= 4
+    assert len(found) >= 2
     psutil.wait_procs(found.values(), timeout=10)  # Python's resource tracker ends after the command, when it sees that
     assert not [each for each in found.values() if each.is_running() and each.status() != psutil.STATUS_ZOMBIE]
     folders = (temporary, Path.cwd(), out)
@@ -94,7 +94,7 @@ def test_two_hundred_frames_leave_nothing_and_need_no_more_memory(stage, out, tm
 
 
 def test_killed_and_stopped_workers_cost_no_frame(render, stage, out):
-    flags = (*SMALL, "--passes", 24, "-f", "1:6")
+    flags = (*SMALL, "--passes", 8, "-f", "1:6")
     assert render(stage, "-o", out / "serial.#.exr", *flags, "-q")[0] == 0
     process = start("render", stage, "-o", out / "farm.#.exr", *flags, "--workers", 4, "--progress", "plain")
     try:
@@ -123,7 +123,7 @@ def until(ready, seconds=240):
 
 
 def test_an_interrupted_farm_goes_on_with_another_number_of_workers(render, stage, out):
-    flags = (*SMALL, "--passes", 32, "-f", "1:3")
+    flags = (*SMALL, "--passes", 12, "-f", "1:3")
     assert render(stage, "-o", out / "serial.#.exr", *flags, "-q")[0] == 0
     process = start("render", stage, "-o", out / "farm.#.exr", *flags, "--workers", 2, "--checkpoint", 0.001)
     until(lambda: list(out.glob("farm.*.checkpoint")) or process.poll() is not None)
@@ -195,7 +195,7 @@ def test_a_running_scheduler_is_used_and_its_end_is_told(render, stage, out, sch
     code, _, stderr = render(stage, "-o", out / "farm.#.exr", *flags, "-q", "--scheduler", address)
     assert (code, stderr) == (0, "")
     assert all(same(out / f"farm.{k}.exr", out / f"serial.{k}.exr") for k in (1, 2, 3))
-    process = start("render", stage, "-o", out / "more.##.exr", *SMALL, "--passes", 64, "-f", "1:40",
+    process = start("render", stage, "-o", out / "more.##.exr", *SMALL, "--passes", 16, "-f", "1:40",
                     "--scheduler", address, "--checkpoint", 1)  # fmt: skip
     until(lambda: list(out.glob("more.*.exr")) or process.poll() is not None)
     first.kill()

@@ -18,7 +18,7 @@ from cli.test_merge import same
 from cli.test_render import CAMERA, FLOOR, FOG, LAMP, command, write_stage
 from photonbeams.render import stage_frame as frame
 
-KILLS = 20
+KILLS = 10
 
 # A process that has imported what does not start Dr.Jit, and forks a render for each line that it reads: it is killed,
 # and another one begins, a second later instead of five.
@@ -41,8 +41,8 @@ def stage(tmp_path):
     return write_stage(tmp_path / "stage.usda", FOG, CAMERA, LAMP, FLOOR)
 
 
-def test_twenty_kills_at_random_moments_lose_one_interval_at_most(render, stage, out):
-    flags = ("--res", 48, 0, "--passes", 120, "--beams", 64)
+def test_ten_kills_at_random_moments_lose_one_interval_at_most(render, stage, out):
+    flags = ("--res", 48, 0, "--passes", 60, "--beams", 64)
     assert render(stage, "-o", out / "whole.exr", *flags, "-q")[0] == 0
     rng, log = random.Random(4), out / "log"
     again = ("--checkpoint", 0.02, "--resume", "--progress", "plain")

@@ -62,8 +62,18 @@ def run(words):
     cheap = [] if "--list-cameras" in words else CHEAP.get(words[1], [])
     if "--pass-range" in words:
         cheap = [*cheap, "--passes", "2"]
+    cheap = [*cheap, *first_and_last(words)]
     assert call([*words[1:], *cheap]) == 0, " ".join(words)
     return written(words)
+
+
+def first_and_last(words):
+    """Return flags for the first and the last of the frames that a command names, if it names a range."""
+    named = [value for flag, value in pairwise(words) if flag in ("-f", "--frames") and ":" in value]
+    if not named:
+        return []
+    first, last = (int(number) for number in named[-1].partition("x")[0].split(":"))
+    return ["--frames", f"{first}:{last}x{last - first}"]
 
 
 def written(words):

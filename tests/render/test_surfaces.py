@@ -12,7 +12,7 @@ from photonbeams import scene
 from photonbeams.numerics.arrays import to_vectors
 from photonbeams.runtime.device import Array3f, Bool, UInt32, mitsuba
 from photonbeams.world.stage_world import StageWorld
-from render.shading import shade
+from render.shading import Shaded, shade
 from transport.stages import trace
 
 DIFFUSE = scene.Material(diffuse=(0.6, 0.5, 0.4), roughness=1.0, ior=1.001)
@@ -38,14 +38,14 @@ def rays(origin, target):
 
 
 def render(world, origin, direction, passes=64):
-    """Return mean and variance over passes of the radiance, (3, N), and the last pass."""
+    """Return mean and variance over passes of the radiance, (3, N), and the last pass: all of them at once."""
     count = dr.width(direction)
-    values = []
-    for number in range(passes):
-        index = dr.arange(UInt32, count) * passes + dr.opaque(UInt32, number)
-        result = shade(world, origin, direction, index)
-        values.append(result.radiance.numpy().astype(np.float64))
-    return np.mean(values, axis=0), np.var(values, axis=0), result
+    index = dr.arange(UInt32, count * passes)
+    ray = index // dr.opaque(UInt32, passes)
+    found = shade(world, dr.gather(Array3f, origin, ray), dr.gather(Array3f, direction, ray), index)
+    values = found.radiance.numpy().astype(np.float64).reshape(3, count, passes)
+    last = dr.arange(UInt32, count) * passes + (passes - 1)
+    return values.mean(axis=2), values.var(axis=2), Shaded(*(dr.gather(type(each), each, last) for each in found))
 
 
 def built(meshes, *lights, medium=None):

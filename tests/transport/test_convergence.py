@@ -37,7 +37,7 @@ def spread(scene, seeds=SEEDS, **settings):
 
 def test_variance_falls_with_the_radius(scene):
     """Var ∝ 1 / r of one pass: a ray meets as many beams as they are wide, of which each is as bright as it is thin."""
-    radii = np.array([0.005, 0.01, 0.02, 0.04])
+    radii = np.array([0.005, 0.04])
     found = [spread(scene, passes=1, beams=1024, radius=radius) for radius in radii]
     # 24 seeds and 64 pixels tell a variance to some 10 %, and the slope over a factor of 8 to 0.1.
     assert slope(radii, found) == pytest.approx(-1, abs=0.25)
@@ -45,14 +45,14 @@ def test_variance_falls_with_the_radius(scene):
 
 def test_variance_falls_with_the_number_of_paths(scene):
     """Var ∝ 1 / M of independent paths; of paths in strata it falls faster, and never slower."""
-    paths = np.array([256, 1024, 4096])
+    paths = np.array([256, 4096])
     found = [spread(scene, passes=1, beams=int(count), radius=0.01) for count in paths]
     assert slope(paths, found) < -0.9
 
 
 def test_the_mean_of_passes_converges_while_radii_shrink(scene):
     """Var ∝ N^(−α) of the mean of N passes, or less for strata, with radii ∝ N^(α − 1)."""
-    passes = np.array([1, 4, 16])
+    passes = np.array([1, 16])
     found = [spread(scene, seeds=10, passes=int(count), beams=256, radius=0.04, alpha=0.7) for count in passes]
     assert slope(passes, found) < -0.6
 

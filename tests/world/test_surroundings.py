@@ -90,10 +90,10 @@ def test_plain_walls_do_not_hide_fog(name):
         parts, view = {**room(), "light": {**LAMP, "exterior": medium}}, INSIDE
     else:  # the front wall faces inward, so that the room is outside of it
         parts, view = {**room(window={"exterior": medium}), "light": LAMP}, OUTSIDE
-    scene = load(**parts, sensor=camera(**view))
-    declared = load(**parts, sensor=camera(**view, medium=medium if name == "lamp" else None))
+    scene = load(**parts, sensor=camera(**view, size=32))
+    declared = load(**parts, sensor=camera(**view, size=32, medium=medium if name == "lamp" else None))
     ours = pictures(scene, max_depth=3, hide_emitters=True, **SMALL)
-    reference = [volpath(declared, 512, seed, max_depth=3, hide_emitters=True) for seed in range(len(ours))]
+    reference = [volpath(declared, 128, seed, max_depth=3, hide_emitters=True) for seed in range(len(ours))]
     assert agree(ours, np.array(reference), bias=0.01)
 
 

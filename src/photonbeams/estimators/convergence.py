@@ -11,7 +11,7 @@ Some of those read tables with linear interpolation; such a table is then the fu
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from typing import Any
@@ -41,7 +41,17 @@ from ..quadrature import MOST_POINTS, Rule, gauss_legendre, riemann
 from ..runtime import device
 from ..scene import Medium
 
-__all__ = ["ACCURACY", "GAUSS_POINTS", "Chords", "Curve", "chord_integral", "curves", "falloffs", "profiles"]
+__all__ = [
+    "ACCURACY",
+    "GAUSS_POINTS",
+    "Chords",
+    "Curve",
+    "chord_integral",
+    "chord_integrals",
+    "curves",
+    "falloffs",
+    "profiles",
+]
 
 Array = npt.NDArray[np.float64]
 Case = tuple[str, Across, Factor]
@@ -53,7 +63,7 @@ ACCURACY, GAUSS_POINTS = 0.01, 6
 _LENGTH, _RADIUS, _SLOPE = 4.0, 0.3, 0.15
 _MEDIUM = Medium(scattering=(0.2, 0.35, 0.6), absorption=(0.03, 0.03, 0.03))
 
-_BLOCK = 256  # rays at a time, so that memory does not grow with their number
+_BLOCK = 64  # rays at a time, so that memory does not grow with their number
 # Enough for 1e-9 and better on smooth pieces, and to see through a table's thousand small corners.
 _CONVERGED, _PANELS = gauss_legendre(16), 64
 # Counts of Riemann points that are tried: all at first, then in steps of 6 %.
@@ -211,8 +221,8 @@ def _curve(case: Case, chords: Chords, orders: range) -> Curve:
     rules = [*map(gauss_legendre, orders), *map(riemann, counts)]
     blocks, pieces = [], []
     for block in chords.blocks():
-        truth = chord_integral(block, across, along, _CONVERGED, _PANELS)  # (3, N)
-        off = np.stack([np.abs(chord_integral(block, across, along, rule) - truth).max(axis=0) for rule in rules])
+        truth, *found = chord_integrals(block, across, along, [(_CONVERGED, _PANELS), *((rule, 1) for rule in rules)])
+        off = np.stack([np.abs(each - truth).max(axis=0) for each in found])
         blocks.append(off / truth.max(axis=0))
         edges = block.edges(across, along)
         pieces.append((np.diff(edges, axis=0) > 0).sum(axis=0))
@@ -223,34 +233,51 @@ def _curve(case: Case, chords: Chords, orders: range) -> Curve:
     return Curve(name, mean, dict(zip(orders, gauss, strict=True)), dict(zip(counts, rest, strict=True)))
 
 
-def chord_integral(chords: Chords, across: Across, along: Factor, rule: Rule, panels: int = 1) -> Array:
-    """Return the chord integrals, (3, N): on each smooth piece the rule, or the rule on each of so many equal panels.
+def chord_integral(chords: Chords, across: Across, along: Factor, rule: Rule) -> Array:
+    """Return the chord integrals, (3, N), by one rule on each smooth piece."""
+    return chord_integrals(chords, across, along, [(rule, 1)])[0]
 
-    This is `rule.integrate` (Talk, eq. 2) with all points in one array, since each falloff is a kernel to launch.
+
+def chord_integrals(chords: Chords, across: Across, along: Factor, rules: Sequence[tuple[Rule, int]]) -> list[Array]:
+    """Return the chord integrals, (3, N), by rules, each on so many equal panels of each smooth piece.
+
+    This is `rule.integrate` (Talk, eq. 2) with the points of all rules in one array: one kernel, launched once.
     """
     edges = chords.edges(across, along)
+    placed = [_placed(edges, rule, panels) for rule, panels in rules]
+    along_axis = _values(along, np.concatenate([chords.s(t).ravel() for t, _ in placed]))
+    result, first = [], 0
+    for (rule, _), (t, half) in zip(rules, placed, strict=True):
+        values = along_axis[:, first : first + t.size].reshape(3, *t.shape)
+        first += t.size
+        # axes: 3 | n, pieces, N
+        integrand = _rest(chords, across, t) * values
+        result.append(np.einsum("cjpi,j,pi->ci", integrand, rule.weights, half))
+    return result
+
+
+def _placed(edges: Array, rule: Rule, panels: int) -> tuple[Array, Array]:
+    """Return where a rule evaluates the pieces between edges, (n, pieces, N), and half of their lengths."""
     if panels > 1:
         steps = np.arange(panels)[:, None] / panels
         fine = edges[:-1, None] + steps * np.diff(edges, axis=0)[:, None]  # (pieces, panels, N)
         edges = np.concatenate([fine.reshape(-1, edges.shape[1]), edges[-1:]])
     half, middle = np.diff(edges, axis=0) / 2, (edges[1:] + edges[:-1]) / 2
-    t = middle + half * rule.points[:, None, None]  # (n, pieces, N)
-    # axes: 3 | n, pieces, N
-    return np.einsum("cjpi,j,pi->ci", _integrand(chords, across, along, t), rule.weights, half)
+    return middle + half * rule.points[:, None, None], half
 
 
-def _integrand(chords: Chords, across: Across, along: Factor, t: Array) -> Array:
-    """Return k2 · along · eye, (3, *t.shape)."""
-    radius, s = chords.radius(t), chords.s(t)
+def _rest(chords: Chords, across: Across, t: Array) -> Array:
+    """Return k2 · eye, (3, *t.shape)."""
+    radius = chords.radius(t)
     disc = across.scale * across.shape(np.minimum(chords.from_axis(t) / radius, 1)) / radius**2
-    eye = np.exp(-np.multiply.outer(_MEDIUM.extinction, t))
-    return disc * eye * _values(along, s)
+    eye: Array = np.exp(-np.multiply.outer(_MEDIUM.extinction, t))
+    return disc * eye
 
 
 def _values(along: Factor, s: Array) -> Array:
-    """Return a falloff's values, (3, *s.shape) float64, from the code that kernels are made of."""
+    """Return a falloff's values, (3, N) float64, from the code that kernels are made of."""
     float64 = import_module(f"drjit.{device.backend()}.ad").Float64
-    distance: Any = float64(s.ravel())
+    distance: Any = float64(s)
     at = ShadingContext(distance=distance, depth=distance, fraction=distance * (1 / _LENGTH), fog=Fog(_MEDIUM))
     values = np.asarray(along.evaluate(at), dtype=np.float64)
-    return np.broadcast_to(values, (3, s.size)).reshape(3, *s.shape)
+    return np.broadcast_to(values, (3, s.size))

@@ -259,19 +259,24 @@ class Shot:
 
         Velocities carry on what the stage holds at `base`, the frame whose shutter is open; None: at the frame itself.
         """
-        content, camera = self._read(frame, base)
+        content, camera = self._with_own(*self._read(frame, base), frame)
         content = replace(
             content,
-            media=self._media(content),
             groups=self._groups_at_all_times(),
             lights=tuple(replace(light, look=self._look(light.name, light.look)) for light in content.lights),
             drawn=tuple(replace(beams, look=self._look(beams.name, beams.look)) for beams in content.drawn),
         )
+        self._check_looks(content)
+        return content, camera
+
+    def _with_own(
+        self, content: scene.Scene, camera: scene.Camera, frame: float | None
+    ) -> tuple[scene.Scene, scene.Camera]:
+        """Return the stage's scene with the shot's own medium and beams."""
+        content = replace(content, media=self._media(content))
         if self.emit is not None:
             made = self._emitted(self.emit, frame, content.medium)
-            made = [replace(beams, look=self._look(beams.name, beams.look)) for beams in made]
             content = replace(content, drawn=(*content.drawn, *made))
-        self._check_looks(content)
         return content, camera
 
     def _read(self, frame: float | None, base: float | None) -> tuple[scene.Scene, scene.Camera]:
