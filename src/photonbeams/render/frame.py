@@ -10,6 +10,7 @@ al. 2011).
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -37,6 +38,7 @@ from .passes import Statistics, pixel_offset
 from .photons import PhotonMaps
 from .settings import Settings
 from .sums import PassSums
+from .walks import Walking
 
 
 @dataclass(frozen=True)
@@ -101,6 +103,10 @@ class FrameRenderer(ABC):
     def _pinhole(self, view: int) -> tuple[World, ViewRays] | None:
         """Return the world and the rays of a pinhole camera for depths; None where the view itself is sharp."""
 
+    def _walkings(self, world: World) -> Mapping[str, Walking]:
+        """Return how the light of those emitters is met that send no light paths, by light groups."""
+        return {}
+
     def _clock(self, number: int) -> tuple[float, float]:
         """Return frame number and seconds of a pass, for looks that change with time."""
         return (0.0, 0.0)
@@ -151,11 +157,13 @@ class FrameRenderer(ABC):
             self.settings.estimator, self._points, self._max_depth,
             lambda each: LightContext(*clock, each.light, each.to_world),
         )  # fmt: skip
+        walkings = self._walkings(light.world)
         gathering = Gathering(rays.view, rays.primary, light.world.media, light.sets, options, statistics)
         with statistics.phase("surfaces"):
             begun = camera_paths.begin(tracing, rays.primary, film.order)
         picture = _CameraImage(dr.width(rays.primary.direction))
         steps = camera_paths.follow(tracing, begun, samples, photons)
+        number_of_step = 0
         while True:
             with statistics.phase("surfaces"):
                 step = next(steps, None)
@@ -165,6 +173,11 @@ class FrameRenderer(ABC):
                 break
             with statistics.phase("beams"):
                 gathering.add(*step)
+            with statistics.phase("walks"):
+                for group, walking in walkings.items():
+                    found = gathering.radiance.setdefault(group, dr.zeros(Array3f, dr.width(picture.surface)))
+                    walking.add(*step, samples, number_of_step, found, picture.surface)
+            number_of_step += 1
         with statistics.phase("beams"):
             gathering.finish()
         facing = 1.0 if rays.primary.facing is None else rays.primary.facing
@@ -175,12 +188,13 @@ class FrameRenderer(ABC):
 
     def _camera_tracing(self, world: World, rays: ViewRays) -> CameraTracing:
         settings = self.settings
+        walks = bool(self._walkings(world))
         if rays.holdout is not None:
             world = world.without_surfaces()
             return CameraTracing(world, _NoLighting(), None, settings.rr_depth, True, surfaces=False, sharp=world.sharp)
         return CameraTracing(
             world, self._lighting(world), self._max_depth, settings.rr_depth, settings.hide_emitters,
-            settings.surfaces, world.sharp,
+            settings.surfaces, world.sharp, walks,
         )  # fmt: skip
 
     def _depth(self, view: int, film: Film, samples: Samples, own: Any) -> Any:
@@ -191,7 +205,7 @@ class FrameRenderer(ABC):
         world, rays = sharp
         if rays.holdout is not None:
             return rays.holdout
-        tracing = replace(self._camera_tracing(world, rays), surfaces=False)
+        tracing = replace(self._camera_tracing(world, rays), surfaces=False, walks=False)
         picture = _CameraImage(dr.width(rays.primary.direction))
         begun = camera_paths.begin(tracing, rays.primary, film.order)
         for step in camera_paths.follow(tracing, begun, samples, None):

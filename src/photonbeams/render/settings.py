@@ -52,6 +52,8 @@ class Settings:
         Whether a pilot pass learns where light comes from that the camera sees, to send more light paths from there.
         None: yes, but of a stage only where light bounces. On a stage it learns for the cameras of all frames, and
         leaves light with a portal as it is.
+    method
+        "beams" or "paths" for the light of all emitters of a Mitsuba scene that can do without beams, or "auto".
     short
         Whether beams end where their light is scattered, instead of at the next surface.
     estimator, rule
@@ -83,6 +85,7 @@ class Settings:
     overlap: float = OVERLAP
     alpha: float = 0.7
     guiding: bool | None = None
+    method: str = "beams"
     short: bool = False
     estimator: str = "auto"
     rule: Rule = DEFAULT_RULE
@@ -176,6 +179,7 @@ class SettingsArguments(TypedDict, total=False):
     overlap: float
     alpha: float
     guiding: bool | None
+    method: str
     short: bool
     estimator: str
     rule: Rule
