@@ -64,7 +64,9 @@ class SceneRenderer(FrameRenderer):
             if settings.short:
                 self._scene.media.all = tuple(each.for_short_beams() for each in self._scene.media.all)
             walked = own.walked(self._scene, settings)
-            self._walks = walks_of(self._scene, walked, [sources[each].group for each in own.numbers], self._tuning, self._max_depth)
+            self._walks = walks_of(
+                self._scene, walked, [sources[each].group for each in own.numbers], self._tuning, self._max_depth
+            )
             emission = emission_of(self._scene, settings.beams or DEFAULT_PATHS, settings.seed, own.numbers, walked)
         warn(plugin, self._scene.surroundings, set() if warned is None else warned)
         named = len(sources) > 1 or sources[0].look is not None or sources[0].beam_scale != 1

@@ -53,7 +53,8 @@ class Settings:
         None: yes, but of a stage only where light bounces. On a stage it learns for the cameras of all frames, and
         leaves light with a portal as it is.
     method
-        "beams" or "paths" for the light of all emitters of a Mitsuba scene that can do without beams, or "auto".
+        Of a Mitsuba scene: "beams", or "paths" from the camera for the light of emitters of which nothing else is said
+        (see `walks`).
     short
         Whether beams end where their light is scattered, instead of at the next surface.
     estimator, rule
@@ -104,6 +105,8 @@ class Settings:
             check_estimator(self.estimator)
         except ValueError as error:
             raise SceneError(str(error)) from None
+        if self.method not in ("beams", "paths"):
+            raise SceneError(f'method is {self.method!r}: expected "beams" or "paths"')
         if not isinstance(self.rule, Rule):
             raise SceneError(f"rule is {self.rule!r}: expected a Rule, such as gauss_legendre(6)")
         if self.pixel_filter not in (None, *FILTERS):

@@ -198,7 +198,9 @@ class Walking:
         goes = (going & tinted) | goes
         return result, following, self._roulette(following, goes, samples, name)
 
-    def _flown(self, walk: Walk, length: Float, going: Bool, samples: Samples, name: tuple[Any, ...]) -> tuple[Any, ...]:
+    def _flown(
+        self, walk: Walk, length: Float, going: Bool, samples: Samples, name: tuple[Any, ...]
+    ) -> tuple[Any, ...]:
         """Return free flights: their distances and weights, whether light is scattered there, or tinted alone."""
         media = self.emitters.world.media
         fractions = walk.throughput * dr.rcp(dr.maximum(dr.sum(walk.throughput), 1e-30))
