@@ -13,7 +13,7 @@ mi = mitsuba()
 SKY = {"type": "constant", "radiance": rgb([1.0, 0.5, 0.25])}
 LAMP = {
     "type": "sphere",
-    "center": [0, 1.6, 0],
+    "center": [0, 2.4, 0],
     "radius": 0.3,
     "emitter": {"type": "area", "radiance": rgb([4.0, 6.0, 8.0])},
 }

@@ -18,7 +18,6 @@ import numpy as np
 
 from ..estimators.estimate import ENDLESS
 from ..numerics.arrays import compressed, to_uint
-from ..numerics.hashing import hash32
 from ..numerics.samples import Samples
 from ..numerics.sampling import power_heuristic
 from ..numerics.structs import Struct
