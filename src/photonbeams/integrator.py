@@ -60,6 +60,11 @@ Photon beams (:monosp:`photon_beams`)
    - Learn from a pilot pass where light comes from that the camera sees, and send more light paths from there.
      (Default: yes, i.e. |true|)
 
+ * - method
+   - |string|
+   - "beams" traces light from the emitters; "paths" finds the light of emitters by paths from the camera, but for those
+     that have a look, a portal, a gobo or settings of their beams. (Default: "beams")
+
  * - beams
    - |string|
    - "long" beams reach to the next surface, "short" ones end where their light is scattered. (Default: "long")
@@ -128,7 +133,7 @@ def _settings(properties: Any) -> Any:
 
     given: dict[str, Any] = {
         name: _value(properties, name, getattr(DEFAULTS, name))
-        for name in ("rr_depth", "hide_emitters", "overlap", "alpha", "estimator")
+        for name in ("rr_depth", "hide_emitters", "overlap", "alpha", "estimator", "method")
     }
     paths = _value(properties, "paths", DEFAULT_PATHS)
     if not 1 <= paths <= MOST_BEAMS:  # which are the settings' beams

@@ -24,7 +24,8 @@ if TYPE_CHECKING:
 
 mi = mitsuba()
 
-_LOBE, _TURN, _ROULETTE, _WAY, _CUTOUT, _GLOW = 301, 302, 303, 304, 305, 306  # streams of samples
+# Streams of samples.
+_LOBE, _TURN, _ROULETTE, _WAY, _CUTOUT, _GLOW, _BOUNCE, _ASIDE = 301, 302, 303, 304, 305, 306, 307, 308
 
 # Lobes that make a surface more than a boundary of media; Mitsuba's `Delta` includes `Null`.
 _VISIBLE = int(mi.BSDFFlags.Smooth | mi.BSDFFlags.DeltaReflection | mi.BSDFFlags.DeltaTransmission)
@@ -69,6 +70,15 @@ class CameraPaths(Struct):
     flown: Float
 
 
+class Bounce(Struct):
+    """A sample of a smooth BSDF: where the path goes on, through which medium, with what throughput (0: nowhere)."""
+
+    origin: Array3f
+    direction: Array3f
+    medium: UInt32
+    throughput: Array3f
+
+
 class CameraVertex(Struct):
     """The end of one step of camera paths.
 
@@ -86,6 +96,8 @@ class CameraVertex(Struct):
         Seed of the samples of transmittance along the segment.
     normal
         The surface's shading normal in world space, toward the camera; 0 of lamps, and unless it is asked for.
+    bounce
+        Where walks go on from here; None where there are none.
     """
 
     radiance: Array3f
@@ -94,6 +106,7 @@ class CameraVertex(Struct):
     transmittance: Array3f
     seed: UInt32
     normal: Array3f
+    bounce: Bounce
 
 
 class NearestLamp(Struct):
@@ -143,6 +156,8 @@ class CameraTracing:
         Whether paths may continue in this world, at a boundary of media, a mirror or glass.
     normals
         Whether vertices have normals.
+    walks
+        Whether walks go on from smooth surfaces.
     """
 
     world: World
@@ -153,6 +168,7 @@ class CameraTracing:
     surfaces: bool = True
     sharp: bool = True
     normals: bool = False
+    walks: bool = False
 
 
 def begin(tracing: CameraTracing, primary: PrimaryRays, order: UInt32) -> CameraPaths:
@@ -205,6 +221,7 @@ def _step(
         on_lamp = alive & (lamp.distance < distance)
         met, distance = met & ~on_lamp, dr.select(on_lamp, lamp.distance, distance)
     vertex = CameraVertex()
+    vertex.bounce = None  # type: ignore[assignment]
     vertex.end = paths.near + distance
     vertex.seed = samples.bits(paths.order, _WAY, step)
     passed = world.media.transmittance(paths.medium, start, paths.direction, distance, vertex.seed, alive)
@@ -225,6 +242,8 @@ def _step(
         radiance += tracing.lighting.direct(ShadingPoint(hit, paths.medium, paths.order, step, samples), smooth)
         if photons is not None:
             radiance += photons(hit, paths.depth, smooth)
+    if tracing.walks:
+        vertex.bounce = _bounce(world, hit, paths, clear, smooth & alive, samples, step)
     vertex.radiance = dr.select(alive, radiance * clear, 0)
     if world.media.emissive:
         seed = samples.bits(paths.order, _GLOW, step)
@@ -241,6 +260,24 @@ def _step(
     if not tracing.sharp:
         return vertex, None
     return vertex, _onward(tracing, paths, hit, (throughput, clear), met, samples, step)
+
+
+def _bounce(
+    world: World, hit: Any, paths: CameraPaths, throughput: Array3f, smooth: Bool, samples: Samples, step: UInt32
+) -> Bounce:
+    """Return a sample of the smooth lobes of BSDFs."""
+    context = mi.BSDFContext()
+    context.type_mask = mi.BSDFFlags.Smooth
+    lobe, turn = samples.single(paths.order, _BOUNCE, step), samples.pair(paths.order, _ASIDE, step)
+    sample, weight = hit.bsdf().sample(context, hit, lobe, mi.Point2f(turn), smooth)
+    # Some BSDFs ignore the mask, and sample all their lobes.
+    good = smooth & (sample.pdf > 0) & ((sample.sampled_type & _IDEAL) == 0)
+    direction = hit.to_world(sample.wo)
+    result = Bounce()
+    result.origin, result.direction = Array3f(hit.spawn_ray(direction).o), Array3f(direction)
+    result.medium = world.media.beyond(hit, direction, paths.medium, good)
+    result.throughput = dr.select(good, throughput * Array3f(weight), 0)
+    return result
 
 
 def _within(tracing: CameraTracing, depth: UInt32, more: int) -> Any:

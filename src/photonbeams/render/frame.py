@@ -10,6 +10,7 @@ al. 2011).
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -38,6 +39,7 @@ from .photons import PhotonMaps
 from .settings import Settings
 from .single_scattering import SingleScattering
 from .sums import PassSums
+from .walks import Walking
 
 
 @dataclass(frozen=True)
@@ -107,6 +109,10 @@ class FrameRenderer(ABC):
         """Return what media scatter toward `count` pixels without beams, or None where that is nothing."""
         return None
 
+    def _walkings(self, world: World) -> Mapping[str, Walking]:
+        """Return how the light of those emitters is met that send no light paths, by light groups."""
+        return {}
+
     def _clock(self, number: int) -> tuple[float, float]:
         """Return frame number and seconds of a pass, for looks that change with time."""
         return (0.0, 0.0)
@@ -158,12 +164,14 @@ class FrameRenderer(ABC):
             self.settings.estimator, self._points, self._max_depth,
             lambda each: LightContext(*clock, each.light, each.to_world),
         )  # fmt: skip
+        walkings = self._walkings(light.world)
         gathering = Gathering(rays.view, rays.primary, light.world.media, light.sets, options, statistics)
         sky = self._single_scattering(light.world, dr.width(rays.primary.direction), samples)
         with statistics.phase("surfaces"):
             begun = camera_paths.begin(tracing, rays.primary, film.order)
         picture = _CameraImage(dr.width(rays.primary.direction))
         steps = camera_paths.follow(tracing, begun, samples, photons)
+        number_of_step = 0  # for the samples of walks
         while True:
             with statistics.phase("surfaces"):
                 step = next(steps, None)
@@ -175,6 +183,11 @@ class FrameRenderer(ABC):
                 gathering.add(*step)
                 if sky is not None:
                     sky.add(*step)
+            with statistics.phase("walks"):
+                for group, walking in walkings.items():
+                    found = gathering.radiance.setdefault(group, dr.zeros(Array3f, dr.width(picture.surface)))
+                    walking.add(*step, samples, number_of_step, found, picture.surface)
+            number_of_step += 1
         with statistics.phase("beams"):
             gathering.finish()
         facing = 1.0 if rays.primary.facing is None else rays.primary.facing
@@ -183,12 +196,13 @@ class FrameRenderer(ABC):
 
     def _camera_tracing(self, world: World, rays: ViewRays) -> CameraTracing:
         settings = self.settings
+        walks = bool(self._walkings(world))
         if rays.holdout is not None:
             world = world.without_surfaces()
             return CameraTracing(world, _NoLighting(), None, settings.rr_depth, True, surfaces=False, sharp=world.sharp)
         return CameraTracing(
             world, self._lighting(world), self._max_depth, settings.rr_depth, settings.hide_emitters,
-            settings.surfaces, world.sharp,
+            settings.surfaces, world.sharp, walks=walks,
         )  # fmt: skip
 
     def _add_first_hits(
@@ -203,7 +217,7 @@ class FrameRenderer(ABC):
             picture.depth = rays.holdout
             picture.normal = dr.zeros(Array3f, dr.width(rays.primary.direction)) if normals else None
             return
-        tracing = replace(self._camera_tracing(world, rays), surfaces=False, normals=normals)
+        tracing = replace(self._camera_tracing(world, rays), surfaces=False, walks=False, normals=normals)
         seen = _CameraImage(dr.width(rays.primary.direction))
         begun = camera_paths.begin(tracing, rays.primary, film.order)
         for step in camera_paths.follow(tracing, begun, samples, None):

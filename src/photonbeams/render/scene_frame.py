@@ -9,7 +9,7 @@ from typing import Any
 from .. import scene
 from ..numerics.samples import Samples
 from ..transport.scene_emitters import emission_of, redistribute
-from ..transport.simulation import Simulation
+from ..transport.simulation import Simulation, Tuning
 from ..world.scene_lamps import names_of
 from ..world.scene_world import SceneWorld
 from ..world.sensors import Sensor, window_of
@@ -25,6 +25,7 @@ from .memory import check_memory
 from .passes import PLAIN_RUN, RunOptions, accumulate, pixel_offset
 from .scene_lighting import SceneLighting
 from .settings import DEFAULT_PATHS, DEFAULTS, Settings
+from .walks import WalkedEmitters, Walking
 
 
 class SceneRenderer(FrameRenderer):
@@ -62,7 +63,11 @@ class SceneRenderer(FrameRenderer):
             self._scene = SceneWorld(plugin, sensor, sources, own.beams)
             if settings.short:
                 self._scene.media.all = tuple(each.for_short_beams() for each in self._scene.media.all)
-            emission = emission_of(self._scene, settings.beams or DEFAULT_PATHS, settings.seed, own.numbers)
+            walked = own.walked(self._scene, settings)
+            self._walks = walks_of(
+                self._scene, walked, [sources[each].group for each in own.numbers], self._tuning, self._max_depth
+            )
+            emission = emission_of(self._scene, settings.beams or DEFAULT_PATHS, settings.seed, own.numbers, walked)
         warn(plugin, self._scene.surroundings, set() if warned is None else warned)
         named = len(sources) > 1 or sources[0].look is not None or sources[0].beam_scale != 1
         self.simulation = Simulation(self._scene, emission, self._tuning, sources, self._scene.sizes, named)
@@ -79,6 +84,9 @@ class SceneRenderer(FrameRenderer):
     def _lighting(self, world: World) -> Lighting:
         assert isinstance(world, SceneWorld)
         return SceneLighting(world)
+
+    def _walkings(self, world: World) -> Mapping[str, Walking]:
+        return self._walks
 
     def simulated(self, number: int) -> Simulated:
         """Return what light leaves in pass `number`."""
@@ -152,6 +160,26 @@ class _EmitterSettings:
             own = Source(place, name, each.group, each.look, each.emits_beams, each.beam_scale, each.scattered)
             sources.append(replace(own, bounces=each.bounces))
         return cls(beams, sources, numbers)
+
+    def walked(self, world: SceneWorld, settings: Settings) -> list[int]:
+        """Return the numbers of the emitters whose light walks meet."""
+        if settings.method == "beams" or settings.program is not None or settings.short or not settings.surfaces:
+            return []
+        return [
+            number for number, (own, lamp) in enumerate(zip(self.beams, world.lamps, strict=True))
+            if own == scene.BeamSettings(group=own.group) and lamp is None
+        ]  # fmt: skip
+
+
+def walks_of(
+    world: SceneWorld, walked: Sequence[int], groups: Sequence[str], tuning: Tuning, max_depth: int | None
+) -> dict[str, Walking]:
+    """Return the walks for emitters by light groups; `groups` are those of all emitters of the scene."""
+    result = {}
+    for group in dict.fromkeys(groups[each] for each in walked):
+        numbers = [each for each in walked if groups[each] == group]
+        result[group] = Walking(WalkedEmitters(world, numbers), max_depth, tuning.rr_depth)
+    return result
 
 
 def render(

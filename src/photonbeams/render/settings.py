@@ -52,6 +52,9 @@ class Settings:
         Whether a pilot pass learns where light comes from that the camera sees, to send more light paths from there.
         None: yes, but of a stage only where light bounces. On a stage it learns for the cameras of all frames, and
         leaves light with a portal as it is.
+    method
+        Of a Mitsuba scene: "beams", or "paths" from the camera for the light of emitters of which nothing else is said
+        (see `walks`).
     short
         Whether beams end where their light is scattered, instead of at the next surface.
     estimator, rule
@@ -85,6 +88,7 @@ class Settings:
     overlap: float = OVERLAP
     alpha: float = 0.7
     guiding: bool | None = None
+    method: str = "beams"
     short: bool = False
     estimator: str = "auto"
     rule: Rule = DEFAULT_RULE
@@ -104,6 +108,8 @@ class Settings:
             check_estimator(self.estimator)
         except ValueError as error:
             raise SceneError(str(error)) from None
+        if self.method not in ("beams", "paths"):
+            raise SceneError(f'method is {self.method!r}: expected "beams" or "paths"')
         if not isinstance(self.rule, Rule):
             raise SceneError(f"rule is {self.rule!r}: expected a Rule, such as gauss_legendre(6)")
         if self.pixel_filter not in (None, *FILTERS):
@@ -179,6 +185,7 @@ class SettingsArguments(TypedDict, total=False):
     overlap: float
     alpha: float
     guiding: bool | None
+    method: str
     short: bool
     estimator: str
     rule: Rule

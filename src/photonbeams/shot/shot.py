@@ -259,7 +259,8 @@ class Shot:
 
         Velocities carry on what the stage holds at `base`, the frame whose shutter is open; None: at the frame itself.
         """
-        content, camera = self._with_own(*self._read(frame, base), frame)
+        content, camera = self._read(frame, base)
+        content = self._with_own(content, frame)
         content = replace(
             content,
             groups=self._groups_at_all_times(),
@@ -269,15 +270,13 @@ class Shot:
         self._check_looks(content)
         return content, camera
 
-    def _with_own(
-        self, content: scene.Scene, camera: scene.Camera, frame: float | None
-    ) -> tuple[scene.Scene, scene.Camera]:
+    def _with_own(self, content: scene.Scene, frame: float | None) -> scene.Scene:
         """Return the stage's scene with the shot's own medium and beams."""
         content = replace(content, media=self._media(content))
         if self.emit is not None:
             made = self._emitted(self.emit, frame, content.medium)
             content = replace(content, drawn=(*content.drawn, *made))
-        return content, camera
+        return content
 
     def _read(self, frame: float | None, base: float | None) -> tuple[scene.Scene, scene.Camera]:
         """Return the stage's own scene and its camera."""
@@ -360,10 +359,7 @@ class Shot:
 
     def _extent(self, frame: float | None) -> scene.Scene:
         """Return how far the scene reaches at a frame."""
-        content = stages.read_extent(self.stage, self.time(frame), self._lasting)
-        content = replace(content, media=self._media(content))
-        made = () if self.emit is None else self._emitted(self.emit, frame, content.medium)
-        return replace(content, drawn=(*content.drawn, *made))
+        return self._with_own(stages.read_extent(self.stage, self.time(frame), self._lasting), frame)
 
     def _groups_at_all_times(self) -> frozenset[str]:
         if self._groups is None:

@@ -49,7 +49,8 @@ class Interaction:
         self.valid = hit.is_valid()
         self.length = dr.select(self.valid, hit.t, dr.select(paths.medium > 0, paths.reach, 0))
         self.fractions = paths.flux * dr.rcp(dr.maximum(dr.sum(paths.flux), 1e-30))
-        distance, weight = _flight(media, paths, self.fractions, self.length, index, stream)
+        u = pixel_sample(index, hash32(stream, UInt32(_FLIGHT)))
+        distance, weight = flight(media, paths.medium, paths.branch, self.fractions, self.length, u)
         self.scatters = distance < self.length
         self.tinted = self.varying = dr.zeros(Bool, dr.width(distance))
         if media.any_varying:
@@ -69,34 +70,34 @@ class Interaction:
         self.going = self.scatters | self.tinted | self.on_surface
 
 
-def _flight(
-    media: Media, paths: LightPaths, fractions: Array3f, length: Float, index: UInt32, stream: UInt32
+def flight(
+    media: Media, medium: UInt32, branch: UInt32, fractions: Array3f, length: Float, u: Any
 ) -> tuple[Float, Array3f]:
     """Return the distances of free flights in homogeneous media, and their weights.
 
-    A channel is chosen with a probability proportional to its flux, so that no colour is carried by few paths.
+    A channel is chosen with a probability proportional to its flux, so that no colour is carried by few paths; `branch`
+    says whether the flight is sampled, or ends before or at `length` for sure; `u` are points of the unit square.
     """
-    extinction = media.extinction(paths.medium)
-    u = pixel_sample(index, hash32(stream, UInt32(_FLIGHT)))
+    extinction = media.extinction(medium)
     own = dr.select(
         u.x < fractions.x, extinction.x, dr.select(u.x < fractions.x + fractions.y, extinction.y, extinction.z)
     )
-    surely = paths.branch == SCATTERED
+    surely = branch == SCATTERED
     # The probability that a flight ends before the surface; by its series where float32 would cancel.
     depth = own * dr.minimum(length, 1e30)
     ending = dr.select(surely, _ending(depth), 1)
     distance = dr.select(own > 0, -dr.log(1 - u.y * ending) * dr.rcp(dr.maximum(own, 1e-30)), dr.inf)
     distance = dr.select(surely & (own > 0), dr.minimum(distance, length * (1 - 1e-6)), distance)
-    distance = dr.select(paths.branch == PASSED, dr.inf, distance)
+    distance = dr.select(branch == PASSED, dr.inf, distance)
     scatters = distance < length
-    passed = media.absorbed(paths.medium, dr.minimum(distance, length))
+    passed = media.absorbed(medium, dr.minimum(distance, length))
     rate = dr.select(surely, extinction * dr.rcp(dr.maximum(_ending(extinction * dr.minimum(length, 1e30)), 1e-30)),
                      extinction)  # fmt: skip
     density = dr.sum(fractions * passed * dr.select(scatters, rate, 1))
-    scattering = dr.select(scatters, media.scattering(paths.medium), Array3f(1))
+    scattering = dr.select(scatters, media.scattering(medium), Array3f(1))
     weight = dr.select(density > 0, passed * scattering * dr.rcp(density), 0)
     weight = dr.select(surely & ~scatters, 0, weight)
-    return distance, dr.select(paths.branch == PASSED, passed, weight)
+    return distance, dr.select(branch == PASSED, passed, weight)
 
 
 def _ending(depth: Any) -> Any:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Any
 
 import drjit as dr
@@ -86,14 +86,19 @@ class SceneEmitter:
         return of_copies(shift, turn, count)
 
 
-def emission_of(world: SceneWorld, count: int, seed: int = 0, sources: Sequence[int] | None = None) -> Emission:
+def emission_of(
+    world: SceneWorld, count: int, seed: int = 0, sources: Sequence[int] | None = None, without: Collection[int] = ()
+) -> Emission:
     """Return the light paths of a Mitsuba scene: about `count` a pass, distributed among its emitters by their power.
 
-    `sources` are the numbers of the emitters' sources, 0 unless given.
+    `sources` are the numbers of the emitters' sources, 0 unless given; emitters `without` light paths have none.
     """
     total = len(world.plugin.emitters())
     parts = [_parts(world, SceneEmitter(world, k, sources[k] if sources else 0), k) for k in range(total)]
-    fluxes = [[probed_flux(each, number) for each in own] for number, own in enumerate(parts)]
+    fluxes = [
+        [np.zeros(3) if number in without else probed_flux(each, number) for each in own]
+        for number, own in enumerate(parts)
+    ]
     power = np.array([max(np.sum(own, axis=0)) for own in fluxes])
     fractions = np.where(power > 0, np.maximum(power / max(power.sum(), 1e-30), _LEAST), 0)
     fractions = fractions / max(fractions.sum(), 1e-30)

@@ -1,0 +1,70 @@
+"""Emitters whose light is met by paths from the camera: the same light as by beams and photons, each path once."""
+
+import numpy as np
+import pytest
+
+from photonbeams.render.scene_frame import Extras, render
+from photonbeams.render.settings import Settings
+from photonbeams.runtime.device import mitsuba
+from photonbeams.scene import BeamSettings, SceneError
+from transport.scenes import camera, cube_of, fog, load, rgb
+
+mi = mitsuba()
+SKY = {"type": "constant", "radiance": rgb([1.0, 0.5, 0.25])}
+LAMP = {
+    "type": "sphere",
+    "center": [0, 2.4, 0],
+    "radius": 0.3,
+    "emitter": {"type": "area", "radiance": rgb([4.0, 6.0, 8.0])},
+}
+FLOOR = {
+    "type": "rectangle",
+    "to_world": mi.ScalarTransform4f().translate([0, -1.2, 0]).rotate([1, 0, 0], -90).scale(4),
+}
+
+
+def pictures(scene, seeds, method="paths", extras=None, **settings):
+    """Return pictures of independent seeds, (seeds, H, W, 3)."""
+    each = [Settings(method=method, seed=seed, **settings) for seed in range(seeds)]
+    return np.array([render(scene, scene.sensors()[0], own, extras=extras).layers()["rgba"][..., :3] for own in each])
+
+
+def mean_and_error(values):
+    """Return the mean picture per channel of independent pictures, and its standard error."""
+    means = values.mean(axis=(1, 2))
+    return means.mean(axis=0), means.std(axis=0, ddof=1) / np.sqrt(len(means))
+
+
+def test_a_furnace_of_white_fog_cannot_be_seen():
+    # Fog that absorbs nothing under a constant sky has the sky's radiance everywhere, however often light is scattered.
+    scene = load(fog=cube_of(fog(3.0, 1.0)), sky=SKY, sensor=camera(size=8))
+    mean, error = mean_and_error(pictures(scene, 8, passes=8, rr_depth=1000))
+    assert np.all(np.abs(mean - [1.0, 0.5, 0.25]) < 4 * error + 1e-4)
+    assert np.all(error < 0.02 * mean)
+
+
+def test_walks_have_the_mean_of_beams_and_emitters_add_up():
+    parts = {"fog": cube_of(fog([1.0, 0.5, 0.25], 0.9)), "floor": FLOOR, "lamp": LAMP, "sky": SKY}
+    scene = load(sensor=camera(size=8, target=(0, -0.3, 0)), **parts)
+    walks, beams = (pictures(scene, 6, method, passes=4, beams=2048) for method in ("paths", "beams"))
+    # The lamp keeps its beams where something is said of them, if only their number.
+    both = pictures(scene, 6, extras=Extras(beams={"lamp": BeamSettings(beam_count=1024)}), passes=4)
+    expected, error = mean_and_error(walks)
+    for other in (beams, both):
+        mean, own = mean_and_error(other)
+        # Wide beams that stick out of their medium lose up to half a per cent: docs/mitsuba.md.
+        assert np.all(np.abs(mean - expected) < 4 * np.hypot(error, own) + 0.005 * expected)
+
+
+def test_walks_count_no_longer_paths_than_allowed():
+    scene = load(fog=cube_of(fog(2.0, 0.9)), floor=FLOOR, lamp=LAMP, sensor=camera(size=8))
+    volpath = mi.load_dict({"type": "volpath", "max_depth": 3})
+    reference = np.array([np.array(mi.render(scene, integrator=volpath, seed=seed, spp=256)) for seed in range(4)])
+    mean, error = mean_and_error(pictures(scene, 6, passes=8, max_depth=3))
+    expected, own = mean_and_error(reference)
+    assert np.all(np.abs(mean - expected) < 4 * np.hypot(error, own))
+
+
+def test_a_method_that_is_none_is_refused():
+    with pytest.raises(SceneError, match='method is \'best\': expected "beams" or "paths"'):
+        Settings(method="best")
