@@ -16,8 +16,9 @@ settings.load_profile("photonbeams")
 # References are stored for the CPU; PHOTONBEAMS_DEVICE=cuda runs the same tests on a GPU.
 os.environ.setdefault("PHOTONBEAMS_DEVICE", "cpu")
 
-# Some tests press Ctrl-C, which a parent that runs this in the background may have told its children to ignore.
+# Some tests send these signals, which a parent that runs this in the background may have told its children to ignore.
 signal.signal(signal.SIGINT, signal.default_int_handler)
+signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 # Before any test imports Dr.Jit, for this names the libLLVM that it loads.
 import photonbeams  # noqa: E402, F401
