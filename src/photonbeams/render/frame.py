@@ -141,7 +141,7 @@ class FrameRenderer(ABC):
             light = self.simulated(number)
             photons = None
             if light.hits:
-                photons = PhotonMaps(light.hits, light.limits, self._max_bounces, light.world.translucent)
+                photons = PhotonMaps(light.world, light.hits, light.limits, self._max_bounces)
         statistics.beams += sum(len(each.beams) for each in light.sets)
         moving = any(each.close is not None for each in light.sets)
         for view, film in enumerate(self._films):

@@ -10,8 +10,10 @@ import drjit as dr
 from ..estimators.photons import PhotonMap, Photons
 from ..numerics.arrays import compressed, joined
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
+from ..transport.coverage import surface_coverage
 from ..transport.radii import Limits
 from ..transport.records import PhotonHits
+from ..world.world import World
 
 mi = mitsuba()
 
@@ -21,20 +23,20 @@ class PhotonMaps:
 
     Parameters
     ----------
+    world
+        The surfaces.
     hits
         Photon hits of the steps of light paths; at least one.
     limits
         Bounds of radii.
     most
         Most bounces on the whole path from the light to the camera; None: any number.
-    translucent
-        Whether the scene has surfaces with diffuse or glossy transmission.
     """
 
-    def __init__(self, hits: Sequence[PhotonHits], limits: Limits, most: int | None, translucent: bool) -> None:
+    def __init__(self, world: World, hits: Sequence[PhotonHits], limits: Limits, most: int | None) -> None:
         self._all: PhotonHits = joined(list(hits))
-        self._most, self._translucent = most, translucent
-        self._limits = limits
+        self._most, self._translucent = most, world.translucent
+        _fit(self._all, world, limits)
         self._maps: dict[int, PhotonMap | None] = {}
 
     def __call__(self, hit: Any, depth: UInt32, active: Bool) -> Array3f:
@@ -54,7 +56,7 @@ class PhotonMaps:
             if self._most is not None:
                 few = dr.opaque(UInt32, max(self._most - depth, 0))
                 kept = compressed(self._all.depth <= few, self._all) if self._most >= depth else []
-            self._maps[depth] = PhotonMap(_photons(kept[0], self._limits)) if kept else None
+            self._maps[depth] = PhotonMap(_photons(kept[0])) if kept else None
         return self._maps[depth]
 
     def _reflected(self, photons: PhotonMap | None, hit: Any, active: Bool) -> Array3f:
@@ -77,10 +79,16 @@ class PhotonMaps:
         return result
 
 
-def _photons(hits: PhotonHits, limits: Limits) -> Photons:
-    """Return photons with normals on the side of the incident light."""
+def _fit(hits: PhotonHits, world: World, limits: Limits) -> None:
+    """Turn photons' normals to the incident light, and keep their discs on the surfaces that they lie on."""
     away = dr.dot(hits.normal, hits.direction) > 0
-    normal = dr.select(away, -hits.normal, hits.normal)
+    hits.normal = dr.select(away, -hits.normal, hits.normal)
     radius = limits(hits.radius) + Float(0)
-    dr.eval(normal, radius)
-    return Photons(hits.position, radius, normal, hits.direction, hits.flux)
+    dr.eval(hits.normal, radius)
+    hits.radius, covered = surface_coverage(world, hits.position, hits.normal, radius)
+    hits.flux = hits.flux * dr.rcp(covered)
+    dr.eval(hits.radius, hits.flux)
+
+
+def _photons(hits: PhotonHits) -> Photons:
+    return Photons(hits.position, hits.radius, hits.normal, hits.direction, hits.flux)

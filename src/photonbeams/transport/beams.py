@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,6 +18,8 @@ from ..numerics.structs import Struct
 from ..runtime.device import Bool, Float, UInt32
 from ..world.media import RenderedMedium, over_mean
 from ..world.sources import Source
+from ..world.world import World
+from .coverage import medium_coverage
 from .radii import Limits
 from .records import Segments
 
@@ -65,6 +68,28 @@ class Cutting:
         mine = inside & (segments.source == dr.opaque(UInt32, self.source.number))
         return mine if self.source.beams else mine & (segments.depth > 0)
 
+    def fitted(self, world: World, segments: Segments) -> Segments:
+        """Return segments as their beams fit into the medium: narrower, and with the flux that lies outside of it."""
+        # Light straight from lamps is narrowed by its path: see `narrowing`.
+        tried = Bool(True) if self.straight is self.limits else segments.depth > 0
+        result = copy(segments)
+
+        def shape(factor: Any) -> tuple[Any, ...]:
+            result.narrow = segments.narrow * factor
+            lead, end = self._reach(result, result.narrow)
+            first, last = (self._radius(result, each, result.narrow) for each in (0, segments.length))
+            return first, last, lead, dr.select(end > 0, end, last)
+
+        factor, covered = medium_coverage(world, segments, shape, self._decay(), tried)
+        result.narrow, result.flux = segments.narrow * factor, segments.flux * dr.rcp(covered)
+        dr.eval(result.narrow, result.flux)
+        return result
+
+    def _decay(self) -> Float:
+        """Return the mean rate at which beams fade."""
+        fades = self.medium.tracked is None and not self.short
+        return dr.opaque(Float, sum(self.medium.medium.extinction) / 3 if fades else 0)
+
     def pieces(self, segments: Segments, there: Bool) -> list[Piece]:
         """Return segments as beams, each in the two pieces on either side of its portal or its focus."""
         length = segments.length
@@ -79,8 +104,7 @@ class Cutting:
         cut = at_portal | (inside & (waist < _WAIST * dr.lerp(first, last, focus * dr.rcp(length))))
         middle = dr.select(at_portal, portal * (1 - 1e-5), dr.select(cut, focus, length))
         before, behind = (self._radius(segments, middle, each) for each in (narrow, segments.narrow))
-        lead, end = self._beyond(segments.slant, first), self._beyond(segments.slant_end, last)
-        lead = dr.select(segments.depth == 0, dr.minimum(lead, segments.offset), lead)  # no light before its lamp
+        lead, end = self._reach(segments, narrow)
         plane = dr.select(end > 0, -segments.direction, segments.normal)
         first, last = self._radius(segments, -lead, narrow), self._radius(segments, length + end, segments.narrow)
         near_end, before = dr.select(cut, middle, length + end), dr.select(cut, before, last)
@@ -91,6 +115,13 @@ class Cutting:
             near.power, far.power = self._left(segments, -lead), self._left(segments, middle)
         return [Piece(there, near, segments.depth), Piece(cut, far, segments.depth)]
 
+    def _reach(self, segments: Segments, narrow: Any) -> tuple[Any, Any]:
+        """Return how far beams go on before their start and behind their end: as far as their rim is in the medium."""
+        first, last = self._radius(segments, 0, narrow), self._radius(segments, segments.length, segments.narrow)
+        lead, end = self._beyond(segments.slant, first), self._beyond(segments.slant_end, last)
+        lead = dr.select(segments.depth == 0, dr.minimum(lead, segments.offset), lead)  # no light before its lamp
+        return lead, end
+
     def _beyond(self, slant: Any, radius: Any) -> Any:
         """Return how far the rim of beams reaches beyond a boundary that their axis crosses at this slant."""
         free = dr.opaque(Float, 1 / max(*self.medium.medium.extinction, 1e-30))
@@ -100,7 +131,7 @@ class Cutting:
         radius = segments.width(s)
         if self.straight is self.limits:
             return self.limits(radius) * narrow
-        return dr.select(segments.depth == 0, self.straight(radius) * narrow, self.limits(radius))
+        return dr.select(segments.depth == 0, self.straight(radius), self.limits(radius)) * narrow
 
     def _left(self, segments: Segments, s: Any) -> Any:
         """Return the flux that is left at a distance along segments."""
@@ -129,7 +160,7 @@ class Cutting:
         return result
 
 
-def sets_of(cuttings: Sequence[Cutting], steps: Sequence[Segments]) -> list[BeamSet]:
+def sets_of(world: World, cuttings: Sequence[Cutting], steps: Sequence[Segments]) -> list[BeamSet]:
     """Return the beams of all steps in sets: one for each emitter and medium, two where scattered light has no look."""
     result = []
     for cutting in cuttings:
@@ -137,7 +168,8 @@ def sets_of(cuttings: Sequence[Cutting], steps: Sequence[Segments]) -> list[Beam
         for segments in steps:
             mine = compressed(cutting.own(segments), segments)
             if mine:
-                for piece in cutting.pieces(mine[0], dr.max(mine[0].flux) > 0):
+                fitted = cutting.fitted(world, mine[0])
+                for piece in cutting.pieces(fitted, dr.max(fitted.flux) > 0):
                     pieces += compressed(piece.there, piece)
         if pieces:
             result += _sets(cutting, joined(pieces))

@@ -116,7 +116,7 @@ class Simulation:
             lights = to_uint([*(each.surfaces for each in self.sources), False])
             parts = (compressed(dr.gather(UInt32, lights, each.source) > 0, each) for each in hits)
             hits = [each for part in parts for each in part]
-        return sets_of(self.cuttings(number), segments), hits
+        return sets_of(self.world, self.cuttings(number), segments), hits
 
     def moved(self, last: World, later: Sequence[Stratum], number: int, media: Mapping[int, int]) -> list[BeamSet]:
         """Return beams straight from their lamps, and where they are in the world `last`, whose lamps are `later`.

@@ -76,15 +76,16 @@ def meet(plugin: Any, origin: Any, direction: Any, active: Any) -> Met:
     valid = active & hit.is_valid()
     interface = valid & hit.is_medium_transition()
     near, far = (dr.select(interface, numbers(hit.target_medium(each)), UNKNOWN) for each in (-along, along))
-    return Met(hit, interface, near, far, valid & _transmits(hit))
+    return Met(hit, interface, near, far, valid & transmits(hit))
 
 
 def is_left(hit: Any, direction: Any, medium: UInt32) -> Bool:
     """Return whether a hit is on a boundary, of glass or of nothing, by which rays may leave their medium."""
-    return _transmits(hit) & hit.is_medium_transition() & (numbers(hit.target_medium(mi.Vector3f(direction))) != medium)
+    return transmits(hit) & hit.is_medium_transition() & (numbers(hit.target_medium(mi.Vector3f(direction))) != medium)
 
 
-def _transmits(hit: Any) -> Bool:
+def transmits(hit: Any) -> Bool:
+    """Return whether light may pass a surface: through glass, or a boundary of nothing."""
     return (UInt32(hit.bsdf().flags()) & _TRANSMITS) != 0
 
 

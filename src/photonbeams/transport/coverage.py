@@ -1,0 +1,176 @@
+"""Coverage: what part of a photon's disc lies on its surface, and of a beam in its medium.
+
+Beyond edges, in walls and outside of a medium nobody gathers, so light that a kernel spreads there is lost. Kernels
+that are divided by the part that is left keep their flux (boundary-corrected kernels); those of which little is left
+are narrowed first.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import drjit as dr
+import numpy as np
+
+from ..estimators.photons import FACING, THICKNESS
+from ..numerics.arrays import to_float
+from ..numerics.hashing import hash32, unit_float
+from ..runtime.device import Array2f, Array3f, Bool, Float, UInt32, mitsuba
+from ..world.interfaces import numbers, transmits
+from ..world.warp import perpendicular
+from ..world.world import World
+from .records import Segments
+
+mi = mitsuba()
+
+# Points on a photon's disc that are looked for on the surface, and lines along a beam, that are in the medium.
+_POINTS, _LINES = 12, 8
+
+# Kernels that less than this is left of are halved, so many times at most: few points tell little of a small thing.
+_ENOUGH, _HALVINGS = 0.6, 4
+
+# Where lines are looked for, one after the other, as parts of the light that a beam loses along itself.
+_PLACES = (0.5, 0.05, 0.95)
+
+
+def surface_coverage(world: World, position: Array3f, normal: Array3f, radius: Float) -> tuple[Float, Float]:
+    """Return the radii of photons' discs, narrowed where too little of them is on a surface, and the part that is.
+
+    A point of the disc counts where a photon map would find it there (`estimators.photons`), and nothing stands between
+    it and the photon.
+    """
+    disc = to_float(_disc(_POINTS))
+
+    def covered(factor: Any, tried: Any) -> Any:
+        return _on_surface(world, position, normal, factor * radius, disc, tried)
+
+    factor, result = _enough(covered, dr.width(position), 1 / _POINTS)
+    return factor * radius, result
+
+
+def _enough(covered: Callable[[Any, Any], Any], count: int, least: float) -> tuple[Float, Float]:
+    """Return factors on radii that leave enough of kernels covered, and what part that is."""
+    factor, result = dr.ones(Float, count), dr.zeros(Float, count)
+    for number in range(_HALVINGS + 1):
+        tried = result < _ENOUGH
+        factor = dr.select(tried & (dr.opaque(UInt32, number) > 0), 0.5 * factor, factor)
+        dr.eval(factor, tried)
+        if not bool(dr.any(tried)):
+            break
+        result = dr.select(tried, covered(factor, tried), result)
+        dr.eval(result)
+    return factor, dr.maximum(result, least)
+
+
+def _disc(count: int) -> np.ndarray:
+    """Return points (count, 2) on the unit disc, as dense as Epanechnikov's kernel."""
+    u = (np.arange(count) + 0.5) / count
+    angle = np.arange(count) * np.pi * (3 - np.sqrt(5))
+    return np.sqrt(1 - np.sqrt(1 - u))[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+
+
+@dr.syntax
+def _on_surface(
+    world: World, position: Any, normal: Any, radius: Any, disc: Any, active: Any
+) -> Any:
+    """Return the part of discs that is on a surface; each is turned by an angle of its own."""
+    lane = dr.arange(UInt32, dr.width(position))
+    sine, cosine = dr.sincos(2 * dr.pi * unit_float(hash32(lane)))
+    across, up = perpendicular(normal)
+    across, up = cosine * across + sine * up, cosine * up - sine * across
+    height = THICKNESS * radius
+    total, point = Float(0), UInt32(0)
+    while point < _POINTS:
+        at = dr.gather(Array2f, disc, point)
+        aside = (at.x * across + at.y * up) * radius
+        above = position + aside + height * normal
+        start = position + 1e-3 * height * normal
+        way = above - start
+        length = dr.norm(way)
+        between = world.intersect(start, way / length, active, hash32(lane, point))
+        free = ~(between.is_valid() & (between.t < length) & ~transmits(between))
+        below = world.intersect(above, -normal, active, hash32(lane, point))
+        offset = Array3f(below.p) - position
+        facing = dr.abs(dr.dot(Array3f(below.n), normal))
+        there = free & below.is_valid() & (below.t < 2 * height) & (facing > FACING)
+        # A slanted surface has more area, farther from the photon, than its projection onto the disc.
+        left = dr.maximum(1 - dr.squared_norm(offset) / dr.square(radius), 0)
+        weight = left * dr.rcp((1 - dr.squared_norm(at)) * dr.maximum(facing, FACING))
+        total += dr.select(there, weight, 0)
+        point += 1
+    return total * (1 / _POINTS)
+
+
+
+#: Radii of beams at both ends, and how far they reach beyond these, where all radii are multiplied by a factor.
+BeamShape = Callable[[Any], tuple[Any, ...]]
+
+
+def medium_coverage(
+    world: World, segments: Segments, shape: BeamShape, decay: Float, active: Bool
+) -> tuple[Float, Float]:
+    """Return factors on the radii of beams that narrow them where too little is in their medium, and the part that is.
+
+    It is the light on lines along the beam, before they leave the medium, over that on the axis. A beam that crosses a
+    plane at a slant loses nothing: what one side lacks the other has beyond the axis' end.
+
+    Parameters
+    ----------
+    decay
+        Rate at which beams fade.
+    active
+        Which beams are tried; others are taken to lie in the medium.
+    """
+    disc = to_float(_disc(_LINES))
+
+    def covered(factor: Any, tried: Any) -> Any:
+        return dr.select(active, _in_medium(world, segments, shape(factor), disc, decay, tried & active), 1)
+
+    return _enough(covered, dr.width(segments.length), 0.5 / _LINES)
+
+
+@dr.syntax
+def _in_medium(world: World, segments: Segments, shape: tuple[Any, ...], disc: Any, decay: Any, active: Any) -> Any:
+    """Return the part of beams' light that is in their medium."""
+    first, last, lead, end = shape
+    length = dr.minimum(segments.length, 1e18)
+    slope = (last - first) * dr.rcp(dr.maximum(length, 1e-20))
+    across, up = perpendicular(segments.direction)
+    own = hash32(segments.index, segments.key, segments.depth)
+    sine, cosine = dr.sincos(2 * dr.pi * unit_float(own))
+    across, up = cosine * across + sine * up, cosine * up - sine * across
+    ending = 1 - dr.exp(-decay * length)
+    total, line = Float(0), UInt32(0)
+    while line < _LINES:
+        at = dr.gather(Array2f, disc, line)
+        aside = at.x * across + at.y * up
+        rho = dr.norm(aside)
+        tilted = dr.fma(slope, aside, segments.direction)
+        stretch = dr.norm(tilted)
+        found, begin, stop = Bool(False), Float(0), Float(0)
+        for part in _PLACES:
+            faded = -dr.log(1 - part * ending) * dr.rcp(dr.maximum(decay, 1e-30))
+            s = dr.select(ending > 1e-3, dr.minimum(faded, length), part * length)
+            point = dr.fma(segments.direction, s, segments.origin)
+            radius = dr.fma(slope, s, first)
+            hop = _free(world, point, aside / rho, segments.medium, hash32(own, line), active & ~found) > radius * rho
+            there = dr.fma(aside, radius, point)
+            inside = active & ~found & hop
+            ahead = _free(world, there, tilted / stretch, segments.medium, hash32(own, line), inside) / stretch
+            back = _free(world, there, -tilted / stretch, segments.medium, hash32(own, line), inside) / stretch
+            begin = dr.select(inside, dr.maximum(s - back, -lead), begin)
+            stop = dr.select(inside, dr.minimum(s + ahead, length + end), stop)
+            found |= inside
+        thin = ending <= 1e-3
+        light = dr.exp(-decay * begin) - dr.exp(-decay * stop)
+        total += dr.select(found, dr.select(thin, (stop - begin) / length, light / ending), 0)
+        line += 1
+    return total * (1 / _LINES)
+
+
+def _free(world: World, origin: Any, direction: Any, medium: Any, seed: Any, active: Any) -> Any:
+    """Return how far rays lead through a medium before a surface ends it."""
+    hit = world.intersect(origin, direction, active, seed)
+    leaves = hit.is_medium_transition() & (numbers(hit.target_medium(mi.Vector3f(direction))) != medium)
+    return dr.select(active & hit.is_valid() & (leaves | ~transmits(hit)), hit.t, dr.inf)
