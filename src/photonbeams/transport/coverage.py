@@ -71,9 +71,7 @@ def _disc(count: int) -> np.ndarray:
 
 
 @dr.syntax
-def _on_surface(
-    world: World, position: Any, normal: Any, radius: Any, disc: Any, active: Any
-) -> Any:
+def _on_surface(world: World, position: Any, normal: Any, radius: Any, disc: Any, active: Any) -> Any:
     """Return the part of discs that is on a surface; each is turned by an angle of its own."""
     lane = dr.arange(UInt32, dr.width(position))
     sine, cosine = dr.sincos(2 * dr.pi * unit_float(hash32(lane)))
@@ -100,7 +98,6 @@ def _on_surface(
         total += dr.select(there, weight, 0)
         point += 1
     return total * (1 / _POINTS)
-
 
 
 #: Radii of beams at both ends, and how far they reach beyond these, where all radii are multiplied by a factor.
@@ -134,9 +131,10 @@ def medium_coverage(
 def _in_medium(world: World, segments: Segments, shape: tuple[Any, ...], disc: Any, decay: Any, active: Any) -> Any:
     """Return the part of beams' light that is in their medium."""
     first, last, lead, end = shape
+    origin, direction, medium = segments.origin, segments.direction, segments.medium
     length = dr.minimum(segments.length, 1e18)
     slope = (last - first) * dr.rcp(dr.maximum(length, 1e-20))
-    across, up = perpendicular(segments.direction)
+    across, up = perpendicular(direction)
     own = hash32(segments.index, segments.key, segments.depth)
     sine, cosine = dr.sincos(2 * dr.pi * unit_float(own))
     across, up = cosine * across + sine * up, cosine * up - sine * across
@@ -146,19 +144,19 @@ def _in_medium(world: World, segments: Segments, shape: tuple[Any, ...], disc: A
         at = dr.gather(Array2f, disc, line)
         aside = at.x * across + at.y * up
         rho = dr.norm(aside)
-        tilted = dr.fma(slope, aside, segments.direction)
+        tilted = dr.fma(slope, aside, direction)
         stretch = dr.norm(tilted)
         found, begin, stop = Bool(False), Float(0), Float(0)
         for part in _PLACES:
             faded = -dr.log(1 - part * ending) * dr.rcp(dr.maximum(decay, 1e-30))
             s = dr.select(ending > 1e-3, dr.minimum(faded, length), part * length)
-            point = dr.fma(segments.direction, s, segments.origin)
+            point = dr.fma(direction, s, origin)
             radius = dr.fma(slope, s, first)
-            hop = _free(world, point, aside / rho, segments.medium, hash32(own, line), active & ~found) > radius * rho
+            hop = _free(world, point, aside / rho, medium, hash32(own, line), active & ~found) > radius * rho
             there = dr.fma(aside, radius, point)
             inside = active & ~found & hop
-            ahead = _free(world, there, tilted / stretch, segments.medium, hash32(own, line), inside) / stretch
-            back = _free(world, there, -tilted / stretch, segments.medium, hash32(own, line), inside) / stretch
+            ahead = _free(world, there, tilted / stretch, medium, hash32(own, line), inside) / stretch
+            back = _free(world, there, -tilted / stretch, medium, hash32(own, line), inside) / stretch
             begin = dr.select(inside, dr.maximum(s - back, -lead), begin)
             stop = dr.select(inside, dr.minimum(s + ahead, length + end), stop)
             found |= inside
