@@ -109,7 +109,7 @@ def scattered(beams, extinction, rng, points=64):
     radii = np.array(beams.radius_start), np.array(beams.radius_end)
     length = np.linalg.norm(end - start, axis=1)
     axis = (end - start) / length[:, None]
-    across = np.cross(axis, np.roll(axis, 1, axis=1) + [0.3, 0.1, 0.2])
+    across = np.cross(axis, np.where(np.abs(axis[:, :1]) < 0.9, [[1.0, 0, 0]], [[0, 1.0, 0]]))
     across /= np.linalg.norm(across, axis=1)[:, None]
     total = np.zeros(len(length))
     for part in (np.arange(points) + 0.5) / points:

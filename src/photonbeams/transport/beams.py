@@ -70,6 +70,8 @@ class Cutting:
 
     def fitted(self, world: World, segments: Segments) -> Segments:
         """Return segments as their beams fit into the medium: narrower, and with the flux that lies outside of it."""
+        if self.medium.tracked is not None:
+            return segments
         # Light straight from lamps is narrowed by its path: see `narrowing`.
         tried = Bool(True) if self.straight is self.limits else segments.depth > 0
         result = copy(segments)
