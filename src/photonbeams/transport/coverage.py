@@ -33,6 +33,9 @@ _ENOUGH, _HALVINGS = 0.6, 4
 # Where lines are looked for, one after the other, as parts of the light that a beam loses along itself.
 _PLACES = (0.5, 0.05, 0.95)
 
+#: Returns what rays meet, as `World.intersect` does; loops in kernels take functions, not worlds.
+Meet = Callable[[Any, Any, Any, Any], Any]
+
 
 def surface_coverage(world: World, position: Array3f, normal: Array3f, radius: Float) -> tuple[Float, Float]:
     """Return the radii of photons' discs, narrowed where too little of them is on a surface, and the part that is.
@@ -43,7 +46,7 @@ def surface_coverage(world: World, position: Array3f, normal: Array3f, radius: F
     disc = to_float(_disc(_POINTS))
 
     def covered(factor: Any, tried: Any) -> Any:
-        return _on_surface(world, position, normal, factor * radius, disc, tried)
+        return _on_surface(world.intersect, position, normal, factor * radius, disc, tried)
 
     factor, result = _enough(covered, dr.width(position), 1 / _POINTS)
     return factor * radius, result
@@ -71,7 +74,7 @@ def _disc(count: int) -> np.ndarray:
 
 
 @dr.syntax
-def _on_surface(world: World, position: Any, normal: Any, radius: Any, disc: Any, active: Any) -> Any:
+def _on_surface(meet: Meet, position: Any, normal: Any, radius: Any, disc: Any, active: Any) -> Any:
     """Return the part of discs that is on a surface; each is turned by an angle of its own."""
     lane = dr.arange(UInt32, dr.width(position))
     sine, cosine = dr.sincos(2 * dr.pi * unit_float(hash32(lane)))
@@ -86,9 +89,9 @@ def _on_surface(world: World, position: Any, normal: Any, radius: Any, disc: Any
         start = position + 1e-3 * height * normal
         way = above - start
         length = dr.norm(way)
-        between = world.intersect(start, way / length, active, hash32(lane, point))
+        between = meet(start, way / length, active, hash32(lane, point))
         free = ~(between.is_valid() & (between.t < length) & ~transmits(between))
-        below = world.intersect(above, -normal, active, hash32(lane, point))
+        below = meet(above, -normal, active, hash32(lane, point))
         offset = Array3f(below.p) - position
         facing = dr.abs(dr.dot(Array3f(below.n), normal))
         there = free & below.is_valid() & (below.t < 2 * height) & (facing > FACING)
@@ -122,13 +125,13 @@ def medium_coverage(
     disc = to_float(_disc(_LINES))
 
     def covered(factor: Any, tried: Any) -> Any:
-        return dr.select(active, _in_medium(world, segments, shape(factor), disc, decay, tried & active), 1)
+        return dr.select(active, _in_medium(world.intersect, segments, shape(factor), disc, decay, tried & active), 1)
 
     return _enough(covered, dr.width(segments.length), 0.5 / _LINES)
 
 
 @dr.syntax
-def _in_medium(world: World, segments: Segments, shape: tuple[Any, ...], disc: Any, decay: Any, active: Any) -> Any:
+def _in_medium(meet: Meet, segments: Segments, shape: tuple[Any, ...], disc: Any, decay: Any, active: Any) -> Any:
     """Return the part of beams' light that is in their medium."""
     first, last, lead, end = shape
     origin, direction, medium = segments.origin, segments.direction, segments.medium
@@ -152,11 +155,11 @@ def _in_medium(world: World, segments: Segments, shape: tuple[Any, ...], disc: A
             s = dr.select(ending > 1e-3, dr.minimum(faded, length), part * length)
             point = dr.fma(direction, s, origin)
             radius = dr.fma(slope, s, first)
-            hop = _free(world, point, aside / rho, medium, hash32(own, line), active & ~found) > radius * rho
+            hop = _free(meet, point, aside / rho, medium, hash32(own, line), active & ~found) > radius * rho
             there = dr.fma(aside, radius, point)
             inside = active & ~found & hop
-            ahead = _free(world, there, tilted / stretch, medium, hash32(own, line), inside) / stretch
-            back = _free(world, there, -tilted / stretch, medium, hash32(own, line), inside) / stretch
+            ahead = _free(meet, there, tilted / stretch, medium, hash32(own, line), inside) / stretch
+            back = _free(meet, there, -tilted / stretch, medium, hash32(own, line), inside) / stretch
             begin = dr.select(inside, dr.maximum(s - back, -lead), begin)
             stop = dr.select(inside, dr.minimum(s + ahead, length + end), stop)
             found |= inside
@@ -167,8 +170,8 @@ def _in_medium(world: World, segments: Segments, shape: tuple[Any, ...], disc: A
     return total * (1 / _LINES)
 
 
-def _free(world: World, origin: Any, direction: Any, medium: Any, seed: Any, active: Any) -> Any:
+def _free(meet: Meet, origin: Any, direction: Any, medium: Any, seed: Any, active: Any) -> Any:
     """Return how far rays lead through a medium before a surface ends it."""
-    hit = world.intersect(origin, direction, active, seed)
+    hit = meet(origin, direction, active, seed)
     leaves = hit.is_medium_transition() & (numbers(hit.target_medium(mi.Vector3f(direction))) != medium)
     return dr.select(active & hit.is_valid() & (leaves | ~transmits(hit)), hit.t, dr.inf)
