@@ -70,14 +70,18 @@ def camera(position: object = EYE) -> scene.Camera:
     return scene.Camera("/camera", to_world, focal_length=1.0, horizontal_aperture=2.0, vertical_aperture=2.0 * 9 / 16)
 
 
-def camera_rays(width: int, height: int, position: object = EYE, turn: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
-    """Return origins and unit directions (height · width, 3) through the pixels' centres, top row first.
+def camera_rays(
+    width: int, height: int, position: object = EYE, turn: float = 0.0, places: object = (0.5, 0.5)
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return origins and unit directions (height · width, 3) through the pixels, top row first.
 
-    `turn` is the angle in degrees by which the camera is turned to its left, from looking along −z.
+    `turn` is the angle in degrees by which the camera is turned to its left, from looking along −z; `places` are where
+    in the pixels rays go through, (2,) or (height, width, 2).
     """
-    x = (np.arange(width) + 0.5) / width * 2 - 1
-    y = (1 - (np.arange(height) + 0.5) / height * 2) * height / width
-    grid = np.stack([*np.meshgrid(x, y), np.full((height, width), -1.0)], axis=-1).reshape(-1, 3)
+    across, down = np.moveaxis(np.broadcast_to(np.asarray(places, dtype=np.float64), (height, width, 2)), -1, 0)
+    x = (np.arange(width) + across) / width * 2 - 1
+    y = (1 - (np.arange(height)[:, None] + down) / height * 2) * height / width
+    grid = np.stack([x, y, np.full((height, width), -1.0)], axis=-1).reshape(-1, 3)
     c, s = np.cos(np.radians(turn)), np.sin(np.radians(turn))
     grid = grid @ np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]]).T
     return np.broadcast_to(np.asarray(position, dtype=np.float64), grid.shape), grid / np.linalg.norm(
@@ -121,15 +125,20 @@ def single_scattering(
     light_points: int = 24,
     turn: float = 0.0,
 ) -> np.ndarray:
-    """Return the single scattering of the fog (height, width): ∫ σs / 4π · fluence · exp(−σt t) dt, midpoint rule."""
-    origin, direction = camera_rays(width, height, position, turn)
+    """Return the single scattering of the fog at the pixels' centres (height, width)."""
+    return scattered_along(*camera_rays(width, height, position, turn), steps, light_points).reshape(height, width)
+
+
+def scattered_along(origin: np.ndarray, direction: np.ndarray, steps: int = 192, light_points: int = 24) -> np.ndarray:
+    """Return the single scattering of the fog along rays: ∫ σs / 4π · fluence · exp(−σt t) dt, midpoint rule."""
     far = wall_distance(origin, direction)
     total = np.zeros(len(origin))
     for step in range(steps):
         t = (step + 0.5) / steps * far
         light = fluence(origin + t[:, None] * direction, light_points)
         total += light * np.exp(-(SCATTERING + ABSORPTION) * t) * far / steps
-    return (total * SCATTERING / (4 * np.pi)).reshape(height, width)
+    result: np.ndarray = total * SCATTERING / (4 * np.pi)
+    return result
 
 
 def lit(reference: np.ndarray) -> np.ndarray:

@@ -7,10 +7,24 @@ from __future__ import annotations
 
 import sys
 from dataclasses import replace
+from functools import wraps
 from typing import Any
 
 NAME = "photon_beams"
-VARIANTS = ("llvm_ad_rgb", "cuda_ad_rgb")
+
+_CLASS = "PhotonBeams"  # of the plug-in, in each variant
+
+_NO_DERIVATIVES = (
+    f"{NAME}: a render has no derivatives by the scene's parameters: expected photonbeams.estimate, "
+    "which has them by beams, fog and looks"
+)
+
+
+class NotOfferedError(NotImplementedError):
+    """Something that integrators of Mitsuba's offer, and this one does not; the text is one sentence for the user."""
+
+
+VARIANTS = ("llvm_ad_rgb", "llvm_ad_mono", "cuda_ad_rgb", "cuda_ad_mono")
 
 _DOCUMENTATION = r"""
 .. _integrator-photon_beams:
@@ -114,15 +128,47 @@ def announce(_: Any) -> None:
 
 def _register(mitsuba: Any, variant: str) -> None:
     made: list[Any] = []
+    _give_sentences(mitsuba)
 
     def make(properties: Any) -> Any:
         if variant not in VARIANTS:
-            raise RuntimeError(f"{NAME}: the variant is {variant}: expected {' or '.join(VARIANTS)}")
+            raise RuntimeError(
+                f"{NAME}: the variant is {variant}: expected {', '.join(VARIANTS[:-1])} or {VARIANTS[-1]}"
+            )
         if not made:
             made.append(_integrator(mitsuba, variant))
         return made[0](properties)
 
     mitsuba.register_integrator(NAME, make)
+
+
+def _give_sentences(mitsuba: Any) -> None:
+    """Let `mi.render` raise this integrator's own errors, which are otherwise causes of one of Dr.Jit's.
+
+    With it, derivatives are refused by the sentence where the caller names no parameters, too.
+    """
+    render = mitsuba.render
+    if hasattr(render, "gives_sentences"):
+        return
+
+    @wraps(render)
+    def wrapped(
+        scene: Any, params: Any = None, sensor: Any = 0, integrator: Any = None, *more: Any, **named: Any
+    ) -> Any:
+        from .scene import SceneError
+
+        own = scene.integrator() if integrator is None and isinstance(scene, mitsuba.Scene) else integrator
+        if params is None and type(own).__name__ == _CLASS:
+            params = mitsuba.traverse(scene)
+        try:
+            return render(scene, params, sensor, integrator, *more, **named)
+        except RuntimeError as error:
+            if isinstance(error.__cause__, SceneError | NotOfferedError):
+                raise error.__cause__ from None
+            raise
+
+    wrapped.gives_sentences = True  # type: ignore[attr-defined]
+    mitsuba.render = mitsuba.util.render = wrapped
 
 
 def _settings(properties: Any) -> Any:
@@ -195,12 +241,12 @@ def _integrator(mi: Any, variant: str) -> type:
             """Render the scene; `spp` is the number of passes."""
             import drjit as dr
 
-            from .render.scene_frame import render
+            from .render.scene_frame import Extras, render
 
             sensor = scene.sensors()[sensor] if isinstance(sensor, int) else sensor
             settings = replace(self.settings, passes=spp or int(sensor.sampler().sample_count()), seed=_number(seed))
             with dr.suspend_grad():
-                frame = render(scene, sensor, settings, warned=self._warned)
+                frame = render(scene, sensor, settings, warned=self._warned, extras=Extras(depth=False))
                 film = sensor.film()
                 film.prepare(self.aov_names())
                 film.put_block(_block(mi, film, frame.layers(), self._layers))
@@ -211,12 +257,29 @@ def _integrator(mi: Any, variant: str) -> type:
                     dr.eval(image)
                 return image
 
-        def sample(self, *_: Any, **__: Any) -> Any:
-            """Refuse: integrators around this one, as `aov` and `moment`, ask for single rays."""
-            raise NotImplementedError(
-                f"{NAME}: gathers beams for a whole picture, not along single rays as aov and moment would have it: "
-                "expected it not to be within another integrator (layers=true gives the layers that it has)"
-            )
+        def sample(self, mode: Any, scene: Any, sampler: Any, ray: Any, *_: Any, active: Any = True, **__: Any) -> Any:
+            """Return the radiance along rays: what integrators around this one, such as `aov`, ask for.
+
+            All rays come at once. Each call traces light anew, from a seed that the sampler gives, in as many passes as
+            the sampler has samples per pixel.
+            """
+            import drjit as dr
+            import numpy as np
+
+            from .render.scene_rays import radiance
+
+            if mode != dr.ADMode.Primal:
+                raise NotOfferedError(_NO_DERIVATIVES)
+            if dr.flag(dr.JitFlag.SymbolicScope):
+                raise NotOfferedError(
+                    f"{NAME}: is asked for rays within a recorded loop: expected all rays in one call"
+                )
+            with dr.suspend_grad():
+                seed = int(np.ravel(sampler.next_1d().numpy())[0] * 2**24)
+                settings = replace(self.settings, passes=int(sampler.sample_count()), seed=seed)
+                found = radiance(scene, ray, active, settings, self._warned)
+                layers = [channel for each in found[:2] for channel in each] if self._layers else []
+                return _spectrum(mi, found.beams + found.surface), found.alpha > 0, layers, None
 
         def render_forward(self, *_: Any, **__: Any) -> Any:
             """Refuse: see `render_backward`."""
@@ -224,10 +287,7 @@ def _integrator(mi: Any, variant: str) -> type:
 
         def render_backward(self, *_: Any, **__: Any) -> Any:
             """Refuse: derivatives are those of beams, fog and looks, by `photonbeams.estimate`."""
-            raise NotImplementedError(
-                f"{NAME}: a render has no derivatives by the scene's parameters: expected photonbeams.estimate, "
-                "which has them by beams, fog and looks"
-            )
+            raise NotOfferedError(_NO_DERIVATIVES)
 
         def to_string(self) -> str:
             return f"PhotonBeams[{self.settings}]"
@@ -239,6 +299,11 @@ def _number(seed: Any) -> int:
     import numpy as np
 
     return int(np.ravel(seed)[0])
+
+
+def _spectrum(mi: Any, radiance: Any) -> Any:
+    """Return a radiance as Mitsuba's spectrum, which has one channel in variants without colours."""
+    return mi.Spectrum(radiance) if len(mi.Spectrum()) == 3 else mi.Spectrum(radiance.x)
 
 
 def _block(mi: Any, film: Any, layers: dict[str, Any], with_layers: bool) -> Any:

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from photonbeams.numerics.arrays import opaque, to_float, to_vectors
+from photonbeams.numerics.samples import Samples
 from photonbeams.render.film import Film, PassPicture, reconstruction_filter
-from photonbeams.render.passes import pixel_offset
 from photonbeams.render.sums import PassSums
 from photonbeams.runtime.device import mitsuba
 from photonbeams.scene import SceneError
@@ -41,7 +41,7 @@ def film(passes, name=None, crop=None, exposure=1.0, groups=GROUPS):
     x0, y0, x1, y1 = crop or (0, 0, WIDTH, HEIGHT)
     result = Film((y1 - y0, x1 - x0), (x0, y0), reconstruction_filter(name), groups)
     for number, one in enumerate(passes):
-        result.add(number, picture(one, crop), pixel_offset(number), opaque(exposure))
+        result.add(number, picture(one, crop), result.places(Samples(0, number)), opaque(exposure))
     return result
 
 
@@ -51,10 +51,10 @@ def of_mitsuba(values, name):
     y, x = np.mgrid[:HEIGHT, :WIDTH]
     total, weights = np.zeros(values[0].shape), np.zeros((HEIGHT, WIDTH, 1))
     for number, value in enumerate(values):
-        across, down = pixel_offset(number)
+        across, down = Film((HEIGHT, WIDTH)).places(Samples(0, number)).numpy().reshape(2, HEIGHT, WIDTH)
         for row in range(HEIGHT):
             for column in range(WIDTH):
-                far = [column + across - x - 0.5, row + down - y - 0.5]
+                far = [column + across[row, column] - x - 0.5, row + down[row, column] - y - 0.5]
                 w = np.prod([plugin.eval(to_float(each)).numpy().reshape(HEIGHT, WIDTH) for each in far], axis=0)
                 w = np.where(np.max(np.abs(far), axis=0) < plugin.radius(), w, 0)[..., None].astype(np.float64)
                 total, weights = total + w * value[row, column], weights + w
@@ -94,6 +94,27 @@ def test_a_film_without_groups_has_no_layers_of_them(rng):
     assert list(layers) == ["rgba", "surface", "beams", "transmittance", "depth"]
 
 
+def places(seed, passes, crop=(0, 0, 32, 32)):
+    """Return the places of samples in their pixels, (passes, H, W, 2)."""
+    x0, y0, x1, y1 = crop
+    own = Film((y1 - y0, x1 - x0), (x0, y0))
+    found = [own.places(Samples(seed, number, 4)).numpy() for number in range(passes)]
+    return np.array(found).reshape(passes, 2, y1 - y0, x1 - x0).transpose(0, 2, 3, 1)
+
+
+def test_samples_fill_each_pixel_over_the_passes_and_over_the_seeds():
+    found = places(3, 16)
+    for across, down in ((4, 4), (16, 1), (1, 16)):  # sixteen passes are a net: one in each cell of every division
+        cell = np.floor(found * [across, down]) @ [1, across]
+        assert (np.sort(cell, axis=0) == np.arange(16)[:, None, None]).all()
+    other = places(4, 16)
+    # Of a pass no two pixels and no two seeds share a place; uniform ones lie 0.289 about the middle, each way.
+    for values in (found[0].reshape(-1, 2), (found[0] - other[0]).reshape(-1, 2) % 1.0):
+        assert len(np.unique(values, axis=0)) > 1000
+        assert values.std(axis=0) == pytest.approx([12**-0.5] * 2, rel=5 / np.sqrt(1024))
+    assert np.array_equal(places(3, 2, (5, 3, 20, 30)), found[:2, 3:30, 5:20])
+
+
 @pytest.mark.parametrize(("name", "reach"), [("box", 0), ("gaussian", 2), ("lanczos", 3)])
 def test_a_crop_is_the_part_of_the_whole_where_the_filter_is_inside(rng, name, reach):
     passes, crop = pixels(rng, 3), (2, 1, 12, 10)
@@ -113,7 +134,7 @@ def test_a_film_goes_on_from_the_state_of_another(rng, name):
     resumed = Film((HEIGHT, WIDTH), (0, 0), reconstruction_filter(name), GROUPS)
     resumed.restore(PassSums.restored(first.sums.state()))
     for number in (2, 3):
-        resumed.add(number, picture(passes[number]), pixel_offset(number), opaque(1.0))
+        resumed.add(number, picture(passes[number]), resumed.places(Samples(0, number)), opaque(1.0))
     assert all(np.array_equal(each, resumed.layers()[layer]) for layer, each in whole.layers().items())
     assert resumed.error() == whole.error()
 
@@ -134,7 +155,7 @@ def test_the_error_is_that_of_the_mean_of_independent_passes(rng):
     for number, each in enumerate(samples):
         grey = to_vectors(np.repeat(each.reshape(-1, 1), 3, axis=1))
         assert np.isnan(result.error()) == (number < 2)
-        result.add(number, PassPicture(grey, to_float(np.ones(count * count))), pixel_offset(number))
+        result.add(number, PassPicture(grey, to_float(np.ones(count * count))), result.centers())
     values = np.array(samples)
     mean = values.mean(axis=0)
     relative = (values.std(axis=0, ddof=1) / np.sqrt(passes) / mean).ravel()
@@ -152,7 +173,7 @@ def test_all_passes_have_the_kernels_of_the_first(rng, name):
             seen = picture(one, (0, 0, 8, 8))
             dr.eval(seen.surface, seen.alpha, seen.transmittance, [each for _, each in seen.beams])
             dr.kernel_history_clear()
-            result.add(number, seen, pixel_offset(number), opaque(1.0))
+            result.add(number, seen, result.places(Samples(0, number)), opaque(1.0))
             kernels = {each["hash"] for each in dr.kernel_history() if each["type"].name == "JIT"}
             new.append(kernels)
     assert all(each <= new[0] for each in new[1:])

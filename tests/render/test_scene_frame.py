@@ -35,14 +35,13 @@ def agree(ours, reference, bias):
     """Return whether two sets of pictures have the same mean, and the same means of blocks.
 
     A Z-test of each against the spread between the pictures of both sets, beside a bias: beams that are `radius` wide
-    blur what has an edge. It is `bias` of the mean. Of a block at an edge it is three times as much of the brightest,
-    and a 32nd: all pixels of the first pass are looked at in the middle, which places an edge along them wrong by a
-    quarter of a pixel in the mean, and blocks are eight pixels wide. Of the 48 numbers the largest may lie 4.5 off by
-    chance, with a spread that is known from few pictures; that of blocks is at least the median of all.
+    blur what has an edge. It is `bias` of the mean, and of a block at an edge three times as much of the brightest. Of
+    the 48 numbers the largest may lie 4.5 off by chance, with
+    a spread that is known from few pictures; that of blocks is at least the median of all.
     """
     means = [each.mean(axis=(1, 2)) for each in (ours, reference)]
     own = [blocks(each) for each in (ours, reference)]
-    for values, allowed in ((means, bias), (own, 3 * bias + 1 / 32)):
+    for values, allowed in ((means, bias), (own, 3 * bias)):
         center = [each.mean(axis=0) for each in values]
         scale = center[1].max(axis=0) if values is own else center[1]
         spread = [each.std(axis=0, ddof=1) / np.sqrt(SEEDS) for each in values]

@@ -43,6 +43,24 @@ def test_paths_carry_the_power_of_their_emitter(name):
     np.testing.assert_allclose(emitted.flux.numpy().sum(axis=1), FLUX[name] * np.array([3, 2, 1]), rtol=1e-4)
 
 
+@pytest.mark.parametrize("name", ["constant", "directional"])
+def test_light_from_infinity_falls_on_meshes_that_mitsuba_merged(name):
+    """Mitsuba forgets the box of what it merges, as with these two floors."""
+    wall = {"type": "diffuse"}
+    floors = {
+        f"floor{x}": {"type": "rectangle", "to_world": mi.ScalarTransform4f().translate([x, 0, 5]), "bsdf": wall}
+        for x in (-7, 4)
+    }
+    scenes = [
+        mi.load_dict({"type": "scene", "emitter": EMITTERS[name], **floors}, optimize=merged)
+        for merged in (False, True)
+    ]
+    assert [len(each.shapes()) for each in scenes] == [2, 1]
+    apart, merged = (emission_of(SceneWorld(each, None), 64).emit(0)[0] for each in scenes)
+    np.testing.assert_allclose(merged.origin.numpy(), apart.origin.numpy(), rtol=1e-3, atol=1e-3)
+    np.testing.assert_allclose(merged.flux.numpy(), apart.flux.numpy(), rtol=1e-3)
+
+
 @pytest.mark.parametrize("name", EMITTERS)
 def test_tangents_are_the_derivatives_of_rays(name):
     count, step = 64, 1e-3

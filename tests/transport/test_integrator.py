@@ -1,6 +1,7 @@
 """The plug-in `photon_beams` as Mitsuba's users meet it."""
 
 import inspect
+import os
 import re
 import subprocess
 import sys
@@ -16,11 +17,13 @@ from photonbeams.runtime.device import mitsuba
 from transport.scenes import camera, cube_of, fog, load, rgb
 
 mi = mitsuba()
+PLUGIN = {"type": "photon_beams", "paths": 256}
+ENVIRONMENT = {**os.environ, "PYTHONPATH": os.pathsep.join(each for each in sys.path if each)}
 LIGHT = {"type": "point", "position": [0.3, 0.4, 0.2], "intensity": rgb([3.0, 2.0, 1.0])}
 
 
 def plugin(**parameters):
-    return mi.load_dict({"type": "photon_beams", "paths": 256, **parameters})
+    return mi.load_dict({**PLUGIN, **parameters})
 
 
 def picture(scene, seed=0, spp=2, **parameters):
@@ -29,6 +32,12 @@ def picture(scene, seed=0, spp=2, **parameters):
 
 def scene(**film):
     return load(fog=cube_of(fog(0.5)), light=LIGHT, wall={"type": "rectangle"}, sensor=camera(size=8, **film))
+
+
+def grey(pixel_format):
+    """Return a scene without colours, in any variant."""
+    parts = {"fog": cube_of(fog(0.5)), "light": {**LIGHT, "intensity": rgb(2.0)}, "wall": {"type": "rectangle"}}
+    return load(**parts, sensor=camera(size=8, pixel_format=pixel_format), integrator=PLUGIN)
 
 
 @pytest.mark.parametrize(
@@ -50,7 +59,7 @@ def test_other_variants_are_refused(variant):
     script = f"import photonbeams, mitsuba as mi; mi.set_variant('{variant}'); mi.load_dict({{'type': 'photon_beams'}})"
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
     assert done.returncode != 0
-    assert f"the variant is {variant}: expected llvm_ad_rgb or cuda_ad_rgb" in done.stderr
+    assert f"the variant is {variant}: expected llvm_ad_rgb, llvm_ad_mono, cuda_ad_rgb or cuda_ad_mono" in done.stderr
 
 
 @pytest.mark.parametrize(
@@ -105,14 +114,47 @@ def test_layers_add_up_to_the_picture():
     assert plugin(layers=True).aov_names()[0] == "beams.R" and plugin().aov_names() == []
 
 
-@pytest.mark.parametrize("kind", ["aov", "moment"])
-def test_integrators_around_it_are_refused(kind):
-    channels = {"aovs": "depth:depth"} if kind == "aov" else {}
-    around = mi.load_dict({"type": kind, "image": plugin(), **channels})
-    with pytest.raises(RuntimeError) as caught:
-        mi.render(scene(), integrator=around, spp=1)
-    sentence = str(caught.value.__cause__)
-    assert sentence.startswith("photon_beams: ") and kind in sentence and "layers" in sentence
+def test_aov_around_it_has_the_same_picture_and_mitsubas_depth():
+    depth = {"type": "aov", "aovs": "d:depth,n:sh_normal"}
+    around, alone = mi.load_dict({**depth, "image": plugin()}), mi.load_dict(depth)
+    found, expected = (np.array(mi.render(scene(), integrator=each, spp=2)) for each in (around, alone))
+    assert np.array_equal(found[..., :3], picture(scene()))
+    np.testing.assert_allclose(found[..., 3:], expected, rtol=1e-5, atol=1e-5)
+
+
+def test_moment_around_it_has_the_mean_of_the_picture():
+    """Rays of their own, to which each call of `sample` traces light anew."""
+    around = mi.load_dict({"type": "moment", "image": plugin()})
+    own = np.array([picture(scene(), seed) for seed in range(4)])
+    found = np.array([mi.render(scene(), integrator=around, spp=2, seed=seed) for seed in range(4)])
+    first, luminance, squared = found[..., :3], found[..., 4], found[..., 7]
+    means = [each.mean(axis=(1, 2, 3)) for each in (own, first)]
+    error = np.hypot(*(each.std(ddof=1) / 2 for each in means))
+    assert 0 < abs(means[0].mean() - means[1].mean()) < 6 * error
+    assert (squared >= luminance**2 * (1 - 1e-4)).all()
+
+
+def test_derivatives_are_refused_by_the_sentence_itself():
+    """Of `dr.backward`, whether or not the parameters were named, and not by the cause of another error."""
+    given = scene()
+    parameters = mi.traverse(given)
+    dr.enable_grad(parameters["fog.interior_medium.albedo.value.value"])
+    for named in (parameters, None):
+        image = mi.render(given, named, integrator=plugin(), spp=1)
+        with pytest.raises(integrator.NotOfferedError, match="has no derivatives"):
+            dr.backward(dr.sum(image, axis=None))
+
+
+def test_a_variant_without_colors_has_the_same_picture():
+    script = """
+import photonbeams, mitsuba as mi, numpy as np
+mi.set_variant("llvm_ad_mono")
+from transport.test_integrator import grey
+print(*np.array(mi.render(grey("luminance"), seed=1, spp=2)).ravel())
+"""
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True, env=ENVIRONMENT)
+    found = np.array(done.stdout.split(), dtype=float)
+    np.testing.assert_allclose(found, np.array(mi.render(grey("rgb"), seed=1, spp=2))[..., 1].ravel(), rtol=1e-3)
 
 
 def test_a_seed_is_a_picture():

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from photonbeams.numerics.samples import Samples
-from photonbeams.runtime.device import Float, UInt32, mitsuba
+from photonbeams.runtime.device import Array2f, Float, UInt32, mitsuba
 from photonbeams.world.sensors import Sensor
 from transport.scenes import T, camera, load
 
@@ -20,7 +20,8 @@ def rays(given):
     own = Sensor(sensor)
     height, width = own.window.shape
     count = width * height
-    found = own.rays(OFFSET, dr.arange(UInt32, count), Samples(0, 0))
+    places = Array2f(*OFFSET) + dr.zeros(Float, count)
+    found = own.rays(places, dr.arange(UInt32, count), Samples(0, 0))
     shape = (3, height, width)
     origin, direction = (each.numpy() * np.ones((1, count)) for each in (found.origin, found.direction))
     return sensor, origin.reshape(shape).transpose(1, 2, 0), direction.reshape(shape).transpose(1, 2, 0), found

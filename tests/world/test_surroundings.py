@@ -8,6 +8,7 @@ from photonbeams.render.settings import Settings
 from photonbeams.runtime.device import Array3f, mitsuba
 from photonbeams.world.interfaces import number
 from photonbeams.world.media import Media
+from photonbeams.world.scene_world import SceneWorld
 from photonbeams.world.surroundings import Surroundings, place_of_sensor, places_of
 from render.test_scene_frame import SMALL, agree, pictures
 from transport.scenes import T, camera, cube_of, fog, load, rgb, volpath
@@ -106,6 +107,54 @@ def test_a_window_tells_what_is_on_both_of_its_sides():
     assert found.everywhere == 0
     # As large as the room, not as the window.
     assert found.sizes[number(medium)] == pytest.approx(ROOM, rel=1e-3)
+
+
+def two_rooms(lamp, eye, medium, walls):
+    """Return two rooms, fog in the left one, and a door without a surface between; `walls` says whether walls name it.
+
+    The lamp and the camera are in the rooms at these x; those in the fog name it.
+    """
+    own, within = {"exterior": medium} if walls else {}, {"medium": medium} if eye < 0 else {}
+    parts = {"door": {"bsdf": {"type": "null"}, "interior": medium}, "below": {"bsdf": WALL}, "above": {"bsdf": WALL}}
+    for (name, part), (y, height) in zip(parts.items(), ((0, 1.0), (-1.5, 0.5), (1.5, 0.5)), strict=True):
+        inside = {"interior": medium} if walls and name != "door" else {}
+        place = T().translate([0, y, 0]).rotate([0, 1, 0], 90).scale([SIZE, height, 1])
+        parts[name] = {"type": "rectangle", "to_world": place, **part, **inside}
+    for x, side in ((-SIZE, "left"), (SIZE, "right")):
+        for (axis, sign), turn in TURNS.items():
+            if (axis, sign) != (0, 1 if side == "left" else -1):
+                place = T().translate((sign * SIZE * np.eye(3)[axis] + [x, 0, 0]).tolist()).rotate(*turn).scale(SIZE)
+                wall = {"type": "rectangle", "to_world": place, "bsdf": WALL}
+                parts[f"{side}{axis}{sign + 1}"] = {**wall, **(own if side == "left" else {})}
+    light = {**LAMP, "center": [lamp, 1.0, 0.3], **({"exterior": medium} if lamp < 0 else {})}
+    view = camera(origin=(eye, 0.1, 0.2), target=(0, 0, 0), fov=60, size=8, **within)
+    return load(**parts, light=light, sensor=view)
+
+
+@pytest.mark.parametrize(("lamp", "eye"), [(-2.5, -3.5), (-2.5, 3.5), (2.5, -3.5), (2.5, 3.5)])
+def test_fog_in_one_of_two_rooms_is_behind_its_door(lamp, eye):
+    medium = mi.load_dict(fog(0.3, 0.8))
+    for walls in (False, True):
+        scene = two_rooms(lamp, eye, medium, walls)
+        assert around(scene) == tuple(number(medium) if each < 0 else 0 for each in (lamp, eye))
+        found = surveyed(scene)
+        assert found.everywhere == 0 and not found.conflicts
+        assert found.sizes[number(medium)] == pytest.approx(ROOM, rel=1e-3)
+
+
+def test_rooms_look_the_same_whether_or_not_their_walls_name_the_fog():
+    settings = Settings(passes=2, beams=2048, guiding=False)
+    medium = mi.load_dict(fog(0.3, 0.8))
+    scenes = [two_rooms(2.5, -3.5, medium, walls) for walls in (False, True)]
+    plain, named = (render(each, each.sensors()[0], settings).layers()["rgba"] for each in scenes)
+    np.testing.assert_allclose(plain, named, rtol=1e-3, atol=1e-6)
+
+
+def test_a_world_is_as_large_as_its_merged_walls():
+    """Mitsuba gives walls that it merges no box."""
+    scene = load(**room(), light=LAMP, sensor=camera(**INSIDE))
+    assert len(scene.shapes()) == 2
+    assert SceneWorld(scene, None).radius == pytest.approx(ROOM, rel=1e-6)
 
 
 def test_fog_that_a_lamp_names_in_the_open_fills_the_space():

@@ -17,6 +17,7 @@ from ..numerics.samples import Samples
 from ..numerics.structs import Struct
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from ..world.sensors import PrimaryRays
+from ..world.spectra import rgb
 from ..world.world import World
 
 if TYPE_CHECKING:
@@ -276,7 +277,7 @@ def _bounce(
     result = Bounce()
     result.origin, result.direction = Array3f(hit.spawn_ray(direction).o), Array3f(direction)
     result.medium = world.media.beyond(hit, direction, paths.medium, good)
-    result.throughput = dr.select(good, throughput * Array3f(weight), 0)
+    result.throughput = dr.select(good, throughput * rgb(weight), 0)
     return result
 
 
@@ -306,7 +307,7 @@ def _onward(
     null = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Null)
     straight = paths.primary & null
     following = CameraPaths()
-    factor: Any = dr.select(sharp & (sample.pdf > 0), Array3f(weight), 0)
+    factor: Any = dr.select(sharp & (sample.pdf > 0), rgb(weight), 0)
     following.throughput, following.clear = (each * factor for each in weights)
     spawned = hit.spawn_ray(direction)
     # A primary ray keeps its origin, for the tiles; its `near` moves to the surface that it passed.

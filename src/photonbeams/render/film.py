@@ -1,28 +1,29 @@
 """A view's film: sums over the passes, through a reconstruction filter, and the layers that are developed from them.
 
-All pixels have the same sub-pixel offset in a pass, so a filter is a convolution. It is one of rows and then one of
-columns, by gathers, whose order is always the same.
+Each pixel has its own place for the sample of a pass. A filter gathers the samples around each pixel, always in the
+same order.
 """
 
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
-from math import ceil, floor
+from math import ceil
 from typing import Any
 
 import drjit as dr
 import numpy as np
 
-from ..numerics.arrays import to_float
+from ..numerics.samples import Samples
 from ..numerics.sampling import z_order
-from ..runtime.device import Array3f, Float, UInt32, mitsuba
+from ..runtime.device import Array2f, Array3f, Float, Int32, UInt32, mitsuba
 from ..scene import SceneError
 from .sums import DEPTH, NORMAL, PassSums
 
 mi = mitsuba()
 
 _BEAMS = "beams/"  # sums of light groups are called this and the group
+_PLACE = 104  # stream of samples
 
 
 @dataclass
@@ -82,8 +83,20 @@ class Film:
         dr.eval(self.order)
         self.sums = PassSums()
 
-    def add(self, number: int, picture: PassPicture, offset: tuple[float, float], exposure: Any = 1.0) -> None:
-        """Add pass `number`, whose samples lie at `offset` in each pixel; `exposure` multiplies its light."""
+    def places(self, samples: Samples) -> Array2f:
+        """Return the places in [0, 1)² of each pixel's sample: over the passes, and over the seeds, they fill it."""
+        result = samples.pair(self.order, _PLACE)
+        dr.eval(result)
+        return result
+
+    def centers(self) -> Array2f:
+        """Return the centres of all pixels, as places."""
+        result = Array2f(0.5) + dr.opaque(Float, 0, self.shape[0] * self.shape[1])
+        dr.eval(result)
+        return result
+
+    def add(self, number: int, picture: PassPicture, places: Array2f, exposure: Any = 1.0) -> None:
+        """Add pass `number`, with its samples' `places` in [0, 1)² of their pixels; `exposure` multiplies its light."""
         values = {"surface": picture.surface * exposure, "alpha": picture.alpha}
         for group, radiance in picture.beams:
             name = _BEAMS + group
@@ -92,7 +105,7 @@ class Film:
             values["transmittance"] = picture.transmittance
         light = sum((each for name, each in values.items() if name.startswith(_BEAMS)), values["surface"])
         if self._filter is not None:
-            values = self._filtered(values, offset)
+            values = self._filtered(values, places)
         light = dr.dot(light, Array3f(1 / 3))
         values |= {"light": light, "squares": light * light}
         if picture.depth is not None:
@@ -112,27 +125,35 @@ class Film:
         index, columns = dr.arange(UInt32, self.shape[0] * self.shape[1]), dr.opaque(UInt32, self.shape[1])
         return index % columns, index // columns
 
-    def _filtered(self, values: Mapping[str, Any], offset: tuple[float, float]) -> dict[str, Any]:
+    def _filtered(self, values: Mapping[str, Any], places: Array2f) -> dict[str, Any]:
         """Return the pass's values around each pixel, times their weights, and the sum of these as "weight"."""
         (x, y), (height, width) = self._pixels(), (dr.opaque(UInt32, each) for each in self.shape)
-        rows, columns = (self._taps(each) for each in offset)
-        pictures = [*values.values()]
-        dr.make_opaque(pictures)
-        pictures, across = _convolved(pictures, rows, x, width, lambda column: y * width + column)
-        dr.eval(pictures)
-        pictures, down = _convolved(pictures, columns, y, height, lambda row: row * width + x)
-        return {**dict(zip(values, pictures, strict=True)), "weight": across * down}
+        margin, radius = margin_of(self._filter), float(self._filter.radius())
+        side = 2 * margin + 1
+        pictures, places = [*values.values()], Array2f(places)
+        dr.make_opaque(pictures, places)
 
-    def _taps(self, offset: float) -> tuple[Any, list[Any]]:
-        """Return the first neighbour in a row or column whose sample reaches a pixel, and the weights from there on.
+        def weight(distance: Float) -> Float:
+            return dr.select(dr.abs(distance) < radius, Float(self._filter.eval(distance)), 0)
 
-        There are as many for every offset, some of them 0: all passes have the same kernel.
-        """
-        radius = float(self._filter.radius())
-        first = floor(0.5 - offset - radius) + 1
-        distance = first + np.arange(ceil(2 * radius - 1e-6)) + offset - 0.5
-        weight = np.where(np.abs(distance) < radius, np.ravel(self._filter.eval(to_float(distance)).numpy()), 0)
-        return dr.opaque(UInt32, first & 0xFFFFFFFF), [dr.opaque(Float, float(each)) for each in weight]
+        def further(tap: UInt32, total: Float, sums: list[Any]) -> tuple[Any, ...]:
+            right, down = Int32(tap % side) - margin, Int32(tap // side) - margin
+            column, row = x + UInt32(right), y + UInt32(down)
+            inside = (column < width) & (row < height)  # a number below 0 is a large one
+            there = row * width + column
+            place = dr.gather(Array2f, places, there, inside)
+            own = weight(Float(right) + place.x - 0.5) * weight(Float(down) + place.y - 0.5)
+            own = dr.select(inside, own, 0)
+            sums = [
+                each + own * dr.gather(type(each), picture, there, inside)
+                for each, picture in zip(sums, pictures, strict=True)
+            ]
+            return tap + 1, total + own, sums
+
+        nothing = [dr.zeros(type(each), dr.width(x)) for each in pictures]
+        state = (dr.zeros(UInt32, dr.width(x)), dr.zeros(Float, dr.width(x)), nothing)
+        _, total, sums = dr.while_loop(state, lambda tap, *_: tap < side * side, further, label="filter")
+        return {**dict(zip(values, sums, strict=True)), "weight": total}
 
     def error(self) -> float:
         """Return the error of the sums so far."""
@@ -181,26 +202,6 @@ def develop(sums: PassSums, shape: tuple[int, int], groups: Mapping[str, str]) -
     if NORMAL in pictures:
         layers[NORMAL] = pictures[NORMAL]
     return layers
-
-
-def _convolved(
-    pictures: Sequence[Any], taps: tuple[Any, list[Any]], place: Any, size: Any, index: Any
-) -> tuple[list[Any], Any]:
-    """Return pictures convolved along one axis, and the sum of the weights that are inside of the film.
-
-    `place` are the pixels' places on that axis, `size` is its length, and `index` returns the pixels at places on it.
-    """
-    first, weights = taps
-    sums, total = [dr.zeros(type(each), dr.width(each)) for each in pictures], Float(0)
-    for number, weight in enumerate(weights):
-        there = place + (first + UInt32(number))
-        inside = there < size  # a number below 0 is a large one
-        sums = [
-            own + weight * dr.gather(type(each), each, index(there), inside)
-            for own, each in zip(sums, pictures, strict=True)
-        ]
-        total = total + dr.select(inside, weight, 0)
-    return sums, total
 
 
 def reconstruction_filter(name: str | None, own: Any = None) -> Any:

@@ -22,7 +22,7 @@ from ..estimators.points import Points
 from ..estimators.tiles import Projection
 from ..looks import LightContext
 from ..numerics.samples import Samples
-from ..runtime.device import Array3f, Bool, Float
+from ..runtime.device import Array2f, Array3f, Bool, Float, UInt32
 from ..scene import SceneError
 from ..transport.radii import Limits
 from ..transport.records import PhotonHits
@@ -34,7 +34,7 @@ from .camera_paths import CameraTracing, Lighting
 from .film import Film, PassPicture
 from .frame_sums import FrameSums
 from .gathering import EstimatorOptions, Gathering
-from .passes import Statistics, pixel_offset
+from .passes import Statistics
 from .photons import PhotonMaps
 from .settings import Settings
 from .single_scattering import SingleScattering
@@ -68,26 +68,22 @@ class ViewRays:
     holdout: Any = None
 
 
-class FrameRenderer(ABC):
-    """A frame that is being rendered: the films of all its views.
+class PassRenderer(ABC):
+    """What renders passes: light first, then what camera rays see of it.
 
     Attributes
     ----------
-    settings, planned
-        How the frame is rendered, and for how many passes its samples are chosen; None: for any number.
+    settings
+        How passes are rendered.
     statistics
         The statistics so far.
-    about
-        What the passes are of, as `FrameSums` has it.
     """
 
-    def __init__(self, settings: Settings, max_depth: int | None, planned: int | None, all_beams: bool = False) -> None:
-        self.settings, self.planned, self.statistics = settings, planned, Statistics()
+    def __init__(self, settings: Settings, max_depth: int | None, all_beams: bool = False) -> None:
+        self.settings, self.statistics = settings, Statistics()
         self._all_beams = all_beams
         self._max_depth = max_depth
         self._points = Points(settings.rule)
-        self._films: list[Film] = []
-        self.about = ""
 
     @abstractmethod
     def _lighting(self, world: World) -> Lighting:
@@ -96,14 +92,6 @@ class FrameRenderer(ABC):
     @abstractmethod
     def simulated(self, number: int) -> Simulated:
         """Return the beams and photons of pass `number`."""
-
-    @abstractmethod
-    def _view_rays(self, number: int, view: int, samples: Samples, moving: bool) -> ViewRays:
-        """Return the camera rays of a view in a pass; `moving` tells that beams move during the pass."""
-
-    @abstractmethod
-    def _pinhole(self, view: int) -> tuple[World, ViewRays] | None:
-        """Return the world and the rays of a pinhole camera for depths; None where the view itself is sharp."""
 
     def _single_scattering(self, world: World, count: int, samples: Samples) -> SingleScattering | None:
         """Return what media scatter toward `count` pixels without beams, or None where that is nothing."""
@@ -134,30 +122,20 @@ class FrameRenderer(ABC):
             visible=settings.program is None and not self._all_beams,
         )  # fmt: skip
 
-    def add_pass(self, number: int) -> None:
-        """Add pass `number`, which depends on nothing but the scene, the settings and its number."""
-        statistics, samples = self.statistics, self._samples(number)
-        with statistics.phase("simulate"):
+    def _lit(self, number: int) -> tuple[Simulated, PhotonMaps | None]:
+        """Return the beams and photons of pass `number`, and maps of the photons, if there are any."""
+        with self.statistics.phase("simulate"):
             light = self.simulated(number)
             photons = None
             if light.hits:
                 photons = PhotonMaps(light.world, light.hits, light.limits, self._max_bounces)
-        statistics.beams += sum(len(each.beams) for each in light.sets)
-        moving = any(each.close is not None for each in light.sets)
-        for view, film in enumerate(self._films):
-            with statistics.phase("surfaces"):
-                rays = self._view_rays(number, view, samples, moving)
-            picture = self._pass_picture(number, light, rays, film, samples, photons)
-            if number == 0:
-                self._add_first_hits(picture, view, film, samples, (light.world, rays))
-            with statistics.phase("beams"):
-                film.add(number, picture, pixel_offset(number), dr.opaque(Float, rays.exposure))
-        statistics.passes += 1
+        self.statistics.beams += sum(len(each.beams) for each in light.sets)
+        return light, photons
 
     def _pass_picture(
-        self, number: int, light: Simulated, rays: ViewRays, film: Film, samples: Samples, photons: PhotonMaps | None
+        self, number: int, light: Simulated, rays: ViewRays, order: UInt32, samples: Samples, photons: PhotonMaps | None
     ) -> PassPicture:  # fmt: skip
-        """Return the picture of a view in a pass."""
+        """Return the picture of camera rays in a pass; `order` are their numbers for samples."""
         clock, statistics = self._clock(number), self.statistics
         tracing = self._camera_tracing(light.world, rays)
         options = EstimatorOptions(
@@ -168,7 +146,7 @@ class FrameRenderer(ABC):
         gathering = Gathering(rays.view, rays.primary, light.world.media, light.sets, options, statistics)
         sky = self._single_scattering(light.world, dr.width(rays.primary.direction), samples)
         with statistics.phase("surfaces"):
-            begun = camera_paths.begin(tracing, rays.primary, film.order)
+            begun = camera_paths.begin(tracing, rays.primary, order)
         picture = _CameraImage(dr.width(rays.primary.direction))
         steps = camera_paths.follow(tracing, begun, samples, photons)
         number_of_step = 0  # for the samples of walks
@@ -190,9 +168,8 @@ class FrameRenderer(ABC):
             number_of_step += 1
         with statistics.phase("beams"):
             gathering.finish()
-        facing = 1.0 if rays.primary.facing is None else rays.primary.facing
         beams = [*gathering.radiance.items(), *([] if sky is None else sky.radiance.items())]
-        return PassPicture(picture.surface, picture.alpha, beams, picture.transmittance, picture.distance * facing)
+        return PassPicture(picture.surface, picture.alpha, beams, picture.transmittance)
 
     def _camera_tracing(self, world: World, rays: ViewRays) -> CameraTracing:
         settings = self.settings
@@ -205,14 +182,54 @@ class FrameRenderer(ABC):
             settings.surfaces, world.sharp, walks=walks,
         )  # fmt: skip
 
-    def _add_first_hits(
-        self, picture: PassPicture, view: int, film: Film, samples: Samples, own: tuple[World, ViewRays]
-    ) -> None:
+
+class FrameRenderer(PassRenderer):
+    """A frame that is being rendered: the films of all its views.
+
+    Attributes
+    ----------
+    planned
+        For how many passes the samples are chosen; None: for any number.
+    about
+        What the passes are of, as `FrameSums` has it.
+    """
+
+    def __init__(self, settings: Settings, max_depth: int | None, planned: int | None, all_beams: bool = False) -> None:
+        super().__init__(settings, max_depth, all_beams)
+        self.planned = planned
+        self._films: list[Film] = []
+        self.about = ""
+
+    @abstractmethod
+    def _view_rays(self, number: int, view: int, places: Array2f, samples: Samples, moving: bool) -> ViewRays:
+        """Return a view's camera rays in a pass, through `places` in the pixels; `moving` tells that beams move."""
+
+    @abstractmethod
+    def _pinhole(self, view: int) -> tuple[World, ViewRays] | None:
+        """Return the world and a pinhole camera's rays through the centres of pixels; None: no depth is wanted."""
+
+    def add_pass(self, number: int) -> None:
+        """Add pass `number`, which depends on nothing but the scene, the settings and its number."""
+        statistics, samples = self.statistics, self._samples(number)
+        light, photons = self._lit(number)
+        moving = any(each.close is not None for each in light.sets)
+        for view, film in enumerate(self._films):
+            with statistics.phase("surfaces"):
+                places = film.places(samples)
+                rays = self._view_rays(number, view, places, samples, moving)
+            picture = self._pass_picture(number, light, rays, film.order, samples, photons)
+            if number == 0:
+                self._add_first_hits(picture, view, film, samples)
+            with statistics.phase("beams"):
+                film.add(number, picture, places, dr.opaque(Float, rays.exposure))
+        statistics.passes += 1
+
+    def _add_first_hits(self, picture: PassPicture, view: int, film: Film, samples: Samples) -> None:
         """Add planar depths, and normals, from a pinhole at shutter open: a mean of depths is no surface's depth."""
         sharp, normals = self._pinhole(view), self.settings.normals
-        if sharp is None and not normals:
+        if sharp is None:
             return
-        world, rays = sharp or own
+        world, rays = sharp
         if rays.holdout is not None:
             picture.depth = rays.holdout
             picture.normal = dr.zeros(Array3f, dr.width(rays.primary.direction)) if normals else None

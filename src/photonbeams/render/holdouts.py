@@ -16,7 +16,7 @@ import numpy as np
 
 from .. import scene
 from ..numerics.arrays import to_float
-from ..runtime.device import Float
+from ..runtime.device import Array2f, Float
 from ..world.cameras import View, Window
 
 
@@ -36,16 +36,14 @@ class HoldoutDepth:
         self._place = place
         dr.eval(self.depth, self._inverse, self._slopes)
 
-    def distances(
-        self, view: View, facing: Any, offset: tuple[float, float], on_lens: tuple[Any, Any] | None = None
-    ) -> Float:
-        """Return the distances at which the rays of `view` end, through each pixel at `offset`, from points `on_lens`.
+    def distances(self, view: View, facing: Any, places: Array2f, on_lens: tuple[Any, Any] | None = None) -> Float:
+        """Return the distances at which the rays of `view` end, from points `on_lens`.
 
-        `facing` is planar depth per unit of distance.
+        `facing` is planar depth per unit of distance, `places` are where in their pixels the rays go through.
         """
         inverse, numerator = self._inverse, Float(1)
-        for slope, there, here in zip(self._slopes, offset, self._place, strict=True):
-            inverse = dr.fma(slope, dr.opaque(Float, there - here), inverse)
+        for slope, there, here in zip(self._slopes, places, self._place, strict=True):
+            inverse = dr.fma(slope, there - dr.opaque(Float, here), inverse)
         if on_lens is not None and view.projection.lens is not None:
             # The plane is 1 = a Z + b X + c Y, and the ray X = x + Z (right − x / focus), Y alike, with a place (x, y)
             # on the lens; a + b right + c up is the inverse depth of the ray through the lens's centre.

@@ -204,15 +204,3 @@ def _tell(frame: Accumulating, run: RunOptions) -> None:
 def known(error: float) -> float | None:
     """Return an error, None for NaN."""
     return None if np.isnan(error) else error
-
-
-def pixel_offset(number: int) -> tuple[float, float]:
-    """Return the offset of a pass within its pixels: the R2 sequence (Roberts 2018) from the centre on.
-
-    Each point is followed by its mirror image at the centre: otherwise a picture of few passes would be shifted by a
-    tenth of a pixel. All pixels have the same offset, so edges are smooth after a few passes, without noise.
-    """
-    g = 1.32471795724474602596  # the plastic number
-    place = (number + 1) // 2
-    x, y = (0.5 + place / g) % 1.0, (0.5 + place / g**2) % 1.0
-    return (x, y) if number == 0 or number % 2 else (1 - x, 1 - y)

@@ -13,6 +13,7 @@ from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from ..transport.coverage import surface_coverage
 from ..transport.radii import Limits
 from ..transport.records import PhotonHits
+from ..world.spectra import rgb
 from ..world.world import World
 
 mi = mitsuba()
@@ -67,7 +68,7 @@ class PhotonMaps:
 
         def reflect(direction: Any) -> Array3f:
             local = hit.to_local(mi.Vector3f(direction))
-            value = Array3f(bsdf.eval(context, hit, local, active))
+            value = rgb(bsdf.eval(context, hit, local, active))
             return value * dr.rcp(dr.maximum(dr.abs(mi.Frame3f.cos_theta(local)), 1e-3))
 
         position, normal = Array3f(hit.p), Array3f(hit.n)

@@ -8,12 +8,15 @@ from typing import Any
 
 from .. import scene
 from ..numerics.samples import Samples
+from ..runtime.device import Array2f
 from ..transport.scene_emitters import emission_of, redistribute
 from ..transport.simulation import Simulation, Tuning
+from ..world.cameras import View
 from ..world.scene_lamps import names_of
 from ..world.scene_world import SceneWorld
 from ..world.sensors import Sensor, window_of
 from ..world.sources import Source
+from ..world.surroundings import Place, place_of_sensor
 from ..world.warnings import warn
 from ..world.world import World
 from .camera_paths import Lighting
@@ -22,10 +25,65 @@ from .film import Film, group_layers, reconstruction_filter
 from .frame import FrameRenderer, Simulated, ViewRays
 from .holdouts import HoldoutDepth
 from .memory import check_memory
-from .passes import PLAIN_RUN, RunOptions, accumulate, pixel_offset
+from .passes import PLAIN_RUN, RunOptions, Statistics, accumulate
 from .scene_lighting import SceneLighting
 from .settings import DEFAULT_PATHS, DEFAULTS, Settings
 from .walks import WalkedEmitters, Walking
+
+
+class LitScene:
+    """A Mitsuba scene whose light is traced pass by pass.
+
+    Parameters
+    ----------
+    plugin, eye
+        The scene, and the place where camera paths begin.
+    settings, tuning
+        How it is rendered, and how its light paths are traced.
+    beams
+        As in `Extras`.
+    cameras
+        What light paths are guided toward; none: they are not guided.
+    warned
+        Texts of warnings that were given.
+    statistics
+        They get the time that this takes.
+    max_depth
+        The longest path in edges; None: any.
+
+    Raises
+    ------
+    SceneError
+        Something in the scene that cannot be rendered; beams of an emitter that is not there.
+    """
+
+    def __init__(
+        self, plugin: Any, eye: Place, settings: Settings, tuning: Tuning, beams: Mapping[str, scene.BeamSettings],
+        cameras: Sequence[View], warned: set[str] | None, statistics: Statistics, max_depth: int | None,
+    ) -> None:  # fmt: skip
+        with statistics.phase("build"):
+            own = _EmitterSettings.of(plugin, beams)
+            self.sources = own.sources
+            self.world = SceneWorld(plugin, eye, own.sources, own.beams)
+            if settings.short:
+                self.world.media.all = tuple(each.for_short_beams() for each in self.world.media.all)
+            walked = own.walked(self.world, settings)
+            groups = [own.sources[each].group for each in own.numbers]
+            self.walks = walks_of(self.world, walked, groups, tuning, max_depth)
+            emission = emission_of(self.world, settings.beams or DEFAULT_PATHS, settings.seed, own.numbers, walked)
+        warn(plugin, self.world.surroundings, set() if warned is None else warned)
+        named = len(own.sources) > 1 or own.sources[0].look is not None or own.sources[0].beam_scale != 1
+        self.simulation = Simulation(self.world, emission, tuning, own.sources, self.world.sizes, named)
+        if settings.guiding in (None, True) and cameras:
+            with statistics.phase("guide"):
+                # Of whole pictures, or a crop would not be that part of the picture.
+                views = [each.whole().projection for each in cameras]
+                redistribute(emission, self.simulation.guide(views))
+
+    def simulated(self, number: int) -> Simulated:
+        """Return what light leaves in pass `number`."""
+        limits = self.simulation.tuning.limits(number, self.world.radius)
+        return Simulated(self.world, *self.simulation.simulated(number), limits)
 
 
 class SceneRenderer(FrameRenderer):
@@ -56,29 +114,17 @@ class SceneRenderer(FrameRenderer):
         extras = extras or Extras()
         self._sensors = [Sensor(sensor, eye) for eye in extras.eyes or (None,)]
         check_memory(self._sensors[0].window, settings.beams or DEFAULT_PATHS)
+        self._has_depth = extras.depth
         self._holdouts: Sequence[HoldoutDepth | None] = extras.holdouts or [None] * len(self._sensors)
-        with self.statistics.phase("build"):
-            own = _EmitterSettings.of(plugin, extras.beams)
-            sources = own.sources
-            self._scene = SceneWorld(plugin, sensor, sources, own.beams)
-            if settings.short:
-                self._scene.media.all = tuple(each.for_short_beams() for each in self._scene.media.all)
-            walked = own.walked(self._scene, settings)
-            self._walks = walks_of(
-                self._scene, walked, [sources[each].group for each in own.numbers], self._tuning, self._max_depth
-            )
-            emission = emission_of(self._scene, settings.beams or DEFAULT_PATHS, settings.seed, own.numbers, walked)
-        warn(plugin, self._scene.surroundings, set() if warned is None else warned)
-        named = len(sources) > 1 or sources[0].look is not None or sources[0].beam_scale != 1
-        self.simulation = Simulation(self._scene, emission, self._tuning, sources, self._scene.sizes, named)
-        if settings.guiding in (None, True) and all(each.view is not None for each in self._sensors):
-            with self.statistics.phase("guide"):
-                # Of whole pictures, or a crop would not be that part of the picture.
-                views = [each.view.whole().projection for each in self._sensors if each.view is not None]
-                redistribute(emission, self.simulation.guide(views))
+        cameras = [each.view for each in self._sensors if each.view is not None]
+        self._lit_scene = LitScene(
+            plugin, place_of_sensor(sensor), settings, self._tuning, extras.beams,
+            cameras if len(cameras) == len(self._sensors) else (), warned, self.statistics, self._max_depth,
+        )  # fmt: skip
+        self.simulation = self._lit_scene.simulation
         window = self._sensors[0].window
         reconstruction = reconstruction_filter(settings.pixel_filter, sensor.film().rfilter())
-        layers = group_layers({source.group for source in sources})
+        layers = group_layers({source.group for source in self._lit_scene.sources})
         self._films = [Film(window.shape, window.crop[:2], reconstruction, layers) for _ in self._sensors]
 
     def _lighting(self, world: World) -> Lighting:
@@ -86,28 +132,26 @@ class SceneRenderer(FrameRenderer):
         return SceneLighting(world)
 
     def _walkings(self, world: World) -> Mapping[str, Walking]:
-        return self._walks
+        return self._lit_scene.walks
 
     def simulated(self, number: int) -> Simulated:
         """Return what light leaves in pass `number`."""
-        return Simulated(
-            self._scene, *self.simulation.simulated(number), self._tuning.limits(number, self._scene.radius)
-        )
+        return self._lit_scene.simulated(number)
 
-    def _view_rays(self, number: int, view: int, samples: Samples, moving: bool) -> ViewRays:
+    def _view_rays(self, number: int, view: int, places: Array2f, samples: Samples, moving: bool) -> ViewRays:
         sensor, holdout = self._sensors[view], self._holdouts[view]
-        primary = sensor.rays(pixel_offset(number), self._films[view].order, samples)
+        primary = sensor.rays(places, self._films[view].order, samples)
         if sensor.view is None or holdout is None:
             return ViewRays(primary, None if sensor.view is None else sensor.view.projection)
-        far = holdout.distances(sensor.view, primary.facing, pixel_offset(number), sensor.on_lens(samples))
+        far = holdout.distances(sensor.view, primary.facing, places, sensor.on_lens(samples))
         return ViewRays(replace(primary, far=far), sensor.view.projection, holdout=far)
 
     def _pinhole(self, view: int) -> tuple[World, ViewRays] | None:
-        holdout = self._holdouts[view]
-        if holdout is None:
+        if not self._has_depth:
             return None
-        primary = self._sensors[view].rays((0.5, 0.5), self._films[view].order, self._samples(0))
-        return self._scene, ViewRays(primary, None, holdout=holdout.depth)
+        film, holdout = self._films[view], self._holdouts[view]
+        primary = self._sensors[view].rays(film.centers(), film.order, self._samples(0), sharp=True)
+        return self._lit_scene.world, ViewRays(primary, None, holdout=None if holdout is None else holdout.depth)
 
 
 @dataclass(frozen=True)
@@ -122,11 +166,14 @@ class Extras:
         Cameras that look instead of the sensor, one for each view.
     holdouts
         For each view, where beams end, instead of at the scene's own surfaces.
+    depth
+        Whether the layer of depths is wanted.
     """
 
     beams: Mapping[str, scene.BeamSettings] = field(default_factory=dict)
     eyes: Sequence[scene.Camera] = ()
     holdouts: Sequence[HoldoutDepth] = ()
+    depth: bool = True
 
 
 def groups_of(plugin: Any, beams: Mapping[str, scene.BeamSettings]) -> dict[str, str]:

@@ -13,6 +13,7 @@ import drjit as dr
 from ..numerics.sampling import power_heuristic
 from ..runtime.device import Array3f, Bool, Float, mitsuba
 from ..world.scene_world import SceneWorld
+from ..world.spectra import rgb
 from ..world.visibility import through
 from .camera_paths import ShadingPoint
 
@@ -35,7 +36,7 @@ class SceneLighting:
         """Return the emitted radiance of surfaces, and of the environment."""
         emitter = hit.emitter(self._world.plugin, active)
         distance = dr.select(hit.is_valid(), dr.norm(Array3f(hit.p) - origin), dr.inf)
-        value = Array3f(emitter.eval(hit, active)) * self._world.colors(emitter, origin, direction, distance)
+        value = rgb(emitter.eval(hit, active)) * self._world.colors(emitter, origin, direction, distance)
         return dr.select(active & dr.isfinite(dr.sum(value)), value, 0)
 
     def direct(self, point: ShadingPoint, active: Bool) -> Array3f:
@@ -51,7 +52,7 @@ class SceneLighting:
         value, pdf = bsdf.eval_pdf(context, hit, hit.to_local(light.d), lit)
         weight = dr.select(light.delta, 1, power_heuristic(light.pdf, pdf))
         colors = self._world.colors(light.emitter, Array3f(hit.p), Array3f(light.d), light.dist)
-        value = Array3f(value) * Array3f(radiance) * colors * weight
+        value = rgb(value) * rgb(radiance) * colors * weight
         lit &= dr.max(value) > 0
         ray = hit.spawn_ray_to(light.p)
         seed = samples.bits(order, _WAY, step)
@@ -60,14 +61,14 @@ class SceneLighting:
 
         lobe, turn = samples.single(order, _LOBE, step), samples.pair(order, _TURN, step)
         sample, weight = bsdf.sample(context, hit, lobe, mi.Point2f(turn), active)
-        reflected = active & (sample.pdf > 0) & (dr.max(Array3f(weight)) > 0)
+        reflected = active & (sample.pdf > 0) & (dr.max(rgb(weight)) > 0)
         direction = hit.to_world(sample.wo)
         start = media.beyond(hit, direction, point.medium, reflected)
         passed, met = through(plugin, media, hit.spawn_ray(direction), start, ~seed, reflected)
         emitter = met.emitter(plugin, reflected)
         seen = mi.DirectionSample3f(plugin, met, hit)
         other = plugin.pdf_emitter_direction(hit, seen, reflected & (emitter != None))  # noqa: E711 - of arrays
-        value = Array3f(weight) * Array3f(emitter.eval(met, reflected)) * passed * power_heuristic(sample.pdf, other)
+        value = rgb(weight) * rgb(emitter.eval(met, reflected)) * passed * power_heuristic(sample.pdf, other)
         distance = dr.select(met.is_valid(), dr.norm(met.p - hit.p), dr.inf)
         colors = self._world.colors(emitter, Array3f(hit.p), Array3f(direction), distance)
         return result + dr.select(reflected, value * colors, 0)

@@ -15,7 +15,7 @@ from .. import scene
 from ..beams.guides import known_guides, pieces_along
 from ..beams.sets import BeamSet
 from ..numerics.samples import BITS, Samples
-from ..runtime.device import Array3f, Float, UInt32
+from ..runtime.device import Array2f, Array3f, Float, UInt32, mitsuba
 from ..transport.portal_visibility import lights_seen
 from ..transport.simulation import StageSimulation, renumbering
 from ..world.cameras import CameraRays, View, Window
@@ -30,7 +30,7 @@ from .film import layer_names as names_of
 from .frame import FrameRenderer, Simulated, ViewRays
 from .holdouts import HoldoutDepth
 from .memory import check_memory
-from .passes import PLAIN_RUN, RunOptions, accumulate, pixel_offset
+from .passes import PLAIN_RUN, RunOptions, accumulate
 from .settings import DEFAULTS, Settings
 from .single_scattering import SingleScattering
 from .stage_lighting import StageLighting
@@ -202,6 +202,7 @@ class StageRenderer(FrameRenderer):
         viewers: Callable[[], Sequence[scene.Camera]] | None = None, planned: int | None = None,
         all_beams: bool = False,
     ) -> None:  # fmt: skip
+        mitsuba(color=True)
         super().__init__(settings, settings.depth(2 + shutter.at(0.0).scene.bounces), planned, all_beams)
         self._shutter, self._window = shutter, window
         ends = shutter.ends(0.0, 1.0)
@@ -278,7 +279,7 @@ class StageRenderer(FrameRenderer):
         dr.eval([(each.beams, each.close) for each in sets])
         return Simulated(world, sets, hits, self._tuning.limits(number, worlds[0].radius))
 
-    def _view_rays(self, number: int, view: int, samples: Samples, moving: bool) -> ViewRays:
+    def _view_rays(self, number: int, view: int, places: Array2f, samples: Samples, moving: bool) -> ViewRays:
         times, between = self._times(number), self._between(number)
         cameras = [moment.cameras[view] for moment in self._shutter.ends(times[0], times[-1])]
         self._warn_of_turn(cameras)
@@ -287,21 +288,16 @@ class StageRenderer(FrameRenderer):
             cameras[-1] if cameras[-1] is not cameras[0] else None,
         )  # fmt: skip
         sample = (lambda groups: _on_lens(samples, groups)) if own.film or moving else None
-        rays = own.rays(pixel_offset(number), sample)
+        rays = own.rays(places, sample)
         holdout = self._holdouts[view]
-        far = (
-            None if holdout is None else holdout.distances(own, rays.facing, pixel_offset(number), own.on_lens(sample))
-        )
+        far = None if holdout is None else holdout.distances(own, rays.facing, places, own.on_lens(sample))
         return ViewRays(_primary(rays, far), own.projection, own.camera.exposure_scale, far)
 
-    def _pinhole(self, view: int) -> tuple[World, ViewRays] | None:
+    def _pinhole(self, view: int) -> tuple[World, ViewRays]:
         holdout = self._holdouts[view]
         moment = self._shutter.at(0.0)
-        camera = moment.cameras[view]
-        if holdout is None and camera.lens_radius == 0 and not self._shutter.moving:
-            return None
-        sharp = View(replace(camera, lens_radius=0.0), self._window)
-        rays = sharp.rays(pixel_offset(0))
+        sharp = View(replace(moment.cameras[view], lens_radius=0.0), self._window)
+        rays = sharp.rays(self._films[view].centers())
         return self._world_of(moment), ViewRays(
             _primary(rays), sharp.projection, holdout=None if holdout is None else holdout.depth
         )

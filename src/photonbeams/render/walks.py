@@ -25,6 +25,7 @@ from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from ..transport.interactions import SAMPLED, SCATTERED, flight
 from ..world.interfaces import pointers
 from ..world.scene_world import SceneWorld
+from ..world.spectra import rgb
 from ..world.tracking import free_flight
 from ..world.visibility import through
 from .camera_paths import CameraPaths, CameraVertex
@@ -95,7 +96,7 @@ class WalkedEmitters:
         emitter = dr.gather(mi.EmitterPtr, self._own, index, active)
         light, radiance = emitter.sample_direction(reference, mi.Point2f(aim), active)
         light.pdf *= dr.rcp(Float(count))
-        return light, Array3f(radiance) * Float(count)
+        return light, rgb(radiance) * Float(count)
 
     def met(self, hit: Any, place: Array3f, active: Bool) -> tuple[Array3f, Float]:
         """Return the radiance of what rays meet that is one of the emitters, and the density of `sample` for it."""
@@ -105,7 +106,7 @@ class WalkedEmitters:
         reference = _interaction(place, Array3f(0))
         light = mi.DirectionSample3f(self.world.plugin, hit, reference)
         pdf = emitter.pdf_direction(reference, light, own) * dr.rcp(Float(self._count))
-        return dr.select(own, Array3f(emitter.eval(hit, own)), 0), dr.select(own, pdf, 0)
+        return dr.select(own, rgb(emitter.eval(hit, own)), 0), dr.select(own, pdf, 0)
 
 
 @dataclass(frozen=True)
@@ -227,7 +228,7 @@ class Walking:
         phase = vertex.phase()
         value, pdf = phase.eval_pdf(mi.PhaseFunctionContext(), vertex.place(), light.d, lit & vertex.scattered)
         reflected, density = hit.bsdf().eval_pdf(mi.BSDFContext(), hit, hit.to_local(light.d), lit & smooth)
-        value = dr.select(vertex.scattered, Array3f(value), Array3f(reflected))
+        value = dr.select(vertex.scattered, rgb(value), rgb(reflected))
         pdf = dr.select(vertex.scattered, pdf, density)
         value = value * radiance * dr.select(light.delta, 1, power_heuristic(light.pdf, pdf))
         lit &= (dr.max(value) > 0) & dr.isfinite(dr.sum(value))
@@ -259,7 +260,7 @@ class Walking:
         following.counts = walk.counts | ~null
         following.place = dr.select(null, walk.place, vertex.position)
         following.pdf = dr.select(null, walk.pdf, dr.select(ideal, 0, dr.select(vertex.scattered, pdf, sample.pdf)))
-        factor: Any = dr.select(vertex.scattered, Array3f(own), Array3f(weight))
+        factor: Any = dr.select(vertex.scattered, rgb(own), rgb(weight))
         good = vertex.scattered | (vertex.on_surface & (sample.pdf > 0))
         good &= dr.isfinite(dr.sum(factor)) & self.within(following.depth, 1)
         return following, dr.select(good, factor, 0), good

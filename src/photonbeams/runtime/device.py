@@ -214,12 +214,12 @@ def mitsuba_variant() -> str:
     return f"{backend()}_ad_rgb"
 
 
-def mitsuba() -> Any:
-    """Return the module `mitsuba` with `mitsuba_variant` set."""
+def mitsuba(color: bool = False) -> Any:
+    """Return the module `mitsuba` with `mitsuba_variant` set, or, unless `color` is wanted, the one of its two."""
     variant = mitsuba_variant()
     import mitsuba as module
 
-    if module.variant() != variant:
+    if module.variant() != variant and (color or module.variant() != variant.replace("rgb", "mono")):
         module.set_variant(variant)
     return module
 

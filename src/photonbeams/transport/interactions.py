@@ -11,6 +11,7 @@ from ..numerics.sampling import pixel_sample
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from ..world.interfaces import pointers
 from ..world.media import Media
+from ..world.spectra import rgb
 from ..world.tracking import free_flight
 
 if TYPE_CHECKING:
@@ -125,7 +126,7 @@ def reflect(world: World, hit: Any, active: Any, medium: UInt32, index: UInt32, 
     geometric_in, geometric_out = dr.dot(hit.n, incoming), dr.dot(hit.n, direction)
     shading_in, shading_out = dr.dot(hit.sh_frame.n, incoming), dr.dot(hit.sh_frame.n, direction)
     leak = (geometric_in * shading_in <= 0) | (geometric_out * shading_out <= 0)
-    value = Array3f(weight) * dr.abs(shading_in * geometric_out * dr.rcp(shading_out * geometric_in))
+    value = rgb(weight) * dr.abs(shading_in * geometric_out * dr.rcp(shading_out * geometric_in))
     if world.perturbed:
         turned = _of_own_normal(hit, sample, weight, delta & ~null, active)
         value = dr.select(null, value, turned * dr.abs(geometric_out * dr.rcp(geometric_in)))
@@ -147,11 +148,11 @@ def _of_own_normal(hit: Any, sample: Any, weight: Any, ideal: Any, active: Any) 
     seen = type(hit)(hit)
     seen.wi = sample.wo
     bsdf = hit.bsdf()
-    value = Array3f(bsdf.eval(mi.BSDFContext(), seen, hit.wi, active))
+    value = rgb(bsdf.eval(mi.BSDFContext(), seen, hit.wi, active))
     pdf = bsdf.pdf(mi.BSDFContext(mi.TransportMode.Importance), hit, sample.wo, active)
     normal = hit.wi + sample.eta * sample.wo
     ratio = dr.abs(dr.dot(normal, hit.wi) * dr.rcp(dr.dot(normal, sample.wo)))
-    return dr.select(ideal, Array3f(weight) * ratio, dr.select(pdf > 0, value * dr.rcp(pdf), 0))
+    return dr.select(ideal, rgb(weight) * ratio, dr.select(pdf > 0, value * dr.rcp(pdf), 0))
 
 
 def sampled(world: World, hit: Any, active: Any, index: UInt32, stream: UInt32) -> Any:

@@ -21,6 +21,7 @@ from ..numerics.hashing import hash32, unit_float
 from ..numerics.sampling import pixel_sample
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from ..world.interfaces import is_left, pointers
+from ..world.spectra import rgb
 from ..world.stage_world import StageWorld
 from ..world.warp import facing
 from ..world.world import World
@@ -229,7 +230,7 @@ def _following(
     turned, weight, _ = phase.sample(mi.PhaseFunctionContext(), place, lobe, mi.Point2f(u), interaction.scatters)
     following.direction = _chosen(interaction, Array3f(turned), scatter.direction, paths.direction)
     following.origin = dr.select(interaction.on_surface, scatter.origin, interaction.position)
-    following.flux = paths.flux * interaction.weight * _chosen(interaction, Array3f(weight), scatter.weight, Array3f(1))
+    following.flux = paths.flux * interaction.weight * _chosen(interaction, rgb(weight), scatter.weight, Array3f(1))
     passes = interaction.tinted | (interaction.on_surface & scatter.null)
     following.depth = paths.depth + dr.select(passes, 0, 1)
     following.medium = dr.select(interaction.on_surface, scatter.medium, paths.medium)

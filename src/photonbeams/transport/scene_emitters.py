@@ -9,9 +9,11 @@ import drjit as dr
 import numpy as np
 
 from ..runtime.device import Array2f, Array3f, Bool, Float, mitsuba
+from ..world.bounds import box_around
 from ..world.checks import check_finite
 from ..world.gobos import ProjectedLight
 from ..world.scene_world import SceneWorld
+from ..world.spectra import rgb
 from .differentials import RayDifferentials, copies, differentiate, of_copies
 from .emission import Emission, EmissionSample, Emitter, Stratum, probed_flux
 from .lamps import LIGHT_SIDE, LampRays, PortalEmitter
@@ -38,12 +40,13 @@ class SceneEmitter:
         self.lamp, self.bounds = None if before is None else before.source, world.bounds
         check_finite(self._plugin, f"emitter {self.name}")
         self._reach = dr.opaque(Float, world.reach)
+        self._spheres = _spheres(world, self._plugin)
 
     def sample(self, u: Array2f, v: Array2f) -> EmissionSample:
         """Return light paths for emission samples, with derivatives by forward-mode differentiation."""
         differentials = self._differentials(u, v)
         ray, weight = self._ray(mi.Point2f(u), mi.Point2f(v))
-        origin, direction, flux = Array3f(ray.o), Array3f(ray.d), Array3f(weight)
+        origin, direction, flux = Array3f(ray.o), Array3f(ray.d), rgb(weight)
         if isinstance(self.lamp, ProjectedLight):
             flux = flux * self.lamp.tint(origin, direction)
         return self._sample(origin, direction, flux, differentials, Float(dr.inf), Bool(True))
@@ -67,7 +70,13 @@ class SceneEmitter:
         return EmissionSample(origin, direction, flux, differentials, self._reach, portal, medium, valid)
 
     def _ray(self, u: Any, v: Any) -> Any:
-        return self._plugin.sample_ray(Float(0), Float(0.5), u, v, True)
+        ray, weight = self._plugin.sample_ray(Float(0), Float(0.5), u, v, True)
+        if self._spheres is not None:
+            (center, radius), (own_center, own_radius) = self._spheres
+            scale = radius / own_radius
+            ray.o = center + (ray.o - own_center) * scale
+            weight *= dr.square(scale)
+        return ray, weight
 
     def _differentials(self, u: Array2f, v: Array2f) -> RayDifferentials:
         count = dr.width(u)
@@ -84,6 +93,22 @@ class SceneEmitter:
         shift, turn = (Array3f(each) + dr.zeros(Array3f, 4 * count) for each in (shift, turn))
         dr.eval(shift, turn)
         return of_copies(shift, turn, count)
+
+
+def _spheres(world: SceneWorld, plugin: Any) -> Any:
+    """Return the scene's sphere and the one that light from infinity enters by Mitsuba, where that is another one.
+
+    Mitsuba leaves merged meshes out of the scene's box.
+    """
+    box = world.plugin.bbox()
+    if not mi.has_flag(plugin.flags(), mi.EmitterFlags.Infinite) or box == box_around(world.plugin):
+        return None
+    sphere = box.bounding_sphere() if box.valid() else mi.ScalarBoundingSphere3f(mi.ScalarPoint3f(0), 0.0)
+    radius = max(mi.math.RayEpsilon, float(sphere.radius) * (1 + mi.math.RayEpsilon))  # as Mitsuba's emitters have it
+    return [
+        (mi.Point3f(*(dr.opaque(Float, each) for each in np.ravel(center))), dr.opaque(Float, float(size)))
+        for center, size in ((world.bounds.center.numpy(), world.radius), (sphere.center, radius))
+    ]
 
 
 def emission_of(

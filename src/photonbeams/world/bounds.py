@@ -1,4 +1,4 @@
-"""The sphere around a scene, which light from infinity enters."""
+"""The sphere around a scene, which light from infinity enters, and boxes around Mitsuba's shapes."""
 
 from __future__ import annotations
 
@@ -10,7 +10,9 @@ import numpy as np
 
 from .. import scene
 from ..numerics.arrays import opaque
-from ..runtime.device import Array3f, Float
+from ..runtime.device import Array3f, Float, mitsuba
+
+mi = mitsuba()
 
 
 class Bounds:
@@ -36,6 +38,23 @@ class Bounds:
         radius = scale * self.radius
         room = radius * radius - dr.squared_norm(to - along * direction)
         return dr.maximum(along + dr.safe_sqrt(room), self.radius)
+
+
+def box_of(shape: Any) -> Any:
+    """Return the box around one of Mitsuba's shapes, also around a mesh that Mitsuba merged, which has lost its box."""
+    box = shape.bbox()
+    if not box.valid() and isinstance(shape, mi.Mesh) and shape.vertex_count():
+        points = np.asarray(mi.traverse(shape)["vertex_positions"], dtype=np.float64).reshape(-1, 3)
+        box = mi.ScalarBoundingBox3f(points.min(axis=0), points.max(axis=0))
+    return box
+
+
+def box_around(plugin: Any) -> Any:
+    """Return the box around all shapes of a Mitsuba scene; its own one lacks merged meshes."""
+    box = mi.ScalarBoundingBox3f()
+    for each in plugin.shapes():
+        box.expand(box_of(each))
+    return box
 
 
 def bounding_sphere(states: Sequence[scene.Scene], viewpoints: Sequence[Any]) -> tuple[np.ndarray, float]:

@@ -115,14 +115,14 @@ class View:
         """Whether rays have a place on a lens, or a time."""
         return self.projection.lens is not None or len(self.projection.poses) > 1
 
-    def rays(self, offset: tuple[float, float], sample: Callable[[Any], tuple[Any, Any]] | None = None) -> CameraRays:
-        """Return a ray through each pixel at `offset` in [0, 1)².
+    def rays(self, places: Any, sample: Callable[[Any], tuple[Any, Any]] | None = None) -> CameraRays:
+        """Return a ray through each pixel, at its place in [0, 1)², or at the same place (x, y) in all.
 
         `sample` gives groups of pixels, by their numbers, a place in the unit square for the lens and a time in [0, 1]:
         it is asked where there is a lens or motion (of the camera, or of anything else, as its giver knows).
         """
         (column, row), view = self.pixels(), self.projection
-        x, y = self._places(offset)
+        x, y = self._on_film(places)
         if sample is None:
             origin, direction = self._through(x, y)
             return CameraRays(origin, direction, self._facing(direction))
@@ -173,10 +173,11 @@ class View:
         index, columns = dr.arange(UInt32, width * height), dr.opaque(UInt32, width)
         return index % columns, index // columns
 
-    def _places(self, offset: tuple[float, float]) -> tuple[Any, Any]:
-        """Return where in the whole picture rays pass the pixels of the window, at `offset` in each."""
+    def _on_film(self, places: Any) -> tuple[Any, Any]:
+        """Return where in the whole picture rays pass the pixels of the window, at their places there."""
         (column, row), (left, top) = self.pixels(), self._corner
-        return Float(column + left) + dr.opaque(Float, offset[0]), Float(row + top) + dr.opaque(Float, offset[1])
+        across, down = (dr.opaque(Float, each) if isinstance(each, float) else each for each in places)
+        return Float(column + left) + across, Float(row + top) + down
 
     def coarse_rays(self, columns: int, rows: int) -> tuple[Any, Any]:
         """Return rays on a coarse grid over the whole picture, also of a crop window: its beams are the same ones."""
@@ -203,9 +204,9 @@ class View:
         dr.eval(facing)
         return facing
 
-    def cosines(self, offset: tuple[float, float]) -> np.ndarray:
-        """Return (H, W) planar depth per unit of distance from the camera, at `offset` in [0, 1)² of each pixel."""
-        _, direction = self._through(*self._places(offset))
+    def cosines(self, place: tuple[float, float]) -> np.ndarray:
+        """Return (H, W) planar depth per unit of distance from the camera, at a `place` in [0, 1)² of each pixel."""
+        _, direction = self._through(*self._on_film(place))
         result: np.ndarray = self._facing(direction).numpy().reshape(self.window.shape)
         return result
 

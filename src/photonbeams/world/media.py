@@ -20,8 +20,10 @@ from ..looks.context import ShadingContext
 from ..looks.factors import Factor, Product
 from ..numerics.arrays import to_uint, to_vectors
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
+from .bounds import box_of
 from .checks import check_numbers, check_phase
 from .interfaces import medium_ahead, number, numbers, pointers
+from .spectra import rgb
 from .tracking import MediumSegment, Track, Tracked, glow, scattering_point, walk
 
 mi = mitsuba()
@@ -48,9 +50,9 @@ class MediumScattering(Factor):
             mi.PhaseFunctionContext(), place, mi.Vector3f(dr.safe_sqrt(1 - cosine * cosine), 0, cosine), True
         )
         if self._plugin.is_homogeneous():
-            return at.medium.scattering * Array3f(value)
-        scattering = Array3f(self._plugin.get_scattering_coefficients(place, True)[0])
-        return dr.select(_in_grid(self._plugin, at.position), scattering * Array3f(value), 0)
+            return at.medium.scattering * rgb(value)
+        scattering = rgb(self._plugin.get_scattering_coefficients(place, True)[0])
+        return dr.select(_in_grid(self._plugin, at.position), scattering * rgb(value), 0)
 
 
 def _with(own: Factor, kind: type[Factor], given: Factor) -> Factor:
@@ -161,7 +163,7 @@ def _extinction(media: Any, point: Any, active: Any) -> Array3f:
     """Return σt of a medium, or of media, at points."""
     place = dr.zeros(mi.MediumInteraction3f, dr.width(point))
     place.p = mi.Point3f(point)
-    return Array3f(media.get_scattering_coefficients(place, active)[2])
+    return rgb(media.get_scattering_coefficients(place, active)[2])
 
 
 class Media:
@@ -342,7 +344,7 @@ def boxes(shapes: Iterable[Any]) -> dict[int, Any]:
     result: dict[int, Any] = {}
     for shape in shapes:
         if shape.interior_medium() is not None:
-            result.setdefault(number(shape.interior_medium()), mi.ScalarBoundingBox3f()).expand(shape.bbox())
+            result.setdefault(number(shape.interior_medium()), mi.ScalarBoundingBox3f()).expand(box_of(shape))
     return result
 
 
@@ -355,7 +357,7 @@ def _rendered(own: int, plugin: Any) -> RenderedMedium:
     if not plugin.is_homogeneous():
         extinction = plugin.get_majorant(place)
         scattering = extinction
-    sigma_s, sigma_t = (np.ravel(np.asarray(each, dtype=float))[:3] for each in (scattering, extinction))
+    sigma_s, sigma_t = (np.resize(np.asarray(each, dtype=float), 3) for each in (scattering, extinction))
     if not (np.all(np.isfinite(sigma_t)) and np.all(sigma_t >= 0) and np.all(sigma_s >= 0)):
         raise scene.SceneError(f"medium {name}: sigma_t is {sigma_t.tolist()}: expected finite numbers from 0 on")
     if np.any(sigma_s > sigma_t * (1 + 1e-5)):

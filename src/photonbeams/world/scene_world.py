@@ -12,12 +12,12 @@ import numpy as np
 
 from .. import scene
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
-from .bounds import Bounds
+from .bounds import Bounds, box_around
 from .media import Media
 from .scene_lamps import lamps_of
 from .shapes import is_null, scene_of
 from .sources import Source
-from .surroundings import Surroundings, place_of_sensor, places_of
+from .surroundings import Place, Surroundings, places_of
 from .world import World, perturbs, translucent
 
 mi = mitsuba()
@@ -31,8 +31,8 @@ class SceneWorld(World):
 
     Parameters
     ----------
-    plugin, sensor
-        The scene, and the sensor that looks at it.
+    plugin, eye
+        The scene, and the place where camera paths begin: of a sensor, `surroundings.place_of_sensor`; None: nowhere.
     sources
         What the beams of its emitters have in common; several emitters may share one.
     beams
@@ -47,7 +47,7 @@ class SceneWorld(World):
     cutouts = narrows = False
 
     def __init__(
-        self, plugin: Any, sensor: Any, sources: Sequence[Source] = (Source(),),
+        self, plugin: Any, eye: Place | None, sources: Sequence[Source] = (Source(),),
         beams: Sequence[scene.BeamSettings] = (),
     ) -> None:  # fmt: skip
         self.plugin, self.sources = plugin, tuple(sources)
@@ -58,8 +58,7 @@ class SceneWorld(World):
         self.lamps = lamps_of(plugin, self.beams, self.bounds)
         self.perturbed, self.translucent = perturbs(plugin), translucent(plugin)
         self.reach = scene.ESCAPE * self.radius
-        place = None if sensor is None else place_of_sensor(sensor)
-        self.surroundings = Surroundings(plugin, self.media, places_of(plugin), place)
+        self.surroundings = Surroundings(plugin, self.media, places_of(plugin), eye)
         self.sizes = self.surroundings.sizes
         self._escape = dr.opaque(Float, self.reach)
 
@@ -100,7 +99,7 @@ class SceneWorld(World):
 
 def _sphere(plugin: Any) -> tuple[np.ndarray, float]:
     """Return centre and radius of a scene; the radius is 1 of one that is a point or nothing."""
-    box = plugin.bbox()
+    box = box_around(plugin)
     if not box.valid():
         return np.zeros(3), 1.0
     low, high = (np.ravel(np.asarray(each, dtype=float)) for each in (box.min, box.max))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import drjit as dr
@@ -10,8 +10,9 @@ import numpy as np
 
 from .. import scene
 from ..numerics.samples import Samples
-from ..runtime.device import Array3f, Float, UInt32, mitsuba
+from ..runtime.device import Array2f, Array3f, Float, UInt32, mitsuba
 from .cameras import View, Window
+from .spectra import rgb
 
 mi = mitsuba()
 
@@ -58,15 +59,21 @@ class Sensor:
         self.view = None if camera is None else View(camera, self.window)
         self._clipping = None if camera is None else tuple(dr.opaque(Float, each) for each in camera.clipping)
 
-    def rays(self, offset: tuple[float, float], order: Any, samples: Samples) -> PrimaryRays:
-        """Return a ray through each pixel at `offset` in [0, 1)²; `order` are the pixels' numbers for their samples."""
+    def rays(self, places: Array2f, order: Any, samples: Samples, sharp: bool = False) -> PrimaryRays:
+        """Return a ray through each pixel, at its place in [0, 1)².
+
+        `order` are the pixels' numbers for their samples; `sharp` cameras have no lens.
+        """
         if self.view is None:
-            return self._sampled(offset, order, samples)
+            return self._sampled(places, order, samples)
 
         def place(groups: Any) -> tuple[Any, Any]:
             return samples.pair(groups, _LENS), dr.zeros(Float, dr.width(groups))
 
-        rays = self.view.rays(offset, place if self.view.film else None)
+        view = self.view
+        if sharp and view.film:
+            view = View(replace(view.camera, lens_radius=0.0), view.window)
+        rays = view.rays(places, place if view.film else None)
         near, far = self._clipping  # type: ignore[misc]
         ones = dr.ones(Array3f, dr.width(rays.direction))
         return PrimaryRays(
@@ -79,19 +86,19 @@ class Sensor:
             return None
         return self.view.on_lens(lambda groups: (samples.pair(groups, _LENS), dr.zeros(Float, dr.width(groups))))
 
-    def _sampled(self, offset: tuple[float, float], order: Any, samples: Samples) -> PrimaryRays:
+    def _sampled(self, places: Array2f, order: Any, samples: Samples) -> PrimaryRays:
         """Return rays as the sensor itself samples them."""
         height, width = self.window.shape
         index, columns = dr.arange(UInt32, width * height), dr.opaque(UInt32, width)
-        x = (Float(index % columns) + dr.opaque(Float, offset[0])) / dr.opaque(Float, width)
-        y = (Float(index // columns) + dr.opaque(Float, offset[1])) / dr.opaque(Float, height)
+        x = (Float(index % columns) + places.x) / dr.opaque(Float, width)
+        y = (Float(index // columns) + places.y) / dr.opaque(Float, height)
         aperture = samples.pair(order, _LENS)
         ray, weight = self.plugin.sample_ray_differential(  # the only rays that some sensors have, as `irradiancemeter`
             Float(self.plugin.shutter_open()), Float(0.5), mi.Point2f(x, y), mi.Point2f(aperture), True
         )
         wide = dr.zeros(Array3f, width * height)
         far = dr.minimum(ray.maxt, dr.largest(Float)) + wide.x
-        return PrimaryRays(Array3f(ray.o) + wide, Array3f(ray.d) + wide, 0 * wide.x, far, Array3f(weight) + wide)
+        return PrimaryRays(Array3f(ray.o) + wide, Array3f(ray.d) + wide, 0 * wide.x, far, rgb(weight) + wide)
 
 
 def window_of(film: Any) -> Window:

@@ -19,6 +19,7 @@ import numpy as np
 from ..numerics.sampling import pairs, sobol_points
 from ..runtime.device import Array3f, Float, UInt32, mitsuba
 from ..scene import Array
+from .bounds import box_around, box_of
 from .interfaces import UNKNOWN, medium_at, number, shape_number
 from .media import Media, boxes, parts
 from .walks import (
@@ -155,7 +156,7 @@ class _Survey:
         naming = [each for each in plugin.shapes() if each.is_medium_transition() or each.class_name() == "Instance"]
         self._naming = [naming[each] for each in np.unique(np.linspace(0, len(naming) - 1, _SHAPES).astype(int))
                         if naming]  # fmt: skip
-        box = plugin.bbox()
+        box = box_around(plugin)
         self._low, self._high = _corners(box)
         self.conflicts: list[str] = []
 
@@ -178,7 +179,7 @@ class _Survey:
         """Return points, (count, 3), in boxes around shapes that name media, enlarged by a fraction of their size."""
         if not count:
             return np.zeros((0, 3))
-        corners = np.array([_corners(each.bbox()) for each in self._naming])  # (shapes, 2, 3)
+        corners = np.array([_corners(box_of(each)) for each in self._naming])  # (shapes, 2, 3)
         own = np.arange(count) % len(corners)
         low, size = corners[own, 0], corners[own, 1] - corners[own, 0]
         edge = margin * (size + 0.25 * size.max(axis=1, keepdims=True))
@@ -194,7 +195,8 @@ class _Survey:
         first, other, _ = first_interface(walks)
         told = first[first != UNKNOWN]
         facing = Counter(told[told > 0].tolist()).most_common(1)
-        if facing and facing[0][1] > 0.5 * len(told):
+        # A few walks slip between the walls of a closed room.
+        if facing and facing[0][1] > max(0.5 * len(told), _RARE * len(first)):
             return int(facing[0][0])
         behind = Counter(other[first == 0].tolist())
         for place in places:

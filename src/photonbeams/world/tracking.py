@@ -20,6 +20,7 @@ from ..looks.context import ShadingContext
 from ..looks.factors import Factor
 from ..numerics.hashing import hash32, unit_float
 from ..runtime.device import Array3f, Array4f, Bool, Float, UInt32, mitsuba
+from .spectra import rgb
 
 mi = mitsuba()
 
@@ -277,7 +278,7 @@ def free_flight(media: Any, origin: Any, direction: Any, length: Any, fractions:
     inside, enter, leave = media.intersect_aabb(ray)
     end = dr.minimum(leave, length)
     place = dr.zeros(mi.MediumInteraction3f, dr.width(length))
-    majorant = dr.max(Array3f(media.get_majorant(place, active)))
+    majorant = dr.max(rgb(media.get_majorant(place, active)))
     t = dr.maximum(enter, 0)
     weight, collided, scattered, drawn = Array3f(1), Bool(False), Bool(False), UInt32(0)
     going = active & inside & (majorant > 0)
@@ -289,7 +290,7 @@ def free_flight(media: Any, origin: Any, direction: Any, length: Any, fractions:
             place = dr.zeros(mi.MediumInteraction3f, dr.width(t))
             place.p = mi.Point3f(dr.fma(direction, t, origin))
             sigma_s, _, sigma_t = media.get_scattering_coefficients(place, going)
-            sigma_s, sigma_t = Array3f(sigma_s), dr.minimum(Array3f(sigma_t), majorant)
+            sigma_s, sigma_t = rgb(sigma_s), dr.minimum(rgb(sigma_t), majorant)
             probability = dr.sum(fractions * sigma_t) * dr.rcp(majorant)
             real = unit_float(hash32(seed, drawn, UInt32(1))) < probability
             there = dr.select(

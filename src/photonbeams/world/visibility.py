@@ -9,6 +9,7 @@ import drjit as dr
 from ..numerics.hashing import hash32
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from .media import Media
+from .spectra import rgb
 
 mi = mitsuba()
 
@@ -34,7 +35,7 @@ def through(plugin: Any, media: Media, ray: Any, medium: UInt32, seed: UInt32, a
         passed = dr.select(going, passed * media.felt(medium, dimmed), passed)
         hit = dr.select(going, found, hit)
         going = going & found.is_valid()
-        clear = Array3f(found.bsdf().eval_null_transmission(found, going))
+        clear = rgb(found.bsdf().eval_null_transmission(found, going))
         endless = left >= dr.largest(Float)
         # An endless ray ends at the surface itself; one toward a lamp is blocked.
         solid = going & (dr.max(clear) <= 0)

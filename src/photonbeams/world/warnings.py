@@ -6,6 +6,7 @@ import logging
 from typing import Any
 
 from ..runtime.device import mitsuba
+from .bounds import box_of
 from .interfaces import number
 from .media import boxes, parts
 from .surroundings import Surroundings
@@ -50,7 +51,7 @@ def _holes(plugin: Any, everywhere: int) -> list[Any]:
     found = boxes(shapes)
     result = []
     for each in shapes:
-        own, box = number(each.interior_medium()), each.bbox()
+        own, box = number(each.interior_medium()), box_of(each)
         around = any(other.contains(box) and other != box for medium, other in found.items() if medium != own)
         if each.exterior_medium() is None and (everywhere or around):
             result.append(each)

@@ -1,0 +1,116 @@
+"""The radiance along single rays of a Mitsuba scene, for integrators that have their own film.
+
+Rays are given all at once, those of a pixel side by side. They are dealt out to as many passes as there are rays for
+each pixel, so that each pass has one ray of every pixel, and light paths of its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import drjit as dr
+
+from ..runtime.device import Array3f, Bool, Float, UInt32
+from ..world.interfaces import number
+from ..world.scene_world import SceneWorld
+from ..world.sensors import PrimaryRays, Sensor
+from ..world.surroundings import Place, place_of
+from ..world.world import World
+from .camera_paths import Lighting
+from .frame import PassRenderer, Simulated, ViewRays
+from .scene_frame import LitScene
+from .scene_lighting import SceneLighting
+from .settings import Settings
+from .walks import Walking
+
+
+class RayRadiance(NamedTuple):
+    """What rays see: the radiance of beams and of surfaces, (N, 3) each, and 1 where they meet a surface, (N,)."""
+
+    beams: Any
+    surface: Any
+    alpha: Any
+
+
+class SceneRays(PassRenderer):
+    """Passes over single rays of a Mitsuba scene.
+
+    Parameters
+    ----------
+    plugin, eye
+        The scene, and the place where the rays begin.
+    settings
+        How it is rendered; `passes` is the number of passes that the rays are dealt out to.
+    warned
+        Texts of warnings that were given.
+
+    Raises
+    ------
+    SceneError
+        Something in the scene that cannot be rendered.
+    """
+
+    def __init__(self, plugin: Any, eye: Place, settings: Settings, warned: set[str]) -> None:
+        super().__init__(settings, settings.depth())
+        cameras = [Sensor(each).view for each in plugin.sensors()]
+        self._lit_scene = LitScene(
+            plugin, eye, settings, self._tuning, {}, [each for each in cameras if each is not None], warned,
+            self.statistics, self._max_depth,
+        )  # fmt: skip
+
+    def _lighting(self, world: World) -> Lighting:
+        assert isinstance(world, SceneWorld)
+        return SceneLighting(world)
+
+    def _walkings(self, world: World) -> Mapping[str, Walking]:
+        return self._lit_scene.walks
+
+    def simulated(self, number: int) -> Simulated:
+        """Return what light leaves in pass `number`."""
+        return self._lit_scene.simulated(number)
+
+    def radiance(self, origin: Array3f, direction: Array3f, far: Float) -> RayRadiance:
+        """Return what rays see, which reach as `far`."""
+        count = dr.width(direction)
+        result = RayRadiance(dr.zeros(Array3f, count), dr.zeros(Array3f, count), dr.zeros(Float, count))
+        passes = min(self.settings.passes, count)
+        for each in range(passes):
+            own = len(range(each, count, passes))
+            order = dr.arange(UInt32, own) + dr.opaque(UInt32, 0)
+            lanes = order * dr.opaque(UInt32, passes) + dr.opaque(UInt32, each)
+            rays = PrimaryRays(
+                dr.gather(Array3f, origin, lanes), dr.gather(Array3f, direction, lanes), dr.zeros(Float, own),
+                dr.gather(Float, far, lanes), dr.ones(Array3f, own),
+            )  # fmt: skip
+            dr.eval(rays.origin, rays.direction, rays.far, order)
+            light, photons = self._lit(each)
+            picture = self._pass_picture(each, light, ViewRays(rays, None), order, self._samples(each), photons)
+            beams = sum((group for _, group in picture.beams), dr.zeros(Array3f, own))
+            for whole, part in zip(result, (beams, picture.surface, picture.alpha), strict=True):
+                dr.scatter(whole, part, lanes)
+            dr.eval(result)
+        return result
+
+
+def radiance(plugin: Any, ray: Any, active: Any, settings: Settings, warned: set[str]) -> RayRadiance:
+    """Return what Mitsuba's rays see in a scene; those that are not `active` see nothing."""
+    count = max(dr.width(each) for each in (ray.o, ray.d, active))
+    origin, direction = (Array3f(each) + dr.zeros(Array3f, count) for each in (ray.o, ray.d))
+    far = dr.minimum(Float(ray.maxt), dr.largest(Float)) + dr.zeros(Float, count)
+    going = Bool(active) & dr.full(Bool, True, count)
+    dr.eval(origin, direction, far, going)
+    result = RayRadiance(dr.zeros(Array3f, count), dr.zeros(Array3f, count), dr.zeros(Float, count))
+    lanes: Any = dr.compress(going)
+    if not len(lanes):
+        return result
+    origin, direction = dr.gather(Array3f, origin, lanes), dr.gather(Array3f, direction, lanes)
+    far = dr.gather(Float, far, lanes)
+    # Mitsuba tells integrators within others no medium: it is that of the sensors, if all name the same.
+    named = {number(each.get_medium()): each.get_medium() for each in plugin.sensors()}
+    eye = place_of("sensor", origin, direction, next(iter(named.values())) if len(named) == 1 else None)
+    found = SceneRays(plugin, eye, settings, warned).radiance(origin, direction, far)
+    for whole, part in zip(result, found, strict=True):
+        dr.scatter(whole, part, lanes)
+    dr.eval(result)
+    return result
