@@ -10,7 +10,7 @@ import numpy as np
 from ..scene import Array
 from .connections import Lines
 from .emission import Emitted, Stratum
-from .guiding import GuidingMap, learn
+from .guiding import ENOUGH, ENOUGH_STRAIGHT, GuidingMap, learn
 from .importance import Sightings
 from .inversion import samples_of
 
@@ -46,7 +46,8 @@ def guide(
     """
     total = max(sum(each.count for each in strata), 1)
     counts = [round(_ROUND * each.count / total) for each in strata]
-    learning = [_Learning(each, count) for each, count in zip(strata, counts, strict=True) if count >= _FEWEST]
+    enough = ENOUGH_STRAIGHT if straight else ENOUGH
+    learning = [_Learning(each, count, enough) for each, count in zip(strata, counts, strict=True) if count >= _FEWEST]
     for each in learning:
         if lines is not None:
             each.follow(lines(each.stratum))
@@ -74,8 +75,8 @@ def _round(learning: Sequence[_Learning], number: int, seen: Seen) -> None:
 class _Learning:
     """A stratum, and what the pilot has found of it so far."""
 
-    def __init__(self, stratum: Stratum, count: int) -> None:
-        self.stratum, self.count = stratum, count
+    def __init__(self, stratum: Stratum, count: int, enough: float) -> None:
+        self.stratum, self.count, self._enough = stratum, count, enough
         stratum.guide = None
         self._pilot = Stratum(stratum.emitter, count, stratum.sequence)
         self._free = self._stopped = np.zeros((0, 4), dtype=np.float32)
@@ -121,11 +122,11 @@ class _Learning:
         # Lines and paths tell of the same light: each kind counts as much as it has samples.
         found = [(points, weights * (len(points) / weights.sum())) for points, weights in found if len(points)]
         if not found:
-            return learn(self._stopped, np.ones(len(self._stopped)))
+            return learn(self._stopped, np.ones(len(self._stopped)), self._enough)
         total = _DOUBT * sum(len(points) for points, _ in found)
         found.append((self._stopped, np.full(len(self._stopped), total / max(len(self._stopped), 1))))
         points, weights = (np.concatenate(each) for each in zip(*found, strict=True))
-        return learn(points, weights)
+        return learn(points, weights, self._enough)
 
     def light(self) -> float:
         """Return how much of the stratum's light is in the picture."""
