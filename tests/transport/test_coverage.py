@@ -78,7 +78,7 @@ def test_the_part_of_a_beam_in_a_cube_is_known(direction, height, expected):
     reach = 0.2 * 0.75 if direction[2] else 0.0
 
     def shape(factor):
-        return 0.2 * factor, 0.2 * factor, 0 * factor, reach * factor
+        return 0.2 * factor, 0.2 * factor, 0 * factor, reach * factor, -segments.direction
 
     factor, covered = medium_coverage(box, segments, shape, dr.opaque(Float, 0.5), Bool(True))
     kept = factor.numpy() == 1

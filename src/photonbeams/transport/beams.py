@@ -80,7 +80,7 @@ class Cutting:
             result.narrow = segments.narrow * factor
             lead, end = self._reach(result, result.narrow)
             first, last = (self._radius(result, each, result.narrow) for each in (0, segments.length))
-            return first, last, lead, dr.select(end > 0, end, last)
+            return first, last, lead, end, dr.select(end > 0, -segments.direction, segments.normal)
 
         factor, covered = medium_coverage(world, segments, shape, self._decay(), tried)
         result.narrow, result.flux = segments.narrow * factor, segments.flux * dr.rcp(covered)

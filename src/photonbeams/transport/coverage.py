@@ -103,7 +103,8 @@ def _on_surface(meet: Meet, position: Any, normal: Any, radius: Any, disc: Any, 
     return total * (1 / _POINTS)
 
 
-#: Radii of beams at both ends, and how far they reach beyond these, where all radii are multiplied by a factor.
+#: Radii of beams at both ends, how far they reach beyond these, and the normal of the plane in which they end: all where
+#: radii are multiplied by a factor.
 BeamShape = Callable[[Any], tuple[Any, ...]]
 
 
@@ -133,7 +134,7 @@ def medium_coverage(
 @dr.syntax
 def _in_medium(meet: Meet, segments: Segments, shape: tuple[Any, ...], disc: Any, decay: Any, active: Any) -> Any:
     """Return the part of beams' light that is in their medium."""
-    first, last, lead, end = shape
+    first, last, lead, end, plane = shape
     origin, direction, medium = segments.origin, segments.direction, segments.medium
     length = dr.minimum(segments.length, 1e18)
     slope = (last - first) * dr.rcp(dr.maximum(length, 1e-20))
@@ -142,11 +143,13 @@ def _in_medium(meet: Meet, segments: Segments, shape: tuple[Any, ...], disc: Any
     sine, cosine = dr.sincos(2 * dr.pi * unit_float(own))
     across, up = cosine * across + sine * up, cosine * up - sine * across
     ending = 1 - dr.exp(-decay * length)
+    slant = last * dr.rcp(dr.select(dr.abs(dr.dot(direction, plane)) > 1e-6, dr.dot(direction, plane), dr.inf))
     total, line = Float(0), UInt32(0)
     while line < _LINES:
         at = dr.gather(Array2f, disc, line)
         aside = at.x * across + at.y * up
         rho = dr.norm(aside)
+        most = length + end - dr.clip(dr.dot(aside, plane) * slant, -last, last)
         tilted = dr.fma(slope, aside, direction)
         stretch = dr.norm(tilted)
         found, begin, stop = Bool(False), Float(0), Float(0)
@@ -161,7 +164,7 @@ def _in_medium(meet: Meet, segments: Segments, shape: tuple[Any, ...], disc: Any
             ahead = _free(meet, there, tilted / stretch, medium, hash32(own, line), inside) / stretch
             back = _free(meet, there, -tilted / stretch, medium, hash32(own, line), inside) / stretch
             begin = dr.select(inside, dr.maximum(s - back, -lead), begin)
-            stop = dr.select(inside, dr.minimum(s + ahead, length + end), stop)
+            stop = dr.select(inside, dr.minimum(s + ahead, most), stop)
             found |= inside
         thin = ending <= 1e-3
         light = dr.exp(-decay * begin) - dr.exp(-decay * stop)
