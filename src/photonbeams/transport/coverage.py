@@ -103,8 +103,8 @@ def _on_surface(meet: Meet, position: Any, normal: Any, radius: Any, disc: Any, 
     return total * (1 / _POINTS)
 
 
-#: Radii of beams at both ends, how far they reach beyond these, and the normal of the plane in which they end: all where
-#: radii are multiplied by a factor.
+#: Radii of beams at both ends, how far they reach beyond these, and the normal of the plane in which they end, where
+#: all radii are multiplied by a factor.
 BeamShape = Callable[[Any], tuple[Any, ...]]
 
 
