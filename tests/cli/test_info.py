@@ -79,7 +79,7 @@ def test_the_keyhole_stage_shows_all_that_a_render_needs(capsys):
         r"^/World/Camera 32 mm on 36 mm 58\.7 degrees wide no blur all sharp x 1 ",
         r"^/World/Flight 28 mm on 36 mm 65\.5 degrees wide -0\.25 to 0\.25 frames f/4 at 2\.5 x 1 ",
         r"^/World/Light/Key rect .* key 4,096.* /World/Portal /World/Looks/Keyhole$",
-        r"^/World/Light/Fill dome .* none$",
+        r"^/World/Light/Fill dome .* none, but lights volumes$",
         r"^/World/Door/Leaf [\d,]+ [\d,]+ 256 px texture$",
         r"^/World/Looks/Keyhole physical x ramp of \d epanechnikov physical physical$",
     ):

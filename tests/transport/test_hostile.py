@@ -1,5 +1,7 @@
 """Scenes that nobody would build, and some that everybody does: rendered right, or refused; never NaN in a picture."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -102,9 +104,9 @@ def test_a_camera_whose_rays_are_none_is_refused():
 # -- rendered --------------------------------------------------------------------------------------------------------
 
 
-def finite(radius=None, **parts):
+def finite(radius=None, guiding=None, **parts):
     scene = load(**{"sensor": camera(size=8), **parts})
-    frame = render(scene, scene.sensors()[0], Settings(passes=2, beams=500, radius=radius))
+    frame = render(scene, scene.sensors()[0], Settings(passes=2, beams=500, radius=radius, guiding=guiding))
     layers = frame.layers()
     assert all(np.isfinite(layers[name]).all() and layers[name].min() >= 0 for name in ("rgba", "beams", "surface"))
     return frame, layers
@@ -140,9 +142,11 @@ def test_a_scene_is_as_bright_in_any_unit():
             "type": "area", "radiance": rgb(30.0)}}  # fmt: skip
         seen = camera((0, 0.5 * unit, 4 * unit), size=8)
         seen.update(near_clip=1e-2 * unit, far_clip=1e3 * unit)
-        return finite(fog=cube_of(fog(0.5 / unit), unit), light=lamp, sensor=seen)[1]["beams"].mean()
+        parts = {"fog": cube_of(fog(0.5 / unit), unit), "light": lamp, "sensor": seen}
+        return finite(guiding=False, **parts)[1]["beams"].mean()
 
-    # The samples are the same, but that rays leave surfaces with an offset that has a length.
+    # Without a pilot, whose paths decide where others go, the samples are the same; but rays leave surfaces with an
+    # offset that has a length.
     assert [scaled(size) for size in (1e-2, 1e4, 1e6)] == pytest.approx([scaled(1.0)] * 3, rel=0.05)
 
 
@@ -229,10 +233,13 @@ def test_caustics_on_surfaces_are_those_of_path():
     lamp = {"type": "sphere", "center": [0, 3.5, 0], "radius": 0.5, "emitter": {"type": "area", "radiance": rgb(10.0)}}
     mirror = {"type": "rectangle", "to_world": T().translate([0, 0, -2]).scale(2), "bsdf": {"type": "conductor"}}
     scene = load(ball=ball, light=lamp, floor=FLOOR, mirror=mirror, sensor=camera((0, 1, 4), (0, -0.5, 0)))
-    settings = Settings(passes=16, beams=8192, hide_emitters=True, max_depth=6)
-    ours = render(scene, scene.sensors()[0], settings).layers()["surface"].mean(axis=(0, 1))
-    theirs = volpath(scene, 4096, 0, "path", hide_emitters=True, max_depth=6).mean(axis=(0, 1))
-    np.testing.assert_allclose(ours, theirs, rtol=0.03)
+    settings = Settings(passes=6, beams=8192, hide_emitters=True, max_depth=6)
+    each = [
+        render(scene, scene.sensors()[0], replace(settings, seed=seed)).layers()["surface"].mean() for seed in range(6)
+    ]
+    theirs = volpath(scene, 4096, 0, "path", hide_emitters=True, max_depth=6).mean()
+    # The lamp in the ball is smaller than a pixel, so that few camera rays see it: errors are those of the seeds.
+    assert abs(np.mean(each) - theirs) < 4 * np.std(each, ddof=1) / np.sqrt(len(each))
 
 
 def test_a_grid_of_nothing_is_nothing():

@@ -161,8 +161,8 @@ class PassRenderer(ABC):
                 gathering.add(*step)
                 if sky is not None:
                     sky.add(*step)
-            with statistics.phase("walks"):
-                for group, walking in walkings.items():
+            for group, walking in walkings.items():
+                with statistics.phase("walks"):
                     found = gathering.radiance.setdefault(group, dr.zeros(Array3f, dr.width(picture.surface)))
                     walking.add(*step, samples, number_of_step, found, picture.surface)
             number_of_step += 1
