@@ -174,7 +174,10 @@ def _in_medium(meet: Meet, segments: Segments, shape: tuple[Any, ...], disc: Any
 
 
 def _free(meet: Meet, origin: Any, direction: Any, medium: Any, seed: Any, active: Any) -> Any:
-    """Return how far rays lead through a medium before a surface ends it."""
+    """Return how far rays lead through a medium before they leave it.
+
+    Walls in the medium do not count: what a beam has behind a board, or beside the hole that it came through, is seen.
+    """
     hit = meet(origin, direction, active, seed)
     leaves = hit.is_medium_transition() & (numbers(hit.target_medium(mi.Vector3f(direction))) != medium)
-    return dr.select(active & hit.is_valid() & (leaves | ~transmits(hit)), hit.t, dr.inf)
+    return dr.select(active & hit.is_valid() & leaves & transmits(hit), hit.t, dr.inf)
