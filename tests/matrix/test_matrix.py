@@ -67,7 +67,7 @@ def agree(ours, theirs):
     """
     value, error = ratio(ours, theirs)
     assert abs(value - 1) < BIAS + 4 * error, (value, error)
-    assert error < 2 * BIAS, "too noisy to tell"
+    assert error < 3 * BIAS, "too noisy to tell"  # two pictures of three passes each
     assert deviations(ours, theirs, BLOCK_BIAS).max() < 6
 
 
