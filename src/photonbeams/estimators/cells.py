@@ -149,7 +149,8 @@ class Sorting:
 
     def _count(self, cell: Any, item: Any, lane: Any, active: Any) -> None:
         dr.scatter_inc(self.counter, _bucket(cell, lane), active)
-        dr.scatter_reduce(dr.ReduceOp.Add, self.sums, UInt32(1), cell, active)
+        # Where sums are few, Dr.Jit's choice is a copy for each thread, which makes their number a part of the kernel.
+        dr.scatter_reduce(dr.ReduceOp.Add, self.sums, UInt32(1), cell, active, dr.ReduceMode.Local)
 
     def _put(self, cell: Any, item: Any, lane: Any, active: Any) -> None:
         bucket = _bucket(cell, lane)
