@@ -149,7 +149,7 @@ class PassRenderer(ABC):
             begun = camera_paths.begin(tracing, rays.primary, order)
         picture = _CameraImage(dr.width(rays.primary.direction))
         steps = camera_paths.follow(tracing, begun, samples, photons)
-        number_of_step = 0  # for the samples of walks
+        number_of_step = 0
         while True:
             with statistics.phase("surfaces"):
                 step = next(steps, None)
@@ -160,7 +160,7 @@ class PassRenderer(ABC):
             with statistics.phase("beams"):
                 gathering.add(*step)
                 if sky is not None:
-                    sky.add(*step)
+                    sky.add(*step, number_of_step)
             for group, walking in walkings.items():
                 with statistics.phase("walks"):
                     found = gathering.radiance.setdefault(group, dr.zeros(Array3f, dr.width(picture.surface)))

@@ -22,7 +22,7 @@ from ..world.world import World
 from .camera_paths import Lighting
 from .checkpoint import identity
 from .film import Film, group_layers, reconstruction_filter
-from .frame import FrameRenderer, Simulated, ViewRays
+from .frame import FrameRenderer, PassRenderer, Simulated, ViewRays
 from .holdouts import HoldoutDepth
 from .memory import check_memory
 from .passes import PLAIN_RUN, RunOptions, Statistics, accumulate
@@ -86,7 +86,24 @@ class LitScene:
         return Simulated(self.world, *self.simulation.simulated(number), limits)
 
 
-class SceneRenderer(FrameRenderer):
+class ScenePasses(PassRenderer):
+    """Passes over a Mitsuba scene, whose light is that of `_lit_scene`."""
+
+    _lit_scene: LitScene
+
+    def _lighting(self, world: World) -> Lighting:
+        assert isinstance(world, SceneWorld)
+        return SceneLighting(world)
+
+    def _walkings(self, world: World) -> Mapping[str, Walking]:
+        return self._lit_scene.walks
+
+    def simulated(self, number: int) -> Simulated:
+        """Return what light leaves in pass `number`."""
+        return self._lit_scene.simulated(number)
+
+
+class SceneRenderer(ScenePasses, FrameRenderer):
     """A frame of a Mitsuba scene.
 
     Parameters
@@ -126,17 +143,6 @@ class SceneRenderer(FrameRenderer):
         reconstruction = reconstruction_filter(settings.pixel_filter, sensor.film().rfilter())
         layers = group_layers({source.group for source in self._lit_scene.sources})
         self._films = [Film(window.shape, window.crop[:2], reconstruction, layers) for _ in self._sensors]
-
-    def _lighting(self, world: World) -> Lighting:
-        assert isinstance(world, SceneWorld)
-        return SceneLighting(world)
-
-    def _walkings(self, world: World) -> Mapping[str, Walking]:
-        return self._lit_scene.walks
-
-    def simulated(self, number: int) -> Simulated:
-        """Return what light leaves in pass `number`."""
-        return self._lit_scene.simulated(number)
 
     def _view_rays(self, number: int, view: int, places: Array2f, samples: Samples, moving: bool) -> ViewRays:
         sensor, holdout = self._sensors[view], self._holdouts[view]

@@ -6,23 +6,17 @@ each pixel, so that each pass has one ray of every pixel, and light paths of its
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import drjit as dr
 
 from ..runtime.device import Array3f, Bool, Float, UInt32
 from ..world.interfaces import number
-from ..world.scene_world import SceneWorld
 from ..world.sensors import PrimaryRays, Sensor
 from ..world.surroundings import Place, place_of
-from ..world.world import World
-from .camera_paths import Lighting
-from .frame import PassRenderer, Simulated, ViewRays
-from .scene_frame import LitScene
-from .scene_lighting import SceneLighting
+from .frame import ViewRays
+from .scene_frame import LitScene, ScenePasses
 from .settings import Settings
-from .walks import Walking
 
 
 class RayRadiance(NamedTuple):
@@ -33,7 +27,7 @@ class RayRadiance(NamedTuple):
     alpha: Any
 
 
-class SceneRays(PassRenderer):
+class SceneRays(ScenePasses):
     """Passes over single rays of a Mitsuba scene.
 
     Parameters
@@ -58,17 +52,6 @@ class SceneRays(PassRenderer):
             plugin, eye, settings, self._tuning, {}, [each for each in cameras if each is not None], warned,
             self.statistics, self._max_depth,
         )  # fmt: skip
-
-    def _lighting(self, world: World) -> Lighting:
-        assert isinstance(world, SceneWorld)
-        return SceneLighting(world)
-
-    def _walkings(self, world: World) -> Mapping[str, Walking]:
-        return self._lit_scene.walks
-
-    def simulated(self, number: int) -> Simulated:
-        """Return what light leaves in pass `number`."""
-        return self._lit_scene.simulated(number)
 
     def radiance(self, origin: Array3f, direction: Array3f, far: Float) -> RayRadiance:
         """Return what rays see, which reach as `far`."""

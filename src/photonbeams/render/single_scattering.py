@@ -43,11 +43,11 @@ class SingleScattering:
     def __init__(self, world: StageWorld, count: int, samples: Samples, max_depth: int | None) -> None:
         media = world.media.all_felt()
         self._world = world if media is world.media else replace(world, media=media)
-        self._samples, self._max_depth, self._step = samples, max_depth, 0
+        self._samples, self._max_depth = samples, max_depth
         self.radiance: dict[str, Any] = {light.group: dr.zeros(Array3f, count) for light, _, _ in world.sky}
 
-    def add(self, paths: CameraPaths, vertex: CameraVertex) -> None:
-        """Add the segments of one step of camera paths."""
+    def add(self, paths: CameraPaths, vertex: CameraVertex, number: int) -> None:
+        """Add the segments of one step of camera paths, whose number tells its samples from those of others."""
         inside = paths.alive & (vertex.end > paths.near)
         if self._max_depth is not None:
             inside &= paths.depth + 2 <= dr.opaque(UInt32, self._max_depth)
@@ -55,8 +55,7 @@ class SingleScattering:
         for number in self._world.lit_by_domes:
             found |= paths.medium == dr.opaque(UInt32, number)
         inside &= found
-        step = dr.opaque(UInt32, self._step)
-        self._step += 1
+        step = dr.opaque(UInt32, number)
         if not bool(dr.any(inside)):
             return
         start = paths.origin + paths.near * paths.direction
@@ -74,14 +73,14 @@ class SingleScattering:
         place, lit = start + distance * paths.direction, inside & (dr.max(dr.abs(weight)) > 0)
         for number, (light, lamp, links) in enumerate(self._world.sky):
             world = self._world if links is None else links.world
-            points = _Scattering(world, point, place, paths.direction, lit, links)
+            points = _ScatteringPoints(world, point, place, paths.direction, lit, links)
             incident = scattered(world, points, lamp, (UInt32(_DOME + 16 * number),))
             value = weight * incident * dr.opaque(Float, light.beam_scale)
             dr.scatter_add(self.radiance[light.group], dr.select(lit, value, 0), paths.pixel, lit)
         dr.eval(self.radiance)
 
 
-class _Scattering:
+class _ScatteringPoints:
     """Points in media that scatter light toward the camera, and a sample of the phase function at each."""
 
     def __init__(

@@ -129,10 +129,7 @@ class Walking:
                 dr.eval(target)
 
     def _begun(self, paths: CameraPaths, vertex: CameraVertex) -> tuple[Walk | None, Walk | None]:
-        """Return the walks that one step of camera paths begins, in media and from surfaces; None where there are none.
-
-        Their `lane` is the path's.
-        """
+        """Return the walks of a step of camera paths, in media and from surfaces; None where there are none."""
         media, zeros = self.emitters.world.media, dr.zeros(Float, dr.width(paths.pixel))
         inside = paths.alive & (dr.max(media.scattering(paths.medium)) > 0) & (vertex.end > paths.near)
         inside &= self.within(paths.depth, 2)

@@ -37,7 +37,7 @@ class VisiblePoints(Struct):
 
 
 @dataclass(frozen=True)
-class Lines:
+class ShadowRays:
     """Lines from an emitter to points in the picture: the points, and the directions of light, (N, 3).
 
     `weight` (N,) is how much light in the picture they stand for, `free` (N,) whether nothing stops it on its way.
@@ -68,11 +68,11 @@ class Connections:
         found = compressed(*_visible(world, Views(views)))
         self._points: VisiblePoints | None = found[0] if found else None
 
-    def __call__(self, emitter: Any) -> Lines:
+    def __call__(self, emitter: Any) -> ShadowRays:
         """Return the lines along which a `LampEmitter` or a `PortalEmitter` lights the points."""
         points, world = self._points, self._world
         if points is None:
-            return Lines(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros(0, dtype=bool))
+            return ShadowRays(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros(0, dtype=bool))
         lamp = emitter.lamp
         sample = lamp.illuminate(points.position, pixel_sample(points.number, dr.opaque(UInt32, 7)))
         distance = dr.minimum(sample.distance, dr.largest(Float)) * (1 - 1e-4)
@@ -92,7 +92,7 @@ class Connections:
         weight = weight[index]
         for each in (lit, ~lit):
             weight[each] = relative(weight[each], part[each])
-        return Lines(points.position.numpy().T[index], -sample.direction.numpy().T[index], weight, lit)
+        return ShadowRays(points.position.numpy().T[index], -sample.direction.numpy().T[index], weight, lit)
 
 
 def _visible(world: StageWorld, views: Views) -> tuple[Bool, VisiblePoints]:

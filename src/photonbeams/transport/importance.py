@@ -109,16 +109,16 @@ class Views:
         self._scale, self._center = per_size("scale"), per_size("center")
         self._orthographic = to_uint([each.orthographic for each in views])
 
-    def __call__(self, number: UInt32) -> View:
+    def __call__(self, number: UInt32) -> ViewOfLane:
         """Return the view of this number."""
         axes = [dr.gather(Array3f, each, number) for each in self._axes]
         scale, center = ([dr.gather(Float, each, number) for each in both] for both in (self._scale, self._center))
         right, up, forward, origin = axes
-        return View(right, up, forward, origin, scale, center, dr.gather(UInt32, self._orthographic, number) > 0)
+        return ViewOfLane(right, up, forward, origin, scale, center, dr.gather(UInt32, self._orthographic, number) > 0)
 
 
 @dataclass
-class View:
+class ViewOfLane:
     """A camera for each lane; the picture is the unit square, its first row on top."""
 
     right: Any
@@ -213,7 +213,7 @@ class CameraImportance:
         return self._sighted(view, point, medium, hits.number, dr.max(hits.flux), high >= low)
 
     def _sighted(
-        self, view: View, point: Array3f, medium: Any, number: Any, light: Any, active: Any
+        self, view: ViewOfLane, point: Array3f, medium: Any, number: Any, light: Any, active: Any
     ) -> Sightings:  # fmt: skip
         """Return those points that are seen, of all that are active."""
         to = view.origin - point

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..scene import Array
-from .connections import Lines
+from .connections import ShadowRays
 from .emission import Emitted, Stratum
 from .guiding import ENOUGH, ENOUGH_STRAIGHT, GuidingMap, learn
 from .importance import Sightings
@@ -24,7 +24,7 @@ Seen = Callable[[list[Emitted]], Sightings]
 
 
 def guide(
-    strata: Sequence[Stratum], seen: Seen, lines: Callable[[Stratum], Lines] | None = None, straight: bool = False
+    strata: Sequence[Stratum], seen: Seen, lines: Callable[[Stratum], ShadowRays] | None = None, straight: bool = False
 ) -> Array:
     """Guide strata toward visible light, and return how much light of each is in the picture, (S,).
 
@@ -84,7 +84,7 @@ class _Learning:
         self._guides: list[GuidingMap | None] = []
         self._sightings: list[Sightings] = []
 
-    def follow(self, lines: Lines) -> None:
+    def follow(self, lines: ShadowRays) -> None:
         """Take the samples of lines to points in the picture, each as often as its weight says."""
         free, stopped = lines.chosen(True, _LINES), lines.chosen(False, _STOPPED)
         if not len(free[0]) + len(stopped[0]):

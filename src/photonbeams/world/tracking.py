@@ -105,15 +105,8 @@ def glow(segment: MediumSegment, extinction: Extinction, emission: Extinction, a
         begin = dr.fma(Float(piece), step, segment.near)
         control, rate = _control(segment, extinction, begin, step)
         place = dr.fma(unit_float(hash32(segment.seed, piece, UInt32(1))), step, begin)
-        t = begin - dr.log(1 - unit_float(hash32(segment.seed, drawn))) * dr.rcp(rate)
-        drawn += 1
-        passed, before = Array3f(product), Array3f(1)
-        while t < begin + step:
-            factor = 1 - (extinction(dr.fma(segment.direction, t, segment.origin)) - control) * dr.rcp(rate)
-            product *= factor
-            before *= dr.select(t < place, factor, 1)
-            t -= dr.log(1 - unit_float(hash32(segment.seed, drawn))) * dr.rcp(rate)
-            drawn += 1
+        passed = Array3f(product)
+        before, product, drawn = _passed(segment, extinction, begin, begin + step, place, control, rate, passed, drawn)
         left = passed * before * dr.exp(-depth - control * (place - begin))
         result += step * left * emission(dr.fma(segment.direction, place, segment.origin))
         depth += control * step
@@ -150,15 +143,8 @@ def scattering_point(
         ending = 1 - dr.exp(-even * step)
         within = -dr.log(1 - unit_float(hash32(segment.seed, piece, UInt32(1))) * ending) * dr.rcp(even)
         place = begin + dr.minimum(within, step)
-        t = begin - dr.log(1 - unit_float(hash32(segment.seed, drawn))) * dr.rcp(rate)
-        drawn += 1
-        passed, before = Array3f(product), Array3f(1)
-        while t < begin + step:
-            factor = 1 - (extinction(dr.fma(segment.direction, t, segment.origin)) - control) * dr.rcp(rate)
-            product *= factor
-            before *= dr.select(t < place, factor, 1)
-            t -= dr.log(1 - unit_float(hash32(segment.seed, drawn))) * dr.rcp(rate)
-            drawn += 1
+        passed = Array3f(product)
+        before, product, drawn = _passed(segment, extinction, begin, begin + step, place, control, rate, passed, drawn)
         here = passed * before * dr.exp(-depth - control * within + even * within)
         here *= scattering(dr.fma(segment.direction, place, segment.origin)) * ending * dr.rcp(even)
         own = dr.abs(dr.mean(here))
@@ -175,6 +161,24 @@ def scattering_point(
         depth += control * step
         piece += 1
     return chosen, weight * total
+
+
+@dr.syntax
+def _passed(
+    segment: MediumSegment, extinction: Extinction, begin: Any, stop: Any, place: Any, control: Any, rate: Any,
+    product: Any, drawn: Any,
+) -> tuple[Any, Any, Any]:  # fmt: skip
+    """Return the product over a piece's points before a place, `product` with all of them, and the samples drawn."""
+    before, product, drawn = Array3f(1), Array3f(product), UInt32(drawn)
+    t = begin - dr.log(1 - unit_float(hash32(segment.seed, drawn))) * dr.rcp(rate)
+    drawn += 1
+    while t < stop:
+        factor = 1 - (extinction(dr.fma(segment.direction, t, segment.origin)) - control) * dr.rcp(rate)
+        product *= factor
+        before *= dr.select(t < place, factor, 1)
+        t -= dr.log(1 - unit_float(hash32(segment.seed, drawn))) * dr.rcp(rate)
+        drawn += 1
+    return before, product, drawn
 
 
 def _control(segment: MediumSegment, extinction: Extinction, begin: Any, step: Any) -> tuple[Any, Any]:
