@@ -13,8 +13,10 @@ FLIGHT := $(VENV)/bin/photonbeams render examples/keyhole/keyhole.usda -cam Flig
 	--set /World/Light/Key.photonbeams:count=2048 \
 	--res 640 0 --passes 16 --skip-existing -o out/flight/flight.\#\#\#\#.exr
 
-# What to hand to pytest, as in `make test ARGS=tests/test_quadrature.py`.
+# What to hand to pytest, as in `make test ARGS=tests/test_quadrature.py`. Without it, all tests run in several processes:
+# one compiles kernels, which takes one thread and nearly half of the time, while another renders.
 ARGS :=
+PROCESSES := --numprocesses logical --maxprocesses 4 --dist loadfile --no-loadscope-reorder
 
 .PHONY: help keyhole flight test lint bench docs
 
@@ -36,7 +38,7 @@ flight: $(READY)
 	$(PYTHON_BIN) examples/keyhole/film.py 'out/flight/flight.####.exr' out/flight.mp4
 
 test: $(READY)
-	$(PYTHON_BIN) -m pytest $(ARGS)
+	$(PYTHON_BIN) -m pytest $(or $(ARGS),$(PROCESSES))
 
 lint: $(READY)
 	$(VENV)/bin/ruff check

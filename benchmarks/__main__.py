@@ -16,7 +16,7 @@ NAMES = {
     "looks": "what looks cost beside the plain one",
     "cost": "seconds and memory from a thousand to a million beams",
     "quadrature": "Gauss against Riemann at equal error",
-    "transport": "Mitsuba scenes: seconds at equal error beside volpath, caustics, mirrors, a million beams",
+    "transport": "Mitsuba scenes: Z-test, variance and seconds beside volpath, caustics, a million beams",
     "keyhole": "the example frame, from an empty kernel cache",
     "farm": "workers beside threads, what a task costs, memory over passes",
     "scale": "a thousand machines, simulated with the farm's own policy",

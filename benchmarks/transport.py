@@ -27,6 +27,7 @@ from photonbeams.render.scene_frame import SceneRenderer, render
 from photonbeams.render.settings import Settings
 from photonbeams.runtime.device import mitsuba
 
+from . import references, variance
 from .rays import grid_tests
 
 mi = mitsuba()
@@ -36,23 +37,25 @@ SIZE = (320, 180)
 #: Of the comparison scene: the longest path, passes and paths of ours, samples of `volpath`, and how many times faster
 #: we should be at equal error.
 CASES = {
-    "single": (2, Settings(passes=2, beams=8192, max_depth=2), 512, 1000),
-    "all": (-1, Settings(passes=4, beams=16384), 384, 300),
+    "single": (2, Settings(passes=2, beams=8192, max_depth=2, method="beams"), 512, 1000),
+    "all": (-1, Settings(passes=4, beams=16384, method="beams"), 384, 300),
 }
 STAGE = {"passes": 4, "beams": 16384}
 # `volpath` needs days for a reference of all scattering: 8,192 samples still err by 7 %. So it is ours with many paths,
 # whose mean has to be the one that three other renderers agree on: 0.1433 ± 0.0003.
-REFERENCE = Settings(passes=16, beams=1 << 16, seed=99)
+REFERENCE = Settings(passes=16, beams=1 << 16, seed=99, method="beams")
 MEAN = 0.1433
 PEER_BEAMS, PEER_SECONDS = 113_000, 6.7  # a C++ renderer's photon beams, per sample on two cores, 1280 × 720
 #: Of the glass ball: the scene, a reference of other samples and smaller radii, and the error to reach.
 BALL = Path(__file__).parents[1] / "examples" / "mitsuba" / "glass_ball.xml"
-BALL_REFERENCE, CAUSTIC_ERROR = Settings(passes=24, beams=1 << 15, seed=99), 0.05
+BALL_REFERENCE, CAUSTIC_ERROR = Settings(passes=24, beams=1 << 15, seed=99, method="beams"), 0.05
 MILLION, MEMORY_TARGET, TRACING_TARGET, RATE_TARGET = 1_000_000, 3.0, 25, 40
 
 
 def report(console: Console) -> None:
     """Print all of them."""
+    references.report(console)
+    variance.report(console)
     beside_volpath(console)
     beside_the_peer(console)
     caustic(console)
@@ -143,7 +146,7 @@ def timed(run: Callable[[], Any], rounds: int = 0) -> tuple[float, Any]:
 def beside_the_peer(console: Console) -> None:
     """Print the seconds of a pass at 1280 × 720 with as many beams as the peer had."""
     scene = comparison(1280, 720)
-    settings = Settings(passes=1, beams=1 << 14, radius=0.01, alpha=1.0, guiding=False)
+    settings = Settings(passes=1, beams=1 << 14, radius=0.01, alpha=1.0, guiding=False, method="beams")
     found = render(scene, scene.sensors()[0], settings).statistics.beams
     settings = replace(settings, beams=round(settings.beams * PEER_BEAMS / found))
     frame = SceneRenderer(scene, scene.sensors()[0], settings)
@@ -167,7 +170,7 @@ def caustic(console: Console) -> None:
     """Print the seconds to 5 % of the light behind a ball of glass."""
     scene = mi.load_file(str(BALL), width=str(SIZE[0]), height=str(SIZE[1]))
     sensor = scene.sensors()[0]
-    base = Settings(surfaces=False)
+    base = Settings(surfaces=False, method="beams")
     reference = render(scene, sensor, BALL_REFERENCE).layers()
     seconds, passes, error = 0.0, 1, 1.0
     while error > CAUSTIC_ERROR and passes < 64:
@@ -193,7 +196,7 @@ def caustic(console: Console) -> None:
 def mirrors(console: Console) -> None:
     """Print the tests per second of a picture that is seen by way of a mirror."""
     scene = mirror_scene()
-    settings = Settings(passes=1, beams=4096, surfaces=False)
+    settings = Settings(passes=1, beams=4096, surfaces=False, method="beams")
     frame = SceneRenderer(scene, scene.sensors()[0], settings)
     seconds, tests = [], 0
 
@@ -258,9 +261,9 @@ def million(console: Console) -> None:
 def measure() -> dict[str, float]:
     """Return beams, seconds, the share of them outside of the gathering kernels, and peak memory of such a pass."""
     scene = comparison(*SIZE)
-    sample = render(scene, scene.sensors()[0], Settings(passes=1, beams=1 << 14)).statistics.beams
+    sample = render(scene, scene.sensors()[0], Settings(passes=1, beams=1 << 14, method="beams")).statistics.beams
     paths = round(MILLION / sample * (1 << 14))
-    frame = SceneRenderer(scene, scene.sensors()[0], Settings(beams=paths))
+    frame = SceneRenderer(scene, scene.sensors()[0], Settings(beams=paths, method="beams"))
     frame.add_pass(0)
     gathering, spent = 0.0, 0.0
 

@@ -23,11 +23,30 @@ signal.signal(signal.SIGHUP, signal.SIG_DFL)
 # Before any test imports Dr.Jit, for this names the libLLVM that it loads.
 import photonbeams  # noqa: E402, F401
 
+if "PYTEST_XDIST_WORKER" in os.environ:  # or each process would start as many threads as there are processors
+    from photonbeams.runtime import device
+
+    # One alone does not do: with no other, Mitsuba's own OpenEXR reader, which tests call, waits for ever.
+    device.set_threads(max(2, device.processors() // int(os.environ["PYTEST_XDIST_WORKER_COUNT"])))
+
 
 @pytest.fixture
 def rng():
     """Return NumPy's generator from a fixed seed."""
     return np.random.default_rng(7)
+
+
+@pytest.fixture
+def set_threads():
+    """Let a test set the number of threads, which is as before when it ends."""
+    import drjit as dr
+
+    from photonbeams.runtime import device
+
+    device.backend()
+    before = dr.thread_count()
+    yield device.set_threads
+    device.set_threads(before)
 
 
 Opener = Callable[..., object]

@@ -49,8 +49,8 @@ Photon beams (:monosp:`photon_beams`)
 
  * - paths
    - |int|
-   - Light paths a pass. A pass looks through each pixel once, so there are as many passes as samples per pixel.
-     (Default: 16384)
+   - Light paths a pass. There are as many passes as samples per pixel; each has one sample of beams in a pixel, and up
+     to 16 of surfaces. (Default: 16384)
 
  * - radius
    - |float|
@@ -77,7 +77,8 @@ Photon beams (:monosp:`photon_beams`)
  * - method
    - |string|
    - "beams" traces light from the emitters; "paths" finds the light of emitters by paths from the camera, but for those
-     that have a look, a portal, a gobo or settings of their beams. (Default: "beams")
+     that have a look, a portal, a gobo or settings of their beams; "auto" takes what has less noise, by a pilot.
+     (Default: "auto")
 
  * - beams
    - |string|
@@ -159,7 +160,7 @@ def _give_sentences(mitsuba: Any) -> None:
 
         own = scene.integrator() if integrator is None and isinstance(scene, mitsuba.Scene) else integrator
         if params is None and type(own).__name__ == _CLASS:
-            params = mitsuba.traverse(scene)
+            params = _with_gradients(mitsuba.traverse(scene))
         try:
             return render(scene, params, sensor, integrator, *more, **named)
         except RuntimeError as error:
@@ -169,6 +170,16 @@ def _give_sentences(mitsuba: Any) -> None:
 
     wrapped.gives_sentences = True  # type: ignore[attr-defined]
     mitsuba.render = mitsuba.util.render = wrapped
+
+
+def _with_gradients(parameters: Any) -> Any:
+    """Return those of a scene's parameters that have gradients."""
+    import drjit as dr
+
+    from .world.parameters import values_of
+
+    parameters.keep([name for name, value in values_of(parameters) if dr.grad_enabled(value)])
+    return parameters
 
 
 def _settings(properties: Any) -> Any:
@@ -230,6 +241,7 @@ def _integrator(mi: Any, variant: str) -> type:
             super().__init__(properties)
             self.settings = settings
             self._warned: set[str] = set()
+            self._known: tuple[Any, Any] = (None, None)
 
         def aov_names(self) -> list[str]:
             """Return the names of the layers' channels."""
@@ -246,7 +258,8 @@ def _integrator(mi: Any, variant: str) -> type:
             sensor = scene.sensors()[sensor] if isinstance(sensor, int) else sensor
             settings = replace(self.settings, passes=spp or int(sensor.sampler().sample_count()), seed=_number(seed))
             with dr.suspend_grad():
-                frame = render(scene, sensor, settings, warned=self._warned, extras=Extras(depth=False))
+                extras = Extras(depth=False, findings=self._findings(scene, sensor))
+                frame = render(scene, sensor, settings, warned=self._warned, extras=extras)
                 film = sensor.film()
                 film.prepare(self.aov_names())
                 film.put_block(_block(mi, film, frame.layers(), self._layers))
@@ -256,6 +269,16 @@ def _integrator(mi: Any, variant: str) -> type:
                 if evaluate:
                     dr.eval(image)
                 return image
+
+        def _findings(self, scene: Any, sensor: Any) -> Any:
+            """Return what pilots have found, while scene and sensor are what they were in the last render."""
+            from .render.scene_light import Findings
+            from .world.parameters import Parameters
+
+            now = Parameters(scene, sensor)
+            if self._known[0] != now:
+                self._known = now, Findings()
+            return self._known[1]
 
         def sample(self, mode: Any, scene: Any, sampler: Any, ray: Any, *_: Any, active: Any = True, **__: Any) -> Any:
             """Return the radiance along rays: what integrators around this one, such as `aov`, ask for.

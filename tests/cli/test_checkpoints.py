@@ -41,10 +41,10 @@ def interrupted(monkeypatch, after, sent=signal.SIGINT):
 
 
 def test_frames_of_two_eyes_go_on_where_ctrl_c_ended_them(render, stage, out, monkeypatch):
-    flags = (*SMALL, "-f", "1:3", "--stereo", "--interaxial", 0.2, "--convergence", 5)
+    flags = (*SMALL, "-f", "1:3", "--passes", 3, "--stereo", "--interaxial", 0.2, "--convergence", 5)
     assert render(stage, "-o", out / "whole.#.exr", *flags)[0] == 0
     with monkeypatch.context() as patched:
-        interrupted(patched, 6)
+        interrupted(patched, 5)
         result = render(stage, "-o", out / "a.#.exr", *flags, "--checkpoint", 1000)
     kept = out / "a.2.checkpoint"
     told = f"1 frame was written, {kept} has 2 passes: --skip-existing --resume go on from there"

@@ -38,7 +38,7 @@ def failing(monkeypatch):
 def test_the_machine_that_runs_the_tests_can_render():
     child = run("doctor")
     assert child.returncode == 0 and "This machine can render" in child.stdout
-    assert all(word in child.stdout for word in ("mitsuba", "Backend", "Threads"))
+    assert all(word in child.stdout for word in ("mitsuba", "Backend", "CUDA"))
 
 
 def test_a_machine_that_cannot_render_is_told_why():
@@ -56,6 +56,14 @@ def test_a_library_that_kills_its_process_does_not_kill_the_doctor(monkeypatch, 
         cli.main(["doctor"])
     assert ending.value.code == 1
     assert "This machine cannot render: the test kernel ended in SIGABRT" in capsys.readouterr().out
+
+
+def test_a_gpu_that_kills_the_process_is_not_taken_for_a_library(monkeypatch):
+    from photonbeams.cli import doctor
+
+    monkeypatch.setattr(doctor, "_TRIAL", "import os; print('cuda', flush=True); os.abort()")
+    problem, crashed = doctor.trial()
+    assert crashed and problem.startswith("the test kernel ended in SIGABRT on CUDA: set PHOTONBEAMS_DEVICE=cpu")
 
 
 def test_a_kernel_with_a_wrong_result_is_reported(monkeypatch):

@@ -157,7 +157,6 @@ def test_snapshots_show_what_is_done_and_go_when_the_frame_is_there(render, stag
 def test_more_passes_than_first_asked_go_on_with_what_is_there(call, render, stage, out):
     first = (*SMALL, "--passes", 4)
     assert render(stage, "-o", out / "a.checkpoint", *first, "--pass-range", "0:3")[0] == 0
-    assert render(stage, "-o", out / "four.exr", *first)[0] == 0
     code, _, stderr = render(stage, "-o", out / "a.exr", *SMALL, "--passes", 10, "--resume")
     assert (code, stderr) == (0, "")
     longer = {name: each.astype(np.float64) for name, each in read_layers(out / "a.exr").items()}

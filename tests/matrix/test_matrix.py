@@ -40,7 +40,7 @@ def stages(tmp_path_factory):
 def rendered(row, folder):
     """Return the means of the Mitsuba scene of a row."""
     scene = twin(row, folder)
-    integrator = mi.load_dict({"type": "photon_beams", "max_depth": row.max_depth, **row.plugin})
+    integrator = mi.load_dict({"type": "photon_beams", "method": "beams", "max_depth": row.max_depth, **row.plugin})
     pictures = [mi.render(scene, integrator=integrator, spp=row.passes, seed=seed) for seed in range(SEEDS)]
     return means(np.array([np.array(each)[..., :3] for each in pictures]))
 

@@ -80,7 +80,7 @@ def test_a_stage_goes_on_to_the_bits_of_an_unbroken_render(tmp_path, moving, pix
 @pytest.mark.parametrize("name", ["box", "gaussian"])
 def test_a_mitsuba_scene_goes_on_to_the_bits_of_an_unbroken_render(tmp_path, name):
     content = load(fog=cube_of(fog(0.5)), light=LAMP, sensor=camera(rfilter={"type": name}))
-    given = content, content.sensors()[0], Settings(passes=4, beams=1024)
+    given = content, content.sensors()[0], Settings(passes=4, beams=1024, method="beams")
     whole = scene_frame.render(*given)
     with pytest.raises(Stop):
         scene_frame.render(*given, RunOptions(stopping(2), Checkpoint(tmp_path / "a.npz", 1e9)))

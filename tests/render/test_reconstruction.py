@@ -4,9 +4,9 @@ import drjit as dr
 import numpy as np
 import pytest
 
-from photonbeams.numerics.arrays import opaque, to_float, to_vectors
+from photonbeams.numerics.arrays import joined, opaque, to_float, to_vectors
 from photonbeams.numerics.samples import Samples
-from photonbeams.render.film import Film, PassPicture, reconstruction_filter
+from photonbeams.render.film import BeamSamples, Film, PassPicture, reconstruction_filter
 from photonbeams.render.sums import PassSums
 from photonbeams.runtime.device import mitsuba
 from photonbeams.scene import SceneError
@@ -30,22 +30,28 @@ def pixels(rng, passes, shape=(HEIGHT, WIDTH)):
 def picture(one, crop=None):
     x0, y0, x1, y1 = crop or (0, 0, WIDTH, HEIGHT)
     part = {name: each[y0:y1, x0:x1].reshape(-1, each.shape[-1]) for name, each in one.items()}
-    return PassPicture(
-        to_vectors(part["surface"]), to_float(part["alpha"]),
-        [("key", to_vectors(0.5 * part["key"])), ("", to_vectors(part[""])), ("key", to_vectors(0.5 * part["key"]))],
-        to_vectors(part["transmittance"]), to_float(part["depth"]),
-    )  # fmt: skip
+    scattered = {"key": to_vectors(0.5 * part["key"])}
+    seen = PassPicture(
+        to_vectors(part["surface"]), to_float(part["alpha"]), scattered, to_vectors(part["transmittance"])
+    )
+    return seen, {"key": to_vectors(0.5 * part["key"]), "": to_vectors(part[""])}, {"depth": to_float(part["depth"])}
+
+
+def add(result, number, whole, places, exposure=1.0):
+    """Add a pass that has one sample of everything."""
+    seen, beams, first = whole
+    result.add(number, [(seen, places)], BeamSamples(beams, places), exposure, first if number == 0 else None)
 
 
 def film(passes, name=None, crop=None, exposure=1.0, groups=GROUPS):
     x0, y0, x1, y1 = crop or (0, 0, WIDTH, HEIGHT)
     result = Film((y1 - y0, x1 - x0), (x0, y0), reconstruction_filter(name), groups)
     for number, one in enumerate(passes):
-        result.add(number, picture(one, crop), result.places(Samples(0, number)), opaque(exposure))
+        add(result, number, picture(one, crop), result.places(Samples(0, number)), opaque(exposure))
     return result
 
 
-def of_mitsuba(values, name):
+def of_mitsuba(values, name, shares=None):
     """Return the mean of samples around each pixel by Mitsuba's own filter, in float64, sample by sample."""
     plugin = mi.load_dict({"type": name})
     y, x = np.mgrid[:HEIGHT, :WIDTH]
@@ -57,6 +63,7 @@ def of_mitsuba(values, name):
                 far = [column + across[row, column] - x - 0.5, row + down[row, column] - y - 0.5]
                 w = np.prod([plugin.eval(to_float(each)).numpy().reshape(HEIGHT, WIDTH) for each in far], axis=0)
                 w = np.where(np.max(np.abs(far), axis=0) < plugin.radius(), w, 0)[..., None].astype(np.float64)
+                w = w if shares is None else w * shares[number, row, column]
                 total, weights = total + w * value[row, column], weights + w
     return total / weights
 
@@ -87,6 +94,28 @@ def test_the_box_is_the_plain_mean_and_layers_add_up(rng, name):
     assert np.array_equal(layers["rgba"][..., :3], layers["surface"] + layers["beams"])
     assert np.array_equal(layers["depth"], passes[0]["depth"])  # of the first pass
     assert not layers["beams_off"].any()
+
+
+@pytest.mark.parametrize("name", ["box", "mitchell"])
+def test_samples_of_surfaces_and_of_edges_count_as_their_shares_say(rng, name):
+    """Four samples of surfaces in two pieces, and five of the beams of some pixels, are means over their places."""
+    passes, count = pixels(rng, 5), HEIGHT * WIDTH
+    whole = Film((HEIGHT, WIDTH), (0, 0), reconstruction_filter(name))
+    seen, beams = zip(*(picture(each)[:2] for each in passes), strict=True)
+    places = [whole.places(Samples(0, number)) for number in range(5)]
+    two = PassPicture(joined([each.surface for each in seen[:2]]), joined([each.alpha for each in seen[:2]]))
+    parts = [(two, joined(places[:2])), *((PassPicture(each.surface, each.alpha), place)
+             for each, place in zip(seen[2:4], places[2:4], strict=True))]  # fmt: skip
+    edge = rng.random(count) < 0.5
+    share = np.concatenate([np.where(edge, 0.2, 1.0), *[np.where(edge, 0.2, 0.0)] * 4])
+    light = joined([each[""] for each in beams]) * to_float(share)
+    whole.add(0, parts, BeamSamples({"": light}, joined(places), to_float(share)))
+    layers = whole.layers()
+    expected = of_mitsuba([each["surface"] for each in passes[:4]], name)
+    np.testing.assert_allclose(layers["surface"], expected, atol=1e-5)
+    shares = share.reshape(5, HEIGHT, WIDTH, 1)
+    expected = of_mitsuba([each[""] for each in passes], name, shares)
+    np.testing.assert_allclose(layers["beams"], expected, atol=1e-5)
 
 
 def test_a_film_without_groups_has_no_layers_of_them(rng):
@@ -134,7 +163,7 @@ def test_a_film_goes_on_from_the_state_of_another(rng, name):
     resumed = Film((HEIGHT, WIDTH), (0, 0), reconstruction_filter(name), GROUPS)
     resumed.restore(PassSums.restored(first.sums.state()))
     for number in (2, 3):
-        resumed.add(number, picture(passes[number]), resumed.places(Samples(0, number)), opaque(1.0))
+        add(resumed, number, picture(passes[number]), resumed.places(Samples(0, number)), opaque(1.0))
     assert all(np.array_equal(each, resumed.layers()[layer]) for layer, each in whole.layers().items())
     assert resumed.error() == whole.error()
 
@@ -155,7 +184,8 @@ def test_the_error_is_that_of_the_mean_of_independent_passes(rng):
     for number, each in enumerate(samples):
         grey = to_vectors(np.repeat(each.reshape(-1, 1), 3, axis=1))
         assert np.isnan(result.error()) == (number < 2)
-        result.add(number, PassPicture(grey, to_float(np.ones(count * count))), result.centers())
+        seen = PassPicture(grey, to_float(np.ones(count * count)))
+        result.add(number, [(seen, result.centers())], BeamSamples({}, result.centers()))
     values = np.array(samples)
     mean = values.mean(axis=0)
     relative = (values.std(axis=0, ddof=1) / np.sqrt(passes) / mean).ravel()
@@ -170,10 +200,10 @@ def test_all_passes_have_the_kernels_of_the_first(rng, name):
     new = []
     with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
         for number, one in enumerate(passes):
-            seen = picture(one, (0, 0, 8, 8))
-            dr.eval(seen.surface, seen.alpha, seen.transmittance, [each for _, each in seen.beams])
+            seen, beams, first = whole = picture(one, (0, 0, 8, 8))
+            dr.eval(seen.surface, seen.alpha, seen.transmittance, seen.scattered, beams, first)
             dr.kernel_history_clear()
-            result.add(number, seen, result.places(Samples(0, number)), opaque(1.0))
+            add(result, number, whole, result.places(Samples(0, number)), opaque(1.0))
             kernels = {each["hash"] for each in dr.kernel_history() if each["type"].name == "JIT"}
             new.append(kernels)
     assert all(each <= new[0] for each in new[1:])

@@ -216,6 +216,19 @@ def test_a_negative_number_of_threads_is_refused():
         device.set_threads(-1)
 
 
+def test_files_are_read_and_written_with_one_thread(tmp_path):
+    """Mitsuba's OpenEXR files: in a process of its own, for what goes wrong there waits for ever."""
+    script = (
+        "import numpy as np; from photonbeams.runtime import device; mi = device.mitsuba(); device.set_threads(1)\n"
+        "with device.helping_thread():\n"
+        "    mi.Bitmap(np.full((64, 64, 3), 0.5, dtype=np.float32)).write('a.exr')\n"
+        "    print(np.array(mi.Bitmap('a.exr')).mean())\n"
+        "import drjit as dr; print(dr.thread_count())"
+    )
+    ran = subprocess.run([sys.executable, "-c", script], cwd=tmp_path, capture_output=True, text=True, timeout=120)
+    assert ran.stdout.split() == ["0.5", "1"], ran.stderr
+
+
 def test_the_description_tells_what_is_there():
     found = device.describe()
     assert found.problem is None and found.backend == device.backend()

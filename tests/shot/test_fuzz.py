@@ -19,6 +19,7 @@ SCENE = """<scene version="3.0.0">
         <integer name="max_depth" value="4"/>
         <integer name="paths" value="64"/>
         <boolean name="guiding" value="false"/>
+        <string name="method" value="beams"/>
     </integrator>
     <medium type="homogeneous" id="fog">
         <rgb name="albedo" value="0.5, 0.6, 0.7"/>

@@ -4,9 +4,10 @@ import numpy as np
 
 from transport.scenes import T, cloud, cube_of, fog, mi, rgb
 
-# Reconstruction filters; the last two have negative lobes.
-FILTERS = ("box", "tent", "gaussian", "mitchell", "lanczos")
-LOBES = ("mitchell", "lanczos")
+# Reconstruction filters; the last three have negative lobes.
+FILTERS = ("box", "tent", "gaussian", "mitchell", "catmullrom", "lanczos")
+LOBES = FILTERS[3:]
+SAMPLERS = ("independent", "stratified", "multijitter", "orthogonal", "ldsampler")
 SCALES = (1.0, 1.0, 1.0, 1.0, 1e-4, 1e-2, 1e2, 1e4)
 FORMATS = ("luminance", "luminance_alpha", "rgb", "rgba", "xyz", "xyza")
 
@@ -43,7 +44,7 @@ class Maker:
     def bsdf(self, depth=0):
         kinds = [
             self._diffuse, self._twosided, self._smooth_metal, self._rough_metal, self._glass, self._plastic,
-            self._null, self._principled,
+            self._null, self._principled, self._thin, self._hair,
         ]  # fmt: skip
         if depth < 1:
             kinds += [self._mask, self._blend, self._bumpy]
@@ -77,6 +78,13 @@ class Maker:
         return {"type": "principled", "base_color": self.color(), "roughness": self.one(0.01, 0.5),
                 "metallic": self.one(0.0, 1.0), "spec_trans": self.one(0.0, 0.7)}  # fmt: skip
 
+    def _thin(self, _):
+        return {"type": "principledthin", "base_color": self.color(), "roughness": self.one(0.01, 0.5),
+                "diff_trans": self.one(0.0, 1.5), "spec_trans": self.one(0.0, 0.7)}  # fmt: skip
+
+    def _hair(self, _):
+        return {"type": "hair", "eumelanin": 0.2, "pheomelanin": 0.4}
+
     def _mask(self, depth):
         return {"type": "mask", "opacity": self.one(0.0, 0.5, 1.0), "nested": self.bsdf(depth + 1)}
 
@@ -98,7 +106,7 @@ class Maker:
         phase = {} if self.chance(0.3) else {"phase": self.phase()}
         if self.chance(0.3):
             return self._grid(phase)
-        density = self.one(0.0, 1e-3, 0.5, 5.0, 1e4) / self.size
+        density = self.one(0.0, 1e-3, 0.5, 5.0, 1e4, 1e12) / self.size
         if density == 0:
             return {"type": "homogeneous", "sigma_t": 0.0, "albedo": 0.5, **phase}
         tint = self.one([1.0] * 3, [1.0] * 3, [0.2, 0.6, 1.0], [0.0, 0.5, 1.0])
@@ -125,7 +133,7 @@ class Maker:
     # -- shapes ------------------------------------------------------------------------------------------------------
 
     def shape(self):
-        kind = self.one("sphere", "rectangle", "cube", "disk", "cylinder")
+        kind = self.one("sphere", "rectangle", "cube", "disk", "cylinder", "sdfgrid")
         shape = {"type": kind}
         if kind == "sphere":
             shape.update(
@@ -136,6 +144,10 @@ class Maker:
             shape.update(p0=self.point(), p1=self.point(), radius=self.size * 0.2)
         else:
             shape["to_world"] = self.place()
+        if kind == "sdfgrid":
+            shape["grid"] = mi.TensorXf(self.rng.normal(size=(4, 4, 4, 1)).astype(np.float32))
+        elif kind in ("sphere", "cylinder", "disk", "rectangle") and self.chance(0.2):
+            shape["flip_normals"] = True
         return shape
 
     def solid(self):
@@ -152,13 +164,44 @@ class Maker:
             inner = {"type": "sphere", "center": self.point(0.3), "radius": self.size * 0.4}
             inner["bsdf"] = self.one({"type": "null"}, {"type": "dielectric"}, self.bsdf())
             parts["inner"] = {**inner, "interior": mi.load_dict(self.medium()), "exterior": medium}
+        if self.chance(0.4):
+            parts |= self.one(self._overlapping, self._sheet, self._copies, self._wall)(medium)
         return parts, medium
+
+    def _overlapping(self, medium):
+        """Return a shape of another medium, or of the same, that may stand anywhere."""
+        own = self.one(medium, mi.load_dict(self.medium()))
+        bsdf = self.one({"type": "null"}, {"type": "dielectric"})
+        return {"other": {**self.shape(), "bsdf": bsdf, "interior": own}}
+
+    def _sheet(self, medium):
+        """Return a surface without thickness that names media."""
+        named = {side: medium for side in ("interior", "exterior") if self.chance(0.6)}
+        bsdf = self.one({"type": "null"}, self.bsdf())
+        return {"sheet": {"type": "rectangle", "to_world": self.place(), "bsdf": bsdf, **named}}
+
+    def _wall(self, medium):
+        """Return a wall that lies on the border of the fog, or beside it by a hair."""
+        turn = T().translate([0, -self.size * self.one(0.8, 0.8 + 1e-6, 3.0), 0]).rotate([1, 0, 0], -90)
+        wall = {"type": "rectangle", "to_world": turn.scale(self.size * 3), "bsdf": self.bsdf()}
+        return {"wall": {**wall, **({"exterior": medium} if self.chance(0.4) else {})}}
+
+    def _copies(self, medium):
+        """Return shapes of a medium within a group, or merged."""
+        part = {"type": "cube", "to_world": self.place(), "bsdf": {"type": "null"}, "interior": medium}
+        if self.chance(0.3):
+            return {"merged": {"type": "merge", "one": part, "two": {**part, "to_world": self.place()}}}
+        group = {"type": "ref", "id": "group"}
+        return {
+            "group": {"type": "shapegroup", "part": part},
+            "copy": {"type": "instance", "to_world": T().translate(self.point(0.5)), "group": group},
+        }
 
     # -- lights ------------------------------------------------------------------------------------------------------
 
     def light(self, medium=None):
         kind = self.one("point", "spot", "area", "area", "mesh", "constant", "envmap", "directional", "projector",
-                        "directionalarea")  # fmt: skip
+                        "directionalarea", "sunsky")  # fmt: skip
         said = {} if medium is None or self.chance(0.7) else {"medium": medium}
         power = self.color(self.one(1.0, 1e6))
         if kind in ("area", "mesh", "directionalarea"):
@@ -166,12 +209,16 @@ class Maker:
             if kind == "directionalarea":
                 shape = {"type": "rectangle", "to_world": self.place()}
             bsdf = {"bsdf": self.bsdf()} if self.chance(0.5) else {}
+            if medium is not None and self.chance(0.3):
+                bsdf[self.one("interior", "exterior")] = medium
             return {**shape, **bsdf, "emitter": {"type": kind.replace("mesh", "area"), "radiance": power}}
         if kind == "point":
             return {"type": kind, "position": self.point(), "intensity": power, **said}
         if kind == "spot":
             return {"type": kind, "to_world": self.look_at(), "intensity": power,
                     "cutoff_angle": self.one(0.1, 20.0, 90.0), "beam_width": 0.05, **said}  # fmt: skip
+        if kind == "sunsky":
+            return {"type": kind, "turbidity": self.one(1.0, 5.0, 10.0), "sun_scale": self.one(0.0, 1.0)}
         if kind == "constant":
             return {"type": kind, "radiance": power}
         image = mi.Bitmap(self.rng.random((4, 8, 3)).astype(np.float32) * self.one(0.0, 1.0))
@@ -188,7 +235,8 @@ class Maker:
                         "distant", "irradiancemeter")  # fmt: skip
         many = kind in ("perspective", "thinlens", "orthographic")
         film = self.film(8 if many else 1)
-        sensor = {"type": kind, "film": film}
+        sampler = {"type": self.one(*SAMPLERS), "sample_count": self.one(1, 4)}
+        sensor = {"type": kind, "film": film, "sampler": sampler}
         if medium is not None and self.chance(0.3):
             sensor["medium"] = medium
         if many:
@@ -228,7 +276,7 @@ class Maker:
             parts["twin"] = parts["solid0"]
         for index in range(self.rng.integers(1, 3) if self.chance(0.9) else 0):
             parts[f"light{index}"] = self.light(medium)
-        skies = [name for name, part in parts.items() if part["type"] in ("constant", "envmap")]
+        skies = [name for name, part in parts.items() if part["type"] in ("constant", "envmap", "sunsky")]
         for name in skies[1:]:  # Mitsuba takes one
             del parts[name]
         return {"type": "scene", **parts, "sensor": self.sensor(medium)}
@@ -239,7 +287,7 @@ class Maker:
             "type": "photon_beams", "paths": int(self.one(1, 200, 200)), "max_depth": depth,
             "rr_depth": int(self.one(1, 5)), "beams": self.one("long", "short"), "hide_emitters": self.chance(0.3),
             "layers": self.chance(0.2), "estimator": self.one("auto", "auto", "billboard", "frustum"),
-            "guiding": self.chance(0.2),
+            "guiding": self.chance(0.2), "method": self.one("beams", "beams", "paths"),
         }  # fmt: skip
         if self.chance(0.2):
             settings["radius"] = self.size * self.one(1e-3, 0.5)

@@ -3,10 +3,16 @@
 import numpy as np
 from tests.comparison import ABSORPTION, BOX, EYE, HOLE_X, HOLE_Y, HOLE_Z, SCATTERING, comparison_scene
 
+from photonbeams.render.settings import Settings
 from photonbeams.runtime.device import mitsuba
 
 mi = mitsuba()
 T = mi.ScalarTransform4f
+
+
+def by_beams(**given):
+    """Return settings by which all light is that of beams and photons."""
+    return Settings(method="beams", **given)
 
 
 def rgb(value):

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from photonbeams.render.scene_frame import render
-from photonbeams.render.settings import Settings
 from photonbeams.runtime.device import Float, UInt32, mitsuba
-from transport.scenes import T, camera, fog, load, rgb, volpath
+from transport.scenes import T, by_beams, camera, fog, load, rgb, volpath
 
 mi = mitsuba()
 SEEDS = 4
@@ -65,7 +64,7 @@ def test_light_through_glass_is_where_it_should_be(name):
     scene = scene_with(name)
     shared = {"passes": 8, "beams": 1 << 13, "max_depth": 8, "max_radius": 0.05}
     ours = np.array([
-        render(scene, scene.sensors()[0], Settings(seed=seed, **shared)).layers()["rgba"][..., 0]
+        render(scene, scene.sensors()[0], by_beams(seed=seed, **shared)).layers()["rgba"][..., 0]
         for seed in range(SEEDS)
     ])  # fmt: skip
     reference = np.array([volpath(scene, 4096, seed, max_depth=8)[..., 0] for seed in range(SEEDS)])
@@ -92,7 +91,7 @@ def test_a_small_lamp_makes_a_bright_focus():
     spot = {"type": "spot", "to_world": T().look_at([0, 0, -6], [0, 0, 0], [0, 1, 0]), "intensity": rgb(20.0),
             "cutoff_angle": 7.0, "beam_width": 7.0}  # fmt: skip
     scene = load(ball=ball, spot=spot, sensor=camera((6, 0, 1.2), (0, 0, 1.2), size=48, fov=20, medium=medium))
-    picture = render(scene, scene.sensors()[0], Settings(passes=4, max_depth=6)).layers()["beams"][..., 0]
+    picture = render(scene, scene.sensors()[0], by_beams(passes=4, max_depth=6)).layers()["beams"][..., 0]
     # The camera looks along −x with +y up: z runs to the left or the right, the axis through the middle rows.
     rows = picture.max(axis=1)
     assert abs(int(rows.argmax()) - 23.5) < 2

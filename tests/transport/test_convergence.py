@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from photonbeams.render.scene_frame import render
-from photonbeams.render.settings import Settings
 from photonbeams.runtime.device import mitsuba
-from transport.scenes import T, camera, fog, load, rgb
+from transport.scenes import T, by_beams, camera, fog, load, rgb
 
 mi = mitsuba()
 SEEDS = 24
@@ -29,7 +28,7 @@ def spread(scene, seeds=SEEDS, **settings):
     """Return the variance of a pixel between seeds, relative to its mean, the mean over pixels."""
     shared = {"max_depth": 2, "surfaces": False, "guiding": False, "alpha": 1.0, **settings}
     found = np.array([
-        render(scene, scene.sensors()[0], Settings(seed=seed, **shared)).layers()["beams"][..., 0]
+        render(scene, scene.sensors()[0], by_beams(seed=seed, **shared)).layers()["beams"][..., 0]
         for seed in range(seeds)
     ])  # fmt: skip
     return (found.var(axis=0, ddof=1) / found.mean() ** 2).mean()
@@ -61,7 +60,7 @@ def test_radii_shrink_by_the_schedule(scene):
     """R_{i+1} / R_i = (i + α) / (i + 1), from the first pass on."""
     from photonbeams.render.scene_frame import SceneRenderer
 
-    frame = SceneRenderer(scene, scene.sensors()[0], Settings(beams=64, radius=0.1, alpha=0.7, max_depth=2))
+    frame = SceneRenderer(scene, scene.sensors()[0], by_beams(beams=64, radius=0.1, alpha=0.7, max_depth=2))
     radii = []
     for number in range(5):
         (light,) = frame.simulated(number).sets
@@ -80,7 +79,7 @@ def test_bias_falls_with_the_radius():
     radii = np.array([0.4, 0.2, 0.1])
 
     def picture(radius):
-        return render(scene, scene.sensors()[0], Settings(**shared, radius=radius)).layers()["beams"][..., 0]
+        return render(scene, scene.sensors()[0], by_beams(**shared, radius=radius)).layers()["beams"][..., 0]
 
     reference = picture(0.0125)
     bias = [np.abs(picture(radius) - reference).mean() for radius in radii]
@@ -100,6 +99,6 @@ def test_wide_beams_light_a_slab_of_fog_up_to_its_boundary():
     film = {"type": "hdrfilm", "width": 16, "height": 16, "rfilter": {"type": "box"}}
     sensor = {"type": "orthographic", "to_world": T().look_at([0, 0, 4], [0, 0, 0], [0, 1, 0]), "film": film}
     scene = load(light=light, sensor=sensor, slab=slab)
-    settings = Settings(max_depth=2, passes=2, alpha=1.0, radius=0.3, guiding=False)
+    settings = by_beams(max_depth=2, passes=2, alpha=1.0, radius=0.3, guiding=False)
     found = render(scene, scene.sensors()[0], settings).layers()["beams"].mean()
     assert found == pytest.approx((1 - np.exp(-3 * 0.5)) / (4 * np.pi * 3), rel=0.02)

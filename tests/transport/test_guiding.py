@@ -11,15 +11,13 @@ from comparison import camera as stage_camera
 from photonbeams.estimators.estimate import estimate
 from photonbeams.numerics.sampling import pairs, sobol_block, sobol_points
 from photonbeams.render.scene_frame import SceneRenderer, render
-from photonbeams.render.settings import Settings
-from photonbeams.transport import pilot
 from photonbeams.transport.guiding import learn
 from photonbeams.transport.inversion import samples_of
 from photonbeams.transport.lamps import LampEmitter
 from photonbeams.transport.simulation import StageSimulation, Tuning
 from photonbeams.world.cameras import View, Window
 from photonbeams.world.stage_world import StageWorld
-from transport.scenes import camera, comparison, cube_of, fog, load, rgb
+from transport.scenes import by_beams, camera, comparison, cube_of, fog, load, rgb
 
 
 def clustered(seed, count=1 << 12):
@@ -79,11 +77,11 @@ def test_guiding_keeps_the_mean_and_makes_it_better():
     scene = comparison(48, 27)
     shared = {"passes": 1, "beams": 2048, "max_depth": 2, "surfaces": False}
     reference = render(
-        scene, scene.sensors()[0], Settings(**{**shared, "passes": 8, "beams": 1 << 15}, seed=99)
+        scene, scene.sensors()[0], by_beams(**{**shared, "passes": 8, "beams": 1 << 15}, seed=99)
     ).views()[0]["beams"]  # fmt: skip
     spreads = []
     for guiding in (True, False):
-        found = [render(scene, scene.sensors()[0], Settings(**shared, guiding=guiding, seed=seed)).views()[0]["beams"]
+        found = [render(scene, scene.sensors()[0], by_beams(**shared, guiding=guiding, seed=seed)).views()[0]["beams"]
                  for seed in range(8)]  # fmt: skip
         means = np.array([each.mean() for each in found])
         assert abs(means.mean() / 0.1201 - 1) < 4 * means.std(ddof=1) / 0.1201 / np.sqrt(8) + 0.01
@@ -98,34 +96,34 @@ def test_lights_that_are_not_seen_get_fewer_paths():
         for name, place in (("seen", [0, 0, 0]), ("behind", [0, 0, 50]))
     }
     scene = load(fog=cube_of(fog(0.5)), sensor=camera(), **lights)
-    frame = SceneRenderer(scene, scene.sensors()[0], Settings())
+    frame = SceneRenderer(scene, scene.sensors()[0], by_beams())
     counts = {
         tuple(np.round(np.array(scene.emitters()[number].bbox().center()).ravel())): stratum.count
-        for number, stratum in enumerate(frame.simulation.emission.strata)
+        for number, stratum in enumerate(frame.light.simulation.emission.strata)
     }
     assert counts[(0, 0, 0)] > 2.5 * counts[(0, 0, 50)] > 0
 
 
-def test_a_stage_without_a_portal_is_guided_to_the_same_mean_with_less_noise(monkeypatch):
-    # A fifth of the lamp's light comes through the hole: by default that is too much for straight light to be guided.
-    monkeypatch.setattr(pilot, "ENOUGH_STRAIGHT", 0.5)
+@pytest.mark.parametrize("eye", [EYE, (-0.4, 1.5, 0.02)], ids=["from beside", "from inside"])
+def test_a_stage_without_a_portal_is_guided_to_the_same_mean_with_less_noise(eye):
+    """From inside the shaft, little of its light is in the picture: what is behind the camera must not shine in."""
     description = comparison_scene(portal=False)
-    world = StageWorld.build(description, viewpoints=[EYE])
-    wanted, (origin, direction) = single_scattering(64, 36, light_points=12), camera_rays(64, 36)
+    world = StageWorld.build(description, viewpoints=[eye])
+    wanted, (origin, direction) = single_scattering(32, 18, eye, light_points=12), camera_rays(32, 18, eye)
     errors, mask = [], lit(wanted)
     for guided in (True, False):
         found = []
-        for seed in range(8):
-            simulation = StageSimulation(Tuning(seed, max_bounces=0, overlap=1.5), beams=2048)
+        for seed in range(6):
+            simulation = StageSimulation(Tuning(seed, max_bounces=0, overlap=2.2), beams=16384)
             if guided:
-                simulation = simulation.guided(world, [View(stage_camera(), Window.full(64, 36)).projection])
+                simulation = simulation.guided(world, [View(stage_camera(eye), Window.full(32, 18)).projection])
             beams = simulation.simulated([world], 0)[0][0].beams
             value = estimate(beams, origin, direction, wall_distance(origin, direction), medium=description.medium)
-            found.append(value.numpy()[:, 0].reshape(36, 64)[mask] / wanted[mask])
-        means = np.array([each.mean() for each in found])
-        # Beams of 2,048 paths blur the shaft's edge: 1 %, as in the tests of single beams.
-        assert abs(means.mean() - 1) < 4 * means.std(ddof=1) / np.sqrt(8) + 0.01
-        errors.append(np.median(np.abs(np.array(found) - 1)))
+            found.append(value.numpy()[:, 0].reshape(18, 32))
+        means = np.array([each.mean() for each in found]) / wanted.mean()
+        # Beams blur the shaft's edge, and pixels' centres miss it: 1 %, as in the tests of single beams.
+        assert abs(means.mean() - 1) < 4 * means.std(ddof=1) / np.sqrt(6) + 0.01
+        errors.append(np.median(np.abs(np.array(found)[:, mask] / wanted[mask] - 1)))
     assert errors[0] < 0.7 * errors[1]
 
 

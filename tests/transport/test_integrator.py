@@ -17,7 +17,7 @@ from photonbeams.runtime.device import mitsuba
 from transport.scenes import camera, cube_of, fog, load, rgb
 
 mi = mitsuba()
-PLUGIN = {"type": "photon_beams", "paths": 256}
+PLUGIN = {"type": "photon_beams", "paths": 256, "method": "beams"}
 ENVIRONMENT = {**os.environ, "PYTHONPATH": os.pathsep.join(each for each in sys.path if each)}
 LIGHT = {"type": "point", "position": [0.3, 0.4, 0.2], "intensity": rgb([3.0, 2.0, 1.0])}
 
@@ -145,6 +145,12 @@ def test_derivatives_are_refused_by_the_sentence_itself():
             dr.backward(dr.sum(image, axis=None))
 
 
+def test_parameters_without_a_value_have_no_gradients():
+    """Hair lists some, and Mitsuba cannot return them."""
+    parameters = mi.traverse(mi.load_dict({"type": "scene", "ball": {"type": "sphere", "bsdf": {"type": "hair"}}}))
+    assert not dict(integrator._with_gradients(parameters))
+
+
 def test_a_variant_without_colors_has_the_same_picture():
     script = """
 import photonbeams, mitsuba as mi, numpy as np
@@ -176,7 +182,8 @@ def test_hidden_emitters_are_not_seen():
 
 def test_alpha_is_that_of_surfaces_and_windows_are_parts():
     whole = picture(scene(pixel_format="rgba"))
-    assert set(np.unique(whole[..., 3])) <= {0, 0.5, 1} and 0 < whole[..., 3].mean() < 1
+    # Two passes of up to sixteen samples.
+    assert not np.any(32 * whole[..., 3] % 1) and 0 < whole[..., 3].mean() < 1
     window = {"crop_offset_x": 2, "crop_offset_y": 3, "crop_width": 4, "crop_height": 5}
     part = picture(scene(pixel_format="rgba", **window), guiding=False)
     assert part.shape == (5, 4, 4)

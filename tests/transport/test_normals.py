@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 from photonbeams.render.scene_frame import render
-from photonbeams.render.settings import Settings
 from photonbeams.runtime.device import mitsuba
 from photonbeams.world.world import perturbs
-from transport.scenes import T, camera, load, rgb, volpath
+from transport.scenes import T, by_beams, camera, load, rgb, volpath
 
 mi = mitsuba()
 TILT = 0.2
@@ -55,7 +54,7 @@ def test_light_off_turned_normals_is_that_of_path(name):
     bsdf, side = CASES[name]
     scene = floor_and_wall(bsdf, side)
     expected = volpath(scene, 1 << 13, plugin="path", max_depth=3).mean()
-    settings = Settings(passes=3, beams=1 << 18, radius=0.06, alpha=1.0, max_depth=3)
+    settings = by_beams(passes=3, beams=1 << 18, radius=0.06, alpha=1.0, max_depth=3)
     found = render(scene, scene.sensors()[0], settings).layers()["rgba"][..., :3].mean()
     # Four seeds spread by 0.3 % here and 1 % there, and discs blur by 1 %; the flat floor's cosines are 20 to 70 % off.
     assert found == pytest.approx(expected, rel=0.04)

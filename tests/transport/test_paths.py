@@ -130,6 +130,16 @@ def test_white_fog_neither_makes_nor_loses_light():
     np.testing.assert_allclose(entered, 4 * np.pi * np.array([1.0, 2.0, 3.0]), rtol=1e-4)
 
 
+def test_no_path_through_thick_white_fog_outshines_the_others():
+    """Fog of ten free paths to its border, a hundred collisions: each path carries what it was emitted with."""
+    medium = mi.load_dict(fog(10.0, 1.0))
+    scene = load(cube=cube_of(medium), light={"type": "point"})
+    found = steps(tracing(scene, medium), emitted(scene, medium, 512), 200)
+    assert len(found) > 40
+    brightest = max(float(dr.max(each.flux.x)[0]) for each, _ in found if each is not None)
+    assert brightest == pytest.approx(4 * np.pi / 512, rel=1e-4)
+
+
 def test_short_beams_end_where_light_is_scattered():
     medium = mi.load_dict(fog(2.0, 0.5))
     scene = load(light={"type": "point"}, far={"type": "sphere", "radius": 100})

@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 
 from photonbeams.render.scene_frame import Extras, render
-from photonbeams.render.settings import Settings
 from photonbeams.scene import BeamSettings, Gobo, Mesh, SceneError
 from photonbeams.transport.scene_emitters import emission_of
 from photonbeams.world.scene_world import SceneWorld
-from transport.scenes import T, camera, cube_of, fog, load, rgb
+from transport.scenes import T, by_beams, camera, cube_of, fog, load, rgb
 
 COUNT = 1 << 14
 LIGHT = [3.0, 2.0, 1.0]
@@ -111,7 +110,7 @@ def pictures(scene, beams=None, seeds=4, **given):
     settings = {"passes": 2, "beams": 2048, "max_depth": 4, "radius": 0.02, "alpha": 1.0, "guiding": False, **given}
     extras = Extras(beams or {})
     found = [
-        render(scene, scene.sensors()[0], Settings(seed=seed, **settings), extras=extras).layers()
+        render(scene, scene.sensors()[0], by_beams(seed=seed, **settings), extras=extras).layers()
         for seed in range(seeds)
     ]
     return {name: np.array([each[name][..., :3] for each in found]) for name in ("beams", "surface", "rgba")}

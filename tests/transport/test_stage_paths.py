@@ -10,7 +10,6 @@ from comparison import HOLE_X, across_x, box, comparison_scene, quad
 from kernels import compiled
 from photonbeams import scene
 from photonbeams.numerics.arrays import to_vectors
-from photonbeams.runtime import device
 from photonbeams.runtime.device import Array3f, Bool, UInt32
 from photonbeams.transport.portal_visibility import lights_seen
 from photonbeams.world.stage_world import StageWorld
@@ -85,12 +84,11 @@ def test_beams_that_meet_nothing_end_far_beyond_the_bounds():
     assert np.allclose(beams["end_normal"], -direction, atol=1e-5)
 
 
-def test_the_same_seed_gives_the_same_beams_bit_for_bit_with_one_and_two_threads(room):
+def test_the_same_seed_gives_the_same_beams_bit_for_bit_with_one_and_two_threads(room, set_threads):
     results = []
     for threads in (1, 2, 2):
-        device.set_threads(threads)
+        set_threads(threads)
         results.append(only(trace(room, beams_per_light=512, pass_index=3, seed=5, light_side={"/light"})))
-    device.set_threads(0)
     for other in results[1:]:
         assert all(np.array_equal(results[0][name], other[name]) for name in other)
 

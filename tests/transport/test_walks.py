@@ -1,13 +1,15 @@
 """Emitters whose light is met by paths from the camera: the same light as by beams and photons, each path once."""
 
+from copy import copy
+
 import numpy as np
 import pytest
 
-from photonbeams.render.scene_frame import Extras, render
+from photonbeams.render.scene_frame import Extras, SceneRenderer, render
 from photonbeams.render.settings import Settings
 from photonbeams.runtime.device import mitsuba
 from photonbeams.scene import BeamSettings, SceneError
-from transport.scenes import camera, cube_of, fog, load, rgb
+from transport.scenes import camera, cube_of, fog, load, rgb, volpath
 
 mi = mitsuba()
 SKY = {"type": "constant", "radiance": rgb([1.0, 0.5, 0.25])}
@@ -43,6 +45,16 @@ def test_a_furnace_of_white_fog_cannot_be_seen():
     assert np.all(error < 0.02 * mean)
 
 
+@pytest.mark.parametrize("method", ["beams", "paths"])
+def test_a_white_surface_with_holes_under_a_sky_cannot_be_seen(method):
+    # What passes it and what it reflects are the sky's radiance, whatever part of it is cut out.
+    mask = {"type": "mask", "opacity": 0.5, "nested": {"type": "diffuse", "reflectance": rgb(1.0)}}
+    scene = load(sheet={"type": "rectangle", "bsdf": mask}, sky=SKY, sensor=camera((0, 0, 3), size=4, fov=20))
+    mean, error = mean_and_error(pictures(scene, 4, method, passes=8, beams=64, guiding=False, max_depth=2))
+    assert np.all(np.abs(mean - [1.0, 0.5, 0.25]) < 4 * error + 1e-4)
+    assert np.all(error < 0.02 * mean)
+
+
 def test_walks_have_the_mean_of_beams_and_emitters_add_up():
     parts = {"fog": cube_of(fog([1.0, 0.5, 0.25], 0.9)), "floor": FLOOR, "lamp": LAMP, "sky": SKY}
     scene = load(sensor=camera(size=8, target=(0, -0.3, 0)), **parts)
@@ -66,5 +78,50 @@ def test_walks_count_no_longer_paths_than_allowed():
 
 
 def test_a_method_that_is_none_is_refused():
-    with pytest.raises(SceneError, match='method is \'best\': expected "beams" or "paths"'):
+    with pytest.raises(SceneError, match="method is 'best': expected one of auto, beams, paths"):
         Settings(method="best")
+
+
+GLASS = {"type": "sphere", "center": [0, -0.4, 0], "radius": 0.6, "bsdf": {"type": "dielectric"}}
+
+
+def parts_of(scene, passes, **settings):
+    """Return pictures with the light that walks meet, with caustics, with both and with neither, of four seeds.
+
+    What the camera sees of emitters, and their direct light, is in all of them.
+    """
+    found = {"walks": [], "caustics": [], "both": [], "neither": []}
+    for seed in range(4):
+        frame = SceneRenderer(scene, scene.sensors()[0], Settings(method="paths", seed=seed, passes=passes, **settings))
+        light, lights = frame.light, {}
+        lights["both"], lights["walks"] = light, light.with_paths([])
+        lights["caustics"], lights["neither"] = copy(light), light.with_paths([])
+        lights["caustics"].walks = lights["neither"].walks = {}
+        for name, each in lights.items():
+            frame.clear()
+            frame.light = each
+            frame.add_passes(range(passes))
+            found[name].append(frame.layers()["rgba"][..., :3])
+    return {name: np.array(each) for name, each in found.items()}
+
+
+def test_caustics_of_lamps_come_from_the_lamp_and_all_other_light_from_walks():
+    scene = load(floor=FLOOR, glass=GLASS, lamp=LAMP, sensor=camera(size=8, target=(0, -1, 0)))
+    found = parts_of(scene, 4, beams=4096, max_depth=6)
+    walks, caustics, both, neither = (mean_and_error(found[name]) for name in ("walks", "caustics", "both", "neither"))
+    sum_of_parts = walks[0] + caustics[0] - neither[0]
+    assert np.all(caustics[0] > 1.05 * neither[0])
+    assert np.all(np.abs(both[0] - sum_of_parts) < 4 * (both[1] + walks[1] + caustics[1] + neither[1]))
+    # Paths from the camera find the same light, if all of them count.
+    reference = np.array([volpath(scene, 1024, seed, "path", max_depth=6) for seed in range(4)])
+    expected, error = mean_and_error(reference)
+    # Discs of photons blur, and what of them lies beside the floor is counted on it: half a per cent.
+    assert np.all(np.abs(both[0] - expected) < 4 * np.hypot(both[1], error) + 0.005 * expected)
+
+
+def test_a_point_lamp_shines_through_glass_where_walks_meet_its_light():
+    lamp = {"type": "point", "position": [0, 2.4, 0], "intensity": rgb([4.0, 6.0, 8.0])}
+    scene = load(floor=FLOOR, glass=GLASS, lamp=lamp, sensor=camera(size=8, target=(0, -1, 0)))
+    walks, beams = (pictures(scene, 4, method, passes=4, beams=4096) for method in ("paths", "beams"))
+    (expected, error), (mean, own) = mean_and_error(beams), mean_and_error(walks)
+    assert np.all(np.abs(mean - expected) < 4 * np.hypot(error, own))

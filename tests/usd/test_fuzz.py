@@ -215,7 +215,7 @@ def Material "Material"
     }
 }
 """
-SEEDS = 500
+SEEDS = 250
 WRONG = [
     ("float", float("nan")), ("float", float("inf")), ("float", -1.0), ("float", 3e38), ("double", 1e300), ("int", -7),
     ("int", 2**31 - 1), ("bool", True), ("string", "text"), ("token", ""), ("asset", Sdf.AssetPath("gone.exr")),

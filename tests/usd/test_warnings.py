@@ -49,11 +49,11 @@ def test_what_fails_in_a_way_that_nobody_thought_of_is_left_out(usd, caplog):
 @pytest.mark.parametrize(
     ("prim", "warning"),
     [
-        ("references = @ok.usda@</Nope>", "/A has a reference to @{}/ok.usda@</Nope>, where no such prim is;"),
-        ("references = @plain.usda@", "/A has a reference to @{}/plain.usda@, which names no default prim;"),
-        ("payload = @broken.usda@", "/A has a payload to @{}/broken.usda@, which cannot be read (line 3: "),
+        ("references = @ok.usda@</Nope>", "/A has a reference to @ok.usda@</Nope>, where no such prim is;"),
+        ("references = @plain.usda@", "/A has a reference to @plain.usda@, which names no default prim;"),
+        ("payload = @broken.usda@", "/A has a payload to @broken.usda@, which cannot be read (line 3: "),
         ("references = </A/B>", "/A refers to itself, directly or by others;"),
-        ("references = @picture.jpg@", "/A has a reference to @{}/picture.jpg@, and OpenUSD reads no files like *.jpg"),
+        ("references = @picture.jpg@", "/A has a reference to @picture.jpg@, and OpenUSD reads no files like *.jpg"),
     ],
 )
 def test_what_cannot_be_composed_is_left_out_in_a_sentence_of_our_own(tmp_path, caplog, capfd, prim, warning):
@@ -64,7 +64,7 @@ def test_what_cannot_be_composed_is_left_out_in_a_sentence_of_our_own(tmp_path, 
     path = tmp_path / "stage.usda"
     path.write_text(f'#usda 1.0\ndef Xform "A" ({prim}\n)\n{{\n    def "B"\n    {{\n    }}\n}}\ndef Cube "C"\n{{\n}}\n')
     assert len(read_scene(open_stage(path)).meshes) == 1
-    assert any(f"{path}: {warning.format(tmp_path)}" in each for each in caplog.messages)
+    assert any(f"{path}: {warning}" in each for each in caplog.messages)
     assert capfd.readouterr().err == ""
     with pytest.raises(SceneError, match="stage"):
         open_stage(path, warnings=Warnings(strict=True))

@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 
 from photonbeams.render.scene_frame import render
-from photonbeams.render.settings import Settings
 from photonbeams.runtime.device import Array3f, UInt32, mitsuba
 from photonbeams.scene import SceneError
 from photonbeams.world.interfaces import medium_at, number
 from photonbeams.world.media import Media
-from transport.scenes import T, camera, cloud, cube_of, fog, load, rgb
+from transport.scenes import T, by_beams, camera, cloud, cube_of, fog, load, rgb
 
 mi = mitsuba()
 
@@ -89,7 +88,7 @@ def test_a_grid_that_is_smaller_than_its_shape_ends_at_its_own_border():
     smoke = {"type": "heterogeneous", "sigma_t": ones, "albedo": 1.0, "scale": 3.0}
     # Without absorption, in even light of radiance 1, everything looks like radiance 1.
     furnace = load(smoke=cube_of(smoke), light={"type": "constant", "radiance": 1.0}, sensor=camera(size=16))
-    settings = Settings(passes=4, beams=16384, max_radius=0.02)
+    settings = by_beams(passes=4, beams=16384, max_radius=0.02)
     pictures = [render(furnace, furnace.sensors()[0], replace(settings, seed=seed)).layers()["rgba"] for seed in (1, 2)]
     means = np.array([picture[..., :3].mean() for picture in pictures])
     assert means == pytest.approx(1, abs=0.02)  # glows outside of the grid made it 1.9
@@ -106,7 +105,7 @@ def test_media_that_touch_are_as_bright_as_with_a_gap():
             light={"type": "point", "position": [-3, 2, 1], "intensity": 15.0}, sensor=camera((0, 1, 5), size=16),
         )  # fmt: skip
         return (
-            render(both, both.sensors()[0], Settings(passes=4, max_depth=4)).layers()["rgba"][..., :3].mean(axis=(0, 1))
+            render(both, both.sensors()[0], by_beams(passes=4, max_depth=4)).layers()["rgba"][..., :3].mean(axis=(0, 1))
         )
 
     # The same light paths through the same fog; where borders lie on each other, rays met but one of them: 3 % less.

@@ -8,7 +8,6 @@ from tests.comparison import box
 from photonbeams import scene
 from photonbeams.looks import Attenuation
 from photonbeams.render.scene_frame import SceneRenderer, render
-from photonbeams.render.settings import Settings
 from photonbeams.runtime.device import Array3f, mitsuba
 from photonbeams.usd.looks import AlongSpec, LookSpec
 from photonbeams.usd.shading import build_look
@@ -16,7 +15,7 @@ from photonbeams.world.interfaces import number
 from photonbeams.world.media import Media, MediumScattering
 from photonbeams.world.stage_media import media_of
 from photonbeams.world.tracking import Tracked
-from transport.scenes import camera, cube_of, fog, load, rgb
+from transport.scenes import by_beams, camera, cube_of, fog, load, rgb
 
 mi = mitsuba()
 AIR = scene.Medium((0.1, 0.2, 0.3), name="/Air")
@@ -106,7 +105,7 @@ def dr_place(point):
 def test_a_medium_of_a_scene_looks_as_mitsubas_own():
     (built,) = media_of([solid("/Fog", [-1] * 3, [1] * 3, 0.5)])
     scenes = (load(fog=each, light=LIGHT, sensor=camera(size=8)) for each in (built.shape, cube_of(fog(0.5, 1.0))))
-    ours, theirs = (render(each, each.sensors()[0], Settings(passes=2, beams=1024, guiding=False)) for each in scenes)
+    ours, theirs = (render(each, each.sensors()[0], by_beams(passes=2, beams=1024, guiding=False)) for each in scenes)
     # The same samples through the same box: rays leave a mesh and a cube by the same offsets.
     np.testing.assert_allclose(ours.layers()["beams"], theirs.layers()["beams"], rtol=0.01, atol=1e-4)
 
@@ -122,7 +121,7 @@ def test_a_second_frame_of_other_media_compiles_nothing():
         air, thick, thin = built
         both = load(fog=thick.shape, smoke=thin.shape, light={**LIGHT, "medium": air.plugin},
                     sensor=camera((0, 0, 4), medium=air.plugin, size=4))  # fmt: skip
-        return render(both, both.sensors()[0], Settings(passes=1, beams=512, max_depth=4, guiding=False))
+        return render(both, both.sensors()[0], by_beams(passes=1, beams=512, max_depth=4, guiding=False))
 
     for index in range(3):
         last = frame(index)
@@ -132,8 +131,8 @@ def test_a_second_frame_of_other_media_compiles_nothing():
 def test_a_frame_knows_how_large_media_of_a_scene_are():
     air, drop = media_of([AIR, solid("/Drop", [-1] * 3, [1] * 3)])
     built = load(drop=drop.shape, light={**LIGHT, "medium": air.plugin}, sensor=camera(medium=air.plugin))
-    frame = SceneRenderer(built, built.sensors()[0], Settings(beams=64, guiding=False))
-    simulation = frame.simulation
+    frame = SceneRenderer(built, built.sensors()[0], by_beams(beams=64, guiding=False))
+    simulation = frame.light.simulation
     sizes = {each.number: simulation.size(each) for each in simulation.world.media.all}
     assert sizes[number(drop.plugin)] == pytest.approx(np.sqrt(3), rel=1e-5)
     assert sizes[number(air.plugin)] >= np.sqrt(3)  # as large as the scene

@@ -4,14 +4,13 @@ import numpy as np
 import pytest
 
 from photonbeams.render.scene_frame import SceneRenderer, render
-from photonbeams.render.settings import Settings
 from photonbeams.runtime.device import Array3f, mitsuba
 from photonbeams.world.interfaces import number
 from photonbeams.world.media import Media
 from photonbeams.world.scene_world import SceneWorld
 from photonbeams.world.surroundings import Surroundings, place_of_sensor, places_of
 from render.test_scene_frame import SMALL, agree, pictures
-from transport.scenes import T, camera, cube_of, fog, load, rgb, volpath
+from transport.scenes import T, by_beams, camera, cube_of, fog, load, rgb, volpath
 
 mi = mitsuba()
 SIZE = 2.0
@@ -74,7 +73,7 @@ def test_a_room_is_full_of_its_fog_whoever_names_it(light):
 
 
 def test_a_room_full_of_fog_looks_the_same_whoever_names_it():
-    settings = Settings(passes=2, beams=4096, guiding=False)
+    settings = by_beams(passes=2, beams=4096, guiding=False)
     scenes = {name: scene for name, (scene, _) in makes(**INSIDE).items()}
     found = {name: render(each, each.sensors()[0], settings).layers()["rgba"] for name, each in scenes.items()}
     for name in ("lamp", "sensor"):
@@ -143,7 +142,7 @@ def test_fog_in_one_of_two_rooms_is_behind_its_door(lamp, eye):
 
 
 def test_rooms_look_the_same_whether_or_not_their_walls_name_the_fog():
-    settings = Settings(passes=2, beams=2048, guiding=False)
+    settings = by_beams(passes=2, beams=2048, guiding=False)
     medium = mi.load_dict(fog(0.3, 0.8))
     scenes = [two_rooms(2.5, -3.5, medium, walls) for walls in (False, True)]
     plain, named = (render(each, each.sensors()[0], settings).layers()["rgba"] for each in scenes)
@@ -165,8 +164,10 @@ def test_fog_that_a_lamp_names_in_the_open_fills_the_space():
     assert found.everywhere == number(medium) and around(scene) == (number(medium),) * 2
     # As large as the scene.
     assert not found.sizes
-    frame = SceneRenderer(scene, scene.sensors()[0], Settings(beams=64, guiding=False))
-    assert frame.simulation.size(frame.simulation.world.media.all[0]) == pytest.approx(9 * np.sqrt(2), rel=0.02)
+    frame = SceneRenderer(scene, scene.sensors()[0], by_beams(beams=64, guiding=False))
+    assert frame.light.simulation.size(frame.light.simulation.world.media.all[0]) == pytest.approx(
+        9 * np.sqrt(2), rel=0.02
+    )
 
 
 def test_fog_of_a_tank_does_not_fill_the_space():
@@ -186,6 +187,28 @@ def test_light_of_a_lamp_begins_in_the_medium_at_its_own_place():
     origin = Array3f([0.69, 1.31], [0, 0], [0.01, 0.01])
     found = surveyed(scene).of_emitter(0, origin, Array3f([-1, 1], [0, 0], [0, 0]))
     assert found.numpy().tolist() == [number(medium), 0]
+
+
+@pytest.mark.parametrize("offset", [0, -1e-4, 1e-4])
+def test_light_of_a_point_on_a_border_begins_on_the_side_to_which_it_leaves(offset):
+    medium = mi.load_dict(fog(0.3))
+    found = surveyed(load(tank=cube_of(medium), light={**POINT, "position": [1 + offset, 0.3, 0.1]}, sensor=camera()))
+    direction = Array3f([-1, 1], [0.1, 0.1], [0.2, 0.2])
+    inward, outward = found.of_emitter(0, Array3f(1 + offset, 0.3, 0.1), direction).numpy().tolist()
+    assert inward == (0 if offset > 0 else number(medium))
+    # Exactly there a ray may still meet the boundary that it leaves by: then it begins within.
+    assert outward in {-1e-4: [number(medium)], 0: [number(medium), 0], 1e-4: [0]}[offset]
+
+
+def test_light_through_a_hole_is_in_the_medium_of_the_shape():
+    """So it is for `volpath`, whose paths from within such a shape to its lamp leave it through no boundary."""
+    medium = mi.load_dict(fog(0.3))
+    sides = {f"side{axis}{sign + 1}": {"type": "rectangle", "bsdf": {"type": "null"}, "exterior": medium,
+                                       "to_world": T().translate((sign * np.eye(3)[axis]).tolist()).rotate(*turn)}
+             for (axis, sign), turn in TURNS.items() if (axis, sign) != (1, 1)}  # fmt: skip
+    found = surveyed(load(**sides, light={**POINT, "position": [0, 3, 0]}, sensor=camera()))
+    down_and_up = Array3f([0.1, 0.1], [-1, 1], [0.1, 0.1])
+    assert found.of_emitter(0, Array3f(0, 3, 0), down_and_up).numpy().tolist() == [number(medium), 0]
 
 
 def test_light_that_glass_reflects_stays_in_its_medium():
@@ -230,6 +253,36 @@ def test_walls_that_name_two_media_for_one_room_are_named():
     walls["wall10"] = {**walls["wall10"], "exterior": INK}
     (text,) = conflicts(**walls)
     assert "shape wall10" in text and "medium air" in text and "medium ink" in text
+
+
+def test_a_lamp_that_names_two_media_is_named():
+    walls = room(exterior=AIR)
+    lamp = {**LAMP, "exterior": AIR, "emitter": {**LAMP["emitter"], "medium": INK}}
+    (text,) = conflicts(**walls, light=lamp)
+    assert "emitter light" in text and "medium ink" in text and "medium air" in text
+    # Half of it stands in a tank of the other one.
+    tank = {**cube_of(INK, 0.5), "exterior": AIR}
+    (text,) = conflicts(**walls, light={**LAMP, "center": [0.5, 0, 0], "exterior": AIR}, tank=tank)
+    assert text.startswith("emitter light and shape tank contradict each other")
+
+
+def test_media_that_overlap_are_named():
+    """Mitsuba takes the border that a ray has crossed last, so that where it comes from tells where it is."""
+    left, right = ({**cube_of(each), "to_world": T().translate([x, 0, 0])} for each, x in ((AIR, -0.5), (INK, 0.5)))
+    (text,) = conflicts(left=left, right=right, sensor=camera())
+    assert "shape left" in text and "shape right" in text and "overlap" in text and len(text) <= 300
+    assert not conflicts(left=left, right={**right, "to_world": T().translate([1.5, 0, 0])}, sensor=camera())
+
+
+def test_a_shape_with_a_hole_is_named():
+    sides = {f"side{axis}{sign + 1}": {"type": "rectangle", "bsdf": {"type": "null"}, "exterior": AIR,
+                                       "to_world": T().translate((sign * np.eye(3)[axis]).tolist()).rotate(*turn)}
+             for (axis, sign), turn in TURNS.items()}  # fmt: skip
+    light = {**POINT, "position": [0, 3, 0]}
+    assert not conflicts(**sides, light=light, sensor=camera())
+    del sides["side12"]
+    texts = conflicts(**sides, light=light, sensor=camera())
+    assert texts and all("does not enclose medium air" in text and len(text) <= 300 for text in texts)
 
 
 def test_media_that_touch_and_nested_ones_do_not_contradict_each_other():

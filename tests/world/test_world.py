@@ -8,9 +8,12 @@ import pytest
 
 from comparison import box, comparison_scene, quad
 from photonbeams import scene
-from photonbeams.runtime.device import Array3f, Bool, Float, UInt32
+from photonbeams.runtime.device import Array3f, Bool, Float, UInt32, mitsuba
+from photonbeams.world import shapes
+from photonbeams.world.scene_world import SceneWorld
 from photonbeams.world.stage_world import StageWorld
 
+mi = mitsuba()
 CUBE = box("/fog", [-1, -1, -1], [1, 1, 1])
 
 
@@ -95,3 +98,48 @@ def test_rays_pass_many_clear_layers_to_the_solid_one():
     assert np.isclose(hit.t[0], 21, rtol=1e-5)
     blocked = [world.blocked(Array3f(0.3, 0.2, 0), Array3f(0, 0, -1), Float(t), always, UInt32(1))[0] for t in (20, 22)]
     assert blocked == [False, True]
+
+
+class Spy:
+    """Mitsuba, and the scenes that were loaded beside another one, each with that one."""
+
+    def __init__(self):
+        self.hosts = []
+
+    def __getattr__(self, name):
+        return getattr(mi, name)
+
+    def load_dict(self, content):
+        result = mi.load_dict(content)
+        if "host" in content:
+            self.hosts.append((result, content["host"]))
+        return result
+
+
+def test_on_cuda_all_scenes_in_which_a_kernel_traces_rays_share_the_table_of_one(monkeypatch):
+    # Dr.Jit leaves out, with a warning, the rays in scenes that do not share one shader binding table.
+    spy = Spy()
+    monkeypatch.setattr(shapes, "backend", lambda: "cuda")
+    monkeypatch.setattr(shapes, "mi", spy)
+    wall, lamp, hole = (quad(f"/{x}", [[x, -1, -1], [x, 1, -1], [x, 1, 1], [x, -1, 1]]) for x in (3, 4, 2))
+    white = {"radiance": (1.0, 1.0, 1.0)}
+    world = StageWorld.build(
+        scene.Scene(
+            meshes=(wall,),
+            lights=(
+                scene.MeshLight("/lamp", mesh=lamp, unshadowed=frozenset({"/3"}), **white),
+                scene.SphereLight("/bulb", radius=0.1, center=(0.0, 0, 0), portal=hole, **white),
+            ),
+            media=tuple(scene.Medium((1.0,) * 3, mesh=box(f"/{x}", [x, 0, 0], [x + 1, 1, 1])) for x in (5, 7)),
+        )
+    )
+    portal, light = world.portals["/bulb"].scene, world.lights[0]._scene
+    scenes = [world.surfaces, world.plugin, world.around, *world.blocking_scenes(), portal, light]
+    assert all((each, world.host) in spy.hosts for each in [*scenes, *world.blockers.values()])
+    ray = mi.Ray3f(mi.Point3f(dr.linspace(Float, 0, 1, 2), 0.5, 0.25), mi.Vector3f(1, 0, 0))
+    found = sum(each.ray_intersect(ray).t for each in scenes)
+    assert np.allclose(found, np.array([3 + 3 + 5 + 5 + 2 + 4]) - [0, 6], rtol=1e-5)
+
+    fog = {"type": "cube", "bsdf": {"type": "null"}, "interior": {"type": "homogeneous"}}
+    plugin = mi.load_dict({"type": "scene", "fog": fog, "lamp": {"type": "point"}})
+    assert (SceneWorld(plugin, None).without_surfaces().plugin, plugin) in spy.hosts

@@ -23,6 +23,7 @@ with tempfile.TemporaryDirectory() as home:
     os.environ["HOME"] = home
     import OpenEXR, OpenImageIO, drjit, numpy, pxr.Usd
     mitsuba = device.mitsuba()
+    print(device.backend(), flush=True)
     scene = mitsuba.load_dict({"type": "scene", "ball": {"type": "sphere"}})
     x = drjit.opaque(mitsuba.Float, 0, 64)
     hit = scene.ray_intersect_preliminary(mitsuba.Ray3f(mitsuba.Point3f(x, 0, -3), mitsuba.Vector3f(0, 0, 1)))
@@ -73,6 +74,8 @@ def trial() -> tuple[str | None, bool]:
         return f"the test kernel failed: {reason.removeprefix('photonbeams.runtime.device.DeviceError: ')}", False
     library = os.environ.get("DRJIT_LIBLLVM_PATH", "libLLVM")
     ending = signal.Signals(-child.returncode).name
+    if child.stdout.strip() == "cuda":
+        return f"the test kernel ended in {ending} on CUDA: set PHOTONBEAMS_DEVICE=cpu, or try another driver", True
     return f"the test kernel ended in {ending} with {library}: set DRJIT_LIBLLVM_PATH to another libLLVM", True
 
 

@@ -208,11 +208,15 @@ def _plain(frames: int, passes: int, openjd: bool) -> Show:
     """Return what prints a line about every twentieth of all passes: a log is read afterwards."""
     total = frames * passes
     step = max(1, total // 20)
+    last = -1
 
     def show(index: int, name: str, done: int, note: str) -> None:
+        nonlocal last
         overall = index * passes + done
-        # A frame begins where the one before it ended.
-        if (overall % step == 0 and (done or not index)) or overall == total:
+        # A frame begins where the one before it ended, and many passes may be done at once.
+        part = overall // step + (overall == total)
+        if part > last:
+            last = part
             frame = f"frame {name}: " if frames > 1 else ""
             if openjd:
                 _openjd(overall / total, f"{frame}pass {done} of {passes}")

@@ -14,6 +14,7 @@ import drjit as dr
 
 from ..beams import Beams
 from ..looks import LightContext, Look
+from ..numerics.arrays import joined
 from ..runtime.device import Array3f, Bool, Float, UInt32
 from ..scene import Medium
 from .billboard import billboard_sum
@@ -30,12 +31,28 @@ from .tiles import TILE, Bins, Projection, TileLists, footprints
 PIXELS = 8
 
 
+@dataclass(frozen=True)
+class MoreSamples:
+    """Which rays there are behind one a pixel: `each` of every pixel in `pixels`, the first ones of all come first."""
+
+    pixels: Any
+    each: int
+
+    def shares(self, count: int) -> Any:
+        """Return what part of its pixel each ray is, of one for each of `count` pixels and of those behind them."""
+        part, result = dr.opaque(Float, 1 / (self.each + 1)), dr.ones(Float, count)
+        dr.scatter(result, part, self.pixels)
+        return joined([result, part + dr.zeros(Float, self.each * dr.width(self.pixels))])
+
+
 @dataclass
 class PixelRays:
     """One ray a pixel, row by row from the top left: `origin` is one point for all, or (W · H, 3).
 
     `lanes` are origins and times (0 to 1 over the shutter) that groups of pixels share, (lanes(view), 3) and
     (lanes(view),), where the lens is wide or anything moves; `lane_of` tells a pixel's group. `origin` repeats them.
+
+    Behind the W · H rays there may be more of some pixels, where rays share their origin or have no lanes.
     """
 
     origin: Any
@@ -44,6 +61,7 @@ class PixelRays:
     t_max: Any  # (W · H,)
     t_min: Any  # (W · H,)
     lanes: tuple[Any, Any] | None = None
+    more: MoreSamples | None = None
 
     @property
     def shared_origin(self) -> bool:
@@ -53,7 +71,7 @@ class PixelRays:
 
 @dataclass
 class Estimate:
-    """Radiance (W · H, 3), and the number of ray–beam tests of the billboard's kernel and of the frustum's."""
+    """Radiance of all rays, (N, 3), and how many ray–beam tests the billboard's kernel has made, and the frustum's."""
 
     radiance: Any
     billboard_tests: int = 0
@@ -72,10 +90,10 @@ def estimate_image(
     close: Beams | None = None,
     context: LightContext | None = None,
 ) -> Estimate:
-    """Return the radiance of beams toward every pixel; the same numbers as `estimate`, to float32 rounding."""
+    """Return the radiance of beams along the rays; the same numbers as `estimate`, to float32 rounding."""
     check_estimator(estimator)
     check_motion(beams, close, rays.lanes)
-    result = Estimate(dr.zeros(Array3f, view.width * view.height))
+    result = Estimate(dr.zeros(Array3f, dr.width(rays.direction)))
     if len(beams) == 0:
         return result
     bound = bind(look, beams, close, medium, context)
@@ -102,13 +120,20 @@ def estimate_image(
 def tile_depth(view: Projection, rays: PixelRays) -> Any:
     """Return (tiles,) the planar depth of the farthest surface in each tile."""
     pixel = dr.arange(UInt32, view.width * view.height)
-    width, columns = dr.opaque(UInt32, view.width), dr.opaque(UInt32, view.columns)
-    tile = (pixel // width) // TILE * columns + (pixel % width) // TILE
+    if rays.more is not None:
+        pixel = joined([pixel, *[rays.more.pixels] * rays.more.each])
+    tile = _tile_of(view, pixel)
     depth = dr.minimum(rays.t_max, ENDLESS) * rays.facing
     result = dr.zeros(Float, view.tiles)
     dr.scatter_reduce(dr.ReduceOp.Max, result, depth, tile)
     dr.eval(result)
     return result
+
+
+def _tile_of(view: Projection, pixel: Any) -> Any:
+    """Return the tile of pixels."""
+    width, columns = dr.opaque(UInt32, view.width), dr.opaque(UInt32, view.columns)
+    return (pixel // width) // TILE * columns + (pixel % width) // TILE
 
 
 # Neighbouring lanes carry neighbouring pixels, so that a vector of lanes sees a small block of the picture: a beam
@@ -122,23 +147,39 @@ _GROUPS = TILE * TILE // PIXELS
 
 
 class _Lanes:
-    """The pixels of lanes that carry `count` of them: tile after tile, block after block within a tile."""
+    """The rays of lanes that carry `count` of them: tile after tile, block after block within a tile.
 
-    def __init__(self, view: Projection, count: int) -> None:
-        per_tile = TILE * TILE // count
-        lane = dr.arange(UInt32, view.tiles * per_tile)
-        self.tile, local = lane // per_tile, lane % per_tile
+    Behind these, lanes carry further rays of one pixel each.
+    """
+
+    def __init__(self, view: Projection, rays: PixelRays, count: int) -> None:
+        per_tile, more = TILE * TILE // count, rays.more or MoreSamples(dr.zeros(UInt32, 0), 1)
+        usual, edges, pixels = view.tiles * per_tile, dr.width(more.pixels), view.width * view.height
+        for_edge = -(-more.each // count)
+        lane = dr.arange(UInt32, usual + edges * for_edge)
+        first, lanes = dr.opaque(UInt32, usual), dr.opaque(UInt32, for_edge)
+        self._behind = lane >= first
+        edge = dr.select(self._behind, (lane - first) // lanes, 0)
+        # Of two and more: a gather from one is a broadcast, hence another kernel.
+        known = dr.zeros(UInt32, 2)
+        pixel = dr.gather(UInt32, joined([more.pixels, known]) if edges else known, edge, self._behind)
+        self.tile, local = dr.select(self._behind, _tile_of(view, pixel), lane // per_tile), lane % per_tile
         self._block, self._place = local // _BLOCK * count, local % _BLOCK
         self.group = _group(self.tile, self._block, self._place)
         self._width, self._height = dr.opaque(UInt32, view.width), dr.opaque(UInt32, view.height)
         self._columns = dr.opaque(UInt32, view.columns)
+        self._sample = dr.select(self._behind, (lane - first) % lanes * count, 0)
+        self._each, self._step = dr.opaque(UInt32, more.each), dr.opaque(UInt32, edges)
+        self._first = dr.opaque(UInt32, pixels) + edge
 
-    def pixel(self, number: int) -> tuple[Any, Any]:
-        """Return the index of a lane's pixel, and whether it lies in the picture."""
+    def ray(self, number: int) -> tuple[Any, Any]:
+        """Return the index of a lane's ray, and whether there is one."""
         block = self._block + number
         x = (self.tile % self._columns) * TILE + block % _BLOCKS_ACROSS * _BLOCK_WIDTH + self._place % _BLOCK_WIDTH
         y = (self.tile // self._columns) * TILE + block // _BLOCKS_ACROSS * _BLOCK_HEIGHT + self._place // _BLOCK_WIDTH
-        return y * self._width + x, (x < self._width) & (y < self._height)
+        sample = self._sample + number
+        index = dr.select(self._behind, self._first + sample * self._step, y * self._width + x)
+        return index, dr.select(self._behind, sample < self._each, (x < self._width) & (y < self._height))
 
 
 def _group(tile: Any, block: Any, place: Any) -> Any:
@@ -172,7 +213,7 @@ def lane_of(x: Any, y: Any, columns: Any) -> Any:
 
 
 def _lane_rays(rays: PixelRays, view: Projection, pixel: Any, inside: Any, group: Any) -> Rays:
-    """Return the ray through a pixel of a group."""
+    """Return the ray of an index, of a group of pixels."""
     origin, time = None, None
     if rays.lanes is not None:
         origin, time = dr.gather(Array3f, rays.lanes[0], group), dr.gather(Float, rays.lanes[1], group)
@@ -194,8 +235,8 @@ def _lane_rays(rays: PixelRays, view: Projection, pixel: Any, inside: Any, group
 def _billboards(
     lists: TileLists, view: Projection, rays: PixelRays, packed: Packed, look: Any, points: Points, flags: Any
 ) -> Any:
-    lane = _Lanes(view, PIXELS)
-    pixels = [lane.pixel(number) for number in range(PIXELS)]
+    lane = _Lanes(view, rays, PIXELS)
+    pixels = [lane.ray(number) for number in range(PIXELS)]
     radiance = billboard_sum(
         [_lane_rays(rays, view, *pixel, lane.group) for pixel in pixels],
         dr.gather(UInt32, lists.first, lane.tile),
@@ -209,7 +250,7 @@ def _billboards(
     )
     # One kernel for all pixels of a lane: left to the scatters, the loop would run once for each.
     dr.eval(radiance, flags)
-    picture = dr.zeros(Array3f, view.width * view.height)
+    picture = dr.zeros(Array3f, dr.width(rays.direction))
     for (pixel, inside), value in zip(pixels, radiance, strict=True):
         dr.scatter(picture, value, pixel, inside)
     dr.eval(picture)
@@ -219,8 +260,8 @@ def _billboards(
 def _frustums(
     lists: TileLists, view: Projection, rays: PixelRays, packed: Packed, look: Any, points: Points, blended: bool
 ) -> Any:
-    lane = _Lanes(view, 1)
-    pixel, inside = lane.pixel(0)
+    lane = _Lanes(view, rays, 1)
+    pixel, inside = lane.ray(0)
     radiance = frustum_sum(
         _lane_rays(rays, view, pixel, inside, lane.group),
         dr.gather(UInt32, lists.first, lane.tile),
@@ -231,7 +272,7 @@ def _frustums(
         points,
         blended,
     )
-    picture = dr.zeros(Array3f, view.width * view.height)
+    picture = dr.zeros(Array3f, dr.width(rays.direction))
     dr.scatter(picture, radiance, pixel, inside & dr.full(Bool, True, dr.width(pixel)))
     dr.eval(picture)
     return picture

@@ -7,6 +7,7 @@ from typing import Any
 import drjit as dr
 
 from ..runtime.device import Array2f, Float, UInt32
+from .arrays import joined
 from .hashing import hash32, unit_float
 from .sampling import pixel_sample
 
@@ -22,18 +23,29 @@ class Samples:
     of pixels, and what noise is left is fine-grained (Ahmed and Wonka 2020, "Screen-space blue-noise diffusion of Monte
     Carlo sampling error"). More passes, or more pixels than 2^(32 − `bits`), begin other sequences. All numbers are
     opaque.
+
+    Those of 2^`together` passes from `number` on, of one sequence, are had at once: `indices` are then those of pixels
+    in each of them.
     """
 
-    def __init__(self, seed: int, number: int, bits: int = BITS) -> None:
+    def __init__(self, seed: int, number: int, bits: int = BITS, together: int = 0) -> None:
         self.seed = dr.opaque(UInt32, (seed + 0x9E3779B9 * (number >> bits)) & 0xFFFFFFFF)
         self._number = dr.opaque(UInt32, number & ((1 << bits) - 1))
         self._bits, self._rest = dr.opaque(UInt32, bits), dr.opaque(UInt32, 31 - bits)
+        self._together, self._which = dr.opaque(UInt32, together), dr.opaque(UInt32, (1 << together) - 1)
+
+    def indices(self, pixels: UInt32) -> UInt32:
+        """Return the indices of pixels in all passes, those of the first pass first."""
+        which = range(int(self._which[0]) + 1)
+        result: UInt32 = joined([(pixels << self._together) + dr.opaque(UInt32, each) for each in which])
+        return result
 
     def _place(self, index: Any) -> Any:
-        return (index << self._bits) + self._number
+        return ((index >> self._together) << self._bits) + (self._number + (index & self._which))
 
     def _key(self, index: Any, names: tuple[Any, ...]) -> UInt32:
-        return hash32(self.seed, (index >> self._rest) >> 1, *(UInt32(name) for name in names))
+        pixel = index >> self._together
+        return hash32(self.seed, (pixel >> self._rest) >> 1, *(UInt32(name) for name in names))
 
     def pair(self, index: Any, *names: Any) -> Array2f:
         """Return a point of the unit square for each index."""

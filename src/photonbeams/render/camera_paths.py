@@ -1,7 +1,7 @@
 """Camera paths: straight through boundaries of media, mirrored and refracted, to the first surfaces that scatter light.
 
-Each pixel has one path a pass. Its segments in media gather beams; at surfaces it gathers emission, direct light and
-photons. It continues by one sample of the BSDF's specular and null lobes, where there are any.
+Each sample of a pixel is one path. Its segments in media gather beams; at surfaces it gathers emission, direct light
+and photons. It continues by one sample of the BSDF's specular and null lobes, where there are any.
 """
 
 from __future__ import annotations
@@ -31,7 +31,8 @@ _LOBE, _TURN, _ROULETTE, _WAY, _CUTOUT, _GLOW, _BOUNCE, _ASIDE = 301, 302, 303, 
 # Lobes that make a surface more than a boundary of media; Mitsuba's `Delta` includes `Null`.
 _VISIBLE = int(mi.BSDFFlags.Smooth | mi.BSDFFlags.DeltaReflection | mi.BSDFFlags.DeltaTransmission)
 
-_IDEAL = int(mi.BSDFFlags.Delta | mi.BSDFFlags.Null)
+#: Lobes by which camera paths go on.
+IDEAL = int(mi.BSDFFlags.Delta | mi.BSDFFlags.Null)
 
 # Steps after which paths end that nothing else ends, as between two mirrors.
 _STEPS = 128
@@ -107,7 +108,7 @@ class CameraVertex(Struct):
     transmittance: Array3f
     seed: UInt32
     normal: Array3f
-    bounce: Bounce
+    bounce: Bounce | None
 
 
 class NearestLamp(Struct):
@@ -159,6 +160,8 @@ class CameraTracing:
         Whether vertices have normals.
     walks
         Whether walks go on from smooth surfaces.
+    shining
+        Whether vertices have the radiance of what is there.
     """
 
     world: World
@@ -170,6 +173,7 @@ class CameraTracing:
     sharp: bool = True
     normals: bool = False
     walks: bool = False
+    shining: bool = True
 
 
 def begin(tracing: CameraTracing, primary: PrimaryRays, order: UInt32) -> CameraPaths:
@@ -222,35 +226,27 @@ def _step(
         on_lamp = alive & (lamp.distance < distance)
         met, distance = met & ~on_lamp, dr.select(on_lamp, lamp.distance, distance)
     vertex = CameraVertex()
-    vertex.bounce = None  # type: ignore[assignment]
+    vertex.bounce = None
     vertex.end = paths.near + distance
     vertex.seed = samples.bits(paths.order, _WAY, step)
     passed = world.media.transmittance(paths.medium, start, paths.direction, distance, vertex.seed, alive)
     felt = world.media.felt(paths.medium, passed)
     throughput, clear = paths.throughput * passed, paths.clear * felt
     vertex.transmittance = dr.select(alive, clear, 0)
-    shown = alive & _within(tracing, paths.depth, 1)
-    if tracing.hide_emitters:
-        shown &= paths.depth > 0
-    # Images on portals tint light that passed them before it passed a boundary of a medium, too.
-    straight_from = start - paths.flown * paths.direction
-    radiance = tracing.lighting.emission(hit, straight_from, paths.direction, shown & ~on_lamp)
-    if lamp is not None:
-        radiance = dr.select(on_lamp & shown, lamp.radiance, radiance)
     flags = hit.bsdf().flags()
     smooth = met & mi.has_flag(flags, mi.BSDFFlags.Smooth) & _within(tracing, paths.depth, 2)
-    if tracing.surfaces:
-        radiance += tracing.lighting.direct(ShadingPoint(hit, paths.medium, paths.order, step, samples), smooth)
-        if photons is not None:
-            radiance += photons(hit, paths.depth, smooth)
+    vertex.radiance = dr.zeros(Array3f, 1)
+    if tracing.shining:
+        point = ShadingPoint(hit, paths.medium, paths.order, step, samples)
+        radiance = _radiance(tracing, paths, point, None if lamp is None else (on_lamp, lamp.radiance), smooth, photons)
+        vertex.radiance = dr.select(alive, radiance * clear, 0)
+        if world.media.emissive:
+            seed = samples.bits(paths.order, _GLOW, step)
+            vertex.radiance += paths.throughput * world.media.emitted(
+                paths.medium, start, paths.direction, distance, seed, alive
+            )
     if tracing.walks:
         vertex.bounce = _bounce(world, hit, paths, clear, smooth & alive, samples, step)
-    vertex.radiance = dr.select(alive, radiance * clear, 0)
-    if world.media.emissive:
-        seed = samples.bits(paths.order, _GLOW, step)
-        vertex.radiance += paths.throughput * world.media.emitted(
-            paths.medium, start, paths.direction, distance, seed, alive
-        )
     visible = (UInt32(flags) & _VISIBLE) != 0
     vertex.solid = on_lamp | (met & (visible | ~mi.has_flag(flags, mi.BSDFFlags.Null)))
     vertex.normal = dr.zeros(Array3f, 1)
@@ -263,16 +259,39 @@ def _step(
     return vertex, _onward(tracing, paths, hit, (throughput, clear), met, samples, step)
 
 
+def _radiance(
+    tracing: CameraTracing, paths: CameraPaths, point: ShadingPoint, lamp: tuple[Bool, Array3f] | None, smooth: Bool,
+    photons: PhotonMaps | None,
+) -> Any:  # fmt: skip
+    """Return the radiance of surfaces, lamps and the background: emitted, and where they are `smooth`, reflected.
+
+    `lamp` tells which paths end on a lamp that is no surface, and its radiance.
+    """
+    shown = paths.alive & _within(tracing, paths.depth, 1)
+    if tracing.hide_emitters:
+        shown &= paths.depth > 0
+    # Images on portals tint light that passed them before it passed a boundary of a medium, too.
+    straight_from = paths.origin + (paths.near - paths.flown) * paths.direction
+    on_lamp = Bool(False) if lamp is None else lamp[0]
+    result = tracing.lighting.emission(point.hit, straight_from, paths.direction, shown & ~on_lamp)
+    if lamp is not None:
+        result = dr.select(on_lamp & shown, lamp[1], result)
+    if tracing.surfaces:
+        result += tracing.lighting.direct(point, smooth)
+        if photons is not None:
+            result += photons(point.hit, paths.depth, smooth)
+    return result
+
+
 def _bounce(
     world: World, hit: Any, paths: CameraPaths, throughput: Array3f, smooth: Bool, samples: Samples, step: UInt32
 ) -> Bounce:
     """Return a sample of the smooth lobes of BSDFs."""
+    # Of all lobes: among some of them, Mitsuba's cut-out surfaces sample nothing but what passes them.
     context = mi.BSDFContext()
-    context.type_mask = mi.BSDFFlags.Smooth
     lobe, turn = samples.single(paths.order, _BOUNCE, step), samples.pair(paths.order, _ASIDE, step)
     sample, weight = hit.bsdf().sample(context, hit, lobe, mi.Point2f(turn), smooth)
-    # Some BSDFs ignore the mask, and sample all their lobes.
-    good = smooth & (sample.pdf > 0) & ((sample.sampled_type & _IDEAL) == 0)
+    good = smooth & (sample.pdf > 0) & ((sample.sampled_type & IDEAL) == 0)
     direction = hit.to_world(sample.wo)
     result = Bounce()
     result.origin, result.direction = Array3f(hit.spawn_ray(direction).o), Array3f(direction)
@@ -292,7 +311,7 @@ def _onward(
 ) -> CameraPaths:  # fmt: skip
     """Return the paths continued from the surface: reflected, refracted, or straight through."""
     context = mi.BSDFContext()
-    context.type_mask = _IDEAL
+    context.type_mask = IDEAL
     bsdf = hit.bsdf()
     flags = bsdf.flags()
     sharp = met & (mi.has_flag(flags, mi.BSDFFlags.Delta) | mi.has_flag(flags, mi.BSDFFlags.Null))
@@ -302,7 +321,7 @@ def _onward(
     lobe *= tracing.world.opacity(hit, sharp)
     sample, weight = bsdf.sample(context, hit, lobe, mi.Point2f(turn), sharp)
     # Some BSDFs ignore the mask: Mitsuba's `principled` samples all its lobes.
-    sharp &= (sample.sampled_type & _IDEAL) != 0
+    sharp &= (sample.sampled_type & IDEAL) != 0
     direction = hit.to_world(sample.wo)
     null = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Null)
     straight = paths.primary & null

@@ -1,19 +1,21 @@
 """A view's film: sums over the passes, through a reconstruction filter, and the layers that are developed from them.
 
-Each pixel has its own place for the sample of a pass. A filter gathers the samples around each pixel, always in the
-same order.
+In a pass each pixel has one sample of the beams, and more where they end at the edges of things; of all else it has one
+or more. Each sample has its own place in the pixel. A filter gathers the samples around each pixel, always in the same
+order.
 """
 
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import ceil
 from typing import Any
 
 import drjit as dr
 import numpy as np
 
+from ..numerics.arrays import taken
 from ..numerics.samples import Samples
 from ..numerics.sampling import z_order
 from ..runtime.device import Array2f, Array3f, Float, Int32, UInt32, mitsuba
@@ -22,32 +24,62 @@ from .sums import DEPTH, NORMAL, PassSums
 
 mi = mitsuba()
 
-_BEAMS = "beams/"  # sums of light groups are called this and the group
+# Sums of light groups are called one of these and the group: light that beams bring, and that walks and domes bring,
+# whose samples have other places.
+_GATHERED, _SCATTERED = "beams/", "scattered/"
 _PLACE = 104  # stream of samples
+
+#: Light by light groups, "" for the unnamed one, each a (W · H, 3) radiance.
+Groups = Mapping[str, Any]
 
 
 @dataclass
 class PassPicture:
-    """The picture of a view in one pass: a value for each pixel, row by row.
+    """What camera rays see in a pass but for beams: a value for each ray, those of a pixel's first sample first.
 
     Attributes
     ----------
     surface, alpha
-        (W · H, 3) radiance of surfaces, and (W · H,) their coverage.
-    beams
-        Light groups, "" for the unnamed one, each with a (W · H, 3) radiance; a group may be there more than once.
+        (N, 3) radiance of surfaces, and (N,) their coverage.
+    scattered
+        Light that media scatter and that no beams bring.
     transmittance
-        (W · H, 3) transmittance of the media up to the surfaces, or None.
-    depth, normal
-        (W · H,) planar depths, and (W · H, 3) normals if they are asked for; of the first pass alone.
+        (N, 3) transmittance of the media up to the surfaces, or None.
+    reach
+        (N,) how far rays reach straight ahead, or None.
     """
 
     surface: Any
     alpha: Any
-    beams: Sequence[tuple[str, Any]] = ()
+    scattered: Groups = field(default_factory=dict)
     transmittance: Any = None
-    depth: Any = None
-    normal: Any = None
+    reach: Any = None
+
+    def of_pass(self, place: int, count: int) -> PassPicture:
+        """Return one of several passes that were rendered at once: the one at a place, of `count` pixels."""
+        lanes = dr.arange(UInt32, count) + dr.opaque(UInt32, place * count)
+        scattered = {group: taken(radiance, lanes) for group, radiance in self.scattered.items()}
+        seen = (None if each is None else taken(each, lanes) for each in (self.surface, self.alpha, self.transmittance))
+        surface, alpha, transmittance = seen
+        return PassPicture(surface, alpha, scattered, transmittance)
+
+    def values(self) -> dict[str, Any]:
+        """Return all of it by the names of sums."""
+        result = {"surface": self.surface, "alpha": self.alpha}
+        result |= {_SCATTERED + group: radiance for group, radiance in self.scattered.items()}
+        return result if self.transmittance is None else result | {"transmittance": self.transmittance}
+
+
+@dataclass
+class BeamSamples:
+    """The light of beams in a pass, by light groups, for samples at `places`; `share` is what part of a pixel each is.
+
+    None: each is a whole one.
+    """
+
+    groups: Groups
+    places: Array2f
+    share: Any = None
 
 
 class Film:
@@ -95,25 +127,70 @@ class Film:
         dr.eval(result)
         return result
 
-    def add(self, number: int, picture: PassPicture, places: Array2f, exposure: Any = 1.0) -> None:
-        """Add pass `number`, with its samples' `places` in [0, 1)² of their pixels; `exposure` multiplies its light."""
-        values = {"surface": picture.surface * exposure, "alpha": picture.alpha}
-        for group, radiance in picture.beams:
-            name = _BEAMS + group
-            values[name] = values.get(name, 0) + radiance * exposure
-        if picture.transmittance is not None:
-            values["transmittance"] = picture.transmittance
-        light = sum((each for name, each in values.items() if name.startswith(_BEAMS)), values["surface"])
-        if self._filter is not None:
-            values = self._filtered(values, places)
-        light = dr.dot(light, Array3f(1 / 3))
-        values |= {"light": light, "squares": light * light}
-        if picture.depth is not None:
-            values[DEPTH] = picture.depth
-        if picture.normal is not None:
-            values[NORMAL] = picture.normal
+    def add(
+        self, number: int, seen: Sequence[tuple[PassPicture, Array2f]], beams: BeamSamples, exposure: Any = 1.0,
+        first: Mapping[str, Any] | None = None,
+    ) -> None:  # fmt: skip
+        """Add pass `number`.
+
+        Parameters
+        ----------
+        seen
+            Pictures without beams, of one or more samples of each pixel, with the samples' places in [0, 1)².
+        beams
+            The light of beams.
+        exposure
+            What multiplies light.
+        first
+            Depths and normals, of the first pass alone.
+        """
+        count = self.shape[0] * self.shape[1]
+        each = dr.opaque(Float, 1 / sum(dr.width(own) // count for _, own in seen))
+        gathered = {_GATHERED + group: light * exposure for group, light in beams.groups.items()}
+        values, shining = self._summed(gathered, beams.places, beams.share)
+        if "weight" in values:
+            values["beams weight"] = values.pop("weight")
+        for picture, places in seen:
+            found = {
+                name: value * each * (1 if name in ("alpha", "transmittance") else exposure)
+                for name, value in picture.values().items()
+            }
+            sums, light = self._summed(found, places, each)
+            shining += light
+            values |= {name: values[name] + value if name in values else value for name, value in sums.items()}
+        light = dr.dot(shining, Array3f(1 / 3))
+        values |= {"light": light, "squares": light * light, **(first or {})}
         dr.eval(values)
         self.sums.add(number, {name: self._array(value) for name, value in values.items()})
+
+    def _summed(self, values: Mapping[str, Any], places: Array2f, share: Any) -> tuple[dict[str, Any], Any]:
+        """Return sums of values over the samples that the filter gathers and of its weights, and light by pixels.
+
+        `share` are factors on samples; values have them already.
+        """
+        folded = {name: self._folded(value) for name, value in values.items()}
+        black = dr.zeros(Array3f, self.shape[0] * self.shape[1])
+        light = sum((each for name, each in folded.items() if name not in ("alpha", "transmittance")), black)
+        if self._filter is None or not values:
+            return folded, light
+        factor = dr.ones(Float, dr.width(places)) * (1 if share is None else share)
+        return self._filtered({**values, "weight": factor}, places), light
+
+    def _folded(self, value: Any) -> Any:
+        """Return the sum over the samples of each pixel."""
+        count = self.shape[0] * self.shape[1]
+        samples = dr.width(value) // count
+        if samples <= 1:
+            return value
+        pixel, each, most = dr.arange(UInt32, count), dr.opaque(UInt32, count), dr.opaque(UInt32, samples)
+        value = type(value)(value)
+        dr.make_opaque(value)
+
+        def further(sample: UInt32, total: Any) -> tuple[Any, ...]:
+            return sample + 1, total + dr.gather(type(value), value, pixel + sample * each)
+
+        state = (dr.zeros(UInt32, count), dr.zeros(type(value), count))
+        return dr.while_loop(state, lambda sample, _: sample < most, further, label="fold")[1]
 
     def _array(self, value: Any) -> np.ndarray:
         """Return a value of each pixel, (pixels,) or (3, pixels); of a constant, too."""
@@ -126,21 +203,23 @@ class Film:
         return index % columns, index // columns
 
     def _filtered(self, values: Mapping[str, Any], places: Array2f) -> dict[str, Any]:
-        """Return the pass's values around each pixel, times their weights, and the sum of these as "weight"."""
+        """Return the sums of values of samples around each pixel, times what the filter has there."""
         (x, y), (height, width) = self._pixels(), (dr.opaque(UInt32, each) for each in self.shape)
         margin, radius = margin_of(self._filter), float(self._filter.radius())
-        side = 2 * margin + 1
+        side, count = 2 * margin + 1, dr.opaque(UInt32, dr.width(x))
+        taps, most = side * side, dr.opaque(UInt32, side * side * (dr.width(places) // dr.width(x)))
         pictures, places = [*values.values()], Array2f(places)
         dr.make_opaque(pictures, places)
 
         def weight(distance: Float) -> Float:
             return dr.select(dr.abs(distance) < radius, Float(self._filter.eval(distance)), 0)
 
-        def further(tap: UInt32, total: Float, sums: list[Any]) -> tuple[Any, ...]:
-            right, down = Int32(tap % side) - margin, Int32(tap // side) - margin
+        def further(tap: UInt32, sums: list[Any]) -> tuple[Any, ...]:
+            sample, near = tap // taps, tap % taps
+            right, down = Int32(near % side) - margin, Int32(near // side) - margin
             column, row = x + UInt32(right), y + UInt32(down)
             inside = (column < width) & (row < height)  # a number below 0 is a large one
-            there = row * width + column
+            there = row * width + column + sample * count
             place = dr.gather(Array2f, places, there, inside)
             own = weight(Float(right) + place.x - 0.5) * weight(Float(down) + place.y - 0.5)
             own = dr.select(inside, own, 0)
@@ -148,12 +227,12 @@ class Film:
                 each + own * dr.gather(type(each), picture, there, inside)
                 for each, picture in zip(sums, pictures, strict=True)
             ]
-            return tap + 1, total + own, sums
+            return tap + 1, sums
 
         nothing = [dr.zeros(type(each), dr.width(x)) for each in pictures]
-        state = (dr.zeros(UInt32, dr.width(x)), dr.zeros(Float, dr.width(x)), nothing)
-        _, total, sums = dr.while_loop(state, lambda tap, *_: tap < side * side, further, label="filter")
-        return {**dict(zip(values, sums, strict=True)), "weight": total}
+        state = (dr.zeros(UInt32, dr.width(x)), nothing)
+        _, sums = dr.while_loop(state, lambda tap, _: tap < most, further, label="filter")
+        return dict(zip(values, sums, strict=True))
 
     def error(self) -> float:
         """Return the error of the sums so far."""
@@ -184,13 +263,16 @@ def develop(sums: PassSums, shape: tuple[int, int], groups: Mapping[str, str]) -
     pictures = {
         name: np.ascontiguousarray(each.reshape(-1, *shape).transpose(1, 2, 0)) for name, each in sums.total().items()
     }
-    scale = 1 / pictures["weight"] if "weight" in pictures else np.float32(1 / max(len(sums), 1))
+    usual = np.float32(1 / max(len(sums), 1))
+    scale, of_beams = (1 / pictures[name] if name in pictures else usual for name in ("weight", "beams weight"))
     black = np.zeros((*shape, 3), dtype=np.float32)
     surface = pictures.get("surface", black) * scale
     alpha = pictures.get("alpha", black[..., :1]) * scale
-    by_group = {
-        name.removeprefix(_BEAMS): pictures[name] * scale for name in sorted(pictures) if name.startswith(_BEAMS)
-    }
+    by_group: dict[str, Any] = {}
+    for prefix, factor in ((_GATHERED, of_beams), (_SCATTERED, scale)):
+        for name in sorted(each for each in pictures if each.startswith(prefix)):
+            group = name.removeprefix(prefix)
+            by_group[group] = by_group.get(group, 0) + pictures[name] * factor
     beams = sum(by_group.values(), black)
     layers = {"rgba": np.concatenate([surface + beams, alpha], axis=2), "surface": surface, "beams": beams}
     for group, name in groups.items():

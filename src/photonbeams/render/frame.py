@@ -10,7 +10,7 @@ al. 2011).
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -18,28 +18,39 @@ import drjit as dr
 import numpy as np
 
 from ..beams.sets import BeamSet
+from ..estimators.image import MoreSamples
 from ..estimators.points import Points
 from ..estimators.tiles import Projection
 from ..looks import LightContext
+from ..numerics.arrays import joined, taken, to_uint
 from ..numerics.samples import Samples
 from ..runtime.device import Array2f, Array3f, Bool, Float, UInt32
 from ..scene import SceneError
 from ..transport.radii import Limits
 from ..transport.records import PhotonHits
 from ..transport.simulation import Tuning
+from ..world.cameras import Window
 from ..world.sensors import PrimaryRays
 from ..world.world import World
 from . import camera_paths
 from .camera_paths import CameraTracing, Lighting
-from .film import Film, PassPicture
+from .costs import LANES, power_below, surface_samples
+from .film import BeamSamples, Film, Groups, PassPicture
 from .frame_sums import FrameSums
 from .gathering import EstimatorOptions, Gathering
 from .passes import Statistics
 from .photons import PhotonMaps
 from .settings import Settings
 from .single_scattering import SingleScattering
-from .sums import PassSums
+from .sums import DEPTH, NORMAL, PassSums
 from .walks import Walking
+
+# A pixel has an edge where one ray reaches so many times as far as another.
+_EDGE = 1.1
+# It has so many samples more at most: half of a small picture may be edges. How many they are depends on nothing in the
+# pass, or crops would differ, and sequences have gaps.
+_AT_EDGES = 4
+_EDGES = 0x3C6EF372  # of the seeds of further samples there
 
 
 @dataclass(frozen=True)
@@ -105,8 +116,12 @@ class PassRenderer(ABC):
         """Return frame number and seconds of a pass, for looks that change with time."""
         return (0.0, 0.0)
 
-    def _samples(self, number: int) -> Samples:
-        return Samples(self.settings.seed, number)
+    def _samples(self, number: int, together: int = 0, each: int = 1, other: int = 0) -> Samples:
+        """Return the samples of `number`: of a pass, or of one of the `each` samples that pixels have in a pass.
+
+        `other` ones are independent of these.
+        """
+        return Samples(self.settings.seed + other, number, together=together)
 
     @property
     def _max_bounces(self) -> int | None:
@@ -132,54 +147,56 @@ class PassRenderer(ABC):
         self.statistics.beams += sum(len(each.beams) for each in light.sets)
         return light, photons
 
-    def _pass_picture(
-        self, number: int, light: Simulated, rays: ViewRays, order: UInt32, samples: Samples, photons: PhotonMaps | None
+    def _seen(
+        self, light: Simulated, rays: ViewRays, order: UInt32, samples: Samples, photons: PhotonMaps | None
     ) -> PassPicture:  # fmt: skip
-        """Return the picture of camera rays in a pass; `order` are their numbers for samples."""
-        clock, statistics = self._clock(number), self.statistics
+        """Return what camera rays see but for beams; `order` are their numbers for samples."""
+        statistics, count = self.statistics, dr.width(rays.primary.direction)
         tracing = self._camera_tracing(light.world, rays)
+        walkings, picture = self._walkings(light.world), _CameraImage(count)
+        sky = self._single_scattering(light.world, count, samples)
+        scattered = {group: dr.zeros(Array3f, count) for group in walkings}
+        with statistics.phase("surfaces"):
+            begun = camera_paths.begin(tracing, rays.primary, order)
+            for number, step in enumerate(camera_paths.follow(tracing, begun, samples, photons)):
+                picture.add(*step)
+                if sky is not None:
+                    sky.add(*step, number)
+                for group, walking in walkings.items():
+                    walking.add(*step, samples, number, scattered[group], picture.surface)
+        for group, found in ({} if sky is None else sky.radiance).items():
+            scattered[group] = scattered.get(group, 0) + found
+        return PassPicture(picture.surface, picture.alpha, scattered, picture.transmittance, picture.reach)
+
+    def _gathered(
+        self, number: int, light: Simulated, rays: ViewRays, order: UInt32, samples: Samples,
+        more: MoreSamples | None = None,
+    ) -> Groups:  # fmt: skip
+        """Return the light of the beams of pass `number` along camera rays, with `more` than one of some pixels."""
+        if not light.sets:
+            return {}
+        clock, statistics = self._clock(number), self.statistics
+        tracing = replace(self._camera_tracing(light.world, rays), surfaces=False, walks=False, shining=False)
         options = EstimatorOptions(
             self.settings.estimator, self._points, self._max_depth,
             lambda each: LightContext(*clock, each.light, each.to_world),
         )  # fmt: skip
-        walkings = self._walkings(light.world)
-        gathering = Gathering(rays.view, rays.primary, light.world.media, light.sets, options, statistics)
-        sky = self._single_scattering(light.world, dr.width(rays.primary.direction), samples)
-        with statistics.phase("surfaces"):
-            begun = camera_paths.begin(tracing, rays.primary, order)
-        picture = _CameraImage(dr.width(rays.primary.direction))
-        steps = camera_paths.follow(tracing, begun, samples, photons)
-        number_of_step = 0
-        while True:
-            with statistics.phase("surfaces"):
-                step = next(steps, None)
-                if step is not None:
-                    picture.add(*step)
-            if step is None:
-                break
-            with statistics.phase("beams"):
-                gathering.add(*step)
-                if sky is not None:
-                    sky.add(*step, number_of_step)
-            for group, walking in walkings.items():
-                with statistics.phase("walks"):
-                    found = gathering.radiance.setdefault(group, dr.zeros(Array3f, dr.width(picture.surface)))
-                    walking.add(*step, samples, number_of_step, found, picture.surface)
-            number_of_step += 1
         with statistics.phase("beams"):
+            gathering = Gathering(rays.view, rays.primary, light.world.media, light.sets, options, statistics, more)
+            begun = camera_paths.begin(tracing, rays.primary, order)
+            for step in camera_paths.follow(tracing, begun, samples, None):
+                gathering.add(*step)
             gathering.finish()
-        beams = [*gathering.radiance.items(), *([] if sky is None else sky.radiance.items())]
-        return PassPicture(picture.surface, picture.alpha, beams, picture.transmittance)
+        return gathering.radiance
 
     def _camera_tracing(self, world: World, rays: ViewRays) -> CameraTracing:
         settings = self.settings
-        walks = bool(self._walkings(world))
         if rays.holdout is not None:
             world = world.without_surfaces()
-            return CameraTracing(world, _NoLighting(), None, settings.rr_depth, True, surfaces=False, sharp=world.sharp)
+            return CameraTracing(world, NoLighting(), None, settings.rr_depth, True, surfaces=False, sharp=world.sharp)
         return CameraTracing(
             world, self._lighting(world), self._max_depth, settings.rr_depth, settings.hide_emitters,
-            settings.surfaces, world.sharp, walks=walks,
+            settings.surfaces, world.sharp, walks=settings.surfaces and bool(self._walkings(world)),
         )  # fmt: skip
 
 
@@ -198,6 +215,7 @@ class FrameRenderer(PassRenderer):
         super().__init__(settings, max_depth, all_beams)
         self.planned = planned
         self._films: list[Film] = []
+        self._surface_samples = self._wide = self._indices = 1
         self.about = ""
 
     @abstractmethod
@@ -208,39 +226,158 @@ class FrameRenderer(PassRenderer):
     def _pinhole(self, view: int) -> tuple[World, ViewRays] | None:
         """Return the world and a pinhole camera's rays through the centres of pixels; None: no depth is wanted."""
 
+    @abstractmethod
+    def _light_paths(self) -> int:
+        """Return how many light paths a pass has."""
+
+    def _plan(self, window: Window) -> None:
+        """Choose how many samples each pixel has of all but beams, once it is known how much light is traced.
+
+        A crop has as many as the whole picture.
+        """
+        pixels, order = window.width * window.height, self._films[0].order
+        chosen = self.settings.surface_samples
+        self._surface_samples = surface_samples(self._light_paths(), pixels) if chosen is None else chosen
+        # Indices of samples have 32 bits.
+        self._indices = 1 << int(dr.max(order)[0]).bit_length()
+        self._wide = power_below(min(LANES // dr.width(order), (1 << 32) // self._indices))
+
+    def together(self, number: int) -> int:
+        """Return how many passes from `number` on had better be rendered at once."""
+        return 1
+
+    def add_passes(self, numbers: range) -> None:
+        """Add passes, at once where `together` says so; each depends on the scene, settings and its number alone."""
+        while numbers:
+            count = min(self.together(numbers[0]), power_below(len(numbers)))
+            if count > 1:
+                self._add(numbers[:count])
+            else:
+                self.add_pass(numbers[0])
+            numbers = numbers[count:]
+
     def add_pass(self, number: int) -> None:
-        """Add pass `number`, which depends on nothing but the scene, the settings and its number."""
-        statistics, samples = self.statistics, self._samples(number)
-        light, photons = self._lit(number)
+        """Add pass `number`."""
+        self._add(range(number, number + 1))
+
+    def _add(self, numbers: range) -> None:
+        """Add a pass, or several whose light is met by walks alone."""
+        light, photons = self._lit(numbers[0])
         moving = any(each.close is not None for each in light.sets)
         for view, film in enumerate(self._films):
-            with statistics.phase("surfaces"):
-                places = film.places(samples)
-                rays = self._view_rays(number, view, places, samples, moving)
-            picture = self._pass_picture(number, light, rays, film.order, samples, photons)
-            if number == 0:
-                self._add_first_hits(picture, view, film, samples)
-            with statistics.phase("beams"):
-                film.add(number, picture, places, dr.opaque(Float, rays.exposure))
-        statistics.passes += 1
+            seen, exposure = self._seen_in(numbers, view, film, light, photons, moving)
+            for own, number in zip(seen, numbers, strict=True):
+                with self.statistics.phase("surfaces"):
+                    samples = self._samples(number)
+                    places = film.places(samples)
+                beams = BeamSamples({}, places)
+                if light.sets:
+                    rays = self._view_rays(number, view, places, samples, moving)
+                    edge = self._edges(own, rays, film.order)
+                    beams = self._beams(number, view, film, light, rays, places, edge)
+                first = self._first_hits(view, film) if number == 0 else {}
+                with self.statistics.phase("surfaces"):
+                    film.add(number, own, beams, exposure, first)
+        self.statistics.passes += len(numbers)
 
-    def _add_first_hits(self, picture: PassPicture, view: int, film: Film, samples: Samples) -> None:
-        """Add planar depths, and normals, from a pinhole at shutter open: a mean of depths is no surface's depth."""
+    def _seen_in(
+        self, numbers: range, view: int, film: Film, light: Simulated, photons: PhotonMaps | None, moving: bool
+    ) -> tuple[list[list[tuple[PassPicture, Array2f]]], Float]:  # fmt: skip
+        """Return pictures without beams for each pass, with the places of their samples, and the exposure.
+
+        As many samples as memory allows are one wide picture: those of the first one come first.
+        """
+        each, pixels = self._surface_samples, dr.width(film.order)
+        seen: list[list[tuple[PassPicture, Array2f]]] = [[] for _ in numbers]
+        wide = min(self._wide, each if each > 1 else len(numbers))
+        for begin in range(each * numbers.start, each * numbers.stop, wide):
+            with self.statistics.phase("surfaces"):
+                samples = self._samples(begin, (wide - 1).bit_length(), each)
+                single = [self._samples(begin + place, 0, each) for place in range(wide)]
+                places = [film.places(own) for own in single]
+                passes = [(begin + place) // each - numbers[0] for place in range(wide)]
+                rays = [
+                    self._view_rays(numbers[number], view, own, one, moving)
+                    for number, own, one in zip(passes, places, single, strict=True)
+                ]
+                joint = ViewRays(PrimaryRays.joined([own.primary for own in rays]), None, holdout=rays[0].holdout)
+                order = samples.indices(film.order)
+            picture = self._seen(light, joint, order, samples, photons)
+            if each > 1:
+                seen[passes[0]].append((picture, joined(places)))
+                continue
+            for place, number in enumerate(passes):
+                seen[number].append((picture.of_pass(place, pixels), places[place]))
+        return seen, dr.opaque(Float, rays[0].exposure)
+
+    def _edges(self, seen: Sequence[tuple[PassPicture, Array2f]], rays: ViewRays, order: UInt32) -> Any:
+        """Return the pixels whose rays end now here, now there: none where rays have origins or times of their own.
+
+        They come in the order of `order`: those of a tile together, whose rays meet the same beams.
+        """
+        if self._surface_samples == 1 or rays.view is None or rays.primary.lanes is not None:
+            return ()
+        found = _ends_differ([picture.reach for picture, _ in seen], dr.width(order)).numpy()
+        edge = np.flatnonzero(found)
+        return to_uint(edge[np.argsort(order.numpy()[edge])]) if len(edge) else ()
+
+    def _beams(
+        self, number: int, view: int, film: Film, light: Simulated, rays: ViewRays, places: Array2f, edge: Any
+    ) -> BeamSamples:
+        """Return the light of the beams of pass `number`, with more samples of the pixels `edge`.
+
+        What is behind an edge may be a hundred times as bright. Which pixels these are, other samples have told than
+        those that are taken: or what is rarely found would count too much.
+        """
+        samples, pixels = self._samples(number), dr.width(film.order)
+        each = min(self._surface_samples, _AT_EDGES)
+        if not len(edge):
+            return BeamSamples(self._gathered(number, light, rays, film.order, samples), places)
+        with self.statistics.phase("surfaces"):
+            single = [self._samples(each * number + place, 0, each, _EDGES) for place in range(each)]
+            further = [film.places(own) for own in single]
+            primary = [
+                self._view_rays(number, view, own, one, moving=False).primary
+                for own, one in zip(further, single, strict=True)
+            ]
+            lanes = joined([edge + dr.opaque(UInt32, place * pixels) for place in range(each)])
+            some = PrimaryRays.joined(primary).taken(lanes)
+            # As pixels of further pictures beside this one, they have numbers of their own.
+            own_order = taken(film.order, edge)
+            order = joined([
+                film.order,
+                *(own_order + dr.opaque(UInt32, (place + 1) * self._indices & 0xFFFFFFFF) for place in range(each)),
+            ])  # fmt: skip
+            both = replace(rays, primary=rays.primary.with_more(some))
+        more = MoreSamples(edge, each)
+        found = self._gathered(number, light, both, order, samples, more)
+        place = joined([dr.arange(UInt32, pixels), lanes + dr.opaque(UInt32, pixels)])
+        share, groups = dr.zeros(Float, (each + 1) * pixels), {}
+        dr.scatter(share, more.shares(pixels), place)
+        for group, radiance in found.items():
+            groups[group] = dr.zeros(Array3f, (each + 1) * pixels)
+            dr.scatter(groups[group], radiance, place)
+        return BeamSamples(groups, joined([places, *further]), share)
+
+    def _first_hits(self, view: int, film: Film) -> dict[str, Any]:
+        """Return planar depths, and normals, from a pinhole at shutter open: a mean of depths is no surface's depth."""
         sharp, normals = self._pinhole(view), self.settings.normals
         if sharp is None:
-            return
+            return {}
         world, rays = sharp
+        count = dr.width(rays.primary.direction)
         if rays.holdout is not None:
-            picture.depth = rays.holdout
-            picture.normal = dr.zeros(Array3f, dr.width(rays.primary.direction)) if normals else None
-            return
-        tracing = replace(self._camera_tracing(world, rays), surfaces=False, walks=False, normals=normals)
-        seen = _CameraImage(dr.width(rays.primary.direction))
-        begun = camera_paths.begin(tracing, rays.primary, film.order)
-        for step in camera_paths.follow(tracing, begun, samples, None):
-            seen.add(*step)
-        picture.depth = seen.distance * (1.0 if rays.primary.facing is None else rays.primary.facing)
-        picture.normal = seen.normal if normals else None
+            return {DEPTH: rays.holdout, **({NORMAL: dr.zeros(Array3f, count)} if normals else {})}
+        tracing = replace(
+            self._camera_tracing(world, rays), surfaces=False, walks=False, shining=False, normals=normals
+        )
+        image = _CameraImage(count)
+        with self.statistics.phase("surfaces"):
+            begun = camera_paths.begin(tracing, rays.primary, film.order)
+            for step in camera_paths.follow(tracing, begun, self._samples(0), None):
+                image.add(*step)
+        depth = image.distance * (1.0 if rays.primary.facing is None else rays.primary.facing)
+        return {DEPTH: depth, **({NORMAL: image.normal} if normals else {})}
 
     def layers(self) -> dict[str, np.ndarray]:
         """Return the layers of the first view."""
@@ -276,29 +413,41 @@ class FrameRenderer(PassRenderer):
         statistics.passes, statistics.beams, statistics.tests = len(sums), sums.beams, sums.tests
 
 
+def _ends_differ(reach: Sequence[Any], pixels: int) -> Bool:
+    """Return in which pixels samples' rays end in different places, given how far they reach."""
+    nearest, farthest = dr.full(Float, dr.inf, pixels), dr.zeros(Float, pixels)
+    for own in reach:
+        pixel = dr.arange(UInt32, dr.width(own)) % dr.opaque(UInt32, pixels)
+        dr.scatter_reduce(dr.ReduceOp.Min, nearest, own, pixel)
+        dr.scatter_reduce(dr.ReduceOp.Max, farthest, own, pixel)
+    return farthest > _EDGE * nearest
+
+
 class _CameraImage:
     """The surfaces that camera paths see in a pass, by pixels."""
 
     def __init__(self, count: int) -> None:
         self.surface, self.transmittance = dr.zeros(Array3f, count), dr.zeros(Array3f, count)
         self.alpha, self.distance = dr.zeros(Float, count), dr.full(Float, dr.inf, count)
-        self.normal = dr.zeros(Array3f, count)
+        self.normal, self.reach = dr.zeros(Array3f, count), dr.zeros(Float, count)
 
     def add(self, step: camera_paths.CameraPaths, vertex: camera_paths.CameraVertex) -> None:
         """Add one step of camera paths."""
-        dr.scatter_add(self.surface, vertex.radiance, step.pixel, step.alive)
+        # Each pixel has one path. Copies by threads, which Dr.Jit makes else, have their size written into the kernel.
+        dr.scatter_add(self.surface, vertex.radiance, step.pixel, step.alive, dr.ReduceMode.NoConflicts)
         own = step.alive & step.primary
         dr.scatter(self.transmittance, vertex.transmittance, step.pixel, own)
+        dr.scatter(self.reach, vertex.end, step.pixel, own)
         first = own & vertex.solid
         dr.scatter(self.alpha, Float(1), step.pixel, first)
         dr.scatter(self.distance, vertex.end, step.pixel, first)
         if dr.width(vertex.normal) > 1:
             dr.scatter(self.normal, vertex.normal, step.pixel, first)
-        dr.eval(self.surface, self.transmittance, self.alpha, self.distance, self.normal)
+        dr.eval(self.surface, self.transmittance, self.alpha, self.distance, self.normal, self.reach)
 
 
-class _NoLighting:
-    """The lighting of a world without surfaces."""
+class NoLighting:
+    """The lighting of a world in which nothing shines by itself or is lit directly."""
 
     def lamp(self, origin: Array3f, direction: Array3f, flown: Float) -> None:
         """Return None."""

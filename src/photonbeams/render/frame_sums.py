@@ -13,7 +13,7 @@ from ..runtime.files import PathLike, atomic_path
 from ..scene import Array, SceneError
 from .sums import PassSums
 
-_FORMAT = 2  # of the file; it is in the state's "counts"
+_FORMAT = 3  # of the file; it is in the state's "counts"
 
 
 @dataclass

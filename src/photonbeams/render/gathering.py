@@ -14,7 +14,7 @@ from ..beams import Beams
 from ..beams.sets import BeamSet
 from ..estimators.estimate import ENDLESS, estimate_rays
 from ..estimators.geometry import Rays
-from ..estimators.image import PixelRays, estimate_image, lane_of
+from ..estimators.image import MoreSamples, PixelRays, estimate_image, lane_of
 from ..estimators.points import Points
 from ..estimators.tiles import Projection
 from ..looks import LightContext
@@ -82,13 +82,16 @@ class Gathering:
 
     def __init__(
         self, view: Projection | None, primary: PrimaryRays, media: Media, sets: Sequence[BeamSet],
-        options: EstimatorOptions, statistics: Statistics,
+        options: EstimatorOptions, statistics: Statistics, more: MoreSamples | None = None,
     ) -> None:  # fmt: skip
         self._view, self._primary, self._options, self._statistics = view, primary, options, statistics
         self._media = [
             (medium, own) for medium in media.all if (own := [each for each in sets if each.medium == medium.number])
         ]
-        self._count = dr.width(primary.direction)
+        self._more, self._count = more, dr.width(primary.direction)
+        further = 0 if more is None else more.each * dr.width(more.pixels)
+        self._pixels = self._count - further
+        self._share = Float(1) if more is None else more.shares(self._pixels)
         self.radiance: dict[str, Any] = {each.group: dr.zeros(Array3f, self._count) for each in sets}
         self._steps: list[PathSegments] = []
 
@@ -96,7 +99,7 @@ class Gathering:
         """Add the segments of one step of camera paths."""
         inside = paths.alive & (paths.medium > 0) & (vertex.end > paths.near)
         tiled = inside & paths.primary & Bool(self._view is not None)
-        others = inside & ~tiled
+        others = inside & ~tiled & (paths.pixel < dr.opaque(UInt32, self._pixels))
         dr.eval(tiled, others)
         for medium, sets in self._media:
             own = tiled & (paths.medium == dr.opaque(UInt32, medium.number))
@@ -113,7 +116,7 @@ class Gathering:
         primary = self._primary
         rays = PixelRays(
             primary.origin, primary.direction, primary.facing, dr.select(own, dr.minimum(vertex.end, ENDLESS), 0),
-            dr.select(own, paths.near, 0), primary.lanes,
+            dr.select(own, paths.near, 0), primary.lanes, self._more,
         )  # fmt: skip
         dr.eval(rays.t_max, rays.t_min)
         assert self._view is not None
@@ -124,7 +127,7 @@ class Gathering:
                     estimator=self._options.estimator, points=self._options.points, close=each.close,
                     context=self._context(each),
                 )  # fmt: skip
-            self.radiance[each.group] += dr.select(own, part.radiance * paths.throughput, 0)
+            self.radiance[each.group] += dr.select(own, part.radiance * paths.throughput * self._share, 0)
             dr.eval(self.radiance[each.group])
             self._statistics.tests += part.billboard_tests + part.frustum_tests
 
@@ -151,7 +154,7 @@ class Gathering:
         first = 0
         for step, width in zip(self._steps, widths, strict=True):
             here = dr.gather(Array3f, found, dr.arange(UInt32, width) + dr.opaque(UInt32, first))
-            dr.scatter_add(self.radiance[group], here * step.throughput, step.pixel)
+            dr.scatter_add(self.radiance[group], here * step.throughput, step.pixel, mode=dr.ReduceMode.NoConflicts)
             dr.eval(self.radiance[group])
             first += width
 

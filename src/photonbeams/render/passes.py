@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Protocol, TypeVar
@@ -105,8 +105,11 @@ class Accumulating(Protocol):
     statistics: Statistics
     about: str
 
-    def add_pass(self, number: int) -> None:
-        """Add pass `number`, and count it."""
+    def together(self, number: int) -> int:
+        """Return how many passes from `number` on had better be rendered at once."""
+
+    def add_passes(self, numbers: range) -> None:
+        """Add passes, and count them."""
 
     def error(self) -> float:
         """Return the relative standard error so far, NaN where that is not known."""
@@ -154,15 +157,18 @@ def accumulate(
         if saved is not None:
             frame.restore(saved)
         there = [] if saved is None else saved.ranges()
-        for number in part.numbers:
-            if any(number in each for each in there):
-                continue
+        left = _missing(part.numbers, there)
+        while left:
             _tell(frame, run)
-            frame.add_pass(number)
+            # With a time limit, one pass first, then twice as many each time.
+            first, most = left[0], frame.together(left[0].start)
+            numbers = first[: most if limit is None else min(most, max(frame.statistics.passes, 1))]
+            left = [each for each in (first[len(numbers) :], *left[1:]) if each]
+            frame.add_passes(numbers)
             frame.statistics.count_kernels()
             if limit is not None and time.perf_counter() - start > limit:
                 break
-            if checkpoint is not None and checkpoint.due and number != part.numbers[-1]:
+            if checkpoint is not None and checkpoint.due and left:
                 checkpoint.save(frame.sums())
     _tell(frame, run)
     frame.statistics.error = known(frame.error())
@@ -184,6 +190,15 @@ def _begun(
     if kept is not None:
         kept[about, planned] = frame
     return frame
+
+
+def _missing(numbers: range, there: Sequence[range]) -> list[range]:
+    """Return those of the numbers that are not there yet; what is there is in order. There may be a billion."""
+    result, first = [], numbers.start
+    for each in there:
+        result.append(range(first, min(each.start, numbers.stop)))
+        first = max(first, each.stop)
+    return [each for each in (*result, range(first, numbers.stop)) if each]
 
 
 def _tell(frame: Accumulating, run: RunOptions) -> None:

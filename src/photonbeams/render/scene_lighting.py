@@ -11,11 +11,11 @@ from typing import Any
 import drjit as dr
 
 from ..numerics.sampling import power_heuristic
-from ..runtime.device import Array3f, Bool, Float, mitsuba
+from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from ..world.scene_world import SceneWorld
 from ..world.spectra import rgb
 from ..world.visibility import through
-from .camera_paths import ShadingPoint
+from .camera_paths import IDEAL, ShadingPoint
 
 mi = mitsuba()
 
@@ -27,6 +27,7 @@ class SceneLighting:
 
     def __init__(self, world: SceneWorld) -> None:
         self._world = world
+        self._visible = any(not mi.has_flag(each.flags(), mi.EmitterFlags.Delta) for each in world.plugin.emitters())
 
     def lamp(self, origin: Array3f, direction: Array3f, flown: Float) -> None:
         """Return None: all emitters are surfaces, or the background."""
@@ -44,8 +45,8 @@ class SceneLighting:
         plugin, media, hit, samples = self._world.plugin, self._world.media, point.hit, point.samples
         order, step = point.order, point.step
         bsdf = hit.bsdf()
+        # Of all lobes: among some of them, Mitsuba's cut-out surfaces sample nothing but what passes them.
         context = mi.BSDFContext()
-        context.type_mask = mi.BSDFFlags.Smooth
         aim = samples.pair(order, _EMITTER, step)
         light, radiance = plugin.sample_emitter_direction(hit, mi.Point2f(aim), False, active)
         lit = active & (light.pdf > 0)
@@ -58,10 +59,13 @@ class SceneLighting:
         seed = samples.bits(order, _WAY, step)
         passed, _ = through(plugin, media, ray, media.beyond(hit, light.d, point.medium, lit), seed, lit)
         result = dr.select(lit, value * passed, 0)
+        if not self._visible:
+            return result
 
         lobe, turn = samples.single(order, _LOBE, step), samples.pair(order, _TURN, step)
         sample, weight = bsdf.sample(context, hit, lobe, mi.Point2f(turn), active)
-        reflected = active & (sample.pdf > 0) & (dr.max(rgb(weight)) > 0)
+        smooth = (UInt32(sample.sampled_type) & IDEAL) == 0
+        reflected = active & smooth & (sample.pdf > 0) & (dr.max(rgb(weight)) > 0)
         direction = hit.to_world(sample.wo)
         start = media.beyond(hit, direction, point.medium, reflected)
         passed, met = through(plugin, media, hit.spawn_ray(direction), start, ~seed, reflected)

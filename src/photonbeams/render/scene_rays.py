@@ -15,7 +15,7 @@ from ..world.interfaces import number
 from ..world.sensors import PrimaryRays, Sensor
 from ..world.surroundings import Place, place_of
 from .frame import ViewRays
-from .scene_frame import LitScene, ScenePasses
+from .scene_light import ScenePasses, light_of
 from .settings import Settings
 
 
@@ -36,6 +36,8 @@ class SceneRays(ScenePasses):
         The scene, and the place where the rays begin.
     settings
         How it is rendered; `passes` is the number of passes that the rays are dealt out to.
+    pixels
+        How many rays a pass has.
     warned
         Texts of warnings that were given.
 
@@ -45,11 +47,11 @@ class SceneRays(ScenePasses):
         Something in the scene that cannot be rendered.
     """
 
-    def __init__(self, plugin: Any, eye: Place, settings: Settings, warned: set[str]) -> None:
+    def __init__(self, plugin: Any, eye: Place, settings: Settings, pixels: int, warned: set[str]) -> None:
         super().__init__(settings, settings.depth())
         cameras = [Sensor(each).view for each in plugin.sensors()]
-        self._lit_scene = LitScene(
-            plugin, eye, settings, self._tuning, {}, [each for each in cameras if each is not None], warned,
+        self.light = light_of(
+            plugin, eye, settings, self._tuning, {}, [each for each in cameras if each is not None], pixels, warned,
             self.statistics, self._max_depth,
         )  # fmt: skip
 
@@ -68,8 +70,10 @@ class SceneRays(ScenePasses):
             )  # fmt: skip
             dr.eval(rays.origin, rays.direction, rays.far, order)
             light, photons = self._lit(each)
-            picture = self._pass_picture(each, light, ViewRays(rays, None), order, self._samples(each), photons)
-            beams = sum((group for _, group in picture.beams), dr.zeros(Array3f, own))
+            view, samples = ViewRays(rays, None), self._samples(each)
+            picture = self._seen(light, view, order, samples, photons)
+            gathered = self._gathered(each, light, view, order, samples)
+            beams = sum((*picture.scattered.values(), *gathered.values()), dr.zeros(Array3f, own))
             for whole, part in zip(result, (beams, picture.surface, picture.alpha), strict=True):
                 dr.scatter(whole, part, lanes)
             dr.eval(result)
@@ -92,7 +96,7 @@ def radiance(plugin: Any, ray: Any, active: Any, settings: Settings, warned: set
     # Mitsuba tells integrators within others no medium: it is that of the sensors, if all name the same.
     named = {number(each.get_medium()): each.get_medium() for each in plugin.sensors()}
     eye = place_of("sensor", origin, direction, next(iter(named.values())) if len(named) == 1 else None)
-    found = SceneRays(plugin, eye, settings, warned).radiance(origin, direction, far)
+    found = SceneRays(plugin, eye, settings, -(-len(lanes) // settings.passes), warned).radiance(origin, direction, far)
     for whole, part in zip(result, found, strict=True):
         dr.scatter(whole, part, lanes)
     dr.eval(result)

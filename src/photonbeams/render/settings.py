@@ -20,6 +20,8 @@ from .passes import OVERLAP
 #: Light paths a pass of a Mitsuba scene; of a stage each light has `scene.DEFAULT_BEAMS`.
 DEFAULT_PATHS = 1 << 14
 
+METHODS = ("auto", "beams", "paths")
+
 _MOST = 2**31 - 1
 
 
@@ -43,24 +45,27 @@ class Settings:
         emitters.
     radius
         Radius of all beams in the first pass; None: from photon differentials, between `min_radius` and `max_radius`
-        (None: 1e-4 and 0.05 of the medium's radius, and a quarter of a mean free path).
+        (None: 1e-4 and 0.05 of the medium's radius, and a quarter of a mean free path; in a grid, of one at the
+        beam).
     overlap
         Width of beams in spacings of their neighbours.
     alpha
         How fast radii shrink; 1 is not at all.
     guiding
         Whether a pilot pass learns where light comes from that the camera sees, to send more light paths from there.
-        None: yes, but of a stage only where light bounces. On a stage it learns for the cameras of all frames, and
-        leaves light with a portal as it is.
+        None: yes. On a stage it learns for the cameras of all frames.
     method
         Of a Mitsuba scene: "beams", or "paths" from the camera for the light of emitters of which nothing else is said
-        (see `walks`).
+        (see `walks`), or "auto": what has less noise (see `choice`).
     short
         Whether beams end where their light is scattered, instead of at the next surface.
     estimator, rule
         "auto", "billboard" or "frustum", and the frustum's quadrature.
     surfaces
         Whether surfaces are shaded; if not, there are beams alone.
+    surface_samples
+        How many samples each pixel has in a pass of all but beams, which cost less: a power of two. None: as many as
+        cost half of what the beams do, up to 16 (see `costs`).
     normals
         Whether there is a layer of normals.
     pixel_filter
@@ -88,11 +93,12 @@ class Settings:
     overlap: float = OVERLAP
     alpha: float = 0.7
     guiding: bool | None = None
-    method: str = "beams"
+    method: str = "auto"
     short: bool = False
     estimator: str = "auto"
     rule: Rule = DEFAULT_RULE
     surfaces: bool = True
+    surface_samples: int | None = None
     normals: bool = False
     pixel_filter: str | None = None
     program: Program | None = None
@@ -108,8 +114,8 @@ class Settings:
             check_estimator(self.estimator)
         except ValueError as error:
             raise SceneError(str(error)) from None
-        if self.method not in ("beams", "paths"):
-            raise SceneError(f'method is {self.method!r}: expected "beams" or "paths"')
+        if self.method not in METHODS:
+            raise SceneError(f"method is {self.method!r}: expected one of {', '.join(METHODS)}")
         if not isinstance(self.rule, Rule):
             raise SceneError(f"rule is {self.rule!r}: expected a Rule, such as gauss_legendre(6)")
         if self.pixel_filter not in (None, *FILTERS):
@@ -118,16 +124,21 @@ class Settings:
             raise SceneError(f"program is {self.program!r}: expected a Program")
 
     def _check_counts(self) -> None:
-        ranges = {"passes": (1, _MOST), "beams": (1, MOST_BEAMS), "max_depth": (-1, _MOST), "rr_depth": (1, _MOST)}
+        ranges = {
+            "passes": (1, _MOST), "beams": (1, MOST_BEAMS), "max_depth": (-1, _MOST), "rr_depth": (1, _MOST),
+            "surface_samples": (1, 1 << 10),
+        }  # fmt: skip
         for name in ("seed", *ranges):
             value = getattr(self, name)
-            if value is None and name in ("beams", "max_depth"):
+            if value is None and name in ("beams", "max_depth", "surface_samples"):
                 continue
             value = whole(value, name)
             low, high = ranges.get(name, (value, value))
             if not low <= value <= high:
                 expected = f"-1, for any, or 0 to {high}" if name == "max_depth" else f"{low} to {high}"
                 raise SceneError(f"{name} is {value}: expected {expected}")
+            if name == "surface_samples" and value & (value - 1):
+                raise SceneError(f"{name} is {value}: expected a power of two")
             object.__setattr__(self, name, value)
 
     def _check_numbers(self) -> None:
@@ -190,6 +201,7 @@ class SettingsArguments(TypedDict, total=False):
     estimator: str
     rule: Rule
     surfaces: bool
+    surface_samples: int | None
     normals: bool
     pixel_filter: str | None
     program: Program | None

@@ -224,6 +224,12 @@ class StageRenderer(FrameRenderer):
         self._films = [Film(window.shape, window.crop[:2], reconstruction, groups) for _ in ends[0].cameras]
         self._holdouts: Sequence[HoldoutDepth | None] = holdouts or [None] * len(self._films)
         self._turned = False
+        self._plan(window)
+
+    def _light_paths(self) -> int:
+        description, usual = self._shutter.at(0.0).scene, self.settings.beams or scene.DEFAULT_BEAMS
+        counts = [usual if light.beam_count is None else light.beam_count for light in description.lights]
+        return sum(counts) + sum(len(each.start) for each in description.drawn)
 
     def _world_of(self, moment: Moment) -> StageWorld:
         """Return the world of a moment; of those before it, what is still the same is kept."""
@@ -236,10 +242,10 @@ class StageRenderer(FrameRenderer):
         self._worlds = [*self._worlds[-2:], world]
         return world
 
-    def _samples(self, number: int) -> Samples:
+    def _samples(self, number: int, together: int = 0, each: int = 1, other: int = 0) -> Samples:
         if self.planned is None:
-            return super()._samples(number)
-        return Samples(self.settings.seed, number, min((self.planned - 1).bit_length(), BITS))
+            return super()._samples(number, together, each, other)
+        return Samples(self.settings.seed + other, number, min((each * self.planned - 1).bit_length(), BITS), together)
 
     def _slice(self, number: int) -> tuple[float, float]:
         """Return the slice of the shutter interval that a pass covers, as fractions."""

@@ -9,7 +9,7 @@ BSDF, combined by the power heuristic (Veach 1997), as Mitsuba's `volpath` does.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,12 +17,12 @@ import drjit as dr
 import numpy as np
 
 from ..estimators.estimate import ENDLESS
-from ..numerics.arrays import compressed, to_uint
+from ..numerics.arrays import compressed, to_float, to_uint
 from ..numerics.samples import Samples
 from ..numerics.sampling import power_heuristic
 from ..numerics.structs import Struct
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
-from ..transport.interactions import SAMPLED, SCATTERED, flight
+from ..transport.interactions import SAMPLED, SCATTERED, flight, survival
 from ..world.interfaces import pointers
 from ..world.scene_world import SceneWorld
 from ..world.spectra import rgb
@@ -34,6 +34,9 @@ mi = mitsuba()
 
 # Streams of samples.
 _FLIGHT, _WHICH, _EMITTER, _LOBE, _TURN, _WAY, _ROULETTE = 401, 402, 403, 404, 405, 406, 407
+
+# The part of samples that goes to all emitters alike: a weak one may be near.
+_EVENLY = 0.25
 
 # Steps after which walks end that nothing else ends, as in a box of mirrors.
 _STEPS = 1024
@@ -49,8 +52,8 @@ class Walk(Struct):
     first, length
         Whether a walk is still on the camera's own segment, which it leaves by being scattered before `length`, or
         ends.
-    throughput
-        That of the path.
+    throughput, initial
+        That of the path, and its largest channel when it was scattered first: of the surely scattered, a small part.
     depth
         How often the path was scattered.
     counts
@@ -67,6 +70,7 @@ class Walk(Struct):
     first: Bool
     length: Float
     throughput: Array3f
+    initial: Float
     depth: UInt32
     counts: Bool
     place: Array3f
@@ -76,36 +80,70 @@ class Walk(Struct):
 
 
 class WalkedEmitters:
-    """The emitters of a Mitsuba scene whose light walks meet: their `numbers` in the scene, at least one."""
+    """The emitters of a Mitsuba scene whose light walks meet, which choose them the more often the more they emit.
 
-    def __init__(self, world: SceneWorld, numbers: Sequence[int]) -> None:
+    Parameters
+    ----------
+    world
+        The scene.
+    numbers
+        Their numbers in it, at least one.
+    power
+        The power of each.
+    sharp
+        Those whose caustics are left to photons and beams.
+    """
+
+    def __init__(
+        self, world: SceneWorld, numbers: Sequence[int], power: Sequence[float], sharp: Collection[int] = ()
+    ) -> None:
         emitters = world.plugin.emitters()
         known = [int(UInt32(dr.reinterpret_array(mi.UInt32, mi.EmitterPtr(each)))[0]) for each in emitters]
-        table = np.zeros(max(known) + 2, dtype=np.uint32)
-        table[[known[each] for each in numbers]] = 1
-        self.world, self._table = world, to_uint(table)
+        part = np.asarray(power) / sum(power) if sum(power) > 0 else np.zeros(len(numbers))
+        part = _EVENLY / len(numbers) + (1 - _EVENLY) * part
+        part /= part.sum()
+        table = np.zeros(max(known) + 2, dtype=np.float32)
+        table[[known[each] for each in numbers]] = part
+        self.world, self._table, self._sharp = world, to_float(table), None
+        self._size = len(numbers)
+        if sharp:
+            caustics = np.zeros(len(table), dtype=np.uint32)
+            caustics[[known[each] for each in sharp]] = 1
+            self._sharp = to_uint(caustics)
         # A gather from an array of one is a broadcast, hence another kernel.
         places = to_uint([*numbers, numbers[-1]])
         self._own = dr.gather(mi.EmitterPtr, world.plugin.emitters_dr(), places)
-        self._count = dr.opaque(UInt32, len(numbers))
+        self._choice = mi.DiscreteDistribution(mi.Float(to_float([*part, 0.0])))
+        self._visible = any(not mi.has_flag(emitters[each].flags(), mi.EmitterFlags.Delta) for each in numbers)
+
+    def __len__(self) -> int:
+        """Return how many emitters there are."""
+        return self._size
 
     def sample(self, reference: Any, which: Float, aim: Any, active: Bool) -> tuple[Any, Array3f]:
         """Return a sample of one of the emitters from a point, and its radiance over the density."""
-        count = self._count
-        index = dr.minimum(UInt32(which * Float(count)), count - 1)
+        index, probability = self._choice.sample_pmf(which, active)
         emitter = dr.gather(mi.EmitterPtr, self._own, index, active)
         light, radiance = emitter.sample_direction(reference, mi.Point2f(aim), active)
-        light.pdf *= dr.rcp(Float(count))
-        return light, rgb(radiance) * Float(count)
+        light.pdf *= probability
+        return light, rgb(radiance) * dr.rcp(dr.maximum(probability, 1e-30))
 
-    def met(self, hit: Any, place: Array3f, active: Bool) -> tuple[Array3f, Float]:
-        """Return the radiance of what rays meet that is one of the emitters, and the density of `sample` for it."""
+    def met(self, hit: Any, place: Array3f, ideal: Bool, active: Bool) -> tuple[Array3f, Float]:
+        """Return the radiance of those of the emitters that rays meet, and the density that `sample` has for them.
+
+        `ideal` are rays that come from mirrors or glass.
+        """
+        if not self._visible:
+            return dr.zeros(Array3f, dr.width(place)), dr.zeros(Float, dr.width(place))
         emitter: Any = hit.emitter(self.world.plugin, active)
         numbers: Any = dr.reinterpret_array(UInt32, emitter)
-        own = active & (dr.gather(UInt32, self._table, numbers, active) > 0)
+        probability = dr.gather(Float, self._table, numbers, active)
+        own = active & (probability > 0)
+        if self._sharp is not None:
+            own &= ~(ideal & (dr.gather(UInt32, self._sharp, numbers, active) > 0))
         reference = _interaction(place, Array3f(0))
         light = mi.DirectionSample3f(self.world.plugin, hit, reference)
-        pdf = emitter.pdf_direction(reference, light, own) * dr.rcp(Float(self._count))
+        pdf = emitter.pdf_direction(reference, light, own) * probability
         return dr.select(own, rgb(emitter.eval(hit, own)), 0), dr.select(own, pdf, 0)
 
 
@@ -125,28 +163,33 @@ class Walking:
         for target, walks in zip((scattered, reflected), self._begun(paths, vertex), strict=True):
             if walks is not None:
                 found = self.radiance(walks, samples, dr.opaque(UInt32, step))
-                dr.scatter_add(target, dr.select(dr.isfinite(dr.sum(found)), found, 0), walks.pixel)
+                found = dr.select(dr.isfinite(dr.sum(found)), found, 0)
+                dr.scatter_add(target, found, walks.pixel, mode=dr.ReduceMode.NoConflicts)
                 dr.eval(target)
 
     def _begun(self, paths: CameraPaths, vertex: CameraVertex) -> tuple[Walk | None, Walk | None]:
-        """Return the walks of a step of camera paths, in media and from surfaces; None where there are none."""
+        """Return the walks of a step of camera paths, in media and from surfaces; None where there are none.
+
+        From surfaces they begin only where these are shaded.
+        """
         media, zeros = self.emitters.world.media, dr.zeros(Float, dr.width(paths.pixel))
         inside = paths.alive & (dr.max(media.scattering(paths.medium)) > 0) & (vertex.end > paths.near)
         inside &= self.within(paths.depth, 2)
         start = paths.origin + paths.near * paths.direction
         scattered = Walk(
             start, paths.direction, paths.medium, inside, dr.minimum(vertex.end, ENDLESS) - paths.near,
-            paths.throughput, paths.depth, inside, start, zeros, paths.order, paths.pixel,
+            paths.throughput, zeros, paths.depth, inside, start, zeros, paths.order, paths.pixel,
         )  # fmt: skip
+        beginning = next(iter(compressed(inside, scattered)), None)
+        if vertex.bounce is None:
+            return beginning, None
         bounce = vertex.bounce
         going = (dr.max(bounce.throughput) > 0) & self.within(paths.depth, 3)
         reflected = Walk(
-            bounce.origin, bounce.direction, bounce.medium, ~going, zeros, bounce.throughput, paths.depth + 1, ~going,
-            bounce.origin, zeros, paths.order, paths.pixel,
+            bounce.origin, bounce.direction, bounce.medium, ~going, zeros, bounce.throughput,
+            dr.max(bounce.throughput), paths.depth + 1, ~going, bounce.origin, zeros, paths.order, paths.pixel,
         )  # fmt: skip
-        return tuple(  # type: ignore[return-value]
-            next(iter(compressed(own, walks)), None) for own, walks in ((inside, scattered), (going, reflected))
-        )
+        return beginning, next(iter(compressed(going, reflected)), None)
 
     def within(self, depth: UInt32, more: int) -> Any:
         """Return whether paths that were scattered `depth` times, with `more` edges, are not too long."""
@@ -174,7 +217,9 @@ class Walking:
         distance, weight, scattered, tinted = flown
         throughput = walk.throughput * weight
         on = going & ~walk.first & ~scattered & ~tinted
-        found, density = self.emitters.met(hit, walk.place, on & walk.counts & self.within(walk.depth, 1))
+        found, density = self.emitters.met(
+            hit, walk.place, walk.pdf <= 0, on & walk.counts & self.within(walk.depth, 1)
+        )
         share = dr.select(walk.pdf > 0, power_heuristic(walk.pdf, density), 1)
         result: Any = dr.select(dr.max(found) > 0, throughput * found * share, 0)
         vertex = _Vertex(walk, hit, walk.origin + distance * walk.direction, scattered, on & hit.is_valid())
@@ -188,6 +233,7 @@ class Walking:
             setattr(following, each, dr.select(tinted, same, getattr(following, each)))
         following.origin = dr.select(tinted, vertex.position, following.origin)
         following.length, following.order, following.pixel = walk.length - distance, walk.order, walk.pixel
+        following.initial = dr.select(walk.first & scattered, dr.max(throughput), walk.initial)
         goes = (going & tinted) | goes
         return result, following, self._roulette(following, goes, samples, name)
 
@@ -232,7 +278,8 @@ class Walking:
         entered = world.media.beyond(hit, light.d, walk.medium, lit & smooth)
         medium = dr.select(vertex.scattered, walk.medium, entered)
         seed = samples.bits(order, _WAY, *name)
-        passed, _ = through(world.plugin, world.media, reference.spawn_ray_to(light.p), medium, seed, lit)
+        ray = reference.spawn_ray_to(light.p)
+        passed, _ = through(world.plugin, world.media, ray, medium, seed, lit, coarse=True)
         return dr.select(lit, value * passed, 0)
 
     def _onward(self, vertex: _Vertex, samples: Samples, name: tuple[Any, ...]) -> tuple[Walk, Array3f, Bool]:
@@ -265,10 +312,10 @@ class Walking:
     def _roulette(self, walk: Walk, going: Bool, samples: Samples, name: tuple[Any, ...]) -> Bool:
         """Return which walks go on, by Russian roulette; their throughput grows by as much as others end."""
         most = dr.max(walk.throughput)
-        survival: Any = dr.minimum(most, 0.95)
+        surviving: Any = survival(most * dr.rcp(dr.maximum(walk.initial, 1e-30)), walk.depth)
         tried = going & (walk.depth >= dr.opaque(UInt32, self.rr_depth))
-        survives = samples.single(walk.order, _ROULETTE, *name) < survival
-        walk.throughput = walk.throughput * dr.select(tried, dr.rcp(dr.maximum(survival, 1e-30)), 1)
+        survives = samples.single(walk.order, _ROULETTE, *name) < surviving
+        walk.throughput = walk.throughput * dr.select(tried, dr.rcp(dr.maximum(surviving, 1e-30)), 1)
         return going & (most > 0) & (~tried | survives)
 
 

@@ -13,6 +13,8 @@ from __future__ import annotations
 import ctypes
 import os
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cache
 from glob import glob
@@ -86,7 +88,7 @@ def _cuda_problem() -> str | None:
     """Return why CUDA cannot be used, or None; rays against meshes need OptiX, which a driver may come without."""
     windows = sys.platform == "win32"
     try:
-        driver = ctypes.CDLL("nvcuda.dll" if windows else "libcuda.so.1")
+        driver = ctypes.CDLL(os.environ.get("DRJIT_LIBCUDA_PATH") or ("nvcuda.dll" if windows else "libcuda.so.1"))
         count = ctypes.c_int()
         if driver.cuInit(0) != 0 or driver.cuDeviceGetCount(ctypes.byref(count)) != 0 or count.value == 0:
             return "the NVIDIA driver reports no usable GPU"
@@ -95,7 +97,7 @@ def _cuda_problem() -> str | None:
     if windows or glob("/usr/lib/wsl/lib/libnvoptix*"):
         return None
     try:
-        ctypes.CDLL("libnvoptix.so.1")
+        ctypes.CDLL(os.environ.get("DRJIT_LIBOPTIX_PATH") or "libnvoptix.so.1")
     except OSError:
         return "the NVIDIA driver lacks OptiX (libnvoptix.so.1)"
     return None
@@ -232,6 +234,25 @@ def set_threads(count: int) -> None:
     import drjit
 
     drjit.set_thread_count(count or processors())
+
+
+@contextmanager
+def helping_thread() -> Iterator[None]:
+    """Let Mitsuba read and write files within the context: of OpenEXR it leaves parts to other threads.
+
+    Where there is none, it waits for ever.
+    """
+    import drjit
+
+    backend()
+    count = drjit.thread_count()
+    try:
+        if count < 2:
+            drjit.set_thread_count(2)
+        yield
+    finally:
+        if count < 2:
+            drjit.set_thread_count(count)
 
 
 def processors() -> int:

@@ -122,7 +122,7 @@ class SceneShot(Shot):
         return result
 
     def _loaded(self, path: Path) -> Any:
-        from ..runtime.device import mitsuba
+        from ..runtime.device import helping_thread, mitsuba
 
         mi = mitsuba()
         if not path.is_file():
@@ -131,9 +131,10 @@ class SceneShot(Shot):
             check_grids(path, self._parameters)
             # Meshes that Mitsuba merges lose their ids.
             named = self._layers is not None or any(isinstance(each.portal, str) for each in self._beams.values())
-            plugin = mi.load_file(str(path), optimize=not named, **self._parameters)
+            with helping_thread():
+                plugin = mi.load_file(str(path), optimize=not named, **self._parameters)
         except RuntimeError as error:
-            raise SceneError(f"{path}: {_reason(str(error))}") from error
+            raise SceneError(f"{path}: {_reason(str(error), path)}") from error
         if not isinstance(plugin, mi.Scene):
             raise SceneError(f"{path}: holds a {type(plugin).__name__}: expected a scene")
         return plugin
@@ -349,9 +350,10 @@ def _contents(path: Path, more: Iterable[str]) -> list[bytes]:
     return [*found.values()]
 
 
-def _reason(text: str) -> str:
-    """Return Mitsuba's message about a file in one line, without source lines and tracebacks."""
+def _reason(text: str, path: Path) -> str:
+    """Return Mitsuba's message about a file in one line, without the file's name, source lines and tracebacks."""
     text = re.sub(r"^\[[\w.]+:\d+\]\s*", "", text.strip())
+    text = re.sub(rf"^At {re.escape(str(path))} \((.*?)\)", r"\1", text)
     text, _, trace = text.partition("Traceback (most recent call last):")
     lines = [line.strip() for line in text.splitlines() if line.strip()]
     if trace:  # of a plug-in in Python: its last line that is not indented is the error, "Class: what is wrong"

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import drjit as dr
+import numpy as np
 
 from ..beams import Beams
 from ..beams.guides import known_guides, led, pieces_along
@@ -29,6 +30,9 @@ _WAIST = 0.8
 # Beams continue beyond the boundary of their medium as far as their rim is in it: by so many radii, or one free path,
 # at most. Without that the medium is dark at a boundary that they cross at a slant; outside of it they are not seen.
 _BEYOND = 4.0
+
+# Where a grid's density is looked up along a beam, in parts of its length.
+_DENSITIES = (0.0, 0.5, 1.0)
 
 
 class Piece(Struct):
@@ -53,6 +57,8 @@ class Cutting:
         Whether beams carry what looks and programs may read: their place on the light path, random number and id.
     short
         Whether beams end at the path's next scattering event.
+    free_paths
+        The greatest radius of beams in a grid, in free paths at the beam.
     """
 
     medium: RenderedMedium
@@ -61,6 +67,7 @@ class Cutting:
     straight: Limits
     named: bool
     short: bool
+    free_paths: float = np.inf
 
     def own(self, segments: Segments) -> Bool:
         """Return which segments are the emitter's, in the medium."""
@@ -70,22 +77,33 @@ class Cutting:
 
     def fitted(self, world: World, segments: Segments) -> Segments:
         """Return segments as their beams fit into the medium: narrower, and with the flux that lies outside of it."""
-        if self.medium.tracked is not None:
-            return segments
         # Light straight from lamps is narrowed by its path: see `narrowing`.
         tried = Bool(True) if self.straight is self.limits else segments.depth > 0
         result = copy(segments)
+        fine = self._fine(segments, tried)
 
         def shape(factor: Any) -> tuple[Any, ...]:
-            result.narrow = segments.narrow * factor
+            result.narrow = segments.narrow * fine * factor
             lead, end = self._reach(result, result.narrow)
             first, last = (self._radius(result, each, result.narrow) for each in (0, segments.length))
             return first, last, lead, end, dr.select(end > 0, -segments.direction, segments.normal)
 
         factor, covered = medium_coverage(world, segments, shape, self._decay(), tried)
-        result.narrow, result.flux = segments.narrow * factor, segments.flux * dr.rcp(covered)
+        result.narrow, result.flux = segments.narrow * fine * factor, segments.flux * dr.rcp(covered)
         dr.eval(result.narrow, result.flux)
         return result
+
+    def _fine(self, segments: Segments, tried: Bool) -> Float:
+        """Return factors on the radii of beams in a grid, which bound them in free paths where the grid is densest."""
+        if self.medium.tracked is None or not np.isfinite(self.free_paths):
+            return dr.ones(Float, dr.width(segments.length))
+        densest = Float(0)
+        for part in _DENSITIES:
+            point = dr.fma(segments.direction, part * segments.length, segments.origin)
+            densest = dr.maximum(densest, dr.max(self.medium.extinction(point)))
+        widest = dr.opaque(Float, self.free_paths) * self.limits.scale * dr.rcp(dr.maximum(densest, 1e-30))
+        radius = dr.maximum(*(self._radius(segments, each, segments.narrow) for each in (0, segments.length)))
+        return dr.select(tried, dr.minimum(widest * dr.rcp(dr.maximum(radius, 1e-30)), 1), 1)
 
     def _decay(self) -> Float:
         """Return the mean rate at which beams fade."""
@@ -164,15 +182,16 @@ class Cutting:
 
 def sets_of(world: World, cuttings: Sequence[Cutting], steps: Sequence[Segments]) -> list[BeamSet]:
     """Return the beams of all steps in sets: one for each emitter and medium, two where scattered light has no look."""
-    result = []
+    result: list[BeamSet] = []
+    if not steps:
+        return result
+    segments = joined(list(steps))
     for cutting in cuttings:
         pieces: list[Piece] = []
-        for segments in steps:
-            mine = compressed(cutting.own(segments), segments)
-            if mine:
-                fitted = cutting.fitted(world, mine[0])
-                for piece in cutting.pieces(fitted, dr.max(fitted.flux) > 0):
-                    pieces += compressed(piece.there, piece)
+        for mine in compressed(cutting.own(segments), segments):
+            fitted = cutting.fitted(world, mine)
+            for piece in cutting.pieces(fitted, dr.max(fitted.flux) > 0):
+                pieces += compressed(piece.there, piece)
         if pieces:
             result += _sets(cutting, joined(pieces))
     return result

@@ -134,8 +134,7 @@ class Stratum:
         differentials = sample.differentials
         if derivative is not None and self.guide is not None:
             weight = to_float(np.prod(derivative, axis=1) / count)
-            widths = self.guide.widths(derivative)
-            factors = [to_float(widths[:, k // 2]) for k in range(4)]
+            factors = [dr.opaque(Float, float(self.guide.widths[k // 2])) for k in range(4)]
             columns = zip(differentials.columns(), factors, strict=True)
             differentials = RayDifferentials.of([(p * factor, d * factor) for (p, d), factor in columns])
         flux = sample.flux * weight + nothing

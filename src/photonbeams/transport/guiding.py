@@ -5,13 +5,14 @@ learns their density: each box is halved as long as there are samples enough. Th
 density: they go down it, and are stretched at each box in proportion to the probabilities of its halves.
 
 A part of the samples stays uniform, so that light which the pilot missed is found, too, and the estimate is unbiased
-for any tree. The map is linear in each box, so it keeps strata together, and scales ray differentials by known factors.
+for any tree. The map is linear in each box, so it keeps strata together.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from itertools import product
 
 import numpy as np
 
@@ -19,20 +20,22 @@ from ..scene import Array
 
 # The part of samples that stays uniform.
 _UNIFORM = 0.1
-# Boxes with fewer samples are not halved, nor those that are so many levels down.
-_LEAST, _DEEPEST = 4, 40
+# Boxes with fewer samples are not halved, nor those that are so many levels down. Few find narrow gaps, many are better
+# where light is even: each tree is judged by samples that it does not know.
+_LEAST, _DEEPEST = (4, 16, 64), 40
 # Each half counts as if it had so many samples more: few of them prove little.
 _PRIOR = 2.0
 # The greatest weight of a sample against the mean.
 _BRIGHTEST = 8.0
-# The part of the samples with visible light whose widths are below the greatest.
-_SEEN = 0.95
+# How often samples follow light that something stops, against light that is seen: they find the holes that the pilot
+# missed.
+_DOUBT = 0.25
 # Orders of the axes that are halved: of the sun it matters where light passes, of a small lamp where it goes.
 _ORDERS = (0, 1), (2, 3), (2, 3, 0, 1)
-#: Emission stays uniform where visible light fills a greater part of the cube: strata are worth more then, the more so
-#: for light straight from its emitter, whose beams lie side by side. Seen from within a shaft of which a fifth is in
-#: the picture, guided beams err several times as much as uniform ones.
-ENOUGH, ENOUGH_STRAIGHT = 0.5, 0.1
+#: Emission stays uniform where visible light has, by guided samples, more than this part of the variance that it has by
+#: uniform ones: strata are worth more then, above all for light straight from its emitter, whose beams lie side by
+#: side, and beams beside the picture cost little. Most strata of a portal are in the picture.
+ENOUGH, ENOUGH_STRAIGHT, ENOUGH_PORTAL = 0.9, 0.4, 0.1
 
 
 @dataclass(frozen=True)
@@ -47,14 +50,16 @@ class GuidingMap:
         The number of its lower half; the upper half is the next one.
     fraction
         The fraction of a box's samples that is in its lower half.
-    widest
-        The greatest factors on widths, by place and by direction: see `widths`.
+    widths
+        Factors on the widths of beams by place and by direction, (2,), the same for all samples: the roots of the mean
+        room of visible light. Were each as wide as its own room, the wide beams from where samples are rare would shine
+        into what the camera sees, and the narrow ones from there not back.
     """
 
     axis: Array
     child: Array
     fraction: Array
-    widest: Array = field(default_factory=lambda: np.full(2, np.inf))
+    widths: Array = field(default_factory=lambda: np.ones(2))
 
     def __call__(self, points: Array) -> tuple[Array, Array]:
         """Return the images of points (N, 4), and the derivative of the map along each axis there, (N, 4)."""
@@ -75,15 +80,6 @@ class GuidingMap:
         place = np.minimum(low + size * inside, np.nextafter(np.float32(1), np.float32(0)))
         return place.astype(np.float32), stretch
 
-    def widths(self, derivatives: Array) -> Array:
-        """Return factors on the widths of beams by place and by direction, (N, 2), for derivatives of the map (N, 4).
-
-        Samples fill cells of any aspect, so those of a pair are as wide by either number. Where light begins that no
-        camera sees samples are rare, and beams would be so wide that they shine through walls: they are no wider than
-        where it is seen.
-        """
-        return np.minimum(np.sqrt(derivatives[:, 0::2] * derivatives[:, 1::2]), self.widest)
-
     def density(self, points: Array) -> Array:
         """Return the density of the images at points (N, 4)."""
         return 1 / self.stretches(points).prod(axis=1)
@@ -103,32 +99,48 @@ class GuidingMap:
         return result
 
 
-def learn(points: Array, weights: Array, enough: float = ENOUGH) -> GuidingMap | None:
+def learn(points: Array, weights: Array, stopped: Array | None = None, enough: float = ENOUGH) -> GuidingMap | None:
     """Return the guiding map for samples (N, 4) of visible light with weights (N,); None where uniform ones serve.
 
-    They do where visible light fills `enough` of the cube. Half of the samples tell in which order axes are best split,
-    by how likely the trees of the other half find them.
+    Half of the samples tell which tree is best: that of the others in which they have the least room, on average. The
+    room of a sample is 1 / density; its mean is the variance of the light by guided samples against uniform ones.
+
+    Parameters
+    ----------
+    points, weights
+        The samples.
+    stopped
+        Samples whose light something stops before it is seen, (M, 4): a part of the guided samples follows them.
+    enough
+        The greatest mean room of samples that are worth guiding.
     """
     known = weights > 0
     points, weights = points[known], weights[known].astype(np.float64)
-    if len(weights) < 4 * _LEAST:
+    if len(weights) < 4 * _LEAST[0]:
         return None
     weights = np.minimum(weights, _BRIGHTEST * weights.mean())
-    gains = [_gain(_grown(points[::2], weights[::2], order), points[1::2], weights[1::2]) for order in _ORDERS]
-    if not np.exp(-max(gains)) < enough:
+    judge, own = points[1::2], weights[1::2] / weights[1::2].sum()
+    cells = {}
+    for way in product(_ORDERS, _LEAST):
+        stretches = _grown(*_with(points[::2], weights[::2], stopped), *way).stretches(judge)
+        cells[way] = stretches[:, 0::2] * stretches[:, 1::2]
+    rooms = {way: float(own @ each.prod(axis=1)) for way, each in cells.items()}
+    best = min(rooms, key=rooms.__getitem__)
+    if not rooms[best] < enough:
         return None
-    guide = _grown(points, weights, _ORDERS[int(np.argmax(gains))])
-    widths = guide.widths(guide.stretches(points))
-    return replace(guide, widest=np.quantile(widths, _SEEN, axis=0))
+    return replace(_grown(*_with(points, weights, stopped), *best), widths=np.sqrt(own @ cells[best]))
 
 
-def _gain(guide: GuidingMap, points: Array, weights: Array) -> float:
-    """Return the mean logarithm of a map's density: e to minus it is the part of the cube that the map fills."""
-    return float((weights * np.log(guide.density(points))).sum() / weights.sum())
+def _with(points: Array, weights: Array, stopped: Array | None) -> tuple[Array, Array]:
+    """Return samples of visible light, and those whose light something stops."""
+    if stopped is None or not len(stopped):
+        return points, weights
+    more = np.full(len(stopped), _DOUBT * weights.sum() / len(stopped))
+    return np.concatenate([points, stopped]), np.concatenate([weights, more])
 
 
-def _grown(points: Array, weights: Array, order: Sequence[int]) -> GuidingMap:
-    """Return the map of a tree of boxes that are halved along axes in this order while they have enough samples.
+def _grown(points: Array, weights: Array, order: Sequence[int], least: int) -> GuidingMap:
+    """Return the map of a tree of boxes that are halved along axes in this order while they have `least` samples.
 
     The probabilities of halves are those of a Pólya tree (Lavine 1992): as if each had some samples more.
     """
@@ -138,7 +150,7 @@ def _grown(points: Array, weights: Array, order: Sequence[int]) -> GuidingMap:
     children, first = [np.zeros(1, dtype=np.int64)], 1
     for depth in range(_DEEPEST):
         axis = order[depth % len(order)]
-        split = np.bincount(node, minlength=len(axes[-1])) >= _LEAST
+        split = np.bincount(node, minlength=len(axes[-1])) >= least
         if not split.any():
             break
         kept = split[node]

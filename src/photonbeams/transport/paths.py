@@ -27,7 +27,7 @@ from ..world.warp import facing
 from ..world.world import World
 from .differentials import RayDifferentials, copies, differentiate, of_copies
 from .emission import Emitted
-from .interactions import LOBE, PASSED, SAMPLED, SCATTERED, TURN, Interaction, Scatter, reflect, sampled
+from .interactions import LOBE, PASSED, SAMPLED, SCATTERED, TURN, Interaction, Scatter, reflect, sampled, survival
 from .narrowing import narrow
 from .radii import Width, width
 from .records import LightPaths, PhotonHits, Segments
@@ -73,6 +73,9 @@ class Tracing:
         The pass's factor on all radii.
     bounces_by_source
         Most bounces by the numbers of sources; None: `max_bounces` alone.
+    caustics_by_source
+        Which sources' paths count only if the first thing that turns them is a mirror or glass, 1 or 0 by the numbers
+        of sources; None: all paths count.
     """
 
     world: World
@@ -85,6 +88,7 @@ class Tracing:
     short: bool = False
     scale: float = 1.0
     bounces_by_source: Any = None
+    caustics_by_source: Any = None
 
     def within(self, depth: UInt32, source: UInt32) -> Bool:
         """Return whether a depth is allowed on the paths of a source."""
@@ -94,6 +98,12 @@ class Tracing:
         if self.bounces_by_source is None:
             return result
         return result & (depth <= dr.gather(UInt32, self.bounces_by_source, source))
+
+    def undecided(self, paths: LightPaths) -> Bool:
+        """Return which paths count only if a mirror or glass turns them next."""
+        if self.caustics_by_source is None:
+            return Bool(False)
+        return paths.straight & (dr.gather(UInt32, self.caustics_by_source, paths.source) > 0)
 
 
 def begin(tracing: Tracing, emitted: Sequence[Emitted]) -> LightPaths | None:
@@ -166,6 +176,7 @@ def _split(tracing: Tracing, paths: LightPaths) -> LightPaths:
     both = paths.coherent & (paths.medium > 0) & ~varying & Bool(not tracing.short)
     whole = copy(paths)
     whole.branch = dr.select(both, UInt32(PASSED), UInt32(SAMPLED))
+    both &= ~tracing.undecided(paths)
     both &= tracing.within(paths.depth + 1, paths.source)  # no path for what would exceed the depth
     scattered = kept(both, paths)
     if scattered is None:
@@ -204,7 +215,7 @@ def _step(tracing: Tracing, paths: LightPaths, step: int) -> tuple[Any, ...]:
     hits = _photon_hits(paths, interaction, segments.width)
     in_medium = (paths.medium > 0) & (interaction.length > 0) & (paths.branch != SCATTERED) & (dr.max(paths.flux) > 0)
     on_surface = interaction.on_surface & ~paths.straight & interaction.smooth
-    in_medium &= tracing.within(paths.depth, paths.source)
+    in_medium &= tracing.within(paths.depth, paths.source) & ~tracing.undecided(paths)
     bent = interaction.going & interaction.on_surface & following.coherent & ~scatter.null
     dr.eval(segments, in_medium, hits, on_surface, following, interaction.going, bent)
     if step < _COHERENT:
@@ -254,6 +265,7 @@ def _following(
     )
     going = interaction.going & (dr.max(following.flux) > 0)
     going &= tracing.within(following.depth, following.source)
+    going &= ~tracing.undecided(paths) | passes | (interaction.on_surface & scatter.delta)
     _roulette(tracing, following, passes, stream, going)
     following.radius = dr.select(following.coherent | passes, paths.radius, _scattered_radius(tracing, following))
     interaction.going = going & (dr.max(following.flux) > 0)
@@ -278,13 +290,13 @@ def _scattered_radius(tracing: Tracing, following: LightPaths) -> Float:
 
 
 def _roulette(tracing: Tracing, paths: LightPaths, passes: Bool, stream: UInt32, active: Bool) -> None:
-    """End paths by Russian roulette, with the survival probability flux / initial flux."""
-    survival = dr.minimum(dr.max(paths.flux) * dr.rcp(dr.maximum(paths.initial, 1e-30)), 0.95)
+    """End paths by Russian roulette, by the part of the initial flux that is left."""
+    surviving = survival(dr.max(paths.flux) * dr.rcp(dr.maximum(paths.initial, 1e-30)), paths.depth)
     tried = active & ~passes & (paths.depth >= dr.opaque(UInt32, tracing.rr_depth))
-    survives = unit_float(hash32(paths.index, stream, UInt32(_ROULETTE))) < survival
-    factor: Any = dr.select(tried, dr.select(survives, dr.rcp(dr.maximum(survival, 1e-30)), 0), 1)
+    survives = unit_float(hash32(paths.index, stream, UInt32(_ROULETTE))) < surviving
+    factor: Any = dr.select(tried, dr.select(survives, dr.rcp(dr.maximum(surviving, 1e-30)), 0), 1)
     paths.flux = paths.flux * factor
-    paths.fraction = dr.select(tried & survives, paths.fraction * survival, paths.fraction)
+    paths.fraction = dr.select(tried & survives, paths.fraction * surviving, paths.fraction)
 
 
 def _carry(tracing: Tracing, paths: LightPaths, following: LightPaths, bent: Bool, stream: UInt32) -> None:

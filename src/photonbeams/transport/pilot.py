@@ -10,14 +10,15 @@ import numpy as np
 from ..scene import Array
 from .connections import ShadowRays
 from .emission import Emitted, Stratum
-from .guiding import ENOUGH, ENOUGH_STRAIGHT, GuidingMap, learn
+from .guiding import ENOUGH, ENOUGH_PORTAL, ENOUGH_STRAIGHT, GuidingMap, learn
 from .importance import Sightings
 from .inversion import samples_of
+from .lamps import PortalEmitter
 
 # Light paths of a round, of all strata together; rounds; the fewest paths of a stratum that is guided.
 _ROUND, _ROUNDS, _FEWEST = 1 << 13, 2, 1 << 9
-# Most lines from a stratum to points in the picture, and to points that it does not reach; the weight of the latter.
-_LINES, _STOPPED, _DOUBT = 1 << 11, 1 << 10, 0.25
+# Most lines from a stratum to points in the picture, and to points that it does not reach.
+_LINES, _STOPPED = 1 << 11, 1 << 10
 
 #: What cameras see of light paths, whose numbers count on from one element to the next.
 Seen = Callable[[list[Emitted]], Sightings]
@@ -46,8 +47,11 @@ def guide(
     """
     total = max(sum(each.count for each in strata), 1)
     counts = [round(_ROUND * each.count / total) for each in strata]
-    enough = ENOUGH_STRAIGHT if straight else ENOUGH
-    learning = [_Learning(each, count, enough) for each, count in zip(strata, counts, strict=True) if count >= _FEWEST]
+    learning = [
+        _Learning(each, count, _enough(each, straight))
+        for each, count in zip(strata, counts, strict=True)
+        if count >= _FEWEST
+    ]
     for each in learning:
         if lines is not None:
             each.follow(lines(each.stratum))
@@ -60,6 +64,14 @@ def guide(
         for each in learning:
             each.stratum.guide = each.learned()
     return np.array([found[id(each)].light() if id(each) in found else 0.0 for each in strata])
+
+
+def _enough(stratum: Stratum, straight: bool) -> float:
+    """Return above which variance, against that by uniform samples, a stratum's samples stay uniform."""
+    if not straight:
+        return ENOUGH
+    emitter = stratum.emitter
+    return ENOUGH_PORTAL if isinstance(emitter, PortalEmitter) and emitter.through else ENOUGH_STRAIGHT
 
 
 def _round(learning: Sequence[_Learning], number: int, seen: Seen) -> None:
@@ -122,11 +134,9 @@ class _Learning:
         # Lines and paths tell of the same light: each kind counts as much as it has samples.
         found = [(points, weights * (len(points) / weights.sum())) for points, weights in found if len(points)]
         if not found:
-            return learn(self._stopped, np.ones(len(self._stopped)), self._enough)
-        total = _DOUBT * sum(len(points) for points, _ in found)
-        found.append((self._stopped, np.full(len(self._stopped), total / max(len(self._stopped), 1))))
+            return learn(self._stopped, np.ones(len(self._stopped)), enough=self._enough)
         points, weights = (np.concatenate(each) for each in zip(*found, strict=True))
-        return learn(points, weights, self._enough)
+        return learn(points, weights, self._stopped, self._enough)
 
     def light(self) -> float:
         """Return how much of the stratum's light is in the picture."""

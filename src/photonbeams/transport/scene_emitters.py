@@ -111,6 +111,11 @@ def _spheres(world: SceneWorld, plugin: Any) -> Any:
     ]
 
 
+def power_of(world: SceneWorld, number: int) -> float:
+    """Return the power of an emitter of a scene, in the channel that has most of it."""
+    return float(max(probed_flux(SceneEmitter(world, number), number)))
+
+
 def emission_of(
     world: SceneWorld, count: int, seed: int = 0, sources: Sequence[int] | None = None, without: Collection[int] = ()
 ) -> Emission:

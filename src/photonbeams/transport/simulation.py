@@ -150,7 +150,7 @@ class Simulation:
         return paths.Tracing(
             self.world, tuning.max_bounces, tuning.rr_depth, tuning.overlap, region, self.emission.count,
             float(self.emission.power.max()), tuning.short, radius_scale(tuning.alpha, number),
-            self._bounces_by_source(),
+            self._bounces_by_source(), self._caustics_by_source(),
         )  # fmt: skip
 
     def guide(self, views: Sequence[Projection]) -> np.ndarray:
@@ -174,10 +174,17 @@ class Simulation:
             return None
         return to_uint([*(each or 0 for each in bounces), 0]) if most is not None else None
 
+    def _caustics_by_source(self) -> Any:
+        """Return which sources' light counts only as caustics, None where it is none's."""
+        if not any(each.caustics for each in self.sources):
+            return None
+        return to_uint([*(each.caustics for each in self.sources), False])
+
     def cuttings(self, number: int) -> list[Cutting]:
         """Return how the segments of a pass become beams, for each emitter that makes some and each medium."""
+        free_paths = np.inf if self.tuning.radius or self.tuning.max_radius else FREE_PATHS
         return [
-            Cutting(medium, source, *self._both_limits(number, medium), self.named, self.tuning.short)
+            Cutting(medium, source, *self._both_limits(number, medium), self.named, self.tuning.short, free_paths)
             for source in self.sources
             for medium in self.world.media.all
             if self._shown(source, medium)

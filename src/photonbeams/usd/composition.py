@@ -22,9 +22,11 @@ _SITE = re.compile(r"@([^@]*?)(?:,@anon:[^@]*@)?@?(?=<)")
 def warn_of_composition(stage: Usd.Stage, warnings: Warnings) -> None:
     """Warn of what leaves a hole in the stage, which is composed without it."""
     file = file_of(stage)
+    # The message begins with the stage's own folder: what lies beside the stage is told without it.
+    folder = os.path.join(os.path.dirname(file), "")
     with warnings.together():
         for error in stage.GetCompositionErrors():
-            warnings.give(_sentence(error), file)
+            warnings.give(_sentence(error).replace(f"@{folder}", "@"), file)
 
 
 def _sentence(error: Any) -> str:

@@ -251,8 +251,8 @@ class DomeLamp(EmitterSource):
 Light = SphereLamp | FlatLamp | CylinderLamp | MeshLamp | DistantLamp | DomeLamp
 
 
-def source(light: scene.Light) -> Light:
-    """Return a light as Dr.Jit sees it."""
+def source(light: scene.Light, host: Any = None) -> Light:
+    """Return a light as Dr.Jit sees it; `host` is the scene beside which rays look for a mesh (`scene_of`)."""
     if isinstance(light, scene.SphereLight):
         return SphereLamp.of(light)
     if isinstance(light, scene.FlatLight):
@@ -260,7 +260,7 @@ def source(light: scene.Light) -> Light:
     if isinstance(light, scene.CylinderLight):
         return CylinderLamp.of(light)
     if isinstance(light, scene.MeshLight):
-        return MeshLamp(light)
+        return MeshLamp(light, host)
     if isinstance(light, scene.DistantLight):
         return DistantLamp.of(light)
     if isinstance(light, scene.DomeLight):

@@ -24,7 +24,7 @@ from .bounds import box_of
 from .checks import check_numbers, check_phase
 from .interfaces import medium_ahead, number, numbers, pointers
 from .spectra import rgb
-from .tracking import MediumSegment, Track, Tracked, glow, scattering_point, walk
+from .tracking import SEGMENTS, MediumSegment, Track, Tracked, glow, scattering_point, walk
 
 mi = mitsuba()
 
@@ -248,9 +248,14 @@ class Media:
         return dr.select(dr.gather(UInt32, self._felt, medium) > 0, transmittance, 1)
 
     def transmittance(
-        self, medium: UInt32, origin: Array3f, direction: Array3f, distance: Float, seed: UInt32, active: Bool
-    ) -> Array3f:
-        """Return the transmittance over a distance along rays; of heterogeneous media an unbiased estimate."""
+        self, medium: UInt32, origin: Array3f, direction: Array3f, distance: Float, seed: UInt32, active: Bool,
+        coarse: bool = False,
+    ) -> Array3f:  # fmt: skip
+        """Return the transmittance over a distance along rays; of heterogeneous media an unbiased estimate.
+
+        Pieces are a quarter of a free path at the greatest extinction; a whole one in a `coarse` estimate, for those
+        whose noise hardly counts.
+        """
         plain = self.absorbed(medium, distance)
         if not self.any_varying:
             return plain
@@ -262,6 +267,8 @@ class Media:
         majorant = dr.max(self.extinction(medium))
 
         segment = MediumSegment(origin, direction, dr.maximum(enter, 0), dr.minimum(leave, distance), majorant, seed)
+        pieces = dr.ceil((1 if coarse else 4) * majorant * (segment.far - segment.near))
+        segment.pieces = UInt32(dr.clip(pieces, 1, SEGMENTS))
         return dr.select(
             varying, walk(segment, lambda point: _extinction(media, point, varying), varying & inside), plain
         )

@@ -22,13 +22,13 @@ class MeshLamp(Lamp):
     Each is a kind of its own to kernels: a mesh is not packed with others.
     """
 
-    def __init__(self, light: scene.MeshLight) -> None:
+    def __init__(self, light: scene.MeshLight, host: Any = None) -> None:
         assert light.mesh is not None
         emitter = mi.load_dict({"type": "area", "radiance": radiance_of(light.radiance, light.image)})
         # Faces radiate evenly, whatever normals they are shaded with.
         self._shape = shape_of(replace(light.mesh, normals=None), emitter=emitter)
         self._emitter = emitter
-        self._scene = scene_of([self._shape])
+        self._scene = scene_of([self._shape], host)
         self.axis, self.shaping = opaque(unit(light.axis)), ShapingFactor.of(light.shaping)
         self.area = opaque(light.mesh.area)
         self.textured = light.image is not None

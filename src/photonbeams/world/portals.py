@@ -31,7 +31,7 @@ class _Rectangle:
 
 
 class Portal:
-    """An opening, as a small Mitsuba scene of its own.
+    """An opening, as a small Mitsuba scene of its own, beside the scene `host` (`scene_of`).
 
     Attributes
     ----------
@@ -43,12 +43,12 @@ class Portal:
         A corner of the bounding rectangle and the two edges from it, float64; None of a portal that is not planar.
     """
 
-    def __init__(self, mesh: scene.Mesh, shape: Any) -> None:
+    def __init__(self, mesh: scene.Mesh, shape: Any, host: Any) -> None:
         area = mesh.area
         if not area > 0:
             raise scene.SceneError(f"{mesh.name}: the portal has no area, so no light passes it")
         self.shape = shape
-        self.scene = scene_of([shape])
+        self.scene = scene_of([shape], host)
         self.rectangle, rectangle_area, self.sides = _bounding_rectangle(mesh)
         self.area = rectangle_area if self.rectangle else area
         self.fill = min(1.0, area / self.area)

@@ -110,4 +110,4 @@ def _warp(shaping: scene.Shaping, flat: bool) -> Any:
     weight = (value + _FAINT * mean) * sine
     if flat:
         weight[theta > np.pi / 2 + np.pi / (rows - 1)] = 0
-    return mi.MarginalContinuous2D0(mi.TensorXf(np.ascontiguousarray(weight, dtype=np.float32)))
+    return mi.MarginalContinuous2D0(np.ascontiguousarray(weight, dtype=np.float32))  # read on the CPU on all devices

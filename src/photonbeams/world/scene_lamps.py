@@ -77,7 +77,7 @@ def _lamp(plugin: Any, emitter: Any, own: scene.BeamSettings, bounds: Bounds, im
     mesh, portal, source = None, None, EmitterSource(emitter)
     if own.portal is not None:
         mesh, shape = _portal(plugin, name, own.portal)
-        portal = Portal(mesh, shape)
+        portal = Portal(mesh, shape, plugin)
         if source.infinite and not bounds.contains(mesh.points):
             raise SceneError(f"emitter {name}: its portal {mesh.name} lies outside of the scene: expected it within")
     elif own.portal_gobo is not None:

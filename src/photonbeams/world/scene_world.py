@@ -18,7 +18,7 @@ from .scene_lamps import lamps_of
 from .shapes import is_null, scene_of
 from .sources import Source
 from .surroundings import Place, Surroundings, places_of
-from .world import World, perturbs, translucent
+from .world import World, mirrors, perturbs, translucent
 
 mi = mitsuba()
 
@@ -57,6 +57,7 @@ class SceneWorld(World):
         self.beams = beams or [scene.BeamSettings()] * len(plugin.emitters())
         self.lamps = lamps_of(plugin, self.beams, self.bounds)
         self.perturbed, self.translucent = perturbs(plugin), translucent(plugin)
+        self.mirrors = mirrors(plugin)
         self.reach = scene.ESCAPE * self.radius
         self.surroundings = Surroundings(plugin, self.media, places_of(plugin), eye)
         self.sizes = self.surroundings.sizes
@@ -88,7 +89,8 @@ class SceneWorld(World):
 
     @cached_property
     def _boundary_scene(self) -> Any:
-        return scene_of([each for each in self.plugin.shapes() if each.is_medium_transition() and is_null(each)])
+        boundaries = [each for each in self.plugin.shapes() if each.is_medium_transition() and is_null(each)]
+        return scene_of(boundaries, self.plugin)
 
     def seen(self, origin: Array3f, direction: Array3f, reach: Float, active: Bool, seed: UInt32) -> Any:
         """Return the first surface, or boundary of a medium, that camera rays meet within `reach`."""

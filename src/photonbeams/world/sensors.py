@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -9,6 +10,7 @@ import drjit as dr
 import numpy as np
 
 from .. import scene
+from ..numerics.arrays import joined, taken
 from ..numerics.samples import Samples
 from ..runtime.device import Array2f, Array3f, Float, UInt32, mitsuba
 from .cameras import View, Window
@@ -36,6 +38,39 @@ class PrimaryRays:
     weight: Any
     facing: Any = None
     lanes: Any = None
+
+    @classmethod
+    def joined(cls, each: Sequence[PrimaryRays]) -> PrimaryRays:
+        """Return the rays of several passes as those of one, for estimates without tiles."""
+        count = dr.width(each[0].direction)
+
+        def all_of(name: str) -> Any:
+            return joined([type(own)(own + dr.zeros(type(own), count)) for own in (getattr(one, name) for one in each)])
+
+        return cls(
+            all_of("origin"), all_of("direction"), all_of("near"), all_of("far"), all_of("weight"),
+            None if each[0].facing is None else all_of("facing"),
+        )  # fmt: skip
+
+    def taken(self, index: Any) -> PrimaryRays:
+        """Return some of joined rays."""
+        return PrimaryRays(
+            taken(self.origin, index), taken(self.direction, index), taken(self.near, index), taken(self.far, index),
+            taken(self.weight, index), taken(self.facing, index),
+        )  # fmt: skip
+
+    def with_more(self, more: PrimaryRays) -> PrimaryRays:
+        """Return these rays and more behind them, whose origin is the same where it is one for all."""
+        count = dr.width(self.direction)
+
+        def both(own: Any, other: Any) -> Any:
+            return joined([type(own)(own + dr.zeros(type(own), count)), type(own)(other)])
+
+        return PrimaryRays(
+            self.origin if dr.width(self.origin) == 1 else both(self.origin, more.origin),
+            both(self.direction, more.direction), both(self.near, more.near), both(self.far, more.far),
+            both(self.weight, more.weight), both(self.facing, more.facing),
+        )  # fmt: skip
 
 
 class Sensor:

@@ -10,7 +10,7 @@ import numpy as np
 
 from .. import scene
 from ..numerics.arrays import to_float, to_uint
-from ..runtime.device import mitsuba
+from ..runtime.device import backend, mitsuba
 from .normal_maps import DIFFUSE, MIXED, NORMAL_MAP, SPECULAR
 
 mi = mitsuba()
@@ -64,10 +64,16 @@ def _vertex_values(material: scene.Material) -> dict[str, scene.Array]:
     return {f"vertex_{name}": value.values for name, value in fields if isinstance(value, scene.VertexValues)}
 
 
-def scene_of(shapes: Sequence[Any]) -> Any:
-    """Return a Mitsuba scene of nothing but shapes, which keep their ids."""
+def scene_of(shapes: Sequence[Any], host: Any = None) -> Any:
+    """Return a Mitsuba scene of nothing but shapes, which keep their ids.
+
+    A kernel on CUDA traces rays in several scenes only if all share the shader binding table of one, `host`.
+    """
     names = [shape.id() for shape in shapes]
-    result = mi.load_dict({"type": "scene", **{f"mesh_{index}": shape for index, shape in enumerate(shapes)}})
+    children = {f"mesh_{index}": shape for index, shape in enumerate(shapes)}
+    if host is not None and backend() == "cuda":
+        children["host"] = host
+    result = mi.load_dict({"type": "scene", **children})
     for shape, name in zip(shapes, names, strict=True):
         shape.set_id(name)
     return result

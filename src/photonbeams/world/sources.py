@@ -31,6 +31,8 @@ class Source:
         The most bounces of its light before it is scattered toward the camera; None: the settings'.
     scattered_beams
         Of one that makes no beams: whether its light makes some in media that domes light, once it was scattered.
+    caustics
+        Whether its light paths count only as caustics: where a mirror or glass turns them before anything else.
     to_world
         (4, 4) from the light's own space, for looks.
     guides
@@ -49,3 +51,4 @@ class Source:
     to_world: Array | None = None
     guides: tuple[Any, ...] = ()
     scattered_beams: bool = False
+    caustics: bool = False

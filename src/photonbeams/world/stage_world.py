@@ -43,6 +43,8 @@ class StageWorld(World):
     ----------
     description
         The scene that it was built from.
+    host
+        An empty Mitsuba scene, whose shader binding table all others share on CUDA.
     meshes, shapes, surfaces
         The surfaces, each as a Mitsuba shape, and the Mitsuba scene of them (Embree on the CPU, OptiX on a GPU).
     blockers
@@ -51,6 +53,8 @@ class StageWorld(World):
         The Mitsuba scene of the surfaces and of the boundaries of media.
     media, boundaries, sizes
         The media; Mitsuba's shapes of their boundaries, and the radii of bounded media, by number.
+    around
+        The Mitsuba scene of the boundaries alone. Not built when first needed: that may be within a kernel's loop.
     lights, portals
         The lights as Dr.Jit sees them, in the order of `description.lights`, and by the name of the light its portal.
     images
@@ -62,6 +66,7 @@ class StageWorld(World):
     """
 
     description: scene.Scene
+    host: Any
     meshes: tuple[scene.Mesh, ...]
     shapes: tuple[Any, ...]
     surfaces: Any
@@ -69,6 +74,7 @@ class StageWorld(World):
     plugin: Any
     media: Media
     boundaries: tuple[Any, ...]
+    around: Any
     sizes: dict[int, float]
     lights: tuple[Light, ...]
     portals: dict[str, Portal]
@@ -115,29 +121,32 @@ class StageWorld(World):
         meshes = tuple(mesh for mesh in description.meshes if mesh.name not in hidden and len(mesh.faces))
         materials = [mesh.material for mesh in meshes]
         still = like is not None and _same(meshes, like.meshes)
+        host = scene_of(()) if like is None else like.host
         shapes = like.shapes if like is not None and still else shapes_of(meshes, sharp)
-        surfaces = like.surfaces if like is not None and still else scene_of(shapes)
-        media, boundaries, sizes = _media(description, like)
+        surfaces = like.surfaces if like is not None and still else scene_of(shapes, host)
+        media, boundaries, around, sizes = _media(description, host, like)
         kept = like is not None and still and boundaries is like.boundaries
-        plugin = like.plugin if kept else scene_of([*shapes, *boundaries]) if boundaries else surfaces  # type: ignore[union-attr]
+        plugin = like.plugin if kept else scene_of([*shapes, *boundaries], host) if boundaries else surfaces  # type: ignore[union-attr]
         portals = {
-            light.name: _known_portal(light, like) or Portal(light.portal, shape_of(light.portal))
+            light.name: _known_portal(light, like) or Portal(light.portal, shape_of(light.portal), host)
             for light in description.lights
             if light.portal is not None
         }
         images = _known_images(description, like)
         return cls(
             description=description,
+            host=host,
             meshes=meshes,
             shapes=shapes,
             surfaces=surfaces,
             plugin=plugin,
             media=media,
             boundaries=boundaries,
+            around=around,
             sizes=sizes,
-            blockers=_blockers(description, meshes, shapes, like.blockers if like is not None and still else {}),
+            blockers=_blockers(description, host, meshes, shapes, like.blockers if like is not None and still else {}),
             lights=tuple(
-                projected(source(light), light, portals.get(light.name), images) for light in description.lights
+                projected(source(light, host), light, portals.get(light.name), images) for light in description.lights
             ),
             portals=portals,
             images=images,
@@ -230,7 +239,7 @@ class StageWorld(World):
 
     def without_surfaces(self) -> StageWorld:
         """Return the world with its media alone."""
-        return replace(self, plugin=self._boundary_scene, cutouts=False, mirrors=False)
+        return replace(self, plugin=self.around, cutouts=False, mirrors=False)
 
     @cached_property
     def sources(self) -> tuple[Source, ...]:  # type: ignore[override]
@@ -259,7 +268,7 @@ class StageWorld(World):
             return self._by_link
         shapes = list(zip(self.meshes, self.shapes, strict=True))
         return [
-            scene_of([*(shape for mesh, shape in shapes if mesh.name not in names), *self.boundaries])
+            scene_of([*(shape for mesh, shape in shapes if mesh.name not in names), *self.boundaries], self.host)
             for names in self._unshadowing
         ]
 
@@ -286,18 +295,14 @@ class StageWorld(World):
             return self.media.felt(medium, passed)
         ray = mi.Ray3f(mi.Point3f(origin), mi.Vector3f(direction))
         ray.maxt = dr.minimum(distance, dr.largest(Float))
-        return through(self._boundary_scene, self.media, ray, medium, seed, active)[0]
+        return through(self.around, self.media, ray, medium, seed, active)[0]
 
     def medium_at(self, origin: Array3f, direction: Array3f, active: Bool) -> UInt32:
         """Return the numbers of the media at points; rays along `direction` look for it."""
         filling = dr.opaque(UInt32, self.media.filling)
         if not self.boundaries:
             return filling + dr.zeros(UInt32, max(dr.width(origin), dr.width(direction)))
-        return medium_at(self._boundary_scene, origin, direction, filling, filling, active)
-
-    @cached_property
-    def _boundary_scene(self) -> Any:
-        return scene_of(self.boundaries)
+        return medium_at(self.around, origin, direction, filling, filling, active)
 
     def solid(self, origin: Array3f, direction: Array3f, active: Bool, seed: UInt32, link: UInt32 | None = None) -> Any:
         """Return the first surface that rays hit, as a SurfaceInteraction3f, past boundaries of media.
@@ -358,21 +363,27 @@ def _among(names: frozenset[str], meshes: Sequence[scene.Mesh]) -> frozenset[str
 
 
 def _blockers(
-    description: scene.Scene, meshes: Sequence[scene.Mesh], shapes: Sequence[Any], known: dict[frozenset[str], Any]
+    description: scene.Scene,
+    host: Any,
+    meshes: Sequence[scene.Mesh],
+    shapes: Sequence[Any],
+    known: dict[frozenset[str], Any],
 ) -> dict[frozenset[str], Any]:
     """Return the surfaces that block lights with shadow links, by the names of those that do not."""
     absent = {_among(light.unshadowed, meshes) for light in description.lights} - {frozenset()}
 
     def rest(names: frozenset[str]) -> Any:
-        return scene_of([shape for mesh, shape in zip(meshes, shapes, strict=True) if mesh.name not in names])
+        return scene_of([shape for mesh, shape in zip(meshes, shapes, strict=True) if mesh.name not in names], host)
 
     return {names: known.get(names) or rest(names) for names in absent}
 
 
-def _media(description: scene.Scene, like: StageWorld | None) -> tuple[Media, tuple[Any, ...], dict[int, float]]:
-    """Return the media of a scene, the boundaries of those that have any, and the radii of these by number."""
+def _media(
+    description: scene.Scene, host: Any, like: StageWorld | None
+) -> tuple[Media, tuple[Any, ...], Any, dict[int, float]]:
+    """Return the media of a scene, the boundaries of those that have any, their scene, and their radii by number."""
     if like is not None and _same(like.description.media, description.media):
-        return like.media, like.boundaries, like.sizes
+        return like.media, like.boundaries, like.around, like.sizes
     built = media_of(description.media)
     unfelt = [each.plugin for each in built if not each.medium.surfaces]
     filling = next((each.plugin for each in built if each.shape is None), None)
@@ -382,9 +393,10 @@ def _media(description: scene.Scene, like: StageWorld | None) -> tuple[Media, tu
         for each in built
         if each.shape is not None
     }
-    around = scene_of(boundaries) if len(boundaries) > 1 else None
+    around = scene_of(boundaries, host) if boundaries else host
     emission = {number(each.plugin): each.emission for each in built if each.emission is not None}
+    several = around if len(boundaries) > 1 else None
     media = Media(
-        [each.plugin for each in built], around, filling=filling, clear=True, unfelt=unfelt, emission=emission
+        [each.plugin for each in built], several, filling=filling, clear=True, unfelt=unfelt, emission=emission
     )
-    return media, boundaries, sizes
+    return media, boundaries, around, sizes

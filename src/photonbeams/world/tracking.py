@@ -38,7 +38,7 @@ Extinction = Callable[[Any], Any]
 
 @dataclass
 class MediumSegment:
-    """Segments of rays in a medium: o + t d for t from `near` to `far`, and the medium's majorant."""
+    """Segments of rays in a medium: o + t d for t from `near` to `far`, the medium's majorant, and how many pieces."""
 
     origin: Any
     direction: Any
@@ -46,6 +46,7 @@ class MediumSegment:
     far: Any
     majorant: Any
     seed: Any
+    pieces: Any = SEGMENTS
 
 
 @dr.syntax
@@ -64,9 +65,10 @@ def walk(
     piece = UInt32(0)
     drawn, points = UInt32(0), UInt32(0)
     depth, product = Array3f(0), Array3f(1)
-    step = dr.maximum(segment.far - segment.near, 0) * (1 / SEGMENTS)
+    pieces = UInt32(segment.pieces)
+    step = dr.maximum(segment.far - segment.near, 0) * dr.rcp(Float(pieces))
     going = active & (step > 0)
-    while going & (piece < SEGMENTS):
+    while going & (piece < pieces):
         begin = dr.fma(Float(piece), step, segment.near)
         control, rate = _control(segment, extinction, begin, step)
         depth += control * step

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from .. import scene
-from ..runtime.device import mitsuba
+from ..runtime.device import helping_thread, mitsuba
 from ..scene import Array
 from .bounds import bounding_sphere
 from .cameras import Window
@@ -93,7 +93,7 @@ def twin_of(content: scene.Scene, camera: scene.Camera, window: Window, folder: 
     from .twin_lights import add_lights  # which describes lights by what is here
 
     twin = Twin(folder)
-    twin.parts["integrator"] = {"type": "photon_beams", "max_depth": 2 + content.bounces}
+    twin.parts["integrator"] = {"type": "photon_beams", "method": "beams", "max_depth": 2 + content.bounces}
     eye = np.asarray(camera.to_world, dtype=np.float64)[:3, 3]
     media = TwinMedia(twin, content)
     center, radius = content.bounds or bounding_sphere([content], [eye])
@@ -224,7 +224,8 @@ def _closed(mesh: scene.Mesh) -> bool:
 
 
 def _write_image(bitmap: Any, path: Path) -> None:
-    bitmap.write(str(path))
+    with helping_thread():
+        bitmap.write(str(path))
 
 
 # -- media -------------------------------------------------------------------------------------------------------------

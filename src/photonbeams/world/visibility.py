@@ -18,10 +18,12 @@ mi = mitsuba()
 _LAYERS = 64
 
 
-def through(plugin: Any, media: Media, ray: Any, medium: UInt32, seed: UInt32, active: Bool) -> tuple[Array3f, Any]:
+def through(
+    plugin: Any, media: Media, ray: Any, medium: UInt32, seed: UInt32, active: Bool, coarse: bool = False
+) -> tuple[Array3f, Any]:
     """Return the transmittance along rays up to their ends, and the surface that each meets there, if any.
 
-    Surfaces transmit by their null lobes alone.
+    Surfaces transmit by their null lobes alone. `coarse` is that of `Media.transmittance`.
     """
     end = dr.minimum(ray.maxt, dr.largest(Float))
 
@@ -31,7 +33,9 @@ def through(plugin: Any, media: Media, ray: Any, medium: UInt32, seed: UInt32, a
         step.maxt = left
         found = plugin.ray_intersect(step, going)
         distance = dr.select(found.is_valid(), found.t, left)
-        dimmed = media.transmittance(medium, Array3f(place), Array3f(ray.d), distance, hash32(seed, layer), going)
+        dimmed = media.transmittance(
+            medium, Array3f(place), Array3f(ray.d), distance, hash32(seed, layer), going, coarse
+        )
         passed = dr.select(going, passed * media.felt(medium, dimmed), passed)
         hit = dr.select(going, found, hit)
         going = going & found.is_valid()

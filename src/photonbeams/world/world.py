@@ -161,6 +161,14 @@ def perturbs(plugin: Any) -> bool:
 
 def translucent(plugin: Any) -> bool:
     """Return whether a scene has surfaces with diffuse or glossy transmission."""
-    flags = [each.flags() for each in parts(plugin, mi.BSDF)]
-    kinds = (mi.BSDFFlags.DiffuseTransmission, mi.BSDFFlags.GlossyTransmission)
-    return any(mi.has_flag(int(each), kind) for each in flags for kind in kinds)
+    return _has_lobes(plugin, mi.BSDFFlags.DiffuseTransmission, mi.BSDFFlags.GlossyTransmission)
+
+
+def mirrors(plugin: Any) -> bool:
+    """Return whether a scene has mirrors or glass: surfaces with an ideal lobe that turns light."""
+    return _has_lobes(plugin, mi.BSDFFlags.DeltaReflection, mi.BSDFFlags.DeltaTransmission)
+
+
+def _has_lobes(plugin: Any, *kinds: Any) -> bool:
+    flags = [int(each.flags()) for each in parts(plugin, mi.BSDF)]
+    return any(mi.has_flag(each, kind) for each in flags for kind in kinds)

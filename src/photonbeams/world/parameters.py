@@ -1,0 +1,51 @@
+"""The parameters of Mitsuba's objects, by which it is known whether anything has changed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import drjit as dr
+
+from ..runtime.device import mitsuba
+
+mi = mitsuba()
+
+
+def values_of(parameters: Any) -> Iterator[tuple[str, Any]]:
+    """Yield names and values of what Mitsuba's `traverse` returns, but for parameters that have no value."""
+    for name in list(parameters.properties):
+        try:
+            value = parameters[name]
+        except TypeError:  # as those of hair, which Mitsuba lists and cannot return
+            continue
+        yield name, value
+
+
+class Parameters:
+    """All parameters of some of Mitsuba's objects at one time; equal where none has changed in between.
+
+    Whoever sets a parameter makes a new variable of Dr.Jit's: nothing is compared but which variables these are. While
+    they are held here, no other variable is given their numbers.
+    """
+
+    def __init__(self, *objects: Any) -> None:
+        self._held: list[Any] = []
+        self._names: list[Any] = []
+        for each in objects:
+            for name, value in values_of(mi.traverse(each)):
+                self._names.append((name, *self._variables(value)))
+
+    def _variables(self, value: Any) -> list[Any]:
+        """Return the numbers of a value's variables, or the value where it has none."""
+        if dr.is_tensor_v(value):
+            return [*value.shape, *self._variables(value.array)]
+        if not dr.is_array_v(value):
+            return [value]
+        if dr.depth_v(value) > 1:
+            return [number for each in value for number in self._variables(each)]
+        self._held.append(value)
+        return [value.index if dr.is_jit_v(value) else tuple(value)]
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Parameters) and self._names == other._names
