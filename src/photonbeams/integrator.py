@@ -254,12 +254,16 @@ def _integrator(mi: Any, variant: str) -> type:
             import drjit as dr
 
             from .render.scene_frame import Extras, render
+            from .world.parameters import Parameters
 
             sensor = scene.sensors()[sensor] if isinstance(sensor, int) else sensor
             settings = replace(self.settings, passes=spp or int(sensor.sampler().sample_count()), seed=_number(seed))
             with dr.suspend_grad():
-                extras = Extras(depth=False, findings=self._findings(scene, sensor))
+                findings = self._findings(scene, sensor)
+                extras = Extras(depth=False, findings=findings)
                 frame = render(scene, sensor, settings, warned=self._warned, extras=extras)
+                # A render makes numbers variables that were constants.
+                self._known = Parameters(scene, sensor), findings
                 film = sensor.film()
                 film.prepare(self.aov_names())
                 film.put_block(_block(mi, film, frame.layers(), self._layers))
@@ -275,10 +279,8 @@ def _integrator(mi: Any, variant: str) -> type:
             from .render.scene_light import Findings
             from .world.parameters import Parameters
 
-            now = Parameters(scene, sensor)
-            if self._known[0] != now:
-                self._known = now, Findings()
-            return self._known[1]
+            known, findings = self._known
+            return findings if known == Parameters(scene, sensor) else Findings()
 
         def sample(self, mode: Any, scene: Any, sampler: Any, ray: Any, *_: Any, active: Any = True, **__: Any) -> Any:
             """Return the radiance along rays: what integrators around this one, such as `aov`, ask for.

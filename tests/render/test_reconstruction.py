@@ -6,7 +6,7 @@ import pytest
 
 from photonbeams.numerics.arrays import joined, opaque, to_float, to_vectors
 from photonbeams.numerics.samples import Samples
-from photonbeams.render.film import BeamSamples, Film, PassPicture, reconstruction_filter
+from photonbeams.render.film import BeamSamples, Film, PassPicture, averaged, reconstruction_filter
 from photonbeams.render.sums import PassSums
 from photonbeams.runtime.device import mitsuba
 from photonbeams.scene import SceneError
@@ -207,3 +207,12 @@ def test_all_passes_have_the_kernels_of_the_first(rng, name):
             kernels = {each["hash"] for each in dr.kernel_history() if each["type"].name == "JIT"}
             new.append(kernels)
     assert all(each <= new[0] for each in new[1:])
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    # ∫f² of a tent is 2/3; of a Gaussian of σ = 0.5, (∫f)² / ∫f² is 2 σ √π, less what its cut at 4 σ takes off.
+    [("box", 1.0), ("tent", 1.5**2), ("gaussian", np.pi)],
+)
+def test_a_filter_averages_as_many_pixels_as_it_lowers_independent_noise(name, expected):
+    assert averaged(reconstruction_filter(name)) == pytest.approx(expected, rel=0.02)

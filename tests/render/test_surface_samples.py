@@ -74,7 +74,8 @@ def test_parameters_are_equal_until_one_is_set():
 def test_an_integrator_asks_its_pilot_once_while_nothing_changes(monkeypatch):
     asked, preferred = [], scene_light.preferred
     monkeypatch.setattr(scene_light, "preferred", lambda *given: asked.append(1) or preferred(*given))
-    scene = load(lamp=LAMP, fog=cube_of(fog(0.5)), sensor=camera(size=4))
+    forward = {"type": "hg", "g": 0.5}  # a number that a render makes a variable
+    scene = load(lamp=LAMP, fog=cube_of(fog(0.5, phase=forward)), sensor=camera(size=4))
     integrator = mi.load_dict({"type": "photon_beams", "paths": 256, "max_depth": 3})
     pictures = [np.array(mi.render(scene, integrator=integrator, spp=1, seed=seed)) for seed in (0, 1, 0)]
     assert len(asked) == 1

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import drjit as dr
 import numpy as np
@@ -54,6 +54,16 @@ _MISSED, _SURELY = 0.95, 3.0
 Lit = Callable[[tuple[int, ...], frozenset[int]], "SceneLight"]
 
 
+class Pixels(NamedTuple):
+    """How many pixels a pass has, and of how many their filter takes the mean.
+
+    The filter lowers the noise of walks by that, and not that of beams: a stroke is many pixels wide.
+    """
+
+    count: int
+    averaged: float = 1.0
+
+
 def is_sharp(emitter: Any) -> bool:
     """Return whether an emitter is small as points see it: a lamp, or the sun; not a sky."""
     flags = emitter.flags()
@@ -61,10 +71,10 @@ def is_sharp(emitter: Any) -> bool:
 
 
 def preferred(
-    world: SceneWorld, emitters: Sequence[int], cameras: Sequence[View], pixels: int, light: Lit, settings: Settings,
+    world: SceneWorld, emitters: Sequence[int], cameras: Sequence[View], pixels: Pixels, light: Lit, settings: Settings,
     max_depth: int | None,
 ) -> list[int]:  # fmt: skip
-    """Return the numbers of those emitters whose light walks had better meet, for passes of so many pixels.
+    """Return the numbers of those emitters whose light walks had better meet, for passes of such pixels.
 
     Without media that is all of them: direct light, the same either way, is most of the light there, and photons leave
     blotches. Without a camera to look through it is none.
@@ -94,9 +104,9 @@ def preferred(
     return sorted(result)
 
 
-def _cost(walks: _Pilot, beams: _Pilot, pixels: int) -> float:
-    """Return the cost of a pass of walks in passes of beams."""
-    return walks.cost(pixels) / (beams.cost(pixels) * _FEWER**-0.5)
+def _cost(walks: _Pilot, beams: _Pilot, pixels: Pixels) -> float:
+    """Return the cost of passes of walks in passes of beams: of as many as the filter makes one of."""
+    return walks.cost(pixels.count) / (pixels.averaged * beams.cost(pixels.count) * _FEWER**-0.5)
 
 
 def prefers_walks(beams: Array, walks: Array, cost: float) -> bool:

@@ -28,6 +28,7 @@ mi = mitsuba()
 # whose samples have other places.
 _GATHERED, _SCATTERED = "beams/", "scattered/"
 _PLACE = 104  # stream of samples
+_STEPS = 1024  # of integrals over a filter
 
 #: Light by light groups, "" for the unnamed one, each a (W · H, 3) radiance.
 Groups = Mapping[str, Any]
@@ -290,6 +291,18 @@ def reconstruction_filter(name: str | None, own: Any = None) -> Any:
     """Return Mitsuba's pixel filter of a name, or `own` where there is none; None for the box."""
     chosen = own if name is None else mi.load_dict({"type": name})
     return None if chosen is None or chosen.is_box_filter() else chosen
+
+
+def averaged(reconstruction: Any) -> float:
+    """Return of how many pixels a filter takes the mean, as it lowers noise that is independent in each: (∫f)² / ∫f².
+
+    The box is 1. Filters are products of the same function of x and of y.
+    """
+    if reconstruction is None:
+        return 1.0
+    radius = float(reconstruction.radius())
+    f = reconstruction.eval(dr.linspace(Float, -radius, radius, _STEPS)).numpy()
+    return float(2 * radius * f.sum() ** 2 / (_STEPS * (f * f).sum())) ** 2
 
 
 def margin_of(reconstruction: Any) -> int:

@@ -13,8 +13,9 @@ from ..world.sensors import Sensor, window_of
 from ..world.surroundings import place_of_sensor
 from ..world.world import World
 from .checkpoint import identity
+from .choice import Pixels
 from .costs import power_below
-from .film import Film, group_layers, reconstruction_filter
+from .film import Film, averaged, group_layers, reconstruction_filter
 from .frame import FrameRenderer, ViewRays
 from .holdouts import HoldoutDepth
 from .memory import check_memory
@@ -55,12 +56,13 @@ class SceneRenderer(ScenePasses, FrameRenderer):
         self._holdouts: Sequence[HoldoutDepth | None] = extras.holdouts or [None] * len(self._sensors)
         cameras = [each.view for each in self._sensors if each.view is not None]
         window = self._sensors[0].window
+        reconstruction = reconstruction_filter(settings.pixel_filter, sensor.film().rfilter())
+        pixels = Pixels(len(self._sensors) * window.width * window.height, averaged(reconstruction))
         self.light = light_of(
             plugin, place_of_sensor(sensor), settings, self._tuning, extras.beams,
-            cameras if len(cameras) == len(self._sensors) else (), len(self._sensors) * window.width * window.height,
-            warned, self.statistics, self._max_depth, extras.findings,
+            cameras if len(cameras) == len(self._sensors) else (), pixels, warned,
+            self.statistics, self._max_depth, extras.findings,
         )  # fmt: skip
-        reconstruction = reconstruction_filter(settings.pixel_filter, sensor.film().rfilter())
         layers = groups_of(plugin, extras.beams)
         self._films = [Film(window.shape, window.crop[:2], reconstruction, layers) for _ in self._sensors]
         self._plan(window)

@@ -29,7 +29,7 @@ from ..world.surroundings import Place
 from ..world.warnings import warn
 from ..world.world import World
 from .camera_paths import Lighting
-from .choice import is_sharp, preferred
+from .choice import Pixels, is_sharp, preferred
 from .frame import PassRenderer, Simulated
 from .passes import Statistics
 from .scene_lighting import SceneLighting
@@ -171,7 +171,7 @@ class SceneLight:
 
 def light_of(
     plugin: Any, eye: Place, settings: Settings, tuning: Tuning, beams: Mapping[str, scene.BeamSettings],
-    cameras: Sequence[View], pixels: int, warned: set[str] | None, statistics: Statistics, max_depth: int | None,
+    cameras: Sequence[View], pixels: Pixels, warned: set[str] | None, statistics: Statistics, max_depth: int | None,
     findings: Findings | None = None,
 ) -> SceneLight:  # fmt: skip
     """Return the light of a Mitsuba scene.
@@ -187,7 +187,7 @@ def light_of(
     cameras
         What light paths are guided toward; none: they are not guided.
     pixels
-        How many camera paths a pass of the whole picture has.
+        The camera paths of a pass of the whole picture.
     warned
         Texts of warnings that were given.
     statistics

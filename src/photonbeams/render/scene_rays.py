@@ -14,6 +14,7 @@ from ..runtime.device import Array3f, Bool, Float, UInt32
 from ..world.interfaces import number
 from ..world.sensors import PrimaryRays, Sensor
 from ..world.surroundings import Place, place_of
+from .choice import Pixels
 from .frame import ViewRays
 from .scene_light import ScenePasses, light_of
 from .settings import Settings
@@ -51,8 +52,8 @@ class SceneRays(ScenePasses):
         super().__init__(settings, settings.depth())
         cameras = [Sensor(each).view for each in plugin.sensors()]
         self.light = light_of(
-            plugin, eye, settings, self._tuning, {}, [each for each in cameras if each is not None], pixels, warned,
-            self.statistics, self._max_depth,
+            plugin, eye, settings, self._tuning, {}, [each for each in cameras if each is not None], Pixels(pixels),
+            warned, self.statistics, self._max_depth,
         )  # fmt: skip
 
     def radiance(self, origin: Array3f, direction: Array3f, far: Float) -> RayRadiance:
