@@ -10,8 +10,8 @@ The cost is reckoned from counts, and measured by no clock: the same scene has t
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
 
 import drjit as dr
 import numpy as np
@@ -54,7 +54,8 @@ _MISSED, _SURELY = 0.95, 3.0
 Lit = Callable[[tuple[int, ...], frozenset[int]], "SceneLight"]
 
 
-class Pixels(NamedTuple):
+@dataclass(frozen=True)
+class Pixels:
     """How many pixels a pass has, and of how many their filter takes the mean.
 
     The filter lowers the noise of walks by that, and not that of beams: a stroke is many pixels wide.
