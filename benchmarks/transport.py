@@ -213,8 +213,8 @@ def mirrors(console: Console) -> None:
 
     plain, gatherings.estimate_rays = gatherings.estimate_rays, counted
     try:
-        frame.add_pass(0)
-        frame.add_pass(0)
+        frame.add_pass(0)  # compiles
+        frame.add_pass(1)
     finally:
         gatherings.estimate_rays = plain
     table = Table(title=f"Fog in a mirror, {SIZE[0]} × {SIZE[1]}: the grid, lists included (kernels alone: `rays`)")
