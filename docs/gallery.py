@@ -9,7 +9,6 @@ from __future__ import annotations
 import re
 import sys
 from collections.abc import Callable
-from dataclasses import replace
 from time import perf_counter
 from typing import Any
 
@@ -40,23 +39,26 @@ def main() -> None:
 
 def pair(name: str) -> tuple[float, int, float, int]:
     """Write two pictures of a scene; return seconds and passes of ours, seconds and samples of Mitsuba's."""
-    from photonbeams.render.scene_frame import render
+    import photonbeams as pb
     from photonbeams.runtime.device import mitsuba
-    from photonbeams.shot.scene_shot import SceneShot
 
     mi = mitsuba()
     width, height, limit, exposure = SCENES[name]
-    scene = SceneShot(ROOT / "examples" / "mitsuba" / f"{name}.xml")
-    scene.resize(width, height)
-    settings = replace(scene.settings(), passes=1 << 14, time_limit=limit)
-    render(scene.plugin, scene.sensor, replace(settings, passes=1))  # compiles
-    seconds, frame = timed(lambda: render(scene.plugin, scene.sensor, settings))
-    write(f"{name}-beams", frame.layers()["rgba"][..., :3], exposure)
+    path = ROOT / "examples" / "mitsuba" / f"{name}.xml"
+    shot = pb.Shot.open(path)
+    size = {"width": width, "height": height}
+    shot.render(passes=1, **size)  # compiles
+    seconds, frame = timed(lambda: shot.render(passes=1 << 14, time_limit=limit, **size))
+    write(f"{name}-beams", frame.layers["rgba"][..., :3], exposure)
 
+    scene = mi.load_file(str(path))
+    parameters = mi.traverse(scene)
+    parameters[next(each for each in parameters.properties if each.endswith("film.size"))] = [width, height]
+    parameters.update()
     integrator = mi.load_dict({"type": "volpath", "rr_depth": 50})
 
     def volpath(samples: int, seed: int) -> Any:
-        return np.array(mi.render(scene.plugin, integrator=integrator, spp=samples, seed=seed))[..., :3]
+        return np.array(mi.render(scene, integrator=integrator, spp=samples, seed=seed))[..., :3]
 
     volpath(4, 0)
     total, count, begin = 0.0, 0, perf_counter()

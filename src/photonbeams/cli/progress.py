@@ -232,8 +232,7 @@ def summary_lines(statistics: Statistics, files: Iterable[Path], seconds: float)
     return [
         f"{counted(statistics.passes, 'pass', 'passes')}, {counted(statistics.beams, 'beam')}, "
         f"{statistics.tests / 1e6:,.0f} million ray-beam tests",
-        f"{seconds:.1f} s ({phases}; compiling {statistics.compile_seconds:.1f} of it, "
-        f"{counted(statistics.kernels_compiled, 'kernel')})",
+        f"{seconds:.1f} s ({phases})",
         *filter(None, [error_note(statistics.error)]),
         *(f"wrote {path}" for path in files),
     ]

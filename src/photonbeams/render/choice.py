@@ -33,10 +33,10 @@ if TYPE_CHECKING:
 
 mi = mitsuba()
 
-# Rays of the pilot, across and down; passes of beams, and of walks; the first ones, which are enough where walks have
-# so many times the noise of beams.
+# Rays of the pilot, across and down; passes that trace light, and passes of walks alone; the first ones, which are
+# enough where either has so many times the noise of the other.
 _COLUMNS, _ROWS = 40, 24
-_BEAM_PASSES, _WALK_PASSES = 4, 8
+_TRACED, _UNTRACED = 4, 8
 _FIRST, _SURE = 2, 5.0
 # The pilot has one of so many light paths, and at least so many of each emitter. Fewer beams are wider, as far as the
 # bounds of radii let them: they have as much noise, or more, up to in proportion. The mean of both is reckoned with.
@@ -90,15 +90,17 @@ def preferred(
     for own in kinds.values() if cameras else ():
         dark = frozenset(everyone) - set(own)
         walks = _Pilot(light(tuple(own), dark), settings, max_depth, cameras[0])
-        walks.add(_FIRST if walks.traces else _WALK_PASSES)
+        walks.add(_FIRST if walks.traces else _UNTRACED)
         if walks.noise() > _QUIET:
             beams = _Pilot(light((), dark), settings, max_depth, cameras[0])
             beams.add(_FIRST)
-            if walks.noise() * _cost(walks, beams, pixels) > _SURE * beams.noise():
+            ratio = walks.noise() * _cost(walks, beams, pixels) / max(beams.noise(), 1e-30)
+            if ratio > _SURE:
                 continue
-            beams.add(_BEAM_PASSES - _FIRST)
-            if walks.traces:
-                walks.add(_WALK_PASSES - _FIRST)
+            if ratio > 1 / _SURE:
+                beams.add(_TRACED - _FIRST)
+                if walks.traces:
+                    walks.add(_TRACED - _FIRST)
             if not prefers_walks(beams.found, walks.found, _cost(walks, beams, pixels)):
                 continue
         result += own

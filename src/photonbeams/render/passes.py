@@ -24,18 +24,16 @@ OVERLAP = 2.2
 
 @dataclass
 class Statistics:
-    """Statistics of a frame: passes, beams, ray–beam tests, seconds by phase, and compiled kernels.
+    """Statistics of a frame: passes, beams, ray–beam tests, and seconds by phase.
 
     `error` is the relative standard error of the pixels, None where it is not known. For a resumed frame, passes, beams
-    and tests count the whole frame, seconds and kernels count since the resumption.
+    and tests count the whole frame, seconds count since the resumption.
     """
 
     passes: int = 0
     beams: int = 0
     tests: int = 0
     seconds: dict[str, float] = field(default_factory=dict)
-    kernels_compiled: int = 0
-    compile_seconds: float = 0.0
     error: float | None = None
 
     @contextmanager
@@ -45,13 +43,6 @@ class Statistics:
         yield
         dr.sync_thread()
         self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - begin
-
-    def count_kernels(self) -> None:
-        """Add what was compiled since the last call."""
-        for entry in dr.kernel_history():
-            if entry["type"].name == "JIT" and not entry["cache_hit"]:
-                self.kernels_compiled += 1
-                self.compile_seconds += entry["backend_time"] / 1e3
 
 
 #: Told of the number of passes done and of the statistics so far.
@@ -151,25 +142,22 @@ def accumulate(
     part = run.part or PlannedPasses(range(settings.passes), settings.passes if limit is None else None)
     saved = None if checkpoint is None else checkpoint.begin(about, settings.passes)
     start = time.perf_counter()
-    with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
-        dr.kernel_history_clear()
-        frame = _begun(begin, run.kept, about, part.planned if saved is None else saved.planned)
-        if saved is not None:
-            frame.restore(saved)
-        there = [] if saved is None else saved.ranges()
-        left = _missing(part.numbers, there)
-        while left:
-            _tell(frame, run)
-            # With a time limit, one pass first, then twice as many each time.
-            first, most = left[0], frame.together(left[0].start)
-            numbers = first[: most if limit is None else min(most, max(frame.statistics.passes, 1))]
-            left = [each for each in (first[len(numbers) :], *left[1:]) if each]
-            frame.add_passes(numbers)
-            frame.statistics.count_kernels()
-            if limit is not None and time.perf_counter() - start > limit:
-                break
-            if checkpoint is not None and checkpoint.due and left:
-                checkpoint.save(frame.sums())
+    frame = _begun(begin, run.kept, about, part.planned if saved is None else saved.planned)
+    if saved is not None:
+        frame.restore(saved)
+    there = [] if saved is None else saved.ranges()
+    left = _missing(part.numbers, there)
+    while left:
+        _tell(frame, run)
+        # With a time limit, one pass first, then twice as many each time.
+        first, most = left[0], frame.together(left[0].start)
+        numbers = first[: most if limit is None else min(most, max(frame.statistics.passes, 1))]
+        left = [each for each in (first[len(numbers) :], *left[1:]) if each]
+        frame.add_passes(numbers)
+        if limit is not None and time.perf_counter() - start > limit:
+            break
+        if checkpoint is not None and checkpoint.due and left:
+            checkpoint.save(frame.sums())
     _tell(frame, run)
     frame.statistics.error = known(frame.error())
     return frame
