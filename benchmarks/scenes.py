@@ -12,7 +12,8 @@ import numpy.typing as npt
 import photonbeams as pb
 from photonbeams import scene
 from photonbeams.estimators.estimate import ENDLESS
-from photonbeams.estimators.image import Estimate, PixelRays, estimate_image
+from photonbeams.estimators.image import Estimate, estimate_image
+from photonbeams.estimators.lanes import PixelRays
 from photonbeams.estimators.points import Points
 from photonbeams.runtime.device import Float
 from photonbeams.world.cameras import View, Window

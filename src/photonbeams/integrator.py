@@ -92,6 +92,11 @@ Photon beams (:monosp:`photon_beams`)
    - |int|
    - Points of the Gauss-Legendre quadrature. (Default: 6)
 
+ * - gather_error
+   - |float|
+   - Relative error up to which wide smooth beams are seen along fewer rays than there are pixels, and interpolated; 0
+     is exact. (Default: 0)
+
  * - layers
    - |bool|
    - Add the layers `beams` and `surface`, whose sum the image is. (Default: no, i.e. |false|)
@@ -190,7 +195,7 @@ def _settings(properties: Any) -> Any:
 
     given: dict[str, Any] = {
         name: _value(properties, name, getattr(DEFAULTS, name))
-        for name in ("rr_depth", "hide_emitters", "overlap", "alpha", "estimator", "method")
+        for name in ("rr_depth", "hide_emitters", "overlap", "alpha", "estimator", "method", "gather_error")
     }
     paths = _value(properties, "paths", DEFAULT_PATHS)
     if not 1 <= paths <= MOST_BEAMS:  # which are the settings' beams

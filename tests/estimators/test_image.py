@@ -11,7 +11,8 @@ from kernels import compiled
 from photonbeams import scene
 from photonbeams.estimators import cells
 from photonbeams.estimators.estimate import ENDLESS
-from photonbeams.estimators.image import PixelRays, estimate_image, lane_of
+from photonbeams.estimators.image import estimate_image
+from photonbeams.estimators.lanes import PixelRays, lane_of
 from photonbeams.estimators.points import Points
 from photonbeams.estimators.tiles import TILE, Bins, footprints
 from photonbeams.numerics.arrays import to_float

@@ -7,7 +7,8 @@ import numpy as np
 
 import photonbeams as pb
 from photonbeams.estimators.estimate import ENDLESS
-from photonbeams.estimators.image import PixelRays, estimate_image
+from photonbeams.estimators.image import estimate_image
+from photonbeams.estimators.lanes import PixelRays
 from photonbeams.estimators.points import Points
 from photonbeams.runtime.device import Bool, Float, UInt32
 from photonbeams.world.cameras import View, Window

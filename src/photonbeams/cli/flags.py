@@ -70,6 +70,7 @@ def check_flags(
     time_limit: float | None = None,
     beams: int | None = None,
     order: int | None = None,
+    gather_error: float | None = None,
     anisotropy: float | None = None,
     exposure: float = 0.0,
     threads: int | None = None,
@@ -96,6 +97,7 @@ def check_flags(
         ("--time-limit", time_limit, time_limit is None or time_limit > 0, "a positive number of seconds"),
         ("--beams", beams, beams is None or 1 <= beams <= MOST_BEAMS, f"1 to {MOST_BEAMS} beams a pass and light"),
         ("--order", order, order is None or 1 <= order <= MOST_POINTS, f"1 to {MOST_POINTS} points"),
+        ("--gather-error", gather_error, gather_error is None or 0 <= gather_error < 1, "0, exact, to below 1"),
         ("--anisotropy", anisotropy, anisotropy is None or -0.99 <= anisotropy <= 0.99, "-0.99 to 0.99"),
         ("--exposure", exposure, -100 <= exposure <= 100, "-100 to 100 stops"),
         ("--bounces", bounces, bounces is None or -1 <= bounces <= MOST_BOUNCES, f"0 to {MOST_BOUNCES}, or -1"),
@@ -120,6 +122,7 @@ class Quality:
     estimator: Estimator | None = None
     rule: RuleName | None = None
     order: int | None = None
+    gather_error: float | None = None
     pixel_filter: Filter | None = None
     seed: int | None = None
 
@@ -139,6 +142,7 @@ class Quality:
             max_depth=self._max_depth(own),
             estimator=self.estimator.value if self.estimator else own.estimator,
             rule=self._rule(len(own.rule)) or own.rule,
+            gather_error=own.gather_error if self.gather_error is None else self.gather_error,
             pixel_filter=self.pixel_filter.value if self.pixel_filter else own.pixel_filter,
         )
 

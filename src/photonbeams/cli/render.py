@@ -146,6 +146,10 @@ def render(
         int | None,
         typer.Option(help="Points of the quadrature; default: 6, or the integrator's of a Mitsuba scene."),
     ] = None,
+    gather_error: Annotated[
+        float | None,
+        typer.Option(help="Relative error up to which wide smooth beams are interpolated; default: 0, exact."),
+    ] = None,
     pixel_filter: Annotated[
         Filter | None,
         typer.Option("--filter", help="Pixel filter; default: the render settings', or box; a Mitsuba film's own."),
@@ -250,8 +254,8 @@ def render(
     photonbeams render cornell.xml -o cornell.exr --passes 64 --checkpoint 60
     """
     check_flags(
-        res, res_scale, crop, passes, time_limit, beams, order, anisotropy, exposure, threads, bounces, checkpoint,
-        snapshot,
+        res, res_scale, crop, passes, time_limit, beams, order, gather_error, anisotropy, exposure, threads, bounces,
+        checkpoint, snapshot,
     )  # fmt: skip
     _check_plates(holdout, holdout_channel, holdout_depth, holdout_scale, over, over_fog)
     eyes = _stereo(stereo, interaxial, convergence, view)
@@ -273,7 +277,7 @@ def render(
         checkpoint=checkpoint, resume=resume, snapshot=snapshot, part=part, farm=farm,
         quality=Quality(
             passes=passes, time_limit=time_limit, beams=beams, bounces=bounces, estimator=estimator, rule=rule,
-            order=order, pixel_filter=pixel_filter, seed=seed,
+            order=order, gather_error=gather_error, pixel_filter=pixel_filter, seed=seed,
         ),
         camera=camera or None, list_cameras=list_cameras, res=res, res_scale=res_scale, crop=crop, tile=_tile(tile),
         render_settings=render_settings, render_pass=render_pass, allow_paths=allow_paths,

@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 #: Flags that a Mitsuba scene has a use for; the others are about stages.
 FLAGS = {
     "scene", "output", "picture", "layers", "frames", "camera", "list_cameras", "res", "res_scale", "crop", "tile",
-    "passes", "time_limit", "beams", "bounces", "estimator", "rule", "order", "pixel_filter", "overrides",
-    "exposure", "auto_exposure",
+    "passes", "time_limit", "beams", "bounces", "estimator", "rule", "order", "gather_error", "pixel_filter",
+    "overrides", "exposure", "auto_exposure",
     "seed", "threads", "device", "progress", "dry_run", "quiet", "verbose", "skip_existing", "checkpoint", "resume",
     "snapshot", "pass_range", "workers", "scheduler", "tls_ca", "tls_cert", "tls_key", "look", "group",
     "session_layer", "stereo", "interaxial", "convergence", "view", "holdout", "holdout_channel", "holdout_depth",

@@ -22,8 +22,11 @@ from .cones import Cone, around, half_line
 #: Width and height of a tile in pixels.
 TILE = 16
 
-# Lanes that bin; the cells they count in take 4 · LANES bytes a tile.
-_LANES = 1024
+#: Levels at which beams are seen in a tile: through its pixels, or at level k through the corners of squares of 2ᵏ.
+LEVELS = 4
+
+# Lanes that bin, and the most cells that they count in, four bytes each: one a lane, a tile and a level.
+_LANES, _MOST_CELLS = 1024, 1 << 25
 
 _FAR = 1e30
 
@@ -96,6 +99,29 @@ class Projection:
     def tiles(self) -> int:
         """Number of tiles."""
         return self.columns * self.rows
+
+
+@dataclass
+class Detail:
+    """How finely beams have to be seen, where not all are seen through every pixel.
+
+    Attributes
+    ----------
+    nearest
+        (tiles,) planar depth of each tile's nearest surface; 0 where all beams are seen through every pixel.
+    begin
+        (tiles,) planar depth of where the medium begins.
+    fraction
+        (tiles,) what part of a beam's half width may lie between neighbouring rays.
+    rate, rate_fraction
+        The relative change of the look's factors per scene unit, and from one end of a beam to the other.
+    """
+
+    nearest: Any
+    begin: Any
+    fraction: Any
+    rate: Any
+    rate_fraction: Any
 
 
 @dataclass
@@ -239,17 +265,19 @@ def _key(z: Any, view: Projection) -> Any:
 
 @dr.syntax
 def _walk(
-    marks: Footprints, view: Projection, begin: Any, stop: Any, depth: Any, counter: Any, base: Any, out: Any
-) -> Any:
-    """Visit the tiles under each lane's beams, begin + lane, begin + lane + LANES, …; count them or list the beams.
+    marks: Footprints, view: Projection, begin: Any, stop: Any, depth: Any, detail: Detail | None, lanes: int,
+    counter: Any, base: Any, out: Any,
+) -> Any:  # fmt: skip
+    """Visit the tiles under each lane's beams, begin + lane, begin + lane + lanes, …; count them or list the beams.
 
     counter
-        Cell (tile, lane) counts what the lane has put into the tile.
+        Cell (level, tile, lane) counts what the lane has put into the tile.
     base, out
         Where each cell begins in the list, and the list; None only counts.
     """
     columns, rows = dr.opaque(Int32, view.columns), dr.opaque(Int32, view.rows)
-    lane = dr.arange(UInt32, _LANES)
+    tiles, all_lanes = dr.opaque(UInt32, view.tiles), dr.opaque(UInt32, lanes)
+    lane = dr.arange(UInt32, lanes)
     beam = begin + lane
     while beam < stop:
         ends = dr.gather(Array4f, marks.data, beam * 3)
@@ -276,13 +304,45 @@ def _walk(
             while column < edge:
                 tile = UInt32(row * columns + column)
                 seen = everywhere | (front > _hidden(dr.gather(Float, depth, tile), rest.z, view))
-                cell = tile * _LANES + lane
+                cell = tile * all_lanes + lane
+                if dr.hint(detail is not None, mode="scalar"):
+                    left = Float(column * TILE)
+                    low2, high2 = half_line(dx - drx, ends.x - reach.x - (left + TILE))
+                    low3, high3 = half_line(-(dx + drx), left - (ends.x + reach.x))
+                    part = dr.maximum(low, dr.maximum(low2, low3)), dr.minimum(high, dr.minimum(high2, high3))
+                    level = dr.select(everywhere, 0, _level(dr.hypot(dx, dy), reach, rest, *part, detail, tile))
+                    cell += level * tiles * all_lanes
                 slot: Any = dr.scatter_inc(counter, cell, seen)
                 if dr.hint(out is not None, mode="scalar"):
                     dr.scatter(out, beam, dr.gather(UInt32, base, cell) + slot, seen)
                 column += 1
             row += 1
-        beam += _LANES
+        beam += all_lanes
+
+
+def _level(length: Any, reach: Any, rest: Any, first: Any, last: Any, detail: Any, tile: Any) -> Any:
+    """Return the level at which a beam is seen in a tile, where its axis is from `first` to `last` in [0, 1].
+
+    It is 0 where the beam ends in the tile or may reach behind a surface. Else its picture is a smooth stroke: level k
+    is the greatest at which 2ᵏ pixels are at most the fraction that detail allows of its half width, of the pixels over
+    which its depth doubles, and of those over which the look changes. `length` is that of its axis on the screen.
+    """
+    half = dr.minimum(
+        dr.minimum(dr.lerp(reach.x, reach.z, first), dr.lerp(reach.x, reach.z, last)),
+        dr.minimum(dr.lerp(reach.y, reach.w, first), dr.lerp(reach.y, reach.w, last)),
+    )
+    keys = dr.lerp(rest.x, rest.y, first), dr.lerp(rest.x, rest.y, last)
+    far, near = dr.minimum(*keys), dr.maximum(*keys)
+    nearest, fraction = dr.gather(Float, detail.nearest, tile), dr.gather(Float, detail.fraction, tile)
+    free = (first > 0) & (last < 1) & (first <= last) & (far > 0) & (dr.rcp(far) + rest.z < nearest)
+    deeper = (near - far) * dr.rcp(far) * dr.maximum(detail.rate * dr.rcp(far), 1)
+    across = half * dr.rcp(dr.maximum(detail.rate * rest.z, 1))
+    along = length * dr.rcp(dr.maximum(detail.rate_fraction, 1e-20))
+    smooth = dr.minimum(dr.minimum(across, along), TILE * dr.rcp(dr.maximum(deeper, 1e-20))) * fraction
+    level = UInt32(0)
+    for number in range(1, LEVELS):
+        level += dr.select(free & (smooth >= 1 << number), UInt32(1), UInt32(0))
+    return level
 
 
 def _hidden(depth: Any, radius: Any, view: Projection) -> Any:
@@ -301,12 +361,22 @@ def _from_zero(tile: Any) -> Any:
 
 @dataclass
 class TileLists:
-    """The beams of each tile: `beams[first[tile] : stop[tile]]`."""
+    """The beams of each tile: `beams[first[tile] : stop[tile]]`; with levels, tiles of level 1 come behind all others.
+
+    `sizes` are the numbers of entries by levels.
+    """
 
     beams: Any
     first: Any
     stop: Any
     entries: int
+    sizes: tuple[int, ...]
+
+    def level(self, number: int) -> tuple[Any, Any]:
+        """Return where each tile's beams of a level begin, and where they stop."""
+        tiles = dr.width(self.first) // len(self.sizes)
+        lanes = dr.arange(UInt32, tiles) + dr.opaque(UInt32, number * tiles)
+        return dr.gather(UInt32, self.first, lanes), dr.gather(UInt32, self.stop, lanes)
 
     def keep(self, flags: Any) -> TileLists:
         """Return the lists with the flagged entries alone, in their order."""
@@ -317,9 +387,16 @@ class TileLists:
         def place(i: Any) -> Any:
             return dr.select(i < entries, dr.gather(UInt32, before, dr.minimum(i, entries - 1)), total)
 
-        kept = TileLists(dr.gather(UInt32, self.beams, index), place(self.first), place(self.stop), dr.width(index))
-        dr.eval(kept.beams, kept.first, kept.stop)
-        return kept
+        first, stop = place(self.first), place(self.stop)
+        return TileLists.of(dr.gather(UInt32, self.beams, index), first, stop, dr.width(index), len(self.sizes))
+
+    @classmethod
+    def of(cls, beams: Any, first: Any, stop: Any, entries: int, levels: int) -> TileLists:
+        """Return the lists of tiles of so many levels."""
+        dr.eval(beams, first, stop)
+        begin = first.numpy()[:: dr.width(first) // levels].tolist() if levels > 1 else [0]
+        sizes = tuple(end - own for own, end in zip(begin, [*begin[1:], entries], strict=True))
+        return cls(beams, first, stop, entries, sizes)
 
 
 class Bins:
@@ -329,26 +406,34 @@ class Bins:
     ----------
     depth
         (tiles,) planar depth of each tile's farthest surface; beams wholly behind it are not listed.
+    detail
+        How finely beams have to be seen; None: all through every pixel.
     """
 
-    def __init__(self, marks: Footprints, view: Projection, depth: Any, begin: int, stop: int) -> None:
-        self._marks, self._view, self._depth = marks, view, depth
-        self._range = dr.opaque(UInt32, begin), dr.opaque(UInt32, stop)
-        self._cells = view.tiles * _LANES
+    def __init__(
+        self, marks: Footprints, view: Projection, depth: Any, begin: int, stop: int, detail: Detail | None = None
+    ) -> None:
+        self._levels = 1 if detail is None else LEVELS
+        self._tiles = self._levels * view.tiles
+        self._lanes = min(_LANES, 1 << ((_MOST_CELLS // self._tiles).bit_length() - 1))
+        self._inputs = marks, view, dr.opaque(UInt32, begin), dr.opaque(UInt32, stop), depth, detail, self._lanes
+        self._cells = self._tiles * self._lanes
         counter = dr.zeros(UInt32, self._cells)
-        _walk(marks, view, *self._range, depth, counter, None, None)
+        _walk(*self._inputs, counter, None, None)
         self._base = dr.prefix_sum(counter)
         last = dr.opaque(UInt32, self._cells - 1)
         self.entries = int((dr.gather(UInt32, self._base, last) + dr.gather(UInt32, counter, last))[0])
+
+    def places(self) -> tuple[Any, Any]:
+        """Return where each tile's beams begin in the list, and where they stop."""
+        tile, lanes = dr.arange(UInt32, self._tiles), dr.opaque(UInt32, self._lanes)
+        first = dr.gather(UInt32, self._base, tile * lanes)
+        last, total = dr.opaque(UInt32, self._tiles - 1), dr.opaque(UInt32, self.entries)
+        return first, dr.select(tile < last, dr.gather(UInt32, self._base, dr.minimum(tile + 1, last) * lanes), total)
 
     def lists(self) -> TileLists:
         """Return the beams of each tile."""
         out, cursor = dr.zeros(UInt32, max(self.entries, 1)), dr.zeros(UInt32, self._cells)
         if self.entries:
-            _walk(self._marks, self._view, *self._range, self._depth, cursor, self._base, out)
-        tile = dr.arange(UInt32, self._view.tiles)
-        first = dr.gather(UInt32, self._base, tile * _LANES)
-        last, total = dr.opaque(UInt32, self._view.tiles - 1), dr.opaque(UInt32, self.entries)
-        stop = dr.select(tile < last, dr.gather(UInt32, self._base, dr.minimum(tile + 1, last) * _LANES), total)
-        dr.eval(out, first, stop)
-        return TileLists(out, first, stop, self.entries)
+            _walk(*self._inputs, cursor, self._base, out)
+        return TileLists.of(out, *self.places(), self.entries, self._levels)

@@ -46,6 +46,8 @@ class Factor(Described):
     rough: bool = False
     #: Whether it may be negative or not finite.
     wild: bool = False
+    #: Whether it knows of each ray what others do not, as what was sampled along it.
+    of_rays: bool = False
 
     def evaluate(self, at: ShadingContext) -> Value:
         """Return the factor's value: a Float, or an Array3f."""
@@ -304,4 +306,5 @@ def _factors(values: Sequence[FactorLike], name: str) -> tuple[Factor, ...]:
 def _inherit(whole: Factor, parts: tuple[Factor, ...]) -> None:
     """Give a factor the corners of its parts, and each flag that any of them has."""
     whole.corners = tuple(corner for each in parts for corner in each.corners)
-    whole.rough, whole.wild = any(each.rough for each in parts), any(each.wild for each in parts)
+    for flag in ("rough", "wild", "of_rays"):
+        setattr(whole, flag, any(getattr(each, flag) for each in parts))

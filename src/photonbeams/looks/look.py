@@ -143,6 +143,8 @@ class BoundLook:
         How much they may change over a piece of a chord, and in how many pieces it may be cut for that.
     corners
         Where the integrand has corners.
+    smooth
+        Whether all factors are smooth: none is noise, an expression, or changes in space or with ρ.
     attached
         Whether factors or the profile are attached to the AD graph.
     """
@@ -164,7 +166,10 @@ class BoundLook:
         self.uses = frozenset().union(*asked.values())
         self.by_radius, self.of_beams = bool(self.uses & OF_RADII), bool(self.uses & OF_BEAMS)
         self.of_places = bool(self.uses & OF_PLACES)
-        winding = self.of_places or self.by_radius or any(each.rough for each in self._factors().values())
+        rough = any(each.rough for each in self._factors().values())
+        known = any(each.of_rays for each in self._factors().values())
+        self.smooth = not (self._wild or self.of_places or self.by_radius or rough or known)
+        winding = self.of_places or self.by_radius or rough
         self.cuts = dr.opaque(Float, _CUTS_OF_PLACES if winding else _CUTS)
         self.change = dr.opaque(Float, _CHANGE_OF_PLACES if winding else _CHANGE)
         self._measure(reach, box)

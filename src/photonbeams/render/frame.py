@@ -18,7 +18,7 @@ import drjit as dr
 import numpy as np
 
 from ..beams.sets import BeamSet
-from ..estimators.image import MoreSamples
+from ..estimators.lanes import MoreSamples
 from ..estimators.points import Points
 from ..estimators.tiles import Projection
 from ..looks import LightContext
@@ -179,7 +179,7 @@ class PassRenderer(ABC):
         tracing = replace(self._camera_tracing(light.world, rays), surfaces=False, walks=False, shining=False)
         options = EstimatorOptions(
             self.settings.estimator, self._points, self._max_depth,
-            lambda each: LightContext(*clock, each.light, each.to_world),
+            lambda each: LightContext(*clock, each.light, each.to_world), self.settings.gather_error,
         )  # fmt: skip
         with statistics.phase("beams"):
             gathering = Gathering(rays.view, rays.primary, light.world.media, light.sets, options, statistics, more)

@@ -14,7 +14,8 @@ from ..beams import Beams
 from ..beams.sets import BeamSet
 from ..estimators.estimate import ENDLESS, estimate_rays
 from ..estimators.geometry import Rays
-from ..estimators.image import MoreSamples, PixelRays, estimate_image, lane_of
+from ..estimators.image import estimate_image
+from ..estimators.lanes import MoreSamples, PixelRays, lane_of
 from ..estimators.points import Points
 from ..estimators.tiles import Projection
 from ..looks import LightContext
@@ -56,7 +57,7 @@ class PathSegments(Struct):
 
 @dataclass(frozen=True)
 class EstimatorOptions:
-    """Options of the estimate: `estimator` and `points` as for `estimate_image`, and the longest path.
+    """Options of the estimate: `estimator`, `points` and `tolerance` as for `estimate_image`, and the longest path.
 
     `context` returns the light context of a set of beams.
     """
@@ -65,6 +66,7 @@ class EstimatorOptions:
     points: Points
     max_depth: int | None
     context: Callable[[BeamSet], LightContext] | None = None
+    tolerance: float = 0.0
 
 
 class Gathering:
@@ -125,7 +127,7 @@ class Gathering:
                 part = estimate_image(
                     each.beams, self._view, rays, look=medium.shaded(each.look), medium=medium.medium,
                     estimator=self._options.estimator, points=self._options.points, close=each.close,
-                    context=self._context(each),
+                    context=self._context(each), tolerance=self._options.tolerance,
                 )  # fmt: skip
             self.radiance[each.group] += dr.select(own, part.radiance * paths.throughput * self._share, 0)
             dr.eval(self.radiance[each.group])

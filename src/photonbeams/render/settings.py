@@ -61,6 +61,9 @@ class Settings:
         Whether beams end where their light is scattered, instead of at the next surface.
     estimator, rule
         "auto", "billboard" or "frustum", and the frustum's quadrature.
+    gather_error
+        The relative error up to which wide smooth beams are seen along fewer rays than there are pixels, and
+        interpolated; 0: all are seen through every pixel.
     surfaces
         Whether surfaces are shaded; if not, there are beams alone.
     surface_samples
@@ -97,6 +100,7 @@ class Settings:
     short: bool = False
     estimator: str = "auto"
     rule: Rule = DEFAULT_RULE
+    gather_error: float = 0.0
     surfaces: bool = True
     surface_samples: int | None = None
     normals: bool = False
@@ -151,6 +155,8 @@ class Settings:
                 raise SceneError(f"{name} is {shown}: expected {kind}")
         if self.min_radius and self.max_radius and self.min_radius > self.max_radius:
             raise SceneError(f"min_radius is {self.min_radius}: expected max_radius, {self.max_radius}, at most")
+        if not (isinstance(self.gather_error, Real) and 0 <= self.gather_error < 1):
+            raise SceneError(f"gather_error is {self.gather_error!r}: expected a number from 0, exact, to below 1")
         if not (isinstance(self.alpha, Real) and 0 < self.alpha <= 1):
             raise SceneError(f"alpha is {self.alpha!r}: expected a number above 0, of at most 1")
 
@@ -200,6 +206,7 @@ class SettingsArguments(TypedDict, total=False):
     short: bool
     estimator: str
     rule: Rule
+    gather_error: float
     surfaces: bool
     surface_samples: int | None
     normals: bool

@@ -10,7 +10,7 @@ import drjit as dr
 import numpy as np
 
 from .. import scene
-from ..estimators.image import lane_of, lanes, whole_group
+from ..estimators.lanes import lane_of, lanes, whole_group
 from ..estimators.tiles import TILE, Pose, Projection
 from ..numerics.arrays import opaque
 from ..runtime.device import Array2f, Array3f, Float, UInt32
@@ -54,7 +54,7 @@ class Window:
 class CameraRays(NamedTuple):
     """A ray a pixel: origins (1 or W · H), unit directions, planar depth per unit of t, and what groups share.
 
-    `lanes` are the origins and times of those groups (`estimators.image.lane_of`), where there is a lens or motion.
+    `lanes` are the origins and times of those groups (`estimators.lanes.lane_of`), where there is a lens or motion.
     """
 
     origin: Any

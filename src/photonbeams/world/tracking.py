@@ -249,6 +249,8 @@ class Tracked(Factor):
     The track is set before beams are gathered. Until then the factor is the transmittance at the greatest extinction.
     """
 
+    of_rays = True
+
     def __init__(self, extinction: float) -> None:
         self.track: Track | None = None
         self._extinction = dr.opaque(Float, extinction)
