@@ -16,10 +16,10 @@ import numpy as np
 
 from ..looks import BoundLook
 from ..looks.across import Across
-from ..numerics.arrays import joined, to_float
+from ..numerics.arrays import to_float
 from ..runtime.device import Array3f, Float, UInt32
 from .estimate import ENDLESS
-from .lanes import Lanes, PixelRays, Sheet, tile_of
+from .lanes import Lanes, PixelRays, Sheet, tiles_of
 from .tiles import TILE, Bins, Detail, Projection
 
 # Strokes are seen by so many rays over their half width at least.
@@ -48,14 +48,6 @@ def detail_of(view: Projection, rays: PixelRays, look: BoundLook, bins: Bins, to
     nearest, rate = dr.select(even, nearest, 0), look.rate_along + look.rate_eye
     dr.eval(nearest, first, last, fraction, rate)
     return Detail(nearest, 0.5 * (first + last), fraction, rate, look.rate_fraction)
-
-
-def tiles_of(view: Projection, rays: PixelRays) -> Any:
-    """Return the tile of each ray."""
-    pixel = dr.arange(UInt32, view.width * view.height)
-    if rays.more is not None:
-        pixel = joined([pixel, *[rays.more.pixels] * rays.more.each])
-    return tile_of(view, pixel)
 
 
 @lru_cache(maxsize=64)

@@ -22,7 +22,7 @@ from .cells import batches
 from .estimate import ENDLESS, bind, check_estimator, check_motion
 from .frustum import frustum_sum
 from .geometry import Rays
-from .lanes import PIXELS, PixelRays, Sheet, lanes_of_pixels
+from .lanes import PIXELS, PixelRays, Sheet, lanes_of_pixels, tiles_of
 from .points import Points
 from .records import Packed, pack
 from .tiles import LEVELS, TILE, Bins, Projection, TileLists, footprints
@@ -99,7 +99,7 @@ def tile_depth(view: Projection, rays: PixelRays) -> Any:
     """Return (tiles,) the planar depth of the farthest surface in each tile."""
     depth = dr.minimum(rays.t_max, ENDLESS) * rays.facing
     result = dr.zeros(Float, view.tiles)
-    dr.scatter_reduce(dr.ReduceOp.Max, result, depth, coarse.tiles_of(view, rays))
+    dr.scatter_reduce(dr.ReduceOp.Max, result, depth, tiles_of(view, rays))
     dr.eval(result)
     return result
 
@@ -127,11 +127,12 @@ def _lane_rays(rays: PixelRays, view: Projection, pixel: Any, inside: Any, group
 def _billboards(
     lists: TileLists, level: int, view: Projection, sheet: Sheet, packed: Packed, look: Any, points: Points, flags: Any
 ) -> Any:
-    lane, (first, stop) = sheet.carried(PIXELS), lists.level(level)
+    lane = sheet.carried(PIXELS)
+    tile = lane.tile + dr.opaque(UInt32, level * view.tiles)
     radiance = billboard_sum(
         [_lane_rays(sheet.rays, view, *ray, lane.group) for ray in lane.rays],
-        dr.gather(UInt32, first, lane.tile),
-        dr.gather(UInt32, stop, lane.tile),
+        dr.gather(UInt32, lists.first, tile),
+        dr.gather(UInt32, lists.stop, tile),
         lambda i: dr.gather(UInt32, lists.beams, i),
         packed,
         look,
@@ -152,12 +153,13 @@ def _frustums(
     lists: TileLists, level: int, view: Projection, sheet: Sheet, packed: Packed, look: Any, points: Points,
     blended: bool,
 ) -> Any:  # fmt: skip
-    lane, (first, stop) = sheet.carried(1), lists.level(level)
+    lane = sheet.carried(1)
+    tile = lane.tile + dr.opaque(UInt32, level * view.tiles)
     ((ray, exists),) = lane.rays
     radiance = frustum_sum(
         _lane_rays(sheet.rays, view, ray, exists, lane.group),
-        dr.gather(UInt32, first, lane.tile),
-        dr.gather(UInt32, stop, lane.tile),
+        dr.gather(UInt32, lists.first, tile),
+        dr.gather(UInt32, lists.stop, tile),
         lambda i: dr.gather(UInt32, lists.beams, i),
         packed,
         look,

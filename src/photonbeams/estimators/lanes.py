@@ -134,6 +134,14 @@ def tile_of(view: Projection, pixel: Any) -> Any:
     return (pixel // width) // TILE * columns + (pixel % width) // TILE
 
 
+def tiles_of(view: Projection, rays: PixelRays) -> Any:
+    """Return the tile of each ray."""
+    pixel = dr.arange(UInt32, view.width * view.height)
+    if rays.more is not None:
+        pixel = joined([pixel, *[rays.more.pixels] * rays.more.each])
+    return tile_of(view, pixel)
+
+
 def _group(tile: Any, block: Any, place: Any) -> Any:
     """Return the group of the pixel at a place in a block of a tile."""
     return tile * _GROUPS + block // PIXELS * _BLOCK + place

@@ -372,12 +372,6 @@ class TileLists:
     entries: int
     sizes: tuple[int, ...]
 
-    def level(self, number: int) -> tuple[Any, Any]:
-        """Return where each tile's beams of a level begin, and where they stop."""
-        tiles = dr.width(self.first) // len(self.sizes)
-        lanes = dr.arange(UInt32, tiles) + dr.opaque(UInt32, number * tiles)
-        return dr.gather(UInt32, self.first, lanes), dr.gather(UInt32, self.stop, lanes)
-
     def keep(self, flags: Any) -> TileLists:
         """Return the lists with the flagged entries alone, in their order."""
         index: Any = dr.compress(flags > 0)
