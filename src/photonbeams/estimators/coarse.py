@@ -1,118 +1,236 @@
-"""Fewer rays than pixels for wide beams, whose pictures are smooth strokes: corners of squares, and what lies between.
+"""Fewer rays than pixels: the picture of many wide beams is smooth, and every second pixel can stand for all.
 
-A tile sees a beam that neither ends in it nor may reach behind a surface of it through the corners of squares of 2, 4
-or 8 pixels, and pixels have the bilinear interpolation. No light crosses an edge of depth: such a beam lies before all
-surfaces of the tile. Interpolation over δ half widths of a stroke errs by about δ², the more beams a tile has the less
-of their sum, so δ grows with their number to the power of a quarter.
+Beams are divided by their width on the screen, tile by tile, into levels: those of level k are at least so wide that no
+stroke slips through the rays of every 2ᵏ-th pixel. From the coarsest level on, the sum of all beams so far is looked at
+along the rays of the next finer level, either by interpolation between four of the coarser ones, or along the ray
+itself: where what four of them say has not been foretold by those twice as far apart, and where a ray does not reach as
+far as its neighbours say, at the edges of things.
 """
 
 from __future__ import annotations
 
-from functools import lru_cache, partial
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import drjit as dr
-import numpy as np
 
-from ..looks import BoundLook
-from ..looks.across import Across
-from ..numerics.arrays import to_float
-from ..runtime.device import Array3f, Float, UInt32
-from .estimate import ENDLESS
-from .lanes import Lanes, PixelRays, Sheet, tiles_of
-from .tiles import TILE, Bins, Detail, Projection
+from ..numerics.arrays import joined
+from ..runtime.device import Array2f, Array3f, Bool, Float, Int32, UInt32
+from .lanes import NO_MARGIN, Margin, PixelRays, tiles_of
+from .tiles import TILE, Projection, Widths
 
-# Strokes are seen by so many rays over their half width at least.
-_WIDEST = 0.5
-# Of how many beams one has the weight of all: some are brighter than others, and do not cover the tile.
-_UNEVEN = 8.0
-_SAMPLES = 1 << 12
+# The least half width of beams in pixels of their level: rays of every 2ᵏ-th pixel pass over a stroke three times.
+_HALF_WIDTH = 1.5
+# What is allowed of the difference between rays and what those twice as far apart foretell, and of that between the
+# end of a ray and where its neighbours' lie, in relative errors: of what is smooth, half as far apart, a quarter is
+# left of the one; of the light along a ray, no more than its even share lies between the others.
+_FORETOLD, _ENDS = 8.0, 0.25
+# Of the mean of a picture: what is dimmer may have larger relative errors.
+_DIM = 0.05
 
 
-def detail_of(view: Projection, rays: PixelRays, look: BoundLook, bins: Bins, tolerance: float) -> Detail:
-    """Return how finely beams have to be seen, for a relative error of about `tolerance`.
+@dataclass
+class Level:
+    """The rays of every 2ᵏ-th pixel along x and y of the whole picture, as a picture of its own; of level 0 all rays.
 
-    `bins` are all beams of the picture without detail.
+    Attributes
+    ----------
+    number
+        k.
+    view
+        Its projection, with a margin up to where tiles of the whole picture's coarsest level begin.
+    margin
+        How many pixels without rays it has left and above.
+    rays
+        The rays: PixelRays of `across` × `down` pixels.
+    first
+        Column and row of its first pixel, in pixels.
+    corner, place
+        Those of the lattice.
     """
-    first, stop = bins.places()
-    beams = dr.clip(Float(stop - first) * (1 / _UNEVEN), 1, 1e6)
-    alone = dr.opaque(Float, widest_step(look.profile, tolerance))
-    fraction = dr.minimum(alone * dr.sqrt(dr.sqrt(beams)), _WIDEST)
-    tile = tiles_of(view, rays)
-    nearest, first, last = (dr.full(Float, each, view.tiles) for each in (dr.inf, dr.inf, 0))
-    dr.scatter_reduce(dr.ReduceOp.Min, nearest, dr.minimum(rays.t_max, ENDLESS) * rays.facing, tile)
-    dr.scatter_reduce(dr.ReduceOp.Min, first, rays.t_min * rays.facing, tile)
-    dr.scatter_reduce(dr.ReduceOp.Max, last, rays.t_min * rays.facing, tile)
-    # The factor toward the eye counts from where the medium begins, which corners take to be at one depth in a tile.
-    even = (last - first) * look.rate_eye <= dr.opaque(Float, tolerance)
-    nearest, rate = dr.select(even, nearest, 0), look.rate_along + look.rate_eye
-    dr.eval(nearest, first, last, fraction, rate)
-    return Detail(nearest, 0.5 * (first + last), fraction, rate, look.rate_fraction)
+
+    number: int
+    view: Projection
+    margin: Margin
+    rays: PixelRays
+    first: tuple[int, int] = (0, 0)
+    corner: tuple[int, int] = (0, 0)
+    place: Any = None
+
+    @property
+    def across(self) -> int:
+        """Number of pixels in a row."""
+        return self.view.width - self.margin[0]
+
+    @property
+    def down(self) -> int:
+        """Number of rows."""
+        return self.view.height - self.margin[1]
+
+    def widths(self, levels: int) -> Widths:
+        """Return which beams are of this level, of so many levels."""
+        own = _HALF_WIDTH if self.number else 0.0
+        coarser = 2 * _HALF_WIDTH if self.number + 1 < levels else float("inf")
+        return Widths(dr.opaque(Float, own), dr.opaque(Float, coarser))
+
+    def of_coarser(self, some: Any, farthest: Any) -> tuple[Any, Widths]:
+        """Return what lists of beams of all coarser levels go by, for `some` rays (a mask): depths, and widths."""
+        own = dr.full(Float, -1, self.view.tiles)
+        tile = tiles_of(self.view, self.rays, self.margin)
+        dr.scatter(own, dr.gather(Float, farthest, tile), tile, some)
+        dr.eval(own)
+        return own, Widths(None, dr.opaque(Float, 2 * _HALF_WIDTH))
+
+    def inverse_depths(self) -> Array2f:
+        """Return the inverse planar depths at which rays begin and end: of planes these are linear on the screen."""
+        rays = self.rays
+        return Array2f(*(dr.rcp(dr.maximum(each * rays.facing, 1e-20)) for each in (rays.t_min, rays.t_max)))
 
 
-@lru_cache(maxsize=64)
-def widest_step(profile: Across, tolerance: float) -> float:
-    """Return how much of a half width may lie between rays for a single stroke to err by `tolerance` of its mean."""
-    u = np.linspace(-1.5, 1.5, _SAMPLES)
-    x = np.minimum(u * u, 1)
-    stroke = np.sqrt(1 - x) * (profile.line(to_float(x)) + dr.zeros(Float, _SAMPLES)).numpy()
-    step = _WIDEST
-    while step > 0.02:
-        error = 0.0
-        for offset in (0.0, 0.25, 0.5, 0.75):
-            knots = np.arange(-2, 2, step) + offset * step
-            seen = np.interp(knots, u, stroke, left=0, right=0)
-            error += 0.25 * np.abs(np.interp(u, knots, seen) - stroke).mean() / stroke.mean()
-        if error <= tolerance:
-            break
-        step *= 0.9
-    return step
+def levels_of(view: Projection, rays: PixelRays) -> list[Level]:
+    """Return the levels of a picture, level 0 first."""
+    lattice = rays.lattice
+    assert lattice is not None
+    levels = lattice.levels
+    while levels and min(view.width, view.height) >> levels < 4:
+        levels -= 1
+    if not levels:
+        return [Level(0, view, NO_MARGIN, rays)]
+    side = TILE << lattice.levels
+    margin = (lattice.corner[0] % side, lattice.corner[1] % side)
+    result = []
+    for number in range(levels + 1):
+        step = 1 << number
+        reduced = view.reduced(number, margin)
+        first = (-lattice.corner[0] % step, -lattice.corner[1] % step)
+        own = ((margin[0] + first[0]) >> number, (margin[1] + first[1]) >> number)
+        level = Level(number, reduced, own, rays, first, lattice.corner, lattice.place)
+        if number:
+            width, across = dr.opaque(UInt32, view.width), dr.opaque(UInt32, level.across)
+            index = dr.arange(UInt32, level.across * level.down)
+            x, y = (dr.opaque(UInt32, each) for each in first)
+            many = dr.opaque(UInt32, step)
+            pixel = (y + index // across * many) * width + x + index % across * many
+            level.rays = rays.taken(pixel)
+        result.append(level)
+    return result
 
 
-def sheet(view: Projection, rays: PixelRays, begin: Any, level: int) -> Sheet:
-    """Return the corners of a level's squares; `begin` is the planar depth where the medium begins, by tiles."""
-    side = (TILE >> level) + 1
-    corner, each = dr.arange(UInt32, view.tiles * side * side), dr.opaque(UInt32, side * side)
-    step, across = dr.opaque(UInt32, 1 << level), dr.opaque(UInt32, side)
-    (tile, own), columns = (corner // each, corner % each), dr.opaque(UInt32, view.columns)
-    x, y = (tile % columns) * TILE + own % across * step, (tile // columns) * TILE + own // across * step
-    pose = view.poses[0]
-    right, up = (Float(x) - view.center[0]) / view.scale[0], (view.center[1] - Float(y)) / view.scale[1]
-    direction = dr.normalize(pose.right * right + pose.up * up + pose.forward)
-    facing = dr.dot(direction, pose.forward)
-    near, far = dr.gather(Float, begin, tile) / facing, dr.full(Float, ENDLESS, dr.width(corner))
-    corners = PixelRays(rays.origin, direction, facing, far, near)
-    dr.eval(corners)
-    return Sheet(corners, side * side, partial(_carried, view, side * side), partial(_spread, view, rays, level))
+def depths(levels: Sequence[Level], farthest: Any) -> list[Any]:
+    """Return for each level the planar depth of each tile's farthest surface, given that of level 0."""
+    result = [farthest]
+    for finer, level in pairwise(levels):
+        tile, columns = dr.arange(UInt32, finer.view.tiles), dr.opaque(UInt32, finer.view.columns)
+        own = tile // columns // 2 * dr.opaque(UInt32, level.view.columns) + tile % columns // 2
+        found = dr.zeros(Float, level.view.tiles)
+        dr.scatter_reduce(dr.ReduceOp.Max, found, result[-1], own)
+        dr.eval(found)
+        result.append(found)
+    return result
 
 
-def _carried(view: Projection, per_tile: int, count: int) -> Lanes:
-    """Return lanes that carry `count` corners each."""
-    for_tile = -(-per_tile // count)
-    lane, own = dr.arange(UInt32, view.tiles * for_tile), dr.opaque(UInt32, for_tile)
-    tile, each = lane // own, dr.opaque(UInt32, per_tile)
-    numbers = [lane % own + number * own for number in range(count)]
-    carried = [(tile * each + own, own < each) for own in numbers]
-    dr.eval(tile, carried)
-    return Lanes(tile, dr.opaque(UInt32, 0, dr.width(lane)), carried)
+def dim_of(radiance: Any) -> Any:
+    """Return what is so dim, in a picture of this radiance, that errors are as large there as they may be of this."""
+    result = dr.opaque(Float, _DIM) * dr.max(dr.mean(radiance, axis=1))
+    dr.eval(result)
+    return result
 
 
-def _spread(view: Projection, rays: PixelRays, level: int, radiance: Any) -> Any:
-    """Return the radiance along pixels' rays, interpolated from that at corners."""
-    pose, side = view.poses[0], dr.opaque(UInt32, (TILE >> level) + 1)
-    depth = dr.rcp(dr.dot(rays.direction, pose.forward))
-    x = view.center[0] + view.scale[0] * dr.dot(rays.direction, pose.right) * depth
-    y = view.center[1] - view.scale[1] * dr.dot(rays.direction, pose.up) * depth
-    tile, columns = tiles_of(view, rays), dr.opaque(UInt32, view.columns)
-    inverse = dr.opaque(Float, 1 / (1 << level))
+def foretold(level: Level, radiance: Any, dim: Any, tolerance: float) -> Any:
+    """Return in which cells between four rays of a level all may be interpolated.
 
-    def between(place: Float, begin: UInt32) -> tuple[UInt32, Float]:
-        local = dr.clip((place - Float(begin * TILE)) * inverse, 0, Float(side - 1))
-        first = dr.minimum(UInt32(local), side - 2)
-        return first, local - Float(first)
+    A block of 3 × 3 rays, whose corners are rays of the next coarser level, tells: the five others against what the
+    corners say of them.
+    """
+    across, down = (dr.opaque(UInt32, each) for each in (level.across, level.down))
+    corner = level.corner
+    cells = max((level.across - 1) * (level.down - 1), 1)
+    columns = dr.opaque(UInt32, max(level.across - 1, 1))
+    cell = dr.arange(UInt32, cells)
 
-    (column, u), (row, v) = between(x, tile % columns), between(y, tile // columns)
-    at = tile * side * side + row * side + column
-    above = dr.lerp(dr.gather(Array3f, radiance, at), dr.gather(Array3f, radiance, at + 1), u)
-    below = dr.lerp(dr.gather(Array3f, radiance, at + side), dr.gather(Array3f, radiance, at + side + 1), u)
-    return dr.lerp(above, below, v)
+    def block(place: UInt32, axis: int, count: UInt32) -> tuple[UInt32, Bool]:
+        odd = dr.opaque(UInt32, (corner[axis] + level.first[axis]) >> level.number & 1)
+        begin = ((place - odd) & 0xFFFFFFFE) + odd
+        return begin, (place >= odd) & (begin + 2 < count)
+
+    (x, inside), (y, between) = block(cell % columns, 0, across), block(cell // columns, 1, down)
+    whole = inside & between
+
+    def at(right: int, below: int) -> Array3f:
+        return dr.gather(Array3f, radiance, (y + below) * across + x + right, whole)
+
+    found = {(i, j): at(i, j) for i in range(3) for j in range(3)}
+    a, b, c, d = found[0, 0], found[2, 0], found[0, 2], found[2, 2]
+    sides = {(1, 0): (a + b) / 2, (0, 1): (a + c) / 2, (2, 1): (b + d) / 2, (1, 2): (c + d) / 2}
+    told = sides | {(1, 1): (a + b + c + d) / 4}
+    difference, most = Float(0), Float(dim)
+    for place, each in found.items():
+        most = dr.maximum(most, dr.max(each))
+        if place in told:
+            difference = dr.maximum(difference, dr.max(dr.abs(each - told[place])))
+    good = whole & (difference <= dr.opaque(Float, _FORETOLD * tolerance) * most)
+    dr.eval(good)
+    return good
+
+
+def interpolated(level: Level, coarser: Level, radiance: Any, good: Any, tolerance: float) -> tuple[Any, Any]:
+    """Return the radiance along the rays of a level, interpolated from the next coarser one's, and where it may be.
+
+    `good` are the cells of the coarser level as `foretold` returns them. Where a ray ends or begins elsewhere than a
+    plane through its neighbours' ends would have it, there is an edge.
+    """
+    (x, y), known = _place(level, coarser)
+    across, down = coarser.across, coarser.down
+
+    def cell(place: Float, count: int) -> tuple[UInt32, Float]:
+        first = UInt32(dr.clip(dr.floor(place), 0, dr.opaque(Float, max(count - 2, 0))))
+        return first, place - Float(first)
+
+    (column, u), (row, v) = cell(x, across), cell(y, down)
+    columns = dr.opaque(UInt32, across)
+    at = row * columns + column
+    known &= dr.gather(Bool, good, row * (columns - 1) + column)
+    corners = (at, at + 1, at + columns, at + columns + 1)
+
+    def between(kind: Any, values: Any) -> Any:
+        a, b, c, d = (dr.gather(kind, values, each, known) for each in corners)
+        return dr.lerp(dr.lerp(a, b, u), dr.lerp(c, d, u), v)
+
+    told, own = between(Array2f, coarser.inverse_depths()), level.inverse_depths()
+    near = dr.abs(told - own) <= dr.opaque(Float, _ENDS * tolerance) * dr.minimum(told, own)
+    # Further rays of a pixel are there for an edge in it.
+    known &= dr.arange(UInt32, dr.width(x)) < dr.opaque(UInt32, level.across * level.down)
+    usable, result = known & near.x & near.y, between(Array3f, radiance)
+    dr.eval(usable, result)
+    return usable, result
+
+
+def _place(level: Level, coarser: Level) -> tuple[tuple[Float, Float], Bool]:
+    """Return where rays of a level lie among those of the coarser one, in its pixels, and whether amid these."""
+    index, columns = dr.arange(UInt32, level.across * level.down), dr.opaque(UInt32, level.across)
+    if level.rays.more is not None:
+        index = joined([index, *[level.rays.more.pixels] * level.rays.more.each])
+    begin = [dr.opaque(Int32, each) for each in coarser.first]
+    own = [dr.opaque(Int32, each) for each in level.first]
+    fine = dr.opaque(Int32, 1 << level.number)
+    x, y = (Int32(each) * fine + first for each, first in zip((index % columns, index // columns), own, strict=True))
+    step = dr.opaque(Float, 1 / (1 << coarser.number))
+    columns_from, rows_from = x - begin[0], y - begin[1]
+    last_x, last_y = (dr.opaque(Int32, (count - 1) << coarser.number) for count in (coarser.across, coarser.down))
+    amid = (columns_from >= 0) & (rows_from >= 0) & (columns_from <= last_x) & (rows_from <= last_y)
+    if level.number:
+        return (Float(columns_from) * step, Float(rows_from) * step), amid
+    film, place = _on_film(level), Array2f(level.place)
+    offset = (Float(begin[0]) + place.x, Float(begin[1]) + place.y)
+    return ((film.x - offset[0]) * step, (film.y - offset[1]) * step), amid
+
+
+def _on_film(level: Level) -> Array2f:
+    """Return where rays pass the picture, in pixels."""
+    pose, direction = level.view.poses[0], level.rays.direction
+    (sx, sy), (cx, cy) = level.view.scale, level.view.center
+    depth = dr.rcp(dr.dot(direction, pose.forward))
+    x, y = dr.dot(direction, pose.right) * depth, dr.dot(direction, pose.up) * depth
+    return Array2f(cx - dr.opaque(Float, level.margin[0]) + sx * x, cy - dr.opaque(Float, level.margin[1]) - sy * y)

@@ -6,26 +6,28 @@ entries of the lists in which some pixel needs the frustum. The frustum's kernel
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
 import drjit as dr
+import numpy as np
 
 from ..beams import Beams
-from ..looks import LightContext, Look
+from ..looks import BoundLook, LightContext, Look
 from ..runtime.device import Array3f, Bool, Float, UInt32
 from ..scene import Medium
-from . import coarse
 from .billboard import billboard_sum
 from .cells import batches
+from .coarse import Level, depths, dim_of, foretold, interpolated, levels_of
 from .estimate import ENDLESS, bind, check_estimator, check_motion
 from .frustum import frustum_sum
 from .geometry import Rays
-from .lanes import PIXELS, PixelRays, Sheet, lanes_of_pixels, tiles_of
+from .lanes import NO_MARGIN, PIXELS, Lanes, Margin, PixelRays, lanes_of_pixels, lanes_of_some, tiles_of
 from .points import Points
 from .records import Packed, pack
-from .tiles import LEVELS, TILE, Bins, Projection, TileLists, footprints
+from .tiles import Bins, Projection, TileLists, footprints
 
 
 @dataclass
@@ -57,55 +59,147 @@ def estimate_image(
     """
     check_estimator(estimator)
     check_motion(beams, close, rays.lanes)
-    result = Estimate(dr.zeros(Array3f, dr.width(rays.direction)))
     if len(beams) == 0:
-        return result
-    bound = bind(look, beams, close, medium, context)
-    shared = rays.shared_origin
-    packed = pack(beams, rays.origin if shared else view.origin, shared, close, bound.of_beams)
-    pixels = Sheet(rays, TILE * TILE, partial(lanes_of_pixels, view, rays), lambda radiance: radiance)
-    sheets, marks, depth = [pixels], footprints(beams, view, close), tile_depth(view, rays)
-    sort = partial(Bins, marks, view, depth)
-    if tolerance > 0 and shared and close is None and not view.orthographic and bound.smooth:
-        detail = coarse.detail_of(view, rays, bound, sort(0, marks.count), tolerance)
-        sheets += [coarse.sheet(view, rays, detail.begin, level) for level in range(1, LEVELS)]
-        sort = partial(sort, detail=detail)
-    for lists in batches(sort, marks.count):
-        if lists.entries == 0:
-            continue
-        found: list[Any] = [Array3f(0) for _ in sheets]
+        return Estimate(dr.zeros(Array3f, dr.width(rays.direction)))
+    bound, levels = bind(look, beams, close, medium, context), [Level(0, view, NO_MARGIN, rays)]
+    if tolerance > 0 and rays.lattice is not None and rays.shared_origin and close is None and bound.smooth:
+        levels = levels_of(view, rays)
+    gather = _Gather(levels, beams, close, bound, points, estimator, tolerance)
+    for each in batches(gather.binned, len(beams)):
+        if each.entries:
+            gather.add(each)
+    return gather.result
+
+
+class _Binned:
+    """A range of the beams, counted in the cells of all levels."""
+
+    def __init__(self, bins: Sequence[Bins], beams: range) -> None:
+        self._bins, self.beams, self.entries = bins, beams, sum(each.entries for each in bins)
+        self.by_level: list[TileLists] = []
+
+    def lists(self) -> _Binned:
+        """List the beams of each level's tiles."""
+        self.by_level = [each.lists() for each in self._bins]
+        return self
+
+
+class _Gather:
+    """Gathers the beams of a picture.
+
+    Parameters
+    ----------
+    levels
+        The levels of the picture.
+    beams, close
+        The beams, and where they are at shutter close.
+    look, points, estimator, tolerance
+        As for `estimate_image`, the look bound.
+    """
+
+    def __init__(
+        self, levels: Sequence[Level], beams: Beams, close: Beams | None, look: BoundLook, points: Points,
+        estimator: str, tolerance: float,
+    ) -> None:  # fmt: skip
+        first = levels[0]
+        shared = first.rays.shared_origin
+        self._packed = pack(beams, first.rays.origin if shared else first.view.origin, shared, close, look.of_beams)
+        self._levels, self._look, self._points = levels, look, points
+        self._estimator, self._tolerance = estimator, tolerance
+        self._depth = depths(levels, tile_depth(first.view, first.rays, first.margin))
+        self._marks = [footprints(beams, level.view, close) for level in levels]
+        self.result = Estimate(dr.zeros(Array3f, dr.width(first.rays.direction)))
+
+    def binned(self, begin: int, stop: int) -> _Binned:
+        """Return the cells that a range of the beams is counted in."""
+        bins = []
+        for level, marks, depth in zip(self._levels, self._marks, self._depth, strict=True):
+            widths = level.widths(len(self._levels)) if self._levels[1:] else None
+            bins.append(Bins(marks, level.view, depth, begin, stop, widths))
+        return _Binned(bins, range(begin, stop))
+
+    def add(self, binned: _Binned) -> None:
+        """Add the beams of a range, level by level from the coarsest one on."""
+        found, good, dim = None, None, None
+        for level, lists in zip(reversed(self._levels), reversed(binned.by_level), strict=True):
+            radiance = dr.zeros(Array3f, dr.width(level.rays.direction))
+            if lists.entries:
+                self._sum(radiance, level, lists, partial(lanes_of_pixels, level.view, level.rays))
+            if found is not None:
+                usable, told = interpolated(level, self._levels[level.number + 1], found, good, self._tolerance)
+                radiance += dr.select(usable, told, 0)
+                dr.eval(radiance)
+                self._add_exact(radiance, level, ~usable, binned.beams)
+            found = radiance
+            if level.number:
+                dim = dim_of(radiance) if dim is None else dim
+                good = foretold(level, radiance, dim, self._tolerance)
+        self.result.radiance += found
+        dr.eval(self.result.radiance)
+
+    def _add_exact(self, radiance: Any, level: Level, some: Any, beams: range) -> None:
+        """Add the beams of all coarser levels along `some` rays (a mask) of a level."""
+        depth, widths = level.of_coarser(some, self._depth[level.number])
+
+        def sort(begin: int, stop: int) -> Bins:
+            return Bins(self._marks[level.number], level.view, depth, beams.start + begin, beams.start + stop, widths)
+
+        for lists in batches(sort, len(beams)):
+            if lists.entries:
+                self._sum(radiance, level, lists, partial(lanes_of_some, level.view, level.rays, some))
+
+    def _sum(self, radiance: Any, level: Level, lists: TileLists, lanes: Callable[..., Lanes | None]) -> None:
+        """Add the radiance of listed beams along the rays of a level that lanes carry."""
         flags = None
-        if estimator != "frustum":
-            flags = dr.zeros(UInt32, lists.entries) if estimator == "auto" else None
-            for number, each in enumerate(sheets):
-                result.billboard_tests += lists.sizes[number] * each.per_tile
-                if lists.sizes[number]:
-                    found[number] += _billboards(lists, number, view, each, packed, bound, points, flags)
+        if self._estimator != "frustum" and (lane := lanes(PIXELS, margin=level.margin)) is not None:
+            flags = dr.zeros(UInt32, lists.entries) if self._estimator == "auto" else None
+            rays = [_lane_rays(level, *ray, lane.group) for ray in lane.rays]
+            self.result.billboard_tests += _tests(lists, lane)
+            values = billboard_sum(rays, *self._seen(lists, lane), blended=flags is not None, flags=flags)
+            # One kernel for all rays of a lane: left to the scatters, the loop would run once for each.
+            dr.eval(values, flags)
+            _add(radiance, lane, values)
         if flags is not None:
             lists = lists.keep(flags)
-        if estimator != "billboard" and lists.entries:
-            for number, each in enumerate(sheets):
-                result.frustum_tests += lists.sizes[number] * each.per_tile
-                if lists.sizes[number]:
-                    found[number] += _frustums(lists, number, view, each, packed, bound, points, flags is not None)
-        for each, radiance in zip(sheets, found, strict=True):
-            if dr.width(radiance) > 1:
-                result.radiance += each.spread(radiance)
-        dr.eval(result.radiance)
-    return result
+        if self._estimator == "billboard" or not lists.entries or (lane := lanes(1, margin=level.margin)) is None:
+            return
+        self.result.frustum_tests += _tests(lists, lane)
+        ray = _lane_rays(level, *lane.rays[0], lane.group)
+        _add(radiance, lane, [frustum_sum(ray, *self._seen(lists, lane), blended=flags is not None)])
+
+    def _seen(self, lists: TileLists, lane: Lanes) -> tuple[Any, Any, Callable[[Any], Any], Packed, BoundLook, Points]:
+        """Return what kernels have to know of listed beams."""
+        tile = lane.tile
+        first, stop = dr.gather(UInt32, lists.first, tile), dr.gather(UInt32, lists.stop, tile)
+        return first, stop, lambda i: dr.gather(UInt32, lists.beams, i), self._packed, self._look, self._points
 
 
-def tile_depth(view: Projection, rays: PixelRays) -> Any:
+def _add(radiance: Any, lane: Lanes, values: Sequence[Any]) -> None:
+    """Add radiance to that of the rays of lanes, of which none is named twice."""
+    for (ray, exists), value in zip(lane.rays, values, strict=True):
+        here = exists & dr.full(Bool, True, dr.width(lane.tile))
+        dr.scatter_add(radiance, value, ray, here, dr.ReduceMode.NoConflicts)
+    dr.eval(radiance)
+
+
+def _tests(lists: TileLists, lane: Lanes) -> int:
+    """Return how many pairs of rays and beams are tested."""
+    found = dr.gather(UInt32, lists.stop, lane.tile) - dr.gather(UInt32, lists.first, lane.tile)
+    return int(found.numpy().sum(dtype=np.int64)) * len(lane.rays)
+
+
+def tile_depth(view: Projection, rays: PixelRays, margin: Margin = NO_MARGIN) -> Any:
     """Return (tiles,) the planar depth of the farthest surface in each tile."""
     depth = dr.minimum(rays.t_max, ENDLESS) * rays.facing
     result = dr.zeros(Float, view.tiles)
-    dr.scatter_reduce(dr.ReduceOp.Max, result, depth, tiles_of(view, rays))
+    dr.scatter_reduce(dr.ReduceOp.Max, result, depth, tiles_of(view, rays, margin))
     dr.eval(result)
     return result
 
 
-def _lane_rays(rays: PixelRays, view: Projection, pixel: Any, inside: Any, group: Any) -> Rays:
+def _lane_rays(level: Level, pixel: Any, inside: Any, group: Any) -> Rays:
     """Return the ray of an index, of a group of pixels."""
+    rays, view = level.rays, level.view
     origin, time = None, None
     if rays.lanes is not None:
         origin, time = dr.gather(Array3f, rays.lanes[0], group), dr.gather(Float, rays.lanes[1], group)
@@ -122,51 +216,3 @@ def _lane_rays(rays: PixelRays, view: Projection, pixel: Any, inside: Any, group
         rays.origin if rays.shared_origin else view.origin,
         dr.select(inside, pixel, 0),  # factors look up what belongs to a ray, and beside the picture there is nothing
     )
-
-
-def _billboards(
-    lists: TileLists, level: int, view: Projection, sheet: Sheet, packed: Packed, look: Any, points: Points, flags: Any
-) -> Any:
-    lane = sheet.carried(PIXELS)
-    tile = lane.tile + dr.opaque(UInt32, level * view.tiles)
-    radiance = billboard_sum(
-        [_lane_rays(sheet.rays, view, *ray, lane.group) for ray in lane.rays],
-        dr.gather(UInt32, lists.first, tile),
-        dr.gather(UInt32, lists.stop, tile),
-        lambda i: dr.gather(UInt32, lists.beams, i),
-        packed,
-        look,
-        points,
-        blended=flags is not None,
-        flags=flags,
-    )
-    # One kernel for all rays of a lane: left to the scatters, the loop would run once for each.
-    dr.eval(radiance, flags)
-    result = dr.zeros(Array3f, dr.width(sheet.rays.direction))
-    for (ray, exists), value in zip(lane.rays, radiance, strict=True):
-        dr.scatter(result, value, ray, exists)
-    dr.eval(result)
-    return result
-
-
-def _frustums(
-    lists: TileLists, level: int, view: Projection, sheet: Sheet, packed: Packed, look: Any, points: Points,
-    blended: bool,
-) -> Any:  # fmt: skip
-    lane = sheet.carried(1)
-    tile = lane.tile + dr.opaque(UInt32, level * view.tiles)
-    ((ray, exists),) = lane.rays
-    radiance = frustum_sum(
-        _lane_rays(sheet.rays, view, ray, exists, lane.group),
-        dr.gather(UInt32, lists.first, tile),
-        dr.gather(UInt32, lists.stop, tile),
-        lambda i: dr.gather(UInt32, lists.beams, i),
-        packed,
-        look,
-        points,
-        blended,
-    )
-    result = dr.zeros(Array3f, dr.width(sheet.rays.direction))
-    dr.scatter(result, radiance, ray, exists & dr.full(Bool, True, dr.width(ray)))
-    dr.eval(result)
-    return result

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import drjit as dr
 
-from ..numerics.arrays import joined
-from ..runtime.device import Float, UInt32
+from ..numerics.arrays import joined, taken
+from ..runtime.device import Bool, Float, UInt32
 from .tiles import TILE, Projection
 
 #: Pixels a lane of the billboard's kernel. A beam is gathered once for all of them: of 1, 4 and 8 pixels, 8 are the
@@ -21,6 +20,13 @@ PIXELS = 8
 _BLOCK_WIDTH, _BLOCK_HEIGHT = 4, 4
 _BLOCK = _BLOCK_WIDTH * _BLOCK_HEIGHT
 _BLOCKS_ACROSS = TILE // _BLOCK_WIDTH
+
+# How often every second ray may stand for all, at most, and how wide a picture has to be at least with these alone.
+_LEVELS, _COARSEST = 4, 128
+
+#: How many pixels without rays a picture has left and above, so that tiles are those of the whole picture.
+Margin = tuple[int, int]
+NO_MARGIN: Margin = (0, 0)
 
 # Groups of pixels in a tile that share an origin and a time: those of the billboard's lanes.
 _GROUPS = TILE * TILE // PIXELS
@@ -40,6 +46,30 @@ class MoreSamples:
         return joined([result, part + dr.zeros(Float, self.each * dr.width(self.pixels))])
 
 
+@dataclass(frozen=True)
+class Lattice:
+    """Pixels whose rays are evenly spaced: every second one along x and y of the whole picture, where others jitter.
+
+    Attributes
+    ----------
+    corner
+        (left, top) of a crop window in the whole picture.
+    place
+        The place in [0, 1)² at which rays pass these pixels.
+    levels
+        How many times every second of them may stand for all.
+    """
+
+    corner: tuple[int, int]
+    place: Any
+    levels: int
+
+    @classmethod
+    def of(cls, width: int, height: int, corner: tuple[int, int], place: Any) -> Lattice:
+        """Return the lattice of a whole picture of this size, or of a crop window of it."""
+        return cls(corner, place, min(max((max(width, height) // _COARSEST).bit_length() - 1, 0), _LEVELS))
+
+
 @dataclass
 class PixelRays:
     """One ray a pixel, row by row from the top left: `origin` is one point for all, or (W · H, 3).
@@ -47,7 +77,8 @@ class PixelRays:
     `lanes` are origins and times (0 to 1 over the shutter) that groups of pixels share, (lanes(view), 3) and
     (lanes(view),), where the lens is wide or anything moves; `lane_of` tells a pixel's group. `origin` repeats them.
 
-    Behind the W · H rays there may be more of some pixels, where rays share their origin or have no lanes.
+    Behind the W · H rays there may be more of some pixels, where rays share their origin or have no lanes. `lattice`
+    tells which of them are evenly spaced, if any are.
     """
 
     origin: Any
@@ -57,11 +88,21 @@ class PixelRays:
     t_min: Any  # (W · H,)
     lanes: tuple[Any, Any] | None = None
     more: MoreSamples | None = None
+    lattice: Lattice | None = None
 
     @property
     def shared_origin(self) -> bool:
         """Whether all rays start at one point, at one time."""
         return dr.width(self.origin) == 1 and self.lanes is None
+
+    def taken(self, index: Any) -> PixelRays:
+        """Return some of the rays; those of a parallel projection have origins of their own."""
+        origin = self.origin if dr.width(self.origin) == 1 else taken(self.origin, index)
+        result = PixelRays(
+            origin, *(taken(each, index) for each in (self.direction, self.facing, self.t_max, self.t_min))
+        )
+        dr.eval(result.origin, result.direction, result.facing, result.t_max, result.t_min)
+        return result
 
 
 class Lanes(NamedTuple):
@@ -71,75 +112,120 @@ class Lanes(NamedTuple):
     group: Any
     rays: list[tuple[Any, Any]]
 
-
-@dataclass(frozen=True)
-class Sheet:
-    """Rays that tiles see beams through.
-
-    Attributes
-    ----------
-    rays
-        The rays.
-    per_tile
-        How many a tile has.
-    carried
-        Returns lanes that carry so many rays each.
-    spread
-        Returns the radiance along pixels' rays, given that along these.
-    """
-
-    rays: PixelRays
-    per_tile: int
-    carried: Callable[[int], Lanes]
-    spread: Callable[[Any], Any]
+    @classmethod
+    def joined(cls, first: Lanes, second: Lanes) -> Lanes:
+        """Return the lanes of two."""
+        pairs = zip(first.rays, second.rays, strict=True)
+        rays = [(joined([a, b]), joined([own, other])) for (a, own), (b, other) in pairs]
+        result = cls(joined([first.tile, second.tile]), joined([first.group, second.group]), rays)
+        dr.eval(result)
+        return result
 
 
-def lanes_of_pixels(view: Projection, rays: PixelRays, count: int) -> Lanes:
+def lanes_of_pixels(view: Projection, rays: PixelRays, count: int, margin: Margin = NO_MARGIN) -> Lanes:
     """Return lanes of `count` pixels each: tile after tile, block after block within a tile.
 
-    Behind these, lanes carry further rays of one pixel each.
+    Behind these, lanes carry further rays of one pixel each. `margin` tells how many pixels have no rays, left and
+    above.
     """
-    per_tile, more = TILE * TILE // count, rays.more or MoreSamples(dr.zeros(UInt32, 0), 1)
-    usual, edges, pixels = view.tiles * per_tile, dr.width(more.pixels), view.width * view.height
-    for_edge = -(-more.each // count)
-    lane = dr.arange(UInt32, usual + edges * for_edge)
-    first, lanes = dr.opaque(UInt32, usual), dr.opaque(UInt32, for_edge)
-    behind = lane >= first
-    edge = dr.select(behind, (lane - first) // lanes, 0)
-    # Of two and more: a gather from one is a broadcast, hence another kernel.
-    known = dr.zeros(UInt32, 2)
-    pixel = dr.gather(UInt32, joined([more.pixels, known]) if edges else known, edge, behind)
-    tile, local = dr.select(behind, tile_of(view, pixel), lane // per_tile), lane % per_tile
-    block, place = local // _BLOCK * count, local % _BLOCK
-    width, height = dr.opaque(UInt32, view.width), dr.opaque(UInt32, view.height)
+    per_tile = TILE * TILE // count
+    lane = dr.arange(UInt32, view.tiles * per_tile)
     columns = dr.opaque(UInt32, view.columns)
-    sample = dr.select(behind, (lane - first) % lanes * count, 0)
-    each, step = dr.opaque(UInt32, more.each), dr.opaque(UInt32, edges)
-    own = dr.opaque(UInt32, pixels) + edge
-    carried = []
+    tile, local = lane // per_tile, lane % per_tile
+    block, place = local // _BLOCK * count, local % _BLOCK
+    column, row = tile % columns, tile // columns
+    carried = [_pixel(view, margin, column, row, block + number, place) for number in range(count)]
+    result = Lanes(tile, _group(tile, block, place), carried)
+    dr.eval(result)
+    return result if rays.more is None else Lanes.joined(result, lanes_of_more(view, rays.more, count, margin))
+
+
+def lanes_of_more(view: Projection, more: MoreSamples, count: int, margin: Margin = NO_MARGIN) -> Lanes:
+    """Return lanes of `count` further rays each, of one pixel."""
+    for_pixel, edges = dr.opaque(UInt32, -(-more.each // count)), dr.width(more.pixels)
+    lane = dr.arange(UInt32, edges * -(-more.each // count))
+    edge, sample = lane // for_pixel, lane % for_pixel * count
+    width, height = (dr.opaque(UInt32, each) for each in _size(view, margin))
+    # Of two and more: a gather from one is a broadcast, hence another kernel.
+    pixel = dr.gather(UInt32, joined([more.pixels, dr.zeros(UInt32, 2)]), edge)
+    each, step, first = dr.opaque(UInt32, more.each), dr.opaque(UInt32, edges), width * height
+    carried = [(first + edge + (sample + number) * step, sample + number < each) for number in range(count)]
+    result = Lanes(tile_of(view, pixel, margin), dr.zeros(UInt32, dr.width(lane)), carried)
+    dr.eval(result)
+    return result
+
+
+def lanes_of_some(view: Projection, rays: PixelRays, some: Any, count: int, margin: Margin = NO_MARGIN) -> Lanes | None:
+    """Return lanes of `count` pixels each, of one tile, for the pixels that the mask `some` tells; None for none.
+
+    Behind these, lanes carry all further rays of one pixel each.
+    """
+    further = None if rays.more is None else lanes_of_more(view, rays.more, count, margin)
+    slot = dr.arange(UInt32, view.tiles * TILE * TILE)
+    tile, local, columns = slot // (TILE * TILE), slot % (TILE * TILE), dr.opaque(UInt32, view.columns)
+    pixel, exists = _pixel(view, margin, tile % columns, tile // columns, local // _BLOCK, local % _BLOCK)
+    here = exists & dr.gather(Bool, some, pixel, exists)
+    dr.eval(here, pixel)
+    chosen: Any = dr.compress(here)
+    if not len(chosen):
+        return further
+    before, each = dr.cumsum(dr.select(here, UInt32(1), 0)), dr.arange(UInt32, view.tiles)
+    first, last = each * (TILE * TILE), each * (TILE * TILE) + (TILE * TILE - 1)
+    begin = dr.select(each > 0, dr.gather(UInt32, before, dr.maximum(first, 1) - 1), 0)
+    needed = (dr.gather(UInt32, before, last) + dr.opaque(UInt32, count - 1) - begin) // dr.opaque(UInt32, count)
+    dr.eval(begin, needed)
+    end = dr.cumsum(needed)
+    lanes = int(end[dr.width(end) - 1])
+    own = dr.gather(UInt32, tile, chosen)
+    # At least one: beyond the last of them vectors of lanes would divide by 0.
+    of_tile = dr.maximum(dr.gather(UInt32, needed, own), 1)
+    rank = dr.arange(UInt32, len(chosen)) - dr.gather(UInt32, begin, own)
+    # Neighbours lie in neighbouring lanes.
+    lane, place = dr.gather(UInt32, end, own) - of_tile + rank % of_tile, rank // of_tile
+    tiles, carried, there = (
+        dr.zeros(UInt32, lanes),
+        dr.zeros(UInt32, lanes * count),
+        dr.full(Bool, False, lanes * count),
+    )
+    dr.scatter(tiles, own, lane)
+    at = place * dr.opaque(UInt32, lanes) + lane
+    dr.scatter(carried, dr.gather(UInt32, pixel, chosen), at)
+    dr.scatter(there, Bool(True), at)
+    dr.eval(tiles, carried, there)
+    own_rays = []
     for number in range(count):
-        at = block + number
-        x = (tile % columns) * TILE + at % _BLOCKS_ACROSS * _BLOCK_WIDTH + place % _BLOCK_WIDTH
-        y = (tile // columns) * TILE + at // _BLOCKS_ACROSS * _BLOCK_HEIGHT + place // _BLOCK_WIDTH
-        index = dr.select(behind, own + (sample + number) * step, y * width + x)
-        carried.append((index, dr.select(behind, sample + number < each, (x < width) & (y < height))))
-    group = _group(tile, block, place)
-    dr.eval(tile, group, carried)
-    return Lanes(tile, group, carried)
+        at = dr.arange(UInt32, lanes) + dr.opaque(UInt32, number * lanes)
+        own_rays.append((dr.gather(UInt32, carried, at), dr.gather(Bool, there, at)))
+    result = Lanes(tiles, dr.zeros(UInt32, lanes), own_rays)
+    dr.eval(result)
+    return result if further is None else Lanes.joined(result, further)
 
 
-def tile_of(view: Projection, pixel: Any) -> Any:
+def _pixel(view: Projection, margin: Margin, column: Any, row: Any, block: Any, place: Any) -> tuple[Any, Any]:
+    """Return the index of the pixel at a place in a block of a tile, and whether there is one."""
+    width, height, left, top = (dr.opaque(UInt32, each) for each in (*_size(view, margin), *margin))
+    x = column * TILE + block % _BLOCKS_ACROSS * _BLOCK_WIDTH + place % _BLOCK_WIDTH - left
+    y = row * TILE + block // _BLOCKS_ACROSS * _BLOCK_HEIGHT + place // _BLOCK_WIDTH - top
+    return y * width + x, (x < width) & (y < height)  # in the margin these are numbers beyond
+
+
+def _size(view: Projection, margin: Margin) -> tuple[int, int]:
+    """Return how many pixels have rays, across and down."""
+    return view.width - margin[0], view.height - margin[1]
+
+
+def tile_of(view: Projection, pixel: Any, margin: Margin = NO_MARGIN) -> Any:
     """Return the tile of pixels."""
-    width, columns = dr.opaque(UInt32, view.width), dr.opaque(UInt32, view.columns)
-    return (pixel // width) // TILE * columns + (pixel % width) // TILE
+    width, left, top = (dr.opaque(UInt32, each) for each in (view.width - margin[0], *margin))
+    return (pixel // width + top) // TILE * dr.opaque(UInt32, view.columns) + (pixel % width + left) // TILE
 
 
-def tiles_of(view: Projection, rays: PixelRays) -> Any:
+def tiles_of(view: Projection, rays: PixelRays, margin: Margin = NO_MARGIN) -> Any:
     """Return the tile of each ray."""
-    pixel = dr.arange(UInt32, view.width * view.height)
+    pixel = dr.arange(UInt32, (view.width - margin[0]) * (view.height - margin[1]))
     if rays.more is not None:
         pixel = joined([pixel, *[rays.more.pixels] * rays.more.each])
-    return tile_of(view, pixel)
+    return tile_of(view, pixel, margin)
 
 
 def _group(tile: Any, block: Any, place: Any) -> Any:

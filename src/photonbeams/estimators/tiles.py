@@ -10,7 +10,7 @@ counts in its own cells, so that no two threads race for a slot.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import drjit as dr
@@ -22,16 +22,16 @@ from .cones import Cone, around, half_line
 #: Width and height of a tile in pixels.
 TILE = 16
 
-#: Levels at which beams are seen in a tile: through its pixels, or at level k through the corners of squares of 2ᵏ.
-LEVELS = 4
-
-# Lanes that bin, and the most cells that they count in, four bytes each: one a lane, a tile and a level.
+# Lanes that bin, and the most cells that they count in, four bytes each: one a lane and a tile.
 _LANES, _MOST_CELLS = 1024, 1 << 25
 
 _FAR = 1e30
 
 # Beams are clipped this many radii before the camera plane, where a disc's picture is still an ellipse.
 _CLIP = 1.25
+# Of beams around the camera that part has a width on the screen which is this many radii before it: what is nearer
+# reaches over a quarter of a radian.
+_WIDE = 4.0
 
 
 @dataclass
@@ -100,28 +100,27 @@ class Projection:
         """Number of tiles."""
         return self.columns * self.rows
 
+    def reduced(self, level: int, margin: tuple[int, int]) -> Projection:
+        """Return the projection with pixels 2^`level` as wide, and a margin of so many of its pixels left and above."""
+        factor = dr.opaque(Float, 1 / (1 << level))
+        (sx, sy), (cx, cy) = self.scale, self.center
+        width, height = (-(-(size + own) >> level) for size, own in zip((self.width, self.height), margin, strict=True))
+        center = cx + dr.opaque(Float, margin[0]), cy + dr.opaque(Float, margin[1])
+        return replace(
+            self, scale=(sx * factor, sy * factor), center=(center[0] * factor, center[1] * factor),
+            width=width, height=height,
+        )  # fmt: skip
 
-@dataclass
-class Detail:
-    """How finely beams have to be seen, where not all are seen through every pixel.
 
-    Attributes
-    ----------
-    nearest
-        (tiles,) planar depth of each tile's nearest surface; 0 where all beams are seen through every pixel.
-    begin
-        (tiles,) planar depth of where the medium begins.
-    fraction
-        (tiles,) what part of a beam's half width may lie between neighbouring rays.
-    rate, rate_fraction
-        The relative change of the look's factors per scene unit, and from one end of a beam to the other.
+class Widths(NamedTuple):
+    """Which beams a tile lists, by their least half width there on the screen, in pixels.
+
+    Those of at least `own` that have less than `coarser` in the square of four tiles around it (opaque); or, where
+    `own` is None, those that have not.
     """
 
-    nearest: Any
-    begin: Any
-    fraction: Any
-    rate: Any
-    rate_fraction: Any
+    own: Any
+    coarser: Any
 
 
 @dataclass
@@ -141,6 +140,7 @@ def footprints(beams: Beams, view: Projection, close: Beams | None = None) -> Fo
     """
     cones = [_posed(each, pose) for pose in view.poses for each in (beams, close) if each is not None]
     near, visible, limit = _nearness(cones, view)
+    limit = dr.select(near, limit * (_WIDE / _CLIP), limit)
     starts = _Box.around(_clipped(cones, limit, view), view)
     ends = _Box.around(_clipped([Cone(b, a, rb, ra) for a, b, ra, rb in cones], limit, view), view)
     widest = cones[0].radius_start
@@ -265,18 +265,20 @@ def _key(z: Any, view: Projection) -> Any:
 
 @dr.syntax
 def _walk(
-    marks: Footprints, view: Projection, begin: Any, stop: Any, depth: Any, detail: Detail | None, lanes: int,
+    marks: Footprints, view: Projection, begin: Any, stop: Any, depth: Any, widths: Any, lanes: int,
     counter: Any, base: Any, out: Any,
 ) -> Any:  # fmt: skip
     """Visit the tiles under each lane's beams, begin + lane, begin + lane + lanes, …; count them or list the beams.
 
     counter
-        Cell (level, tile, lane) counts what the lane has put into the tile.
+        Cell (tile, lane) counts what the lane has put into the tile.
+    widths
+        `Widths`, or None.
     base, out
         Where each cell begins in the list, and the list; None only counts.
     """
     columns, rows = dr.opaque(Int32, view.columns), dr.opaque(Int32, view.rows)
-    tiles, all_lanes = dr.opaque(UInt32, view.tiles), dr.opaque(UInt32, lanes)
+    all_lanes = dr.opaque(UInt32, lanes)
     lane = dr.arange(UInt32, lanes)
     beam = begin + lane
     while beam < stop:
@@ -289,6 +291,11 @@ def _walk(
         row = dr.select(everywhere, 0, _from_zero(_tile(dr.minimum(ends.y - reach.y, ends.w - reach.w), rows)))
         last = dr.select(everywhere, rows, _tile(dr.maximum(ends.y + reach.y, ends.w + reach.w), rows) + 1)
         last = dr.minimum(dr.select(rest.w < 0, 0, last), rows)
+        if dr.hint(widths is not None, mode="scalar"):
+            least: Any = dr.minimum(dr.minimum(reach.x, reach.y), dr.minimum(reach.z, reach.w))
+            most: Any = dr.maximum(dr.maximum(reach.x, reach.y), dr.maximum(reach.z, reach.w))
+            none = most < widths.coarser if widths.own is None else (least >= widths.coarser) | (most < widths.own)
+            last = dr.select(none & ~everywhere, 0, last)
         while row < last:
             top = Float(row * TILE)
             # y − r ≤ bottom and y + r ≥ top, linear in λ: the part of the axis whose discs touch the row
@@ -303,15 +310,17 @@ def _walk(
             front = dr.maximum(dr.lerp(rest.x, rest.y, low), dr.lerp(rest.x, rest.y, high))
             while column < edge:
                 tile = UInt32(row * columns + column)
-                seen = everywhere | (front > _hidden(dr.gather(Float, depth, tile), rest.z, view))
+                farthest = dr.gather(Float, depth, tile)
+                seen = (farthest >= 0) & (everywhere | (front > _hidden(farthest, rest.z, view)))
                 cell = tile * all_lanes + lane
-                if dr.hint(detail is not None, mode="scalar"):
-                    left = Float(column * TILE)
-                    low2, high2 = half_line(dx - drx, ends.x - reach.x - (left + TILE))
-                    low3, high3 = half_line(-(dx + drx), left - (ends.x + reach.x))
-                    part = dr.maximum(low, dr.maximum(low2, low3)), dr.minimum(high, dr.minimum(high2, high3))
-                    level = dr.select(everywhere, 0, _level(dr.hypot(dx, dy), reach, rest, *part, detail, tile))
-                    cell += level * tiles * all_lanes
+                if dr.hint(widths is not None, mode="scalar"):
+                    x, y = Float(column * TILE), Float(row * TILE)
+                    around = Float((column >> 1) * (2 * TILE)), Float((row >> 1) * (2 * TILE))
+                    wide = _half_width(ends, reach, *around, 2 * TILE) >= widths.coarser
+                    if dr.hint(widths.own is None, mode="scalar"):
+                        seen &= wide
+                    else:
+                        seen &= ~wide & (_half_width(ends, reach, x, y, TILE) >= widths.own)
                 slot: Any = dr.scatter_inc(counter, cell, seen)
                 if dr.hint(out is not None, mode="scalar"):
                     dr.scatter(out, beam, dr.gather(UInt32, base, cell) + slot, seen)
@@ -320,29 +329,18 @@ def _walk(
         beam += all_lanes
 
 
-def _level(length: Any, reach: Any, rest: Any, first: Any, last: Any, detail: Any, tile: Any) -> Any:
-    """Return the level at which a beam is seen in a tile, where its axis is from `first` to `last` in [0, 1].
-
-    It is 0 where the beam ends in the tile or may reach behind a surface. Else its picture is a smooth stroke: level k
-    is the greatest at which 2ᵏ pixels are at most the fraction that detail allows of its half width, of the pixels over
-    which its depth doubles, and of those over which the look changes. `length` is that of its axis on the screen.
-    """
-    half = dr.minimum(
-        dr.minimum(dr.lerp(reach.x, reach.z, first), dr.lerp(reach.x, reach.z, last)),
-        dr.minimum(dr.lerp(reach.y, reach.w, first), dr.lerp(reach.y, reach.w, last)),
-    )
-    keys = dr.lerp(rest.x, rest.y, first), dr.lerp(rest.x, rest.y, last)
-    far, near = dr.minimum(*keys), dr.maximum(*keys)
-    nearest, fraction = dr.gather(Float, detail.nearest, tile), dr.gather(Float, detail.fraction, tile)
-    free = (first > 0) & (last < 1) & (first <= last) & (far > 0) & (dr.rcp(far) + rest.z < nearest)
-    deeper = (near - far) * dr.rcp(far) * dr.maximum(detail.rate * dr.rcp(far), 1)
-    across = half * dr.rcp(dr.maximum(detail.rate * rest.z, 1))
-    along = length * dr.rcp(dr.maximum(detail.rate_fraction, 1e-20))
-    smooth = dr.minimum(dr.minimum(across, along), TILE * dr.rcp(dr.maximum(deeper, 1e-20))) * fraction
-    level = UInt32(0)
-    for number in range(1, LEVELS):
-        level += dr.select(free & (smooth >= 1 << number), UInt32(1), UInt32(0))
-    return level
+def _half_width(ends: Any, reach: Any, left: Any, top: Any, side: int) -> Any:
+    """Return the least half width, in pixels, of a beam where it crosses a square: endless where its axis does not."""
+    dx, dy, drx, dry = ends.z - ends.x, ends.w - ends.y, reach.z - reach.x, reach.w - reach.y
+    bounds = (
+        half_line(dx - drx, ends.x - reach.x - (left + side)), half_line(-(dx + drx), left - (ends.x + reach.x)),
+        half_line(dy - dry, ends.y - reach.y - (top + side)), half_line(-(dy + dry), top - (ends.y + reach.y)),
+    )  # fmt: skip
+    low, high = bounds[0]
+    for first, last in bounds[1:]:
+        low, high = dr.maximum(low, first), dr.minimum(high, last)
+    a, b = (dr.minimum(dr.fma(drx, each, reach.x), dr.fma(dry, each, reach.y)) for each in (low, high))
+    return dr.select(low <= high, dr.minimum(a, b), _FAR)
 
 
 def _hidden(depth: Any, radius: Any, view: Projection) -> Any:
@@ -361,16 +359,12 @@ def _from_zero(tile: Any) -> Any:
 
 @dataclass
 class TileLists:
-    """The beams of each tile: `beams[first[tile] : stop[tile]]`; with levels, tiles of level 1 come behind all others.
-
-    `sizes` are the numbers of entries by levels.
-    """
+    """The beams of each tile: `beams[first[tile] : stop[tile]]`."""
 
     beams: Any
     first: Any
     stop: Any
     entries: int
-    sizes: tuple[int, ...]
 
     def keep(self, flags: Any) -> TileLists:
         """Return the lists with the flagged entries alone, in their order."""
@@ -382,15 +376,9 @@ class TileLists:
             return dr.select(i < entries, dr.gather(UInt32, before, dr.minimum(i, entries - 1)), total)
 
         first, stop = place(self.first), place(self.stop)
-        return TileLists.of(dr.gather(UInt32, self.beams, index), first, stop, dr.width(index), len(self.sizes))
-
-    @classmethod
-    def of(cls, beams: Any, first: Any, stop: Any, entries: int, levels: int) -> TileLists:
-        """Return the lists of tiles of so many levels."""
-        dr.eval(beams, first, stop)
-        begin = first.numpy()[:: dr.width(first) // levels].tolist() if levels > 1 else [0]
-        sizes = tuple(end - own for own, end in zip(begin, [*begin[1:], entries], strict=True))
-        return cls(beams, first, stop, entries, sizes)
+        result = replace(self, beams=dr.gather(UInt32, self.beams, index), first=first, stop=stop, entries=len(index))
+        dr.eval(result.beams, first, stop)
+        return result
 
 
 class Bins:
@@ -399,18 +387,17 @@ class Bins:
     Parameters
     ----------
     depth
-        (tiles,) planar depth of each tile's farthest surface; beams wholly behind it are not listed.
-    detail
-        How finely beams have to be seen; None: all through every pixel.
+        (tiles,) planar depth of each tile's farthest surface; beams wholly behind it are not listed. Below 0: none is.
+    widths
+        Which beams are listed by how wide they are; None: all.
     """
 
     def __init__(
-        self, marks: Footprints, view: Projection, depth: Any, begin: int, stop: int, detail: Detail | None = None
+        self, marks: Footprints, view: Projection, depth: Any, begin: int, stop: int, widths: Widths | None = None
     ) -> None:
-        self._levels = 1 if detail is None else LEVELS
-        self._tiles = self._levels * view.tiles
+        self._tiles = view.tiles
         self._lanes = min(_LANES, 1 << ((_MOST_CELLS // self._tiles).bit_length() - 1))
-        self._inputs = marks, view, dr.opaque(UInt32, begin), dr.opaque(UInt32, stop), depth, detail, self._lanes
+        self._inputs = marks, view, dr.opaque(UInt32, begin), dr.opaque(UInt32, stop), depth, widths, self._lanes
         self._cells = self._tiles * self._lanes
         counter = dr.zeros(UInt32, self._cells)
         _walk(*self._inputs, counter, None, None)
@@ -418,16 +405,14 @@ class Bins:
         last = dr.opaque(UInt32, self._cells - 1)
         self.entries = int((dr.gather(UInt32, self._base, last) + dr.gather(UInt32, counter, last))[0])
 
-    def places(self) -> tuple[Any, Any]:
-        """Return where each tile's beams begin in the list, and where they stop."""
-        tile, lanes = dr.arange(UInt32, self._tiles), dr.opaque(UInt32, self._lanes)
-        first = dr.gather(UInt32, self._base, tile * lanes)
-        last, total = dr.opaque(UInt32, self._tiles - 1), dr.opaque(UInt32, self.entries)
-        return first, dr.select(tile < last, dr.gather(UInt32, self._base, dr.minimum(tile + 1, last) * lanes), total)
-
     def lists(self) -> TileLists:
         """Return the beams of each tile."""
         out, cursor = dr.zeros(UInt32, max(self.entries, 1)), dr.zeros(UInt32, self._cells)
         if self.entries:
             _walk(*self._inputs, cursor, self._base, out)
-        return TileLists.of(out, *self.places(), self.entries, self._levels)
+        tile, lanes = dr.arange(UInt32, self._tiles), dr.opaque(UInt32, self._lanes)
+        first = dr.gather(UInt32, self._base, tile * lanes)
+        last, total = dr.opaque(UInt32, self._tiles - 1), dr.opaque(UInt32, self.entries)
+        stop = dr.select(tile < last, dr.gather(UInt32, self._base, dr.minimum(tile + 1, last) * lanes), total)
+        dr.eval(out, first, stop)
+        return TileLists(out, first, stop, self.entries)

@@ -15,6 +15,7 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
+from ..estimators.lanes import Lattice
 from ..numerics.arrays import taken
 from ..numerics.samples import Samples
 from ..numerics.sampling import z_order
@@ -27,7 +28,7 @@ mi = mitsuba()
 # Sums of light groups are called one of these and the group: light that beams bring, and that walks and domes bring,
 # whose samples have other places.
 _GATHERED, _SCATTERED = "beams/", "scattered/"
-_PLACE = 104  # stream of samples
+_PLACE, _LATTICE = 104, 105  # streams of samples
 _STEPS = 1024  # of integrals over a filter
 
 #: Light by light groups, "" for the unnamed one, each a (W · H, 3) radiance.
@@ -111,16 +112,29 @@ class Film:
         groups: Mapping[str, str] | None = None,
     ) -> None:
         self.shape, self.groups, self._filter = shape, dict(groups or {}), reconstruction
+        self._corner = corner
         x, y = self._pixels()
         self.order = z_order(x + dr.opaque(UInt32, corner[0]), y + dr.opaque(UInt32, corner[1]))
         dr.eval(self.order)
         self.sums = PassSums()
 
-    def places(self, samples: Samples) -> Array2f:
-        """Return the places in [0, 1)² of each pixel's sample: over the passes, and over the seeds, they fill it."""
+    def places(self, samples: Samples, lattice: Lattice | None = None) -> Array2f:
+        """Return the places in [0, 1)² of each pixel's sample: over the passes, and over the seeds, they fill it.
+
+        Pixels of a lattice have its place.
+        """
         result = samples.pair(self.order, _PLACE)
+        if lattice is not None:
+            x, y = (each + dr.opaque(UInt32, own) for each, own in zip(self._pixels(), self._corner, strict=True))
+            result = dr.select(((x | y) & 1) == 0, lattice.place, result)
         dr.eval(result)
         return result
+
+    def lattice(self, samples: Samples, width: int, height: int) -> Lattice:
+        """Return the lattice of a pass, of the whole picture's size."""
+        place = samples.pair(dr.opaque(UInt32, 0), _LATTICE)
+        dr.eval(place)
+        return Lattice.of(width, height, self._corner, place)
 
     def centers(self) -> Array2f:
         """Return the centres of all pixels, as places."""

@@ -18,7 +18,7 @@ import drjit as dr
 import numpy as np
 
 from ..beams.sets import BeamSet
-from ..estimators.lanes import MoreSamples
+from ..estimators.lanes import Lattice, MoreSamples
 from ..estimators.points import Points
 from ..estimators.tiles import Projection
 from ..looks import LightContext
@@ -70,13 +70,15 @@ class Simulated:
 class ViewRays:
     """A view's camera rays in a pass, their projection (None where there is none), and the exposure.
 
-    `holdout` are the distances at which rays end that see no surfaces, or None.
+    `holdout` are the distances at which rays end that see no surfaces, or None; `lattice` tells which are evenly
+    spaced.
     """
 
     primary: PrimaryRays
     view: Projection | None
     exposure: float = 1.0
     holdout: Any = None
+    lattice: Lattice | None = None
 
 
 class PassRenderer(ABC):
@@ -182,7 +184,9 @@ class PassRenderer(ABC):
             lambda each: LightContext(*clock, each.light, each.to_world), self.settings.gather_error,
         )  # fmt: skip
         with statistics.phase("beams"):
-            gathering = Gathering(rays.view, rays.primary, light.world.media, light.sets, options, statistics, more)
+            gathering = Gathering(
+                rays.view, rays.primary, light.world.media, light.sets, options, statistics, more, rays.lattice
+            )
             begun = camera_paths.begin(tracing, rays.primary, order)
             for step in camera_paths.follow(tracing, begun, samples, None):
                 gathering.add(*step)
@@ -216,6 +220,7 @@ class FrameRenderer(PassRenderer):
         self.planned = planned
         self._films: list[Film] = []
         self._surface_samples = self._wide = self._indices = 1
+        self._size = (0, 0)
         self.about = ""
 
     @abstractmethod
@@ -235,6 +240,7 @@ class FrameRenderer(PassRenderer):
 
         A crop has as many as the whole picture.
         """
+        self._size = window.width, window.height
         pixels, order = window.width * window.height, self._films[0].order
         chosen = self.settings.surface_samples
         self._surface_samples = surface_samples(self._light_paths(), pixels) if chosen is None else chosen
@@ -269,10 +275,11 @@ class FrameRenderer(PassRenderer):
             for own, number in zip(seen, numbers, strict=True):
                 with self.statistics.phase("surfaces"):
                     samples = self._samples(number)
-                    places = film.places(samples)
+                    lattice = film.lattice(samples, *self._size)
+                    places = film.places(samples, lattice)
                 beams = BeamSamples({}, places)
                 if light.sets:
-                    rays = self._view_rays(number, view, places, samples, moving)
+                    rays = replace(self._view_rays(number, view, places, samples, moving), lattice=lattice)
                     edge = self._edges(own, rays, film.order)
                     beams = self._beams(number, view, film, light, rays, places, edge)
                 first = self._first_hits(view, film) if number == 0 else {}

@@ -15,7 +15,7 @@ from ..beams.sets import BeamSet
 from ..estimators.estimate import ENDLESS, estimate_rays
 from ..estimators.geometry import Rays
 from ..estimators.image import estimate_image
-from ..estimators.lanes import MoreSamples, PixelRays, lane_of
+from ..estimators.lanes import Lattice, MoreSamples, PixelRays, lane_of
 from ..estimators.points import Points
 from ..estimators.tiles import Projection
 from ..looks import LightContext
@@ -85,11 +85,13 @@ class Gathering:
     def __init__(
         self, view: Projection | None, primary: PrimaryRays, media: Media, sets: Sequence[BeamSet],
         options: EstimatorOptions, statistics: Statistics, more: MoreSamples | None = None,
+        lattice: Lattice | None = None,
     ) -> None:  # fmt: skip
         self._view, self._primary, self._options, self._statistics = view, primary, options, statistics
         self._media = [
             (medium, own) for medium in media.all if (own := [each for each in sets if each.medium == medium.number])
         ]
+        self._lattice = lattice
         self._more, self._count = more, dr.width(primary.direction)
         further = 0 if more is None else more.each * dr.width(more.pixels)
         self._pixels = self._count - further
@@ -119,6 +121,7 @@ class Gathering:
         rays = PixelRays(
             primary.origin, primary.direction, primary.facing, dr.select(own, dr.minimum(vertex.end, ENDLESS), 0),
             dr.select(own, paths.near, 0), primary.lanes, self._more,
+            self._lattice,
         )  # fmt: skip
         dr.eval(rays.t_max, rays.t_min)
         assert self._view is not None
