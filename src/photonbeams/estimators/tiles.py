@@ -292,8 +292,8 @@ def _walk(
         last = dr.select(everywhere, rows, _tile(dr.maximum(ends.y + reach.y, ends.w + reach.w), rows) + 1)
         last = dr.minimum(dr.select(rest.w < 0, 0, last), rows)
         if dr.hint(widths is not None, mode="scalar"):
-            least: Any = dr.minimum(dr.minimum(reach.x, reach.y), dr.minimum(reach.z, reach.w))
-            most: Any = dr.maximum(dr.maximum(reach.x, reach.y), dr.maximum(reach.z, reach.w))
+            least = _least(reach)
+            most = -_least(-reach)
             none = most < widths.coarser if widths.own is None else (least >= widths.coarser) | (most < widths.own)
             last = dr.select(none & ~everywhere, 0, last)
         while row < last:
@@ -327,6 +327,11 @@ def _walk(
                 column += 1
             row += 1
         beam += all_lanes
+
+
+def _least(packet: Any) -> Any:
+    """Return the least of four numbers."""
+    return dr.minimum(dr.minimum(packet.x, packet.y), dr.minimum(packet.z, packet.w))
 
 
 def _half_width(ends: Any, reach: Any, left: Any, top: Any, side: int) -> Any:
