@@ -24,6 +24,8 @@ METHODS = ("auto", "beams", "paths")
 
 _MOST = 2**31 - 1
 
+_FLAGS = ("normals", "albedo", "denoise", "keep_noisy")
+
 
 @dataclass(frozen=True)
 class Settings:
@@ -69,8 +71,10 @@ class Settings:
     surface_samples
         How many samples each pixel has in a pass of all but beams, which cost less: a power of two. None: as many as
         cost half of what the beams do, up to 16 (see `costs`).
-    normals
-        Whether there is a layer of normals.
+    normals, albedo
+        Whether there is a layer of normals, and one of albedos.
+    denoise, keep_noisy
+        Whether layers are denoised (see `denoising`), and whether they are kept as they were, too.
     pixel_filter
         "box", "tent", "gaussian", "mitchell", "catmullrom" or "lanczos"; None: the box of a stage, a Mitsuba film's
         own.
@@ -104,16 +108,21 @@ class Settings:
     surfaces: bool = True
     surface_samples: int | None = None
     normals: bool = False
+    albedo: bool = False
+    denoise: bool = False
+    keep_noisy: bool = False
     pixel_filter: str | None = None
     program: Program | None = None
 
     def __post_init__(self) -> None:
         self._check_counts()
         self._check_numbers()
-        for name in ("hide_emitters", "guiding", "short", "surfaces", "normals"):
+        for name in ("hide_emitters", "guiding", "short", "surfaces", *_FLAGS):
             value = getattr(self, name)
             if not isinstance(value, bool | np.bool_) and not (name == "guiding" and value is None):
                 raise SceneError(f"{name} is {value!r}: expected True or False")
+        if self.keep_noisy and not self.denoise:
+            raise SceneError("keep_noisy is of layers that are denoised: expected denoise, too")
         try:
             check_estimator(self.estimator)
         except ValueError as error:
@@ -187,6 +196,11 @@ class Settings:
 DEFAULTS = Settings()
 
 
+def as_passes(settings: Settings) -> Settings:
+    """Return settings without what says nothing of a pass: how many there are, and what is made of them."""
+    return replace(settings, passes=1, time_limit=None, keep_noisy=False)
+
+
 class SettingsArguments(TypedDict, total=False):
     """What may be given of `Settings` by name, beside `passes`."""
 
@@ -210,5 +224,8 @@ class SettingsArguments(TypedDict, total=False):
     surfaces: bool
     surface_samples: int | None
     normals: bool
+    albedo: bool
+    denoise: bool
+    keep_noisy: bool
     pixel_filter: str | None
     program: Program | None

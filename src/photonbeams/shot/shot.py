@@ -536,11 +536,14 @@ class Shot:
         self, frame: float | None, passes: int | None, settings: Settings | None, by_name: Mapping[str, Any], **own: Any
     ) -> FrameRequest:
         """Return the request of `render`'s arguments."""
+        from ..render.denoising import check_denoiser
         from ..render.settings import Settings
         from .request import FrameRequest
 
         named = {**by_name} if passes is None else {**by_name, "passes": passes}
         chosen = Settings.of(self._settings(frame) if settings is None else settings, named)
+        if chosen.denoise:  # known before hours of rendering
+            check_denoiser()
         return FrameRequest.of(frame, chosen, **own)
 
     def _settings(self, frame: float | None) -> Settings | None:
