@@ -5,12 +5,12 @@ independent in each pixel. It is guided by albedos and normals of what is seen, 
 the same pixel filter, and of the first surface that is more than a mirror or clear glass.
 
 Beams share their light among many pixels, so that their noise is no such noise, and after a few passes there is hardly
-any. What a network makes of them may be worse. A layer is therefore a mixture of both pictures, n of the passes and f of
-the network: n + w (f − n). The passes say how large their own error is, σ². A difference that σ² explains is noise, and a
-larger one is the network's: where it errs by b, the mean of (f − n)² is about σ² + b², and w = σ² / (σ² + b²) has the
-least error of all mixtures (as of James and Stein's estimator; Gu et al. 2022, "Neural James-Stein Combiner for Unbiased
-and Biased Renderings"). Both means are taken over some pixels around each. With more passes σ² and w vanish, and the
-picture converges to what it would be without.
+any. What a network makes of them may be worse. A layer is therefore a mixture of both pictures, n of the passes and f
+of the network: n + w (f − n). The passes say how large their own error is, σ². A difference that σ² explains is noise,
+and a larger one is the network's: where it errs by b, the mean of (f − n)² is about σ² + b², and w = σ² / (σ² + b²) has
+the least error of all mixtures (as of James and Stein's estimator; Gu et al. 2022, "Neural James-Stein Combiner for
+Unbiased and Biased Renderings"). Both means are taken over some pixels around each. With more passes σ² and w vanish,
+and the picture converges to what it would be without.
 """
 
 from __future__ import annotations
@@ -24,10 +24,7 @@ from scipy.ndimage import uniform_filter
 
 from ..runtime.device import backend
 from ..scene import Array, SceneError
-from .sums import ALBEDO, MEAN_NORMAL, PassSums
-
-#: What the names of layers begin with that are kept as they were.
-NOISY = "noisy_"
+from .sums import ALBEDO, MEAN_NORMAL, NOISY, PassSums
 
 # Side of the square of pixels over which errors are averaged: of one pixel's few passes, the variance is a guess.
 _AROUND = 7
@@ -126,4 +123,6 @@ def _device() -> tuple[Any, Any]:
 
 def _failed(error: Exception) -> SceneError:
     reason = " ".join(str(error).split())[:200]
-    return SceneError(f"cannot denoise, for Open Image Denoise fails ({reason}): expected the package mitsuba-oidn to work")
+    return SceneError(
+        f"cannot denoise, for Open Image Denoise fails ({reason}): expected the package mitsuba-oidn to work"
+    )

@@ -163,8 +163,7 @@ class Film:
         lights = [light]
         for picture, places in seen:
             found = {
-                name: value * each * (1 if name in _NOT_LIGHT else exposure)
-                for name, value in picture.values().items()
+                name: value * each * (1 if name in _NOT_LIGHT else exposure) for name, value in picture.values().items()
             }
             sums, light = self._summed(found, places, each)
             lights.append(light)
@@ -186,7 +185,7 @@ class Film:
                 layer = self.groups.get(group, "") if self.groups else "beams"
             layers[layer] = layers.get(layer, black) + light
         layers.pop("", None)
-        result = {}
+        result = dict[str, Any]()
         for suffix, sum_ in [("", shining), *((f"/{layer}", own) for layer, own in layers.items())]:
             light = dr.dot(sum_, Array3f(1 / 3))
             result |= {LIGHT + suffix: light, SQUARES + suffix: light * light}

@@ -433,8 +433,8 @@ def _ends_differ(reach: Sequence[Any], pixels: int) -> Bool:
 class _CameraImage:
     """The surfaces that camera paths see in a pass, by pixels.
 
-    Normals are those of surfaces straight ahead; with `guides`, normals and albedos are those of the first surfaces with
-    more than mirror reflection and refraction.
+    Normals are those of surfaces straight ahead; with `guides`, normals and albedos are those of the first surfaces
+    with more than mirror reflection and refraction.
     """
 
     def __init__(self, count: int, guides: bool = False) -> None:

@@ -20,11 +20,19 @@ from .passes import OVERLAP
 #: Light paths a pass of a Mitsuba scene; of a stage each light has `scene.DEFAULT_BEAMS`.
 DEFAULT_PATHS = 1 << 14
 
+# Passes where nothing is said of them; with a goal for the error, it ends nearly all frames before.
+_PASSES, _MOST_FOR_ERROR = 16, 4096
+
 METHODS = ("auto", "beams", "paths")
 
 _MOST = 2**31 - 1
 
 _FLAGS = ("normals", "albedo", "denoise", "keep_noisy")
+
+
+def usual_passes(error: float | None) -> int:
+    """Return the number of passes where none is given, with a goal for the error or without."""
+    return _PASSES if error is None else _MOST_FOR_ERROR
 
 
 @dataclass(frozen=True)
@@ -33,8 +41,10 @@ class Settings:
 
     Attributes
     ----------
-    passes, time_limit
-        Number of passes, and seconds after which no further one is begun (None: no limit).
+    passes, time_limit, error
+        Number of passes, seconds after which no further one is begun, and the relative error (see `Statistics`) at
+        which there are enough of them; the two may be None. With an error, passes are so many at most: 4096 where
+        nothing is said, instead of 16.
     seed
         Seed of all samples.
     beams
@@ -87,8 +97,9 @@ class Settings:
         A value of another kind, or out of range; the sentence names the field.
     """
 
-    passes: int = 16
+    passes: int = None  # type: ignore[assignment]  # what None stands for depends on `error`
     time_limit: float | None = None
+    error: float | None = None
     seed: int = 0
     beams: int | None = None
     max_depth: int | None = None
@@ -115,6 +126,8 @@ class Settings:
     program: Program | None = None
 
     def __post_init__(self) -> None:
+        if self.passes is None:
+            object.__setattr__(self, "passes", usual_passes(self.error))
         self._check_counts()
         self._check_numbers()
         for name in ("hide_emitters", "guiding", "short", "surfaces", *_FLAGS):
@@ -156,7 +169,7 @@ class Settings:
 
     def _check_numbers(self) -> None:
         object.__setattr__(self, "overlap", real(self.overlap, "overlap", above=0.0))
-        for name in ("time_limit", "radius", "min_radius", "max_radius"):
+        for name in ("time_limit", "error", "radius", "min_radius", "max_radius"):
             value = getattr(self, name)
             if value is not None and not (isinstance(value, Real) and 0 < float(value) < np.inf):
                 shown = value if isinstance(value, Real) else repr(value)
@@ -185,7 +198,11 @@ class Settings:
             if name not in names:
                 near = get_close_matches(name, names, 1) or names
                 raise SceneError(f"{name} is no setting: expected {'one of ' if near[1:] else ''}{', '.join(near)}")
-        return replace(own or cls(), **given)
+        if own is None:
+            return cls(**given)
+        if given.get("error") is not None:  # its own passes are not meant as a limit
+            given = {"passes": usual_passes(given["error"]), **given}
+        return replace(own, **given)
 
     def depth(self, own: int = -1) -> int | None:
         """Return the longest path in edges, None for any; `own` is what the scene has, −1 for any."""
@@ -198,13 +215,14 @@ DEFAULTS = Settings()
 
 def as_passes(settings: Settings) -> Settings:
     """Return settings without what says nothing of a pass: how many there are, and what is made of them."""
-    return replace(settings, passes=1, time_limit=None, keep_noisy=False)
+    return replace(settings, passes=1, time_limit=None, error=None, keep_noisy=False)
 
 
 class SettingsArguments(TypedDict, total=False):
     """What may be given of `Settings` by name, beside `passes`."""
 
     time_limit: float | None
+    error: float | None
     seed: int
     beams: int | None
     max_depth: int | None

@@ -30,6 +30,9 @@ DEPTH, NORMAL = "depth", "normal"
 # What denoisers are guided by: means over all samples, where `NORMAL` is that of one ray.
 ALBEDO, MEAN_NORMAL = "albedo", "mean normal"
 
+#: What the names of layers begin with that are kept as they were before they were denoised.
+NOISY = "noisy_"
+
 # The light of pixels, and its squares by passes; "light/surface" is that of the layer `surface` alone.
 LIGHT, SQUARES = "light", "squares"
 
