@@ -6,11 +6,16 @@ the same pixel filter, and of the first surface that is more than a mirror or cl
 
 Beams share their light among many pixels, so that their noise is no such noise, and after a few passes there is hardly
 any. What a network makes of them may be worse. A layer is therefore a mixture of both pictures, n of the passes and f
-of the network: n + w (f − n). The passes say how large their own error is, σ². A difference that σ² explains is noise,
-and a larger one is the network's: where it errs by b, the mean of (f − n)² is about σ² + b², and w = σ² / (σ² + b²) has
-the least error of all mixtures (as of James and Stein's estimator; Gu et al. 2022, "Neural James-Stein Combiner for
-Unbiased and Biased Renderings"). Both means are taken over some pixels around each. With more passes σ² and w vanish,
-and the picture converges to what it would be without.
+of the network: n + w (f − n). Two things, each over some pixels around, tell noise in d = f − n from the network's own
+errors:
+
+- Its size. The passes say how large their error is, σ². Where the network errs by b, the mean of d² is about σ² + b²,
+  and w = σ² / (σ² + b²) has the least error of all mixtures (as of James and Stein's estimator; Gu et al. 2022, "Neural
+  James-Stein Combiner for Unbiased and Biased Renderings"). With more passes w vanishes, and the picture converges to
+  what it would be without.
+- Its pattern. Noise differs from pixel to pixel, and an edge that is smeared is the same error in many: w falls with
+  the correlation of neighbours, to nothing where that is a quarter. Without it, edges of shafts would be smeared in the
+  first passes, for σ² also counts that passes look at other places in the pixels, whose errors cancel.
 """
 
 from __future__ import annotations
@@ -20,14 +25,17 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from scipy.ndimage import uniform_filter
+from scipy.ndimage import convolve, uniform_filter
 
 from ..runtime.device import backend
 from ..scene import Array, SceneError
 from .sums import ALBEDO, MEAN_NORMAL, NOISY, PassSums
 
-# Side of the square of pixels over which errors are averaged: of one pixel's few passes, the variance is a guess.
-_AROUND = 7
+# Side of the square of pixels over which errors are averaged: of one pixel's few passes, the variance is a guess. With
+# 7, the weights are as uneven as the noise, and specks of it stay.
+_AROUND = 15
+_LEAST = np.finfo(np.float32).tiny
+_CORRELATED = 0.25  # neighbours in what is no noise
 
 
 def check_denoiser() -> None:
@@ -89,15 +97,21 @@ def _mixed(noisy: Array, guides: Mapping[str, Array], variance: Array | None, un
     change = _filtered(noisy, guides) - noisy
     if variance is None:
         return noisy + np.float32(unknown) * change
-    own = _around(variance.reshape(noisy.shape[:2]))
-    most = np.maximum(_around(change.mean(axis=2) ** 2), own)
-    weight = np.divide(own, most, out=np.zeros_like(own), where=most > 0)
+    light = change.mean(axis=2)
+    own, size = _around(variance.reshape(noisy.shape[:2])), _around(light**2)
+    weight = np.maximum(own, 0) / np.maximum(np.maximum(size, own), _LEAST)
+    weight *= np.clip(1 - _around(light * _beside(light)) / np.maximum(_CORRELATED * size, _LEAST), 0, 1)
     return noisy + weight[..., None] * change
 
 
 def _around(values: Array) -> Array:
     """Return means over the pixels around each."""
-    return np.maximum(uniform_filter(values, _AROUND, mode="nearest"), 0)
+    return uniform_filter(values, _AROUND, mode="nearest")
+
+
+def _beside(values: Array) -> Array:
+    """Return means of the four neighbours of each pixel."""
+    return convolve(values, np.float32([[0, 0.25, 0], [0.25, 0, 0.25], [0, 0.25, 0]]), mode="nearest")
 
 
 def _filtered(noisy: Array, guides: Mapping[str, Array]) -> Array:

@@ -56,7 +56,7 @@ class SceneRenderer(ScenePasses, FrameRenderer):
         self._holdouts: Sequence[HoldoutDepth | None] = extras.holdouts or [None] * len(self._sensors)
         cameras = [each.view for each in self._sensors if each.view is not None]
         window = self._sensors[0].window
-        reconstruction = reconstruction_filter(settings.pixel_filter, sensor.film().rfilter())
+        reconstruction = reconstruction_filter(settings.filter_name, sensor.film().rfilter())
         pixels = Pixels(len(self._sensors) * window.width * window.height, averaged(reconstruction))
         self.light = light_of(
             plugin, place_of_sensor(sensor), settings, self._tuning, extras.beams,

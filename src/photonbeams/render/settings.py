@@ -87,7 +87,7 @@ class Settings:
         Whether layers are denoised (see `denoising`), and whether they are kept as they were, too.
     pixel_filter
         "box", "tent", "gaussian", "mitchell", "catmullrom" or "lanczos"; None: the box of a stage, a Mitsuba film's
-        own.
+        own, or where layers are denoised the box: others make the noise of neighbours alike, and much of it stays.
     program
         What is done to the beams of each pass, or None.
 
@@ -203,6 +203,11 @@ class Settings:
         if given.get("error") is not None:  # its own passes are not meant as a limit
             given = {"passes": usual_passes(given["error"]), **given}
         return replace(own, **given)
+
+    @property
+    def filter_name(self) -> str | None:
+        """The name of the pixel filter; None is the scene's own."""
+        return "box" if self.denoise and self.pixel_filter is None else self.pixel_filter
 
     def depth(self, own: int = -1) -> int | None:
         """Return the longest path in edges, None for any; `own` is what the scene has, −1 for any."""

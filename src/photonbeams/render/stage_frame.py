@@ -220,7 +220,7 @@ class StageRenderer(FrameRenderer):
             with self.statistics.phase("guide"):
                 views = [View(camera, whole).projection for camera in (viewers() if viewers else ends[0].cameras)]
                 self._simulation = self._simulation.guided(self._worlds[0], views)
-        reconstruction, groups = reconstruction_filter(settings.pixel_filter), groups_of(ends[0].scene)
+        reconstruction, groups = reconstruction_filter(settings.filter_name), groups_of(ends[0].scene)
         self._films = [
             Film(window.shape, window.crop[:2], reconstruction, groups, settings.denoise) for _ in ends[0].cameras
         ]
