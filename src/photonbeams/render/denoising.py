@@ -111,7 +111,8 @@ def _around(values: Array) -> Array:
 
 def _beside(values: Array) -> Array:
     """Return means of the four neighbours of each pixel."""
-    return convolve(values, np.float32([[0, 0.25, 0], [0.25, 0, 0.25], [0, 0.25, 0]]), mode="nearest")
+    kernel = np.array([[0, 0.25, 0], [0.25, 0, 0.25], [0, 0.25, 0]], dtype=np.float32)
+    return convolve(values, kernel, mode="nearest")
 
 
 def _filtered(noisy: Array, guides: Mapping[str, Array]) -> Array:

@@ -545,10 +545,8 @@ class Shot:
         if chosen.denoise:  # known before hours of rendering
             check_denoiser()
             if chosen.filter_name != "box":
-                self._warn(
-                    f"denoise: through the pixel filter {chosen.filter_name} the noise of neighbours is alike, and much "
-                    "of it stays: expected box"
-                )
+                text = f"through the pixel filter {chosen.filter_name} the noise of neighbours is alike, and much stays"
+                self._warn(f"denoise: {text}: expected box")
         return FrameRequest.of(frame, chosen, **own)
 
     def _settings(self, frame: float | None) -> Settings | None:
