@@ -106,13 +106,13 @@ def _mixed(noisy: Array, guides: Mapping[str, Array], variance: Array | None, un
 
 def _around(values: Array) -> Array:
     """Return means over the pixels around each."""
-    return uniform_filter(values, _AROUND, mode="nearest")
+    return uniform_filter(values, _AROUND, mode="reflect")
 
 
 def _beside(values: Array) -> Array:
     """Return means of the four neighbours of each pixel."""
     kernel = np.array([[0, 0.25, 0], [0.25, 0, 0.25], [0, 0.25, 0]], dtype=np.float32)
-    return convolve(values, kernel, mode="nearest")
+    return convolve(values, kernel, mode="mirror")  # no pixel beside itself
 
 
 def _filtered(noisy: Array, guides: Mapping[str, Array]) -> Array:
