@@ -26,6 +26,7 @@ KNOWERS = {
     "OpenImageIO": {"images", "cli"},
     "blosc": {"volumes"},
     "mitsuba": {"runtime", "world", "transport", "render", "shot", "integrator"},
+    "mitsuba_oidn": {"render"},
     "drjit": {*ROOMS} - {"scene", "volumes", "quadrature", "usd", "farm", "cli"},
 }
 

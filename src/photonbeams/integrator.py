@@ -97,6 +97,15 @@ Photon beams (:monosp:`photon_beams`)
    - Relative error up to which wide smooth beams are seen along fewer rays than there are pixels, and interpolated; 0
      is exact. (Default: 0)
 
+ * - error
+   - |float|
+   - Relative error at which passes end: half of the light is in pixels that have less. There are at most as many as
+     samples per pixel; 0 is all of them. (Default: 0)
+
+ * - denoise
+   - |bool|
+   - Denoise surfaces, and beams where they need it, by Open Image Denoise. (Default: no, i.e. |false|)
+
  * - layers
    - |bool|
    - Add the layers `beams` and `surface`, whose sum the image is. (Default: no, i.e. |false|)
@@ -195,7 +204,16 @@ def _settings(properties: Any) -> Any:
 
     given: dict[str, Any] = {
         name: _value(properties, name, getattr(DEFAULTS, name))
-        for name in ("rr_depth", "hide_emitters", "overlap", "alpha", "estimator", "method", "gather_error")
+        for name in (
+            "rr_depth",
+            "hide_emitters",
+            "overlap",
+            "alpha",
+            "estimator",
+            "method",
+            "gather_error",
+            "denoise",
+        )
     }
     paths = _value(properties, "paths", DEFAULT_PATHS)
     if not 1 <= paths <= MOST_BEAMS:  # which are the settings' beams
@@ -203,14 +221,14 @@ def _settings(properties: Any) -> Any:
     kind = _value(properties, "beams", "long")
     if kind not in ("long", "short"):
         raise ValueError(f'{NAME}: beams is "{kind}": expected "long" or "short"')
-    radii: dict[str, Any] = {
-        name: _value(properties, name, 0.0) or None for name in ("radius", "min_radius", "max_radius")
+    numbers: dict[str, Any] = {
+        name: _value(properties, name, 0.0) or None for name in ("radius", "min_radius", "max_radius", "error")
     }
     order = _value(properties, "order", 6)
     if not 1 <= order <= MOST_POINTS:
         raise ValueError(f"{NAME}: order is {order}: expected 1 to {MOST_POINTS} points")
     return Settings(
-        **given, **radii, beams=paths, max_depth=_value(properties, "max_depth", -1), short=kind == "short",
+        **given, **numbers, beams=paths, max_depth=_value(properties, "max_depth", -1), short=kind == "short",
         guiding=_value(properties, "guiding", True), rule=gauss_legendre(order),
     )  # fmt: skip
 
@@ -258,20 +276,26 @@ def _integrator(mi: Any, variant: str) -> type:
             """Render the scene; `spp` is the number of passes."""
             import drjit as dr
 
+            from .render.denoising import check_denoiser, denoised
             from .render.scene_frame import Extras, render
             from .world.parameters import Parameters
 
             sensor = scene.sensors()[sensor] if isinstance(sensor, int) else sensor
             settings = replace(self.settings, passes=spp or int(sensor.sampler().sample_count()), seed=_number(seed))
+            if settings.denoise:
+                check_denoiser()
             with dr.suspend_grad():
                 findings = self._findings(scene, sensor)
                 extras = Extras(depth=False, findings=findings)
                 frame = render(scene, sensor, settings, warned=self._warned, extras=extras)
                 # A render makes numbers variables that were constants.
                 self._known = Parameters(scene, sensor), findings
+                layers = frame.layers()
+                if settings.denoise:
+                    layers = denoised(layers, frame.sums().views[0], {})
                 film = sensor.film()
                 film.prepare(self.aov_names())
-                film.put_block(_block(mi, film, frame.layers(), self._layers))
+                film.put_block(_block(mi, film, layers, self._layers))
                 if not develop:
                     return mi.TensorXf()
                 image = film.develop()
@@ -300,6 +324,10 @@ def _integrator(mi: Any, variant: str) -> type:
 
             if mode != dr.ADMode.Primal:
                 raise NotOfferedError(_NO_DERIVATIVES)
+            if self.settings.denoise or self.settings.error:
+                raise NotOfferedError(
+                    f"{NAME}: denoise and error are of whole pictures: expected neither within another integrator"
+                )
             if dr.flag(dr.JitFlag.SymbolicScope):
                 raise NotOfferedError(
                     f"{NAME}: is asked for rays within a recorded loop: expected all rays in one call"

@@ -14,7 +14,7 @@ from photonbeams.scene.cameras import FILTERS
     ("given", "sentence"),
     [
         ({"passes": 0}, "passes is 0: expected 1 to 2147483647"),
-        ({"passes": None}, "passes is None: expected a whole number"),
+        ({"passes": "4"}, "passes is '4': expected a whole number"),
         ({"seed": "1"}, "seed is '1': expected a whole number"),
         ({"time_limit": 0}, "time_limit is 0: expected a positive number of seconds"),
         ({"time_limit": np.inf}, "time_limit is inf: expected a positive number of seconds"),

@@ -110,10 +110,10 @@ def tasks_of(
 
 @dataclass(frozen=True)
 class Animation:
-    """The frames of a render, and how they are gone through, as the flags say."""
+    """The frames of a render, and how they are gone through, as the flags say; `passes` of each, None: nobody knows."""
 
     tasks: Sequence[Task]
-    passes: int
+    passes: int | None
     skip_existing: bool = False
     progress: Progress | None = None
     quiet: bool = False

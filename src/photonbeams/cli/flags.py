@@ -68,6 +68,7 @@ def check_flags(
     crop: tuple[float, float, float, float] | None = None,
     passes: int | None = None,
     time_limit: float | None = None,
+    error: float | None = None,
     beams: int | None = None,
     order: int | None = None,
     gather_error: float | None = None,
@@ -95,6 +96,7 @@ def check_flags(
         ("--crop", crop, inside, "0 <= x0 < x1 <= 1 and 0 <= y0 < y1 <= 1"),
         ("--passes", passes, passes is None or 1 <= passes < 2**31, f"1 to {2**31 - 1}"),
         ("--time-limit", time_limit, time_limit is None or time_limit > 0, "a positive number of seconds"),
+        ("--error", error, error is None or 0 < error < 1, "more than 0 and less than 1, such as 0.01"),
         ("--beams", beams, beams is None or 1 <= beams <= MOST_BEAMS, f"1 to {MOST_BEAMS} beams a pass and light"),
         ("--order", order, order is None or 1 <= order <= MOST_POINTS, f"1 to {MOST_POINTS} points"),
         ("--gather-error", gather_error, gather_error is None or 0 <= gather_error < 1, "0, exact, to below 1"),
@@ -117,6 +119,9 @@ class Quality:
 
     passes: int | None = None
     time_limit: float | None = None
+    error: float | None = None
+    denoise: bool = False
+    keep_noisy: bool = False
     beams: int | None = None
     bounces: int | None = None
     estimator: Estimator | None = None
@@ -133,9 +138,14 @@ class Quality:
 
     def over(self, own: Settings) -> Settings:
         """Return a scene's settings with what is given; a rule has as many points as theirs without `--order`."""
+        from ..render.settings import usual_passes
+
         return replace(
             own,
-            passes=self.passes or own.passes,
+            passes=self.passes or (usual_passes(self.error) if self.error else own.passes),
+            error=self.error or own.error,
+            denoise=self.denoise or own.denoise,
+            keep_noisy=self.keep_noisy or own.keep_noisy,
             time_limit=self.time_limit or own.time_limit,
             seed=own.seed if self.seed is None else self.seed,
             beams=self.beams or own.beams,

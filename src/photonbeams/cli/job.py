@@ -82,6 +82,15 @@ class Job(ABC):
         return (right - left) * (bottom - top) * (PIXEL_BYTES + views * _SUMS_BYTES)
 
 
+def layers_with(names: Sequence[str], settings: Settings) -> list[str]:
+    """Return the names of a frame's layers, given those that all frames have."""
+    from ..render.sums import NOISY
+
+    more = {"normal": settings.normals, "albedo": settings.albedo}
+    noisy = [NOISY + name for name in names if name.startswith(("surface", "beams"))] if settings.keep_noisy else []
+    return [*names, *(name for name, wanted in more.items() if wanted), *noisy]
+
+
 class Kept(KeyboardInterrupt):
     """A signal that ended a render after a checkpoint was written; `done` says so."""
 
@@ -100,6 +109,8 @@ def opened(asked: Asked, check: Callable[[], None]) -> Job:
 
 def run(asked: Asked) -> None:
     """Render what the flags ask for."""
+    from ..render.denoising import check_denoiser
+
     with messages(asked.quiet, asked.verbose), held_signals() as check, snapshots(asked.snapshot) as due:
         asked.start_device()
         job = opened(asked, check)
@@ -108,7 +119,9 @@ def run(asked: Asked) -> None:
             return
         tasks = job.tasks()
         part = None if asked.part is None else asked.part.of(job.settings.passes)
-        passes = job.settings.passes if part is None else len(part)
+        passes = None if job.settings.error else job.settings.passes
+        if part is not None:
+            passes = len(part)
         animation = Animation(tasks, passes, asked.skip_existing, asked.progress, asked.quiet)
         todo = animation.todo()
         first = (todo or tasks)[0]
@@ -117,6 +130,8 @@ def run(asked: Asked) -> None:
         check_address_space(job.picture_memory())
         for task in todo:
             prepare_outputs(task.outputs)
+        if job.settings.denoise:
+            check_denoiser()
         check()
         if asked.dry_run:
             if not asked.quiet:
@@ -162,7 +177,7 @@ def _rendered(
         checkpoint = Checkpoint(checkpoint_of(task.outputs), asked.checkpoint, asked.resume)
 
     def progress(done: int, statistics: Statistics) -> None:
-        advance(done, error_note(statistics.error))
+        advance(done, error_note(statistics.error, job.settings.error))
 
     def snapshot(frame: Callable[[], Frame]) -> None:
         if due():

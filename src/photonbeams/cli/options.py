@@ -41,7 +41,9 @@ Emit = Annotated[
 Picture = Annotated[
     list[str] | None, typer.Option(metavar="LAYER=FILE.png", help="Write one layer as a picture; may be repeated.")
 ]
-Layers = Annotated[str | None, typer.Option(metavar="NAME,NAME", help="Layers of an .exr; default: all but normal.")]
+Layers = Annotated[
+    str | None, typer.Option(metavar="NAME,NAME", help="Layers of an .exr; default: all but normal and albedo.")
+]
 Exposure = Annotated[float, typer.Option(help="Stops, for pictures alone.")]
 SkipExisting = Annotated[bool, typer.Option("--skip-existing", help="Leave out frames whose files are all there.")]
 Overrides = Annotated[

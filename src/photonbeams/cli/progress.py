@@ -126,19 +126,23 @@ Show = Callable[[int, str, int, str], None]
 
 
 @contextmanager
-def bar(kind: Progress | None, quiet: bool, frames: int, passes: int) -> Iterator[Show]:
-    """Yield the progress bar of a render.
+def bar(kind: Progress | None, quiet: bool, frames: int, passes: int | None) -> Iterator[Show]:
+    """Yield the progress bar of a render, whose frames have so many passes; None: nobody knows how many.
 
     That is at which frame, from 0, what it is called, how many passes of it, and what else there is to say.
     """
     with _drawn(kind, quiet) as update:
         if update is None:
-            yield _plain(frames, passes, openjd=kind is Progress.openjd)
+            openjd = kind is Progress.openjd
+            yield _plain_unknown(frames, openjd) if passes is None else _plain(frames, passes, openjd)
             return
 
         def show(index: int, name: str, done: int, note: str) -> None:
             description = f"frame {name} ({index + 1} of {frames}), passes" if frames > 1 else "passes"
-            update(index * passes + done, frames * passes, f"{note} {description}".strip())
+            if passes is None:
+                update(done, None, f"{note} {description}".strip())
+            else:
+                update(index * passes + done, frames * passes, f"{note} {description}".strip())
 
         yield show
 
@@ -159,7 +163,7 @@ def farm_bar(kind: Progress | None, quiet: bool) -> Iterator[Callable[[FarmState
 
 
 @contextmanager
-def _drawn(kind: Progress | None, quiet: bool) -> Iterator[Callable[[int, int, str], None] | None]:
+def _drawn(kind: Progress | None, quiet: bool) -> Iterator[Callable[[int, int | None, str], None] | None]:
     """Yield what draws a bar: passes done and in all, and a description; None where lines are printed instead."""
     if quiet or kind is Progress.none:
         yield lambda done, total, description: None
@@ -226,6 +230,25 @@ def _plain(frames: int, passes: int, openjd: bool) -> Show:
     return show
 
 
+def _plain_unknown(frames: int, openjd: bool) -> Show:
+    """Return what prints a line whenever a frame has twice as many passes; nobody knows how many it will have."""
+    last = (-1, -1)
+
+    def show(index: int, name: str, done: int, note: str) -> None:
+        nonlocal last
+        if (index, done.bit_length()) == last:
+            return
+        last = index, done.bit_length()
+        frame = f"frame {name}: " if frames > 1 else ""
+        text = f"{frame}pass {done}{note and f', {note}'}"
+        if openjd:
+            _openjd(index / frames, text)
+            return
+        print(text, file=sys.stderr, flush=True)
+
+    return show
+
+
 def summary_lines(statistics: Statistics, files: Iterable[Path], seconds: float) -> list[str]:
     """Return what was done for the one frame of a render."""
     phases = ", ".join(f"{name} {value:.1f}" for name, value in statistics.seconds.items())
@@ -238,9 +261,11 @@ def summary_lines(statistics: Statistics, files: Iterable[Path], seconds: float)
     ]
 
 
-def error_note(error: float | None) -> str:
-    """Return what is known of the error of a picture's pixels."""
-    return "" if error is None else f"error {100 * error:.2g} %"
+def error_note(error: float | None, goal: float | None = None) -> str:
+    """Return what is known of the error of a picture's pixels, and of how small it is to be."""
+    if error is None:
+        return ""
+    return f"error {100 * error:.2g} %" + (f" of {100 * goal:.2g} %" if goal else "")
 
 
 def frame_line(name: str, statistics: Statistics, files: Iterable[Path], seconds: float) -> str:

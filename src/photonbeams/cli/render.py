@@ -89,6 +89,18 @@ def render(
         typer.Option(help="Passes that a frame is the mean of; default: 16, or the sampler's of a Mitsuba scene."),
     ] = None,
     time_limit: Annotated[float | None, typer.Option(help="Begin no pass after so many seconds of a frame.")] = None,
+    error: Annotated[
+        float | None,
+        typer.Option(
+            metavar="E", help="Passes until the relative error is E, such as 0.01: at most --passes, default: 4096."
+        ),
+    ] = None,
+    denoise: Annotated[
+        bool, typer.Option("--denoise", help="Denoise surfaces, and beams where they need it, by Open Image Denoise.")
+    ] = False,
+    keep_noisy: Annotated[
+        bool, typer.Option("--keep-noisy", help="Layers noisy_surface, noisy_beams, ... as they were, beside those.")
+    ] = False,
     checkpoint: Annotated[
         float | None,
         typer.Option(metavar="S", help="Keep what is done of a frame every S seconds and on Ctrl-C."),
@@ -254,8 +266,8 @@ def render(
     photonbeams render cornell.xml -o cornell.exr --passes 64 --checkpoint 60
     """
     check_flags(
-        res, res_scale, crop, passes, time_limit, beams, order, gather_error, anisotropy, exposure, threads, bounces,
-        checkpoint, snapshot,
+        res, res_scale, crop, passes, time_limit, error, beams, order, gather_error, anisotropy, exposure, threads,
+        bounces, checkpoint, snapshot,
     )  # fmt: skip
     _check_plates(holdout, holdout_channel, holdout_depth, holdout_scale, over, over_fog)
     eyes = _stereo(stereo, interaxial, convergence, view)
@@ -263,8 +275,13 @@ def render(
     farm = _farm(workers, scheduler, threads, {"ca": tls_ca, "cert": tls_cert, "key": tls_key})
     if part is not None and farm is not None:
         raise typer.BadParameter("--pass-range is of one process: a farm shares the passes out itself")
-    if time_limit is not None and (part is not None or farm is not None):
-        raise typer.BadParameter("--time-limit is of a frame in one process: expected --passes alone for parts of it")
+    for flag, value in (("--time-limit", time_limit), ("--error", error)):
+        if value is not None and (part is not None or farm is not None):
+            raise typer.BadParameter(f"{flag} is of a frame in one process: expected --passes alone for parts of it")
+    if denoise and tile is not None:
+        raise typer.BadParameter("--denoise would show the edges of tiles: expected --pass-range instead of --tile")
+    if keep_noisy and not denoise:
+        raise typer.BadParameter("--keep-noisy is of layers that are denoised: expected --denoise, too")
     outputs = parse_outputs(output or (), picture or ()) if part is None else part_outputs(output or ())
     is_xml = scene.suffix.lower() == ".xml"
     if is_xml:
@@ -276,8 +293,9 @@ def render(
         path=scene, outputs=outputs, layers=layers, frames=frames, skip_existing=skip_existing,
         checkpoint=checkpoint, resume=resume, snapshot=snapshot, part=part, farm=farm,
         quality=Quality(
-            passes=passes, time_limit=time_limit, beams=beams, bounces=bounces, estimator=estimator, rule=rule,
-            order=order, gather_error=gather_error, pixel_filter=pixel_filter, seed=seed,
+            passes=passes, time_limit=time_limit, error=error, denoise=denoise, keep_noisy=keep_noisy, beams=beams,
+            bounces=bounces, estimator=estimator, rule=rule, order=order, gather_error=gather_error,
+            pixel_filter=pixel_filter, seed=seed,
         ),
         camera=camera or None, list_cameras=list_cameras, res=res, res_scale=res_scale, crop=crop, tile=_tile(tile),
         render_settings=render_settings, render_pass=render_pass, allow_paths=allow_paths,

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from .animation import Task, frame_numbers, tasks_of
 from .asked import Asked
-from .job import Job
+from .job import Job, layers_with
 from .outputs import check_outputs
 from .programs import load_function, load_looks
 
@@ -65,8 +65,8 @@ class StageJob(Job):
             simulate=load_function("--simulate", asked.simulate), emit=load_function("--emit", asked.emit),
             looks=load_looks("--look", asked.looks), strict=asked.strict,
         )  # fmt: skip
-        normals = asked.wants("normal", own.products)
-        self.settings = asked.quality.over(Settings(pixel_filter=own.pixel_filter, normals=normals))
+        normals, albedo = (asked.wants(layer, own.products) for layer in ("normal", "albedo"))
+        self.settings = asked.quality.over(Settings(pixel_filter=own.pixel_filter, normals=normals, albedo=albedo))
         anywhere = bool(asked.render_settings) or asked.allow_paths
         return tasks_of(self._shot, self._numbers, asked.outputs, own.products, anywhere=anywhere)
 
@@ -86,7 +86,7 @@ class StageJob(Job):
         """Return the names of the layers that a frame has."""
         content, _ = self._shot.read(first.number)
         self._check()
-        return [*self._shot.check(content, first.number), *(["normal"] if self.settings.normals else [])]
+        return layers_with(self._shot.check(content, first.number), self.settings)
 
     def check(self, first: Task, todo: Sequence[Task]) -> None:
         """Raise what rendering these frames would raise about the picture's size, and about plates."""

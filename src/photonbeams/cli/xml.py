@@ -11,7 +11,7 @@ import typer
 from ..images.numbering import PLACEHOLDER
 from .animation import Task, frame_numbers
 from .asked import Asked
-from .job import Job
+from .job import Job, layers_with
 from .outputs import check_outputs
 from .programs import load_looks
 
@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 #: Flags that a Mitsuba scene has a use for; the others are about stages.
 FLAGS = {
     "scene", "output", "picture", "layers", "frames", "camera", "list_cameras", "res", "res_scale", "crop", "tile",
-    "passes", "time_limit", "beams", "bounces", "estimator", "rule", "order", "gather_error", "pixel_filter",
-    "overrides", "exposure", "auto_exposure",
+    "passes", "time_limit", "error", "denoise", "keep_noisy", "beams", "bounces", "estimator", "rule", "order",
+    "gather_error", "pixel_filter", "overrides", "exposure", "auto_exposure",
     "seed", "threads", "device", "progress", "dry_run", "quiet", "verbose", "skip_existing", "checkpoint", "resume",
     "snapshot", "pass_range", "workers", "scheduler", "tls_ca", "tls_cert", "tls_key", "look", "group",
     "session_layer", "stereo", "interaxial", "convergence", "view", "holdout", "holdout_channel", "holdout_depth",
@@ -67,7 +67,9 @@ class MitsubaJob(Job):
         if not asked.dry_run:
             check_outputs(asked.outputs)
         self._size = self._resolution()
-        self.settings = replace(asked.quality.over(self._shot.settings()), normals=asked.wants("normal"))
+        self.settings = replace(
+            asked.quality.over(self._shot.settings()), normals=asked.wants("normal"), albedo=asked.wants("albedo")
+        )
         return [self._task(number) for number in self._numbers]
 
     def _task(self, number: float | None) -> Task:
@@ -81,7 +83,7 @@ class MitsubaJob(Job):
 
     def layers(self, first: Task) -> Sequence[str]:
         """Return the names of the layers that a frame has."""
-        return [*self._shot.layer_names(), *(["normal"] if self.settings.normals else [])]
+        return layers_with(self._shot.layer_names(), self.settings)
 
     def check(self, first: Task, todo: Sequence[Task]) -> None:
         """Raise in a dry run what rendering would raise; otherwise rendering raises it early enough."""

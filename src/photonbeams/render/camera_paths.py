@@ -98,6 +98,10 @@ class CameraVertex(Struct):
         Seed of the samples of transmittance along the segment.
     normal
         The surface's shading normal in world space, toward the camera; 0 of lamps, and unless it is asked for.
+    albedo
+        The diffuse reflectance in [0, 1]; 1 of surfaces that reflect otherwise and of lamps; 0 unless it is asked for.
+    rough
+        Whether it is a lamp or a surface with more than mirror reflection and refraction, where albedos are asked for.
     bounce
         Where walks go on from here; None where there are none.
     """
@@ -108,6 +112,8 @@ class CameraVertex(Struct):
     transmittance: Array3f
     seed: UInt32
     normal: Array3f
+    albedo: Array3f
+    rough: Bool
     bounce: Bounce | None
 
 
@@ -162,6 +168,8 @@ class CameraTracing:
         Whether walks go on from smooth surfaces.
     shining
         Whether vertices have the radiance of what is there.
+    albedo
+        Whether vertices have albedos.
     """
 
     world: World
@@ -174,6 +182,7 @@ class CameraTracing:
     normals: bool = False
     walks: bool = False
     shining: bool = True
+    albedo: bool = False
 
 
 def begin(tracing: CameraTracing, primary: PrimaryRays, order: UInt32) -> CameraPaths:
@@ -254,9 +263,20 @@ def _step(
         normal = world.shading_normal(hit, met)
         # Which side is seen, the surface itself decides: at a silhouette, shading normals point anywhere.
         vertex.normal = dr.select(met, -dr.mulsign(normal, dr.dot(Array3f(hit.n), paths.direction)), 0)
+    vertex.albedo, vertex.rough = dr.zeros(Array3f, 1), Bool(False)
+    if tracing.albedo:
+        vertex.rough = on_lamp | (met & mi.has_flag(flags, mi.BSDFFlags.Smooth))
+        vertex.albedo = _albedo(hit, met)
     if not tracing.sharp:
         return vertex, None
     return vertex, _onward(tracing, paths, hit, (throughput, clear), met, samples, step)
+
+
+def _albedo(hit: Any, met: Bool) -> Array3f:
+    """Return the diffuse reflectance of BSDFs in [0, 1], and 1 where they have no diffuse lobe."""
+    diffuse = met & mi.has_flag(hit.bsdf().flags(), mi.BSDFFlags.Diffuse)
+    found = rgb(hit.bsdf().eval_diffuse_reflectance(hit, diffuse))
+    return Array3f(dr.select(diffuse, dr.clip(found, 0, 1), 1))
 
 
 def _radiance(

@@ -21,13 +21,14 @@ from ..numerics.samples import Samples
 from ..numerics.sampling import z_order
 from ..runtime.device import Array2f, Array3f, Float, Int32, UInt32, mitsuba
 from ..scene import SceneError
-from .sums import DEPTH, NORMAL, PassSums
+from .sums import ALBEDO, DEPTH, LIGHT, MEAN_NORMAL, NORMAL, SQUARES, PassSums
 
 mi = mitsuba()
 
 # Sums of light groups are called one of these and the group: light that beams bring, and that walks and domes bring,
 # whose samples have other places.
 _GATHERED, _SCATTERED = "beams/", "scattered/"
+_NOT_LIGHT = ("alpha", "transmittance", ALBEDO, MEAN_NORMAL)
 _PLACE, _LATTICE = 104, 105  # streams of samples
 _STEPS = 1024  # of integrals over a filter
 
@@ -49,6 +50,8 @@ class PassPicture:
         (N, 3) transmittance of the media up to the surfaces, or None.
     reach
         (N,) how far rays reach straight ahead, or None.
+    guides
+        (N, 3) albedos and normals of what is seen, also in mirrors and through glass, by the names of their sums.
     """
 
     surface: Any
@@ -56,6 +59,7 @@ class PassPicture:
     scattered: Groups = field(default_factory=dict)
     transmittance: Any = None
     reach: Any = None
+    guides: Mapping[str, Any] = field(default_factory=dict)
 
     def of_pass(self, place: int, count: int) -> PassPicture:
         """Return one of several passes that were rendered at once: the one at a place, of `count` pixels."""
@@ -63,11 +67,12 @@ class PassPicture:
         scattered = {group: taken(radiance, lanes) for group, radiance in self.scattered.items()}
         seen = (None if each is None else taken(each, lanes) for each in (self.surface, self.alpha, self.transmittance))
         surface, alpha, transmittance = seen
-        return PassPicture(surface, alpha, scattered, transmittance)
+        guides = {name: taken(each, lanes) for name, each in self.guides.items()}
+        return PassPicture(surface, alpha, scattered, transmittance, guides=guides)
 
     def values(self) -> dict[str, Any]:
         """Return all of it by the names of sums."""
-        result = {"surface": self.surface, "alpha": self.alpha}
+        result = {"surface": self.surface, "alpha": self.alpha, **self.guides}
         result |= {_SCATTERED + group: radiance for group, radiance in self.scattered.items()}
         return result if self.transmittance is None else result | {"transmittance": self.transmittance}
 
@@ -95,6 +100,8 @@ class Film:
         A filter as `reconstruction_filter` returns it; None is the box.
     groups
         The layer of each light group; a group without one is in `beams` alone.
+    variances
+        Whether the sums tell the variance of each layer by itself, too.
 
     Attributes
     ----------
@@ -110,9 +117,10 @@ class Film:
         corner: tuple[int, int] = (0, 0),
         reconstruction: Any = None,
         groups: Mapping[str, str] | None = None,
+        variances: bool = False,
     ) -> None:
         self.shape, self.groups, self._filter = shape, dict(groups or {}), reconstruction
-        self._corner = corner
+        self._corner, self._variances = corner, variances
         x, y = self._pixels()
         self.order = z_order(x + dr.opaque(UInt32, corner[0]), y + dr.opaque(UInt32, corner[1]))
         dr.eval(self.order)
@@ -162,30 +170,49 @@ class Film:
         count = self.shape[0] * self.shape[1]
         each = dr.opaque(Float, 1 / sum(dr.width(own) // count for _, own in seen))
         gathered = {_GATHERED + group: light * exposure for group, light in beams.groups.items()}
-        values, shining = self._summed(gathered, beams.places, beams.share)
+        values, light = self._summed(gathered, beams.places, beams.share)
         if "weight" in values:
             values["beams weight"] = values.pop("weight")
+        lights = [light]
         for picture, places in seen:
             found = {
-                name: value * each * (1 if name in ("alpha", "transmittance") else exposure)
-                for name, value in picture.values().items()
+                name: value * each * (1 if name in _NOT_LIGHT else exposure) for name, value in picture.values().items()
             }
             sums, light = self._summed(found, places, each)
-            shining += light
+            lights.append(light)
             values |= {name: values[name] + value if name in values else value for name, value in sums.items()}
-        light = dr.dot(shining, Array3f(1 / 3))
-        values |= {"light": light, "squares": light * light, **(first or {})}
+        values |= {**self._squares(lights), **(first or {})}
         dr.eval(values)
         self.sums.add(number, {name: self._array(value) for name, value in values.items()})
 
-    def _summed(self, values: Mapping[str, Any], places: Array2f, share: Any) -> tuple[dict[str, Any], Any]:
+    def _squares(self, lights: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+        """Return the light of pixels in a pass and its square, of which variances are made: of all, and of layers."""
+        black = dr.zeros(Array3f, self.shape[0] * self.shape[1])
+        shining, layers = black, dict[str, Any]()
+        for each in lights:
+            shining = shining + sum(each.values(), black)
+        for name, light in (item for each in lights if self._variances for item in each.items()):
+            layer = name
+            if name != "surface":
+                group = name.removeprefix(_GATHERED).removeprefix(_SCATTERED)
+                layer = self.groups.get(group, "") if self.groups else "beams"
+            layers[layer] = layers.get(layer, black) + light
+        layers.pop("", None)
+        result = dict[str, Any]()
+        for suffix, sum_ in [("", shining), *((f"/{layer}", own) for layer, own in layers.items())]:
+            light = dr.dot(sum_, Array3f(1 / 3))
+            result |= {LIGHT + suffix: light, SQUARES + suffix: light * light}
+        return result
+
+    def _summed(
+        self, values: Mapping[str, Any], places: Array2f, share: Any
+    ) -> tuple[dict[str, Any], dict[str, Any]]:  # fmt: skip
         """Return sums of values over the samples that the filter gathers and of its weights, and light by pixels.
 
         `share` are factors on samples; values have them already.
         """
         folded = {name: self._folded(value) for name, value in values.items()}
-        black = dr.zeros(Array3f, self.shape[0] * self.shape[1])
-        light = sum((each for name, each in folded.items() if name not in ("alpha", "transmittance")), black)
+        light = {name: each for name, each in folded.items() if name not in _NOT_LIGHT}
         if self._filter is None or not values:
             return folded, light
         factor = dr.ones(Float, dr.width(places)) * (1 if share is None else share)
@@ -256,7 +283,7 @@ class Film:
     def restore(self, sums: PassSums) -> None:
         """Go on from the sums of another film; SceneError where they are of another picture."""
         total, count = sums.total(), self.shape[0] * self.shape[1]
-        complete = {"surface", "alpha", "light", "squares"} <= set(total)
+        complete = {"surface", "alpha", LIGHT, SQUARES} <= set(total)
         same = complete and ("weight" in total) is (self._filter is not None)
         if not same or any(each.shape not in ((count,), (3, count)) for each in total.values()):
             raise SceneError("the checkpoint is of another picture")
@@ -298,6 +325,8 @@ def develop(sums: PassSums, shape: tuple[int, int], groups: Mapping[str, str]) -
     layers[DEPTH] = pictures.get(DEPTH, np.full_like(alpha, np.inf))
     if NORMAL in pictures:
         layers[NORMAL] = pictures[NORMAL]
+    if ALBEDO in pictures:
+        layers[ALBEDO] = pictures[ALBEDO] * scale
     return layers
 
 

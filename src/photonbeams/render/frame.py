@@ -42,7 +42,7 @@ from .passes import Statistics
 from .photons import PhotonMaps
 from .settings import Settings
 from .single_scattering import SingleScattering
-from .sums import DEPTH, NORMAL, PassSums
+from .sums import ALBEDO, DEPTH, MEAN_NORMAL, NORMAL, PassSums
 from .walks import Walking
 
 # A pixel has an edge where one ray reaches so many times as far as another.
@@ -155,7 +155,7 @@ class PassRenderer(ABC):
         """Return what camera rays see but for beams; `order` are their numbers for samples."""
         statistics, count = self.statistics, dr.width(rays.primary.direction)
         tracing = self._camera_tracing(light.world, rays)
-        walkings, picture = self._walkings(light.world), _CameraImage(count)
+        walkings, picture = self._walkings(light.world), _CameraImage(count, tracing.albedo)
         sky = self._single_scattering(light.world, count, samples)
         scattered = {group: dr.zeros(Array3f, count) for group in walkings}
         with statistics.phase("surfaces"):
@@ -168,7 +168,10 @@ class PassRenderer(ABC):
                     walking.add(*step, samples, number, scattered[group], picture.surface)
         for group, found in ({} if sky is None else sky.radiance).items():
             scattered[group] = scattered.get(group, 0) + found
-        return PassPicture(picture.surface, picture.alpha, scattered, picture.transmittance, picture.reach)
+        guides = {ALBEDO: picture.albedo} if tracing.albedo else {}
+        if self.settings.denoise:
+            guides[MEAN_NORMAL] = picture.normal
+        return PassPicture(picture.surface, picture.alpha, scattered, picture.transmittance, picture.reach, guides)
 
     def _gathered(
         self, number: int, light: Simulated, rays: ViewRays, order: UInt32, samples: Samples,
@@ -178,7 +181,7 @@ class PassRenderer(ABC):
         if not light.sets:
             return {}
         clock, statistics = self._clock(number), self.statistics
-        tracing = replace(self._camera_tracing(light.world, rays), surfaces=False, walks=False, shining=False)
+        tracing = _unshaded(self._camera_tracing(light.world, rays))
         options = EstimatorOptions(
             self.settings.estimator, self._points, self._max_depth,
             lambda each: LightContext(*clock, each.light, each.to_world), self.settings.gather_error,
@@ -201,6 +204,7 @@ class PassRenderer(ABC):
         return CameraTracing(
             world, self._lighting(world), self._max_depth, settings.rr_depth, settings.hide_emitters,
             settings.surfaces, world.sharp, walks=settings.surfaces and bool(self._walkings(world)),
+            normals=settings.denoise, albedo=settings.denoise or settings.albedo,
         )  # fmt: skip
 
 
@@ -375,9 +379,7 @@ class FrameRenderer(PassRenderer):
         count = dr.width(rays.primary.direction)
         if rays.holdout is not None:
             return {DEPTH: rays.holdout, **({NORMAL: dr.zeros(Array3f, count)} if normals else {})}
-        tracing = replace(
-            self._camera_tracing(world, rays), surfaces=False, walks=False, shining=False, normals=normals
-        )
+        tracing = replace(_unshaded(self._camera_tracing(world, rays)), normals=normals)
         image = _CameraImage(count)
         with self.statistics.phase("surfaces"):
             begun = camera_paths.begin(tracing, rays.primary, film.order)
@@ -420,6 +422,11 @@ class FrameRenderer(PassRenderer):
         statistics.passes, statistics.beams, statistics.tests = len(sums), sums.beams, sums.tests
 
 
+def _unshaded(tracing: CameraTracing) -> CameraTracing:
+    """Return how paths are followed that see no more than where surfaces are."""
+    return replace(tracing, surfaces=False, walks=False, shining=False, normals=False, albedo=False)
+
+
 def _ends_differ(reach: Sequence[Any], pixels: int) -> Bool:
     """Return in which pixels samples' rays end in different places, given how far they reach."""
     nearest, farthest = dr.full(Float, dr.inf, pixels), dr.zeros(Float, pixels)
@@ -431,12 +438,18 @@ def _ends_differ(reach: Sequence[Any], pixels: int) -> Bool:
 
 
 class _CameraImage:
-    """The surfaces that camera paths see in a pass, by pixels."""
+    """The surfaces that camera paths see in a pass, by pixels.
 
-    def __init__(self, count: int) -> None:
+    Normals are those of surfaces straight ahead; with `guides`, normals and albedos are those of the first surfaces
+    with more than mirror reflection and refraction.
+    """
+
+    def __init__(self, count: int, guides: bool = False) -> None:
         self.surface, self.transmittance = dr.zeros(Array3f, count), dr.zeros(Array3f, count)
         self.alpha, self.distance = dr.zeros(Float, count), dr.full(Float, dr.inf, count)
         self.normal, self.reach = dr.zeros(Array3f, count), dr.zeros(Float, count)
+        self._unmet = dr.full(Bool, True, count) if guides else None
+        self.albedo = dr.zeros(Array3f, count if guides else 1)
 
     def add(self, step: camera_paths.CameraPaths, vertex: camera_paths.CameraVertex) -> None:
         """Add one step of camera paths."""
@@ -448,6 +461,11 @@ class _CameraImage:
         first = own & vertex.solid
         dr.scatter(self.alpha, Float(1), step.pixel, first)
         dr.scatter(self.distance, vertex.end, step.pixel, first)
+        if self._unmet is not None:
+            first = step.alive & vertex.rough & dr.gather(Bool, self._unmet, step.pixel)
+            dr.scatter(self._unmet, Bool(False), step.pixel, first)
+            dr.scatter(self.albedo, vertex.albedo, step.pixel, first)
+            dr.eval(self._unmet, self.albedo)
         if dr.width(vertex.normal) > 1:
             dr.scatter(self.normal, vertex.normal, step.pixel, first)
         dr.eval(self.surface, self.transmittance, self.alpha, self.distance, self.normal, self.reach)

@@ -124,22 +124,27 @@ def accumulate(
     run: RunOptions,
     about: str = "",
 ) -> Rendered:
-    """Return a frame with all its passes, or with those that were begun within the time limit: at least one.
+    """Return a frame with all its passes, or with fewer: those begun within the time limit, or enough for the error.
+
+    There is at least one. Whether the error is small enough is asked at some numbers of passes alone, those of
+    `next_check`: the answer then depends on nothing but the passes. The estimate itself is random, and who asks after
+    each pass stops when it happens to be low.
 
     Parameters
     ----------
     begin
         Returns the frame without passes, given how many are planned, None where nobody knows.
     settings
-        Passes and time limit.
+        Passes, time limit and error.
     run
         Which passes, callbacks, and what is kept.
     about
         What the passes are of, as `FrameSums` has it.
     """
     checkpoint = run.checkpoint
-    limit = settings.time_limit
-    part = run.part or PlannedPasses(range(settings.passes), settings.passes if limit is None else None)
+    limit, goal = settings.time_limit, settings.error
+    known_number = limit is None and goal is None
+    part = run.part or PlannedPasses(range(settings.passes), settings.passes if known_number else None)
     saved = None if checkpoint is None else checkpoint.begin(about, settings.passes)
     start = time.perf_counter()
     frame = _begun(begin, run.kept, about, part.planned if saved is None else saved.planned)
@@ -147,11 +152,15 @@ def accumulate(
         frame.restore(saved)
     there = [] if saved is None else saved.ranges()
     left = _missing(part.numbers, there)
-    while left:
+    while left and not (goal is not None and _good_enough(frame, goal)):
         _tell(frame, run)
-        # With a time limit, one pass first, then twice as many each time.
         first, most = left[0], frame.together(left[0].start)
-        numbers = first[: most if limit is None else min(most, max(frame.statistics.passes, 1))]
+        done = frame.statistics.passes
+        if limit is not None:  # one pass first, then twice as many each time
+            most = min(most, max(done, 1))
+        if goal is not None:
+            most = min(most, next_check(done) - done)
+        numbers = first[:most]
         left = [each for each in (first[len(numbers) :], *left[1:]) if each]
         frame.add_passes(numbers)
         if limit is not None and time.perf_counter() - start > limit:
@@ -161,6 +170,22 @@ def accumulate(
     _tell(frame, run)
     frame.statistics.error = known(frame.error())
     return frame
+
+
+def next_check(done: int) -> int:
+    """Return the least number of passes above `done` at which the error is compared to its goal.
+
+    Those are 8, 12, 16, 24, 32, 48, …: a frame has a third more passes than are needed, at most half. Of fewer than 8
+    passes, the differences tell too little. Sequences of samples are the most even at powers of two.
+    """
+    power = max(8, 1 << done.bit_length())
+    return 3 * power // 4 if power > 8 and done < 3 * power // 4 else power
+
+
+def _good_enough(frame: Accumulating, goal: float) -> bool:
+    """Return whether the error is to be asked for after so many passes, and is no more than the goal."""
+    done = frame.statistics.passes
+    return done > 0 and next_check(done - 1) == done and frame.error() <= goal
 
 
 def _begun(

@@ -21,7 +21,7 @@ from .holdouts import HoldoutDepth
 from .memory import check_memory
 from .passes import PLAIN_RUN, RunOptions, accumulate
 from .scene_light import EmitterSettings, Findings, ScenePasses, light_of
-from .settings import DEFAULT_PATHS, DEFAULTS, Settings
+from .settings import DEFAULT_PATHS, DEFAULTS, Settings, as_passes
 
 
 class SceneRenderer(ScenePasses, FrameRenderer):
@@ -56,7 +56,7 @@ class SceneRenderer(ScenePasses, FrameRenderer):
         self._holdouts: Sequence[HoldoutDepth | None] = extras.holdouts or [None] * len(self._sensors)
         cameras = [each.view for each in self._sensors if each.view is not None]
         window = self._sensors[0].window
-        reconstruction = reconstruction_filter(settings.pixel_filter, sensor.film().rfilter())
+        reconstruction = reconstruction_filter(settings.filter_name, sensor.film().rfilter())
         pixels = Pixels(len(self._sensors) * window.width * window.height, averaged(reconstruction))
         self.light = light_of(
             plugin, place_of_sensor(sensor), settings, self._tuning, extras.beams,
@@ -64,7 +64,9 @@ class SceneRenderer(ScenePasses, FrameRenderer):
             self.statistics, self._max_depth, extras.findings,
         )  # fmt: skip
         layers = groups_of(plugin, extras.beams)
-        self._films = [Film(window.shape, window.crop[:2], reconstruction, layers) for _ in self._sensors]
+        self._films = [
+            Film(window.shape, window.crop[:2], reconstruction, layers, settings.denoise) for _ in self._sensors
+        ]
         self._plan(window)
 
     def _light_paths(self) -> int:
@@ -156,7 +158,7 @@ def render(
     """
     own = extras or Extras()
     about = "" if not run.named else identity(
-        content, sensor.id(), window_of(sensor.film()), replace(settings, passes=1, time_limit=None), own.beams,
+        content, sensor.id(), window_of(sensor.film()), as_passes(settings), own.beams,
         own.eyes, [each.depth for each in own.holdouts],
     )  # fmt: skip
 

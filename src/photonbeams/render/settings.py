@@ -20,9 +20,19 @@ from .passes import OVERLAP
 #: Light paths a pass of a Mitsuba scene; of a stage each light has `scene.DEFAULT_BEAMS`.
 DEFAULT_PATHS = 1 << 14
 
+# Passes where nothing is said of them; with a goal for the error, it ends nearly all frames before.
+_PASSES, _MOST_FOR_ERROR = 16, 4096
+
 METHODS = ("auto", "beams", "paths")
 
 _MOST = 2**31 - 1
+
+_FLAGS = ("normals", "albedo", "denoise", "keep_noisy")
+
+
+def usual_passes(error: float | None) -> int:
+    """Return the number of passes where none is given, with a goal for the error or without."""
+    return _PASSES if error is None else _MOST_FOR_ERROR
 
 
 @dataclass(frozen=True)
@@ -31,8 +41,10 @@ class Settings:
 
     Attributes
     ----------
-    passes, time_limit
-        Number of passes, and seconds after which no further one is begun (None: no limit).
+    passes, time_limit, error
+        Number of passes, seconds after which no further one is begun, and the relative error (see `Statistics`) at
+        which there are enough of them; the two may be None. With an error, passes are so many at most: 4096 where
+        nothing is said, instead of 16.
     seed
         Seed of all samples.
     beams
@@ -69,11 +81,13 @@ class Settings:
     surface_samples
         How many samples each pixel has in a pass of all but beams, which cost less: a power of two. None: as many as
         cost half of what the beams do, up to 16 (see `costs`).
-    normals
-        Whether there is a layer of normals.
+    normals, albedo
+        Whether there is a layer of normals, and one of albedos.
+    denoise, keep_noisy
+        Whether layers are denoised (see `denoising`), and whether they are kept as they were, too.
     pixel_filter
         "box", "tent", "gaussian", "mitchell", "catmullrom" or "lanczos"; None: the box of a stage, a Mitsuba film's
-        own.
+        own, or where layers are denoised the box: others make the noise of neighbours alike, and much of it stays.
     program
         What is done to the beams of each pass, or None.
 
@@ -83,8 +97,9 @@ class Settings:
         A value of another kind, or out of range; the sentence names the field.
     """
 
-    passes: int = 16
+    passes: int = None  # type: ignore[assignment]  # what None stands for depends on `error`
     time_limit: float | None = None
+    error: float | None = None
     seed: int = 0
     beams: int | None = None
     max_depth: int | None = None
@@ -104,16 +119,23 @@ class Settings:
     surfaces: bool = True
     surface_samples: int | None = None
     normals: bool = False
+    albedo: bool = False
+    denoise: bool = False
+    keep_noisy: bool = False
     pixel_filter: str | None = None
     program: Program | None = None
 
     def __post_init__(self) -> None:
+        if self.passes is None:
+            object.__setattr__(self, "passes", usual_passes(self.error))
         self._check_counts()
         self._check_numbers()
-        for name in ("hide_emitters", "guiding", "short", "surfaces", "normals"):
+        for name in ("hide_emitters", "guiding", "short", "surfaces", *_FLAGS):
             value = getattr(self, name)
             if not isinstance(value, bool | np.bool_) and not (name == "guiding" and value is None):
                 raise SceneError(f"{name} is {value!r}: expected True or False")
+        if self.keep_noisy and not self.denoise:
+            raise SceneError("keep_noisy is of layers that are denoised: expected denoise, too")
         try:
             check_estimator(self.estimator)
         except ValueError as error:
@@ -147,7 +169,7 @@ class Settings:
 
     def _check_numbers(self) -> None:
         object.__setattr__(self, "overlap", real(self.overlap, "overlap", above=0.0))
-        for name in ("time_limit", "radius", "min_radius", "max_radius"):
+        for name in ("time_limit", "error", "radius", "min_radius", "max_radius"):
             value = getattr(self, name)
             if value is not None and not (isinstance(value, Real) and 0 < float(value) < np.inf):
                 shown = value if isinstance(value, Real) else repr(value)
@@ -176,7 +198,16 @@ class Settings:
             if name not in names:
                 near = get_close_matches(name, names, 1) or names
                 raise SceneError(f"{name} is no setting: expected {'one of ' if near[1:] else ''}{', '.join(near)}")
-        return replace(own or cls(), **given)
+        if own is None:
+            return cls(**given)
+        if given.get("error") is not None:  # its own passes are not meant as a limit
+            given = {"passes": usual_passes(given["error"]), **given}
+        return replace(own, **given)
+
+    @property
+    def filter_name(self) -> str | None:
+        """The name of the pixel filter; None is the scene's own."""
+        return "box" if self.denoise and self.pixel_filter is None else self.pixel_filter
 
     def depth(self, own: int = -1) -> int | None:
         """Return the longest path in edges, None for any; `own` is what the scene has, −1 for any."""
@@ -187,10 +218,16 @@ class Settings:
 DEFAULTS = Settings()
 
 
+def as_passes(settings: Settings) -> Settings:
+    """Return settings without what says nothing of a pass: how many there are, and what is made of them."""
+    return replace(settings, passes=1, time_limit=None, error=None, keep_noisy=False)
+
+
 class SettingsArguments(TypedDict, total=False):
     """What may be given of `Settings` by name, beside `passes`."""
 
     time_limit: float | None
+    error: float | None
     seed: int
     beams: int | None
     max_depth: int | None
@@ -210,5 +247,8 @@ class SettingsArguments(TypedDict, total=False):
     surfaces: bool
     surface_samples: int | None
     normals: bool
+    albedo: bool
+    denoise: bool
+    keep_noisy: bool
     pixel_filter: str | None
     program: Program | None

@@ -31,7 +31,7 @@ from .frame import FrameRenderer, Simulated, ViewRays
 from .holdouts import HoldoutDepth
 from .memory import check_memory
 from .passes import PLAIN_RUN, RunOptions, accumulate
-from .settings import DEFAULTS, Settings
+from .settings import DEFAULTS, Settings, as_passes
 from .single_scattering import SingleScattering
 from .stage_lighting import StageLighting
 
@@ -87,7 +87,7 @@ def _identity(shutter: Shutter, window: Window, settings: Settings, holdouts: Se
     program = settings.program and (settings.program.modifier, settings.program.frame)
     return [
         shutter.moving, shutter.at(0.0).cameras, window, program,
-        replace(settings, passes=1, time_limit=None, program=None), [each.depth for each in holdouts],
+        replace(as_passes(settings), program=None), [each.depth for each in holdouts],
     ]  # fmt: skip
 
 
@@ -220,8 +220,10 @@ class StageRenderer(FrameRenderer):
             with self.statistics.phase("guide"):
                 views = [View(camera, whole).projection for camera in (viewers() if viewers else ends[0].cameras)]
                 self._simulation = self._simulation.guided(self._worlds[0], views)
-        reconstruction, groups = reconstruction_filter(settings.pixel_filter), groups_of(ends[0].scene)
-        self._films = [Film(window.shape, window.crop[:2], reconstruction, groups) for _ in ends[0].cameras]
+        reconstruction, groups = reconstruction_filter(settings.filter_name), groups_of(ends[0].scene)
+        self._films = [
+            Film(window.shape, window.crop[:2], reconstruction, groups, settings.denoise) for _ in ends[0].cameras
+        ]
         self._holdouts: Sequence[HoldoutDepth | None] = holdouts or [None] * len(self._films)
         self._turned = False
         self._plan(window)

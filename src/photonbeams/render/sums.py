@@ -27,6 +27,15 @@ _MOST_PASSES = 2**31
 # Pictures of the first pass, to which nothing is added.
 DEPTH, NORMAL = "depth", "normal"
 
+# What denoisers are guided by: means over all samples, where `NORMAL` is that of one ray.
+ALBEDO, MEAN_NORMAL = "albedo", "mean normal"
+
+#: What the names of layers begin with that are kept as they were before they were denoised.
+NOISY = "noisy_"
+
+# The light of pixels, and its squares by passes; "light/surface" is that of the layer `surface` alone.
+LIGHT, SQUARES = "light", "squares"
+
 
 class PassSums:
     """Sums of pictures over passes. A picture that a pass lacks is black in it."""
@@ -72,9 +81,9 @@ class PassSums:
         """
         if len(self) < 2:
             return float("nan")
-        total = self.total(("light", "squares"))
-        step = ceil(total["light"].size / _MOST_PIXELS) | 1  # odd: not the same columns of every row
-        mean, squares = (total[name][::step] / len(self) for name in ("light", "squares"))
+        total = self.total((LIGHT, SQUARES))
+        step = ceil(total[LIGHT].size / _MOST_PIXELS) | 1  # odd: not the same columns of every row
+        mean, squares = (total[name][::step] / len(self) for name in (LIGHT, SQUARES))
         lit = mean > 0
         if not lit.any():
             return 0.0
@@ -83,6 +92,15 @@ class PassSums:
         # Of many pixels that hardly any light reaches, the plain median would speak of these alone.
         light = np.cumsum(mean[lit][order], dtype=np.float64)
         return float(relative[order][np.searchsorted(light, 0.5 * light[-1])])
+
+    def variance(self, layer: str) -> np.ndarray | None:
+        """Return the variance of a layer's mean light by pixels, as `error` does; None where it is not known."""
+        names = f"{LIGHT}/{layer}", f"{SQUARES}/{layer}"
+        total = self.total(names)
+        if len(self) < 2 or not total:
+            return None
+        mean, squares = (total[name] / len(self) for name in names)
+        return np.maximum(squares - mean * mean, 0) / (len(self) - 1)
 
     def state(self) -> dict[str, np.ndarray]:
         """Return the partial sums by names from which `restored` makes the same sums."""
@@ -137,7 +155,7 @@ def _check_pictures(pictures: Pictures) -> None:
         if each.dtype != np.float32 or each.shape[-1:] != next(iter(pictures.values())).shape[-1:]:
             raise ValueError(f"{name} has another type or size")
         # Nothing is infinitely far away, and squares of the brightest light are beyond single precision.
-        wrong = np.isnan(each) if name in (DEPTH, "squares") else ~np.isfinite(each)
+        wrong = np.isnan(each) if name == DEPTH or name.startswith(SQUARES) else ~np.isfinite(each)
         if wrong.any():
             raise ValueError(f"{name} has values that are no finite numbers")
 

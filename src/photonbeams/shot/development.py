@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
@@ -12,9 +13,11 @@ import numpy as np
 
 from ..images.frame import Frame
 from ..images.plates import Plate
+from ..render.denoising import denoised
 from ..render.film import develop
 from ..render.frame_sums import FrameSums
 from ..render.passes import Statistics, known
+from ..render.sums import ALBEDO, PassSums
 from ..scene import Array, SceneError
 
 _NAME = "development"
@@ -39,6 +42,8 @@ class Development:
     shown
         The first row and column that are shown, and how many rows and columns: others were rendered for the pixel
         filter alone. None: all.
+    albedo, denoise, keep_noisy
+        As `Settings` has them.
     """
 
     shape: tuple[int, int]
@@ -47,26 +52,37 @@ class Development:
     plates: Sequence[Array] = ()
     plate_fog: bool = False
     shown: tuple[int, int, int, int] | None = None
+    albedo: bool = False
+    denoise: bool = False
+    keep_noisy: bool = False
 
     def frame(self, sums: FrameSums, statistics: Statistics | None = None) -> Frame:
         """Return the frame; `statistics` is what is known of how it was rendered."""
         if statistics is None:
             statistics = Statistics(len(sums), sums.beams, sums.tests, error=known(sums.error()))
-        top, left, rows, columns = self.shown or (0, 0, *self.shape)
-        part = np.s_[top : top + rows, left : left + columns]
-        pictures = [
-            {name: np.ascontiguousarray(layer[part]) for name, layer in develop(each, self.shape, self.groups).items()}
-            for each in sums.views
-        ]
+        with statistics.phase("denoise") if self.denoise else nullcontext():
+            pictures = [self._layers(each) for each in sums.views]
         for layers, pixels in zip(pictures, self.plates, strict=False):
             layers["rgba"] = Plate(pixels, self.plate_fog).composite(layers, pixels)
         headers = [{**each, "passes": len(sums)} for each in self.views.values()]
         return Frame.of(dict(zip(self.views, zip(pictures, headers, strict=True), strict=True)), statistics)
 
+    def _layers(self, sums: PassSums) -> dict[str, Array]:
+        """Return the layers of a view as they are shown."""
+        layers = develop(sums, self.shape, self.groups)
+        if self.denoise:  # with what is around the part that is shown: it tells of the edges
+            layers = denoised(layers, sums, self.groups, self.keep_noisy)
+        if not self.albedo:
+            layers.pop(ALBEDO, None)
+        top, left, rows, columns = self.shown or (0, 0, *self.shape)
+        part = np.s_[top : top + rows, left : left + columns]
+        return {name: np.ascontiguousarray(layer[part]) for name, layer in layers.items()}
+
     def state(self) -> dict[str, Array]:
         """Return it as arrays by name, for `FrameSums.development`."""
         about = {
             "shape": self.shape, "groups": self.groups, "fog": self.plate_fog, "shown": self.shown,
+            "albedo": self.albedo, "denoise": self.denoise, "keep_noisy": self.keep_noisy,
             "views": {name: {key: _plain(value) for key, value in each.items()} for name, each in self.views.items()},
         }  # fmt: skip
         plates = {f"plate {k}": np.asarray(each) for k, each in enumerate(self.plates)}
@@ -80,7 +96,8 @@ class Development:
             plates = [state[f"plate {k}"] for k in range(sum(name.startswith("plate ") for name in state))]
             views = {name: {key: _rich(value) for key, value in each.items()} for name, each in about["views"].items()}
             height, width = map(int, about["shape"])
-            return cls((height, width), about["groups"], views, plates, bool(about["fog"]), about["shown"])
+            layers = {name: bool(about[name]) for name in ("albedo", "denoise", "keep_noisy")}
+            return cls((height, width), about["groups"], views, plates, bool(about["fog"]), about["shown"], **layers)
         except (KeyError, ValueError, TypeError, AttributeError) as error:
             raise SceneError(f"does not say how its passes become a picture: {error!r}") from None
 

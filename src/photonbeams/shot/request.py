@@ -88,7 +88,11 @@ class FrameRequest:
         plates = [part_of(each, window) for each in pixels]
         (x0, y0), (x1, y1) = grown.crop[:2], window.crop[:2]
         shown = (y1 - y0, x1 - x0, *window.shape)
-        return Development(grown.shape, groups, views, plates, self.over is not None and self.over.fog, shown)
+        own = self.settings
+        return Development(
+            grown.shape, groups, views, plates, self.over is not None and self.over.fog, shown, own.albedo, own.denoise,
+            own.keep_noisy,
+        )  # fmt: skip
 
     def run_options(self, development: Development) -> RunOptions:
         """Return how the frame's passes are rendered."""

@@ -297,7 +297,7 @@ class SceneShot(Shot):
         """Return the pixel filter, None for the box."""
         from ..render.film import reconstruction_filter
 
-        return reconstruction_filter(settings.pixel_filter, self.sensor.film().rfilter())
+        return reconstruction_filter(settings.filter_name, self.sensor.film().rfilter())
 
 
 def _beams(

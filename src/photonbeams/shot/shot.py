@@ -536,11 +536,17 @@ class Shot:
         self, frame: float | None, passes: int | None, settings: Settings | None, by_name: Mapping[str, Any], **own: Any
     ) -> FrameRequest:
         """Return the request of `render`'s arguments."""
+        from ..render.denoising import check_denoiser
         from ..render.settings import Settings
         from .request import FrameRequest
 
         named = {**by_name} if passes is None else {**by_name, "passes": passes}
         chosen = Settings.of(self._settings(frame) if settings is None else settings, named)
+        if chosen.denoise:  # known before hours of rendering
+            check_denoiser()
+            if chosen.filter_name != "box":
+                text = f"through the pixel filter {chosen.filter_name} the noise of neighbours is alike, and much stays"
+                self._warn(f"denoise: {text}: expected box")
         return FrameRequest.of(frame, chosen, **own)
 
     def _settings(self, frame: float | None) -> Settings | None:
@@ -558,7 +564,7 @@ class Shot:
         plates = [each for each in (request.holdout, request.over) if each is not None]
         size = self.resolution(request.width, request.height, frame, plates, request.view)
         window = Window(size[0], size[1], pixels_of(request.crop, *size))
-        grown = window.grown(margin_of(reconstruction_filter(request.settings.pixel_filter)))
+        grown = window.grown(margin_of(reconstruction_filter(request.settings.filter_name)))
         names = views_of(self.stereo, request.view)
         depths, pixels = request.read_plates(number, names, size, self._warn)
         exposure = self.exposure(frame, request.blur, request.lens)

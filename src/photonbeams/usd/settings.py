@@ -24,9 +24,10 @@ _ALIASES = {
     **dict.fromkeys(("color", "beauty", "ci", "c", "rgb", "a", "alpha", "lpe:c.*", "lpe:c.*[lo]"), "rgba"),
     **dict.fromkeys(("z", "lineardepth"), "depth"),
     **dict.fromkeys(("n", "nn", "normals"), "normal"),
+    **dict.fromkeys(("diffusealbedo", "diffuse_albedo"), "albedo"),
     **dict.fromkeys(("volume", "volume_direct"), "beams"),
 }
-_LAYERS = ("rgba", "surface", "beams", "transmittance", "depth", "normal")
+_LAYERS = ("rgba", "surface", "beams", "transmittance", "depth", "normal", "albedo")
 _EDGE = 1e-4  # of a pixel: dataWindowNDC is in single precision
 
 #: The attribute of settings and products that names a pixel filter, as Mitsuba's plug-ins are called.

@@ -1,0 +1,143 @@
+"""Denoised layers: Open Image Denoise where it errs less than the passes do.
+
+Open Image Denoise (https://www.openimagedenoise.org) is a network that was trained on path tracers' noise, which is
+independent in each pixel. It is guided by albedos and normals of what is seen, as its documentation asks for: through
+the same pixel filter, and of the first surface that is more than a mirror or clear glass.
+
+Beams share their light among many pixels, so that their noise is no such noise, and after a few passes there is hardly
+any. What a network makes of them may be worse. A layer is therefore a mixture of both pictures, n of the passes and f
+of the network: n + w (f − n). Two things, each over some pixels around, tell noise in d = f − n from the network's own
+errors:
+
+- Its size. The passes say how large their error is, σ². Where the network errs by b, the mean of d² is about σ² + b²,
+  and w = σ² / (σ² + b²) has the least error of all mixtures (as of James and Stein's estimator; Gu et al. 2022, "Neural
+  James-Stein Combiner for Unbiased and Biased Renderings"). With more passes w vanishes, and the picture converges to
+  what it would be without.
+- Its pattern. Noise differs from pixel to pixel, and an edge that is smeared is the same error in many: w falls with
+  the correlation of neighbours, to nothing where that is a quarter. Without it, edges of shafts would be smeared in the
+  first passes, for σ² also counts that passes look at other places in the pixels, whose errors cancel.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from scipy.ndimage import convolve, uniform_filter
+
+from ..runtime.device import backend
+from ..scene import Array, SceneError
+from .sums import ALBEDO, MEAN_NORMAL, NOISY, PassSums
+
+# Side of the square of pixels over which errors are averaged: of one pixel's few passes, the variance is a guess. With
+# 7, the weights are as uneven as the noise, and specks of it stay.
+_AROUND = 15
+_LEAST = np.finfo(np.float32).tiny
+_CORRELATED = 0.25  # neighbours in what is no noise
+
+
+def check_denoiser() -> None:
+    """Raise SceneError where Open Image Denoise cannot be used."""
+    _device()
+
+
+def denoised(
+    layers: Mapping[str, Array], sums: PassSums, groups: Mapping[str, str], keep_noisy: bool = False
+) -> dict[str, Array]:
+    """Return the layers of a view with `surface` and the layers of beams denoised; `rgba` is still their sum.
+
+    Parameters
+    ----------
+    layers
+        What `film.develop` returns of `sums`.
+    sums
+        The sums of passes that were rendered to be denoised: they hold albedos, normals and variances.
+    groups
+        The layer of each light group.
+    keep_noisy
+        Whether the result also has the layers as they were, by names that begin with "noisy_".
+
+    Raises
+    ------
+    SceneError
+        Open Image Denoise cannot be used, or the sums are of other passes.
+    """
+    guides = _guides(sums, layers["surface"].shape[:2])
+    parts = [*dict.fromkeys(groups.values())] or ["beams"]
+    result = {}
+    for name in ("surface", *parts):
+        # Of one pass nobody knows the error: surfaces have noise that is known to go, beams have not.
+        unknown = 1.0 if name == "surface" else 0.0
+        result[name] = _mixed(layers[name], guides, sums.variance(name), unknown)
+    if groups:
+        unnamed = layers["beams"] - sum(layers[name] for name in parts)
+        result["beams"] = sum((result[name] for name in parts), unnamed)
+    rgb = result["surface"] + result["beams"]
+    noisy = {NOISY + name: layers[name] for name in ("surface", "beams", *groups.values())} if keep_noisy else {}
+    return {**layers, **result, "rgba": np.concatenate([rgb, layers["rgba"][..., 3:]], axis=2), **noisy}
+
+
+def _guides(sums: PassSums, shape: tuple[int, ...]) -> dict[str, Array]:
+    """Return the means of albedos and normals, (H, W, 3), by the names of Open Image Denoise."""
+    total = sums.total((ALBEDO, MEAN_NORMAL, "weight"))
+    if MEAN_NORMAL not in total:
+        raise SceneError("the passes have no normals to denoise by: expected passes that were rendered with denoise")
+    scale = 1 / total["weight"] if "weight" in total else np.float32(1 / len(sums))
+    names = {"albedo": ALBEDO, "normal": MEAN_NORMAL}
+    means = {guide: (total[name] * scale).reshape(3, *shape) for guide, name in names.items() if name in total}
+    return {guide: np.ascontiguousarray(mean.transpose(1, 2, 0)) for guide, mean in means.items()}
+
+
+def _mixed(noisy: Array, guides: Mapping[str, Array], variance: Array | None, unknown: float) -> Array:
+    """Return a layer between its passes' mean and the network's picture; `unknown` is the weight without a variance."""
+    if not noisy.any() or (variance is None and not unknown):
+        return noisy
+    change = _filtered(noisy, guides) - noisy
+    if variance is None:
+        return noisy + np.float32(unknown) * change
+    light = change.mean(axis=2)
+    own, size = _around(variance.reshape(noisy.shape[:2])), _around(light**2)
+    weight = np.maximum(own, 0) / np.maximum(np.maximum(size, own), _LEAST)
+    weight *= np.clip(1 - _around(light * _beside(light)) / np.maximum(_CORRELATED * size, _LEAST), 0, 1)
+    return noisy + weight[..., None] * change
+
+
+def _around(values: Array) -> Array:
+    """Return means over the pixels around each."""
+    return uniform_filter(values, _AROUND, mode="reflect")
+
+
+def _beside(values: Array) -> Array:
+    """Return means of the four neighbours of each pixel."""
+    kernel = np.array([[0, 0.25, 0], [0.25, 0, 0.25], [0, 0.25, 0]], dtype=np.float32)
+    return convolve(values, kernel, mode="mirror")  # no pixel beside itself
+
+
+def _filtered(noisy: Array, guides: Mapping[str, Array]) -> Array:
+    """Return what Open Image Denoise makes of (H, W, 3) light."""
+    oidn, device = _device()
+    color = np.ascontiguousarray(np.maximum(noisy, 0))  # which pixel filters with negative lobes may leave
+    try:
+        return np.asarray(oidn.denoise(color, guides.get("albedo"), guides.get("normal"), hdr=True, device=device))
+    except (RuntimeError, ValueError) as error:
+        raise _failed(error) from error
+
+
+@lru_cache(maxsize=1)
+def _device() -> tuple[Any, Any]:
+    """Return the library, and where it runs: on the renderer's own processor; SceneError where it does not."""
+    try:
+        import mitsuba_oidn as oidn
+
+        return oidn, oidn.Device(oidn.DeviceType.CUDA if backend() == "cuda" else oidn.DeviceType.CPU)
+    except (ImportError, OSError, RuntimeError, AttributeError) as error:
+        raise _failed(error) from error
+
+
+def _failed(error: Exception) -> SceneError:
+    reason = " ".join(str(error).split())[:200]
+    return SceneError(
+        f"cannot denoise, for Open Image Denoise fails ({reason}): expected the package mitsuba-oidn to work"
+    )

@@ -1,0 +1,212 @@
+"""Denoised layers: noise goes, what the passes agree on stays, layers add up, and passes are as they were."""
+
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cli.test_checkpoints import FILL, KEY
+from cli.test_render import CAMERA, FLOOR, FOG, write_stage
+from photonbeams import Shot
+from photonbeams.render import denoising
+from photonbeams.render.denoising import check_denoiser, denoised
+from photonbeams.render.film import develop
+from photonbeams.render.frame_sums import FrameSums
+from photonbeams.render.passes import PlannedPasses
+from photonbeams.render.settings import Settings
+from photonbeams.render.sums import PassSums
+from photonbeams.scene import SceneError
+from photonbeams.shot.development import developed
+
+SHAPE = (64, 64)
+GROUPS = {"key": "beams_key", "fill": "beams_fill"}
+SMALL = {"width": 48, "height": 27, "beams": 64}
+
+
+def summed(passes):
+    """Return the sums of passes, each the light of the surface and of two groups, (H, W) of grey."""
+    sums = PassSums()
+    for number, (surface, key, fill) in enumerate(passes):
+        layers = {"surface": surface, "beams_key": key, "beams_fill": fill}
+        pictures = {"surface": surface, "beams/key": key, "beams/fill": fill}
+        pictures = {name: np.tile(each.reshape(1, -1), (3, 1)) for name, each in pictures.items()}
+        for name, each in layers.items():
+            pictures |= {f"light/{name}": each.reshape(-1), f"squares/{name}": each.reshape(-1) ** 2}
+        guides = np.full((3, surface.size), 0.5)
+        pictures |= {"alpha": np.full(surface.size, 0.25), "albedo": guides, "mean normal": guides}
+        sums.add(number, {name: each.astype(np.float32) for name, each in pictures.items()})
+    return sums
+
+
+def layers_of(passes, **given):
+    sums = summed(passes)
+    noisy = develop(sums, SHAPE, GROUPS)
+    return noisy, denoised(noisy, sums, GROUPS, **given)
+
+
+def error(layer, truth):
+    return np.sqrt(np.mean((layer[..., 0] - truth) ** 2))
+
+
+def noisy_passes(rng, truth, count=8, spread=0.5):
+    """Return passes whose pixels have independent errors."""
+    return [tuple(truth * rng.gamma(spread**-2, spread**2, (3, *SHAPE))) for _ in range(count)]
+
+
+def test_noise_of_single_pixels_goes(rng):
+    truth = np.add.outer(np.linspace(0.2, 1, 64), np.linspace(0, 1, 64))
+    noisy, result = layers_of(noisy_passes(rng, truth))
+    for name in ("surface", *GROUPS.values()):
+        # A mean over 5 × 5 pixels would leave a fifth of it.
+        assert error(result[name], truth) < error(noisy[name], truth) / 4
+
+
+def test_what_the_passes_agree_on_stays(rng):
+    texture = rng.random((3, *SHAPE))
+    noisy, result = layers_of([tuple(texture)] * 4)
+    # The variance of equal passes is what rounding makes of it: 1e-7 of 1, and of what the network takes away.
+    assert all(np.allclose(result[name], noisy[name], atol=1e-5) for name in noisy)
+
+
+def test_a_pattern_that_looks_like_noise_is_kept_where_it_is_larger_than_the_passes_error(rng):
+    texture = rng.uniform(0.2, 1, SHAPE)
+    noisy, result = layers_of(noisy_passes(rng, texture, 16, 0.1))
+    # w = σ² / (σ² + b²) lowers the error; σ² is known by its mean over 225 pixels and 15 passes, to some percent.
+    for name in ("surface", *GROUPS.values()):
+        assert error(result[name], texture) < 1.02 * error(noisy[name], texture)
+    # The network by itself would take the texture for noise.
+    guides = {"albedo": np.full((*SHAPE, 3), 0.5, np.float32)}
+    assert error(denoising._filtered(noisy["surface"], guides), texture) > 3 * error(noisy["surface"], texture)
+
+
+def test_layers_add_up_and_alpha_is_as_it_was(rng):
+    noisy, result = layers_of(noisy_passes(rng, np.ones(SHAPE)), keep_noisy=True)
+    assert np.allclose(result["beams"], result["beams_key"] + result["beams_fill"], atol=1e-6)
+    assert np.array_equal(result["rgba"][..., :3], result["surface"] + result["beams"])
+    assert np.array_equal(result["rgba"][..., 3], noisy["rgba"][..., 3])
+    for name in ("surface", "beams", *GROUPS.values()):
+        assert np.array_equal(result[f"noisy_{name}"], noisy[name])
+        assert not np.array_equal(result[name], noisy[name])
+
+
+def test_of_one_pass_beams_stay_and_surfaces_are_the_networks(rng):
+    noisy, result = layers_of(noisy_passes(rng, np.ones(SHAPE), 1))
+    assert np.array_equal(result["beams"], noisy["beams"])
+    assert error(result["surface"], 1) < error(noisy["surface"], 1) / 4
+
+
+def test_black_stays_black(rng):
+    noisy, result = layers_of([(np.zeros(SHAPE),) * 3] * 4)
+    assert all(np.array_equal(result[name], noisy[name]) for name in noisy)
+
+
+@pytest.fixture
+def broken(monkeypatch):
+    """Let the library be missing."""
+    denoising._device.cache_clear()
+    monkeypatch.setitem(sys.modules, "mitsuba_oidn", None)
+    yield
+    denoising._device.cache_clear()
+
+
+def test_without_the_library_there_is_one_sentence_before_the_first_pass(broken, shot):
+    expected = "cannot denoise, for Open Image Denoise fails"
+    with pytest.raises(SceneError, match=expected):
+        check_denoiser()
+    told = []
+    with pytest.raises(SceneError, match=expected):
+        shot.render(passes=1, denoise=True, progress=lambda *_: told.append(1), **SMALL)
+    assert not told
+
+
+def test_sums_of_other_passes_are_refused(rng):
+    sums = summed(noisy_passes(rng, np.ones(SHAPE), 2))
+    kept = PassSums.restored({name: each for name, each in sums.state().items() if "normal" not in name})
+    with pytest.raises(SceneError, match="have no normals to denoise by"):
+        denoised(develop(kept, SHAPE, GROUPS), kept, GROUPS)
+
+
+def test_noisy_layers_are_of_denoised_pictures():
+    with pytest.raises(SceneError, match="^keep_noisy is of layers that are denoised: expected denoise, too$"):
+        Settings(keep_noisy=True)
+
+
+# -- rendered --------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def shot(tmp_path_factory):
+    path = tmp_path_factory.mktemp("stage") / "stage.usda"
+    return Shot.open(write_stage(path, FOG, CAMERA, KEY, FILL, FLOOR, metadata="startTimeCode = 1"))
+
+
+def test_denoising_changes_no_pass_and_keeps_their_mean(shot):
+    part = PlannedPasses(range(3), 3)
+    plain, kept = (shot.render_part(part, denoise=wanted, **SMALL) for wanted in (False, True))
+    own, more = plain.views[0].state(), kept.views[0].state()
+    assert own.keys() < more.keys() and all(np.array_equal(own[name], more[name]) for name in own)
+    names = {name.rpartition("/")[2] for name in own}
+    assert not names & {"albedo", "mean normal"}  # which nobody has asked for
+    frame = shot.render(passes=3, denoise=True, keep_noisy=True, **SMALL)
+    noisy = shot.render(passes=3, **SMALL)
+    for name in ("surface", "beams", *GROUPS.values()):
+        assert np.array_equal(frame.layers[f"noisy_{name}"], noisy.layers[name])
+    assert np.array_equal(frame.layers["rgba"][..., 3], noisy.layers["rgba"][..., 3])
+
+
+def test_passes_of_several_machines_are_denoised_as_of_one(shot, tmp_path):
+    given = {"denoise": True, "albedo": True, **SMALL}
+    sums = [shot.render_part(PlannedPasses(numbers, 4), **given) for numbers in (range(2, 4), range(2))]
+    sums[0].save(tmp_path / "a.checkpoint")
+    joined = FrameSums.load(tmp_path / "a.checkpoint")
+    joined.join(sums[1])
+    found, expected = developed(joined).layers, shot.render(passes=4, **given).layers
+    assert found.keys() == expected.keys() and "albedo" in found
+    assert all(np.array_equal(found[name], expected[name]) for name in expected)
+
+
+def test_a_checkpoint_holds_noisy_sums_from_which_a_denoised_frame_goes_on(shot, tmp_path):
+    path = tmp_path / "frame.checkpoint"
+    plain = shot.render_part(PlannedPasses(range(2), 4), denoise=True, **SMALL)
+    plain.save(path)
+    resumed = shot.render(passes=4, denoise=True, checkpoint=path, **SMALL)
+    whole = shot.render(passes=4, denoise=True, **SMALL)
+    assert all(np.array_equal(resumed.layers[name], whole.layers[name]) for name in whole.layers)
+
+
+def test_each_eye_is_denoised_by_itself(shot):
+    two = Shot(shot.stage, stereo=replace_stereo())
+    both = two.render(passes=2, denoise=True, **SMALL)
+    for eye in ("left", "right"):
+        alone = two.render(passes=2, denoise=True, view=eye, **SMALL).layers
+        assert all(np.array_equal(both.views[eye][0][name], alone[name]) for name in alone)
+
+
+def replace_stereo():
+    from photonbeams.shot import Stereo
+
+    return Stereo(0.2, 5.0)
+
+
+def test_threads_change_no_bit(set_threads, shot):
+    found = []
+    for threads in (1, 2):
+        set_threads(threads)
+        found.append(shot.render(passes=2, denoise=True, **SMALL).layers)
+    assert all(np.array_equal(found[0][name], found[1][name]) for name in found[0])
+
+
+def test_a_crop_is_denoised_without_what_the_pixel_filter_needs_around(shot):
+    crop = (0.25, 0.2, 0.75, 0.8)
+    frame = shot.render(passes=2, denoise=True, crop=crop, pixel_filter="gaussian", **SMALL)
+    noisy = shot.render(passes=2, crop=crop, pixel_filter="gaussian", **SMALL)
+    assert frame.layers["surface"].shape == noisy.layers["surface"].shape
+
+
+def test_settings_of_a_pass_know_nothing_of_what_is_kept():
+    from photonbeams.render.settings import as_passes
+
+    own = Settings(passes=3, denoise=True)
+    assert as_passes(own) == as_passes(replace(own, keep_noisy=True, passes=9, error=0.1, time_limit=1.0))
+    assert as_passes(own) != as_passes(replace(own, denoise=False))
