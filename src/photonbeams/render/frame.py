@@ -33,6 +33,7 @@ from ..world.cameras import Window
 from ..world.sensors import PrimaryRays
 from ..world.world import World
 from . import camera_paths
+from .branches import CameraPaths, add_to_pixels
 from .camera_paths import CameraTracing, Lighting
 from .costs import LANES, power_below, surface_samples
 from .film import BeamSamples, Film, Groups, PassPicture
@@ -158,12 +159,12 @@ class PassRenderer(ABC):
         scattered = {group: dr.zeros(Array3f, count) for group in walkings}
         with statistics.phase("surfaces"):
             begun = camera_paths.begin(tracing, rays.primary, order)
-            for number, step in enumerate(camera_paths.follow(tracing, begun, samples, photons)):
+            for step in camera_paths.follow(tracing, begun, samples, photons):
                 picture.add(*step)
                 if sky is not None:
-                    sky.add(*step, number)
+                    sky.add(*step)
                 for group, walking in walkings.items():
-                    walking.add(*step, samples, number, scattered[group], picture.surface)
+                    walking.add(*step, samples, scattered[group], picture.surface)
         for group, found in ({} if sky is None else sky.radiance).items():
             scattered[group] = scattered.get(group, 0) + found
         return PassPicture(picture.surface, picture.alpha, scattered, picture.transmittance, picture.reach)
@@ -369,7 +370,7 @@ class FrameRenderer(PassRenderer):
         if rays.holdout is not None:
             return {DEPTH: rays.holdout, **({NORMAL: dr.zeros(Array3f, count)} if normals else {})}
         tracing = replace(
-            self._camera_tracing(world, rays), surfaces=False, walks=False, shining=False, normals=normals
+            self._camera_tracing(world, rays), surfaces=False, walks=False, shining=False, normals=normals, splits=False
         )
         image = _CameraImage(count)
         with self.statistics.phase("surfaces"):
@@ -431,10 +432,9 @@ class _CameraImage:
         self.alpha, self.distance = dr.zeros(Float, count), dr.full(Float, dr.inf, count)
         self.normal, self.reach = dr.zeros(Array3f, count), dr.zeros(Float, count)
 
-    def add(self, step: camera_paths.CameraPaths, vertex: camera_paths.CameraVertex) -> None:
+    def add(self, step: CameraPaths, vertex: camera_paths.CameraVertex) -> None:
         """Add one step of camera paths."""
-        # Each pixel has one path. Copies by threads, which Dr.Jit makes else, have their size written into the kernel.
-        dr.scatter_add(self.surface, vertex.radiance, step.pixel, step.alive, dr.ReduceMode.NoConflicts)
+        add_to_pixels(self.surface, vertex.radiance, step.pixel, step.branch, step.alive)
         own = step.alive & step.primary
         dr.scatter(self.transmittance, vertex.transmittance, step.pixel, own)
         dr.scatter(self.reach, vertex.end, step.pixel, own)
