@@ -94,8 +94,8 @@ Photon beams (:monosp:`photon_beams`)
 
  * - gather_error
    - |float|
-   - Relative error up to which wide smooth beams are seen along fewer rays than there are pixels, and interpolated; 0
-     is exact. (Default: 0)
+   - About what relative error seeing beams along fewer rays than there are pixels may have; 0 is exact.
+     (Default: 0.002)
 
  * - error
    - |float|

@@ -128,7 +128,7 @@ def test_sums_of_other_passes_are_refused(rng):
 
 
 def test_noisy_layers_are_of_denoised_pictures():
-    with pytest.raises(SceneError, match="^keep_noisy is of layers that are denoised: expected denoise, too$"):
+    with pytest.raises(SceneError, match=r"^keep_noisy is of layers that are denoised: expected denoise, too$"):
         Settings(keep_noisy=True)
 
 

@@ -27,6 +27,13 @@ class Estimator(StrEnum):
     frustum = "frustum"
 
 
+class Gather(StrEnum):
+    """Along how many rays beams are seen."""
+
+    adaptive = "adaptive"
+    exact = "exact"
+
+
 class RuleName(StrEnum):
     """Which quadrature."""
 
@@ -127,6 +134,7 @@ class Quality:
     estimator: Estimator | None = None
     rule: RuleName | None = None
     order: int | None = None
+    gather: Gather | None = None
     gather_error: float | None = None
     pixel_filter: Filter | None = None
     seed: int | None = None
@@ -135,6 +143,11 @@ class Quality:
         if self.bounces is None:
             return own.max_depth
         return -1 if self.bounces < 0 else self.bounces + 2
+
+    def _gather_error(self, own: float) -> float:
+        if self.gather is Gather.exact:
+            return 0.0
+        return own if self.gather_error is None else self.gather_error
 
     def over(self, own: Settings) -> Settings:
         """Return a scene's settings with what is given; a rule has as many points as theirs without `--order`."""
@@ -152,7 +165,7 @@ class Quality:
             max_depth=self._max_depth(own),
             estimator=self.estimator.value if self.estimator else own.estimator,
             rule=self._rule(len(own.rule)) or own.rule,
-            gather_error=own.gather_error if self.gather_error is None else self.gather_error,
+            gather_error=self._gather_error(own.gather_error),
             pixel_filter=self.pixel_filter.value if self.pixel_filter else own.pixel_filter,
         )
 

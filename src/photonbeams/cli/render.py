@@ -11,7 +11,18 @@ import typer
 
 from . import options
 from .asked import Asked, Plates
-from .flags import Device, Estimator, Filter, FogFlags, PassRange, Quality, RuleName, SelectionFlags, check_flags
+from .flags import (
+    Device,
+    Estimator,
+    Filter,
+    FogFlags,
+    Gather,
+    PassRange,
+    Quality,
+    RuleName,
+    SelectionFlags,
+    check_flags,
+)
 from .job import run
 from .outputs import Output, PictureExposure, parse_outputs, part_outputs
 from .progress import Progress
@@ -158,9 +169,15 @@ def render(
         int | None,
         typer.Option(help="Points of the quadrature; default: 6, or the integrator's of a Mitsuba scene."),
     ] = None,
+    gather: Annotated[
+        Gather | None,
+        typer.Option(
+            help="Whether beams are seen along every ray (exact) or, where that does, along fewer (adaptive)."
+        ),
+    ] = None,
     gather_error: Annotated[
         float | None,
-        typer.Option(help="Relative error up to which wide smooth beams are interpolated; default: 0, exact."),
+        typer.Option(help="Relative error that fewer rays may have, 0: exact; default: 0.002."),
     ] = None,
     pixel_filter: Annotated[
         Filter | None,
@@ -294,7 +311,7 @@ def render(
         checkpoint=checkpoint, resume=resume, snapshot=snapshot, part=part, farm=farm,
         quality=Quality(
             passes=passes, time_limit=time_limit, error=error, denoise=denoise, keep_noisy=keep_noisy, beams=beams,
-            bounces=bounces, estimator=estimator, rule=rule, order=order, gather_error=gather_error,
+            bounces=bounces, estimator=estimator, rule=rule, order=order, gather=gather, gather_error=gather_error,
             pixel_filter=pixel_filter, seed=seed,
         ),
         camera=camera or None, list_cameras=list_cameras, res=res, res_scale=res_scale, crop=crop, tile=_tile(tile),

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 FLAGS = {
     "scene", "output", "picture", "layers", "frames", "camera", "list_cameras", "res", "res_scale", "crop", "tile",
     "passes", "time_limit", "error", "denoise", "keep_noisy", "beams", "bounces", "estimator", "rule", "order",
-    "gather_error", "pixel_filter", "overrides", "exposure", "auto_exposure",
+    "gather", "gather_error", "pixel_filter", "overrides", "exposure", "auto_exposure",
     "seed", "threads", "device", "progress", "dry_run", "quiet", "verbose", "skip_existing", "checkpoint", "resume",
     "snapshot", "pass_range", "workers", "scheduler", "tls_ca", "tls_cert", "tls_key", "look", "group",
     "session_layer", "stereo", "interaxial", "convergence", "view", "holdout", "holdout_channel", "holdout_depth",

@@ -1,7 +1,8 @@
 """Camera paths: straight through boundaries of media, mirrored and refracted, to the first surfaces that scatter light.
 
-Each sample of a pixel is one path. Its segments in media gather beams; at surfaces it gathers emission, direct light
-and photons. It continues by one sample of the BSDF's specular and null lobes, where there are any.
+Each sample of a pixel begins as one path. Its segments in media gather beams; at surfaces it gathers emission, direct
+light and photons. It continues by one sample of the BSDF's specular and null lobes, where there are any; but the first
+times that it meets glass it splits in two branches, and follows reflection and refraction both.
 """
 
 from __future__ import annotations
@@ -12,13 +13,14 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import drjit as dr
 
-from ..numerics.arrays import compressed
+from ..numerics.arrays import compressed, joined
 from ..numerics.samples import Samples
 from ..numerics.structs import Struct
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from ..world.sensors import PrimaryRays
 from ..world.spectra import rgb
 from ..world.world import World
+from .branches import IDEAL, STEPS, CameraPaths, onward, several
 
 if TYPE_CHECKING:
     from .photons import PhotonMaps
@@ -26,50 +28,10 @@ if TYPE_CHECKING:
 mi = mitsuba()
 
 # Streams of samples.
-_LOBE, _TURN, _ROULETTE, _WAY, _CUTOUT, _GLOW, _BOUNCE, _ASIDE = 301, 302, 303, 304, 305, 306, 307, 308
+_WAY, _CUTOUT, _GLOW, _BOUNCE, _ASIDE = 304, 305, 306, 307, 308
 
 # Lobes that make a surface more than a boundary of media; Mitsuba's `Delta` includes `Null`.
 _VISIBLE = int(mi.BSDFFlags.Smooth | mi.BSDFFlags.DeltaReflection | mi.BSDFFlags.DeltaTransmission)
-
-#: Lobes by which camera paths go on.
-IDEAL = int(mi.BSDFFlags.Delta | mi.BSDFFlags.Null)
-
-# Steps after which paths end that nothing else ends, as between two mirrors.
-_STEPS = 128
-
-
-class CameraPaths(Struct):
-    """Camera paths: rays from `near` on.
-
-    Attributes
-    ----------
-    throughput, clear
-        The path's throughput; the same without the transmittance of beams-only media.
-    medium
-        Number of the medium around it.
-    pixel, order
-        The path's pixel, and the pixel's place in the sample sequences.
-    primary
-        Whether the path is still straight: on the pixel's own ray.
-    depth
-        Specular bounces so far.
-    flown
-        How far the path has come straight, up to where `near` is.
-    """
-
-    origin: Array3f
-    direction: Array3f
-    near: Float
-    far: Float
-    throughput: Array3f
-    clear: Array3f
-    medium: UInt32
-    pixel: UInt32
-    order: UInt32
-    primary: Bool
-    depth: UInt32
-    alive: Bool
-    flown: Float
 
 
 class Bounce(Struct):
@@ -94,6 +56,8 @@ class CameraVertex(Struct):
         Distance along the ray.
     transmittance
         That of the media from the camera on, without beams-only ones.
+    name
+        Names its samples: no other vertex of a pixel's paths has this number.
     seed
         Seed of the samples of transmittance along the segment.
     normal
@@ -110,6 +74,7 @@ class CameraVertex(Struct):
     solid: Bool
     end: Float
     transmittance: Array3f
+    name: UInt32
     seed: UInt32
     normal: Array3f
     albedo: Array3f
@@ -170,6 +135,8 @@ class CameraTracing:
         Whether vertices have the radiance of what is there.
     albedo
         Whether vertices have albedos.
+    splits
+        Whether paths split at glass.
     """
 
     world: World
@@ -183,6 +150,16 @@ class CameraTracing:
     walks: bool = False
     shining: bool = True
     albedo: bool = False
+    splits: bool = True
+
+    @property
+    def splitting(self) -> bool:
+        """Whether any path splits."""
+        return self.splits and self.world.mirrors
+
+    def within(self, depth: UInt32, more: int) -> Any:
+        """Return whether paths of a depth, with `more` edges, are no longer than `max_depth`."""
+        return Bool(True) if self.max_depth is None else depth + more <= dr.opaque(UInt32, self.max_depth)
 
 
 def begin(tracing: CameraTracing, primary: PrimaryRays, order: UInt32) -> CameraPaths:
@@ -195,7 +172,7 @@ def begin(tracing: CameraTracing, primary: PrimaryRays, order: UInt32) -> Camera
     paths.pixel = dr.arange(UInt32, count) + dr.opaque(UInt32, 0)
     paths.order = UInt32(order)
     paths.primary = paths.alive = dr.full(Bool, True, count)
-    paths.depth = dr.zeros(UInt32, count)
+    paths.depth, paths.branch, paths.splits = (dr.zeros(UInt32, count) for _ in range(3))
     paths.flown = paths.near
     start = paths.origin + paths.near * paths.direction
     paths.medium = tracing.world.medium_of_view(start, paths.direction)
@@ -206,27 +183,39 @@ def begin(tracing: CameraTracing, primary: PrimaryRays, order: UInt32) -> Camera
 def follow(
     tracing: CameraTracing, paths: CameraPaths, samples: Samples, photons: PhotonMaps | None
 ) -> Iterator[tuple[CameraPaths, CameraVertex]]:
-    """Yield camera paths and their next vertices, step by step."""
-    step = 0
-    while step < _STEPS:
-        vertex, following = _step(tracing, paths, samples, dr.opaque(UInt32, step), photons)
-        dr.eval(vertex, following)
-        yield paths, vertex
-        if following is None or not bool(dr.any(following.alive)):
-            return
-        paths = following
-        if not bool(dr.any(following.alive & following.primary)):
-            (paths,) = compressed(following.alive, following)
+    """Yield camera paths and their next vertices, step by step; of each branch, no more than one path of a pixel."""
+    batches, step = [paths], 0
+    while batches and step < STEPS:
+        number, further = dr.opaque(UInt32, step), []
+        for each in batches:
+            vertex, following = _step(tracing, each, samples, number, photons)
+            dr.eval(vertex, following)
+            yield each, vertex
+            further.append(following)
+        batches = _batches(further)
         step += 1
+
+
+def _batches(further: list[list[CameraPaths]]) -> list[CameraPaths]:
+    """Return the paths that go on: all pixels', while any of them is straight, and one batch of all others."""
+    straight: list[CameraPaths] = []
+    others: list[CameraPaths] = []
+    for each in (branch for branches in further for branch in branches):
+        if bool(dr.any(each.alive & each.primary)):
+            straight.append(each)
+        else:
+            others += map(several, compressed(each.alive, each))
+    return straight + ([joined(others)] if others else [])
 
 
 def _step(
     tracing: CameraTracing, paths: CameraPaths, samples: Samples, step: UInt32, photons: PhotonMaps | None
-) -> tuple[CameraVertex, CameraPaths | None]:
+) -> tuple[CameraVertex, list[CameraPaths]]:
     world, alive = tracing.world, paths.alive
+    name = step + STEPS * paths.branch
     start = paths.origin + paths.near * paths.direction
     reach = dr.minimum(paths.far - paths.near, dr.largest(Float))
-    hit = world.seen(start, paths.direction, reach, alive, samples.bits(paths.order, _CUTOUT, step))
+    hit = world.seen(start, paths.direction, reach, alive, samples.bits(paths.order, _CUTOUT, name))
     lamp = tracing.lighting.lamp(start, paths.direction, paths.flown)
     met = alive & hit.is_valid()
     distance = dr.select(met, hit.t, reach)
@@ -237,25 +226,25 @@ def _step(
     vertex = CameraVertex()
     vertex.bounce = None
     vertex.end = paths.near + distance
-    vertex.seed = samples.bits(paths.order, _WAY, step)
+    vertex.name, vertex.seed = name, samples.bits(paths.order, _WAY, name)
     passed = world.media.transmittance(paths.medium, start, paths.direction, distance, vertex.seed, alive)
     felt = world.media.felt(paths.medium, passed)
     throughput, clear = paths.throughput * passed, paths.clear * felt
     vertex.transmittance = dr.select(alive, clear, 0)
     flags = hit.bsdf().flags()
-    smooth = met & mi.has_flag(flags, mi.BSDFFlags.Smooth) & _within(tracing, paths.depth, 2)
+    smooth = met & mi.has_flag(flags, mi.BSDFFlags.Smooth) & tracing.within(paths.depth, 2)
     vertex.radiance = dr.zeros(Array3f, 1)
     if tracing.shining:
-        point = ShadingPoint(hit, paths.medium, paths.order, step, samples)
+        point = ShadingPoint(hit, paths.medium, paths.order, name, samples)
         radiance = _radiance(tracing, paths, point, None if lamp is None else (on_lamp, lamp.radiance), smooth, photons)
         vertex.radiance = dr.select(alive, radiance * clear, 0)
         if world.media.emissive:
-            seed = samples.bits(paths.order, _GLOW, step)
+            seed = samples.bits(paths.order, _GLOW, name)
             vertex.radiance += paths.throughput * world.media.emitted(
                 paths.medium, start, paths.direction, distance, seed, alive
             )
     if tracing.walks:
-        vertex.bounce = _bounce(world, hit, paths, clear, smooth & alive, samples, step)
+        vertex.bounce = _bounce(world, hit, paths, clear, smooth & alive, samples, name)
     visible = (UInt32(flags) & _VISIBLE) != 0
     vertex.solid = on_lamp | (met & (visible | ~mi.has_flag(flags, mi.BSDFFlags.Null)))
     vertex.normal = dr.zeros(Array3f, 1)
@@ -268,8 +257,8 @@ def _step(
         vertex.rough = on_lamp | (met & mi.has_flag(flags, mi.BSDFFlags.Smooth))
         vertex.albedo = _albedo(hit, met)
     if not tracing.sharp:
-        return vertex, None
-    return vertex, _onward(tracing, paths, hit, (throughput, clear), met, samples, step)
+        return vertex, []
+    return vertex, onward(tracing, paths, hit, (throughput, clear), met, samples, name)
 
 
 def _albedo(hit: Any, met: Bool) -> Array3f:
@@ -287,7 +276,7 @@ def _radiance(
 
     `lamp` tells which paths end on a lamp that is no surface, and its radiance.
     """
-    shown = paths.alive & _within(tracing, paths.depth, 1)
+    shown = paths.alive & tracing.within(paths.depth, 1)
     if tracing.hide_emitters:
         shown &= paths.depth > 0
     # Images on portals tint light that passed them before it passed a boundary of a medium, too.
@@ -304,12 +293,12 @@ def _radiance(
 
 
 def _bounce(
-    world: World, hit: Any, paths: CameraPaths, throughput: Array3f, smooth: Bool, samples: Samples, step: UInt32
+    world: World, hit: Any, paths: CameraPaths, throughput: Array3f, smooth: Bool, samples: Samples, name: UInt32
 ) -> Bounce:
     """Return a sample of the smooth lobes of BSDFs."""
     # Of all lobes: among some of them, Mitsuba's cut-out surfaces sample nothing but what passes them.
     context = mi.BSDFContext()
-    lobe, turn = samples.single(paths.order, _BOUNCE, step), samples.pair(paths.order, _ASIDE, step)
+    lobe, turn = samples.single(paths.order, _BOUNCE, name), samples.pair(paths.order, _ASIDE, name)
     sample, weight = hit.bsdf().sample(context, hit, lobe, mi.Point2f(turn), smooth)
     good = smooth & (sample.pdf > 0) & ((sample.sampled_type & IDEAL) == 0)
     direction = hit.to_world(sample.wo)
@@ -318,54 +307,3 @@ def _bounce(
     result.medium = world.media.beyond(hit, direction, paths.medium, good)
     result.throughput = dr.select(good, throughput * rgb(weight), 0)
     return result
-
-
-def _within(tracing: CameraTracing, depth: UInt32, more: int) -> Any:
-    """Return whether paths of a depth, with `more` edges, are no longer than `max_depth`."""
-    return Bool(True) if tracing.max_depth is None else depth + more <= dr.opaque(UInt32, tracing.max_depth)
-
-
-def _onward(
-    tracing: CameraTracing, paths: CameraPaths, hit: Any, weights: tuple[Array3f, Array3f], met: Bool, samples: Samples,
-    step: UInt32,
-) -> CameraPaths:  # fmt: skip
-    """Return the paths continued from the surface: reflected, refracted, or straight through."""
-    context = mi.BSDFContext()
-    context.type_mask = IDEAL
-    bsdf = hit.bsdf()
-    flags = bsdf.flags()
-    sharp = met & (mi.has_flag(flags, mi.BSDFFlags.Delta) | mi.has_flag(flags, mi.BSDFFlags.Null))
-    # Stratified over the passes: glass reflects and refracts each pixel's paths in the right proportion.
-    lobe, turn = samples.pair(paths.order, _LOBE, step).x, samples.pair(paths.order, _TURN, step)
-    # A cut-out surface was already sampled as opaque: its null lobe is not sampled again.
-    lobe *= tracing.world.opacity(hit, sharp)
-    sample, weight = bsdf.sample(context, hit, lobe, mi.Point2f(turn), sharp)
-    # Some BSDFs ignore the mask: Mitsuba's `principled` samples all its lobes.
-    sharp &= (sample.sampled_type & IDEAL) != 0
-    direction = hit.to_world(sample.wo)
-    null = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Null)
-    straight = paths.primary & null
-    following = CameraPaths()
-    factor: Any = dr.select(sharp & (sample.pdf > 0), rgb(weight), 0)
-    following.throughput, following.clear = (each * factor for each in weights)
-    spawned = hit.spawn_ray(direction)
-    # A primary ray keeps its origin, for the tiles; its `near` moves to the surface that it passed.
-    distance = dr.dot(Array3f(spawned.o) - paths.origin, paths.direction)
-    following.origin = dr.select(straight, paths.origin, Array3f(spawned.o))
-    following.direction = dr.select(straight, paths.direction, Array3f(direction))
-    following.near = dr.select(straight, distance, 0)
-    following.far = dr.select(straight, paths.far, dr.largest(Float))
-    following.medium = tracing.world.media.beyond(hit, direction, paths.medium, sharp)
-    following.depth = paths.depth + dr.select(null, 0, 1)
-    following.pixel, following.order, following.primary = paths.pixel, paths.order, straight
-    following.flown = dr.select(null, paths.flown + distance - paths.near, 0)
-    throughput: Any = following.throughput
-    most = dr.max(dr.maximum(throughput, following.clear))
-    alive = sharp & (most > 0) & _within(tracing, following.depth, 1)
-    survival = dr.minimum(most, 0.95)
-    tried = following.depth >= dr.opaque(UInt32, tracing.rr_depth)
-    survives = samples.single(paths.order, _ROULETTE, step) < survival
-    factor = dr.select(tried, dr.rcp(dr.maximum(survival, 1e-30)), 1)
-    following.throughput, following.clear = following.throughput * factor, following.clear * factor
-    following.alive = alive & (~tried | survives)
-    return following

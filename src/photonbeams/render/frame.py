@@ -33,6 +33,7 @@ from ..world.cameras import Window
 from ..world.sensors import PrimaryRays
 from ..world.world import World
 from . import camera_paths
+from .branches import CameraPaths, add_to_pixels
 from .camera_paths import CameraTracing, Lighting
 from .costs import LANES, power_below, surface_samples
 from .film import BeamSamples, Film, Groups, PassPicture
@@ -160,12 +161,12 @@ class PassRenderer(ABC):
         scattered = {group: dr.zeros(Array3f, count) for group in walkings}
         with statistics.phase("surfaces"):
             begun = camera_paths.begin(tracing, rays.primary, order)
-            for number, step in enumerate(camera_paths.follow(tracing, begun, samples, photons)):
+            for step in camera_paths.follow(tracing, begun, samples, photons):
                 picture.add(*step)
                 if sky is not None:
-                    sky.add(*step, number)
+                    sky.add(*step)
                 for group, walking in walkings.items():
-                    walking.add(*step, samples, number, scattered[group], picture.surface)
+                    walking.add(*step, samples, scattered[group], picture.surface)
         for group, found in ({} if sky is None else sky.radiance).items():
             scattered[group] = scattered.get(group, 0) + found
         guides = {ALBEDO: picture.albedo} if tracing.albedo else {}
@@ -379,7 +380,7 @@ class FrameRenderer(PassRenderer):
         count = dr.width(rays.primary.direction)
         if rays.holdout is not None:
             return {DEPTH: rays.holdout, **({NORMAL: dr.zeros(Array3f, count)} if normals else {})}
-        tracing = replace(_unshaded(self._camera_tracing(world, rays)), normals=normals)
+        tracing = replace(_unshaded(self._camera_tracing(world, rays)), normals=normals, splits=False)
         image = _CameraImage(count)
         with self.statistics.phase("surfaces"):
             begun = camera_paths.begin(tracing, rays.primary, film.order)
@@ -451,10 +452,9 @@ class _CameraImage:
         self._unmet = dr.full(Bool, True, count) if guides else None
         self.albedo = dr.zeros(Array3f, count if guides else 1)
 
-    def add(self, step: camera_paths.CameraPaths, vertex: camera_paths.CameraVertex) -> None:
+    def add(self, step: CameraPaths, vertex: camera_paths.CameraVertex) -> None:
         """Add one step of camera paths."""
-        # Each pixel has one path. Copies by threads, which Dr.Jit makes else, have their size written into the kernel.
-        dr.scatter_add(self.surface, vertex.radiance, step.pixel, step.alive, dr.ReduceMode.NoConflicts)
+        add_to_pixels(self.surface, vertex.radiance, step.pixel, step.branch, step.alive)
         own = step.alive & step.primary
         dr.scatter(self.transmittance, vertex.transmittance, step.pixel, own)
         dr.scatter(self.reach, vertex.end, step.pixel, own)
@@ -462,7 +462,8 @@ class _CameraImage:
         dr.scatter(self.alpha, Float(1), step.pixel, first)
         dr.scatter(self.distance, vertex.end, step.pixel, first)
         if self._unmet is not None:
-            first = step.alive & vertex.rough & dr.gather(Bool, self._unmet, step.pixel)
+            # Of the branches of a pixel only one: they may come at the same step.
+            first = step.alive & (step.branch == 0) & vertex.rough & dr.gather(Bool, self._unmet, step.pixel)
             dr.scatter(self._unmet, Bool(False), step.pixel, first)
             dr.scatter(self.albedo, vertex.albedo, step.pixel, first)
             dr.eval(self._unmet, self.albedo)

@@ -25,7 +25,8 @@ from ..runtime.device import Array3f, Bool, Float, UInt32
 from ..scene import SceneError
 from ..world.media import Media, RenderedMedium
 from ..world.sensors import PrimaryRays
-from .camera_paths import CameraPaths, CameraVertex
+from .branches import CameraPaths, add_to_pixels
+from .camera_paths import CameraVertex
 from .passes import Statistics
 
 # Segments that are collected for one query of the grid, which takes as long to build as to query.
@@ -41,6 +42,7 @@ class PathSegments(Struct):
     throughput: Array3f
     medium: UInt32
     pixel: UInt32
+    branch: UInt32
     depth: UInt32
     seed: UInt32
 
@@ -50,7 +52,8 @@ class PathSegments(Struct):
         result = cls()
         result.origin, result.direction = paths.origin + paths.near * paths.direction, paths.direction
         result.far = dr.minimum(vertex.end, ENDLESS) - paths.near
-        result.throughput, result.medium, result.pixel = paths.throughput, paths.medium, paths.pixel
+        result.throughput, result.medium = paths.throughput, paths.medium
+        result.pixel, result.branch = paths.pixel, paths.branch
         result.depth, result.seed = paths.depth, vertex.seed
         return result
 
@@ -155,12 +158,11 @@ class Gathering:
         self._steps = []
 
     def _add_found(self, group: str, found: Any, widths: Sequence[int]) -> None:
-        """Add the radiance along segments to their pixels, step by step: a pixel has one segment in each."""
+        """Add the radiance along segments to their pixels, step by step: each branch of a pixel has one there."""
         first = 0
         for step, width in zip(self._steps, widths, strict=True):
             here = dr.gather(Array3f, found, dr.arange(UInt32, width) + dr.opaque(UInt32, first))
-            dr.scatter_add(self.radiance[group], here * step.throughput, step.pixel, mode=dr.ReduceMode.NoConflicts)
-            dr.eval(self.radiance[group])
+            add_to_pixels(self.radiance[group], here * step.throughput, step.pixel, step.branch)
             first += width
 
     def _pairs(self, each: BeamSet, segments: PathSegments, own: Bool) -> list[tuple[Any, BeamSet]]:

@@ -15,7 +15,8 @@ from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from ..world.scene_world import SceneWorld
 from ..world.spectra import rgb
 from ..world.visibility import through
-from .camera_paths import IDEAL, ShadingPoint
+from .branches import IDEAL
+from .camera_paths import ShadingPoint
 
 mi = mitsuba()
 

@@ -74,8 +74,8 @@ class Settings:
     estimator, rule
         "auto", "billboard" or "frustum", and the frustum's quadrature.
     gather_error
-        The relative error up to which wide smooth beams are seen along fewer rays than there are pixels, and
-        interpolated; 0: all are seen through every pixel.
+        About what relative error seeing beams along fewer rays than there are pixels may have (see
+        `estimators.coarse`); 0: all are seen through every pixel.
     surfaces
         Whether surfaces are shaded; if not, there are beams alone.
     surface_samples
@@ -115,7 +115,7 @@ class Settings:
     short: bool = False
     estimator: str = "auto"
     rule: Rule = DEFAULT_RULE
-    gather_error: float = 0.0
+    gather_error: float = 0.002
     surfaces: bool = True
     surface_samples: int | None = None
     normals: bool = False

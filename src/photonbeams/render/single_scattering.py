@@ -19,7 +19,8 @@ from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from ..world.interfaces import pointers
 from ..world.stage_lamps import Links
 from ..world.stage_world import StageWorld
-from .camera_paths import CameraPaths, CameraVertex, ShadingPoint
+from .branches import CameraPaths, add_to_pixels
+from .camera_paths import CameraVertex, ShadingPoint
 from .stage_lighting import scattered
 
 mi = mitsuba()
@@ -46,8 +47,8 @@ class SingleScattering:
         self._samples, self._max_depth = samples, max_depth
         self.radiance: dict[str, Any] = {light.group: dr.zeros(Array3f, count) for light, _, _ in world.sky}
 
-    def add(self, paths: CameraPaths, vertex: CameraVertex, step: int) -> None:
-        """Add the segments of camera paths in a step, whose number tells its samples from those of others."""
+    def add(self, paths: CameraPaths, vertex: CameraVertex) -> None:
+        """Add the segments of camera paths in a step."""
         inside = paths.alive & (vertex.end > paths.near)
         if self._max_depth is not None:
             inside &= paths.depth + 2 <= dr.opaque(UInt32, self._max_depth)
@@ -59,7 +60,7 @@ class SingleScattering:
             return
         start = paths.origin + paths.near * paths.direction
         far = dr.minimum(vertex.end, ENDLESS) - paths.near
-        sample = self._samples.pair(paths.order, _PLACE, dr.opaque(UInt32, step)).x
+        sample = self._samples.pair(paths.order, _PLACE, vertex.name).x
         seed = hash32(vertex.seed, UInt32(_PLACE))
         distance, weight = dr.zeros(Float, dr.width(far)), dr.zeros(Array3f, dr.width(far))
         for medium in self._world.media.all:
@@ -68,17 +69,16 @@ class SingleScattering:
                 there, part = medium.scattering_point(start, paths.direction, far, seed, sample, own)
                 distance, weight = dr.select(own, there, distance), dr.select(own, part, weight)
         weight *= paths.throughput
-        point = ShadingPoint(None, paths.medium, paths.order, dr.opaque(UInt32, step), self._samples)
+        point = ShadingPoint(None, paths.medium, paths.order, vertex.name, self._samples)
         place, lit = start + distance * paths.direction, inside & (dr.max(dr.abs(weight)) > 0)
         for number, (light, lamp, links) in enumerate(self._world.sky):
             world = self._world if links is None else links.world
             points = _ScatteringPoints(world, point, place, paths.direction, lit, links)
             incident = scattered(world, points, lamp, (UInt32(_DOME + 16 * number),))
             value = weight * incident * dr.opaque(Float, light.beam_scale)
-            dr.scatter_add(
-                self.radiance[light.group], dr.select(lit, value, 0), paths.pixel, lit, dr.ReduceMode.NoConflicts
-            )
-        dr.eval(self.radiance)
+            value = dr.select(lit, value, 0)
+            dr.eval(value)
+            add_to_pixels(self.radiance[light.group], value, paths.pixel, paths.branch, lit)
 
 
 class _ScatteringPoints:

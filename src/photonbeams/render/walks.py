@@ -28,7 +28,8 @@ from ..world.scene_world import SceneWorld
 from ..world.spectra import rgb
 from ..world.tracking import free_flight
 from ..world.visibility import through
-from .camera_paths import CameraPaths, CameraVertex
+from .branches import CameraPaths, add_to_pixels
+from .camera_paths import CameraVertex
 
 mi = mitsuba()
 
@@ -60,8 +61,10 @@ class Walk(Struct):
         Whether emitters that the ray meets count: not after the first surface, whose direct light is counted already.
     place, pdf
         Where the walk was scattered last, and the density of the direction by solid angle, 0 after ideal lobes.
-    order, pixel
-        The pixel's place in the sample sequences, and the pixel.
+    order, pixel, branch
+        The pixel's place in the sample sequences, the pixel, and the branch of its camera paths.
+    name
+        That of the camera vertex at which it began.
     """
 
     origin: Array3f
@@ -77,6 +80,8 @@ class Walk(Struct):
     pdf: Float
     order: UInt32
     pixel: UInt32
+    branch: UInt32
+    name: UInt32
 
 
 class WalkedEmitters:
@@ -156,16 +161,15 @@ class Walking:
     rr_depth: int
 
     def add(
-        self, paths: CameraPaths, vertex: CameraVertex, samples: Samples, step: int, scattered: Array3f,
-        reflected: Array3f,
-    ) -> None:  # fmt: skip
+        self, paths: CameraPaths, vertex: CameraVertex, samples: Samples, scattered: Array3f, reflected: Array3f
+    ) -> None:
         """Add the radiance of walks from one step of camera paths to pixels: scattered by media, or by surfaces."""
         for target, walks in zip((scattered, reflected), self._begun(paths, vertex), strict=True):
             if walks is not None:
-                found = self.radiance(walks, samples, dr.opaque(UInt32, step))
+                found = self.radiance(walks, samples)
                 found = dr.select(dr.isfinite(dr.sum(found)), found, 0)
-                dr.scatter_add(target, found, walks.pixel, mode=dr.ReduceMode.NoConflicts)
-                dr.eval(target)
+                dr.eval(found)
+                add_to_pixels(target, found, walks.pixel, walks.branch)
 
     def _begun(self, paths: CameraPaths, vertex: CameraVertex) -> tuple[Walk | None, Walk | None]:
         """Return the walks of a step of camera paths, in media and from surfaces; None where there are none.
@@ -179,6 +183,7 @@ class Walking:
         scattered = Walk(
             start, paths.direction, paths.medium, inside, dr.minimum(vertex.end, ENDLESS) - paths.near,
             paths.throughput, zeros, paths.depth, inside, start, zeros, paths.order, paths.pixel,
+            paths.branch, vertex.name,
         )  # fmt: skip
         beginning = next(iter(compressed(inside, scattered)), None)
         if vertex.bounce is None:
@@ -188,6 +193,7 @@ class Walking:
         reflected = Walk(
             bounce.origin, bounce.direction, bounce.medium, ~going, zeros, bounce.throughput,
             dr.max(bounce.throughput), paths.depth + 1, ~going, bounce.origin, zeros, paths.order, paths.pixel,
+            paths.branch, vertex.name,
         )  # fmt: skip
         return beginning, next(iter(compressed(going, reflected)), None)
 
@@ -195,11 +201,11 @@ class Walking:
         """Return whether paths that were scattered `depth` times, with `more` edges, are not too long."""
         return Bool(True) if self.max_depth is None else depth + more <= dr.opaque(UInt32, self.max_depth)
 
-    def radiance(self, walks: Walk, samples: Samples, step: UInt32) -> Array3f:
-        """Return the radiance that walks bring, by their lanes; `step` is that of the camera paths that began them."""
+    def radiance(self, walks: Walk, samples: Samples) -> Array3f:
+        """Return the radiance that walks bring, by their lanes."""
 
         def further(walk: Walk, going: Bool, number: UInt32, found: Array3f) -> tuple[Any, ...]:
-            brought, following, goes = self._step(walk, going, samples, (step, number))
+            brought, following, goes = self._step(walk, going, samples, (walk.name, number))
             return following, goes, number + 1, found + brought
 
         width = dr.width(walks.order)
@@ -232,7 +238,9 @@ class Walking:
                            "throughput": throughput}.items():  # fmt: skip
             setattr(following, each, dr.select(tinted, same, getattr(following, each)))
         following.origin = dr.select(tinted, vertex.position, following.origin)
-        following.length, following.order, following.pixel = walk.length - distance, walk.order, walk.pixel
+        following.length = walk.length - distance
+        for each in ("order", "pixel", "branch", "name"):
+            setattr(following, each, getattr(walk, each))
         following.initial = dr.select(walk.first & scattered, dr.max(throughput), walk.initial)
         goes = (going & tinted) | goes
         return result, following, self._roulette(following, goes, samples, name)

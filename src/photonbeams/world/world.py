@@ -36,6 +36,8 @@ class World:
         not, they are surfaces whose BSDFs have null lobes.
     perturbed, translucent
         Whether BSDFs may perturb the normal (bump and normal maps), and whether any has diffuse or glossy transmission.
+    mirrors
+        Whether there are mirrors or glass.
     narrows
         Whether beams straight from a lamp are narrowed where a surface blocks their rim.
     lit_by_domes
@@ -49,6 +51,7 @@ class World:
     cutouts: bool
     perturbed: bool
     translucent: bool
+    mirrors: bool
     narrows: bool
     lit_by_domes: Collection[int] = ()
 

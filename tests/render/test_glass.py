@@ -1,0 +1,84 @@
+"""Glass in pictures: reflection and refraction are both followed where a camera path meets it first."""
+
+from functools import partial
+
+import numpy as np
+
+from kernels import compiled
+from photonbeams.render.scene_frame import render
+from photonbeams.runtime.device import mitsuba
+from transport.scenes import T, by_beams, camera, cube_of, fog, load, rgb
+
+mi = mitsuba()
+IOR = 1.5
+SKY = {"type": "constant", "radiance": rgb(1.0)}
+BALL = {"type": "sphere", "radius": 0.7, "bsdf": {"type": "dielectric", "int_ior": IOR}}
+BLACK = {"type": "twosided", "side": {"type": "diffuse", "reflectance": rgb(0.0)}}
+
+
+def picture(scene, **given):
+    """Return the picture and its alpha, (H, W, 4)."""
+    settings = {"passes": 1, "beams": 64, "surface_samples": 1, **given}
+    return render(scene, scene.sensors()[0], by_beams(**settings)).layers()["rgba"]
+
+
+def reflectance(cosine):
+    """Return the reflectance of glass by Fresnel's equations."""
+    inside = np.sqrt(1 - (1 - cosine**2) / IOR**2)
+    across = (cosine - IOR * inside) / (cosine + IOR * inside)
+    along = (IOR * cosine - inside) / (IOR * cosine + inside)
+    return 0.5 * (across**2 + along**2)
+
+
+def test_a_pane_has_its_reflectance_in_each_pixel_of_a_single_pass():
+    """The sky in a pane before a black wall: R' = 2R / (1 + R) for all reflections between its two sides."""
+    size, fov = 16, 20.0
+    angle = np.radians(72.0)  # there, no lobe is so faint that roulette ends it
+    pane = {"type": "rectangle", "to_world": T().scale(20), "bsdf": {"type": "thindielectric", "int_ior": IOR}}
+    wall = {"type": "rectangle", "to_world": T().translate([0, 0, -1]).scale(40), "bsdf": BLACK}
+    eye = (0, -4 * np.sin(angle), 4 * np.cos(angle))
+    found = picture(load(sky=SKY, pane=pane, wall=wall, sensor=camera(eye, (0, 0, 0), size=size, fov=fov)))
+    # Rows of the picture are places on the pane; samples lie anywhere in a pixel.
+    offset = np.radians(fov) / size
+    near, far = (reflectance(np.cos(angle + each)) for each in (-0.5 * np.radians(fov), 0.5 * np.radians(fov)))
+    expected = [2 * each / (1 + each) for each in (near, far)]
+    rows = found[..., 0].mean(axis=1)
+    assert found[..., 0].min() > 0.9 * expected[0] and found[..., 0].max() < 1.1 * expected[1]
+    middle = [2 * each / (1 + each) for each in (reflectance(np.cos(angle + k * offset)) for k in (-1, 1))]
+    assert middle[0] < rows[size // 2 - 1 : size // 2 + 1].mean() < middle[1]
+    # Of two outcomes, 0 and 1, chance would leave a deviation of √(R' (1 − R')), 0.4.
+    assert (found[..., 0].std(axis=1) < 0.05).all()
+    assert np.allclose(found[..., 3], 1)
+
+
+def test_a_ball_of_glass_in_an_even_sky_cannot_be_seen():
+    found = picture(load(sky=SKY, ball=BALL, sensor=camera()), passes=4)[..., 0]
+    error = found.std() / np.sqrt(found.size)
+    assert abs(found.mean() - 1) < 4 * error + 1e-5
+    assert error > 0 and found.std() < 0.3  # what roulette leaves at faint lobes
+
+
+def scene_in_fog(shift=0.0):
+    medium = mi.load_dict(fog(0.4, 0.9))
+    lamp = {"type": "sphere", "center": [-1.5, 1.2, 0.5], "radius": 0.2,
+            "emitter": {"type": "area", "radiance": rgb(40.0)}}  # fmt: skip
+    floor = {"type": "rectangle", "to_world": T().translate([0, -1, 0]).rotate([1, 0, 0], -90).scale(3)}
+    return load(
+        fog=cube_of(medium, 2.5), ball={**BALL, "exterior": medium}, lamp=lamp, floor=floor,
+        sensor=camera((0, 0.5 + shift, 4), (0, 0, 0)),
+    )  # fmt: skip
+
+
+def test_branches_add_up_in_one_order_on_any_number_of_threads(set_threads):
+    scene, found = scene_in_fog(), []
+    for threads in (1, 2, 2):
+        set_threads(threads)
+        found.append(picture(scene, passes=2, beams=2048, surface_samples=2))
+    assert np.array_equal(found[0], found[1]) and np.array_equal(found[1], found[2])
+
+
+def test_another_view_of_glass_compiles_nothing():
+    show = partial(picture, passes=2, beams=2048, surface_samples=2)
+    for number in range(3):
+        show(scene_in_fog(0.1 * number), seed=number)
+    assert not compiled(lambda: show(scene_in_fog(0.3), seed=3))
