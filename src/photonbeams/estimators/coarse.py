@@ -202,7 +202,8 @@ def interpolated(level: Level, coarser: Level, radiance: Any, good: Any, toleran
     near = dr.abs(told - own) <= dr.opaque(Float, _ENDS * tolerance) * dr.minimum(told, own)
     # Further rays of a pixel are there for an edge in it.
     known &= dr.arange(UInt32, dr.width(x)) < dr.opaque(UInt32, level.across * level.down)
-    usable, result = known & near.x & near.y, between(Array3f, radiance)
+    # Rays of pixels beside the first or the last ones in step may lie a little beyond these.
+    usable, result = known & near.x & near.y, dr.maximum(between(Array3f, radiance), 0)
     dr.eval(usable, result)
     return usable, result
 
