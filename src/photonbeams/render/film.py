@@ -138,11 +138,12 @@ class Film:
         dr.eval(result)
         return result
 
-    def lattice(self, samples: Samples, width: int, height: int) -> Lattice:
-        """Return the lattice of a pass, of the whole picture's size."""
+    def lattice(self, samples: Samples, width: int, height: int) -> Lattice | None:
+        """Return the lattice of a pass, of the whole picture's size; None where that is small."""
         place = samples.pair(dr.opaque(UInt32, 0), _LATTICE)
         dr.eval(place)
-        return Lattice.of(width, height, self._corner, place)
+        result = Lattice.of(width, height, self._corner, place)
+        return result if result.levels else None
 
     def centers(self) -> Array2f:
         """Return the centres of all pixels, as places."""

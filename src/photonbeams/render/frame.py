@@ -278,19 +278,33 @@ class FrameRenderer(PassRenderer):
         for view, film in enumerate(self._films):
             seen, exposure = self._seen_in(numbers, view, film, light, photons, moving)
             for own, number in zip(seen, numbers, strict=True):
-                with self.statistics.phase("surfaces"):
-                    samples = self._samples(number)
-                    lattice = film.lattice(samples, *self._size)
-                    places = film.places(samples, lattice)
-                beams = BeamSamples({}, places)
+                samples = self._samples(number)
+                beams = BeamSamples({}, film.centers())
                 if light.sets:
-                    rays = replace(self._view_rays(number, view, places, samples, moving), lattice=lattice)
+                    rays, places = self._beam_rays(number, view, film, samples, moving)
                     edge = self._edges(own, rays, film.order)
                     beams = self._beams(number, view, film, light, rays, places, edge)
                 first = self._first_hits(view, film) if number == 0 else {}
                 with self.statistics.phase("surfaces"):
                     film.add(number, own, beams, exposure, first)
         self.statistics.passes += len(numbers)
+
+    def _beam_rays(
+        self, number: int, view: int, film: Film, samples: Samples, moving: bool
+    ) -> tuple[ViewRays, Array2f]:  # fmt: skip
+        """Return a view's camera rays for beams in a pass, and their places in the pixels.
+
+        Rays that have origins or times of their own are not evenly spaced: each pixel's place is its own, or all passes
+        would see the same part of the pixels at the same part of the shutter.
+        """
+        with self.statistics.phase("surfaces"):
+            lattice = film.lattice(samples, *self._size)
+            places = film.places(samples, lattice)
+            rays = self._view_rays(number, view, places, samples, moving)
+            if rays.view is not None and rays.primary.lanes is None:
+                return replace(rays, lattice=lattice), places
+            places = film.places(samples)
+            return self._view_rays(number, view, places, samples, moving), places
 
     def _seen_in(
         self, numbers: range, view: int, film: Film, light: Simulated, photons: PhotonMaps | None, moving: bool

@@ -1,0 +1,33 @@
+"""Every example, seen along fewer rays than pixels, against all pixels' own rays."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import photonbeams as pb
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+# Stages, but for layers over others, and Mitsuba scenes; and the flight: nearing the shaft, within it and along it.
+STAGES = [path for path in EXAMPLES.glob("*/*.usda") if "def Camera" in path.read_text()]
+SCENES = [(path, None, None) for path in sorted([*STAGES, *EXAMPLES.glob("mitsuba/*.xml")])]
+FLIGHT = [(EXAMPLES / "keyhole" / "keyhole.usda", "Flight", frame) for frame in (20, 45, 60)]
+ERROR = 0.002
+
+
+@pytest.mark.parametrize(
+    ("path", "camera", "frame"), SCENES + FLIGHT, ids=lambda value: value.stem if isinstance(value, Path) else None
+)
+def test_fast_pictures_err_as_little_as_stated(path, camera, frame):
+    shot = pb.Shot.open(path, camera=camera)
+    given = {"method": "beams", "max_depth": 3} if path.suffix == ".xml" else {}
+    exact, fast = (
+        shot.render(frame, 1, width=256, beams=512, surfaces=False, gather_error=error, **given).layers["beams"]
+        for error in (0.0, ERROR)
+    )
+    light = exact.mean(axis=2, dtype=np.float64)
+    bright = light > 0.05 * light.mean()
+    found = (np.abs(fast - exact).mean(axis=2)[bright] / light[bright]) if bright.any() else np.zeros(1)
+    assert np.median(found) <= ERROR
+    assert np.percentile(found, 95) <= 3 * ERROR
+    assert abs(fast.mean(dtype=np.float64) - light.mean()) <= ERROR * light.mean()
