@@ -22,7 +22,7 @@ def test_fast_pictures_err_as_little_as_stated(path, camera, frame):
     shot = pb.Shot.open(path, camera=camera)
     given = {"method": "beams", "max_depth": 3} if path.suffix == ".xml" else {}
     exact, fast = (
-        shot.render(frame, 1, width=256, beams=512, surfaces=False, gather_error=error, **given).layers["beams"]
+        shot.render(frame, 1, width=400, beams=512, surfaces=False, gather_error=error, **given).layers["beams"]
         for error in (0.0, ERROR)
     )
     light = exact.mean(axis=2, dtype=np.float64)

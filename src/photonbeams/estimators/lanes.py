@@ -22,7 +22,7 @@ _BLOCK = _BLOCK_WIDTH * _BLOCK_HEIGHT
 _BLOCKS_ACROSS = TILE // _BLOCK_WIDTH
 
 # How often every second ray may stand for all, at most, and how wide a picture has to be at least with these alone.
-_LEVELS, _COARSEST = 4, 128
+_LEVELS, _COARSEST = 4, 192
 
 #: How many pixels without rays a picture has left and above, so that tiles are those of the whole picture.
 Margin = tuple[int, int]
