@@ -389,13 +389,13 @@ def products(*bodies):
     text = SETTINGS % f"    rel products = [{listed}]"
     for number, body in enumerate(bodies):
         text += f'def RenderProduct "P{number}" {{\n    {body}\n}}\n'
-    for name, source in (("Key", "beams_key"), ("Depth", "Z"), ("Roughness", "roughness")):
+    for name, source in (("Key", "beams_key"), ("Depth", "Z"), ("Emission", "emission")):
         text += f'def RenderVar "{name}" {{\n    uniform string sourceName = "{source}"\n}}\n'
     return text
 
 
 def test_products_are_the_outputs_where_flags_name_none(render, stage, out):
-    first = 'token productName = "a.####.exr"\n    rel orderedVars = [</Key>, </Depth>, </Roughness>]'
+    first = 'token productName = "a.####.exr"\n    rel orderedVars = [</Key>, </Depth>, </Emission>]'
     second = 'token productName = "key.####.png"\n    rel orderedVars = </Key>'
     path = stage(products(first, second, 'token productName = "all.####.exr"'), NAMED)
     code, lines = render(path, "-f", "1:2", "--progress", "none")
@@ -406,7 +406,7 @@ def test_products_are_the_outputs_where_flags_name_none(render, stage, out):
     assert "surface" in read_layers("all.0001.exr")
     warnings = [line for line in lines if line.startswith("Warning: ")]
     assert len(warnings) == 1
-    assert "asks for 'roughness', which is no layer" in warnings[0]
+    assert "asks for 'emission', which is no layer" in warnings[0]
     assert render(path, "-f", "1", "-o", "flag.exr")[0] == 0
     assert "surface" in read_layers("flag.exr")
     assert render(path, "-f", "1", "--layers", "surface")[0] == 0

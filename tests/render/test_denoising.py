@@ -17,6 +17,7 @@ from photonbeams.render.passes import PlannedPasses
 from photonbeams.render.settings import Settings
 from photonbeams.render.sums import PassSums
 from photonbeams.scene import SceneError
+from photonbeams.shot import Stereo
 from photonbeams.shot.development import developed
 
 SHAPE = (64, 64)
@@ -176,17 +177,11 @@ def test_a_checkpoint_holds_noisy_sums_from_which_a_denoised_frame_goes_on(shot,
 
 
 def test_each_eye_is_denoised_by_itself(shot):
-    two = Shot(shot.stage, stereo=replace_stereo())
+    two = Shot(shot.stage, stereo=Stereo(0.2, 5.0))
     both = two.render(passes=2, denoise=True, **SMALL)
     for eye in ("left", "right"):
         alone = two.render(passes=2, denoise=True, view=eye, **SMALL).layers
         assert all(np.array_equal(both.views[eye][0][name], alone[name]) for name in alone)
-
-
-def replace_stereo():
-    from photonbeams.shot import Stereo
-
-    return Stereo(0.2, 5.0)
 
 
 def test_threads_change_no_bit(set_threads, shot):
@@ -197,11 +192,19 @@ def test_threads_change_no_bit(set_threads, shot):
     assert all(np.array_equal(found[0][name], found[1][name]) for name in found[0])
 
 
-def test_a_crop_is_denoised_without_what_the_pixel_filter_needs_around(shot):
-    crop = (0.25, 0.2, 0.75, 0.8)
-    frame = shot.render(passes=2, denoise=True, crop=crop, pixel_filter="gaussian", **SMALL)
-    noisy = shot.render(passes=2, crop=crop, pixel_filter="gaussian", **SMALL)
-    assert frame.layers["surface"].shape == noisy.layers["surface"].shape
+def test_through_a_wide_pixel_filter_there_is_a_warning_and_the_noisy_picture_is_the_same(shot, caplog):
+    given = {"passes": 2, "crop": (0.25, 0.2, 0.75, 0.8), "pixel_filter": "gaussian", **SMALL}
+    frame = shot.render(denoise=True, keep_noisy=True, **given)
+    assert [each.message for each in caplog.records] == [
+        "denoise: through the pixel filter gaussian the noise of neighbours is alike, and much stays: expected box"
+    ]
+    noisy = shot.render(**given)
+    assert all(np.array_equal(frame.layers[f"noisy_{name}"], noisy.layers[name]) for name in ("surface", "beams"))
+
+
+def test_without_a_named_filter_the_box_is_taken():
+    assert Settings(denoise=True).filter_name == "box" and Settings().filter_name is None
+    assert Settings(denoise=True, pixel_filter="tent").filter_name == "tent"
 
 
 def test_settings_of_a_pass_know_nothing_of_what_is_kept():

@@ -66,8 +66,8 @@ def test_albedos_are_those_of_the_first_surface_that_is_no_mirror(frame):
 
 def test_albedos_are_antialiased(frame):
     albedo = frame.layers["albedo"][..., 1] / COLOR[1]
-    # Edges of the first card are in the middle of pixels: it is 7 of them wide, and its centre between two. Of 64
-    # stratified samples, a straight edge leaves no more than one of eight rows in doubt.
+    # Edges of the first card are in the middle of pixels. Of 64 stratified samples, a straight edge leaves no more than
+    # one of eight rows in doubt.
     column = albedo[6:10, 4]
     assert np.allclose(column, 0.5, atol=1 / 8)
 

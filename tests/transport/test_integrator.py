@@ -217,3 +217,24 @@ def test_mitsuba_renders_the_picture_that_the_command_does():
     for before, lit in zip(suspended, frame.simulated(2).sets, strict=True):
         np.testing.assert_array_equal(before.beams.radius_end.numpy(), lit.beams.radius_end.numpy())
         assert lit.beams.radius_end.numpy().std() > 0
+
+
+def test_a_denoised_picture_is_the_sum_of_its_layers_with_less_noise():
+    lit = scene(pixel_format="rgba", rfilter={"type": "box"})
+    plain, clean = (picture(lit, denoise=denoise, layers=True) for denoise in (False, True))
+    assert np.allclose(clean[..., :3], clean[..., 4:7] + clean[..., 7:10], rtol=1e-5)
+    assert np.array_equal(clean[..., 3], plain[..., 3])  # alpha
+    assert not np.array_equal(clean[..., 7:10], plain[..., 7:10])
+
+
+def test_passes_end_where_the_error_is_small_enough():
+    found = [picture(scene(), spp=spp, error=0.9) for spp in (8, 64)]
+    assert np.array_equal(*found)  # there are 8, of which the error is first asked for
+    assert not np.array_equal(found[0], picture(scene(), spp=64))
+
+
+@pytest.mark.parametrize("parameters", [{"denoise": True}, {"error": 0.1}])
+def test_pictures_within_other_integrators_are_not_denoised(parameters):
+    nested = mi.load_dict({"type": "aov", "aovs": "depth:depth", "own": {**PLUGIN, **parameters}})
+    with pytest.raises(Exception, match="denoise and error are of whole pictures"):
+        mi.render(scene(), integrator=nested, spp=1)

@@ -14,7 +14,7 @@ errors:
   James-Stein Combiner for Unbiased and Biased Renderings"). With more passes w vanishes, and the picture converges to
   what it would be without.
 - Its pattern. Noise differs from pixel to pixel, and an edge that is smeared is the same error in many: w falls with
-  the correlation of neighbours, to nothing where that is a quarter. Without it, edges of shafts would be smeared in the
+  the correlation of neighbours, to nothing where that is a third. Without it, edges of shafts would be smeared in the
   first passes, for σ² also counts that passes look at other places in the pixels, whose errors cancel.
 """
 
@@ -35,7 +35,7 @@ from .sums import ALBEDO, MEAN_NORMAL, NOISY, PassSums
 # 7, the weights are as uneven as the noise, and specks of it stay.
 _AROUND = 15
 _LEAST = np.finfo(np.float32).tiny
-_CORRELATED = 0.25  # neighbours in what is no noise
+_CORRELATED = 1 / 3  # neighbours in what is no noise
 
 
 def check_denoiser() -> None:

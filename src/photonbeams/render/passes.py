@@ -142,7 +142,7 @@ def accumulate(
         What the passes are of, as `FrameSums` has it.
     """
     checkpoint = run.checkpoint
-    limit, goal = settings.time_limit, settings.error
+    limit, goal = settings.time_limit, settings.error if run.part is None else None
     known_number = limit is None and goal is None
     part = run.part or PlannedPasses(range(settings.passes), settings.passes if known_number else None)
     saved = None if checkpoint is None else checkpoint.begin(about, settings.passes)

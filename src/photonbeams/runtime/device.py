@@ -34,7 +34,7 @@ __all__ = [
 ]  # fmt: skip
 
 _ARRAY_TYPES = ("Array2f", "Array3f", "Array4f", "Bool", "Float", "Int32", "UInt32", "UInt64")
-_PACKAGES = ("photonbeams", "mitsuba", "drjit", "usd-core", "OpenEXR", "OpenImageIO", "numpy", "scipy")
+_PACKAGES = ("photonbeams", "mitsuba", "drjit", "usd-core", "OpenEXR", "OpenImageIO", "mitsuba-oidn", "numpy", "scipy")
 
 
 class DeviceError(RuntimeError):
