@@ -8,7 +8,7 @@ from photonbeams.numerics.arrays import joined, opaque, to_float, to_vectors
 from photonbeams.numerics.samples import Samples
 from photonbeams.render.film import BeamSamples, Film, PassPicture, averaged, reconstruction_filter
 from photonbeams.render.sums import PassSums
-from photonbeams.runtime.device import mitsuba
+from photonbeams.runtime.device import Array3f, Float, mitsuba
 from photonbeams.scene import SceneError
 from photonbeams.scene.cameras import FILTERS
 
@@ -51,13 +51,23 @@ def film(passes, name=None, crop=None, exposure=1.0, groups=GROUPS):
     return result
 
 
-def of_mitsuba(values, name, shares=None):
-    """Return the mean of samples around each pixel by Mitsuba's own filter, in float64, sample by sample."""
+def by_passes(values, name):
+    """Return the mean of light of beams: of each pass by itself, unless weights have both signs."""
+    if name in ("mitchell", "catmullrom", "lanczos"):
+        return of_mitsuba(values, name)
+    return np.mean([of_mitsuba([value], name, first=number) for number, value in enumerate(values)], axis=0)
+
+
+def of_mitsuba(values, name, shares=None, first=0):
+    """Return the mean of samples around each pixel by Mitsuba's own filter, in float64, sample by sample.
+
+    `first` is the number of the first pass.
+    """
     plugin = mi.load_dict({"type": name})
     y, x = np.mgrid[:HEIGHT, :WIDTH]
     total, weights = np.zeros(values[0].shape), np.zeros((HEIGHT, WIDTH, 1))
     for number, value in enumerate(values):
-        across, down = Film((HEIGHT, WIDTH)).places(Samples(0, number)).numpy().reshape(2, HEIGHT, WIDTH)
+        across, down = Film((HEIGHT, WIDTH)).places(Samples(0, first + number)).numpy().reshape(2, HEIGHT, WIDTH)
         for row in range(HEIGHT):
             for column in range(WIDTH):
                 far = [column + across[row, column] - x - 0.5, row + down[row, column] - y - 0.5]
@@ -72,10 +82,13 @@ def of_mitsuba(values, name, shares=None):
 def test_a_pixel_is_the_weighted_mean_of_the_samples_around_it(rng, name):
     passes = pixels(rng, 3)
     layers = film(passes, name).layers()
-    for layer, own in (("surface", "surface"), ("beams_key", "key"), ("transmittance", "transmittance")):
+    for layer, own in (("surface", "surface"), ("transmittance", "transmittance")):
         expected = of_mitsuba([each[own] for each in passes], name)
         # float32, of sums of some dozens of numbers below 1; corners of filters with negative lobes divide by 1/3.
         np.testing.assert_allclose(layers[layer], expected, atol=1e-5)
+    lights = [each["key"] for each in passes]  # one half of it by beams, the other one otherwise
+    expected = 0.5 * (by_passes(lights, name) + of_mitsuba(lights, name))
+    np.testing.assert_allclose(layers["beams_key"], expected, atol=1e-5)
     np.testing.assert_allclose(layers["rgba"][..., 3:], of_mitsuba([each["alpha"] for each in passes], name), atol=1e-5)
 
 
@@ -216,3 +229,13 @@ def test_all_passes_have_the_kernels_of_the_first(rng, name):
 )
 def test_a_filter_averages_as_many_pixels_as_it_lowers_independent_noise(name, expected):
     assert averaged(reconstruction_filter(name)) == pytest.approx(expected, rel=0.02)
+
+
+@pytest.mark.parametrize("name", ["tent", "gaussian"])
+def test_even_light_of_one_pass_is_even(name):
+    result, count = Film((HEIGHT, WIDTH), (0, 0), reconstruction_filter(name)), HEIGHT * WIDTH
+    black = PassPicture(dr.zeros(Array3f, count), dr.zeros(Float, count))
+    for number, light in enumerate((0.0, 1.0)):
+        places = result.places(Samples(0, number))
+        result.add(number, [(black, places)], BeamSamples({"": dr.full(Array3f, light, count)}, places))
+    np.testing.assert_allclose(result.layers()["beams"], 0.5, rtol=1e-6)

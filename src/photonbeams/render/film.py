@@ -121,6 +121,7 @@ class Film:
     ) -> None:
         self.shape, self.groups, self._filter = shape, dict(groups or {}), reconstruction
         self._corner, self._variances = corner, variances
+        self._lobes = reconstruction is not None and _least_weight(reconstruction) < -1e-4
         x, y = self._pixels()
         self.order = z_order(x + dr.opaque(UInt32, corner[0]), y + dr.opaque(UInt32, corner[1]))
         dr.eval(self.order)
@@ -173,7 +174,7 @@ class Film:
         gathered = {_GATHERED + group: light * exposure for group, light in beams.groups.items()}
         values, light = self._summed(gathered, beams.places, beams.share)
         if "weight" in values:
-            values["beams weight"] = values.pop("weight")
+            values = self._weighed(values)
         lights = [light]
         for picture, places in seen:
             found = {
@@ -185,6 +186,18 @@ class Film:
         values |= {**self._squares(lights), **(first or {})}
         dr.eval(values)
         self.sums.add(number, {name: self._array(value) for name, value in values.items()})
+
+    def _weighed(self, values: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the light of beams in a pass, with its weights or divided by them.
+
+        What one pass has many of and another few would be as uneven as the weights are, from pixel to pixel, though
+        either is smooth: so each pass is divided by its own. Weights of filters with negative lobes may be near 0.
+        """
+        weight = values["weight"]
+        light = {name: value for name, value in values.items() if name != "weight"}
+        if self._lobes:
+            return {**light, "beams weight": weight}
+        return {name: value * dr.select(weight > 0, dr.rcp(weight), 0) for name, value in light.items()}
 
     def _squares(self, lights: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         """Return the light of pixels in a pass and its square, of which variances are made: of all, and of layers."""
@@ -347,6 +360,12 @@ def averaged(reconstruction: Any) -> float:
     radius = float(reconstruction.radius())
     f = reconstruction.eval(dr.linspace(Float, -radius, radius, _STEPS)).numpy()
     return float(2 * radius * f.sum() ** 2 / (_STEPS * (f * f).sum())) ** 2
+
+
+def _least_weight(reconstruction: Any) -> float:
+    """Return the least weight of a filter, below 0 where it has negative lobes."""
+    radius = float(reconstruction.radius())
+    return float(dr.min(reconstruction.eval(dr.linspace(Float, -radius, radius, _STEPS)))[0])
 
 
 def margin_of(reconstruction: Any) -> int:
