@@ -280,15 +280,15 @@ def measure() -> dict[str, float]:
 
         return run
 
-    plain = images._Gather._sum
-    images._Gather._sum = kernel(plain)  # type: ignore[method-assign]
+    plain = images._ImageGather._sum
+    images._ImageGather._sum = kernel(plain)  # type: ignore[method-assign]
     try:
         begin = perf_counter()
         frame.add_pass(1)
         dr.sync_thread()
         spent = perf_counter() - begin
     finally:
-        images._Gather._sum = plain  # type: ignore[method-assign]
+        images._ImageGather._sum = plain  # type: ignore[method-assign]
     unit = 1 if sys.platform == "darwin" else 1024
     return {
         "beams": frame.statistics.beams / 2, "seconds": spent, "share": 1 - gathering / spent,

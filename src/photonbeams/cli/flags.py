@@ -139,35 +139,24 @@ class Quality:
     pixel_filter: Filter | None = None
     seed: int | None = None
 
-    def _max_depth(self, own: Settings) -> int | None:
+    def _max_depth(self) -> int | None:
         if self.bounces is None:
-            return own.max_depth
+            return None
         return -1 if self.bounces < 0 else self.bounces + 2
-
-    def _gather_error(self, own: float) -> float:
-        if self.gather is Gather.exact:
-            return 0.0
-        return own if self.gather_error is None else self.gather_error
 
     def over(self, own: Settings) -> Settings:
         """Return a scene's settings with what is given; a rule has as many points as theirs without `--order`."""
-        from ..render.settings import usual_passes
+        from ..render.settings import Settings
 
-        return replace(
-            own,
-            passes=self.passes or (usual_passes(self.error) if self.error else own.passes),
-            error=self.error or own.error,
-            denoise=self.denoise or own.denoise,
-            keep_noisy=self.keep_noisy or own.keep_noisy,
-            time_limit=self.time_limit or own.time_limit,
-            seed=own.seed if self.seed is None else self.seed,
-            beams=self.beams or own.beams,
-            max_depth=self._max_depth(own),
-            estimator=self.estimator.value if self.estimator else own.estimator,
-            rule=self._rule(len(own.rule)) or own.rule,
-            gather_error=self._gather_error(own.gather_error),
-            pixel_filter=self.pixel_filter.value if self.pixel_filter else own.pixel_filter,
-        )
+        given = {
+            "passes": self.passes, "time_limit": self.time_limit, "error": self.error, "denoise": self.denoise or None,
+            "keep_noisy": self.keep_noisy or None, "seed": self.seed, "beams": self.beams,
+            "max_depth": self._max_depth(),
+            "estimator": self.estimator and self.estimator.value, "rule": self._rule(len(own.rule)),
+            "gather_error": 0.0 if self.gather is Gather.exact else self.gather_error,
+            "pixel_filter": self.pixel_filter and self.pixel_filter.value,
+        }  # fmt: skip
+        return Settings.of(own, {name: value for name, value in given.items() if value is not None})
 
     def _rule(self, points: int) -> Rule | None:
         from ..quadrature import gauss_legendre, riemann

@@ -16,9 +16,8 @@ from typing import Any
 
 import drjit as dr
 
-from ..numerics.arrays import joined
 from ..runtime.device import Array2f, Array3f, Bool, Float, Int32, UInt32
-from .lanes import NO_MARGIN, Margin, PixelRays, tiles_of
+from .lanes import Margin, PixelRays, pixels_of, tiles_of
 from .tiles import TILE, Projection, Widths
 
 # The least half width of beams in pixels of their level: rays of every 2ᵏ-th pixel pass over a stroke three times.
@@ -47,8 +46,6 @@ class Level:
         The rays: PixelRays of `across` × `down` pixels.
     first
         Column and row of its first pixel, in pixels.
-    corner, place
-        Those of the lattice.
     """
 
     number: int
@@ -56,8 +53,6 @@ class Level:
     margin: Margin
     rays: PixelRays
     first: tuple[int, int] = (0, 0)
-    corner: tuple[int, int] = (0, 0)
-    place: Any = None
 
     @property
     def across(self) -> int:
@@ -96,8 +91,6 @@ def levels_of(view: Projection, rays: PixelRays) -> list[Level]:
     levels = lattice.levels
     while levels and min(view.width, view.height) >> levels < 4:
         levels -= 1
-    if not levels:
-        return [Level(0, view, NO_MARGIN, rays)]
     side = TILE << lattice.levels
     margin = (lattice.corner[0] % side, lattice.corner[1] % side)
     result = []
@@ -106,14 +99,12 @@ def levels_of(view: Projection, rays: PixelRays) -> list[Level]:
         reduced = view.reduced(number, margin)
         first = (-lattice.corner[0] % step, -lattice.corner[1] % step)
         own = ((margin[0] + first[0]) >> number, (margin[1] + first[1]) >> number)
-        level = Level(number, reduced, own, rays, first, lattice.corner, lattice.place)
+        level = Level(number, reduced, own, rays, first)
         if number:
-            width, across = dr.opaque(UInt32, view.width), dr.opaque(UInt32, level.across)
+            width, across, each = (dr.opaque(UInt32, size) for size in (view.width, level.across, step))
             index = dr.arange(UInt32, level.across * level.down)
-            x, y = (dr.opaque(UInt32, each) for each in first)
-            many = dr.opaque(UInt32, step)
-            pixel = (y + index // across * many) * width + x + index % across * many
-            level.rays = rays.taken(pixel)
+            x, y = (dr.opaque(UInt32, place) for place in first)
+            level.rays = rays.taken((y + index // across * each) * width + x + index % across * each)
         result.append(level)
     return result
 
@@ -145,13 +136,14 @@ def foretold(level: Level, radiance: Any, dim: Any, tolerance: float) -> Any:
     corners say of them.
     """
     across, down = (dr.opaque(UInt32, each) for each in (level.across, level.down))
-    corner = level.corner
+    lattice = level.rays.lattice
+    assert lattice is not None
     cells = max((level.across - 1) * (level.down - 1), 1)
     columns = dr.opaque(UInt32, max(level.across - 1, 1))
     cell = dr.arange(UInt32, cells)
 
     def block(place: UInt32, axis: int, count: UInt32) -> tuple[UInt32, Bool]:
-        odd = dr.opaque(UInt32, (corner[axis] + level.first[axis]) >> level.number & 1)
+        odd = dr.opaque(UInt32, (lattice.corner[axis] + level.first[axis]) >> level.number & 1)
         begin = ((place - odd) & 0xFFFFFFFE) + odd
         return begin, (place >= odd) & (begin + 2 < count)
 
@@ -210,9 +202,7 @@ def interpolated(level: Level, coarser: Level, radiance: Any, good: Any, toleran
 
 def _place(level: Level, coarser: Level) -> tuple[tuple[Float, Float], Bool]:
     """Return where rays of a level lie among those of the coarser one, in its pixels, and whether amid these."""
-    index, columns = dr.arange(UInt32, level.across * level.down), dr.opaque(UInt32, level.across)
-    if level.rays.more is not None:
-        index = joined([index, *[level.rays.more.pixels] * level.rays.more.each])
+    index, columns = pixels_of(level.rays, level.across * level.down), dr.opaque(UInt32, level.across)
     begin = [dr.opaque(Int32, each) for each in coarser.first]
     own = [dr.opaque(Int32, each) for each in level.first]
     fine = dr.opaque(Int32, 1 << level.number)
@@ -223,7 +213,8 @@ def _place(level: Level, coarser: Level) -> tuple[tuple[Float, Float], Bool]:
     amid = (columns_from >= 0) & (rows_from >= 0) & (columns_from <= last_x) & (rows_from <= last_y)
     if level.number:
         return (Float(columns_from) * step, Float(rows_from) * step), amid
-    film, place = _on_film(level), Array2f(level.place)
+    assert level.rays.lattice is not None
+    film, place = _on_film(level), Array2f(level.rays.lattice.place)
     offset = (Float(begin[0]) + place.x, Float(begin[1]) + place.y)
     return ((film.x - offset[0]) * step, (film.y - offset[1]) * step), amid
 

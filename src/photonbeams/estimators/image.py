@@ -12,11 +12,10 @@ from functools import partial
 from typing import Any
 
 import drjit as dr
-import numpy as np
 
 from ..beams import Beams
 from ..looks import BoundLook, LightContext, Look
-from ..runtime.device import Array3f, Bool, Float, UInt32
+from ..runtime.device import Array3f, Bool, Float, UInt32, UInt64
 from ..scene import Medium
 from .billboard import billboard_sum
 from .cells import batches
@@ -54,8 +53,8 @@ def estimate_image(
 ) -> Estimate:
     """Return the radiance of beams along the rays; the same numbers as `estimate`, to float32 rounding.
 
-    With a `tolerance` wide smooth beams are looked at along fewer rays, of one origin, and interpolated: as few as
-    leave about that relative error.
+    With a `tolerance` beams of smooth looks are seen along fewer rays where these are of one origin and have a lattice:
+    along as few as leave about that relative error (see `coarse`).
     """
     check_estimator(estimator)
     check_motion(beams, close, rays.lanes)
@@ -64,7 +63,7 @@ def estimate_image(
     bound, levels = bind(look, beams, close, medium, context), [Level(0, view, NO_MARGIN, rays)]
     if tolerance > 0 and rays.lattice is not None and rays.shared_origin and close is None and bound.smooth:
         levels = levels_of(view, rays)
-    gather = _Gather(levels, beams, close, bound, points, estimator, tolerance)
+    gather = _ImageGather(levels, beams, close, bound, points, estimator, tolerance)
     for each in batches(gather.binned, len(beams)):
         if each.entries:
             gather.add(each)
@@ -84,7 +83,7 @@ class _Binned:
         return self
 
 
-class _Gather:
+class _ImageGather:
     """Gathers the beams of a picture.
 
     Parameters
@@ -185,7 +184,7 @@ def _add(radiance: Any, lane: Lanes, values: Sequence[Any]) -> None:
 def _tests(lists: TileLists, lane: Lanes) -> int:
     """Return how many pairs of rays and beams are tested."""
     found = dr.gather(UInt32, lists.stop, lane.tile) - dr.gather(UInt32, lists.first, lane.tile)
-    return int(found.numpy().sum(dtype=np.int64)) * len(lane.rays)
+    return int(dr.sum(UInt64(found))[0]) * len(lane.rays)
 
 
 def tile_depth(view: Projection, rays: PixelRays, margin: Margin = NO_MARGIN) -> Any:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import drjit as dr
@@ -96,13 +96,10 @@ class PixelRays:
         return dr.width(self.origin) == 1 and self.lanes is None
 
     def taken(self, index: Any) -> PixelRays:
-        """Return some of the rays; those of a parallel projection have origins of their own."""
-        origin = self.origin if dr.width(self.origin) == 1 else taken(self.origin, index)
-        result = PixelRays(
-            origin, *(taken(each, index) for each in (self.direction, self.facing, self.t_max, self.t_min))
-        )
-        dr.eval(result.origin, result.direction, result.facing, result.t_max, result.t_min)
-        return result
+        """Return some of the rays, which have one origin; further ones of a pixel are left out."""
+        own = {name: taken(getattr(self, name), index) for name in ("direction", "facing", "t_max", "t_min")}
+        dr.eval(own)
+        return replace(self, **own, more=None)
 
 
 class Lanes(NamedTuple):
@@ -169,10 +166,11 @@ def lanes_of_some(view: Projection, rays: PixelRays, some: Any, count: int, marg
     chosen: Any = dr.compress(here)
     if not len(chosen):
         return further
-    before, each = dr.cumsum(dr.select(here, UInt32(1), 0)), dr.arange(UInt32, view.tiles)
-    first, last = each * (TILE * TILE), each * (TILE * TILE) + (TILE * TILE - 1)
-    begin = dr.select(each > 0, dr.gather(UInt32, before, dr.maximum(first, 1) - 1), 0)
-    needed = (dr.gather(UInt32, before, last) + dr.opaque(UInt32, count - 1) - begin) // dr.opaque(UInt32, count)
+    counted, first = dr.select(here, UInt32(1), 0), dr.arange(UInt32, view.tiles) * (TILE * TILE)
+    stops = dr.cumsum(counted)
+    begin = dr.gather(UInt32, stops, first) - dr.gather(UInt32, counted, first)
+    stop = dr.gather(UInt32, stops, first + (TILE * TILE - 1))
+    needed = (stop - begin + dr.opaque(UInt32, count - 1)) // dr.opaque(UInt32, count)
     dr.eval(begin, needed)
     end = dr.cumsum(needed)
     lanes = int(end[dr.width(end) - 1])
@@ -182,11 +180,8 @@ def lanes_of_some(view: Projection, rays: PixelRays, some: Any, count: int, marg
     rank = dr.arange(UInt32, len(chosen)) - dr.gather(UInt32, begin, own)
     # Neighbours lie in neighbouring lanes.
     lane, place = dr.gather(UInt32, end, own) - of_tile + rank % of_tile, rank // of_tile
-    tiles, carried, there = (
-        dr.zeros(UInt32, lanes),
-        dr.zeros(UInt32, lanes * count),
-        dr.full(Bool, False, lanes * count),
-    )
+    tiles = dr.zeros(UInt32, lanes)
+    carried, there = dr.zeros(UInt32, lanes * count), dr.full(Bool, False, lanes * count)
     dr.scatter(tiles, own, lane)
     at = place * dr.opaque(UInt32, lanes) + lane
     dr.scatter(carried, dr.gather(UInt32, pixel, chosen), at)
@@ -222,10 +217,14 @@ def tile_of(view: Projection, pixel: Any, margin: Margin = NO_MARGIN) -> Any:
 
 def tiles_of(view: Projection, rays: PixelRays, margin: Margin = NO_MARGIN) -> Any:
     """Return the tile of each ray."""
-    pixel = dr.arange(UInt32, (view.width - margin[0]) * (view.height - margin[1]))
-    if rays.more is not None:
-        pixel = joined([pixel, *[rays.more.pixels] * rays.more.each])
-    return tile_of(view, pixel, margin)
+    across, down = _size(view, margin)
+    return tile_of(view, pixels_of(rays, across * down), margin)
+
+
+def pixels_of(rays: PixelRays, count: int) -> Any:
+    """Return the pixel of each ray, in a picture of `count` pixels."""
+    pixel = dr.arange(UInt32, count)
+    return pixel if rays.more is None else joined([pixel, *[rays.more.pixels] * rays.more.each])
 
 
 def _group(tile: Any, block: Any, place: Any) -> Any:

@@ -291,11 +291,7 @@ def _walk(
         row = dr.select(everywhere, 0, _from_zero(_tile(dr.minimum(ends.y - reach.y, ends.w - reach.w), rows)))
         last = dr.select(everywhere, rows, _tile(dr.maximum(ends.y + reach.y, ends.w + reach.w), rows) + 1)
         last = dr.minimum(dr.select(rest.w < 0, 0, last), rows)
-        if dr.hint(widths is not None, mode="scalar"):
-            least = _least(reach)
-            most = -_least(-reach)
-            none = most < widths.coarser if widths.own is None else (least >= widths.coarser) | (most < widths.own)
-            last = dr.select(none & ~everywhere, 0, last)
+        last = dr.select(everywhere | _may_be(reach, widths), last, 0)
         while row < last:
             top = Float(row * TILE)
             # y − r ≤ bottom and y + r ≥ top, linear in λ: the part of the axis whose discs touch the row
@@ -313,20 +309,32 @@ def _walk(
                 farthest = dr.gather(Float, depth, tile)
                 seen = (farthest >= 0) & (everywhere | (front > _hidden(farthest, rest.z, view)))
                 cell = tile * all_lanes + lane
-                if dr.hint(widths is not None, mode="scalar"):
-                    x, y = Float(column * TILE), Float(row * TILE)
-                    around = Float((column >> 1) * (2 * TILE)), Float((row >> 1) * (2 * TILE))
-                    wide = _half_width(ends, reach, *around, 2 * TILE) >= widths.coarser
-                    if dr.hint(widths.own is None, mode="scalar"):
-                        seen &= wide
-                    else:
-                        seen &= ~wide & (_half_width(ends, reach, x, y, TILE) >= widths.own)
+                seen &= _is_of(ends, reach, column, row, widths)
                 slot: Any = dr.scatter_inc(counter, cell, seen)
                 if dr.hint(out is not None, mode="scalar"):
                     dr.scatter(out, beam, dr.gather(UInt32, base, cell) + slot, seen)
                 column += 1
             row += 1
         beam += all_lanes
+
+
+def _may_be(reach: Any, widths: Widths | None) -> Any:
+    """Return whether any tile may list a beam, given the half extents of its ends."""
+    if widths is None:
+        return Bool(True)
+    most = -_least(-reach)
+    return most >= widths.coarser if widths.own is None else (_least(reach) < widths.coarser) & (most >= widths.own)
+
+
+def _is_of(ends: Any, reach: Any, column: Any, row: Any, widths: Widths | None) -> Any:
+    """Return whether a beam has the width of those that a tile lists."""
+    if widths is None:
+        return Bool(True)
+    around = Float((column >> 1) * (2 * TILE)), Float((row >> 1) * (2 * TILE))
+    wide = _half_width(ends, reach, *around, 2 * TILE) >= widths.coarser
+    if widths.own is None:
+        return wide
+    return ~wide & (_half_width(ends, reach, Float(column * TILE), Float(row * TILE), TILE) >= widths.own)
 
 
 def _least(packet: Any) -> Any:

@@ -121,7 +121,7 @@ class Film:
     ) -> None:
         self.shape, self.groups, self._filter = shape, dict(groups or {}), reconstruction
         self._corner, self._variances = corner, variances
-        self._lobes = reconstruction is not None and _least_weight(reconstruction) < -1e-4
+        self._lobes = reconstruction is not None and _weights(reconstruction).min() < -1e-4
         x, y = self._pixels()
         self.order = z_order(x + dr.opaque(UInt32, corner[0]), y + dr.opaque(UInt32, corner[1]))
         dr.eval(self.order)
@@ -357,15 +357,15 @@ def averaged(reconstruction: Any) -> float:
     """
     if reconstruction is None:
         return 1.0
-    radius = float(reconstruction.radius())
-    f = reconstruction.eval(dr.linspace(Float, -radius, radius, _STEPS)).numpy()
-    return float(2 * radius * f.sum() ** 2 / (_STEPS * (f * f).sum())) ** 2
+    f = _weights(reconstruction)
+    return float(2 * float(reconstruction.radius()) * f.sum() ** 2 / (_STEPS * (f * f).sum())) ** 2
 
 
-def _least_weight(reconstruction: Any) -> float:
-    """Return the least weight of a filter, below 0 where it has negative lobes."""
+def _weights(reconstruction: Any) -> np.ndarray:
+    """Return the weights of a filter from one end to the other."""
     radius = float(reconstruction.radius())
-    return float(dr.min(reconstruction.eval(dr.linspace(Float, -radius, radius, _STEPS)))[0])
+    weights: np.ndarray = reconstruction.eval(dr.linspace(Float, -radius, radius, _STEPS)).numpy()
+    return weights
 
 
 def margin_of(reconstruction: Any) -> int:

@@ -81,6 +81,11 @@ class ViewRays:
     holdout: Any = None
     lattice: Lattice | None = None
 
+    @property
+    def shared_origin(self) -> bool:
+        """Whether the rays of a camera begin at one point, or on its film, at one time."""
+        return self.view is not None and self.primary.lanes is None
+
 
 class PassRenderer(ABC):
     """What renders passes: light first, then what camera rays see of it.
@@ -276,40 +281,28 @@ class FrameRenderer(PassRenderer):
         light, photons = self._lit(numbers[0])
         moving = any(each.close is not None for each in light.sets)
         for view, film in enumerate(self._films):
-            seen, exposure = self._seen_in(numbers, view, film, light, photons, moving)
+            seen, looked = self._seen_in(numbers, view, film, light, photons, moving)
             for own, number in zip(seen, numbers, strict=True):
                 samples = self._samples(number)
                 beams = BeamSamples({}, film.centers())
                 if light.sets:
-                    rays, places = self._beam_rays(number, view, film, samples, moving)
+                    with self.statistics.phase("surfaces"):
+                        # Where rays have places on a lens or times of their own they are not evenly spaced, and all
+                        # passes would see the same part of a pixel at the same part of the shutter.
+                        lattice = film.lattice(samples, *self._size) if looked.shared_origin else None
+                        places = film.places(samples, lattice)
+                        rays = replace(self._view_rays(number, view, places, samples, moving), lattice=lattice)
                     edge = self._edges(own, rays, film.order)
                     beams = self._beams(number, view, film, light, rays, places, edge)
                 first = self._first_hits(view, film) if number == 0 else {}
                 with self.statistics.phase("surfaces"):
-                    film.add(number, own, beams, exposure, first)
+                    film.add(number, own, beams, dr.opaque(Float, looked.exposure), first)
         self.statistics.passes += len(numbers)
-
-    def _beam_rays(
-        self, number: int, view: int, film: Film, samples: Samples, moving: bool
-    ) -> tuple[ViewRays, Array2f]:  # fmt: skip
-        """Return a view's camera rays for beams in a pass, and their places in the pixels.
-
-        Rays that have origins or times of their own are not evenly spaced: each pixel's place is its own, or all passes
-        would see the same part of the pixels at the same part of the shutter.
-        """
-        with self.statistics.phase("surfaces"):
-            lattice = film.lattice(samples, *self._size)
-            places = film.places(samples, lattice)
-            rays = self._view_rays(number, view, places, samples, moving)
-            if rays.view is not None and rays.primary.lanes is None:
-                return replace(rays, lattice=lattice), places
-            places = film.places(samples)
-            return self._view_rays(number, view, places, samples, moving), places
 
     def _seen_in(
         self, numbers: range, view: int, film: Film, light: Simulated, photons: PhotonMaps | None, moving: bool
-    ) -> tuple[list[list[tuple[PassPicture, Array2f]]], Float]:  # fmt: skip
-        """Return pictures without beams for each pass, with the places of their samples, and the exposure.
+    ) -> tuple[list[list[tuple[PassPicture, Array2f]]], ViewRays]:  # fmt: skip
+        """Return pictures without beams for each pass, with the places of their samples, and rays of one sample.
 
         As many samples as memory allows are one wide picture: those of the first one come first.
         """
@@ -334,14 +327,14 @@ class FrameRenderer(PassRenderer):
                 continue
             for place, number in enumerate(passes):
                 seen[number].append((picture.of_pass(place, pixels), places[place]))
-        return seen, dr.opaque(Float, rays[0].exposure)
+        return seen, rays[0]
 
     def _edges(self, seen: Sequence[tuple[PassPicture, Array2f]], rays: ViewRays, order: UInt32) -> Any:
         """Return the pixels whose rays end now here, now there: none where rays have origins or times of their own.
 
         They come in the order of `order`: those of a tile together, whose rays meet the same beams.
         """
-        if self._surface_samples == 1 or rays.view is None or rays.primary.lanes is not None:
+        if self._surface_samples == 1 or not rays.shared_origin:
             return ()
         found = _ends_differ([picture.reach for picture, _ in seen], dr.width(order)).numpy()
         edge = np.flatnonzero(found)
