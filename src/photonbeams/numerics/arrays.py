@@ -69,16 +69,25 @@ def joined(pieces: list[Any]) -> Any:
 
     Not by `dr.concat`, which makes the lengths a part of its kernels: every pass has others.
     """
-    return pieces[0] if len(pieces) == 1 else _each(_concatenated, *pieces)
-
-
-def _concatenated(*arrays: Any) -> Any:
-    widths = [dr.width(array) for array in arrays]
-    result, first = dr.zeros(type(arrays[0]), sum(widths)), 0
-    for array, width in zip(arrays, widths, strict=True):
-        dr.scatter(result, array, dr.arange(UInt32, width) + dr.opaque(UInt32, first))
-        first += width
+    if len(pieces) == 1:
+        return pieces[0]
+    result = _each(lambda *arrays: dr.zeros(type(arrays[0]), sum(map(dr.width, arrays))), *pieces)
+    targets = [(array, 0) for array in _arrays(result)]
+    # Piece by piece, so that one kernel copies all arrays of a piece: Dr.Jit launches what waits before it scatters to
+    # the same array again.
+    for piece in pieces:
+        for at, ((target, first), array) in enumerate(zip(targets, _arrays(piece), strict=True)):
+            width = dr.width(array)
+            dr.scatter(target, array, dr.arange(UInt32, width) + dr.opaque(UInt32, first))
+            targets[at] = target, first + width
     return result
+
+
+def _arrays(value: Any) -> list[Any]:
+    """Return the arrays in a struct."""
+    found: list[Any] = []
+    _each(found.append, value)
+    return found
 
 
 def _each(function: Any, *values: Any) -> Any:
