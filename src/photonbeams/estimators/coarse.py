@@ -17,7 +17,7 @@ from typing import Any
 import drjit as dr
 
 from ..runtime.device import Array2f, Array3f, Bool, Float, Int32, UInt32
-from .lanes import Margin, PixelRays, pixels_of, tiles_of
+from .lanes import NO_MARGIN, Margin, PixelRays, pixels_of, tiles_of
 from .tiles import TILE, Projection, Widths
 
 # The least half width of beams in pixels of their level: rays of every 2ᵏ-th pixel pass over a stroke three times.
@@ -25,9 +25,9 @@ _HALF_WIDTH = 1.5
 # What is allowed of the difference between rays and what those twice as far apart foretell, and of that between the
 # end of a ray and where its neighbours' lie, in relative errors: of what is smooth, half as far apart, a quarter is
 # left of the one; of the light along a ray, no more than its even share lies between the others.
-_FORETOLD, _ENDS = 8.0, 0.25
+FORETOLD, _ENDS = 8.0, 0.25
 # Of the mean of a picture: what is dimmer may have larger relative errors.
-_DIM = 0.05
+DIM = 0.05
 
 
 @dataclass
@@ -124,7 +124,7 @@ def depths(levels: Sequence[Level], farthest: Any) -> list[Any]:
 
 def dim_of(radiance: Any) -> Any:
     """Return what is so dim, in a picture of this radiance, that errors are as large there as they may be of this."""
-    result = dr.opaque(Float, _DIM) * dr.max(dr.mean(radiance, axis=1))
+    result = dr.opaque(Float, DIM) * dr.max(dr.mean(radiance, axis=1))
     dr.eval(result)
     return result
 
@@ -162,7 +162,7 @@ def foretold(level: Level, radiance: Any, dim: Any, tolerance: float) -> Any:
         most = dr.maximum(most, dr.max(each))
         if place in told:
             difference = dr.maximum(difference, dr.max(dr.abs(each - told[place])))
-    good = whole & (difference <= dr.opaque(Float, _FORETOLD * tolerance) * most)
+    good = whole & (difference <= dr.opaque(Float, FORETOLD * tolerance) * most)
     dr.eval(good)
     return good
 
@@ -214,15 +214,15 @@ def _place(level: Level, coarser: Level) -> tuple[tuple[Float, Float], Bool]:
     if level.number:
         return (Float(columns_from) * step, Float(rows_from) * step), amid
     assert level.rays.lattice is not None
-    film, place = _on_film(level), Array2f(level.rays.lattice.place)
+    film, place = on_film(level.view, level.rays.direction, level.margin), Array2f(level.rays.lattice.place)
     offset = (Float(begin[0]) + place.x, Float(begin[1]) + place.y)
     return ((film.x - offset[0]) * step, (film.y - offset[1]) * step), amid
 
 
-def _on_film(level: Level) -> Array2f:
-    """Return where rays pass the picture, in pixels."""
-    pose, direction = level.view.poses[0], level.rays.direction
-    (sx, sy), (cx, cy) = level.view.scale, level.view.center
+def on_film(view: Projection, direction: Array3f, margin: Margin = NO_MARGIN) -> Array2f:
+    """Return where rays from the view's origin pass the picture, in pixels."""
+    pose = view.poses[0]
+    (sx, sy), (cx, cy) = view.scale, view.center
     depth = dr.rcp(dr.dot(direction, pose.forward))
     x, y = dr.dot(direction, pose.right) * depth, dr.dot(direction, pose.up) * depth
-    return Array2f(cx - dr.opaque(Float, level.margin[0]) + sx * x, cy - dr.opaque(Float, level.margin[1]) - sy * y)
+    return Array2f(cx - dr.opaque(Float, margin[0]) + sx * x, cy - dr.opaque(Float, margin[1]) - sy * y)

@@ -17,6 +17,7 @@ from ..runtime.device import Array3f, Bool, Float, UInt32
 from ..scene import Medium, SceneError, arguments, choice, instance, shown
 from . import gradients
 from .billboard import billboard_sum
+from .coarse_rays import RayImages
 from .frustum import frustum_sum
 from .geometry import Rays
 from .grid import sum_over_grid
@@ -130,10 +131,12 @@ def estimate_rays(
     points: Points,
     close: Beams | None = None,
     context: LightContext | None = None,
+    images: RayImages | None = None,
 ) -> Any:
     """Return the radiance of beams toward rays, (N,) each, of which each has its own origin, t_min and t_max.
 
-    By a grid, unless there are few of either: the same numbers, to float32 rounding. Where beams, fog or look are
+    By a grid, unless there are few of either: the same numbers, to float32 rounding; but as rays of `images`, beams of
+    smooth looks are seen along fewer rays. Where beams, fog or look are
     attached to the AD graph, so is the result.
     """
     check_estimator(estimator)
@@ -145,7 +148,8 @@ def estimate_rays(
         bound = bind(look, beams, close, medium, context)
         packed = pack(beams, Array3f(0), shared=False, close=close, identity=bound.of_beams)
         if len(beams) * count > MOST_PAIRS:
-            result = sum_over_grid(beams, close, packed, rays, bound, estimator, points)
+            images = images if bound.smooth and close is None else None
+            result = sum_over_grid(beams, close, packed, rays, bound, estimator, points, images)
         else:
             result = sum_over_all(packed, rays, bound, estimator, points)
     if not (bound.attached or dr.grad_enabled(beams, close, rays.origin, rays.direction, rays.t_min, rays.t_max)):

@@ -20,12 +20,12 @@ direction: on the plane between two pieces both have the same of everything, so 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import drjit as dr
 
-from ..runtime.device import Float
+from ..runtime.device import Array3f, Float, UInt32
 from .records import Record
 
 
@@ -53,6 +53,14 @@ class Rays:
         if self.origin is not None:
             point = point + self.origin
         return point if self.base is None else point + self.base
+
+    def taken(self, lanes: Any) -> Rays:
+        """Return some of the rays."""
+        kinds = {"origin": Array3f, "direction": Array3f, "t_max": Float, "t_min": Float, "time": Float}
+        own = {name: getattr(self, name) for name in (*kinds, "index")}
+        own = {name: dr.gather(kinds.get(name, UInt32), each, lanes) for name, each in own.items() if each is not None}
+        dr.eval(own)
+        return replace(self, **own)
 
 
 @dataclass

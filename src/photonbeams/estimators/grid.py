@@ -26,6 +26,7 @@ from ..numerics.arrays import opaque
 from ..runtime.device import Array3f, Array4f, Bool, Float, Int32, UInt32
 from .billboard import billboard
 from .cells import ROUNDING, CellGrid, CellLists, Sorting, batches, fitting
+from .coarse_rays import RayImages
 from .cones import around, half_line
 from .frustum import frustum
 from .geometry import Rays, between
@@ -43,18 +44,32 @@ _STEP, _ENTRY = 0.5, 10.0
 
 
 def sum_over_grid(
-    beams: Beams, close: Beams | None, packed: Packed, rays: Rays, look: BoundLook, estimator: str, points: Points
-) -> Any:
-    """Return the radiance of all beams toward all rays; the same numbers as of `sum_over_all`, in another order."""
+    beams: Beams, close: Beams | None, packed: Packed, rays: Rays, look: BoundLook, estimator: str, points: Points,
+    images: RayImages | None = None,
+) -> Any:  # fmt: skip
+    """Return the radiance of all beams toward all rays; the same numbers as of `sum_over_all`, in another order.
+
+    But along rays of `images` some of it is interpolated.
+    """
     radiance = dr.zeros(Array3f, dr.width(rays.direction))
     built = build(beams, close, rays)
     if built is None:
         return radiance
     grid, marks, span = built
     for lists in batches(partial(Sorting, grid.cells, marks.visit), len(beams)):
-        if lists.entries:
-            radiance = radiance + walk(rays, span, grid, lists, _CellVisitor(packed, look, estimator, points))
-            dr.eval(radiance)
+        if not lists.entries:
+            continue
+        visitor = _CellVisitor(packed, look, estimator, points)
+
+        def along(some: Any, lists: CellLists = lists, visitor: _CellVisitor = visitor) -> Any:
+            own = [dr.gather(Float, each, some) for each in span]
+            return walk(rays.taken(some), (own[0], own[1]), grid, lists, visitor)
+
+        if images is None:
+            radiance = radiance + walk(rays, span, grid, lists, visitor)
+        else:
+            radiance = radiance + images.radiance(rays, along)
+        dr.eval(radiance)
     return radiance
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import drjit as dr
@@ -12,6 +12,8 @@ import numpy as np
 
 from ..beams import Beams
 from ..beams.sets import BeamSet
+from ..estimators.coarse import on_film
+from ..estimators.coarse_rays import RayImages
 from ..estimators.estimate import ENDLESS, estimate_rays
 from ..estimators.geometry import Rays
 from ..estimators.image import estimate_image
@@ -21,7 +23,7 @@ from ..estimators.tiles import Projection
 from ..looks import LightContext
 from ..numerics.arrays import compressed, joined
 from ..numerics.structs import Struct
-from ..runtime.device import Array3f, Bool, Float, UInt32
+from ..runtime.device import Array2f, Array3f, Bool, Float, UInt32
 from ..scene import SceneError
 from ..world.media import Media, RenderedMedium
 from ..world.sensors import PrimaryRays
@@ -148,14 +150,36 @@ class Gathering:
             return
         widths = [dr.width(each.pixel) for each in self._steps]
         segments = joined(self._steps)
+        images = self._images(segments, widths)
         for medium, sets in self._media:
             own = segments.medium == dr.opaque(UInt32, medium.number)
             for each in sets:
                 found = dr.zeros(Array3f, sum(widths))
                 for lanes, beams in self._pairs(each, segments, own):
-                    dr.scatter(found, self._grid(medium, each, beams, segments, lanes), lanes)
+                    part = None
+                    if images is not None:
+                        part = replace(images, least=self._brought(each.group, segments)).taken(lanes)
+                    dr.scatter(found, self._grid(medium, each, beams, segments, lanes, part), lanes)
                 self._add_found(each.group, found, widths)
         self._steps = []
+
+    def _images(self, segments: PathSegments, widths: Sequence[int]) -> RayImages | None:
+        """Return the segments as pictures, one of each step and branch; None where all are looked along."""
+        tolerance = self._options.tolerance
+        if self._lattice is None or self._view is None or tolerance <= 0:
+            return None
+        step = joined([dr.opaque(UInt32, number, width) for number, width in enumerate(widths)])
+        branches = dr.max(segments.branch) + 1
+        film = dr.gather(Array2f, on_film(self._view, self._primary.direction), segments.pixel)
+        size = self._view.width, self._view.height
+        return RayImages(
+            self._lattice, size, step * branches + segments.branch, segments.pixel, film, Float(0), tolerance
+        )
+
+    def _brought(self, group: str, segments: PathSegments) -> Float:
+        """Return what would be all that the pixels of segments have of a group by now, if it came along these."""
+        brought = dr.max(dr.gather(Array3f, self.radiance[group], segments.pixel))
+        return brought * dr.rcp(dr.maximum(dr.max(segments.throughput), 1e-6))
 
     def _add_found(self, group: str, found: Any, widths: Sequence[int]) -> None:
         """Add the radiance along segments to their pixels, step by step: each branch of a pixel has one there."""
@@ -180,7 +204,15 @@ class Gathering:
                 result.append((dr.compress(own & (segments.depth == dr.opaque(UInt32, int(depth)))), beams))
         return result
 
-    def _grid(self, medium: RenderedMedium, each: BeamSet, beams: BeamSet, segments: PathSegments, lanes: Any) -> Any:
+    def _grid(
+        self,
+        medium: RenderedMedium,
+        each: BeamSet,
+        beams: BeamSet,
+        segments: PathSegments,
+        lanes: Any,
+        images: RayImages | None,
+    ) -> Any:
         count = len(lanes)
         origin, direction = (dr.gather(Array3f, one, lanes) for one in (segments.origin, segments.direction))
         far = dr.gather(Float, segments.far, lanes)
@@ -193,6 +225,7 @@ class Gathering:
             return estimate_rays(
                 beams.beams, rays, look=medium.shaded(each.look), medium=medium.medium, close=beams.close,
                 estimator=self._options.estimator, points=self._options.points, context=self._context(each),
+                images=images,
             )  # fmt: skip
 
     def _time(self, pixel: UInt32) -> Any:

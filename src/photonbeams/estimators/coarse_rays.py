@@ -1,0 +1,213 @@
+"""Fewer rays behind mirrors and glass: what neighbouring pixels see by the same way is a picture of its own.
+
+The rays of every second pixel are evenly spaced (`lanes.Lattice`). Those of every 2ᵏ-th pixel are looked along first;
+others in between are interpolated where four of these say so: where they have been foretold by those twice as far
+apart, and where the ray lies and ends among its neighbours as on a smooth mirror. All others are looked along.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+import numpy as np
+
+from ..numerics.arrays import to_uint
+from ..runtime.device import Array2f, Array3f, Bool, Float, UInt32
+from .coarse import FORETOLD
+from .geometry import Rays
+from .lanes import Lattice
+
+# Every 2ᵏ-th pixel at most, and the number of rays below which all are looked along.
+_LEVELS, _FEW = 3, 4096
+# The least part of pixels that a picture of its own has rays for, and most entries of all pictures.
+_PART, _MOST = 1 / 256, 1 << 26
+# As in `coarse`, but of lengths more: mirrors and glass bend.
+_ENDS = 1.0
+_NONE = 0xFFFFFFFF
+_FAR = 1e18
+
+#: Returns the radiance along the rays of some indices.
+Evaluate = Callable[[Any], Any]
+
+
+@dataclass
+class RayImages:
+    """Rays (N,) that are parts of pictures.
+
+    Attributes
+    ----------
+    lattice
+        Which pixels' rays are evenly spaced.
+    size
+        Width and height of the pictures in pixels.
+    image
+        The number of each ray's picture, which has one ray of a pixel at most.
+    pixel, film
+        Each ray's pixel, and where its camera ray passes the film, in pixels.
+    least
+        Radiance below which errors are as large as they may be of this, ray by ray.
+    tolerance
+        The relative error that is allowed.
+    """
+
+    lattice: Lattice
+    size: tuple[int, int]
+    image: Any
+    pixel: Any
+    film: Any
+    least: Any
+    tolerance: float
+
+    def taken(self, lanes: Any) -> RayImages:
+        """Return some of the rays."""
+        image, pixel, least = (dr.gather(type(each), each, lanes) for each in (self.image, self.pixel, self.least))
+        film = dr.gather(Array2f, self.film, lanes)
+        dr.eval(image, pixel, film, least)
+        return RayImages(self.lattice, self.size, image, pixel, film, least, self.tolerance)
+
+    def radiance(self, rays: Rays, evaluate: Evaluate) -> Any:
+        """Return the radiance along all rays, of which `evaluate` is asked for as few as will do."""
+        count = dr.width(self.pixel)
+        result, waiting = dr.zeros(Array3f, count), dr.full(Bool, True, count)
+        picture = self._pictures(rays) if count >= _FEW else None
+        if picture is not None:
+            for level in range(_LEVELS, 0, -1):
+                in_step = waiting & picture.in_step(level)
+                here = picture.interpolated(level + 1, result, in_step) if level < _LEVELS else in_step
+                _look(result, here, evaluate)
+                picture.judge(level, result)
+                waiting &= ~in_step
+                dr.eval(waiting)
+            waiting = picture.interpolated(1, result, waiting)
+        _look(result, waiting, evaluate)
+        return result
+
+    def _pictures(self, rays: Rays) -> _Pictures | None:
+        """Return the pictures that have rays enough; None where there are none."""
+        image = self.image.numpy()
+        counts = np.bincount(image)
+        pixels = self.size[0] * self.size[1]
+        enough = np.flatnonzero(counts >= max(_PART * pixels, _FEW // 16))[: _MOST // max(pixels // 4, 1)]
+        if not len(enough):
+            return None
+        numbers = np.full(len(counts), _NONE, dtype=np.uint32)
+        numbers[enough] = np.arange(len(enough))
+        return _Pictures(self, rays, dr.gather(UInt32, to_uint(numbers), self.image), len(enough))
+
+
+class _Pictures:
+    """The pixels in step of pictures: `table` tells their rays, `good` whether the cell right below may be filled."""
+
+    def __init__(self, images: RayImages, rays: Rays, number: Any, count: int) -> None:
+        self._images, self._rays, self._number = images, rays, number
+        first = [-corner % 2 for corner in images.lattice.corner]
+        self._across, self._down = ((size + 1 - own) // 2 for size, own in zip(images.size, first, strict=True))
+        width = dr.opaque(UInt32, images.size[0])
+        x, y = images.pixel % width, images.pixel // width
+        left, top = (dr.opaque(UInt32, each) for each in first)
+        self._even = (number != _NONE) & (x >= left) & (y >= top) & ((x - left) % 2 == 0) & ((y - top) % 2 == 0)
+        self._column, self._row = (x - left) // 2, (y - top) // 2
+        # Where rays of every second pixel pass the film, from the first of them on, in their spacings.
+        place = Array2f(images.lattice.place)
+        self._at = (images.film - Array2f(Float(left), Float(top)) - place) * 0.5
+        size = count * self._across * self._down
+        self._table, self._good = dr.full(UInt32, _NONE, size), dr.full(Bool, False, size)
+        dr.eval(self._even, self._column, self._row, self._at, self._table, self._good)
+        dr.scatter(self._table, dr.arange(UInt32, dr.width(x)), self._entry(self._column, self._row), self._even)
+        dr.eval(self._table)
+
+    def _entry(self, column: Any, row: Any) -> UInt32:
+        across, down = dr.opaque(UInt32, self._across), dr.opaque(UInt32, self._down)
+        return (self._number * down + row) * across + column
+
+    def in_step(self, level: int) -> Any:
+        """Return which rays are of every 2ᵏ-th pixel, k = level, from the first pixel in step on."""
+        step = dr.opaque(UInt32, 1 << (level - 1))
+        return self._even & (self._column % step == 0) & (self._row % step == 0)
+
+    def judge(self, level: int, radiance: Any) -> None:
+        """Find out in which cells between four rays of a level others may be interpolated.
+
+        As `coarse.foretold` does: a block of 3 × 3 rays tells, whose corners are rays of the next coarser level.
+        """
+        step = dr.opaque(UInt32, 1 << (level - 1))
+        here = self.in_step(level)
+        column, row = ((each // (2 * step)) * (2 * step) for each in (self._column, self._row))
+        whole = here & (column + 2 * step < dr.opaque(UInt32, self._across))
+        whole &= row + 2 * step < dr.opaque(UInt32, self._down)
+        found, most = {}, Float(0)
+        for i in range(3):
+            for j in range(3):
+                ray = dr.gather(UInt32, self._table, self._entry(column + i * step, row + j * step), whole)
+                whole &= ray != _NONE
+                found[i, j] = dr.gather(Array3f, radiance, ray, whole)
+                own = dr.maximum(dr.max(found[i, j]), dr.gather(Float, self._images.least, ray, whole))
+                most = dr.maximum(most, own)
+        a, b, c, d = found[0, 0], found[2, 0], found[0, 2], found[2, 2]
+        told = {(1, 0): (a + b) / 2, (0, 1): (a + c) / 2, (2, 1): (b + d) / 2, (1, 2): (c + d) / 2,
+                (1, 1): (a + b + c + d) / 4}  # fmt: skip
+        difference = Float(0)
+        for place, each in told.items():
+            difference = dr.maximum(difference, dr.max(dr.abs(found[place] - each)))
+        good = whole & (difference <= dr.opaque(Float, FORETOLD * self._images.tolerance) * most)
+        dr.scatter(self._good, good, self._entry(self._column, self._row), here)
+        dr.eval(self._good)
+
+    def interpolated(self, level: int, radiance: Any, some: Any) -> Any:
+        """Set the radiance of `some` rays (a mask) that may be interpolated between those of a level; return the rest.
+
+        A ray may be where it lies and ends among its four neighbours as on a smooth mirror. What it is off, in the
+        distances between them, is what it may be wrong by, in the differences between theirs.
+        """
+        step, fine = dr.opaque(UInt32, 1 << (level - 1)), dr.opaque(Float, 1 / (1 << (level - 1)))
+        place = self._at * fine
+        low = dr.floor(place)
+        known = some & (self._number != _NONE) & (place.x >= 0) & (place.y >= 0)
+        column, row = UInt32(dr.maximum(low.x, 0)) * step, UInt32(dr.maximum(low.y, 0)) * step
+        known &= (column + step < dr.opaque(UInt32, self._across)) & (row + step < dr.opaque(UInt32, self._down))
+        known &= dr.gather(Bool, self._good, self._entry(column, row), known)
+        corners = []
+        for j in range(2):
+            for i in range(2):
+                ray = dr.gather(UInt32, self._table, self._entry(column + i * step, row + j * step), known)
+                known &= ray != _NONE
+                corners.append(ray)
+        u, v = place.x - low.x, place.y - low.y
+
+        def at(values: Any) -> list[Any]:
+            return [dr.gather(type(values), values, ray, known) for ray in corners]
+
+        def between(a: Any, b: Any, c: Any, d: Any) -> Any:
+            return dr.lerp(dr.lerp(a, b, u), dr.lerp(c, d, u), v)
+
+        rays = self._rays
+        off, apart = Float(0), Float(0)
+        for points in (rays.point(rays.t_min), rays.point(dr.minimum(rays.t_max, _FAR))):
+            four = at(points)
+            off = dr.maximum(off, dr.norm(between(*four) - points))
+            apart = dr.maximum(apart, dr.maximum(dr.norm(four[3] - four[0]), dr.norm(four[2] - four[1])))
+        values = at(radiance)
+        told = dr.maximum(between(*values), 0)
+        spread = dr.max(dr.maximum(dr.maximum(values[0], values[1]), dr.maximum(values[2], values[3]))
+                        - dr.minimum(dr.minimum(values[0], values[1]), dr.minimum(values[2], values[3])))  # fmt: skip
+        allowed = dr.opaque(Float, self._images.tolerance) * dr.maximum(dr.max(told), self._images.least)
+        # Where rays end, beams end: what is missing there is no difference between neighbours.
+        length = rays.t_max - rays.t_min
+        ends = dr.abs(between(*at(length)) - length) <= dr.opaque(Float, _ENDS * self._images.tolerance) * length
+        known &= ends & (off * spread <= allowed * apart)
+        dr.eval(known)
+        dr.scatter(radiance, told, dr.arange(UInt32, dr.width(known)), known)
+        rest = some & ~known
+        dr.eval(radiance, rest)
+        return rest
+
+
+def _look(radiance: Any, some: Any, evaluate: Evaluate) -> None:
+    """Set the radiance of `some` rays (a mask) by looking along them."""
+    index: Any = dr.compress(some)
+    if len(index):
+        dr.scatter(radiance, evaluate(index), index)
+        dr.eval(radiance)
