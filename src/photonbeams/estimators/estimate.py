@@ -135,9 +135,8 @@ def estimate_rays(
 ) -> Any:
     """Return the radiance of beams toward rays, (N,) each, of which each has its own origin, t_min and t_max.
 
-    By a grid, unless there are few of either: the same numbers, to float32 rounding; but as rays of `images`, beams of
-    smooth looks are seen along fewer rays. Where beams, fog or look are
-    attached to the AD graph, so is the result.
+    By a grid, unless there are few of either: the same numbers, to float32 rounding. As rays of `images`, beams of
+    smooth looks are seen along fewer rays. Where beams, fog or look are attached to the AD graph, so is the result.
     """
     check_estimator(estimator)
     check_motion(beams, close, rays.time)
