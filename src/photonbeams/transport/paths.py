@@ -46,6 +46,10 @@ _DOZEN = 3.0
 # Steps after which mirrors and lenses end ray differentials: light that is still specular by then is faint.
 _COHERENT = 8
 
+# The last paths, so many at most, take so many steps in one kernel, from a step on: light that is caught in a glass may
+# take hundreds, and a kernel of few lanes takes as long as one of thousands.
+_LAST, _TOGETHER, _LATE = 512, 64, 24
+
 
 # What a path is called by, and what it knows of its lamp: the same before and after most steps.
 _NAMES = ("number", "index", "key", "source")
@@ -142,11 +146,15 @@ def trace(tracing: Tracing, paths: LightPaths | None) -> Iterator[tuple[Segments
     """Yield segments in media and photons on surfaces, step by step; either may be None."""
     step = 0
     while paths is not None:
-        paths = _split(tracing, paths)
-        segments, in_medium, hits, on_surface, following, going = _step(tracing, paths, step)
+        if step >= _LATE and dr.width(paths.number) <= _LAST and not bool(dr.any(paths.coherent)):
+            segments, in_medium, hits, on_surface, following, going = _several_steps(tracing, paths, step)
+            step += _TOGETHER
+        else:
+            paths = _split(tracing, paths)
+            segments, in_medium, hits, on_surface, following, going = _step(tracing, paths, step)
+            step += 1
         yield kept(in_medium, segments), kept(on_surface, hits)
         paths = kept(going, following)
-        step += 1
 
 
 def straight(tracing: Tracing, paths: LightPaths) -> Iterator[tuple[Segments, Bool]]:
@@ -207,6 +215,45 @@ def kept(mask: Bool, value: Any) -> Any:
 def _step(tracing: Tracing, paths: LightPaths, step: int) -> tuple[Any, ...]:
     """Return the result of one step of all paths: segments, photons and continued paths, each with a mask."""
     stream = hash32(paths.key, dr.opaque(UInt32, step), paths.branch)
+    segments, in_medium, hits, on_surface, following, going, bent, width_there = _stepped(tracing, paths, stream)
+    dr.eval(segments, in_medium, hits, on_surface, following, going, bent, width_there)
+    if step < _COHERENT:
+        _carry(tracing, paths, following, bent, stream)
+    else:  # null collisions and boundaries, of which smoke may have any number, leave differentials as they are
+        following.radius = dr.select(bent, width_there, following.radius)
+        following.coherent &= ~bent
+    return segments, in_medium, hits, on_surface, following, going
+
+
+def _several_steps(tracing: Tracing, paths: LightPaths, step: int) -> tuple[Any, ...]:
+    """Return the same of many steps, in one kernel; no path is coherent, so none splits or has differentials."""
+    count = dr.width(paths.number)
+    size, lane = count * _TOGETHER, dr.arange(UInt32, count) + dr.opaque(UInt32, 0)
+    segments, hits = dr.zeros(Segments, size), dr.zeros(PhotonHits, size)
+    in_medium, on_surface = dr.zeros(Bool, size), dr.zeros(Bool, size)
+    first, stride = dr.opaque(UInt32, step), dr.opaque(UInt32, count)
+
+    def body(paths: LightPaths, going: Bool, number: UInt32) -> tuple[LightPaths, Bool, UInt32]:
+        stream = hash32(paths.key, first + number, UInt32(SAMPLED))
+        paths.branch = dr.zeros(UInt32, count)
+        found, within, photons, there, following, goes, *_ = _stepped(tracing, paths, stream)
+        slot = number * stride + lane
+        for target, values, mask in ((segments, found, within), (hits, photons, there)):
+            dr.scatter(target, values, slot, going & mask)
+        dr.scatter(in_medium, within, slot, going)
+        dr.scatter(on_surface, there, slot, going)
+        return following, going & goes, number + 1
+
+    state = paths, dr.full(Bool, True, count), dr.zeros(UInt32, count)
+    following, going, _ = dr.while_loop(
+        state, lambda _, going, number: going & (number < _TOGETHER), body, label="last paths"
+    )
+    dr.eval(segments, hits, in_medium, on_surface, following, going)
+    return segments, in_medium, hits, on_surface, following, going
+
+
+def _stepped(tracing: Tracing, paths: LightPaths, stream: UInt32) -> tuple[Any, ...]:
+    """Return the result of one step, which paths a mirror or lens has turned, and how wide they are there."""
     hit = tracing.world.intersect(paths.origin, paths.direction, Bool(True), hash32(stream, paths.index), paths.link)
     interaction = Interaction(tracing, paths, hit, stream)
     segments = _segments(tracing, paths, interaction)
@@ -217,13 +264,8 @@ def _step(tracing: Tracing, paths: LightPaths, step: int) -> tuple[Any, ...]:
     on_surface = interaction.on_surface & ~paths.straight & interaction.smooth
     in_medium &= tracing.within(paths.depth, paths.source) & ~tracing.undecided(paths)
     bent = interaction.going & interaction.on_surface & following.coherent & ~scatter.null
-    dr.eval(segments, in_medium, hits, on_surface, following, interaction.going, bent)
-    if step < _COHERENT:
-        _carry(tracing, paths, following, bent, stream)
-    else:  # null collisions and boundaries, of which smoke may have any number, leave differentials as they are
-        following.radius = dr.select(bent, segments.width(interaction.distance), following.radius)
-        following.coherent &= ~bent
-    return segments, in_medium, hits, on_surface, following, interaction.going
+    width_there = segments.width(interaction.distance)
+    return segments, in_medium, hits, on_surface, following, interaction.going, bent, width_there
 
 
 def _following(
