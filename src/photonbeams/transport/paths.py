@@ -48,7 +48,7 @@ _COHERENT = 8
 
 # The last paths, so many at most, take so many steps in one kernel, from a step on: light that is caught in a glass may
 # take hundreds, and a kernel of few lanes takes as long as one of thousands.
-_LAST, _TOGETHER, _LATE = 512, 64, 24
+_LAST, _TOGETHER, _LATE = 1024, 64, 12
 
 
 # What a path is called by, and what it knows of its lamp: the same before and after most steps.
