@@ -27,8 +27,9 @@ _FLIGHT, LOBE, TURN = 1, 2, 3
 # Scattering events after which paths that lose no flux end by Russian roulette, too.
 _LONG = 256
 
-#: A path's next interaction: it is sampled, it is in the medium, or it is on the next surface.
-SAMPLED, SCATTERED, PASSED = 0, 1, 2
+#: A path's next interaction: it is sampled; it is in the medium; or it is on the next surface, from which the path goes
+#: on anyhow, by ideal lobes alone, or by all others.
+SAMPLED, SCATTERED, PASSED, IDEAL, REFLECTED = range(5)
 
 
 class Interaction:
@@ -92,7 +93,8 @@ def flight(
     ending = dr.select(surely, _ending(depth), 1)
     distance = dr.select(own > 0, -dr.log(1 - u.y * ending) * dr.rcp(dr.maximum(own, 1e-30)), dr.inf)
     distance = dr.select(surely & (own > 0), dr.minimum(distance, length * (1 - 1e-6)), distance)
-    distance = dr.select(branch == PASSED, dr.inf, distance)
+    passes = branch >= PASSED
+    distance = dr.select(passes, dr.inf, distance)
     scatters = distance < length
     passed = media.absorbed(medium, dr.minimum(distance, length))
     rate = dr.select(surely, extinction * dr.rcp(dr.maximum(_ending(extinction * dr.minimum(length, 1e30)), 1e-30)),
@@ -101,7 +103,7 @@ def flight(
     scattering = dr.select(scatters, media.scattering(medium), Array3f(1))
     weight = dr.select(density > 0, passed * scattering * dr.rcp(density), 0)
     weight = dr.select(surely & ~scatters, 0, weight)
-    return distance, dr.select(branch == PASSED, passed, weight)
+    return distance, dr.select(passes, passed, weight)
 
 
 def _ending(depth: Any) -> Any:

@@ -9,7 +9,6 @@ functions and BSDFs.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from copy import copy
 from dataclasses import dataclass
 from typing import Any
 
@@ -27,10 +26,24 @@ from ..world.warp import facing
 from ..world.world import World
 from .differentials import RayDifferentials, copies, differentiate, of_copies
 from .emission import Emitted
-from .interactions import LOBE, PASSED, SAMPLED, SCATTERED, TURN, Interaction, Scatter, reflect, sampled, survival
+from .interactions import (
+    IDEAL,
+    LOBE,
+    PASSED,
+    REFLECTED,
+    SAMPLED,
+    SCATTERED,
+    TURN,
+    Interaction,
+    Scatter,
+    reflect,
+    sampled,
+    survival,
+)
 from .narrowing import narrow
 from .radii import Width, width
 from .records import LightPaths, PhotonHits, Segments
+from .splitting import split
 
 mi = mitsuba()
 
@@ -128,7 +141,7 @@ def leaving(tracing: Tracing, emitted: Sequence[Emitted]) -> LightPaths | None:
     # Not a bare counter: once that is evaluated, Dr.Jit takes it for every other counter of its length, in kernels of
     # another form than those of other lengths.
     paths.number = dr.arange(UInt32, total) + dr.opaque(UInt32, 0)
-    paths.depth, paths.branch = dr.zeros(UInt32, total), dr.zeros(UInt32, total)
+    paths.depth, paths.branch, paths.part = (dr.zeros(UInt32, total) for _ in range(3))
     paths.straight = paths.coherent = dr.full(Bool, True, total)
     paths.radius, paths.offset, paths.slant = (dr.zeros(Float, total) for _ in range(3))
     paths.fraction, paths.narrow = dr.ones(Float, total), dr.ones(Float, total)
@@ -150,7 +163,7 @@ def trace(tracing: Tracing, paths: LightPaths | None) -> Iterator[tuple[Segments
             segments, in_medium, hits, on_surface, following, going = _several_steps(tracing, paths, step)
             step += _TOGETHER
         else:
-            paths = _split(tracing, paths)
+            paths = split(tracing, paths, step)
             segments, in_medium, hits, on_surface, following, going = _step(tracing, paths, step)
             step += 1
         yield kept(in_medium, segments), kept(on_surface, hits)
@@ -174,28 +187,6 @@ def straight(tracing: Tracing, paths: LightPaths) -> Iterator[tuple[Segments, Bo
         paths, step = following, step + 1
 
 
-def _split(tracing: Tracing, paths: LightPaths) -> LightPaths:
-    """Split coherent paths in two: one is scattered before the next surface, the other reaches it.
-
-    In thin fog few paths would be scattered, each of them bright. The two parts share the flux by the probabilities of
-    their branches, so that every path is scattered once; this doubles their number for one interaction.
-    """
-    varying, _ = tracing.world.media.varying(paths.medium)
-    both = paths.coherent & (paths.medium > 0) & ~varying & Bool(not tracing.short)
-    whole = copy(paths)
-    whole.branch = dr.select(both, UInt32(PASSED), UInt32(SAMPLED))
-    both &= ~tracing.undecided(paths)
-    both &= tracing.within(paths.depth + 1, paths.source)  # no path for what would exceed the depth
-    scattered = kept(both, paths)
-    if scattered is None:
-        return whole
-    scattered = copy(scattered)
-    scattered.branch = dr.full(UInt32, SCATTERED, dr.width(scattered.branch))
-    result: LightPaths = joined([whole, scattered])
-    dr.eval(result)
-    return result
-
-
 def kept(mask: Bool, value: Any) -> Any:
     """Return the entries of a struct where `mask`, None where there are none.
 
@@ -214,7 +205,7 @@ def kept(mask: Bool, value: Any) -> Any:
 
 def _step(tracing: Tracing, paths: LightPaths, step: int) -> tuple[Any, ...]:
     """Return the result of one step of all paths: segments, photons and continued paths, each with a mask."""
-    stream = hash32(paths.key, dr.opaque(UInt32, step), paths.branch)
+    stream = hash32(paths.key, dr.opaque(UInt32, step), paths.branch, paths.part)
     segments, in_medium, hits, on_surface, following, going, bent, width_there = _stepped(tracing, paths, stream)
     dr.eval(segments, in_medium, hits, on_surface, following, going, bent, width_there)
     if step < _COHERENT:
@@ -234,7 +225,7 @@ def _several_steps(tracing: Tracing, paths: LightPaths, step: int) -> tuple[Any,
     first, stride = dr.opaque(UInt32, step), dr.opaque(UInt32, count)
 
     def body(paths: LightPaths, going: Bool, number: UInt32) -> tuple[LightPaths, Bool, UInt32]:
-        stream = hash32(paths.key, first + number, UInt32(SAMPLED))
+        stream = hash32(paths.key, first + number, UInt32(SAMPLED), paths.part)
         paths.branch = dr.zeros(UInt32, count)
         found, within, photons, there, following, goes, *_ = _stepped(tracing, paths, stream)
         slot = number * stride + lane
@@ -260,8 +251,10 @@ def _stepped(tracing: Tracing, paths: LightPaths, stream: UInt32) -> tuple[Any, 
     scatter = reflect(tracing.world, hit, interaction.on_surface, paths.medium, paths.index, stream)
     following = _following(tracing, paths, interaction, scatter, stream)
     hits = _photon_hits(paths, interaction, segments.width)
-    in_medium = (paths.medium > 0) & (interaction.length > 0) & (paths.branch != SCATTERED) & (dr.max(paths.flux) > 0)
-    on_surface = interaction.on_surface & ~paths.straight & interaction.smooth
+    # Of a path and the parts that it splits into, one leaves its segment.
+    whole = (paths.branch != SCATTERED) & (paths.branch != REFLECTED)
+    in_medium = (paths.medium > 0) & (interaction.length > 0) & whole & (dr.max(paths.flux) > 0)
+    on_surface = interaction.on_surface & ~paths.straight & interaction.smooth & whole
     in_medium &= tracing.within(paths.depth, paths.source) & ~tracing.undecided(paths)
     bent = interaction.going & interaction.on_surface & following.coherent & ~scatter.null
     width_there = segments.width(interaction.distance)
@@ -291,7 +284,7 @@ def _following(
     following.slant = dr.select(enters, _tangent(interaction.hit.n, following.direction), 0)
     following.straight = paths.straight & passes
     following.coherent = paths.coherent & (interaction.tinted | (interaction.on_surface & scatter.delta))
-    for name in (*_NAMES, *_STRAIGHT, "count", "initial"):
+    for name in (*_NAMES, *_STRAIGHT, "count", "initial", "part"):
         setattr(following, name, getattr(paths, name))
     following.narrow = dr.select(passes, paths.narrow, 1)
     following.link = dr.select(passes, paths.link, 0)
@@ -307,7 +300,9 @@ def _following(
     )
     going = interaction.going & (dr.max(following.flux) > 0)
     going &= tracing.within(following.depth, following.source)
-    going &= ~tracing.undecided(paths) | passes | (interaction.on_surface & scatter.delta)
+    ideal = interaction.on_surface & scatter.delta
+    going &= ~tracing.undecided(paths) | passes | ideal
+    going &= dr.select(paths.branch == IDEAL, ideal, (paths.branch != REFLECTED) | ~ideal)
     _roulette(tracing, following, passes, stream, going)
     following.radius = dr.select(following.coherent | passes, paths.radius, _scattered_radius(tracing, following))
     interaction.going = going & (dr.max(following.flux) > 0)
@@ -332,9 +327,9 @@ def _scattered_radius(tracing: Tracing, following: LightPaths) -> Float:
 
 
 def _roulette(tracing: Tracing, paths: LightPaths, passes: Bool, stream: UInt32, active: Bool) -> None:
-    """End paths by Russian roulette, by the part of the initial flux that is left."""
+    """End paths by Russian roulette, by the part of the initial flux that is left; parts of a path from the first."""
     surviving = survival(dr.max(paths.flux) * dr.rcp(dr.maximum(paths.initial, 1e-30)), paths.depth)
-    tried = active & ~passes & (paths.depth >= dr.opaque(UInt32, tracing.rr_depth))
+    tried = active & ~passes & ((paths.depth >= dr.opaque(UInt32, tracing.rr_depth)) | (paths.part > 0))
     survives = unit_float(hash32(paths.index, stream, UInt32(_ROULETTE))) < surviving
     factor: Any = dr.select(tried, dr.select(survives, dr.rcp(dr.maximum(surviving, 1e-30)), 0), 1)
     paths.flux = paths.flux * factor

@@ -14,7 +14,7 @@ class LightPaths(Struct):
     Attributes
     ----------
     flux, initial
-        The flux of a path, and the largest channel of the flux that it was emitted with.
+        The flux of a path, and the largest channel of the flux that it was emitted with, or that a part had at first.
     medium
         Number of the medium around it.
     number, index, key, source, link
@@ -30,8 +30,8 @@ class LightPaths(Struct):
     count, fraction
         Length of the path's sequence, and the probability of the specular lobes that it took: of a reflection on glass,
         a few hundredths.
-    branch
-        The kind of its next interaction: sampled, or set by `_split`.
+    branch, part
+        The kind of its next interaction; its number among the parts that split off the same path, else 0.
     reach
         Its length where it meets nothing.
     offset, portal, total, narrow
@@ -59,6 +59,7 @@ class LightPaths(Struct):
     count: Float
     fraction: Float
     branch: UInt32
+    part: UInt32
     reach: Float
     offset: Float
     portal: Float

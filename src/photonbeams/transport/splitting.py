@@ -1,0 +1,98 @@
+"""Where light paths split: each part carries about as much light (Kirk & Arvo 1991, "Unbiased Sampling Techniques").
+
+Light comes straight from its lamp, or by mirrors and lenses, along *coherent* paths, whose neighbours are known. Some
+of it is scattered along the way, in thin fog a few hundredths, and much is reflected by the surface at its end. One
+path for each would leave few bright beams among many dark ones. So the coherent path goes on by ideal lobes alone, and
+for the rest of its light paths are begun, so many that each carries as much.
+"""
+
+from __future__ import annotations
+
+from copy import copy
+from typing import TYPE_CHECKING, Any
+
+import drjit as dr
+import numpy as np
+
+from ..numerics.arrays import joined, taken, to_float, to_uint
+from ..numerics.hashing import hash32, unit_float
+from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
+from ..world.spectra import rgb
+from .interactions import IDEAL, REFLECTED, SAMPLED, SCATTERED
+from .records import LightPaths
+
+if TYPE_CHECKING:
+    from .paths import Tracing
+
+mi = mitsuba()
+
+# Parts of a path on average, of what is scattered and of what is reflected: more of them make fewer passes of longer
+# ones. Most parts of one path, and the least reflectance that is reckoned with: some BSDFs do not know theirs.
+_EACH, _MOST, _LEAST = 2, 64, 0.05
+_ROUNDING = 5  # a stream of samples, beside those of interactions
+
+
+def split(tracing: Tracing, paths: LightPaths, step: int) -> LightPaths:
+    """Return paths before step number `step`, and what is split off for light that is scattered or reflected there."""
+    varying, _ = tracing.world.media.varying(paths.medium)
+    able = paths.coherent & ~varying & Bool(not tracing.short)
+    if not bool(dr.any(able)):
+        paths.branch = dr.zeros(UInt32, dr.width(paths.branch))
+        return paths
+    whole = copy(paths)
+    whole.branch = dr.select(able, UInt32(IDEAL), UInt32(SAMPLED))
+    able &= ~tracing.undecided(paths)
+    able &= tracing.within(paths.depth + 1, paths.source)  # no path for what would exceed the depth
+    seed = hash32(paths.key, dr.opaque(UInt32, step), paths.index)
+    light = _scattered_and_reflected(tracing, paths, able, seed)
+    chance = [unit_float(hash32(seed, UInt32(_ROUNDING), UInt32(kind))) for kind in (SCATTERED, REFLECTED)]
+    dr.eval(light, chance)
+    found = np.nan_to_num(np.stack([each.numpy() for each in light]).astype(np.float64), posinf=0.0)
+    bright = found > 0
+    if not bright.any():
+        return whole
+    share = found.sum() / (_EACH * bright.sum())
+    expected = np.minimum(found / share, _MOST)
+    counts = (expected + np.stack([each.numpy() for each in chance])).astype(np.int64)
+    parts = [whole]
+    for branch, count, mean in zip((SCATTERED, REFLECTED), counts, expected, strict=True):
+        if count.any():
+            parts.append(_parts(paths, branch, count, mean, share))
+    result: LightPaths = joined(parts)
+    dr.eval(result)
+    return result
+
+
+def _scattered_and_reflected(
+    tracing: Tracing, paths: LightPaths, able: Bool, seed: UInt32
+) -> tuple[Float, Float]:  # fmt: skip
+    """Return about how much light leaves paths by way of the medium, and of the surface that they come to."""
+    world, media = tracing.world, tracing.world.media
+    hit = world.intersect(paths.origin, paths.direction, able, seed, paths.link)
+    valid = able & hit.is_valid()
+    length = dr.minimum(dr.select(valid, hit.t, paths.reach), 1e30)
+    extinction = media.extinction(paths.medium)
+    albedo = media.scattering(paths.medium) * dr.rcp(dr.maximum(extinction, 1e-30))
+    scattered = paths.flux * albedo * (1 - dr.exp(-extinction * length))
+    bsdf = hit.bsdf()
+    smooth = valid & (mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth) | Bool(bool(world.cutouts)))
+    reflectance = dr.clip(rgb(bsdf.eval_diffuse_reflectance(hit, smooth)), _LEAST, 1)
+    reflected = paths.flux * media.absorbed(paths.medium, length) * reflectance
+    inside = able & (paths.medium > 0)
+    return dr.select(inside, dr.max(Array3f(scattered)), 0), dr.select(smooth, dr.max(Array3f(reflected)), 0)
+
+
+def _parts(paths: LightPaths, branch: int, count: Any, mean: Any, share: float) -> LightPaths:
+    """Return so many copies of each path, to go on by a branch with light for `mean` of them."""
+    origin = np.repeat(np.arange(len(count)), count)
+    number = np.arange(len(origin)) - np.repeat(np.cumsum(count) - count, count) + 1
+    factor = 1 / mean[origin]
+    if len(origin) == 1:  # a second one without light: Dr.Jit treats arrays of one entry as scalars
+        origin, number, factor = np.repeat(origin, 2), np.repeat(number, 2), np.append(factor, 0.0)
+    result: LightPaths = taken(paths, to_uint(origin))
+    result.flux = result.flux * to_float(factor)
+    result.part = to_uint(number)
+    result.branch = dr.full(UInt32, branch, len(origin))
+    result.initial = dr.opaque(Float, share, len(origin))
+    dr.eval(result)
+    return result
