@@ -24,14 +24,12 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 from tests.comparison import EYE, camera, camera_rays, comparison_scene, lit, scattered_along
-from tests.transport.scenes import comparison
+from tests.transport.scenes import comparison, volpath
 
 import photonbeams as pb
 from photonbeams.render.scene_rays import radiance
 from photonbeams.render.settings import Settings
 from photonbeams.runtime.device import mitsuba
-
-from .transport import volpath
 
 mi = mitsuba()
 
@@ -47,7 +45,7 @@ ROUNDS = 3  # of which medians are told, after one that compiles kernels
 GOAL, AIM = 20, 50  # times as fast as Cycles
 PROBES = 6000  # pixels with a reference, about
 REFERENCE = Settings(passes=32, beams=1 << 16, method="beams", gather_error=0.0)
-CHECKED, CHECK_SAMPLES = (64, 36), 4096  # size and samples of `volpath`, for its mean
+CHECKED, CHECK_PASSES = (64, 36), 64  # size, and passes of 64 samples, of `volpath` for its mean
 
 
 @dataclass(frozen=True)
@@ -85,12 +83,12 @@ class Reference:
             found = (halves[0] + halves[1]) / 2
             noise = np.median(np.abs(halves[0] - halves[1])[lit(found)] / found[lit(found)]) / 2
             self.about = f"2 × {REFERENCE.passes} × {REFERENCE.beams:,} paths of ours, noise {noise:.2%}"
-        self._radiance = found.reshape(origin.shape[:2])
+        self.radiance = found.reshape(origin.shape[:2])
 
     def compared(self, picture: Any) -> tuple[float, float]:
         """Return the median relative error over lit pixels of a picture, (H, W), and its mean, the true one 1."""
-        kept = lit(self._radiance)
-        found, true = picture[self._pixels][kept], self._radiance[kept]
+        kept = lit(self.radiance)
+        found, true = picture[self._pixels][kept], self.radiance[kept]
         return float(np.median(np.abs(found / true - 1))), float(found.mean() / true.mean())
 
 
@@ -217,9 +215,10 @@ def _table(title: str, caption: str, theirs: list[Measured], found: list[list[Me
 def _check(kind: str) -> str:
     """Return a sentence on the means of a small picture by `volpath` and by ours."""
     scene, depth = comparison(*CHECKED), DEPTHS[kind][0]
-    own = {"type": "photon_beams", "max_depth": depth, "paths": REFERENCE.beams, "method": "beams"}
-    means = volpath(scene, CHECK_SAMPLES, depth).mean(), np.mean(mi.render(scene, integrator=mi.load_dict(own), spp=4))
-    return f"Mean at {CHECKED[0]} × {CHECKED[1]}: volpath {means[0]:.4f}, ours {means[1]:.4f}."
+    parameters = {"type": "photon_beams", "max_depth": depth, "paths": REFERENCE.beams, "method": "beams"}
+    own = np.mean(mi.render(scene, integrator=mi.load_dict(parameters), spp=4))
+    theirs = np.mean([volpath(scene, 64, seed, max_depth=depth).mean() for seed in range(CHECK_PASSES)])
+    return f"Mean at {CHECKED[0]} × {CHECKED[1]}: volpath {theirs:.4f}, ours {own:.4f}."
 
 
 def _options(words: Sequence[str]) -> argparse.Namespace:
