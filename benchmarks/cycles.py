@@ -38,9 +38,9 @@ WORKER = Path(__file__).with_name("cycles_worker.py")
 #: Of a kind of scattering: our longest path in edges, and Cycles' bounces in the fog.
 DEPTHS = {"single": (2, 0), "all": (-1, 1024)}
 #: Passes, and light paths a pass, from the cheapest on.
-LADDER = ((1, 1 << 10), (1, 1 << 12), (1, 1 << 14), (2, 1 << 14), (4, 1 << 14), (8, 1 << 14), (16, 1 << 14))
-#: What renders ours: Mitsuba's door, without and with the denoiser, and a shot whose light has the hole as its portal.
-DOORS = (PLAIN, DENOISED, PORTAL) = ("mi.render", "mi.render, denoised", "Shot, portal")
+LADDER = (*((1, 1 << k) for k in range(10, 15)), *((1 << k, 1 << 14) for k in range(1, 5)))
+#: What renders ours: `mi.render`, the same with `denoise`, and a `Shot` whose light has the hole as its portal.
+DOORS = (_, DENOISED, PORTAL) = ("mi.render", "denoised", "portal")
 ROUNDS = 3  # of which medians are told, after one that compiles kernels
 GOAL, AIM = 20, 50  # times as fast as Cycles
 PROBES = 6000  # pixels with a reference, about
@@ -230,9 +230,9 @@ def _options(words: Sequence[str]) -> argparse.Namespace:
     )
     parser.add_argument("--res", nargs=2, type=int, default=[1280, 720], metavar=("WIDTH", "HEIGHT"))
     parser.add_argument("--scattering", nargs="+", choices=DEPTHS, default=list(DEPTHS))
-    parser.add_argument("--doors", nargs="+", choices=DOORS, default=list(DOORS), metavar="DOOR", help=f"of {DOORS}")
+    parser.add_argument("--doors", nargs="+", choices=DOORS, default=list(DOORS), help="what renders ours")
     parser.add_argument("--method", choices=("auto", "beams"), default="auto", help="parameter of photon_beams")
-    parser.add_argument("--limit", type=float, default=900, help="seconds of one picture of Cycles, and of all of ours")
+    parser.add_argument("--limit", type=float, default=900, help="seconds of a picture of Cycles, and of each door")
     given = parser.parse_args(words)
     if given.install and not given.python.exists():
         subprocess.run(["python3.11", "-m", "venv", HOME], check=True)
