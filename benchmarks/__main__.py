@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import os
 import platform
+import sys
 from importlib import import_module
 
 from rich.console import Console
@@ -23,22 +24,26 @@ NAMES = {
     "scale": "a thousand machines, simulated with the farm's own policy",
     "film": "lens, shutter and a second eye beside a pinhole",
 }
+# What runs only where it is named, with options of its own.
+OPTIONAL = {"cycles": "the comparison scene beside Blender's Cycles with its denoiser: see `cycles --help`"}
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
     parser.add_argument(
-        "names", nargs="*", metavar="NAME", help="; ".join(f"{n}: {about}" for n, about in NAMES.items())
+        "names", nargs="*", metavar="NAME", help="; ".join(f"{n}: {about}" for n, about in (NAMES | OPTIONAL).items())
     )
-    names = parser.parse_args().names or list(NAMES)
-    if unknown := [name for name in names if name not in NAMES]:
-        parser.error(f"no benchmark {unknown[0]}: expected {', '.join(NAMES)}")
+    own = sys.argv[1:2] if sys.argv[1:2] and sys.argv[1] in OPTIONAL else []
+    names = own or parser.parse_args().names or list(NAMES)
+    if unknown := [name for name in names if name not in NAMES | OPTIONAL]:
+        parser.error(f"no benchmark {unknown[0]}: expected {', '.join(NAMES | OPTIONAL)}")
     console = Console()
     console.width = max(console.width, 110)  # a table that wraps cannot be read
     load = f", load {os.getloadavg()[0]:.1f}" if hasattr(os, "getloadavg") else ""
     console.print(f"[dim]{platform.machine()}, {os.cpu_count()} processors{load}: figures need an idle machine[/]")
     for name in names:
-        import_module(f".{name}", __package__).report(console)
+        module = import_module(f".{name}", __package__)
+        module.report(console, *([sys.argv[2:]] if own else []))
 
 
 if __name__ == "__main__":

@@ -1,0 +1,242 @@
+"""The comparison scene by `photon_beams` beside Blender's Cycles with its denoiser: seconds at equal error.
+
+Cycles comes as the module `bpy`, which brings libraries of its own: it runs in a process of its own, by the Python of
+another virtual environment, and nothing else needs it. Errors are medians over lit pixels, of those spread over the
+picture whose true radiance is known: single scattering by the deterministic integral of `tests.comparison`, all
+scattering by many beams along the pixels' rays.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import subprocess
+import tempfile
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import drjit as dr
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+from tests.comparison import EYE, camera, camera_rays, comparison_scene, lit, scattered_along
+from tests.transport.scenes import comparison, volpath
+
+import photonbeams as pb
+from photonbeams.render.scene_rays import radiance
+from photonbeams.render.settings import Settings
+from photonbeams.runtime.device import mitsuba
+
+mi = mitsuba()
+
+BPY, HOME = "bpy==5.0.1", Path("out") / "bpy"
+WORKER = Path(__file__).with_name("cycles_worker.py")
+#: Of a kind of scattering: our longest path in edges, and Cycles' bounces in the fog.
+DEPTHS = {"single": (2, 0), "all": (-1, 1024)}
+#: Passes, and light paths a pass, from the cheapest on.
+LADDER = (*((1, 1 << k) for k in range(10, 15)), *((1 << k, 1 << 14) for k in range(1, 5)))
+#: What renders ours: `mi.render`, the same with `denoise`, and a `Shot` whose light has the hole as its portal.
+DOORS = (_, DENOISED, PORTAL) = ("mi.render", "denoised", "portal")
+ROUNDS = 3  # of which medians are told, after one that compiles kernels
+GOAL, AIM = 20, 50  # times as fast as Cycles
+PROBES = 6000  # pixels with a reference, about
+REFERENCE = Settings(passes=32, beams=1 << 16, method="beams", gather_error=0.0)
+CHECKED, CHECK_PASSES = (64, 36), 64  # size, and passes of 64 samples, of `volpath` for its mean
+
+
+@dataclass(frozen=True)
+class Measured:
+    """Seconds of a picture, how many processors it got, its median error, its mean in units of the reference's."""
+
+    name: str
+    seconds: float
+    processors: float
+    error: float
+    mean: float
+
+    def cells(self) -> list[str]:
+        """Return the cells of a table's row."""
+        return [self.name, f"{self.seconds:.2f} s", f"{self.processors:.1f}", f"{self.error:.2%}", f"{self.mean:.3f}"]
+
+
+COLUMNS = ("picture", "seconds", "processors", "error", "mean")
+
+
+class Reference:
+    """The true radiance at pixels that are spread over a picture."""
+
+    def __init__(self, kind: str, size: tuple[int, int]) -> None:
+        width, height = size
+        step = max(1, round((width * height / PROBES) ** 0.5))
+        self._pixels = np.s_[step // 2 :: step, step // 2 :: step]
+        origin, direction = (each.reshape(height, width, 3)[self._pixels] for each in camera_rays(width, height))
+        rays = origin.reshape(-1, 3), direction.reshape(-1, 3)
+        if kind == "single":
+            found = scattered_along(*rays)
+            self.about = "the deterministic integral"
+        else:
+            halves = [_along(rays, seed) for seed in (1, 2)]
+            found = (halves[0] + halves[1]) / 2
+            noise = np.median(np.abs(halves[0] - halves[1])[lit(found)] / found[lit(found)]) / 2
+            self.about = f"2 × {REFERENCE.passes} × {REFERENCE.beams:,} paths of ours, noise {noise:.2%}"
+        self.radiance = found.reshape(origin.shape[:2])
+
+    def compared(self, picture: Any) -> tuple[float, float]:
+        """Return the median relative error over lit pixels of a picture, (H, W), and its mean, the true one 1."""
+        kept = lit(self.radiance)
+        found, true = picture[self._pixels][kept], self.radiance[kept]
+        return float(np.median(np.abs(found / true - 1))), float(found.mean() / true.mean())
+
+
+def _along(rays: tuple[Any, Any], seed: int) -> Any:
+    """Return the radiance along rays, (N,), by many beams."""
+    passes = REFERENCE.passes  # each looks along every ray
+    given = (mi.Point3f(*np.float32(each.repeat(passes, axis=0).T)) for each in rays)
+    found = radiance(comparison(), mi.Ray3f(*given), mi.Bool(True), Settings.of(REFERENCE, {"seed": seed}), set())
+    return (found.beams + found.surface).numpy().mean(axis=0).reshape(-1, passes).mean(axis=1)
+
+
+def job(size: Sequence[int], samples: int, bounces: int, file: str) -> dict[str, Any]:
+    """Return what `cycles_worker` renders: the comparison scene in plain numbers, with the fog in the first mesh.
+
+    The light's power is its flux in watts, π · radiance · area, which is what Blender calls an area light's power.
+    """
+    scene: Any = comparison_scene()
+    (light,), (fog,), view = scene.lights, scene.media, camera()
+    side = 2 * float(np.linalg.norm(light.half_y))
+    return {
+        "meshes": [(mesh.points.tolist(), mesh.faces.tolist()) for mesh in scene.meshes],
+        "fog": {"scattering": fog.scattering, "absorption": fog.absorption, "anisotropy": fog.anisotropy},
+        "light": {"center": light.center.tolist(), "axis": light.axis.tolist(), "side": side,
+                  "power": np.pi * light.radiance[0] * side**2},
+        "camera": {"eye": EYE, "angle": 2 * np.arctan(view.horizontal_aperture / (2 * view.focal_length))},
+        "size": list(size), "samples": samples, "bounces": bounces, "file": file,
+    }  # fmt: skip
+
+
+def cycles(python: Path, kind: str, samples: int, size: tuple[int, int], limit: float) -> tuple[Any, float, float]:
+    """Return Cycles' picture, (H, W), its seconds, and the processors that it got.
+
+    Raises
+    ------
+    subprocess.TimeoutExpired
+        It took longer than `limit` seconds.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        told, file = Path(folder) / "job.json", str(Path(folder) / "picture.exr")
+        told.write_text(json.dumps(job(size, samples, DEPTHS[kind][1], file)))
+        # Isolated (-I): this folder has a module that is called as Blender's add-on, cycles.
+        child = subprocess.run([python, "-I", WORKER, told], capture_output=True, text=True, timeout=limit)
+        if child.returncode:
+            raise SystemExit(f"Cycles could not render:\n{child.stderr}")
+        spent = json.loads(child.stdout.splitlines()[-1])
+        picture = np.array(mi.Bitmap(file))[..., :3].mean(axis=2)
+    return picture, spent["seconds"], spent["processor"] / spent["seconds"]
+
+
+def ours(
+    door: str, kind: str, size: Sequence[int], passes: int, paths: int, method: str
+) -> Iterator[tuple[Any, float, float]]:
+    """Yield pictures, (H, W), their seconds and processors. Nothing is kept between them, so that pilots count."""
+    scene, depth = comparison(*size), DEPTHS[kind][0]
+    given = {"type": "photon_beams", "max_depth": depth, "paths": paths, "method": method, "denoise": door == DENOISED}
+    whole = {"width": size[0], "height": size[1], "passes": passes, "beams": paths, "max_depth": depth}
+    for seed in range(ROUNDS + 1):
+        dr.sync_thread()
+        begin, cpu = perf_counter(), sum(os.times()[:2])
+        if door == PORTAL:
+            picture = pb.Shot(comparison_scene(), camera()).render(**whole, seed=seed).layers["rgba"]
+        else:
+            picture = np.array(mi.render(scene, integrator=mi.load_dict(given), spp=passes, seed=seed))
+        seconds = perf_counter() - begin
+        if seed > 0:
+            yield picture[..., :3].mean(axis=2), seconds, (sum(os.times()[:2]) - cpu) / seconds
+
+
+def _theirs(console: Console, given: argparse.Namespace, kind: str, reference: Reference) -> Iterator[Measured]:
+    """Yield what Cycles measures."""
+    for samples in given.samples:
+        try:
+            picture, seconds, processors = cycles(given.python, kind, samples, given.res, given.limit)
+        except subprocess.TimeoutExpired:
+            console.print(f"[dim]Cycles, {samples} samples: more than {given.limit:g} s[/]")
+        else:
+            yield Measured(f"Cycles, {samples} samples", seconds, processors, *reference.compared(picture))
+
+
+def _ladder(given: argparse.Namespace, door: str, kind: str, reference: Reference, target: float) -> Iterator[Measured]:
+    """Yield what ours measures with more and more paths, until the error is the target's or time is up."""
+    begin = perf_counter()
+    for passes, paths in LADDER:
+        pictures = ours(door, kind, given.res, passes, paths, given.method)
+        rounds = [(*spent, *reference.compared(picture)) for picture, *spent in pictures]
+        yield (one := Measured(f"{door}, {passes} × {paths:,}", *np.median(rounds, axis=0).tolist()))
+        if one.error <= target or perf_counter() - begin > given.limit:
+            return
+
+
+def report(console: Console, options: Sequence[str] = ()) -> None:
+    """Print Cycles' seconds and errors, and how many times as fast ours has errors as low."""
+    given = _options(options)
+    for kind in given.scattering:
+
+        def told(each: Measured, kind: str = kind) -> Measured:
+            console.print(f"[dim]{kind}: {', '.join(each.cells())}[/]")
+            return each
+
+        console.print(f"[dim]{kind}: the reference. Then: {', '.join(COLUMNS)}[/]")
+        reference = Reference(kind, given.res)
+        theirs = [told(each) for each in _theirs(console, given, kind, reference)]
+        target = min((each.error for each in theirs), default=0.0)
+        found = [[told(each) for each in _ladder(given, door, kind, reference, target)] for door in given.doors]
+        about = f"Errors and means are against {reference.about}. {_check(kind)} Load {os.getloadavg()[0]:.1f}."
+        console.print(_table(f"{kind} scattering, {given.res[0]} × {given.res[1]}", about, theirs, found))
+
+
+def _table(title: str, caption: str, theirs: list[Measured], found: list[list[Measured]]) -> Table:
+    """Return the table: Cycles' pictures, and under each the fastest of ours, of each door, whose error is as low."""
+    table = Table(title=f"Cycles with its denoiser: {title}", caption=caption)
+    for name in (*COLUMNS, "ratio", "goal"):
+        table.add_column(name, justify="right" if name != "picture" else "left", no_wrap=True)
+    for each in theirs:
+        table.add_row(*each.cells())
+        for door in found:
+            if reached := [one for one in door if one.error <= each.error]:
+                best = min(reached, key=lambda one: one.seconds)
+                table.add_row(*best.cells(), f"{each.seconds / best.seconds:.1f} ×", f"≥ {GOAL} ×, aim {AIM} ×")
+        table.add_section()
+    return table
+
+
+def _check(kind: str) -> str:
+    """Return a sentence on the means of a small picture by `volpath` and by ours."""
+    scene, depth = comparison(*CHECKED), DEPTHS[kind][0]
+    parameters = {"type": "photon_beams", "max_depth": depth, "paths": REFERENCE.beams, "method": "beams"}
+    own = np.mean(mi.render(scene, integrator=mi.load_dict(parameters), spp=4))
+    theirs = np.mean([volpath(scene, 64, seed, max_depth=depth).mean() for seed in range(CHECK_PASSES)])
+    return f"Mean at {CHECKED[0]} × {CHECKED[1]}: volpath {theirs:.4f}, ours {own:.4f}."
+
+
+def _options(words: Sequence[str]) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(prog="python -m benchmarks cycles", description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("--install", action="store_true", help=f"make {HOME} by python3.11, with {BPY} from PyPI")
+    parser.add_argument("--python", type=Path, default=HOME / "bin" / "python", help="the one that has bpy")
+    parser.add_argument(
+        "--samples", default=[4, 16, 64], metavar="N,N…", type=lambda text: [int(each) for each in text.split(",")]
+    )
+    parser.add_argument("--res", nargs=2, type=int, default=[1280, 720], metavar=("WIDTH", "HEIGHT"))
+    parser.add_argument("--scattering", nargs="+", choices=DEPTHS, default=list(DEPTHS))
+    parser.add_argument("--doors", nargs="+", choices=DOORS, default=list(DOORS), help="what renders ours")
+    parser.add_argument("--method", choices=("auto", "beams"), default="auto", help="parameter of photon_beams")
+    parser.add_argument("--limit", type=float, default=900, help="seconds of a picture of Cycles, and of each door")
+    given = parser.parse_args(words)
+    if given.install and not given.python.exists():
+        subprocess.run(["python3.11", "-m", "venv", HOME], check=True)
+        subprocess.run([given.python, "-m", "pip", "install", "--quiet", BPY], check=True)
+    if not given.python.exists():
+        parser.error(f"{given.python} is missing: expected --install, or a Python that has bpy, by --python")
+    return given
