@@ -26,9 +26,8 @@ if TYPE_CHECKING:
 
 mi = mitsuba()
 
-# Parts of a path on average, of what is scattered and of what is reflected: more of them make fewer passes of longer
-# ones. Most parts of one path, and the least reflectance that is reckoned with: some BSDFs do not know theirs.
-_EACH, _MOST, _LEAST = 2, 64, 0.05
+# Most parts of a path, and the least reflectance that is reckoned with: some BSDFs do not know theirs.
+_MOST, _LEAST = 64, 0.05
 _ROUNDING = 5  # a stream of samples, beside those of interactions
 
 
@@ -51,7 +50,7 @@ def split(tracing: Tracing, paths: LightPaths, step: int) -> LightPaths:
     bright = found > 0
     if not bright.any():
         return whole
-    share = found.sum() / (_EACH * bright.sum())
+    share = found.sum() / bright.sum()
     expected = np.minimum(found / share, _MOST)
     counts = (expected + np.stack([each.numpy() for each in chance])).astype(np.int64)
     parts = [whole]
