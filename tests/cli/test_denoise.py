@@ -31,6 +31,16 @@ def test_a_denoised_file_has_the_layers_of_others_and_the_noisy_ones_if_they_are
         assert np.array_equal(both[name], clean[name])
 
 
+def test_beams_over_a_plate_are_denoised_without_guides(render, stage, out):
+    """Behind a holdout no surface is seen, so nothing has an albedo or a normal."""
+    assert render(stage, "-o", out / "z.exr", *SMALL, "--layers", "rgba,depth")[0] == 0
+    assert render(stage, "-o", out / "clean.exr", *SMALL, "--denoise", "--holdout", out / "z.exr")[0] == 0
+    assert render(stage, "-o", out / "noisy.exr", *SMALL, "--holdout", out / "z.exr")[0] == 0
+    clean, noisy = (read_layers(out / f"{name}.exr")["beams"] for name in ("clean", "noisy"))
+    assert noisy.any() and not np.array_equal(clean, noisy)
+    assert clean.mean() == pytest.approx(noisy.mean(), rel=0.05)  # the network keeps the light
+
+
 def test_albedos_are_asked_for_by_their_name(render, stage, out):
     flags = (*SMALL, "--layers", "rgba,albedo")
     assert render(stage, "-o", out / "a.exr", *flags, "--picture", f"albedo={out / 'a.png'}")[0] == 0

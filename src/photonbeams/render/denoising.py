@@ -84,9 +84,11 @@ def _guides(sums: PassSums, shape: tuple[int, ...]) -> dict[str, Array]:
     total = sums.total((ALBEDO, MEAN_NORMAL, "weight"))
     if MEAN_NORMAL not in total:
         raise SceneError("the passes have no normals to denoise by: expected passes that were rendered with denoise")
+    if ALBEDO not in total:  # behind a plate nothing is seen; the network takes no normals without albedos
+        return {}
     scale = 1 / total["weight"] if "weight" in total else np.float32(1 / len(sums))
     names = {"albedo": ALBEDO, "normal": MEAN_NORMAL}
-    means = {guide: (total[name] * scale).reshape(3, *shape) for guide, name in names.items() if name in total}
+    means = {guide: (total[name] * scale).reshape(3, *shape) for guide, name in names.items()}
     return {guide: np.ascontiguousarray(mean.transpose(1, 2, 0)) for guide, mean in means.items()}
 
 
