@@ -327,9 +327,14 @@ def _scattered_radius(tracing: Tracing, following: LightPaths) -> Float:
 
 
 def _roulette(tracing: Tracing, paths: LightPaths, passes: Bool, stream: UInt32, active: Bool) -> None:
-    """End paths by Russian roulette, by the part of the initial flux that is left; parts of a path from the first."""
-    surviving = survival(dr.max(paths.flux) * dr.rcp(dr.maximum(paths.initial, 1e-30)), paths.depth)
-    tried = active & ~passes & ((paths.depth >= dr.opaque(UInt32, tracing.rr_depth)) | (paths.part > 0))
+    """End paths by Russian roulette, by the part of the initial flux that is left; parts of a path earlier, by its root.
+
+    Deep light is faint, but may be all that a corner has.
+    """
+    part = dr.max(paths.flux) * dr.rcp(dr.maximum(paths.initial, 1e-30))
+    late = paths.depth >= dr.opaque(UInt32, tracing.rr_depth)
+    surviving = dr.select(late, survival(part, paths.depth), dr.sqrt(dr.minimum(part, 1)))
+    tried = active & ~passes & (late | (paths.part > 0))
     survives = unit_float(hash32(paths.index, stream, UInt32(_ROULETTE))) < surviving
     factor: Any = dr.select(tried, dr.select(survives, dr.rcp(dr.maximum(surviving, 1e-30)), 0), 1)
     paths.flux = paths.flux * factor

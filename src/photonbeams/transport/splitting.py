@@ -26,8 +26,9 @@ if TYPE_CHECKING:
 
 mi = mitsuba()
 
-# Most parts of a path, and the least reflectance that is reckoned with: some BSDFs do not know theirs.
-_MOST, _LEAST = 64, 0.05
+# The least reflectance that is reckoned with: some BSDFs do not know theirs.
+_LEAST = 0.05
+_DARK = 1e-30
 _ROUNDING = 5  # a stream of samples, beside those of interactions
 
 
@@ -47,16 +48,17 @@ def split(tracing: Tracing, paths: LightPaths, step: int) -> LightPaths:
     chance = [unit_float(hash32(seed, UInt32(_ROUNDING), UInt32(kind))) for kind in (SCATTERED, REFLECTED)]
     dr.eval(light, chance)
     found = np.nan_to_num(np.stack([each.numpy() for each in light]).astype(np.float64), posinf=0.0)
-    bright = found > 0
-    if not bright.any():
-        return whole
-    share = found.sum() / bright.sum()
-    expected = np.minimum(found / share, _MOST)
-    counts = (expected + np.stack([each.numpy() for each in chance])).astype(np.int64)
+    lamp = np.unique(paths.key.numpy(), return_inverse=True)[1].ravel()
     parts = [whole]
-    for branch, count, mean in zip((SCATTERED, REFLECTED), counts, expected, strict=True):
+    for branch, own, turn in zip((SCATTERED, REFLECTED), found, chance, strict=True):
+        # Lamps keep their numbers of paths: dim ones may be all that lights a corner.
+        share = (np.bincount(lamp, own) / np.maximum(np.bincount(lamp, own > 0), 1))[lamp]
+        mean = own / np.maximum(share, _DARK)
+        count = (mean + turn.numpy()).astype(np.int64)
         if count.any():
             parts.append(_parts(paths, branch, count, mean, share))
+    if len(parts) == 1:
+        return whole
     result: LightPaths = joined(parts)
     dr.eval(result)
     return result
@@ -75,14 +77,16 @@ def _scattered_and_reflected(
     scattered = paths.flux * albedo * (1 - dr.exp(-extinction * length))
     bsdf = hit.bsdf()
     smooth = valid & (mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth) | Bool(bool(world.cutouts)))
+    # Rather too many dark parts than few bright ones: what reflects otherwise than by a diffuse lobe may be metal.
     reflectance = dr.clip(rgb(bsdf.eval_diffuse_reflectance(hit, smooth)), _LEAST, 1)
+    reflectance = dr.select(mi.has_flag(bsdf.flags(), mi.BSDFFlags.Glossy), 1, reflectance)
     reflected = paths.flux * media.absorbed(paths.medium, length) * reflectance
     inside = able & (paths.medium > 0)
     return dr.select(inside, dr.max(Array3f(scattered)), 0), dr.select(smooth, dr.max(Array3f(reflected)), 0)
 
 
-def _parts(paths: LightPaths, branch: int, count: Any, mean: Any, share: float) -> LightPaths:
-    """Return so many copies of each path, to go on by a branch with light for `mean` of them."""
+def _parts(paths: LightPaths, branch: int, count: Any, mean: Any, share: Any) -> LightPaths:
+    """Return so many copies of each path, to go on by a branch with light for `mean` of them, `share` each."""
     origin = np.repeat(np.arange(len(count)), count)
     number = np.arange(len(origin)) - np.repeat(np.cumsum(count) - count, count) + 1
     factor = 1 / mean[origin]
@@ -92,6 +96,6 @@ def _parts(paths: LightPaths, branch: int, count: Any, mean: Any, share: float) 
     result.flux = result.flux * to_float(factor)
     result.part = to_uint(number)
     result.branch = dr.full(UInt32, branch, len(origin))
-    result.initial = dr.opaque(Float, share, len(origin))
+    result.initial = to_float(share[origin])
     dr.eval(result)
     return result
