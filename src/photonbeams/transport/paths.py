@@ -327,9 +327,9 @@ def _scattered_radius(tracing: Tracing, following: LightPaths) -> Float:
 
 
 def _roulette(tracing: Tracing, paths: LightPaths, passes: Bool, stream: UInt32, active: Bool) -> None:
-    """End paths by Russian roulette, by the part of the initial flux that is left; parts of a path earlier, by its root.
+    """End paths by Russian roulette, by the part of the initial flux that is left.
 
-    Deep light is faint, but may be all that a corner has.
+    Parts of a path end earlier, by the root of it: deep light is faint, but may be all that a corner has.
     """
     part = dr.max(paths.flux) * dr.rcp(dr.maximum(paths.initial, 1e-30))
     late = paths.depth >= dr.opaque(UInt32, tracing.rr_depth)
