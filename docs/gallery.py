@@ -46,9 +46,9 @@ def pair(name: str) -> tuple[float, int, float, int]:
     width, height, limit, exposure = SCENES[name]
     path = ROOT / "examples" / "mitsuba" / f"{name}.xml"
     shot = pb.Shot.open(path)
-    size = {"width": width, "height": height, "denoise": True}
-    shot.render(passes=1, **size)  # compiles
-    seconds, frame = timed(lambda: shot.render(passes=1 << 14, time_limit=limit, **size))
+    given = {"width": width, "height": height, "denoise": True}
+    shot.render(passes=1, **given)  # compiles
+    seconds, frame = timed(lambda: shot.render(passes=1 << 14, time_limit=limit, **given))
     write(f"{name}-beams", frame.layers["rgba"][..., :3], exposure)
 
     scene = mi.load_file(str(path))

@@ -9,7 +9,7 @@ far as its neighbours say, at the edges of things.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -25,9 +25,9 @@ _HALF_WIDTH = 1.5
 # What is allowed of the difference between rays and what those twice as far apart foretell, and of that between the
 # end of a ray and where its neighbours' lie, in relative errors: of what is smooth, half as far apart, a quarter is
 # left of the one; of the light along a ray, no more than its even share lies between the others.
-FORETOLD, _ENDS = 8.0, 0.25
+_FORETOLD, _ENDS = 8.0, 0.25
 # Of the mean of a picture: what is dimmer may have larger relative errors.
-DIM = 0.05
+_DIM = 0.05
 
 
 @dataclass
@@ -124,7 +124,7 @@ def depths(levels: Sequence[Level], farthest: Any) -> list[Any]:
 
 def dim_of(radiance: Any) -> Any:
     """Return what is so dim, in a picture of this radiance, that errors are as large there as they may be of this."""
-    result = dr.opaque(Float, DIM) * dr.max(dr.mean(radiance, axis=1))
+    result = dr.opaque(Float, _DIM) * dr.max(dr.mean(radiance, axis=1))
     dr.eval(result)
     return result
 
@@ -153,18 +153,27 @@ def foretold(level: Level, radiance: Any, dim: Any, tolerance: float) -> Any:
     def at(right: int, below: int) -> Array3f:
         return dr.gather(Array3f, radiance, (y + below) * across + x + right, whole)
 
-    found = {(i, j): at(i, j) for i in range(3) for j in range(3)}
-    a, b, c, d = found[0, 0], found[2, 0], found[0, 2], found[2, 2]
-    sides = {(1, 0): (a + b) / 2, (0, 1): (a + c) / 2, (2, 1): (b + d) / 2, (1, 2): (c + d) / 2}
-    told = sides | {(1, 1): (a + b + c + d) / 4}
-    difference, most = Float(0), Float(dim)
-    for place, each in found.items():
-        most = dr.maximum(most, dr.max(each))
-        if place in told:
-            difference = dr.maximum(difference, dr.max(dr.abs(each - told[place])))
-    good = whole & (difference <= dr.opaque(Float, FORETOLD * tolerance) * most)
+    good = whole & corners_foretell({(i, j): at(i, j) for i in range(3) for j in range(3)}, Float(dim), tolerance)
     dr.eval(good)
     return good
+
+
+def corners_foretell(found: Mapping[tuple[int, int], Array3f], least: Float, tolerance: float) -> Any:
+    """Return whether the corners of blocks of 3 × 3 rays foretell the five others; errors are of `least` at least."""
+    a, b, c, d = found[0, 0], found[2, 0], found[0, 2], found[2, 2]
+    sides = {(1, 0): (a + b) / 2, (0, 1): (a + c) / 2, (2, 1): (b + d) / 2, (1, 2): (c + d) / 2}
+    difference, most = Float(0), least
+    for each in found.values():
+        most = dr.maximum(most, dr.max(each))
+    for place, told in (sides | {(1, 1): (a + b + c + d) / 4}).items():
+        difference = dr.maximum(difference, dr.max(dr.abs(found[place] - told)))
+    return difference <= dr.opaque(Float, _FORETOLD * tolerance) * most
+
+
+def bilinear(corners: Sequence[Any], u: Float, v: Float) -> Any:
+    """Return what lies at (u, v) between four corners: those of the first row, then those of the second."""
+    a, b, c, d = corners
+    return dr.lerp(dr.lerp(a, b, u), dr.lerp(c, d, u), v)
 
 
 def interpolated(level: Level, coarser: Level, radiance: Any, good: Any, tolerance: float) -> tuple[Any, Any]:
@@ -187,8 +196,7 @@ def interpolated(level: Level, coarser: Level, radiance: Any, good: Any, toleran
     corners = (at, at + 1, at + columns, at + columns + 1)
 
     def between(kind: Any, values: Any) -> Any:
-        a, b, c, d = (dr.gather(kind, values, each, known) for each in corners)
-        return dr.lerp(dr.lerp(a, b, u), dr.lerp(c, d, u), v)
+        return bilinear([dr.gather(kind, values, each, known) for each in corners], u, v)
 
     told, own = between(Array2f, coarser.inverse_depths()), level.inverse_depths()
     near = dr.abs(told - own) <= dr.opaque(Float, _ENDS * tolerance) * dr.minimum(told, own)

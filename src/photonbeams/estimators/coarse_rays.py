@@ -8,15 +8,15 @@ apart, and where the ray lies and ends among its neighbours as on a smooth mirro
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import drjit as dr
 import numpy as np
 
-from ..numerics.arrays import to_uint
+from ..numerics.arrays import taken, to_uint
 from ..runtime.device import Array2f, Array3f, Bool, Float, UInt32
-from .coarse import FORETOLD
+from .coarse import bilinear, corners_foretell
 from .geometry import Rays
 from .lanes import Lattice
 
@@ -63,10 +63,9 @@ class RayImages:
 
     def taken(self, lanes: Any) -> RayImages:
         """Return some of the rays."""
-        image, pixel, least = (dr.gather(type(each), each, lanes) for each in (self.image, self.pixel, self.least))
-        film = dr.gather(Array2f, self.film, lanes)
-        dr.eval(image, pixel, film, least)
-        return RayImages(self.lattice, self.size, image, pixel, film, least, self.tolerance)
+        own = {name: taken(getattr(self, name), lanes) for name in ("image", "pixel", "film", "least")}
+        dr.eval(own)
+        return replace(self, **own)
 
     def radiance(self, rays: Rays, evaluate: Evaluate) -> Any:
         """Return the radiance along all rays, of which `evaluate` is asked for as few as will do."""
@@ -138,21 +137,14 @@ class _Pictures:
         column, row = ((each // (2 * step)) * (2 * step) for each in (self._column, self._row))
         whole = here & (column + 2 * step < dr.opaque(UInt32, self._across))
         whole &= row + 2 * step < dr.opaque(UInt32, self._down)
-        found, most = {}, Float(0)
+        found, least = {}, Float(0)
         for i in range(3):
             for j in range(3):
                 ray = dr.gather(UInt32, self._table, self._entry(column + i * step, row + j * step), whole)
                 whole &= ray != _NONE
                 found[i, j] = dr.gather(Array3f, radiance, ray, whole)
-                own = dr.maximum(dr.max(found[i, j]), dr.gather(Float, self._images.least, ray, whole))
-                most = dr.maximum(most, own)
-        a, b, c, d = found[0, 0], found[2, 0], found[0, 2], found[2, 2]
-        told = {(1, 0): (a + b) / 2, (0, 1): (a + c) / 2, (2, 1): (b + d) / 2, (1, 2): (c + d) / 2,
-                (1, 1): (a + b + c + d) / 4}  # fmt: skip
-        difference = Float(0)
-        for place, each in told.items():
-            difference = dr.maximum(difference, dr.max(dr.abs(found[place] - each)))
-        good = whole & (difference <= dr.opaque(Float, FORETOLD * self._images.tolerance) * most)
+                least = dr.maximum(least, dr.gather(Float, self._images.least, ray, whole))
+        good = whole & corners_foretell(found, least, self._images.tolerance)
         dr.scatter(self._good, good, self._entry(self._column, self._row), here)
         dr.eval(self._good)
 
@@ -180,23 +172,20 @@ class _Pictures:
         def at(values: Any) -> list[Any]:
             return [dr.gather(type(values), values, ray, known) for ray in corners]
 
-        def between(a: Any, b: Any, c: Any, d: Any) -> Any:
-            return dr.lerp(dr.lerp(a, b, u), dr.lerp(c, d, u), v)
-
         rays = self._rays
         off, apart = Float(0), Float(0)
         for points in (rays.point(rays.t_min), rays.point(dr.minimum(rays.t_max, _FAR))):
             four = at(points)
-            off = dr.maximum(off, dr.norm(between(*four) - points))
+            off = dr.maximum(off, dr.norm(bilinear(four, u, v) - points))
             apart = dr.maximum(apart, dr.maximum(dr.norm(four[3] - four[0]), dr.norm(four[2] - four[1])))
         values = at(radiance)
-        told = dr.maximum(between(*values), 0)
+        told = dr.maximum(bilinear(values, u, v), 0)
         spread = dr.max(dr.maximum(dr.maximum(values[0], values[1]), dr.maximum(values[2], values[3]))
                         - dr.minimum(dr.minimum(values[0], values[1]), dr.minimum(values[2], values[3])))  # fmt: skip
         allowed = dr.opaque(Float, self._images.tolerance) * dr.maximum(dr.max(told), self._images.least)
         # Where rays end, beams end: what is missing there is no difference between neighbours.
         length = rays.t_max - rays.t_min
-        ends = dr.abs(between(*at(length)) - length) <= dr.opaque(Float, _ENDS * self._images.tolerance) * length
+        ends = dr.abs(bilinear(at(length), u, v) - length) <= dr.opaque(Float, _ENDS * self._images.tolerance) * length
         known &= ends & (off * spread <= allowed * apart)
         dr.eval(known)
         dr.scatter(radiance, told, dr.arange(UInt32, dr.width(known)), known)

@@ -25,7 +25,8 @@ from typing import Any
 
 import drjit as dr
 
-from ..runtime.device import Array3f, Float, UInt32
+from ..numerics.arrays import taken
+from ..runtime.device import Float
 from .records import Record
 
 
@@ -56,9 +57,8 @@ class Rays:
 
     def taken(self, lanes: Any) -> Rays:
         """Return some of the rays."""
-        kinds = {"origin": Array3f, "direction": Array3f, "t_max": Float, "t_min": Float, "time": Float}
-        own = {name: getattr(self, name) for name in (*kinds, "index")}
-        own = {name: dr.gather(kinds.get(name, UInt32), each, lanes) for name, each in own.items() if each is not None}
+        names = ("origin", "direction", "t_max", "t_min", "time", "index")
+        own = {name: taken(getattr(self, name), lanes) for name in names}
         dr.eval(own)
         return replace(self, **own)
 

@@ -155,10 +155,10 @@ class Gathering:
             own = segments.medium == dr.opaque(UInt32, medium.number)
             for each in sets:
                 found = dr.zeros(Array3f, sum(widths))
+                if images is not None:
+                    images = replace(images, least=self._brought(each.group, segments))
                 for lanes, beams in self._pairs(each, segments, own):
-                    part = None
-                    if images is not None:
-                        part = replace(images, least=self._brought(each.group, segments)).taken(lanes)
+                    part = None if images is None else images.taken(lanes)
                     dr.scatter(found, self._grid(medium, each, beams, segments, lanes, part), lanes)
                 self._add_found(each.group, found, widths)
         self._steps = []

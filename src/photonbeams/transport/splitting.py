@@ -8,13 +8,12 @@ for the rest of its light paths are begun, so many that each carries as much.
 
 from __future__ import annotations
 
-from copy import copy
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import drjit as dr
 import numpy as np
 
-from ..numerics.arrays import joined, taken, to_float, to_uint
+from ..numerics.arrays import taken, to_float, to_uint
 from ..numerics.hashing import hash32, unit_float
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from ..world.spectra import rgb
@@ -39,27 +38,32 @@ def split(tracing: Tracing, paths: LightPaths, step: int) -> LightPaths:
     if not bool(dr.any(able)):
         paths.branch = dr.zeros(UInt32, dr.width(paths.branch))
         return paths
-    whole = copy(paths)
-    whole.branch = dr.select(able, UInt32(IDEAL), UInt32(SAMPLED))
+    goes_on = dr.select(able, UInt32(IDEAL), UInt32(SAMPLED))
     able &= ~tracing.undecided(paths)
     able &= tracing.within(paths.depth + 1, paths.source)  # no path for what would exceed the depth
     seed = hash32(paths.key, dr.opaque(UInt32, step), paths.index)
     light = _scattered_and_reflected(tracing, paths, able, seed)
     chance = [unit_float(hash32(seed, UInt32(_ROUNDING), UInt32(kind))) for kind in (SCATTERED, REFLECTED)]
-    dr.eval(light, chance)
+    dr.eval(goes_on, light, chance)
     found = np.nan_to_num(np.stack([each.numpy() for each in light]).astype(np.float64), posinf=0.0)
-    lamp = np.unique(paths.key.numpy(), return_inverse=True)[1].ravel()
-    parts = [whole]
+    lamp, width = np.unique(paths.key.numpy(), return_inverse=True)[1].ravel(), dr.width(paths.key)
+    # The paths themselves, and then copies of them: by branch, number among the copies, part of the flux, share.
+    columns = [(np.arange(width), goes_on.numpy(), np.zeros(width), np.ones(width), np.zeros(width))]
     for branch, own, turn in zip((SCATTERED, REFLECTED), found, chance, strict=True):
         # Lamps keep their numbers of paths: dim ones may be all that lights a corner.
         share = (np.bincount(lamp, own) / np.maximum(np.bincount(lamp, own > 0), 1))[lamp]
         mean = own / np.maximum(share, _DARK)
         count = (mean + turn.numpy()).astype(np.int64)
-        if count.any():
-            parts.append(_parts(paths, branch, count, mean, share))
-    if len(parts) == 1:
-        return whole
-    result: LightPaths = joined(parts)
+        origin = np.repeat(np.arange(width), count)
+        number = np.arange(len(origin)) - np.repeat(np.cumsum(count) - count, count) + 1
+        columns.append((origin, np.full(len(origin), branch), number, 1 / mean[origin], share[origin]))
+    origin, branches, number, factor, share = (np.concatenate(each) for each in zip(*columns, strict=True))
+    result: LightPaths = taken(paths, to_uint(origin))
+    result.flux = result.flux * to_float(factor)
+    result.branch = to_uint(branches)
+    copies = to_uint(number)
+    result.part = dr.select(copies > 0, copies, result.part)
+    result.initial = dr.select(copies > 0, to_float(share), result.initial)
     dr.eval(result)
     return result
 
@@ -83,19 +87,3 @@ def _scattered_and_reflected(
     reflected = paths.flux * media.absorbed(paths.medium, length) * reflectance
     inside = able & (paths.medium > 0)
     return dr.select(inside, dr.max(Array3f(scattered)), 0), dr.select(smooth, dr.max(Array3f(reflected)), 0)
-
-
-def _parts(paths: LightPaths, branch: int, count: Any, mean: Any, share: Any) -> LightPaths:
-    """Return so many copies of each path, to go on by a branch with light for `mean` of them, `share` each."""
-    origin = np.repeat(np.arange(len(count)), count)
-    number = np.arange(len(origin)) - np.repeat(np.cumsum(count) - count, count) + 1
-    factor = 1 / mean[origin]
-    if len(origin) == 1:  # a second one without light: Dr.Jit treats arrays of one entry as scalars
-        origin, number, factor = np.repeat(origin, 2), np.repeat(number, 2), np.append(factor, 0.0)
-    result: LightPaths = taken(paths, to_uint(origin))
-    result.flux = result.flux * to_float(factor)
-    result.part = to_uint(number)
-    result.branch = dr.full(UInt32, branch, len(origin))
-    result.initial = to_float(share[origin])
-    dr.eval(result)
-    return result
