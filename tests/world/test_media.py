@@ -105,10 +105,10 @@ def test_media_that_touch_are_as_bright_as_with_a_gap():
             light={"type": "point", "position": [-3, 2, 1], "intensity": 15.0}, sensor=camera((0, 1, 5), size=16),
         )  # fmt: skip
         return (
-            render(both, both.sensors()[0], by_beams(passes=16, max_depth=4))
+            render(both, both.sensors()[0], by_beams(passes=64, max_depth=4))
             .layers()["rgba"][..., :3]
             .mean(axis=(0, 1))
         )
 
-    # Where borders lie on each other, rays met but one of them: 3 % less. Sixteen passes have a spread of 0.16 %.
-    np.testing.assert_allclose(mean(0.0), mean(2e-3), rtol=1e-2)
+    # Where borders lie on each other, rays met but one of them: 3 % less. 64 passes have a spread of 0.08 %.
+    np.testing.assert_allclose(mean(0.0), mean(2e-3), rtol=5e-3)
