@@ -13,11 +13,14 @@ from collections.abc import Collection, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from .. import scene
 from ..runtime.device import mitsuba
-from ..transport.emission import Emission, Stratum
+from ..transport.emission import Stratum
+from ..transport.fitted_portals import Opening, parted
 from ..transport.guiding import GuidingMap
 from ..transport.scene_emitters import emission_of, power_of, redistribute
 from ..transport.simulation import Simulation, Tuning
@@ -92,8 +95,16 @@ class EmitterSettings:
         return len(self.sources) > 1 or first.look is not None or first.beam_scale != 1
 
 
-#: Of each stratum, the map of its samples and how many light paths it has.
-Guides = list[tuple[GuidingMap | None, int]]
+class Guide(NamedTuple):
+    """Of an emitter's light: its fitted portal, and the map of the samples and the number of paths of its strata."""
+
+    opening: Opening | None
+    maps: list[GuidingMap | None]
+    counts: list[int]
+
+
+#: Guides by the numbers of the strata that an emission has at first.
+Guides = list[Guide]
 
 
 @dataclass
@@ -146,22 +157,35 @@ class SceneLight:
     def with_paths(self, strata: Sequence[Stratum]) -> SceneLight:
         """Return the same with other light paths."""
         result = copy(self)
-        result.simulation = replace(self.simulation, emission=Emission(strata, self.simulation.emission.power))
+        result._sent(strata)
         return result
 
     def guide(self, cameras: Sequence[View]) -> Guides:
         """Send light paths toward what cameras see, and return what does it."""
         strata = self.simulation.emission.strata
-        if cameras and strata:
-            # Of whole pictures, or a crop would not be that part of the picture.
-            views = [each.whole().projection for each in cameras]
-            redistribute(self.simulation.emission, self.simulation.guide(views))
-        return [(each.guide, each.count) for each in strata]
+        if not cameras or not strata:
+            return [Guide(None, [each.guide], [each.count]) for each in strata]
+        # Of whole pictures, or a crop would not be that part of the picture.
+        found = self.simulation.guide([each.whole().projection for each in cameras])
+        self._sent([stratum for each in found for stratum in each.strata])
+        redistribute(self.simulation.emission.strata, np.array([own for each in found for own in each.light]))
+        return [
+            Guide(each.opening, [own.guide for own in each.strata], [own.count for own in each.strata])
+            for each in found
+        ]
 
     def follow(self, guides: Guides) -> None:
         """Send light paths as guides do that were found for the same light with another seed."""
-        for stratum, (guide, count) in zip(self.simulation.emission.strata, guides, strict=True):
-            stratum.guide, stratum.count = guide, count
+        sent = []
+        for stratum, guide in zip(self.simulation.emission.strata, guides, strict=True):
+            parts = parted(stratum, guide.opening)
+            for part, part.guide, part.count in zip(parts, guide.maps, guide.counts, strict=True):
+                sent.append(part)
+        self._sent(sent)
+
+    def _sent(self, strata: Sequence[Stratum]) -> None:
+        emission = self.simulation.emission
+        self.simulation = replace(self.simulation, emission=replace(emission, strata=strata))
 
     def simulated(self, number: int) -> Simulated:
         """Return what light leaves in pass `number`."""

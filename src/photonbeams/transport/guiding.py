@@ -26,7 +26,7 @@ _LEAST, _DEEPEST = (4, 16, 64), 40
 # Each half counts as if it had so many samples more: few of them prove little.
 _PRIOR = 2.0
 # The greatest weight of a sample against the mean.
-_BRIGHTEST = 8.0
+BRIGHTEST = 8.0
 # How often samples follow light that something stops, against light that is seen: they find the holes that the pilot
 # missed.
 _DOUBT = 0.25
@@ -118,7 +118,7 @@ def learn(points: Array, weights: Array, stopped: Array | None = None, enough: f
     points, weights = points[known], weights[known].astype(np.float64)
     if len(weights) < 4 * _LEAST[0]:
         return None
-    weights = np.minimum(weights, _BRIGHTEST * weights.mean())
+    weights = np.minimum(weights, BRIGHTEST * weights.mean())
     judge, own = points[1::2], weights[1::2] / weights[1::2].sum()
     cells = {}
     for way in product(_ORDERS, _LEAST):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -36,28 +36,34 @@ _NEAREST = 0.1
 class Sightings:
     """Points of light paths that cameras see, (M,): the path's number, the part of the picture, light and distance.
 
-    `distance` is 0 where it does not matter: of orthographic cameras.
+    `distance` is 0 where it does not matter: of orthographic cameras. `straight` is whether the light comes straight
+    from its emitter.
     """
 
     path: Array
     part: Array
     light: Array
     distance: Array
+    straight: Array
 
     @classmethod
     def joined(cls, several: Sequence[Sightings]) -> Sightings:
         """Return sightings as one."""
-        names = ("path", "part", "light", "distance")
+        names = ("path", "part", "light", "distance", "straight")
         columns = ([getattr(each, name) for each in several] for name in names)
-        return cls(*(np.concatenate(each) if each else np.zeros(0, dtype=int) for each in columns))
+        *others, straight = (np.concatenate(each) if each else np.zeros(0, dtype=int) for each in columns)
+        return cls(*others, straight.astype(bool))
 
     def of(self, which: Array, first: int) -> Sightings:
         """Return some of them, with paths numbered from `first` on."""
-        return Sightings(self.path[which] - first, self.part[which], self.light[which], self.distance[which])
+        path, *others = (
+            each[which] for each in (self.path, self.part, self.light, self.distance, self.straight)
+        )
+        return Sightings(path - first, *others)
 
     def later(self, first: int) -> Sightings:
         """Return the same of paths that are numbered higher by `first`."""
-        return Sightings(self.path + first, self.part, self.light, self.distance)
+        return replace(self, path=self.path + first)
 
     @cached_property
     def in_picture(self) -> Array:
@@ -180,28 +186,29 @@ class CameraImportance:
         """Return what is seen of light that is scattered along segments, and where paths hit surfaces."""
         found = []
         if segments is not None:
-            found.append(self._along(segments, segments.length, segments.medium, segments.number))
+            found.append(self._along(segments))
         if hits is not None:
             found.append(self._at(hits))
         return Sightings.joined(found)
 
-    def _along(self, segments: Any, length: Any, medium: Any, numbers: Any) -> Sightings:
+    def _along(self, segments: Any) -> Sightings:
         """Return points along segments, several on each, that cameras see; in empty space all light counts."""
-        lane = dr.arange(UInt32, _POINTS * dr.width(length))
+        lane = dr.arange(UInt32, _POINTS * dr.width(segments.length))
         which, place = lane // _POINTS, lane % _POINTS
         origin, direction, flux = (
             dr.gather(Array3f, each, which) for each in (segments.origin, segments.direction, segments.flux)
         )
-        length, (medium, number) = dr.gather(Float, length, which), (
-            dr.gather(UInt32, each, which) for each in (medium, numbers)
-        )  # fmt: skip
+        length = dr.gather(Float, segments.length, which)
+        medium, number, depth = (
+            dr.gather(UInt32, each, which) for each in (segments.medium, segments.number, segments.depth)
+        )
         view = self._views(hash32(number, place, UInt32(1)) % self._views.count)
         low, high = view.clipped(origin, direction, length)
         s = low + (Float(place) + unit_float(hash32(number, place, UInt32(2)))) * (1 / _POINTS) * (high - low)
         scattering = self._media.scattering(medium)
         lit = flux * self._media.absorbed(medium, s) * dr.select(scattering > 0, scattering, 1)
         light = dr.max(lit) * (high - low)
-        return self._sighted(view, origin + s * direction, medium, number, light, high > low)
+        return self._sighted(view, origin + s * direction, medium, number, light, high > low, depth == 0)
 
     def _at(self, hits: Any) -> Sightings:
         """Return the photons that cameras see."""
@@ -210,10 +217,11 @@ class CameraImportance:
         low, high = view.clipped(point, Array3f(hits.direction), Float(0) * point.x)
         medium = dr.zeros(UInt32, dr.width(hits.number))
         dr.make_opaque(medium)
-        return self._sighted(view, point, medium, hits.number, dr.max(hits.flux), high >= low)
+        straight = dr.zeros(Bool, dr.width(hits.number))
+        return self._sighted(view, point, medium, hits.number, dr.max(hits.flux), high >= low, straight)
 
     def _sighted(
-        self, view: ViewOfLane, point: Array3f, medium: Any, number: Any, light: Any, active: Any
+        self, view: ViewOfLane, point: Array3f, medium: Any, number: Any, light: Any, active: Any, straight: Any
     ) -> Sightings:  # fmt: skip
         """Return those points that are seen, of all that are active."""
         to = view.origin - point
@@ -227,7 +235,8 @@ class CameraImportance:
         passed, _ = through(self._world.plugin, self._media, ray, medium, hash32(number), Bool(active))
         light = dr.select(active & (away < 0), light * dr.max(passed), 0)
         part, distance = view.part(point), dr.select(view.orthographic, 0, distance)
-        dr.eval(light, part, distance, number)
+        dr.eval(light, part, distance, number, straight)
         index = np.flatnonzero(light.numpy() > 0)
-        columns: list[Array] = [np.asarray(each.numpy())[index] for each in (number, part, light, distance)]
-        return Sightings(columns[0].astype(np.int64), columns[1].astype(np.int64), columns[2].astype(float), columns[3])
+        columns: list[Array] = [np.asarray(each.numpy())[index] for each in (number, part, light, distance, straight)]
+        number, part, light, distance, straight = columns
+        return Sightings(number.astype(np.int64), part.astype(np.int64), light.astype(float), distance, straight)

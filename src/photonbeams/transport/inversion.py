@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import drjit as dr
 import numpy as np
 
 from ..numerics.sampling import pairs, sobol_points
@@ -28,7 +29,7 @@ def samples_of(emitter: Emitter, point: Array, direction: Array) -> tuple[Array,
         return np.concatenate([origin + (to * along).sum(axis=1, keepdims=True) * along, size * along], axis=1)
 
     guesses = sobol_points(_GUESSES, 0, (_GUESSES,)).astype(np.float64)
-    origin, along = _rays(emitter, guesses)
+    origin, along, _ = rays_of(emitter, guesses)
     known = np.isfinite(origin).all(axis=1) & np.isfinite(along).all(axis=1)
     _, nearest = cKDTree(features(origin[known], along[known])).query(features(point, direction))
     current = guesses[known][nearest]
@@ -37,7 +38,7 @@ def samples_of(emitter: Emitter, point: Array, direction: Array) -> tuple[Array,
         # A step of the difference along each axis, inward at the edges of the cube.
         steps = np.where(current < 0.5, _DIFFERENCE, -_DIFFERENCE)
         places = np.concatenate([current, *(current + steps * np.eye(4)[axis] for axis in range(4))])
-        missed = _missed(*_rays(emitter, places), np.tile(point, (5, 1)), np.tile(direction, (5, 1)), size)
+        missed = _missed(*rays_of(emitter, places)[:2], np.tile(point, (5, 1)), np.tile(direction, (5, 1)), size)
         here, *beside = np.split(missed, 5)
         norm = np.linalg.norm(here, axis=1)
         better = norm < error
@@ -55,12 +56,14 @@ def samples_of(emitter: Emitter, point: Array, direction: Array) -> tuple[Array,
     return best.astype(np.float32), error < _NEAR * size
 
 
-def _rays(emitter: Emitter, samples: Array) -> tuple[Array, Array]:
-    """Return origins and directions of an emitter's rays for samples (N, 4)."""
+def rays_of(emitter: Emitter, samples: Array) -> tuple[Array, Array, Array]:
+    """Return origins and directions (N, 3) of an emitter's rays for samples (N, 4), and their greatest flux (N,)."""
     found = emitter.sample(*pairs(samples.astype(np.float32)))
-    rays = (np.broadcast_to(each.numpy(), (3, len(samples))).T for each in (found.origin, found.direction))
-    origin, direction = (each.astype(np.float64) for each in rays)
-    return origin, direction
+    flux = dr.select(found.valid, found.flux, 0)
+    dr.eval(found.origin, found.direction, flux)
+    values = (np.broadcast_to(each.numpy(), (3, len(samples))).T for each in (found.origin, found.direction, flux))
+    origin, direction, flux = (each.astype(np.float64) for each in values)
+    return origin, direction, np.nan_to_num(flux.max(axis=1), posinf=0)
 
 
 def _missed(origin: Array, along: Array, point: Array, direction: Array, size: float) -> Array:

@@ -3,35 +3,61 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..scene import Array
+from ..world.world import World
 from .connections import ShadowRays
-from .emission import Emitted, Stratum
-from .guiding import ENOUGH, ENOUGH_PORTAL, ENOUGH_STRAIGHT, GuidingMap, learn
+from .emission import Emitted, Emitter, Stratum
+from .fitted_portals import Bundle, Opening, Rectangle, fitted, parted, walled
+from .guiding import BRIGHTEST, ENOUGH, ENOUGH_PORTAL, ENOUGH_STRAIGHT, GuidingMap, learn
 from .importance import Sightings
-from .inversion import samples_of
+from .inversion import rays_of, samples_of
 from .lamps import PortalEmitter
 
 # Light paths of a round, of all strata together; rounds; the fewest paths of a stratum that is guided.
 _ROUND, _ROUNDS, _FEWEST = 1 << 13, 2, 1 << 9
 # Most lines from a stratum to points in the picture, and to points that it does not reach.
 _LINES, _STOPPED = 1 << 11, 1 << 10
+# Most of the variance by uniform samples, and by guided ones, that a fitted portal leaves.
+_WORTH, _BETTER = 0.25, 2.0
+# The least part of visible light that is seen before it is scattered for that alone to tell where a portal is.
+_STRAIGHT = 0.1
 
 #: What cameras see of light paths, whose numbers count on from one element to the next.
 Seen = Callable[[list[Emitted]], Sightings]
 
 
+@dataclass
+class Found:
+    """What the pilot has found of a stratum.
+
+    Attributes
+    ----------
+    strata
+        The guided stratum, or the two strata of its light through a fitted portal and past it.
+    opening
+        The fitted portal; None without one.
+    light
+        How much light of each of the strata is in the picture.
+    """
+
+    strata: list[Stratum]
+    opening: Opening | None
+    light: list[float]
+
+
 def guide(
-    strata: Sequence[Stratum], seen: Seen, lines: Callable[[Stratum], ShadowRays] | None = None, straight: bool = False
-) -> Array:
-    """Guide strata toward visible light, and return how much light of each is in the picture, (S,).
+    strata: Sequence[Stratum], seen: Seen, world: World, lines: Callable[[Stratum], ShadowRays] | None = None,
+    straight: bool = False,
+) -> list[Found]:  # fmt: skip
+    """Guide strata toward visible light, and return what is found of each.
 
     Lines to points in the picture tell where light comes in, as far as it comes straight from its emitter. Rounds of
-    light paths follow, each guided by what is known; they find scattered light, too. Strata with few of the pilot's
-    paths are left as they are.
+    light paths follow, each guided by what is known; they find scattered light, too. Where most of what is seen comes
+    through a small rectangle, that becomes a portal. Strata with few of the pilot's paths are left as they are.
 
     Parameters
     ----------
@@ -39,6 +65,8 @@ def guide(
         The strata, whose guides are set.
     seen
         Returns what cameras see of light paths.
+    world
+        What light meets.
     lines
         Returns lines along which a stratum lights points in the picture; None: no lines are known.
     straight
@@ -48,7 +76,7 @@ def guide(
     total = max(sum(each.count for each in strata), 1)
     counts = [round(_ROUND * each.count / total) for each in strata]
     learning = [
-        _Learning(each, count, _enough(each, straight))
+        _Learning(each, count, straight)
         for each, count in zip(strata, counts, strict=True)
         if count >= _FEWEST
     ]
@@ -63,14 +91,13 @@ def guide(
         _round(learning, number, seen)
         for each in learning:
             each.stratum.guide = each.learned()
-    return np.array([found[id(each)].light() if id(each) in found else 0.0 for each in strata])
+    return [found[id(each)].found(world) if id(each) in found else Found([each], None, [0.0]) for each in strata]
 
 
-def _enough(stratum: Stratum, straight: bool) -> float:
-    """Return above which variance, against that by uniform samples, a stratum's samples stay uniform."""
+def _enough(emitter: Emitter, straight: bool) -> float:
+    """Return above which variance, against that by uniform samples, an emitter's samples stay uniform."""
     if not straight:
         return ENOUGH
-    emitter = stratum.emitter
     return ENOUGH_PORTAL if isinstance(emitter, PortalEmitter) and emitter.through else ENOUGH_STRAIGHT
 
 
@@ -87,8 +114,8 @@ def _round(learning: Sequence[_Learning], number: int, seen: Seen) -> None:
 class _Learning:
     """A stratum, and what the pilot has found of it so far."""
 
-    def __init__(self, stratum: Stratum, count: int, enough: float) -> None:
-        self.stratum, self.count, self._enough = stratum, count, enough
+    def __init__(self, stratum: Stratum, count: int, straight: bool) -> None:
+        self.stratum, self.count, self._straight = stratum, count, straight
         stratum.guide = None
         self._pilot = Stratum(stratum.emitter, count, stratum.sequence)
         self._free = self._stopped = np.zeros((0, 4), dtype=np.float32)
@@ -134,11 +161,61 @@ class _Learning:
         # Lines and paths tell of the same light: each kind counts as much as it has samples.
         found = [(points, weights * (len(points) / weights.sum())) for points, weights in found if len(points)]
         if not found:
-            return learn(self._stopped, np.ones(len(self._stopped)), enough=self._enough)
+            return learn(self._stopped, np.ones(len(self._stopped)), enough=_enough(self.stratum.emitter, self._straight))
         points, weights = (np.concatenate(each) for each in zip(*found, strict=True))
-        return learn(points, weights, self._stopped, self._enough)
+        return learn(points, weights, self._stopped, _enough(self.stratum.emitter, self._straight))
 
-    def light(self) -> float:
+    def found(self, world: World) -> Found:
+        """Return what was found, with a portal where that serves better than the guide."""
+        if not self._points or self.stratum.emitter.lamp is None or isinstance(self.stratum.emitter, PortalEmitter):
+            return Found([self.stratum], None, [self._light()])
+        density, sightings = self._density(), Sightings.joined(self._sightings)
+        bundle = self._bundle(sightings, density)
+        rectangle = None if bundle is None else self._rectangle(bundle, world)
+        if bundle is None or rectangle is None:
+            return Found([self.stratum], None, [self._light()])
+        weights = sightings.importance(density) / density
+        through = min(float(weights[rectangle.inside].sum() / weights.sum()), 1.0)
+        opening = Opening(rectangle.portal(world.host), replace(rectangle, seen=through).share)
+        strata = parted(self.stratum, opening)
+        for stratum, own in zip(strata, (rectangle.inside, ~rectangle.inside), strict=True):
+            own = own & (weights > 0)
+            if not own.any():
+                continue
+            samples, valid = samples_of(stratum.emitter, bundle.origin[own], bundle.direction[own])
+            stratum.guide = learn(samples[valid], weights[own][valid], enough=_enough(stratum.emitter, self._straight))
+        light = self._light()
+        return Found(strata, opening, [light * through, light * (1 - through)])
+
+    def _rectangle(self, bundle: Bundle, world: World) -> Rectangle | None:
+        """Return the rectangle that serves better than the guide, None where there is none."""
+        rectangle, enough = fitted(bundle, world.radius), min(_WORTH, _BETTER * bundle.room)
+        if rectangle is None or not sum(rectangle.rooms) < enough:
+            return None
+        rectangle = walled(rectangle, bundle, self.stratum.emitter, world)
+        return rectangle if rectangle is not None and sum(rectangle.rooms) < enough else None
+
+    def _bundle(self, sightings: Sightings, density: Array) -> Bundle | None:
+        """Return the light paths of all rounds and what is seen of them before they are scattered; None if nothing is.
+
+        If hardly any light is seen before it is scattered, what is seen of it later counts.
+        """
+        straight = sightings.of(sightings.straight, 0)
+        if straight.light.sum() < _STRAIGHT * sightings.light.sum():
+            straight = sightings
+        seen = straight.importance(density) / density
+        if not seen.any():
+            return None
+        seen = density * np.minimum(seen, BRIGHTEST * seen[seen > 0].mean()) ** 2
+        seen /= seen.sum()
+        guide = self.stratum.guide
+        points = np.concatenate(self._points)
+        room = 1.0 if guide is None else float(seen @ (1 / guide.density(points)))
+        origin, direction, flux = rays_of(self.stratum.emitter, points)
+        light = flux / density
+        return Bundle(origin, direction, light / max(light.sum(), 1e-30), seen, room)
+
+    def _light(self) -> float:
         """Return how much of the stratum's light is in the picture."""
         if not self._points:
             return 0.0

@@ -12,6 +12,7 @@ from ..runtime.device import Array2f, Array3f, Bool, Float, mitsuba
 from ..world.bounds import box_around
 from ..world.checks import check_finite
 from ..world.gobos import ProjectedLight
+from ..world.lights import EmitterSource
 from ..world.scene_world import SceneWorld
 from ..world.spectra import rgb
 from .differentials import RayDifferentials, copies, differentiate, of_copies
@@ -37,10 +38,16 @@ class SceneEmitter:
         self._world, self._plugin, self._number = world, world.plugin.emitters()[number], number
         self.name, self.source = self._plugin.id() or self._plugin.class_name(), source
         before = world.lamps[number]
-        self.lamp, self.bounds = None if before is None else before.source, world.bounds
+        self.lamp, self.bounds = self._source() if before is None else before.source, world.bounds
         check_finite(self._plugin, f"emitter {self.name}")
         self._reach = dr.opaque(Float, world.reach)
         self._spheres = _spheres(world, self._plugin)
+
+    def _source(self) -> EmitterSource | None:
+        """Return what reaches a point from the emitter; None of one that shines along one direction."""
+        flags = self._plugin.flags()
+        ahead = mi.has_flag(flags, mi.EmitterFlags.Surface) and mi.has_flag(flags, mi.EmitterFlags.Delta)
+        return None if ahead else EmitterSource(self._plugin)
 
     def sample(self, u: Array2f, v: Array2f) -> EmissionSample:
         """Return light paths for emission samples, with derivatives by forward-mode differentiation."""
@@ -153,15 +160,15 @@ def _parts(world: SceneWorld, emitter: SceneEmitter, number: int) -> list[Emitte
     return [PortalEmitter(emitter, before.portal, through) for through in (True, False)]
 
 
-def redistribute(emission: Emission, seen: np.ndarray) -> None:
+def redistribute(strata: Sequence[Stratum], seen: np.ndarray) -> None:
     """Distribute light paths among the emitters: half by power, as before, and half by the importance `seen`.
 
     Those that say themselves how many paths they have keep these.
     """
-    free = np.array([not each.fixed for each in emission.strata], dtype=bool)
+    free = np.array([not each.fixed for each in strata], dtype=bool)
     if not seen[free].sum() > 0:
         return
-    total = sum(each.count for each in emission.strata if not each.fixed)
-    for stratum, own in zip(emission.strata, seen / seen[free].sum(), strict=True):
+    total = sum(each.count for each in strata if not each.fixed)
+    for stratum, own in zip(strata, seen / seen[free].sum(), strict=True):
         if not stratum.fixed:
             stratum.count = max(round(0.5 * stratum.count + 0.5 * own * total), 1)

@@ -25,10 +25,11 @@ from . import paths
 from .beams import Cutting, moving_sets, sets_of
 from .connections import Connections
 from .emission import Emission, Emitted, Stratum, probed_flux
+from .fitted_portals import Opening, parted
 from .guiding import GuidingMap
 from .importance import CameraImportance, Sightings
 from .lamps import LIGHT_SIDE, LampEmitter, PortalEmitter, lit_fraction
-from .pilot import guide
+from .pilot import Found, guide
 from .radii import Limits
 from .records import PhotonHits
 
@@ -153,8 +154,8 @@ class Simulation:
             self._bounces_by_source(), self._caustics_by_source(),
         )  # fmt: skip
 
-    def guide(self, views: Sequence[Projection]) -> np.ndarray:
-        """Guide emission toward what the views see, and return how much light of each stratum they see."""
+    def guide(self, views: Sequence[Projection]) -> list[Found]:
+        """Guide emission toward what the views see, and return what is found of each stratum."""
         camera, tracing = CameraImportance(self.world, views), self.tracing(0)
 
         def seen(emitted: list[Emitted]) -> Sightings:
@@ -163,9 +164,9 @@ class Simulation:
             return Sightings.joined([camera.seen(segments, hits if surfaces else None) for segments, hits in steps])
 
         if not isinstance(self.world, StageWorld):
-            return guide(self.emission.strata, seen)
-        lines = Connections(self.world, views)
-        return guide(self.emission.strata, seen, lambda each: lines(each.emitter), self.tuning.max_bounces == 0)
+            return guide(self.emission.strata, seen, self.world)
+        lines, straight = Connections(self.world, views), self.tuning.max_bounces == 0
+        return guide(self.emission.strata, seen, self.world, lambda each: lines(each.emitter), straight)
 
     def _bounces_by_source(self) -> Any:
         """Return the most bounces by the numbers of sources, None where they are the same for all."""
@@ -282,12 +283,15 @@ class StageSimulation:
         Names of lamps whose paths that miss their portal are wanted too: see `portal_visibility`.
     guides
         Where the light paths of lamps are sent, by the keys of their strata.
+    openings
+        The fitted portals, by the keys of the strata whose paths go through them and past them.
     """
 
     tuning: Tuning
     beams: int = scene.DEFAULT_BEAMS
     light_side: Collection[str] = ()
     guides: Mapping[int, GuidingMap | None] = field(default_factory=dict)
+    openings: Mapping[int, Opening] = field(default_factory=dict)
 
     def guided(self, world: StageWorld, views: Sequence[Projection]) -> StageSimulation:
         """Return the same with light paths sent toward what any of the views sees.
@@ -296,8 +300,11 @@ class StageSimulation:
         """
         strata = [each for each in self._strata(world) if not world.sources[each.emitter.source].guides]
         emission = emission_of_lamps(strata)
-        Simulation(world, emission, self.tuning, world.sources, world.sizes, named=True).guide(views)
-        return replace(self, guides={each.key: each.guide for each in strata})
+        found = Simulation(world, emission, self.tuning, world.sources, world.sizes, named=True).guide(views)
+        guides = {stratum.key: stratum.guide for each in found for stratum in each.strata}
+        both = zip(strata, found, strict=True)
+        openings = {stratum.key: each.opening for stratum, each in both if each.opening is not None}
+        return replace(self, guides=guides, openings=openings)
 
     def simulated(
         self, worlds: Sequence[StageWorld], number: int, looks: Mapping[str, Look | None] | None = None
@@ -347,6 +354,7 @@ class StageSimulation:
         lit = self._scatters and self.tuning.surfaces
         tuning = self.tuning
         strata = lamps_of(world, self.beams, tuning.seed, self.light_side, lit, self._scatters, tuning.visible)
+        strata = [part for each in strata for part in parted(each, self.openings.get(each.key))]
         return [replace(each, guide=self.guides.get(each.key)) for each in strata]
 
 
@@ -354,8 +362,9 @@ def _later(stratum: Stratum, last: StageWorld) -> Stratum:
     """Return the same light paths of a lamp at another time."""
     emitter = stratum.emitter
     lamp = LampEmitter(last, emitter.source)
-    if isinstance(emitter, PortalEmitter):
-        return replace(stratum, emitter=PortalEmitter(lamp, last.portals[lamp.name], emitter.through))
+    if isinstance(emitter, PortalEmitter):  # a fitted portal rests
+        portal = last.portals.get(lamp.name, emitter.portal)
+        return replace(stratum, emitter=PortalEmitter(lamp, portal, emitter.through))
     return replace(stratum, emitter=lamp)
 
 

@@ -50,7 +50,7 @@ class SceneWorld(World):
         self, plugin: Any, eye: Place | None, sources: Sequence[Source] = (Source(),),
         beams: Sequence[scene.BeamSettings] = (),
     ) -> None:  # fmt: skip
-        self.plugin, self.sources = plugin, tuple(sources)
+        self.plugin, self.host, self.sources = plugin, plugin, tuple(sources)
         self.media = Media.of(plugin)
         center, self.radius = _sphere(plugin)
         self.bounds = Bounds(center, self.radius)

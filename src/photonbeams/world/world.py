@@ -42,6 +42,8 @@ class World:
         Whether beams straight from a lamp are narrowed where a surface blocks their rim.
     lit_by_domes
         Numbers of the media that domes light without beams.
+    host
+        The Mitsuba scene beside which rays look for portals (`shapes.scene_of`).
     """
 
     plugin: Any
@@ -54,6 +56,7 @@ class World:
     mirrors: bool
     narrows: bool
     lit_by_domes: Collection[int] = ()
+    host: Any
 
     @property
     def sharp(self) -> bool:

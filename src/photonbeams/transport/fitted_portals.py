@@ -1,0 +1,349 @@
+"""Fitted portals: where most of an emitter's visible light passes a small rectangle, as through a hole in a wall.
+
+A pilot knows which of an emitter's light paths cameras see. Where these pass a rectangle that few others pass, paths
+are better sent through it, as through a portal that somebody has placed: places on the emitter and in the rectangle
+are strata, and what blocks light beside it blocks few of them. The other paths go past it. No light is lost, wherever
+the rectangle is. (Portals: Bitterli, Novák and Jarosz 2015, of environments.)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+import numpy as np
+
+from .. import scene
+from ..numerics.sampling import sobol_block
+from ..runtime.device import Array2f, Array3f, Float, UInt32, mitsuba
+from ..scene import Array
+from ..world.portals import Portal
+from ..world.shapes import shape_of
+from ..world.visibility import through
+from ..world.world import World
+from .emission import Stratum
+from .lamps import PortalEmitter
+
+mi = mitsuba()
+
+# The fewest visible paths that a rectangle is fitted to.
+_FEWEST = 24
+# Planes along a normal, angles of rectangles in them, and a plane's least cosine to the mean direction.
+_PLANES, _ANGLES, _SLANTED = 16, 6, 0.2
+# Rounds in which planes are moved and tilted to find a better one, by angles that begin with this one, in radians.
+_ROUNDS, _TILT = 5, 0.3
+# The paths that tell which plane is best: those that are seen, and the others.
+_THINNED = 1024, 2048
+# The parts of visible light that a rectangle may leave out along either axis.
+_TRIMS = (0.0, 0.005, 0.02, 0.05, 0.1, 0.2)
+# Rectangles are wider than what is known to pass them, by this part on each side, or by this many of the paths.
+_MARGIN, _MARGIN_PATHS = 0.02, 2.0
+# Rays that tell how far light gets around a rectangle, in one three times as long and as wide; the part of the usual
+# way that they must get beyond it; strips by which it grows, and how much darker these may be than what is within.
+_PROBES, _BEYOND, _STRIP, _DARK = 1 << 13, 0.25, 0.1, 0.1
+# Walls that are tried, and points that tell where they are. Points are of one wall whose normals have such a cosine, and
+# whose distances from it are less than this part of their spread. A rectangle in a wall may be so much worse.
+_WALLS, _TRIED, _FLAT, _THICK, _WORSE = 4, 32, 0.99, 0.003, 1.5
+_UNIT = np.array([[0.0, 1.0], [0.0, 1.0]])
+# The part of the paths that goes through the rectangle is within these bounds.
+_SHARES = (0.75, 0.9)
+
+
+@dataclass(frozen=True)
+class Bundle:
+    """Light paths as they leave their emitter, (N, 3), with the light that each stands for, (N,).
+
+    `light` is their flux, `seen` what cameras see of it; the sum of either is 1. `room` is the variance of what is seen
+    by guided paths, against that by uniform ones.
+    """
+
+    origin: Array
+    direction: Array
+    light: Array
+    seen: Array
+    room: float = 1.0
+
+    def thinned(self) -> Bundle:
+        """Return fewer paths that stand for all: some of those that are seen, and some of the others."""
+        which, scale = [], np.ones(len(self.seen))
+        for number, most in enumerate(_THINNED):
+            own = np.flatnonzero((self.seen > 0) == (number == 0))
+            step = max(1, len(own) // most)
+            which.append(own[::step])
+            scale[which[-1]] = len(own) / max(len(which[-1]), 1)
+        kept = np.concatenate(which)
+        light, seen = (each[kept] * scale[kept] for each in (self.light, self.seen))
+        return Bundle(self.origin[kept], self.direction[kept], light / light.sum(), seen / seen.sum(), self.room)
+
+
+@dataclass(frozen=True)
+class Rectangle:
+    """A rectangle: its corner, (3,), and its edges, (2, 3).
+
+    `inside` is which paths of the bundle pass it, (N,); `seen` and `light` are the parts of visible light and of all;
+    `aside` is the variance of paths past it, against that by uniform ones.
+    """
+
+    corner: Array
+    edges: Array
+    inside: Array
+    seen: float
+    light: float
+    aside: float
+
+    @property
+    def share(self) -> float:
+        """The part of the paths that had best go through it: parts are as the roots of their variances."""
+        through, aside = np.sqrt([self.seen * self.light, (1 - self.seen) * (1 - self.light) * self.aside])
+        return float(np.clip(through / max(through + aside, 1e-30), *_SHARES))
+
+    @property
+    def rooms(self) -> tuple[float, float]:
+        """The variances of visible light through it and past it, against that of all by paths in all directions."""
+        share = self.share
+        return self.seen * self.light / share, (1 - self.seen) * (1 - self.light) * self.aside / (1 - share)
+
+    def portal(self, host: Any, wider: float = 0.0) -> Portal:
+        """Return the rectangle as a portal, beside the Mitsuba scene `host`; `wider` by a part of it on each side."""
+        x, y = (1 + 2 * wider) * self.edges
+        corner = self.corner - wider * self.edges.sum(axis=0)
+        points = np.array([corner, corner + x, corner + x + y, corner + y])
+        mesh = scene.Mesh("fitted portal", points, np.array([[0, 1, 2], [0, 2, 3]]))
+        return Portal(mesh, shape_of(mesh), host)
+
+    def crossed(self, origin: Array, direction: Array) -> tuple[Array, Array]:
+        """Return where rays cross its plane, (2, N) in units of its edges, and at which distances, (N,)."""
+        normal = np.cross(*self.edges)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            distance = ((self.corner - origin) @ normal) / (direction @ normal)
+        distance = np.where(distance > 0, distance, np.inf)
+        place = origin + np.where(np.isfinite(distance), distance, 0)[:, None] * direction - self.corner
+        local = (self.edges / (self.edges**2).sum(axis=1, keepdims=True)) @ place.T
+        return np.where(np.isfinite(distance), local, np.inf), distance
+
+    def cut(self, box: Array, bundle: Bundle) -> Rectangle:
+        """Return the part of its plane in a box, (2, 2) by axis and end in units of its edges."""
+        local, _ = self.crossed(bundle.origin, bundle.direction)
+        inside = _within(local, box)
+        parts = (min(float(each[inside].sum()), 1.0) for each in (bundle.seen, bundle.light))
+        edges = np.diff(box, axis=1) * self.edges
+        return Rectangle(self.corner + box[:, 0] @ self.edges, edges, inside, *parts, bundle.room)
+
+
+@dataclass(frozen=True)
+class Opening:
+    """A fitted portal, and the part of a stratum's paths that goes through it."""
+
+    portal: Portal
+    share: float
+
+
+def parted(stratum: Stratum, opening: Opening | None) -> list[Stratum]:
+    """Return a stratum as two, of the paths through an opening and past it; as it is where there is none."""
+    if opening is None:
+        return [stratum]
+    emitter: Any = stratum.emitter
+    through = min(max(round(opening.share * stratum.count), 1), max(stratum.count - 1, 1))
+    counts = {True: through, False: max(stratum.count - through, 1)}
+    return [
+        Stratum(PortalEmitter(emitter, opening.portal, passes), count, (*stratum.sequence, 3, passes), stratum.fixed)
+        for passes, count in counts.items()
+    ]
+
+
+def fitted(bundle: Bundle, size: float) -> Rectangle | None:
+    """Return the rectangle that visible light passes and little other light does; None where too little is seen.
+
+    Planes are tried at all depths of a scene of radius `size`, square to the light and to the axes of the world. The
+    best is moved and tilted until that makes it no better.
+    """
+    if np.count_nonzero(bundle.seen > 0) < _FEWEST:
+        return None
+    few = bundle.thinned()
+    mean = few.seen @ few.direction
+    length = float(np.linalg.norm(mean))
+    if not length > _SLANTED:
+        return None
+    mean = mean / length
+    normals = [mean, *(axis * np.sign(axis @ mean) for axis in np.eye(3) if abs(axis @ mean) > _SLANTED)]
+    depths = size * np.concatenate([np.geomspace(1e-3, 2, _PLANES), np.linspace(0, 2, _PLANES + 1)[1:-1]])
+    center = few.seen @ few.origin
+    tried = [_Plane.of(few, normal, center + depth * mean) for normal in normals for depth in depths]
+    best = min((each for each in tried if each is not None), key=lambda each: each.cost, default=None)
+    for number in range(_ROUNDS if best is not None else 0):
+        best = min(best.neighbours(2.0**-number, mean, size), key=lambda each: each.cost)  # type: ignore[union-attr]
+    whole = None if best is None else _Plane.of(bundle, best.normal, best.point)
+    return None if whole is None else whole.rectangle
+
+
+def walled(rectangle: Rectangle, bundle: Bundle, emitter: Any, world: World) -> Rectangle | None:
+    """Return a rectangle in the plane of the wall around it, its sides moved outward to where light is stopped.
+
+    None where light is not stopped: there is no hole.
+    """
+    around = _Surroundings.of(rectangle, emitter, world)
+    planes = (_Plane.of(bundle, *wall) for wall in around.walls())
+    found = min((each for each in planes if each is not None), key=lambda each: each.cost, default=None)
+    if found is not None and found.cost < _WORSE * sum(rectangle.rooms):
+        rectangle = found.rectangle
+        around = _Surroundings.of(rectangle, emitter, world)
+    box = around.box()
+    return None if box is None else rectangle.cut(box, bundle)
+
+
+@dataclass(frozen=True)
+class _Surroundings:
+    """Rays through a rectangle and around it, (N,), with their light.
+
+    `local` is where they cross it, (2, N) in units of its edges, `beyond` how far they get from there; `point` and
+    `normal`, (N, 3), are of the surface that stops them, not a number where none does.
+    """
+
+    local: Array
+    beyond: Array
+    light: Array
+    point: Array
+    normal: Array
+
+    @classmethod
+    def of(cls, rectangle: Rectangle, emitter: Any, world: World) -> _Surroundings:
+        """Trace rays from an emitter through a rectangle and around it."""
+        sample = PortalEmitter(emitter, rectangle.portal(world.host, wider=1.0), True).sample(*_probes())
+        ray = mi.Ray3f(mi.Point3f(sample.origin), mi.Vector3f(sample.direction))
+        lane = dr.arange(UInt32, _PROBES)
+        light = dr.select(sample.valid, dr.max(sample.flux), 0) + dr.zeros(Float, _PROBES)
+        _, hit = through(world.plugin, world.media, ray, sample.medium + 0 * lane, lane, light > 0)
+        met = hit.is_valid()
+        point, normal = (dr.select(met, Array3f(each), dr.nan) for each in (hit.p, hit.n))
+        ended = dr.select(met, dr.norm(Array3f(hit.p) - sample.origin), sample.reach)
+        dr.eval(point, normal, ended, light, sample.origin, sample.direction)
+        vectors = (np.broadcast_to(each.numpy(), (3, _PROBES)).T.astype(np.float64)
+                   for each in (sample.origin, sample.direction, point, normal))  # fmt: skip
+        origin, direction, place, upward = vectors
+        local, distance = rectangle.crossed(origin, direction)
+        known = np.nan_to_num(light.numpy().astype(np.float64), posinf=0)
+        return cls(local, np.where(np.isfinite(distance), ended.numpy() - distance, -1), known, place, upward)
+
+    def walls(self) -> list[tuple[Array, Array]]:
+        """Return the planes that stop most of the rays around the rectangle: their normals, and a point of each."""
+        beside = _within(self.local, np.array([[-0.5, 1.5]] * 2)) & ~_within(self.local, _UNIT)
+        beside &= (self.light > 0) & np.isfinite(self.point).all(axis=1)
+        points, normals, result = self.point[beside], self.normal[beside], []
+        least = max(_FEWEST, len(points) // 10)
+        size = np.ptp(points, axis=0).max() if len(points) else 0.0
+        while len(points) >= least and len(result) < _WALLS:
+            tried = np.linspace(0, len(points) - 1, _TRIED).astype(int)
+            near = np.abs((points[tried, None] - points) @ normals[tried][:, :, None])[:, :, 0] < _THICK * size
+            same = near & (np.abs(normals[tried] @ normals.T) > _FLAT)
+            best = np.argmax(same.sum(axis=1))
+            if np.count_nonzero(same[best]) < least:
+                break
+            result.append((normals[tried[best]], points[tried[best]]))
+            points, normals = points[~same[best]], normals[~same[best]]
+        return result
+
+    def box(self) -> Array | None:
+        """Return the box, (2, 2) by axis and end in units of the edges, whose sides are where light is stopped.
+
+        Light counts as stopped if it gets less far beyond than a part of the way that others get. None where it is not
+        stopped anywhere near.
+        """
+        usual = self.beyond[_within(self.local, _UNIT) & (self.light > 0) & (self.beyond > 0)]
+        if not len(usual):
+            return None
+        light = np.where(self.beyond > _BEYOND * np.median(usual), self.light, 0)
+        box, darkest = _UNIT.copy(), _DARK * light[_within(self.local, _UNIT)].sum()
+        for _ in range(int(1 / _STRIP)):
+            before = box.copy()
+            for axis, end in np.ndindex(2, 2):
+                strip = box.copy()
+                strip[axis] = np.sort(box[axis, end] + np.array([0, (2 * end - 1) * _STRIP]))
+                if light[_within(self.local, strip)].sum() > darkest * np.prod(np.diff(strip, axis=1)):
+                    box[axis, end] = strip[axis, end]
+            if (box == before).all():
+                return box
+        return None
+
+
+def _probes() -> tuple[Array2f, Array2f]:
+    return sobol_block(_PROBES, 0, (_PROBES,))
+
+
+def _within(local: Array, box: Array) -> Array:
+    """Return which places, (2, N), are in a box, (2, 2) by axis and end."""
+    return ((local >= box[:, :1]) & (local <= box[:, 1:])).all(axis=0)
+
+
+class _Plane:
+    """A plane that a bundle crosses, and a rectangle in it.
+
+    `local` are the places where its paths cross, (2, N), infinite where they do not.
+    """
+
+    def __init__(self, bundle: Bundle, normal: Array, point: Array, axes: Array, local: Array) -> None:
+        self._bundle, known = bundle, bundle.seen > 0
+        self.normal, self.point, self.axes, self._local = normal, point, axes, local
+        boxes = [self._wider(box) for box in zip(*(_shortest(each[known], bundle.seen[known]) for each in local))]
+        self.rectangle = min((self._rectangle(np.array(box)) for box in boxes), key=lambda each: sum(each.rooms))
+        self.cost = sum(self.rectangle.rooms)
+
+    @classmethod
+    def of(cls, bundle: Bundle, normal: Array, point: Array) -> _Plane | None:
+        """Return a plane with its best rectangle; None where little of the visible light crosses it."""
+        cosine = bundle.direction @ normal
+        with np.errstate(divide="ignore", invalid="ignore"):
+            distance = ((point - bundle.origin) @ normal) / cosine
+        crosses = np.isfinite(distance) & (distance > 0)
+        if bundle.seen[crosses].sum() < 0.5:
+            return None
+        place = bundle.origin + np.where(crosses, distance, 0)[:, None] * bundle.direction - point
+        x = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
+        x /= np.linalg.norm(x)
+        axes = np.array([x, np.cross(normal, x)])
+        local = np.where(crosses, axes @ place.T, np.inf)
+        seen, planes = local[:, crosses & (bundle.seen > 0)], []
+        for angle in np.arange(_ANGLES) / _ANGLES * (np.pi / 2):
+            turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+            planes.append((float(np.prod(np.diff(np.quantile(turn @ seen, [0.02, 0.98], axis=1), axis=0))), turn))
+        _, turn = min(planes, key=lambda each: each[0])
+        turned = np.where(crosses, turn @ np.where(crosses, local, 0), np.inf)
+        return cls(bundle, normal, point, turn @ axes, turned)
+
+    def neighbours(self, scale: float, mean: Array, size: float) -> list[_Plane]:
+        """Return this plane, and planes that lie beside it along the mean direction and that are tilted."""
+        step, angle = scale * size / (4 * _PLANES), scale * _TILT
+        moves = [(self.normal, self.point + sign * step * mean) for sign in (-1, 1)]
+        moves += [(self.normal + sign * angle * side, self.point) for side in self.axes for sign in (-1, 1)]
+        found = (_Plane.of(self._bundle, normal / np.linalg.norm(normal), point) for normal, point in moves)
+        return [self, *(each for each in found if each is not None)]
+
+    def _wider(self, box: tuple[Array, Array]) -> Array:
+        """Return a box, (2, 2) by axis and end, made wider by its margins."""
+        ends = np.array(box)
+        paths = max(np.count_nonzero(self._inside(ends) & (self._bundle.seen > 0)), 1)
+        return ends + max(_MARGIN, _MARGIN_PATHS / paths) * np.diff(ends, axis=1) * [-1, 1]
+
+    def _inside(self, box: Array) -> Array:
+        return _within(self._local, box)
+
+    def _rectangle(self, box: Array) -> Rectangle:
+        (low, high), inside = box.T, self._inside(box)
+        edges = (high - low)[:, None] * self.axes
+        seen, light = (min(float(each[inside].sum()), 1.0) for each in (self._bundle.seen, self._bundle.light))
+        return Rectangle(self.point + low @ self.axes, edges, inside, seen, light, self._bundle.room)
+
+
+def _shortest(places: Array, light: Array) -> list[tuple[float, float]]:
+    """Return the shortest intervals, each of which leaves out a part of the light."""
+    order = np.argsort(places)
+    order = order[np.isfinite(places[order])]
+    places, whole = places[order], np.concatenate([[0], np.cumsum(light[order])]) / light.sum()
+    result = []
+    for trim in _TRIMS:
+        # From each place to the first with so much light; not all of the light crosses the plane.
+        last = np.searchsorted(whole, whole[:-1] + (1 - trim) * whole[-1] - 1e-9) - 1
+        first = np.flatnonzero(last < len(places))
+        best = first[np.argmin(places[last[first]] - places[first])]
+        result.append((float(places[best]), float(places[last[best]])))
+    return result
