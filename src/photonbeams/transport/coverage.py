@@ -27,8 +27,9 @@ mi = mitsuba()
 # Points on a photon's disc that are looked for on the surface, and lines along a beam, that are in the medium.
 _POINTS, _LINES = 12, 8
 
-# Kernels that less than this is left of are halved, so many times at most: few points tell little of a small thing.
-_ENOUGH, _HALVINGS = 0.6, 4
+# Kernels that less than this is left of are halved, so many times at most: few points tell little of a small thing. Of
+# a photon beside an edge half is left, however narrow it is: narrowed, it would be a bright dot.
+_ENOUGH_OF_DISC, _ENOUGH_OF_BEAM, _HALVINGS = 0.3, 0.6, 4
 
 # Where lines are looked for, one after the other, as parts of the light that a beam loses along itself.
 _PLACES = (0.5, 0.05, 0.95)
@@ -48,15 +49,17 @@ def surface_coverage(world: World, position: Array3f, normal: Array3f, radius: F
     def covered(factor: Any, tried: Any) -> Any:
         return _on_surface(world.intersect, position, normal, factor * radius, disc, tried)
 
-    factor, result = _enough(covered, dr.width(position), 1 / _POINTS)
+    factor, result = _enough(covered, dr.width(position), _ENOUGH_OF_DISC, 1 / _POINTS)
     return factor * radius, result
 
 
-def _enough(covered: Callable[[Any, Any], Any], count: int, least: float) -> tuple[Float, Float]:
-    """Return factors on radii that leave enough of kernels covered, and what part that is."""
+def _enough(
+    covered: Callable[[Any, Any], Any], count: int, enough: float, least: float
+) -> tuple[Float, Float]:
+    """Return factors on radii that leave enough of kernels covered, and what part that is, `least` or more."""
     factor, result = dr.ones(Float, count), dr.zeros(Float, count)
     for number in range(_HALVINGS + 1):
-        tried = result < _ENOUGH
+        tried = result < enough
         factor = dr.select(tried & (dr.opaque(UInt32, number) > 0), 0.5 * factor, factor)
         dr.eval(factor, tried)
         if not bool(dr.any(tried)):
@@ -128,7 +131,7 @@ def medium_coverage(
     def covered(factor: Any, tried: Any) -> Any:
         return dr.select(active, _in_medium(world.intersect, segments, shape(factor), disc, decay, tried & active), 1)
 
-    return _enough(covered, dr.width(segments.length), 0.5 / _LINES)
+    return _enough(covered, dr.width(segments.length), _ENOUGH_OF_BEAM, 0.5 / _LINES)
 
 
 @dr.syntax
