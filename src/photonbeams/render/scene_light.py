@@ -178,9 +178,8 @@ class SceneLight:
         """Send light paths as guides do that were found for the same light with another seed."""
         sent = []
         for stratum, guide in zip(self.simulation.emission.strata, guides, strict=True):
-            parts = parted(stratum, guide.opening)
-            for part, part.guide, part.count in zip(parts, guide.maps, guide.counts, strict=True):
-                sent.append(part)
+            parts = zip(parted(stratum, guide.opening), guide.maps, guide.counts, strict=True)
+            sent += [replace(part, guide=own, count=count) for part, own, count in parts]
         self._sent(sent)
 
     def _sent(self, strata: Sequence[Stratum]) -> None:

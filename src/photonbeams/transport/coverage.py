@@ -53,9 +53,7 @@ def surface_coverage(world: World, position: Array3f, normal: Array3f, radius: F
     return factor * radius, result
 
 
-def _enough(
-    covered: Callable[[Any, Any], Any], count: int, enough: float, least: float
-) -> tuple[Float, Float]:
+def _enough(covered: Callable[[Any, Any], Any], count: int, enough: float, least: float) -> tuple[Float, Float]:
     """Return factors on radii that leave enough of kernels covered, and what part that is, `least` or more."""
     factor, result = dr.ones(Float, count), dr.zeros(Float, count)
     for number in range(_HALVINGS + 1):

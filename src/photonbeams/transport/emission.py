@@ -59,12 +59,15 @@ class Emitter(Protocol):
         Numbers of the `Source` that its beams belong to, and of the surfaces that stop its light.
     halvings
         How often a beam is halved at most where a surface blocks its rim.
+    lamp
+        What reaches a point from it (`world.lights`), None of an emitter that no portal may stand before.
     """
 
     name: str
     source: int
     link: int
     halvings: int
+    lamp: Any
 
     def sample(self, u: Array2f, v: Array2f) -> EmissionSample:
         """Return light paths for emission samples: u places them on the emitter, v directs them."""

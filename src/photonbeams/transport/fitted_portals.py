@@ -29,12 +29,13 @@ mi = mitsuba()
 
 # The fewest visible paths that a rectangle is fitted to.
 _FEWEST = 24
-# Planes along a normal, angles of rectangles in them, and a plane's least cosine to the mean direction.
+# Planes along the mean direction, and angles of rectangles in them. The mean of unit vectors is so long at least: light
+# from all around has no portal.
 _PLANES, _ANGLES, _SLANTED = 16, 6, 0.2
 # Rounds in which planes are moved and tilted to find a better one, by angles that begin with this one, in radians.
 _ROUNDS, _TILT = 5, 0.3
 # The paths that tell which plane is best: those that are seen, and the others.
-_THINNED = 1024, 2048
+_THINNED = 512, 1024
 # The parts of visible light that a rectangle may leave out along either axis.
 _TRIMS = (0.0, 0.005, 0.02, 0.05, 0.1, 0.2)
 # Rectangles are wider than what is known to pass them, by this part on each side, or by this many of the paths.
@@ -42,10 +43,11 @@ _MARGIN, _MARGIN_PATHS = 0.02, 2.0
 # Rays that tell how far light gets around a rectangle, in one three times as long and as wide; the part of the usual
 # way that they must get beyond it; strips by which it grows, and how much darker these may be than what is within.
 _PROBES, _BEYOND, _STRIP, _DARK = 1 << 13, 0.25, 0.1, 0.1
-# Walls that are tried, and points that tell where they are. Points are of one wall whose normals have such a cosine, and
-# whose distances from it are less than this part of their spread. A rectangle in a wall may be so much worse.
+# Walls that are tried, and points that tell where they are. Points are of one wall if their normals have such a cosine
+# and their distances are less than this part of their spread. A rectangle in a wall may be so much worse.
 _WALLS, _TRIED, _FLAT, _THICK, _WORSE = 4, 32, 0.99, 0.003, 1.5
-_UNIT = np.array([[0.0, 1.0], [0.0, 1.0]])
+#: All of a rectangle, (2, 2) by axis and end.
+UNIT = np.array([[0.0, 1.0], [0.0, 1.0]])
 # The part of the paths that goes through the rectangle is within these bounds.
 _SHARES = (0.75, 0.9)
 
@@ -126,9 +128,9 @@ class Rectangle:
         """Return the part of its plane in a box, (2, 2) by axis and end in units of its edges."""
         local, _ = self.crossed(bundle.origin, bundle.direction)
         inside = _within(local, box)
-        parts = (min(float(each[inside].sum()), 1.0) for each in (bundle.seen, bundle.light))
+        seen, light = (min(float(each[inside].sum()), 1.0) for each in (bundle.seen, bundle.light))
         edges = np.diff(box, axis=1) * self.edges
-        return Rectangle(self.corner + box[:, 0] @ self.edges, edges, inside, *parts, bundle.room)
+        return Rectangle(self.corner + box[:, 0] @ self.edges, edges, inside, seen, light, bundle.room)
 
 
 @dataclass(frozen=True)
@@ -155,8 +157,8 @@ def parted(stratum: Stratum, opening: Opening | None) -> list[Stratum]:
 def fitted(bundle: Bundle, size: float) -> Rectangle | None:
     """Return the rectangle that visible light passes and little other light does; None where too little is seen.
 
-    Planes are tried at all depths of a scene of radius `size`, square to the light and to the axes of the world. The
-    best is moved and tilted until that makes it no better.
+    Planes square to the light are tried at all depths of a scene of radius `size`. The best is moved and tilted until
+    that makes it no better.
     """
     if np.count_nonzero(bundle.seen > 0) < _FEWEST:
         return None
@@ -166,10 +168,9 @@ def fitted(bundle: Bundle, size: float) -> Rectangle | None:
     if not length > _SLANTED:
         return None
     mean = mean / length
-    normals = [mean, *(axis * np.sign(axis @ mean) for axis in np.eye(3) if abs(axis @ mean) > _SLANTED)]
     depths = size * np.concatenate([np.geomspace(1e-3, 2, _PLANES), np.linspace(0, 2, _PLANES + 1)[1:-1]])
     center = few.seen @ few.origin
-    tried = [_Plane.of(few, normal, center + depth * mean) for normal in normals for depth in depths]
+    tried = [_Plane.of(few, mean, center + depth * mean) for depth in depths]
     best = min((each for each in tried if each is not None), key=lambda each: each.cost, default=None)
     for number in range(_ROUNDS if best is not None else 0):
         best = min(best.neighbours(2.0**-number, mean, size), key=lambda each: each.cost)  # type: ignore[union-attr]
@@ -227,9 +228,10 @@ class _Surroundings:
 
     def walls(self) -> list[tuple[Array, Array]]:
         """Return the planes that stop most of the rays around the rectangle: their normals, and a point of each."""
-        beside = _within(self.local, np.array([[-0.5, 1.5]] * 2)) & ~_within(self.local, _UNIT)
+        beside = _within(self.local, np.array([[-0.5, 1.5]] * 2)) & ~_within(self.local, UNIT)
         beside &= (self.light > 0) & np.isfinite(self.point).all(axis=1)
-        points, normals, result = self.point[beside], self.normal[beside], []
+        points, normals = self.point[beside], self.normal[beside]
+        result: list[tuple[Array, Array]] = []
         least = max(_FEWEST, len(points) // 10)
         size = np.ptp(points, axis=0).max() if len(points) else 0.0
         while len(points) >= least and len(result) < _WALLS:
@@ -249,11 +251,11 @@ class _Surroundings:
         Light counts as stopped if it gets less far beyond than a part of the way that others get. None where it is not
         stopped anywhere near.
         """
-        usual = self.beyond[_within(self.local, _UNIT) & (self.light > 0) & (self.beyond > 0)]
+        usual = self.beyond[_within(self.local, UNIT) & (self.light > 0) & (self.beyond > 0)]
         if not len(usual):
             return None
         light = np.where(self.beyond > _BEYOND * np.median(usual), self.light, 0)
-        box, darkest = _UNIT.copy(), _DARK * light[_within(self.local, _UNIT)].sum()
+        box, darkest = UNIT.copy(), _DARK * light[_within(self.local, UNIT)].sum()
         for _ in range(int(1 / _STRIP)):
             before = box.copy()
             for axis, end in np.ndindex(2, 2):
@@ -272,7 +274,8 @@ def _probes() -> tuple[Array2f, Array2f]:
 
 def _within(local: Array, box: Array) -> Array:
     """Return which places, (2, N), are in a box, (2, 2) by axis and end."""
-    return ((local >= box[:, :1]) & (local <= box[:, 1:])).all(axis=0)
+    within: Array = np.all((local >= box[:, :1]) & (local <= box[:, 1:]), axis=0)
+    return within
 
 
 class _Plane:
@@ -284,8 +287,9 @@ class _Plane:
     def __init__(self, bundle: Bundle, normal: Array, point: Array, axes: Array, local: Array) -> None:
         self._bundle, known = bundle, bundle.seen > 0
         self.normal, self.point, self.axes, self._local = normal, point, axes, local
-        boxes = [self._wider(box) for box in zip(*(_shortest(each[known], bundle.seen[known]) for each in local))]
-        self.rectangle = min((self._rectangle(np.array(box)) for box in boxes), key=lambda each: sum(each.rooms))
+        intervals = np.array([_shortest(each[known], bundle.seen[known]) for each in local])
+        boxes = [self._wider(box) for box in np.moveaxis(intervals, 1, 0)]
+        self.rectangle = min((self._rectangle(box) for box in boxes), key=lambda each: sum(each.rooms))
         self.cost = sum(self.rectangle.rooms)
 
     @classmethod
@@ -302,11 +306,11 @@ class _Plane:
         x /= np.linalg.norm(x)
         axes = np.array([x, np.cross(normal, x)])
         local = np.where(crosses, axes @ place.T, np.inf)
-        seen, planes = local[:, crosses & (bundle.seen > 0)], []
-        for angle in np.arange(_ANGLES) / _ANGLES * (np.pi / 2):
-            turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
-            planes.append((float(np.prod(np.diff(np.quantile(turn @ seen, [0.02, 0.98], axis=1), axis=0))), turn))
-        _, turn = min(planes, key=lambda each: each[0])
+        angle = np.arange(_ANGLES) / _ANGLES * (np.pi / 2)
+        turns = np.moveaxis(np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]]), 2, 0)
+        seen = np.sort(turns @ local[:, crosses & (bundle.seen > 0)])
+        outer = seen.shape[2] // 50  # neither the farthest on one side nor on the other
+        turn = turns[np.argmin(np.prod(seen[:, :, -1 - outer] - seen[:, :, outer], axis=1))]
         turned = np.where(crosses, turn @ np.where(crosses, local, 0), np.inf)
         return cls(bundle, normal, point, turn @ axes, turned)
 
@@ -318,17 +322,14 @@ class _Plane:
         found = (_Plane.of(self._bundle, normal / np.linalg.norm(normal), point) for normal, point in moves)
         return [self, *(each for each in found if each is not None)]
 
-    def _wider(self, box: tuple[Array, Array]) -> Array:
+    def _wider(self, box: Array) -> Array:
         """Return a box, (2, 2) by axis and end, made wider by its margins."""
-        ends = np.array(box)
-        paths = max(np.count_nonzero(self._inside(ends) & (self._bundle.seen > 0)), 1)
-        return ends + max(_MARGIN, _MARGIN_PATHS / paths) * np.diff(ends, axis=1) * [-1, 1]
-
-    def _inside(self, box: Array) -> Array:
-        return _within(self._local, box)
+        paths = max(int((_within(self._local, box) & (self._bundle.seen > 0)).sum()), 1)
+        wider: Array = box + max(_MARGIN, _MARGIN_PATHS / paths) * np.diff(box, axis=1) * [-1, 1]
+        return wider
 
     def _rectangle(self, box: Array) -> Rectangle:
-        (low, high), inside = box.T, self._inside(box)
+        (low, high), inside = box.T, _within(self._local, box)
         edges = (high - low)[:, None] * self.axes
         seen, light = (min(float(each[inside].sum()), 1.0) for each in (self._bundle.seen, self._bundle.light))
         return Rectangle(self.point + low @ self.axes, edges, inside, seen, light, self._bundle.room)

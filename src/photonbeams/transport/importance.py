@@ -56,10 +56,8 @@ class Sightings:
 
     def of(self, which: Array, first: int) -> Sightings:
         """Return some of them, with paths numbered from `first` on."""
-        path, *others = (
-            each[which] for each in (self.path, self.part, self.light, self.distance, self.straight)
-        )
-        return Sightings(path - first, *others)
+        part, light, distance = self.part[which], self.light[which], self.distance[which]
+        return Sightings(self.path[which] - first, part, light, distance, self.straight[which])
 
     def later(self, first: int) -> Sightings:
         """Return the same of paths that are numbered higher by `first`."""
@@ -238,5 +236,6 @@ class CameraImportance:
         dr.eval(light, part, distance, number, straight)
         index = np.flatnonzero(light.numpy() > 0)
         columns: list[Array] = [np.asarray(each.numpy())[index] for each in (number, part, light, distance, straight)]
-        number, part, light, distance, straight = columns
-        return Sightings(number.astype(np.int64), part.astype(np.int64), light.astype(float), distance, straight)
+        return Sightings(
+            columns[0].astype(np.int64), columns[1].astype(np.int64), columns[2].astype(float), *columns[3:]
+        )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -11,7 +12,7 @@ from ..scene import Array
 from ..world.world import World
 from .connections import ShadowRays
 from .emission import Emitted, Emitter, Stratum
-from .fitted_portals import Bundle, Opening, Rectangle, fitted, parted, walled
+from .fitted_portals import UNIT, Bundle, Opening, Rectangle, fitted, parted, walled
 from .guiding import BRIGHTEST, ENOUGH, ENOUGH_PORTAL, ENOUGH_STRAIGHT, GuidingMap, learn
 from .importance import Sightings
 from .inversion import rays_of, samples_of
@@ -76,9 +77,7 @@ def guide(
     total = max(sum(each.count for each in strata), 1)
     counts = [round(_ROUND * each.count / total) for each in strata]
     learning = [
-        _Learning(each, count, straight)
-        for each, count in zip(strata, counts, strict=True)
-        if count >= _FEWEST
+        _Learning(each, count, straight) for each, count in zip(strata, counts, strict=True) if count >= _FEWEST
     ]
     for each in learning:
         if lines is not None:
@@ -91,7 +90,16 @@ def guide(
         _round(learning, number, seen)
         for each in learning:
             each.stratum.guide = each.learned()
-    return [found[id(each)].found(world) if id(each) in found else Found([each], None, [0.0]) for each in strata]
+    fitted_ones = {id(each.stratum): each.rectangle(world) for each in found.values()}
+    known = [each for each in fitted_ones.values() if each is not None]
+    result = []
+    for stratum in strata:
+        own = found.get(id(stratum))
+        if own is None:
+            result.append(Found([stratum], None, [0.0]))
+        else:  # a window of one lamp may be that of another, of which less is seen
+            result.append(own.found(fitted_ones[id(stratum)] or own.one_of(known), world))
+    return result
 
 
 def _enough(emitter: Emitter, straight: bool) -> float:
@@ -153,7 +161,7 @@ class _Learning:
 
         A part of the samples follows lines that are stopped: they find the holes that the pilot missed.
         """
-        found = [(self._free, np.ones(len(self._free)))]
+        found, enough = [(self._free, np.ones(len(self._free)))], _enough(self.stratum.emitter, self._straight)
         if self._points:
             density = self._density()
             importance = Sightings.joined(self._sightings).importance(density)
@@ -161,57 +169,75 @@ class _Learning:
         # Lines and paths tell of the same light: each kind counts as much as it has samples.
         found = [(points, weights * (len(points) / weights.sum())) for points, weights in found if len(points)]
         if not found:
-            return learn(self._stopped, np.ones(len(self._stopped)), enough=_enough(self.stratum.emitter, self._straight))
+            return learn(self._stopped, np.ones(len(self._stopped)), enough=enough)
         points, weights = (np.concatenate(each) for each in zip(*found, strict=True))
-        return learn(points, weights, self._stopped, _enough(self.stratum.emitter, self._straight))
+        return learn(points, weights, self._stopped, enough)
 
-    def found(self, world: World) -> Found:
-        """Return what was found, with a portal where that serves better than the guide."""
-        if not self._points or self.stratum.emitter.lamp is None or isinstance(self.stratum.emitter, PortalEmitter):
-            return Found([self.stratum], None, [self._light()])
-        density, sightings = self._density(), Sightings.joined(self._sightings)
-        bundle = self._bundle(sightings, density)
-        rectangle = None if bundle is None else self._rectangle(bundle, world)
-        if bundle is None or rectangle is None:
-            return Found([self.stratum], None, [self._light()])
-        weights = sightings.importance(density) / density
+    def rectangle(self, world: World) -> Rectangle | None:
+        """Return a rectangle by which a portal serves better than the guide, None where there is none."""
+        if self._bundle is None:
+            return None
+        result = fitted(self._bundle, world.radius)
+        if not self._serves(result):
+            return None
+        assert result is not None
+        result = walled(result, self._bundle, self.stratum.emitter, world)
+        return result if self._serves(result) else None
+
+    def one_of(self, rectangles: Sequence[Rectangle]) -> Rectangle | None:
+        """Return the best of other strata's rectangles, None where none serves better than the guide."""
+        if self._bundle is None or not rectangles:
+            return None
+        own = [each.cut(UNIT, self._bundle) for each in rectangles]
+        result = min(own, key=lambda each: sum(each.rooms))
+        return result if self._serves(result) else None
+
+    def _serves(self, rectangle: Rectangle | None) -> bool:
+        assert self._bundle is not None
+        return rectangle is not None and sum(rectangle.rooms) < min(_WORTH, _BETTER * self._bundle.room)
+
+    def found(self, rectangle: Rectangle | None, world: World) -> Found:
+        """Return what was found, with a portal where there is a rectangle."""
+        light = self._light()
+        if rectangle is None or self._bundle is None:
+            return Found([self.stratum], None, [light])
+        origin, direction = self._bundle.origin, self._bundle.direction
+        density = self._density()
+        weights = Sightings.joined(self._sightings).importance(density) / density
         through = min(float(weights[rectangle.inside].sum() / weights.sum()), 1.0)
         opening = Opening(rectangle.portal(world.host), replace(rectangle, seen=through).share)
         strata = parted(self.stratum, opening)
-        for stratum, own in zip(strata, (rectangle.inside, ~rectangle.inside), strict=True):
-            own = own & (weights > 0)
-            if not own.any():
-                continue
-            samples, valid = samples_of(stratum.emitter, bundle.origin[own], bundle.direction[own])
-            stratum.guide = learn(samples[valid], weights[own][valid], enough=_enough(stratum.emitter, self._straight))
-        light = self._light()
+        for stratum, inside in zip(strata, (rectangle.inside, ~rectangle.inside), strict=True):
+            own = inside & (weights > 0)
+            if own.any():
+                samples, valid = samples_of(stratum.emitter, origin[own], direction[own])
+                enough = _enough(stratum.emitter, self._straight)
+                stratum.guide = learn(samples[valid], weights[own][valid], enough=enough)
         return Found(strata, opening, [light * through, light * (1 - through)])
 
-    def _rectangle(self, bundle: Bundle, world: World) -> Rectangle | None:
-        """Return the rectangle that serves better than the guide, None where there is none."""
-        rectangle, enough = fitted(bundle, world.radius), min(_WORTH, _BETTER * bundle.room)
-        if rectangle is None or not sum(rectangle.rooms) < enough:
-            return None
-        rectangle = walled(rectangle, bundle, self.stratum.emitter, world)
-        return rectangle if rectangle is not None and sum(rectangle.rooms) < enough else None
+    @cached_property
+    def _bundle(self) -> Bundle | None:
+        """The paths of all rounds, once they are over, and what is seen of them before they are scattered.
 
-    def _bundle(self, sightings: Sightings, density: Array) -> Bundle | None:
-        """Return the light paths of all rounds and what is seen of them before they are scattered; None if nothing is.
-
-        If hardly any light is seen before it is scattered, what is seen of it later counts.
+        If hardly any light is seen before it is scattered, what is seen of it later counts. None if nothing is seen,
+        and of emitters that have a portal or can have none.
         """
+        emitter, guide = self.stratum.emitter, self.stratum.guide
+        if not self._points or emitter.lamp is None or isinstance(emitter, PortalEmitter):
+            return None
+        density, sightings = self._density(), Sightings.joined(self._sightings)
         straight = sightings.of(sightings.straight, 0)
         if straight.light.sum() < _STRAIGHT * sightings.light.sum():
             straight = sightings
         seen = straight.importance(density) / density
         if not seen.any():
             return None
+        # The variance is that of paths with these densities: what is seen of them counts by its square.
         seen = density * np.minimum(seen, BRIGHTEST * seen[seen > 0].mean()) ** 2
         seen /= seen.sum()
-        guide = self.stratum.guide
         points = np.concatenate(self._points)
         room = 1.0 if guide is None else float(seen @ (1 / guide.density(points)))
-        origin, direction, flux = rays_of(self.stratum.emitter, points)
+        origin, direction, flux = rays_of(emitter, points)
         light = flux / density
         return Bundle(origin, direction, light / max(light.sum(), 1e-30), seen, room)
 

@@ -1,0 +1,137 @@
+"""Fitted portals: holes that visible light comes through are found, in both doors, and nothing else is taken for one."""
+
+import numpy as np
+import pytest
+
+from comparison import EYE, HOLE_X, HOLE_Y, HOLE_Z, comparison_scene
+from comparison import camera as stage_camera
+from photonbeams.render.scene_frame import SceneRenderer, render
+from photonbeams.transport import pilot
+from photonbeams.transport.fitted_portals import Bundle, fitted
+from photonbeams.transport.lamps import PortalEmitter
+from photonbeams.transport.simulation import StageSimulation, Tuning
+from photonbeams.world.cameras import View, Window
+from photonbeams.world.stage_world import StageWorld
+from transport.scenes import T, by_beams, camera, comparison, cube_of, fog, load, rgb
+
+HOLE = np.array([[HOLE_X, HOLE_Y[0], HOLE_Z[0]], [HOLE_X, HOLE_Y[1], HOLE_Z[1]]])
+LAMPS = {
+    "area": {"type": "rectangle", "to_world": T().look_at([-6, 4, -1], [-2, 1.6, -0.5], [0, 1, 0]).scale(0.5),
+             "emitter": {"type": "area", "radiance": rgb(200.0)}},
+    "point": {"type": "point", "position": [-3, 2.5, -0.8], "intensity": rgb(50.0)},
+    "sun": {"type": "directional", "direction": [1, -0.6, 0.2], "irradiance": rgb(20.0)},
+    "sky": {"type": "constant", "radiance": rgb(1.0)},
+}  # fmt: skip
+WINDOW = np.array([[-2, 1.2, -0.8], [-2, 2.0, -0.3]])
+
+
+def room(*lamps, size=(32, 18)):
+    """Return a closed room of grey walls with fog in it, which the walls do not name, and a window at x = −2."""
+    grey = {"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": rgb(0.5)}}
+
+    def across(axis, center, width, height):
+        turn = {"x": ([0, 1, 0], 90), "y": ([1, 0, 0], 90), "z": ([0, 1, 0], 0)}[axis]
+        place = T().translate(center).rotate(*turn).scale([width / 2, height / 2, 1])
+        return {"type": "rectangle", "to_world": place, "bsdf": grey}
+
+    medium = fog(0.15)
+    sensor = camera([1.6, 1.5, 1.9], [-1.5, 1.2, -0.6], fov=70, medium=medium)
+    sensor["film"].update(width=size[0], height=size[1])
+    return load(
+        below=across("x", [-2, 0.6, 0], 4, 1.2), above=across("x", [-2, 2.5, 0], 4, 1),
+        left=across("x", [-2, 1.6, -1.4], 1.2, 0.8), right=across("x", [-2, 1.6, 0.85], 2.3, 0.8),
+        other=across("x", [2, 1.5, 0], 4, 3), back=across("z", [0, 1.5, -2], 4, 3),
+        front=across("z", [0, 1.5, 2], 4, 3), floor=across("y", [0, 0, 0], 4, 4), ceiling=across("y", [0, 3, 0], 4, 4),
+        fog={"type": "cube", "bsdf": {"type": "null"}, "interior": medium,
+             "to_world": T().translate([0, 1.5, 0]).scale([1.99, 1.49, 1.99])},
+        sensor=sensor, **{name: LAMPS[name] for name in lamps},
+    )  # fmt: skip
+
+
+def portals(scene):
+    """Return the portals that the emitters of a scene are given, by the names of these."""
+    strata = SceneRenderer(scene, scene.sensors()[0], by_beams(beams=4096)).light.simulation.emission.strata
+    return {each.emitter.name: each.emitter.portal for each in strata if isinstance(each.emitter, PortalEmitter)}
+
+
+def check_around(portal, hole):
+    """Check that a portal lies in the wall, and has all of a hole in it and little else."""
+    corner, *edges = portal.sides
+    corners = corner + np.array([[0, 0], [1, 0], [0, 1], [1, 1]]) @ np.array(edges)
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    size = np.ptp(hole, axis=0)
+    assert np.abs(corners[:, 0] - hole[0, 0]).max() < 0.01
+    assert (low < hole[0] + 0.02 * size + 0.01).all() and (high > hole[1] - 0.02 * size - 0.01).all()
+    assert (high - low < 1.3 * size + 0.01).all()  # a margin on either side, and a strip in which little passes
+
+
+@pytest.mark.parametrize("lamp", LAMPS)
+def test_a_window_is_found_for_each_kind_of_lamp(lamp):
+    (portal,) = portals(room(lamp)).values()
+    check_around(portal, WINDOW)
+
+
+def test_a_hole_in_a_box_whose_walls_name_their_fog_is_found():
+    (portal,) = portals(comparison(48, 27)).values()
+    check_around(portal, HOLE)
+
+
+@pytest.mark.parametrize("bounces", [0, 2])
+def test_the_hole_of_a_stage_is_found(bounces):
+    world = StageWorld.build(comparison_scene(portal=False), viewpoints=[EYE])
+    simulation = StageSimulation(Tuning(0, max_bounces=bounces), beams=4096)
+    views = [View(stage_camera(EYE), Window.full(48, 27)).projection]
+    (opening,) = simulation.guided(world, views).openings.values()
+    check_around(opening.portal, HOLE)
+
+
+def test_a_lamp_of_which_little_is_seen_takes_the_window_that_another_lamp_has():
+    found = portals(room("sun", "sky"))
+    assert set(found) == {"sun", "sky"}
+    for each in found.values():
+        check_around(each, WINDOW)
+
+
+def test_light_that_nothing_stops_has_no_portal():
+    """A camera that sees a hundredth of a lamp's fog: most light is beside the picture, and there is no hole."""
+    lamp = {"type": "point", "position": [0, 0, 3], "intensity": rgb(1.0)}
+    scene = load(fog=cube_of(fog(0.2), 4), lamp=lamp, sensor=camera([3.5, 0, 0], [0, 0, 0], fov=6))
+    assert portals(scene) == {}
+
+
+def test_a_lamp_within_the_picture_has_no_portal():
+    lamp = {"type": "sphere", "center": [0, 0, 0], "radius": 0.1, "emitter": {"type": "area", "radiance": rgb(1.0)}}
+    assert portals(load(fog=cube_of(fog(0.5)), lamp=lamp, sensor=camera())) == {}
+
+
+def test_a_fitted_portal_keeps_the_mean_and_has_less_noise(monkeypatch):
+    """Sunlight in a room, any number of bounces: by the guide alone it has four times the variance."""
+    means, variances, scene = [], [], room("sun")
+    for portal in (True, False):
+        if not portal:
+            monkeypatch.setattr(pilot, "fitted", lambda *_: None)
+        given = [by_beams(passes=1, beams=4096, seed=seed) for seed in range(8)]
+        found = np.array([render(scene, scene.sensors()[0], each).views()[0]["beams"] for each in given])
+        means.append((found.mean(), found.mean(axis=(1, 2, 3)).std(ddof=1) / np.sqrt(8)))
+        variances.append(np.mean(found.var(axis=0, ddof=1) / found.mean(axis=0) ** 2))
+    (own, own_error), (other, other_error) = means
+    assert abs(own - other) < 4 * np.hypot(own_error, other_error)
+    # Over 8 × 576 values that are smooth over some ten pixels each, a variance is known to some ten per cent.
+    assert variances[0] < 0.5 * variances[1]
+
+
+def test_the_rectangle_of_a_bundle_is_that_which_its_visible_light_passes():
+    """Rays from a disc through a slanted rectangle, among others: found without any scene, to the paths' distance."""
+    rng = np.random.default_rng(1)
+    x, y = np.array([0.6, 0.0, 0.8]), np.array([0.0, 1.0, 0.0])
+    count = 1 << 14
+    through = np.array([2.0, 0, 0]) + (rng.random((count, 2)) * 6 - 3) @ np.array([x, 0.5 * y])
+    origin = np.column_stack([np.zeros(count), rng.random((count, 2)) - 0.5])
+    direction = through - origin
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    place = (through - [2.0, 0, 0]) @ np.array([x, 2 * y]).T
+    seen = (np.abs(place) < 0.5).all(axis=1).astype(float)
+    found = fitted(Bundle(origin, direction, np.full(count, 1 / count), seen / seen.sum()), 5.0)
+    assert found is not None and found.seen > 0.98
+    # 450 rays in a thirty-sixth of the area; margins of 2 % on each side, and planes to a 64th of the scene's size.
+    assert found.light == pytest.approx(1 / 36, rel=0.35)
