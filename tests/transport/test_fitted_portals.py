@@ -1,4 +1,4 @@
-"""Fitted portals: holes that visible light comes through are found, in both doors, and nothing else is taken for one."""
+"""Fitted portals: holes that visible light comes through are found, in both doors; nothing else is taken for one."""
 
 import numpy as np
 import pytest

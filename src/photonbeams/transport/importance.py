@@ -51,8 +51,10 @@ class Sightings:
         """Return sightings as one."""
         names = ("path", "part", "light", "distance", "straight")
         columns = ([getattr(each, name) for each in several] for name in names)
-        *others, straight = (np.concatenate(each) if each else np.zeros(0, dtype=int) for each in columns)
-        return cls(*others, straight.astype(bool))
+        path, part, light, distance, straight = (
+            np.concatenate(each) if each else np.zeros(0, dtype=int) for each in columns
+        )
+        return cls(path, part, light, distance, straight.astype(bool))
 
     def of(self, which: Array, first: int) -> Sightings:
         """Return some of them, with paths numbered from `first` on."""
