@@ -13,8 +13,7 @@ SOURCE = Path(photonbeams.__file__).parent
 #: Each room knows those before it, and none after it.
 ROOMS = (
     "scene", "volumes", "runtime", "numerics", "quadrature", "beams", "looks", "estimators", "world", "transport",
-    "render", "images", "usd", "shot", "integrator", "farm",
-    "cli",
+    "render", "images", "usd", "shot", "integrator", "farm", "studio", "cli",
 )  # fmt: skip
 
 #: Who may import a library, or ask `runtime` for Mitsuba.

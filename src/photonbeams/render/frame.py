@@ -99,10 +99,14 @@ class PassRenderer(ABC):
     """
 
     def __init__(self, settings: Settings, max_depth: int | None, all_beams: bool = False) -> None:
-        self.settings, self.statistics = settings, Statistics()
+        self.settings, self.statistics = settings, self._no_statistics()
         self._all_beams = all_beams
         self._max_depth = max_depth
         self._points = Points(settings.rule)
+
+    def _no_statistics(self) -> Statistics:
+        """Return the statistics of a frame without passes."""
+        return Statistics()
 
     @abstractmethod
     def _lighting(self, world: World) -> Lighting:
@@ -416,7 +420,7 @@ class FrameRenderer(PassRenderer):
 
     def clear(self) -> None:
         """Begin anew, without passes."""
-        self.statistics = Statistics()
+        self.statistics = self._no_statistics()
         for film in self._films:
             film.sums = PassSums()
 

@@ -14,6 +14,7 @@ import numpy as np
 from .. import scene
 from ..beams.guides import known_guides, pieces_along
 from ..beams.sets import BeamSet
+from ..estimators.tiles import Projection
 from ..numerics.samples import BITS, Samples
 from ..runtime.device import Array2f, Array3f, Float, UInt32, mitsuba
 from ..transport.portal_visibility import lights_seen
@@ -207,7 +208,7 @@ class StageRenderer(FrameRenderer):
         self._shutter, self._window = shutter, window
         ends = shutter.ends(0.0, 1.0)
         self._eyes = [np.asarray(camera.to_world)[:3, 3] for moment in ends for camera in moment.cameras]
-        self._worlds: list[StageWorld] = []
+        self._worlds = self._known_worlds()
         light_side: frozenset[str] = frozenset()
         with self.statistics.phase("build"):
             for moment in ends:
@@ -219,7 +220,7 @@ class StageRenderer(FrameRenderer):
             whole = Window.full(window.width, window.height)  # or a crop would not be that part of the picture
             with self.statistics.phase("guide"):
                 views = [View(camera, whole).projection for camera in (viewers() if viewers else ends[0].cameras)]
-                self._simulation = self._simulation.guided(self._worlds[0], views)
+                self._simulation = self._guided(self._simulation, self._world_of(ends[0]), views)
         reconstruction, groups = reconstruction_filter(settings.filter_name), groups_of(ends[0].scene)
         self._films = [
             Film(window.shape, window.crop[:2], reconstruction, groups, settings.denoise) for _ in ends[0].cameras
@@ -227,6 +228,16 @@ class StageRenderer(FrameRenderer):
         self._holdouts: Sequence[HoldoutDepth | None] = holdouts or [None] * len(self._films)
         self._turned = False
         self._plan(window)
+
+    def _known_worlds(self) -> list[StageWorld]:
+        """Return worlds from before, parts of which may be the same."""
+        return []
+
+    def _guided(
+        self, simulation: StageSimulation, world: StageWorld, views: Sequence[Projection]
+    ) -> StageSimulation:  # fmt: skip
+        """Return a simulation with light paths sent toward what the views see."""
+        return simulation.guided(world, views)
 
     def _light_paths(self) -> int:
         description, usual = self._shutter.at(0.0).scene, self.settings.beams or scene.DEFAULT_BEAMS

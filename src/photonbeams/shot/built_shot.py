@@ -70,7 +70,8 @@ class BuiltShot(Shot):
         number = self._number(frame)
         return Exposure(lambda _: content, lambda _: cameras, number, number)
 
-    def _viewers(self) -> list[scene.Camera]:
+    def viewers(self) -> list[scene.Camera]:
+        """Return the cameras."""
         return list(self.cameras())
 
     def content(self, frame: float | None = None) -> str:

@@ -17,10 +17,31 @@ from .development import Development
 
 if TYPE_CHECKING:
     from ..render.frame_sums import FrameSums
+    from ..render.holdouts import HoldoutDepth
     from ..world.cameras import Window
+    from ..world.shutter import Shutter
 
 #: Called after each pass with a function that returns the frame so far.
 Snapshot = Callable[[Callable[[], Frame]], None]
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """What the passes of a frame of a stage need.
+
+    Attributes
+    ----------
+    shutter, window, settings, holdouts
+        As `render.stage_frame.render` has them.
+    development
+        How their sums become a picture.
+    """
+
+    shutter: Shutter
+    window: Window
+    settings: Settings
+    holdouts: Sequence[HoldoutDepth]
+    development: Development
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -17,6 +17,7 @@ from ..runtime.files import PathLike
 from ..usd import stage as stages
 from ..usd.bounds import bounds_at_all_times
 from ..usd.camera import read_shutter
+from ..usd.editing import Extent, extent_of
 from ..usd.export import write_beams
 from ..usd.frames import check_frames
 from ..usd.groups import groups_at_all_times, makers_at_all_times
@@ -41,7 +42,7 @@ if TYPE_CHECKING:
     from ..render.settings import Settings, SettingsArguments
     from ..scene import Array
     from .development import Development
-    from .request import FrameRequest, Snapshot
+    from .request import FrameRequest, Prepared, Snapshot
 
 DEFAULT_WIDTH = 1280
 
@@ -145,10 +146,16 @@ class Shot:
         """Return a listener that clears what the shot has cached of all times when the stage changes."""
         own = weakref.ref(self)  # kept by the shot, it must not keep the shot
 
-        def forget(_notice: Any, _stage: Any) -> None:
-            shot = own()
-            if shot is not None:
-                shot._sphere = shot._groups = shot._stage_digest = None
+        def forget(notice: Any, stage: Any) -> None:
+            shot, extent = own(), extent_of(notice, stage)
+            if shot is None:
+                return
+            shot._stage_digest = None
+            if extent >= Extent.VALUES:
+                shot._groups = None
+            if extent >= Extent.PLACES:
+                shot._sphere = None
+            if extent >= Extent.ALL:
                 shot._lasting.clear()
 
         return forget, stages.listener(self.stage, forget)  # which does not keep `forget`
@@ -242,6 +249,11 @@ class Shot:
         shot = cls(stage, camera, medium, stereo, simulate, emit, looks, strict)
         shot.cameras()  # a wrong name is an error now, not after a long read
         return shot
+
+    @property
+    def warnings(self) -> Warnings:
+        """The warnings that were given of the shot so far."""
+        return self._warnings
 
     def time(self, frame: float | None = None) -> Usd.TimeCode:
         """Return the time code of a frame; None is the stage's start or default time."""
@@ -514,7 +526,7 @@ class Shot:
         OSError
             A holdout or a plate that is not there, or may not be read.
         """
-        request = self._request(
+        request = self.request(
             frame, passes, settings, given, width=width, height=height, crop=crop, progress=progress,
             checkpoint=checkpoint, snapshot=snapshot, blur=blur, lens=lens, view=view, holdout=holdout, over=over,
         )  # fmt: skip
@@ -529,13 +541,13 @@ class Shot:
 
         names = {each.name for each in fields(FrameRequest)}
         own = {name: given.pop(name) for name in names & given.keys()}
-        done, development = self._render(self._request(frame, None, settings, given, part=part, kept=self._kept, **own))
+        done, development = self._render(self.request(frame, None, settings, given, part=part, kept=self._kept, **own))
         return replace(done.sums(), development=development.state())
 
-    def _request(
+    def request(
         self, frame: float | None, passes: int | None, settings: Settings | None, by_name: Mapping[str, Any], **own: Any
     ) -> FrameRequest:
-        """Return the request of `render`'s arguments."""
+        """Return the request that arguments of `render` make: settings are in `by_name`, all else is in `own`."""
         from ..render.denoising import check_denoiser
         from ..render.settings import Settings
         from .request import FrameRequest
@@ -555,9 +567,22 @@ class Shot:
 
     def _render(self, request: FrameRequest) -> tuple[FrameRenderer, Development]:
         """Return the passes of a frame, and how they become a picture."""
+        from ..render.stage_frame import render
+
+        ready = self.prepared(request)
+        run = request.run_options(ready.development)
+        about = self.content(request.frame) if run.named else ""
+        done = render(
+            ready.shutter, ready.window, ready.settings, run, ready.holdouts, about, self.viewers
+        )  # fmt: skip
+        return done, ready.development
+
+    def prepared(self, request: FrameRequest) -> Prepared:
+        """Return all that the passes of a frame need; raises what `render` does."""
         from ..render.film import margin_of, reconstruction_filter
-        from ..render.stage_frame import groups_of, render
+        from ..render.stage_frame import groups_of
         from ..world.cameras import View, Window
+        from .request import Prepared
 
         frame, number = request.frame, self._number(request.frame)
         self._check_frame(frame)
@@ -580,11 +605,7 @@ class Shot:
         }
         development = request.development(groups_of(content), headers, pixels, window, grown)
         ends = [each.seen_by(view) for each, view in zip(depths, seen, strict=False)]
-        run = request.run_options(development)
-        about = self.content(frame) if run.named else ""
-        shutter = exposure.shutter(eyes, self._rate())
-        done = render(shutter, grown, settings, run, ends, about, self._viewers)
-        return done, development
+        return Prepared(exposure.shutter(eyes, self._rate()), grown, settings, ends, development)
 
     def _rate(self) -> float:
         """Return the time codes in a second."""
@@ -636,7 +657,7 @@ class Shot:
         size = self.resolution(128, None, frame)
         eyes = [EYES.index(name) if name else 0 for name in views_of(self.stereo, view)]
         chosen = self._programmed(Settings.of(settings, given), frame, exposure)
-        return simulate(exposure.shutter(eyes), Window.full(*size), chosen, viewers=self._viewers)
+        return simulate(exposure.shutter(eyes), Window.full(*size), chosen, viewers=self.viewers)
 
     def drawn_beams(
         self, frame: float | None = None, *, settings: Settings | None = None, **given: Unpack[SettingsArguments]
@@ -671,7 +692,7 @@ class Shot:
         looks = {each.name: known[id(each.look)] for each in found if id(each.look) in known}
         write_beams(found, path, like=self.stage, looks=looks, time=self.time(frame))
 
-    def _viewers(self) -> list[scene.Camera]:
+    def viewers(self) -> list[scene.Camera]:
         """Return cameras at times all over the shot: frames that learned from their own would flicker."""
         times: list[float | None] = [*stages.sample_times(self.stage, _VIEWERS)] or [None]
         return [replace(camera, lens_radius=0.0) for time in times for camera in self.cameras(time)]

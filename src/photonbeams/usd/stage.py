@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from itertools import pairwise
 from math import isfinite
 from typing import Any
@@ -17,10 +17,11 @@ from . import schemas as schemas
 from .camera import list_cameras, read_camera
 from .composition import warn_of_composition
 from .contents import read_extent, read_scene
+from .editing import override
 from .layers import forget_changes, ready_layers
 from .lights import is_dome, is_light
 from .metadata import complete_metadata
-from .reading import file_of, prims_under, quiet, varying_attributes
+from .reading import prims_under, quiet, varying_attributes
 from .selection import EVERYTHING, Selection
 from .sizes import check_prims
 from .textures import limit_textures
@@ -89,7 +90,7 @@ def open_stage(
     warn_of_composition(stage, warnings)
     complete_metadata(stage, warnings)
     for each in overrides:
-        _override(stage, each)
+        override(stage, each)
     return stage
 
 
@@ -215,96 +216,3 @@ def _reason(error: Any) -> str:
             text = re.sub(r"parse error matching \S+", "there is more than expected", " ".join(located[2].split()))
             return f"line {located[1]}: {text}"
     return " ".join(messages[0].split()) if messages else "expected a USD stage"
-
-
-def _override(stage: Usd.Stage, text: str) -> None:
-    """Set one attribute, or what a relationship names, in the session layer."""
-    target, equals, value = text.partition("=")
-    path = Sdf.Path(target.strip()) if Sdf.Path.IsValidPathString(target.strip()) else Sdf.Path()
-    if not equals or not path.IsPrimPropertyPath():
-        raise SceneError(f"cannot set '{text}': expected /prim.attribute=value")
-    prim = stage.GetPrimAtPath(path.GetPrimPath())
-    if not prim:
-        raise SceneError(f"cannot set '{text}': {file_of(stage)} has no prim {path.GetPrimPath()}")
-    if prim.IsInstanceProxy():
-        raise SceneError(f"cannot set '{text}': {_instance(prim)}")
-    if _is_relationship(prim, path.name):
-        with Usd.EditContext(stage, stage.GetSessionLayer()):
-            prim.CreateRelationship(path.name).SetTargets(_targets(value.strip(), text))
-        return
-    kind = _type_of(prim, path.name)
-    if kind is None:
-        raise SceneError(f"cannot set '{text}': {path.GetPrimPath()} has no attribute {path.name}")
-    with Usd.EditContext(stage, stage.GetSessionLayer()):
-        prim.CreateAttribute(path.name, kind).Set(_parsed(value.strip(), kind, text))
-
-
-def _instance(prim: Usd.Prim) -> str:
-    """Return the message for setting a value inside an instance, with the prim that all instances repeat."""
-    root = prim
-    while not root.IsInstance():
-        root = root.GetParent()
-    stage = prim.GetStage()
-    layers = stage.GetLayerStack()
-    sources = [each.path for each in prim.GetPrimStack() if each.layer in layers]
-    found = next((path for path in sources if (own := stage.GetPrimAtPath(path)) and not own.IsInstanceProxy()), None)
-    expected = "a prim outside of instances" if found is None else f"{found}, which all its instances repeat"
-    return f"{prim.GetPath()} is inside the instance {root.GetPath()}: expected {expected}"
-
-
-def _type_of(prim: Usd.Prim, name: str) -> Sdf.ValueTypeName | None:
-    """Return an attribute's type, also of photonbeams' own attributes where their schema could be applied."""
-    attribute = prim.GetAttribute(name)
-    if attribute:
-        return attribute.GetTypeName()
-    found = (definition.GetAttributeDefinition(name) for definition in _applicable(prim))
-    return next((each.GetTypeName() for each in found if each), None)
-
-
-def _is_relationship(prim: Usd.Prim, name: str) -> bool:
-    """Return whether a prim has a relationship, also one of photonbeams' own where their schema could be applied."""
-    return prim.HasRelationship(name) or any(each.GetRelationshipDefinition(name) for each in _applicable(prim))
-
-
-def _applicable(prim: Usd.Prim) -> Iterator[Usd.PrimDefinition]:
-    """Return photonbeams' own API schemas that could be applied to a prim."""
-    registry = Usd.SchemaRegistry()
-    for schema in ("PhotonBeamsLightAPI", "PhotonBeamsCurvesAPI", "PhotonBeamsMediumAPI"):
-        kinds = registry.GetAPISchemaCanOnlyApplyToTypeNames(schema)
-        definition = registry.FindAppliedAPIPrimDefinition(schema)
-        if definition and (not kinds or prim.GetTypeName() in kinds):
-            yield definition
-
-
-def _targets(value: str, text: str) -> list[Sdf.Path]:
-    """Return the paths, with commas between, that a relationship shall name; none of an empty text."""
-    names = [part.strip().removeprefix("<").removesuffix(">") for part in value.split(",")] if value else []
-    for name in names:
-        if not Sdf.Path.IsValidPathString(name) or not Sdf.Path(name).IsAbsolutePath():
-            raise SceneError(f"cannot set '{text}': expected the paths of prims, such as /Looks/Soft")
-    return [Sdf.Path(name) for name in names]
-
-
-def _parsed(value: str, kind: Sdf.ValueTypeName, text: str) -> Any:
-    """Return a value written in USD's own notation."""
-    if kind in (Sdf.ValueTypeNames.Token, Sdf.ValueTypeNames.String) and not value.startswith(('"', "'")):
-        value = f'"{value}"'
-    if kind == Sdf.ValueTypeNames.Int and not re.fullmatch(r"[+-]?\d+", value):  # OpenUSD would cut off what is behind
-        raise SceneError(f"cannot set '{text}': expected a whole number")
-    if kind == Sdf.ValueTypeNames.Asset and not value.startswith("@"):
-        value = f"@{value}@"
-    if isinstance(kind.defaultValue, (Gf.Vec3f, Gf.Vec3d)) and value[:1] != "(":
-        numbers = value.split(",")
-        value = f"({', '.join(numbers * 3 if len(numbers) == 1 else numbers)})"
-    layer = Sdf.Layer.CreateAnonymous(".usda")
-    try:
-        with quiet():
-            parsed = layer.ImportFromString(f'#usda 1.0\ndef "A"\n{{\n    {kind} v = {value}\n}}\n')
-    except Tf.ErrorException:
-        parsed = False
-    spec = layer.GetAttributeAtPath("/A.v") if parsed else None
-    if spec is None or spec.default is None:
-        raise SceneError(f"cannot set '{text}': expected a value of type {kind}")
-    if isinstance(spec.default, float) and not isfinite(spec.default):
-        raise SceneError(f"cannot set '{text}': expected a finite number")
-    return spec.default

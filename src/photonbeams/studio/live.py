@@ -1,0 +1,160 @@
+"""A frame that begins where another one of the same shot was: what an edit has not touched is not made again."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field, fields, replace
+from typing import TYPE_CHECKING, Any
+
+from .. import scene
+from ..render.frame import Simulated, ViewRays
+from ..render.passes import Statistics
+from ..render.settings import as_passes
+from ..render.stage_frame import StageRenderer
+from ..transport.simulation import StageSimulation
+from ..usd.motion import equal
+from ..world.stage_world import StageWorld
+
+if TYPE_CHECKING:
+    from ..estimators.tiles import Projection
+    from ..render.film import Film
+    from ..render.photons import PhotonMaps
+    from ..shot.request import Prepared
+
+# Passes whose light and whose surfaces are kept: the first pictures after an edit are made of them.
+_KEPT = 1
+
+
+class Cancelled(Exception):  # noqa: N818 - no error: another picture is wanted
+    """The frame is no longer wanted."""
+
+
+@dataclass
+class _Watched(Statistics):
+    """Statistics that end a frame between two of its phases, once it is `unwanted`."""
+
+    unwanted: Callable[[], bool] = field(default=lambda: False, repr=False)
+
+    @contextmanager
+    def phase(self, name: str) -> Iterator[None]:
+        """Add the time within to a phase; raise Cancelled before it if the frame is unwanted."""
+        if self.unwanted():
+            raise Cancelled
+        with super().phase(name):
+            yield
+
+
+class LiveRenderer(StageRenderer):
+    """A frame of a stage that takes over what is still the same of an earlier one.
+
+    Its passes are those of `StageRenderer`, to the bit, unless `keeps_guides` is set.
+
+    Parameters
+    ----------
+    ready
+        What its passes need.
+    viewers
+        Returns the cameras for which emission is guided.
+    planned
+        For how many passes the samples are chosen.
+    like
+        The earlier frame, None of the first.
+    keeps_guides
+        Whether light is sent where it was sent in the earlier frame, though something has changed: for first pictures.
+    unwanted
+        Returns whether the frame is no longer wanted: it ends with `Cancelled` before its next phase.
+    """
+
+    def __init__(
+        self, ready: Prepared, viewers: Callable[[], Sequence[scene.Camera]], planned: int | None,
+        like: LiveRenderer | None = None, keeps_guides: bool = False, unwanted: Callable[[], bool] = lambda: False,
+    ) -> None:  # fmt: skip
+        self._like, self._keeps_guides, self._unwanted = like, keeps_guides, unwanted
+        self._ready, self._viewers = ready, tuple(viewers())
+        self._lights: dict[int, tuple[Simulated, PhotonMaps | None]] = {}
+        self._pictures: dict[tuple[int, int], Any] = {}
+        super().__init__(ready.shutter, ready.window, ready.settings, ready.holdouts, lambda: self._viewers, planned)
+        if like is not None and self._lit_like(like) and planned == like.planned:
+            self._lights = dict(like._lights)
+            if equal(ready.shutter.at(0.0).cameras, like._ready.shutter.at(0.0).cameras):
+                self._pictures = dict(like._pictures)
+        self._like = None  # which would keep all frames there were
+
+    def _no_statistics(self) -> Statistics:
+        return _Watched(unwanted=self._unwanted)
+
+    def _known_worlds(self) -> list[StageWorld]:
+        return [] if self._like is None else self._like._worlds[-1:]
+
+    def _guided(self, simulation: StageSimulation, world: StageWorld, views: Sequence[Projection]) -> StageSimulation:
+        like = self._like
+        if like is None:
+            return super()._guided(simulation, world, views)
+        if self._keeps_guides or (self._has_light_of(like, world) and equal(self._viewers, like._viewers)):
+            return replace(simulation, guides=like._simulation.guides, openings=like._simulation.openings)
+        return super()._guided(simulation, world, views)
+
+    def _lit_like(self, like: LiveRenderer) -> bool:
+        """Return whether the light paths of each pass are those of an earlier frame."""
+        if self._ready.shutter.moving or self.settings.program is not None:
+            return False
+        same_guides = self._simulation.guides is like._simulation.guides
+        return same_guides and self._has_light_of(like, self._worlds[-1]) and self._window == like._window
+
+    def _has_light_of(self, like: LiveRenderer, world: StageWorld) -> bool:
+        """Return whether an earlier frame has the same lights, media, surfaces and settings; looks may be others."""
+        if as_passes(self.settings) != as_passes(like.settings):
+            return False
+        own, other = world.description, like._worlds[-1].description
+        if own is other:
+            return True
+        rest = all(
+            _are_same(getattr(own, each.name), getattr(other, each.name))
+            for each in fields(own)
+            if each.name not in ("lights", "drawn", "bounds")
+        )
+        return rest and equal(own.bounds, other.bounds) and all(
+            len(mine) == len(theirs) and all(map(_but_for_looks, mine, theirs))
+            for mine, theirs in ((own.lights, other.lights), (own.drawn, other.drawn))
+        )  # fmt: skip
+
+    def _lit(self, number: int) -> tuple[Simulated, PhotonMaps | None]:
+        if number not in self._lights:
+            found = super()._lit(number)
+            if number < _KEPT:
+                self._lights[number] = found
+            return found
+        light, photons = self._lights[number]
+        looks = self._shutter.at(0.0).scene.looks()
+        sets = [each._replace(look=looks.get(each.name)) for each in light.sets]
+        self.statistics.beams += sum(len(each.beams) for each in sets)
+        return replace(light, sets=sets), photons
+
+    def _seen_in(
+        self, numbers: range, view: int, film: Film, light: Simulated, photons: PhotonMaps | None, moving: bool
+    ) -> tuple[list[Any], ViewRays]:  # fmt: skip
+        key = numbers.start, view
+        if key not in self._pictures:
+            found = super()._seen_in(numbers, view, film, light, photons, moving)
+            if numbers.stop <= _KEPT:
+                self._pictures[key] = found
+            return found
+        return self._pictures[key]  # type: ignore[no-any-return]
+
+
+def _are_same(one: Any, other: Any) -> bool:
+    """Return whether two values are the same objects, or tuples of these."""
+    if one is other:
+        return True
+    both = isinstance(one, tuple) and isinstance(other, tuple) and len(one) == len(other)
+    return (both and all(map(_are_same, one, other))) or (not isinstance(one, tuple) and equal(one, other))
+
+
+def _but_for_looks(one: Any, other: Any) -> bool:
+    """Return whether two lights, or drawn beams, are the same but for what their looks are."""
+    if one is other:
+        return True
+    if type(one) is not type(other) or (one.look is None) != (other.look is None):
+        return False
+    return all(equal(getattr(one, each.name), getattr(other, each.name)) for each in fields(one) if each.name != "look")

@@ -1,0 +1,354 @@
+"""A session: a shot, edits of it, and the pictures that follow them."""
+
+from __future__ import annotations
+
+import re
+import threading
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..runtime.files import PathLike
+from ..scene import Array, Scene, SceneError
+from ..shot.request import Prepared
+from ..shot.shot import Shot
+from ..usd.editing import EditLayer
+from ..usd.motion import followed, same
+from ..world.shutter import Moment, Shutter
+from .edits import Edits
+from .live import Cancelled, LiveRenderer
+
+if TYPE_CHECKING:
+    from ..render.passes import Statistics
+
+# The first picture after an edit has at most so many pixels, and so many light paths of each light.
+_FIRST_PIXELS, _FIRST_PATHS = 160 * 90, 1024
+
+
+@dataclass(frozen=True)
+class View:
+    """What a session shows: fields that a page may set.
+
+    Attributes
+    ----------
+    width, height
+        Pixels of the whole picture.
+    frame
+        The frame; None: the stage's start.
+    camera
+        The camera's path; None: the shot's own.
+    pose
+        A free camera's transform to the world, (4, 4), None: where the stage has it.
+    area
+        x0, y0, x1, y1 in fractions of the picture: the part that is rendered; None: all.
+    lens, blur
+        As `Shot.render` has them.
+    passes
+        Passes of the finished picture.
+    """
+
+    width: int = 480
+    height: int = 270
+    frame: float | None = None
+    camera: str | None = None
+    pose: Array | None = None
+    area: tuple[float, float, float, float] | None = None
+    lens: bool = True
+    blur: bool = True
+    passes: int = 64
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A picture of a session.
+
+    Attributes
+    ----------
+    version
+        The number of the edit, or of the change of view, that it is of.
+    layers
+        The layers by their names, as a `Frame` has them.
+    passes, planned
+        The passes that it has, and that it is to have.
+    scale
+        Its size in that of the finished picture.
+    statistics
+        How it was rendered.
+    """
+
+    version: int
+    layers: Mapping[str, Array]
+    passes: int
+    planned: int
+    scale: float
+    statistics: Statistics
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Why there is no picture of a version.
+
+    Attributes
+    ----------
+    version, text
+        The version, and a sentence.
+    path, column
+        The attribute that the sentence is about, and where in an expression it is wrong, from 1; None: not known.
+    """
+
+    version: int
+    text: str
+    path: str | None = None
+    column: int | None = None
+
+    @classmethod
+    def of(cls, version: int, text: str, edited: Sequence[str]) -> Problem:
+        """Return the problem of a sentence, which may name one of the attributes that are `edited`."""
+        path = max((each for each in edited if each in text), key=len, default=None)
+        column = re.search(r"column (\d+)", text)
+        return cls(version, text, path, None if column is None else int(column[1]))
+
+
+#: Told of what a session has to show, from the thread that renders.
+Told = Callable[[Picture | Problem], None]
+
+
+@dataclass
+class _Chain:
+    """The last frame of a size, from which the next one goes on, and the scene that it had."""
+
+    frame: LiveRenderer | None = None
+    moment: Moment | None = None
+    about: Any = field(default=None)
+
+
+class Session:
+    """A shot that is rendered while it is edited: at once in few pixels, then whole, then in more and more passes.
+
+    One thread renders. An edit, or another view, ends what is under way between two phases of a pass. The finished
+    picture has the bits of `Shot.render` with as many passes and the edits as a layer over the stage.
+
+    Parameters
+    ----------
+    path
+        A stage.
+    camera
+        The path or the name of the camera; None: as `Shot.open` has it.
+    layer
+        The file of the edits: they are read from it, and `edits.save()` writes it. None: they are kept in memory.
+    view
+        What is shown at first.
+    **given
+        Further arguments of `Shot.open`.
+
+    Raises
+    ------
+    SceneError
+        What cannot be read.
+    """
+
+    def __init__(
+        self, path: PathLike, camera: str | None = None, layer: PathLike | None = None, view: View | None = None,
+        **given: Any,
+    ) -> None:  # fmt: skip
+        self.shot = Shot.open(path, camera, **given)
+        if not hasattr(self.shot, "stage"):
+            raise SceneError(f"{path} is a Mitsuba scene: expected a USD stage, whose looks and lights can be edited")
+        self.edits = Edits(EditLayer(self.shot.stage), layer)
+        self.view = view or View()
+        self.version = 0
+        self._listeners: list[Told] = []
+        self._chains = {True: _Chain(), False: _Chain()}
+        self._lock = threading.RLock()  # of the stage and the view
+        self._changed = threading.Condition(self._lock)
+        self._closed = False
+        self._thread = threading.Thread(target=self._run, name="studio", daemon=True)
+        self._thread.start()
+
+    def listen(self, told: Told) -> Callable[[], None]:
+        """Call `told` with each picture, or with why there is none, from now on; return what ends that."""
+        with self._lock:
+            self._listeners.append(told)
+        return lambda: self._listeners.remove(told)
+
+    def edit(self, values: Mapping[str, Any], step: str | None = None) -> int:
+        """Set values as `Edits.set` does, and return the version that will show them."""
+        with self._lock:
+            self.edits.set(values, step)
+            return self._new()
+
+    def undo(self) -> bool:
+        """Undo the last step; return whether there was one."""
+        return self._moved(self.edits.undo)
+
+    def redo(self) -> bool:
+        """Do again what was undone last; return whether there was something."""
+        return self._moved(self.edits.redo)
+
+    def revert(self) -> None:
+        """Leave all values to the stage again."""
+        with self._lock:
+            self.edits.revert()
+            self._new()
+
+    def show(self, **changes: Any) -> int:
+        """Change fields of the `View`, and return the version that will show them.
+
+        Raises
+        ------
+        SceneError
+            A size, an area, a frame or a camera that cannot be shown; nothing is changed then.
+        """
+        with self._lock:
+            view = replace(self.view, **changes)
+            if view.pose is not None:
+                view = replace(view, pose=_pose(view.pose))
+            self.shot.resolution(view.width, view.height)
+            self.view = view
+            return self._new()
+
+    def close(self) -> None:
+        """End the session's thread."""
+        with self._lock:
+            self._closed = True
+            self._changed.notify_all()
+        self._thread.join()
+
+    def __enter__(self) -> Session:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _moved(self, move: Callable[[], bool]) -> bool:
+        with self._lock:
+            done = move()
+            if done:
+                self._new()
+            return done
+
+    def _new(self) -> int:
+        self.version += 1
+        self._changed.notify_all()
+        return self.version
+
+    def _run(self) -> None:
+        shown = -1
+        while True:
+            with self._lock:
+                while self.version == shown and not self._closed:
+                    self._changed.wait()
+                if self._closed:
+                    return
+                shown = self.version
+            try:
+                self._render(shown)
+            except Cancelled:
+                continue
+            except SceneError as error:
+                self._tell(Problem.of(shown, str(error), self.edits.paths()))
+            except Exception as error:  # the session outlives what a renderer may stumble over
+                self._tell(Problem(shown, f"the picture could not be rendered: {error}"[:300]))
+
+    def _tell(self, what: Picture | Problem) -> None:
+        for told in [*self._listeners]:
+            told(what)
+
+    def _render(self, version: int) -> None:
+        """Render the pictures of a version, as long as it is the last."""
+        unwanted = partial(self._is_old, version)
+        view = self.view
+        for first in (True, False):
+            scale = min(1.0, (_FIRST_PIXELS / (view.width * view.height)) ** 0.5) if first else 1.0
+            with self._lock:
+                frame, ready = self._begun(view, scale, first, unwanted)
+            passes = 1 if first else view.passes
+            for number in range(passes):
+                frame.add_passes(range(number, number + 1))
+                made = ready.development.frame(frame.sums(), frame.statistics)
+                if unwanted():
+                    raise Cancelled
+                self._tell(Picture(version, made.layers, number + 1, view.passes, scale, frame.statistics))
+
+    def _is_old(self, version: int) -> bool:
+        return self._closed or version != self.version
+
+    def _begun(
+        self, view: View, scale: float, first: bool, unwanted: Callable[[], bool]
+    ) -> tuple[LiveRenderer, Prepared]:  # fmt: skip
+        """Return the frame of a view without passes."""
+        chain, shot = self._chains[first], self.shot
+        if view.camera is not None:
+            shot.camera = view.camera
+        width, height = (max(1, round(scale * each)) for each in (view.width, view.height))
+        settings = {"beams": _FIRST_PATHS} if first else {}
+        request = shot.request(
+            view.frame, 1 if first else view.passes, None, settings, width=width, height=height, crop=view.area,
+            blur=view.blur and not first, lens=view.lens,
+        )  # fmt: skip
+        ready = shot.prepared(request)
+        self._check_edits()
+        moment = ready.shutter.at(0.0)
+        before, content = chain.moment, _with_fewer_paths(moment.scene) if first else moment.scene
+        content = content if before is None else followed(before.scene, content)
+        cameras = moment.cameras
+        if view.pose is not None:
+            cameras = tuple(replace(each, to_world=view.pose) for each in cameras)
+        if before is not None and len(before.cameras) == len(cameras):
+            cameras = tuple(map(same, before.cameras, cameras))
+        kept = Moment(content, cameras)
+        shutter = _beginning(ready.shutter, kept, view.pose)
+        ready = replace(ready, shutter=shutter)
+        viewers = shot.viewers if view.pose is None else (lambda: cameras)
+        planned = None if first else view.passes
+        frame = LiveRenderer(ready, viewers, planned, chain.frame, first and chain.frame is not None, unwanted)
+        chain.frame, chain.moment = frame, kept
+        return frame, ready
+
+    def _check_edits(self) -> None:
+        """Raise SceneError for a warning about what was edited: who turns a knob wants no other look instead."""
+        given, edited = self.shot.warnings.given, self.edits.paths()
+        wrong = [text for text in given if any(path in text for path in edited)]
+        given.difference_update(wrong)  # or they would not be given again
+        if wrong:
+            raise SceneError(wrong[0])
+
+
+def _beginning(shutter: Shutter, moment: Moment, pose: Array | None) -> Shutter:
+    """Return a shutter whose first moment is the given one; a free camera stands still."""
+
+    def at(fraction: float, of: Callable[[float], Moment] = shutter.at) -> Moment:
+        if fraction == 0:
+            return moment
+        found = of(fraction)
+        later = followed(moment.scene, found.scene)
+        return Moment(later, moment.cameras if pose is not None else tuple(map(same, moment.cameras, found.cameras)))
+
+    before = shutter.before
+    return replace(shutter, at=at, before=None if before is None else partial(at, of=before))
+
+
+def _with_fewer_paths(content: Scene) -> Scene:
+    """Return a scene whose lights have as many light paths as first pictures may have."""
+    lights = [
+        each if each.beam_count is None else replace(each, beam_count=min(each.beam_count, _FIRST_PATHS))
+        for each in content.lights
+    ]
+    return replace(content, lights=tuple(lights))
+
+
+def _pose(value: Any) -> Array:
+    """Return a camera's transform to the world, (4, 4); SceneError for what is none."""
+    try:
+        pose = np.array(value, dtype=np.float64).reshape(4, 4)
+    except (TypeError, ValueError):
+        raise SceneError(f"the pose is {value!r:.80}: expected 16 numbers") from None
+    if not np.isfinite(pose).all() or abs(np.linalg.det(pose[:3, :3])) < 1e-12:
+        raise SceneError("the pose is no transform: expected axes of some length, and finite numbers")
+    return pose
+
+
+__all__ = ["Picture", "Problem", "Session", "View"]

@@ -1,0 +1,253 @@
+"""Sessions: what an edit changes is in the next picture, and the finished one is that of `Shot.render`, to the bit."""
+
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import photonbeams as pb
+from photonbeams.studio.session import Picture, Problem, Session, View
+
+STAGE = """#usda 1.0
+(
+    defaultPrim = "World"
+)
+def Xform "World"
+{
+    def Camera "Camera"
+    {
+        double3 xformOp:translate = (0, 0, 4)
+        uniform token[] xformOpOrder = ["xformOp:translate"]
+    }
+    def SphereLight "Lamp" (prepend apiSchemas = ["PhotonBeamsLightAPI"])
+    {
+        float inputs:radius = 0.05
+        float inputs:intensity = 20
+        int photonbeams:count = 300
+        rel photonbeams:look = </World/Look>
+    }
+    def PhotonBeamsLook "Look"
+    {
+        color3f photonbeams:along:tint = (1, 0.5, 0.2)
+    }
+    def Sphere "Ball"
+    {
+        double radius = 0.3
+        double3 xformOp:translate = (0.8, 0, 0)
+        uniform token[] xformOpOrder = ["xformOp:translate"]
+    }
+    def Cube "Fog" (prepend apiSchemas = ["PhotonBeamsMediumAPI"])
+    {
+        color3f photonbeams:scattering = (0.2, 0.2, 0.2)
+    }
+}
+"""
+VIEW = View(width=48, height=27, passes=2)
+TINT, INTENSITY = "/World/Look.photonbeams:along:tint", "/World/Lamp.inputs:intensity"
+PLACE = "/World/Ball.xformOp:translate"
+
+
+@pytest.fixture
+def stage(tmp_path):
+    path = tmp_path / "shot.usda"
+    path.write_text(STAGE)
+    return path
+
+
+class Watched:
+    """A session, and what it tells."""
+
+    def __init__(self, *given, **named):
+        self.session, self.told = Session(*given, **{"view": VIEW, **named}), []
+        self._came = threading.Condition()
+        self.session.listen(self._tell)
+        self.session.show()
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.session.close()
+
+    def _tell(self, what):
+        with self._came:
+            self.told.append(what)
+            self._came.notify_all()
+
+    def wait(self, version, wanted):
+        """Return the first of what is told of a version that is wanted."""
+        with self._came:
+
+            def found():
+                return [each for each in self.told if each.version == version and wanted(each)]
+
+            assert self._came.wait_for(found, timeout=120), self.told[-3:]
+            return found()[0]
+
+    def finished(self, version=None):
+        version = self.session.version if version is None else version
+        found = self.wait(version, lambda each: isinstance(each, Problem) or each.passes == 2)
+        assert isinstance(found, Picture), found
+        return found.layers
+
+    def problem(self, version):
+        return self.wait(version, lambda each: isinstance(each, Problem)).text
+
+
+def rendered(stage, *layers, passes=2):
+    return pb.Shot.open(stage, session_layers=layers).render(passes=passes, width=48, height=27).layers
+
+
+def are_equal(some, others):
+    return some.keys() == others.keys() and all(np.array_equal(some[name], others[name]) for name in some)
+
+
+@pytest.mark.parametrize(
+    "values",
+    [{TINT: [0.2, 0.5, 1.0]}, {INTENSITY: 35.0}, {"/World/Fog.photonbeams:scattering": [0.4, 0.2, 0.1]},
+     {"/World/Camera.xformOp:translate": [0.2, 0.1, 3.5]}, {PLACE: [-0.8, 0.2, 0]},
+     {"/World/Look.photonbeams:across:expression": "1 - rho"}, {"/World/Lamp.photonbeams:lightGroup": "lamp"}],
+    ids=["look", "light", "fog", "camera", "surface", "expression", "group"],
+)  # fmt: skip
+def test_the_finished_picture_is_that_of_a_render_with_the_saved_layer(stage, tmp_path, values):
+    """After edits of several kinds, and one more: what is taken over from earlier frames must be what is made anew."""
+    with Watched(stage) as shown:
+        before = shown.finished()
+        assert are_equal(before, rendered(stage))
+        shown.finished(shown.session.edit({TINT: [0.9, 0.9, 0.9], INTENSITY: 10.0}))
+        after = shown.finished(shown.session.edit(values))
+        layer = shown.session.edits.save(tmp_path / "look.usda")
+    assert are_equal(after, rendered(stage, layer))
+    assert not are_equal(after, before)
+
+
+def test_an_edit_of_a_look_traces_no_light_and_shades_no_surface(stage):
+    with Watched(stage) as shown:
+        shown.finished()
+        version = shown.session.edit({TINT: [0.2, 0.5, 1.0]})
+        first = shown.wait(version, lambda each: True)
+        assert "simulate" not in first.statistics.seconds and "beams" in first.statistics.seconds
+        version = shown.session.edit({INTENSITY: 5.0})
+        assert "simulate" in shown.wait(version, lambda each: True).statistics.seconds
+
+
+def test_first_pictures_are_small_and_whole_ones_follow(stage):
+    view = View(width=480, height=270, passes=2)
+    with Watched(stage, view=view) as shown:
+        shown.finished()
+        sizes = [(each.scale, each.layers["rgba"].shape[:2], each.passes) for each in shown.told]
+    assert sizes[0][0] < 0.5 and np.prod(sizes[0][1]) < 160 * 91
+    assert [each[1:] for each in sizes[1:]] == [((270, 480), 1), ((270, 480), 2)]
+
+
+def test_a_later_edit_ends_what_is_under_way(stage):
+    with Watched(stage) as shown:
+        shown.finished()
+        shown.session.show(passes=5000)
+        version = shown.session.version
+        shown.wait(version, lambda each: each.passes >= 1)
+        after = shown.session.show(passes=2)
+        shown.finished(after)
+        assert max(each.passes for each in shown.told if each.version == version) < 5000
+
+
+def test_undo_redo_and_revert(stage):
+    with Watched(stage) as shown:
+        plain = shown.finished()
+        session = shown.session
+        for number in range(3):
+            session.edit({INTENSITY: 30.0 + number}, step="drag")
+        changed = shown.finished()
+        assert session.undo() and are_equal(shown.finished(), plain)
+        assert not session.undo() and session.edits.is_saved
+        assert session.redo() and are_equal(shown.finished(), changed) and not session.redo()
+        session.revert()
+        assert are_equal(shown.finished(), plain)
+        assert session.undo() and are_equal(shown.finished(), changed)
+        session.edit({INTENSITY: None})
+        assert are_equal(shown.finished(), plain)
+
+
+def test_edits_are_read_from_their_file_and_saved_to_it(stage, tmp_path):
+    layer = tmp_path / "look.usda"
+    with Watched(stage, layer=layer) as shown:
+        shown.session.edit({TINT: [0.2, 0.5, 1.0]})
+        found = shown.finished()
+        assert not shown.session.edits.is_saved
+        assert shown.session.edits.save() == layer and shown.session.edits.is_saved
+    with Watched(stage, layer=layer) as again:
+        assert are_equal(again.finished(), found)
+        assert again.session.edits.is_saved and not again.session.edits.can_undo
+
+
+@pytest.mark.parametrize(
+    "path, value, message",
+    [
+        ("/World/Gone.inputs:intensity", 1.0, "has no prim /World/Gone"),
+        ("/World/Lamp.photonbeams:cuont", 3, "has no attribute photonbeams:cuont"),
+        ("/World/Lamp", 1.0, "expected /prim.attribute"),
+        ("not a path", 1.0, "expected /prim.attribute"),
+        (INTENSITY, "bright", "expected a finite number"),
+        (INTENSITY, float("nan"), "expected a finite number"),
+        (INTENSITY, True, "expected a finite number"),
+        (TINT, [1.0, 2.0], "expected 3 numbers"),
+        (TINT, 1.0, "expected 3 numbers"),
+        ("/World/Lamp.photonbeams:count", 1.5, "expected a whole number"),
+        ("/World/Lamp.photonbeams:enabled", 1, "expected true or false"),
+        ("/World/Look.photonbeams:along:ramp:knots", 1.0, "expected a list"),
+        ("/World/Lamp.photonbeams:look", "/World/Look", "expected a list of paths"),
+        ("/World/Lamp.photonbeams:look", ["Look"], "expected the paths of prims"),
+        ("/World/Look.photonbeams:along:expression", 3.0, "expected a text"),
+    ],
+)
+def test_values_that_cannot_be_set_are_refused_and_change_nothing(stage, path, value, message):
+    with Watched(stage) as shown:
+        text = shown.session.edits.text()
+        with pytest.raises(pb.SceneError, match=message):
+            shown.session.edit({INTENSITY: 7.0, path: value})
+        assert shown.session.edits.text() == text and not shown.session.edits.can_undo
+
+
+def test_what_cannot_be_rendered_is_told_in_a_sentence_and_the_session_lives(stage):
+    expression = "/World/Look.photonbeams:along:expression"
+    with Watched(stage) as shown:
+        plain = shown.finished()
+        text = shown.problem(shown.session.edit({"/World/Look.photonbeams:across:values": [1.0],
+                                                 "/World/Look.photonbeams:across:profile": "tabulated"}))  # fmt: skip
+        assert "expects two values or more" in text
+        shown.session.undo()
+        assert are_equal(shown.finished(), plain)
+        assert "column" in shown.problem(shown.session.edit({expression: "s * (1 +"}))
+        shown.session.edit({expression: ""})
+        shown.finished()
+
+
+def test_a_free_camera_sees_what_the_stages_camera_would_from_there(stage, tmp_path):
+    pose = np.eye(4)
+    pose[:3, 3] = 0.3, 0.1, 3.0
+    with Watched(stage) as shown:
+        plain = shown.finished()
+        free = shown.finished(shown.session.show(pose=pose))
+        there = shown.finished(shown.session.edit({"/World/Camera.xformOp:translate": [0.3, 0.1, 3.0]}))
+        np.testing.assert_array_equal(free["depth"], there["depth"])
+        shown.session.undo()
+        assert are_equal(shown.finished(shown.session.show(pose=None)), plain)
+
+
+@pytest.mark.parametrize(
+    "changes, message",
+    [({"width": 0}, "expected 1 to"), ({"pose": [1, 2]}, "expected 16 numbers"),
+     ({"pose": np.zeros((4, 4))}, "is no transform"), ({"pose": "here"}, "expected 16 numbers")],
+)  # fmt: skip
+def test_views_that_cannot_be_shown_are_refused(stage, changes, message):
+    with Watched(stage) as shown, pytest.raises(pb.SceneError, match=message):
+        shown.session.show(**changes)
+
+
+def test_overrides_of_the_command_line_are_weaker_than_edits(stage):
+    with Watched(stage, overrides=[f"{INTENSITY}=1"]) as shown:
+        dim = shown.finished()["beams"].mean()
+        bright = shown.finished(shown.session.edit({INTENSITY: 4.0}))["beams"].mean()
+    assert bright == pytest.approx(4 * dim, rel=1e-3)
+    assert Path(stage).read_text() == STAGE
