@@ -23,7 +23,7 @@ from typer.exceptions import TyperException
 
 __all__ = ["app", "main"]
 
-_COMMANDS = ("render", "merge", "beams", "export", "swatch", "info", "quadrature", "doctor")
+_COMMANDS = ("render", "merge", "beams", "export", "swatch", "studio", "info", "quadrature", "doctor")
 _INTERRUPTED = 128 + SIGINT
 _TEMPORARY = 75  # EX_TEMPFAIL of sysexits.h
 

@@ -7,16 +7,20 @@ import threading
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..images.frame import pixels_of
 from ..runtime.files import PathLike
-from ..scene import Array, Scene, SceneError
+from ..scene import BLACK, Array, Camera, Scene, SceneError, whole
 from ..shot.request import Prepared
 from ..shot.shot import Shot
+from ..usd.controls import Controls, controls_of
 from ..usd.editing import EditLayer
 from ..usd.motion import followed, same
+from ..usd.stage import list_cameras
 from ..world.shutter import Moment, Shutter
 from .edits import Edits
 from .live import Cancelled, LiveRenderer
@@ -26,6 +30,9 @@ if TYPE_CHECKING:
 
 # The first picture after an edit has at most so many pixels, and so many light paths of each light.
 _FIRST_PIXELS, _FIRST_PATHS = 160 * 90, 1024
+
+# What a view may ask for at most: a page must not fill the memory.
+_MOST_PIXELS, _MOST_PASSES = 1 << 23, 1 << 16
 
 
 @dataclass(frozen=True)
@@ -46,6 +53,10 @@ class View:
         x0, y0, x1, y1 in fractions of the picture: the part that is rendered; None: all.
     lens, blur
         As `Shot.render` has them.
+    solo
+        Paths of the lights that shine; none: all of them.
+    paused
+        Whether no pictures are rendered.
     passes
         Passes of the finished picture.
     """
@@ -58,6 +69,8 @@ class View:
     area: tuple[float, float, float, float] | None = None
     lens: bool = True
     blur: bool = True
+    solo: tuple[str, ...] = ()
+    paused: bool = False
     passes: int = 64
 
 
@@ -155,6 +168,7 @@ class Session:
         **given: Any,
     ) -> None:  # fmt: skip
         self.shot = Shot.open(path, camera, **given)
+        self._name = Path(path).name
         if not hasattr(self.shot, "stage"):
             raise SceneError(f"{path} is a Mitsuba scene: expected a USD stage, whose looks and lights can be edited")
         self.edits = Edits(EditLayer(self.shot.stage), layer)
@@ -204,11 +218,59 @@ class Session:
         """
         with self._lock:
             view = replace(self.view, **changes)
-            if view.pose is not None:
-                view = replace(view, pose=_pose(view.pose))
-            self.shot.resolution(view.width, view.height)
-            self.view = view
+            self._check(view)
+            self.view = view if view.pose is None else replace(view, pose=_pose(view.pose))
             return self._new()
+
+    def _check(self, view: View) -> None:
+        """Raise SceneError for a view that cannot be shown."""
+        for name in ("lens", "blur", "paused"):
+            if not isinstance(getattr(view, name), bool):
+                raise SceneError(f"{name} is {getattr(view, name)!r}: expected True or False")
+        if view.width * view.height > _MOST_PIXELS:
+            raise SceneError(f"the size is {view.width} x {view.height}: expected {_MOST_PIXELS:,} pixels at most")
+        if not 1 <= whole(view.passes, "passes") <= _MOST_PASSES:
+            raise SceneError(f"passes is {view.passes}: expected 1 to {_MOST_PASSES}")
+        if view.camera is not None and view.camera not in self.cameras():
+            raise SceneError(f"there is no camera {view.camera!r}: expected one of {', '.join(self.cameras())}")
+        self.shot.resolution(view.width, view.height)
+        pixels_of(view.area, view.width, view.height)
+        frames = self.frames()
+        if view.frame is not None and frames is None:
+            raise SceneError(f"the frame is {view.frame}: the stage has none to choose from")
+        if view.frame is not None and frames is not None and not frames[0] <= view.frame <= frames[1]:
+            raise SceneError(f"the frame is {view.frame}: expected {frames[0]:g} to {frames[1]:g}")
+
+    @property
+    def name(self) -> str:
+        """The name of the stage's file."""
+        return self._name
+
+    def controls(self) -> list[Controls]:
+        """Return what can be edited, with its present values."""
+        with self._lock:
+            return controls_of(self.shot.stage, self.shot.time(self.view.frame))
+
+    def cameras(self) -> list[str]:
+        """Return the paths of the stage's cameras."""
+        with self._lock:
+            return list_cameras(self.shot.stage)
+
+    def frames(self) -> tuple[float, float] | None:
+        """Return the stage's first and last frame, None where it has none."""
+        stage = self.shot.stage
+        if not stage.HasAuthoredTimeCodeRange():
+            return None
+        return float(stage.GetStartTimeCode()), float(stage.GetEndTimeCode())
+
+    def rate(self) -> float:
+        """Return the frames in a second."""
+        return float(self.shot.stage.GetFramesPerSecond())
+
+    def camera(self) -> Camera:
+        """Return the camera as the stage has it, at the view's frame."""
+        with self._lock:
+            return self.shot.cameras(self.view.frame)[0]
 
     def close(self) -> None:
         """End the session's thread."""
@@ -239,7 +301,7 @@ class Session:
         shown = -1
         while True:
             with self._lock:
-                while self.version == shown and not self._closed:
+                while (self.version == shown or self.view.paused) and not self._closed:
                     self._changed.wait()
                 if self._closed:
                     return
@@ -293,6 +355,7 @@ class Session:
         self._check_edits()
         moment = ready.shutter.at(0.0)
         before, content = chain.moment, _with_fewer_paths(moment.scene) if first else moment.scene
+        content = _alone(content, view.solo) if view.solo else content
         content = content if before is None else followed(before.scene, content)
         cameras = moment.cameras
         if view.pose is not None:
@@ -338,6 +401,13 @@ def _with_fewer_paths(content: Scene) -> Scene:
         for each in content.lights
     ]
     return replace(content, lights=tuple(lights))
+
+
+def _alone(content: Scene, shining: Sequence[str]) -> Scene:
+    """Return a scene in which no other lights and drawn beams than these shine."""
+    lights = [each if each.name in shining else replace(each, radiance=BLACK) for each in content.lights]
+    drawn = [each for each in content.drawn if each.name in shining]
+    return replace(content, lights=tuple(lights), drawn=tuple(drawn))
 
 
 def _pose(value: Any) -> Array:

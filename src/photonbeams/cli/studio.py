@@ -1,0 +1,95 @@
+"""`photonbeams studio`: a shot in the browser, rendered while it is edited."""
+
+from __future__ import annotations
+
+import logging
+import os
+import socket
+import sys
+import webbrowser
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from . import options
+from .flags import Device, check_flags, start_device
+from .progress import messages
+
+_LOOPBACK = ("127.0.0.1", "localhost", "::1")
+
+
+def studio(
+    scene: Annotated[Path, typer.Argument(help="A .usd, .usda, .usdc or .usdz stage.")],
+    camera: Annotated[str | None, typer.Option("--camera", "-cam", help="Path or name of the camera.")] = None,
+    layer: Annotated[
+        Path | None,
+        typer.Option("--layer", help="The .usda layer of the edits: read if it is there, written by Save."),
+    ] = None,
+    res: options.Resolution = (480, 270),
+    passes: Annotated[int, typer.Option("--passes", min=1, help="Passes of the finished picture.")] = 64,
+    host: Annotated[str, typer.Option("--host", help="Where to listen; another one lets other machines in.")] = (
+        "127.0.0.1"
+    ),
+    port: Annotated[int, typer.Option("--port", min=0, max=65535, help="0: any that is free.")] = 0,
+    open_browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the page.")] = True,
+    overrides: options.Overrides = None,
+    session_layer: options.SessionLayers = None,
+    device: Annotated[Device, typer.Option(help="Where to render.")] = Device.auto,
+    threads: options.Threads = None,
+    quiet: options.Quiet = False,
+    verbose: options.Verbose = False,
+) -> None:
+    """Show a shot in the browser, live, with every control of its lights, media and looks beside it.
+
+    The edits are a USD layer, which `photonbeams render --session-layer` takes. Ctrl-C ends the studio.
+
+    For example:
+
+    photonbeams studio shot.usda --layer look.usda
+    """
+    check_flags(res)
+    with messages(quiet, verbose):
+        start_device(device, threads)
+        import uvicorn
+
+        from ..studio import Session
+        from ..studio.server import Studio
+        from ..studio.session import View
+
+        width, height = res
+        view = View(width=width or 480, height=height or 270, passes=passes)
+        target = layer or scene.with_name("look.usda")
+        with Session(
+            scene, camera, target, view, overrides=overrides or (), session_layers=session_layer or ()
+        ) as session:  # fmt: skip
+            served = Studio(session)
+            names = (host, f"[{host}]", "127.0.0.1", "localhost") if host in _LOOPBACK else (host, _own_name())
+            if host not in _LOOPBACK:
+                logging.getLogger("photonbeams").warning(
+                    "the studio listens on %s: whoever has its address can edit the shot from another machine", host
+                )
+            config = uvicorn.Config(served.app(names), host=host, port=port, log_level="error", ws_max_size=1 << 17)
+            listening = _socket(host, port)
+            number = listening.getsockname()[1]
+            address = f"http://{host if ':' not in host else f'[{host}]'}:{number}/?token={served.token}"
+            print(address, flush=True)
+            if open_browser and (os.environ.get("DISPLAY") or sys.platform in ("darwin", "win32")):
+                webbrowser.open(address)
+            uvicorn.Server(config).run(sockets=[listening])
+
+
+def _socket(host: str, port: int) -> socket.socket:
+    """Return a listening socket; its port is known before the server runs."""
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    result = socket.socket(family, socket.SOCK_STREAM)
+    result.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        result.bind((host, port))
+    except OSError as error:
+        raise typer.BadParameter(f"{host}:{port} cannot be used: {error.strerror}", param_hint="--port") from None
+    return result
+
+
+def _own_name() -> str:
+    return socket.gethostname()

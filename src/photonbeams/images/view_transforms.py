@@ -1,0 +1,65 @@
+"""View transforms: how scene-linear pictures become those of a screen, ours and OpenColorIO's."""
+
+from __future__ import annotations
+
+import os
+from functools import cache
+
+import numpy as np
+import OpenImageIO
+
+from ..scene import Array, SceneError
+from .display import dithered, srgb_encoded, tone_mapped
+
+#: The view that PNGs are made with.
+OWN = "photonbeams"
+
+# OpenColorIO's own configuration, for those who have none, and the display of most screens in it.
+_DEFAULT, _SCREEN = "ocio://default", "sRGB - Display"
+_LINEAR = "lin_rec709_scene"  # what pictures are in
+
+
+def view_transforms() -> list[str]:
+    """Return the names of the view transforms: ours, and those of the user's OpenColorIO configuration ($OCIO).
+
+    Of OpenColorIO's default configuration they are those for screens of sRGB.
+    """
+    return [OWN, *_views()]
+
+
+def viewed(pixels: Array, name: str = OWN, exposure: float = 0.0) -> Array:
+    """Return a scene-linear picture, (H, W, 3 or more), as a screen shows it, (H, W, 3) of 8 bits.
+
+    Raises
+    ------
+    SceneError
+        A name that is no view transform.
+    """
+    if name == OWN:
+        return dithered(srgb_encoded(tone_mapped(np.asarray(pixels)[..., :3], exposure)))
+    if name not in _views():
+        raise SceneError(f"there is no view transform {name!r}: expected one of {', '.join(view_transforms())}")
+    display, view = _views()[name]
+    scaled = np.nan_to_num(np.asarray(pixels, dtype=np.float32)[..., :3] * np.float32(2.0**exposure), posinf=6e4)
+    source = OpenImageIO.ImageBuf(np.ascontiguousarray(scaled))
+    shown = OpenImageIO.ImageBufAlgo.ociodisplay(source, display, view, _LINEAR, colorconfig=_config())
+    if shown.has_error:
+        raise SceneError(f"the view transform {name!r} cannot be used: {shown.geterror()}"[:300])
+    return dithered(np.clip(np.asarray(shown.get_pixels(OpenImageIO.FLOAT)), 0, 1))
+
+
+def _config() -> str:
+    return os.environ.get("OCIO") or _DEFAULT
+
+
+@cache
+def _views() -> dict[str, tuple[str, str]]:
+    """Return OpenColorIO's views, with their displays, by the names that we give them."""
+    config = OpenImageIO.ColorConfig(_config())
+    own = _config() != _DEFAULT
+    displays = [each for each in config.getDisplayNames() if own or each == _SCREEN]
+    return {
+        f"{display}, {view}" if own and len(displays) > 1 else str(view): (display, view)
+        for display in displays
+        for view in config.getViewNames(display)
+    }

@@ -1,0 +1,108 @@
+"""What a page and the studio tell each other: JSON texts, and pictures behind a JSON header.
+
+The page's messages are checked by their types here; what they ask for is checked by the session.
+"""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import msgspec
+
+#: The longest message of a page, in bytes; how many it may send in a second; and the most values of an edit.
+LONGEST, PER_SECOND, MOST_VALUES = 1 << 16, 240, 256
+
+
+class Message(msgspec.Struct, tag_field="type", forbid_unknown_fields=True):
+    """A message of a page."""
+
+
+class Set(Message, tag="set"):
+    """Set values by their paths; None leaves one to the stage. Edits of one `step` in a row are undone at once."""
+
+    values: dict[str, Any]
+    step: str | None = None
+
+
+class Undo(Message, tag="undo"):
+    """Undo the last step."""
+
+
+class Redo(Message, tag="redo"):
+    """Do again what was undone last."""
+
+
+class Revert(Message, tag="revert"):
+    """Leave all values to the stage."""
+
+
+class Save(Message, tag="save"):
+    """Write the edits to their file."""
+
+
+class Show(Message, tag="show", omit_defaults=True):
+    """Change what is shown: the view of all pages, and this page's own layer, exposure and view transform."""
+
+    size: tuple[int, int] | msgspec.UnsetType = msgspec.UNSET
+    camera: str | msgspec.UnsetType | None = msgspec.UNSET
+    pose: list[float] | msgspec.UnsetType | None = msgspec.UNSET
+    frame: float | msgspec.UnsetType | None = msgspec.UNSET
+    area: tuple[float, float, float, float] | msgspec.UnsetType | None = msgspec.UNSET
+    lens: bool | msgspec.UnsetType = msgspec.UNSET
+    blur: bool | msgspec.UnsetType = msgspec.UNSET
+    solo: list[str] | msgspec.UnsetType = msgspec.UNSET
+    paused: bool | msgspec.UnsetType = msgspec.UNSET
+    layer: str | msgspec.UnsetType = msgspec.UNSET
+    exposure: float | msgspec.UnsetType = msgspec.UNSET
+    display: str | msgspec.UnsetType = msgspec.UNSET
+
+
+class Inspect(Message, tag="inspect"):
+    """Tell what is in the pixel at a place, in fractions of the picture from the top left."""
+
+    at: tuple[float, float]
+
+
+class Render(Message, tag="render"):
+    """Render the final picture, or those of the first to the last of `frames`."""
+
+    passes: int
+    frames: tuple[float, float] | None = None
+
+
+class Cancel(Message, tag="cancel"):
+    """End the final render."""
+
+
+Messages = Set | Undo | Redo | Revert | Save | Show | Inspect | Render | Cancel
+
+_DECODER: msgspec.json.Decoder[Messages] = msgspec.json.Decoder(Messages)
+
+
+class Malformed(Exception):  # noqa: N818 - the page's, not ours
+    """A message that is none of the protocol's; the text says why."""
+
+
+def decoded(text: str | bytes) -> Messages:
+    """Return the message of a page; Malformed for what is none."""
+    if len(text) > LONGEST:
+        raise Malformed(f"the message has {len(text):,} bytes: expected {LONGEST:,} at most")
+    try:
+        message = _DECODER.decode(text)
+    except (msgspec.DecodeError, UnicodeError, RecursionError) as error:
+        raise Malformed(f"the message is none of this protocol: {error}"[:300]) from None
+    if isinstance(message, Set) and len(message.values) > MOST_VALUES:
+        raise Malformed(f"the message sets {len(message.values)} values: expected {MOST_VALUES} at most")
+    return message
+
+
+def encoded(kind: str, **content: Any) -> str:
+    """Return a message to pages; numbers that JSON has no word for become null."""
+    return msgspec.json.encode({"type": kind, **content}).decode()
+
+
+def framed(header: dict[str, Any], payload: bytes) -> bytes:
+    """Return a picture with its header: 4 bytes of the header's length, the header, and the picture's bytes."""
+    text = json.dumps(header).encode()
+    return len(text).to_bytes(4, "little") + text + payload

@@ -1,0 +1,415 @@
+"""The studio's server: a page, and one WebSocket for each that watches the session.
+
+It listens on the loopback device. A token in the address lets a page in; whoever knows only the port, such as another
+page in the same browser, does not get in: host, origin and token are checked on each request.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import hmac
+import secrets
+import time
+from collections import deque
+from collections.abc import AsyncIterator, Callable
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import asynccontextmanager, suppress
+from dataclasses import asdict, dataclass, field
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+from PIL import Image
+from starlette.applications import Starlette
+from starlette.middleware import Middleware
+from starlette.requests import Request
+from starlette.responses import FileResponse, PlainTextResponse, Response
+from starlette.routing import Route, WebSocketRoute
+from starlette.types import ASGIApp, Receive, Scope, Send
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from ..images.view_transforms import OWN, view_transforms, viewed
+from ..scene import SceneError
+from . import protocol
+from .session import Picture, Problem, Session
+
+PAGE = Path(__file__).parent / "page"
+
+_POLICY = (
+    "default-src 'self'; img-src 'self' blob: data:; style-src 'self' 'unsafe-inline'; connect-src 'self'; "
+    "frame-ancestors 'none'; base-uri 'none'; form-action 'none'; object-src 'none'"
+)
+_HEADERS = {
+    "content-security-policy": _POLICY, "x-content-type-options": "nosniff", "referrer-policy": "no-referrer",
+    "cache-control": "no-store", "cross-origin-opener-policy": "same-origin",
+    "cross-origin-resource-policy": "same-origin",
+}  # fmt: skip
+_LOCAL = ("127.0.0.1", "localhost", "[::1]")
+_REFUSED, _TOO_MANY, _MALFORMED = 4403, 4429, 4400  # WebSocket's codes of our own
+_TYPES = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
+
+
+class Guard:
+    """Lets in who asks for a known host, from a page of it, and knows the token; files of the page need no token."""
+
+    def __init__(self, app: ASGIApp, token: str, hosts: tuple[str, ...]) -> None:
+        self._app, self._token, self._hosts = app, token, hosts
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Pass a request on, or refuse it."""
+        if scope["type"] not in ("http", "websocket"):
+            await self._app(scope, receive, send)
+            return
+        headers = {key.decode("latin-1"): value.decode("latin-1") for key, value in scope["headers"]}
+        reason = self._refusal(headers, scope)
+        if reason is None:
+            await self._app(scope, receive, send)
+        elif scope["type"] == "websocket":
+            await receive()
+            await send({"type": "websocket.close", "code": _REFUSED, "reason": reason})
+        else:
+            await PlainTextResponse(f"{reason}\n", 403, _HEADERS)(scope, receive, send)
+
+    def _refusal(self, headers: dict[str, str], scope: Scope) -> str | None:
+        host = headers.get("host", "")
+        if host.rpartition(":")[0] not in self._hosts and host not in self._hosts:
+            return "the host is another one: expected the address that the studio printed"
+        origin = headers.get("origin")
+        if origin is not None and origin.partition("://")[2] != host:
+            return "the request comes from another page: expected the studio's own"
+        if scope["path"].startswith("/assets/"):
+            return None
+        query = dict(part.partition("=")[::2] for part in scope["query_string"].decode("latin-1").split("&"))
+        if not hmac.compare_digest(query.get("token", "").encode(), self._token.encode()):
+            return "the token is missing or wrong: expected the address that the studio printed"
+        return None
+
+
+@dataclass(eq=False)
+class _Watcher:
+    """A page: what it shows, and the pictures and texts that wait for it."""
+
+    socket: WebSocket
+    layer: str = "rgba"
+    exposure: float = 0.0
+    display: str = OWN
+    shown: Picture | None = None
+    texts: deque[str] = field(default_factory=lambda: deque(maxlen=256))
+    news: asyncio.Event = field(default_factory=asyncio.Event)
+    times: deque[float] = field(default_factory=lambda: deque(maxlen=protocol.PER_SECOND))
+
+    def tell(self, text: str) -> None:
+        self.texts.append(text)
+        self.news.set()
+
+    def show(self, picture: Picture | None) -> None:
+        """Show a picture; one that still waits is left out."""
+        self.shown = picture
+        self.news.set()
+
+    def is_too_fast(self) -> bool:
+        """Note a message; return whether there are too many in a second."""
+        now = time.monotonic()
+        too_fast = len(self.times) == self.times.maxlen and now - self.times[0] < 1.0
+        self.times.append(now)
+        return too_fast
+
+
+class Studio:
+    """A session and the pages that watch it.
+
+    Attributes
+    ----------
+    session
+        What is shown and edited.
+    token
+        What lets a page in.
+    """
+
+    def __init__(self, session: Session, token: str | None = None) -> None:
+        self.session, self.token = session, token or secrets.token_urlsafe(24)
+        self._watchers: set[_Watcher] = set()
+        self._last: Picture | None = None
+        self._problem: Problem | None = None
+        self._groups: list[dict[str, Any]] = []
+        # One thread for all that waits for the session, so that edits keep their order; pictures have another one.
+        self._commands, self._encoders = ThreadPoolExecutor(1), ThreadPoolExecutor(1)
+        self._loop: asyncio.AbstractEventLoop | None = None
+
+    def app(self, hosts: tuple[str, ...] = _LOCAL) -> Starlette:
+        """Return the server's application, for these hosts."""
+        return Starlette(
+            routes=[
+                Route("/", self._page), Route("/assets/{name}", self._asset),
+                WebSocketRoute("/session", self._watch),
+            ],
+            middleware=[Middleware(Guard, token=self.token, hosts=hosts)],
+            lifespan=self._running,
+        )  # fmt: skip
+
+    @asynccontextmanager
+    async def _running(self, _app: Starlette) -> AsyncIterator[None]:
+        self._loop = asyncio.get_running_loop()
+        end = self.session.listen(self._told)
+        await self._command(self.session.show)
+        try:
+            yield
+        finally:
+            end()
+            self._commands.shutdown()
+            self._encoders.shutdown()
+
+    async def _page(self, _request: Request) -> Response:
+        index = PAGE / "index.html"
+        if not index.exists():
+            return PlainTextResponse("the page is not built: run `npm run build` in page/\n", 500, _HEADERS)
+        return FileResponse(index, headers=_HEADERS)
+
+    async def _asset(self, request: Request) -> Response:
+        file = PAGE / "assets" / request.path_params["name"]
+        if file.parent != PAGE / "assets" or not file.is_file():
+            return PlainTextResponse("there is no such file\n", 404, _HEADERS)
+        return FileResponse(file, headers=_HEADERS, media_type=_TYPES.get(file.suffix))
+
+    def _told(self, what: Picture | Problem) -> None:
+        """Take what the session tells, in its thread."""
+        loop = self._loop
+        if loop is not None and not loop.is_closed():
+            with suppress(RuntimeError):  # the loop has ended meanwhile
+                loop.call_soon_threadsafe(self._arrived, what)
+
+    def _arrived(self, what: Picture | Problem) -> None:
+        if isinstance(what, Problem):
+            self._problem = what
+        else:
+            fresh = self._last is None or self._last.layers.keys() != what.layers.keys()
+            self._last, self._problem = what, None
+            if fresh:
+                self._later(self._tell_scene())
+        state = self._state()
+        for each in self._watchers:
+            each.tell(state)
+            if self._problem is None:
+                each.show(self._last)
+
+    def _later(self, work: Any) -> None:
+        task = asyncio.ensure_future(work)
+        task.add_done_callback(lambda done: done.cancelled() or done.exception())
+
+    def _state(self) -> str:
+        last, problem = self._last, self._problem
+        done = 0 if last is None else last.passes if last.scale == 1 else 0
+        planned = self.session.view.passes
+        seconds = 0.0 if last is None else sum(last.statistics.seconds.values())
+        told = None if problem is None else {"text": problem.text, "path": problem.path, "column": problem.column}
+        version = self.session.version
+        busy = problem is None and (last is None or last.version != version or done < planned)
+        return protocol.encoded(
+            "state", version=version, passes=done, planned=planned, seconds=round(seconds, 3), busy=busy, problem=told
+        )
+
+    async def _command(self, work: Callable[..., Any], *given: Any, **named: Any) -> Any:
+        """Return what the session does, which may have to wait until it has read the stage."""
+        return await asyncio.get_running_loop().run_in_executor(self._commands, lambda: work(*given, **named))
+
+    async def _tell_scene(self, only: _Watcher | None = None) -> None:
+        text = await self._command(self._scene)
+        for each in [only] if only is not None else self._watchers:
+            each.tell(text)
+
+    def _scene(self) -> str:
+        session, last = self.session, self._last
+        self._groups = [asdict(each) for each in session.controls()]
+        return protocol.encoded(
+            "scene", name=session.name, cameras=session.cameras(), frames=session.frames(), fps=session.rate(),
+            layers=["rgba"] if last is None else list(last.layers), displays=view_transforms(),
+            controls=self._groups, pose=np.asarray(session.camera().to_world).ravel().tolist(),
+        )  # fmt: skip
+
+    async def _watch(self, socket: WebSocket) -> None:
+        await socket.accept()
+        watcher = _Watcher(socket)
+        self._watchers.add(watcher)
+        sender = asyncio.ensure_future(self._send(watcher))
+        try:
+            await self._tell_scene(watcher)
+            watcher.tell(self._values({}))
+            watcher.tell(self._state())
+            watcher.show(self._last)
+            while True:
+                message = await socket.receive()
+                if message["type"] == "websocket.disconnect":
+                    break
+                await self._take(watcher, message)
+        except WebSocketDisconnect:
+            pass
+        except protocol.Malformed as error:
+            await self._refuse(watcher, str(error), _MALFORMED)
+        finally:
+            self._watchers.discard(watcher)
+            sender.cancel()
+
+    async def _take(self, watcher: _Watcher, message: Any) -> None:
+        if watcher.is_too_fast():
+            raise protocol.Malformed(f"there are more than {protocol.PER_SECOND} messages in a second: expected fewer")
+        text = message.get("text")
+        if text is None:
+            raise protocol.Malformed("the message is no text: expected JSON")
+        asked = protocol.decoded(text)
+        try:
+            await self._do(watcher, asked)
+        except (SceneError, OSError) as error:
+            watcher.tell(protocol.encoded("refused", text=str(error)[:300]))
+
+    async def _refuse(self, watcher: _Watcher, text: str, code: int) -> None:
+        with suppress(RuntimeError, WebSocketDisconnect):
+            await watcher.socket.send_text(protocol.encoded("refused", text=text))
+            await watcher.socket.close(code, text[:120])
+
+    async def _do(self, watcher: _Watcher, asked: protocol.Messages) -> None:
+        """Do what a page asks for."""
+        session = self.session
+        match asked:
+            case protocol.Set(values=values, step=step):
+                await self._command(session.edit, values, step)
+                self._tell_all(await self._command(self._values, values))
+            case protocol.Undo():
+                await self._command(session.undo)
+                self._tell_all(await self._command(self._values, None))
+            case protocol.Redo():
+                await self._command(session.redo)
+                self._tell_all(await self._command(self._values, None))
+            case protocol.Revert():
+                await self._command(session.revert)
+                self._tell_all(await self._command(self._values, None))
+            case protocol.Save():
+                await self._command(session.edits.save)
+                self._tell_all(self._values({}))
+            case protocol.Show():
+                await self._show(watcher, asked)
+            case protocol.Inspect(at=at):
+                watcher.tell(protocol.encoded("pixel", at=at, layers=_pixel(at, self._last), beams=[], ray=None))
+            case _:
+                raise SceneError(
+                    "the final render is not there yet: expected `photonbeams render` with the saved layer"
+                )
+
+    async def _show(self, watcher: _Watcher, asked: protocol.Show) -> None:
+        given = {
+            name: value for name in asked.__struct_fields__
+            if (value := getattr(asked, name)) is not msgspec.UNSET
+        }  # fmt: skip
+        own = {name: given.pop(name) for name in ("layer", "exposure", "display") if name in given}
+        if own.get("display", OWN) not in view_transforms():
+            raise SceneError(f"there is no view transform {own['display']!r}")
+        if not -64 <= own.get("exposure", 0.0) <= 64:
+            raise SceneError(f"the exposure is {own['exposure']}: expected -64 to 64 stops")
+        for name, value in own.items():
+            setattr(watcher, name, value)
+        if own:
+            watcher.show(self._last)
+        if "size" in given:
+            given["width"], given["height"] = given.pop("size")
+        if given:
+            await self._command(self.session.show, **given)
+            state = self._state()
+            for each in self._watchers:
+                each.tell(state)
+
+    def _values(self, edited: dict[str, Any] | None) -> str:
+        """Return the message about values: those that were edited, or with None all that differ from before.
+
+        Where an edit leaves a value to the stage, that is not known before the stage is read.
+        """
+        edits, values, authored = self.session.edits, {}, {}
+        if edited is None or any(value is None for value in edited.values()):
+            before = _flat(self._groups)
+            self._groups = [asdict(each) for each in self.session.controls()]
+            now = _flat(self._groups)
+            values = {path: value for path, value in now.items() if before.get(path) != value}
+            authored = {path: each for path, (_, each) in values.items()}
+            values = {path: each for path, (each, _) in values.items()}
+        else:
+            values, authored = dict(edited), dict.fromkeys(edited, True)
+            _note(self._groups, edited)
+        return protocol.encoded(
+            "values", values=values, authored=authored, canUndo=edits.can_undo, canRedo=edits.can_redo,
+            saved=edits.is_saved,
+        )  # fmt: skip
+
+    def _tell_all(self, text: str) -> None:
+        for each in self._watchers:
+            each.tell(text)
+
+    async def _send(self, watcher: _Watcher) -> None:
+        """Send a page what waits for it, the newest picture alone."""
+        loop = asyncio.get_running_loop()
+        while True:
+            await watcher.news.wait()
+            watcher.news.clear()
+            while watcher.texts:
+                await watcher.socket.send_text(watcher.texts.popleft())
+            picture, watcher.shown = watcher.shown, None
+            if picture is not None:
+                data = await loop.run_in_executor(self._encoders, _encoded, picture, watcher)
+                await watcher.socket.send_bytes(data)
+
+
+def _encoded(picture: Picture, watcher: _Watcher) -> bytes:
+    """Return a picture as a page shows it; what is to be replaced soon is compressed with a loss."""
+    layer = watcher.layer if watcher.layer in picture.layers else "rgba"
+    pixels = picture.layers[layer]
+    if pixels.ndim == 2 or pixels.shape[2] == 1:
+        pixels = pixels.reshape(*pixels.shape[:2], 1).repeat(3, axis=2)
+    shown = viewed(pixels, watcher.display, watcher.exposure)
+    finished = picture.scale == 1 and picture.passes == picture.planned
+    data = BytesIO()
+    image = Image.fromarray(shown)
+    if finished:
+        image.save(data, "PNG", compress_level=1)
+    else:
+        image.save(data, "JPEG", quality=92, subsampling=0)
+    header = {
+        "version": picture.version, "passes": picture.passes, "planned": picture.planned, "layer": layer,
+        "width": shown.shape[1], "height": shown.shape[0], "scale": picture.scale,
+        "mime": "image/png" if finished else "image/jpeg",
+    }  # fmt: skip
+    return protocol.framed(header, data.getvalue())
+
+
+def _pixel(at: tuple[float, float], picture: Picture | None) -> dict[str, list[float]]:
+    """Return the values of all layers in the pixel at a place, in fractions of the picture from the top left."""
+    if picture is None or not all(0 <= each <= 1 for each in at):
+        return {}
+    found = {}
+    for name, pixels in picture.layers.items():
+        height, width = pixels.shape[:2]
+        column, row = min(int(at[0] * width), width - 1), min(int(at[1] * height), height - 1)
+        found[name] = [float(each) for each in np.ravel(pixels[row, column])]
+    return found
+
+
+def _flat(groups: list[dict[str, Any]]) -> dict[str, tuple[Any, bool]]:
+    """Return the values of controls by their paths, and whether they are set; those of ramps by their parts."""
+    found = {}
+    for group in groups:
+        for control in group["controls"]:
+            if control["kind"] == "ramp":
+                for part, path in control["parts"].items():
+                    found[path] = (control["value"][part], control["authored"])
+            else:
+                found[control["path"]] = (control["value"], control["authored"])
+    return found
+
+
+def _note(groups: list[dict[str, Any]], edited: dict[str, Any]) -> None:
+    """Note edited values in controls."""
+    for group in groups:
+        for control in group["controls"]:
+            for part, path in control["parts"].items():
+                if path in edited:
+                    control["value"], control["authored"] = {**control["value"], part: edited[path]}, True
+            if control["path"] in edited:
+                control["value"], control["authored"] = edited[control["path"]], True

@@ -1,0 +1,222 @@
+"""The studio's server: who gets in, what pages are told and shown, and what becomes of bad messages."""
+
+import json
+import threading
+import time
+from http.client import HTTPConnection
+from io import BytesIO
+
+import numpy as np
+import pytest
+import uvicorn
+from PIL import Image
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.sync.client import connect
+
+from photonbeams.images.view_transforms import viewed
+from photonbeams.studio.server import Studio
+from photonbeams.studio.session import Session, View
+from studio.test_session import INTENSITY, STAGE, TINT, rendered
+
+TOKEN = "a-token-of-tests"
+
+
+class Served:
+    """A server in a thread of its own."""
+
+    def __init__(self, path, **given):
+        self.session = Session(path, view=View(width=48, height=27, passes=2), **given)
+        self.studio = Studio(self.session, TOKEN)
+        config = uvicorn.Config(self.studio.app(), host="127.0.0.1", port=0, log_level="error", ws_max_size=1 << 17)
+        self._server = uvicorn.Server(config)
+        self._thread = threading.Thread(target=self._server.run, daemon=True)
+        self._thread.start()
+        while not self._server.started:
+            time.sleep(0.01)
+        self.port = self._server.servers[0].sockets[0].getsockname()[1]
+
+    def page(self, **given):
+        return Page(self.port, **given)
+
+    def close(self):
+        self._server.should_exit = True
+        self._thread.join()
+        self.session.close()
+
+
+class Page:
+    """What a page does: it reads until there is what it waits for."""
+
+    def __init__(self, port, token=TOKEN, **headers):
+        address = f"ws://127.0.0.1:{port}/session?token={token}"
+        self._connection = connect(address, additional_headers=headers, max_size=None, proxy=None)
+
+    def __enter__(self):
+        self._socket = self._connection.__enter__()
+        return self
+
+    def __exit__(self, *given):
+        self._connection.__exit__(*given)
+
+    def send(self, kind, **content):
+        self._socket.send(json.dumps({"type": kind, **content}))
+
+    def send_raw(self, data):
+        self._socket.send(data)
+
+    def wait(self, wanted, limit=60):
+        """Return the first message that is wanted: a dict, or a picture's header and its pixels."""
+        end = time.monotonic() + limit
+        while True:
+            message = self._socket.recv(timeout=max(end - time.monotonic(), 0.01))
+            if isinstance(message, bytes):
+                length = int.from_bytes(message[:4], "little")
+                header = json.loads(message[4 : 4 + length])
+                if wanted(header):
+                    return header, np.asarray(Image.open(BytesIO(message[4 + length :])).convert("RGB"))
+            elif wanted(found := json.loads(message)):
+                return found
+
+    def told(self, kind):
+        return self.wait(lambda each: each.get("type") == kind)
+
+    def finished(self, version=0):
+        return self.wait(
+            lambda each: "mime" in each and each["mime"] == "image/png" and each["version"] >= version
+        )  # fmt: skip
+
+
+@pytest.fixture
+def stage(tmp_path):
+    path = tmp_path / "shot.usda"
+    path.write_text(STAGE)
+    return path
+
+
+@pytest.fixture
+def served(stage, tmp_path):
+    result = Served(stage, layer=tmp_path / "look.usda")
+    yield result
+    result.close()
+
+
+def test_a_page_is_told_of_the_scene_and_shown_the_picture_of_a_render(served, stage):
+    with served.page() as page:
+        scene = page.told("scene")
+        assert scene["name"] == "shot.usda" and scene["cameras"] == ["/World/Camera"] and scene["frames"] is None
+        groups = {each["path"]: each for each in scene["controls"]}
+        assert [each["kind"] for each in groups.values()] == ["light", "medium", "look"]
+        controls = {each["path"]: each for each in groups["/World/Lamp"]["controls"]}
+        assert controls[INTENSITY]["value"] == 20 and controls[INTENSITY]["kind"] == "number"
+        header, pixels = page.finished()
+    assert (header["width"], header["height"], header["passes"]) == (48, 27, 2)
+    np.testing.assert_array_equal(pixels, viewed(rendered(stage)["rgba"]))
+
+
+def test_edits_of_one_page_are_seen_by_all_and_are_saved(served, stage, tmp_path):
+    with served.page() as page, served.page() as other:
+        page.finished(), other.finished()
+        page.send("set", values={TINT: [0.1, 0.2, 1.0]}, step="drag")
+        for each in (page, other):
+            values = each.wait(lambda found: found.get("type") == "values" and found["values"])
+            assert values["values"] == {TINT: [0.1, 0.2, 1.0]} and values["canUndo"] and not values["saved"]
+        version = served.session.version
+        (_, mine), (_, theirs) = page.finished(version), other.finished(version)
+        np.testing.assert_array_equal(mine, theirs)
+        page.send("save")
+        assert page.wait(lambda found: found.get("type") == "values" and found["saved"])
+        np.testing.assert_array_equal(mine, viewed(rendered(stage, tmp_path / "look.usda")["rgba"]))
+        other.send("undo")
+        assert page.wait(lambda found: TINT in found.get("values", {}))["values"][TINT] == [1.0, 0.5, 0.2]
+        other.send("set", values={INTENSITY: 50.0})
+        other.send("set", values={INTENSITY: None})
+        found = page.wait(lambda found: found.get("values", {}).get(INTENSITY) == 20.0)
+        assert found["authored"][INTENSITY] is True  # by the stage
+
+
+def test_a_page_chooses_layer_exposure_and_view_transform_for_itself(served, stage):
+    layers = rendered(stage)
+    with served.page() as page:
+        page.finished()
+        page.send("show", layer="beams", exposure=1.5, display="Un-tone-mapped")
+        _, pixels = page.wait(lambda each: each.get("layer") == "beams" and each["mime"] == "image/png")
+        np.testing.assert_array_equal(pixels, viewed(layers["beams"], "Un-tone-mapped", 1.5))
+        page.send("show", display="Sepia")
+        assert "Sepia" in page.told("refused")["text"]
+        page.send("inspect", at=[0.5, 0.5])
+        found = page.told("pixel")["layers"]
+        np.testing.assert_allclose(found["rgba"], layers["rgba"][13, 24], rtol=1e-6)
+
+
+def test_the_view_is_changed_for_all(served):
+    with served.page() as page:
+        page.finished()
+        page.send("show", size=[32, 18])
+        assert page.wait(lambda each: each.get("mime") == "image/png" and each["width"] == 32)
+        for bad in ({"size": [0, 4]}, {"camera": "/Gone"}, {"frame": 7.0}, {"area": [0.5, 0, 0.4, 1]},
+                    {"size": [100000, 100000]}, {"pose": [0.0] * 16}):  # fmt: skip
+            page.send("show", **bad)
+            assert page.told("refused")["text"]
+        assert served.session.view.width == 32
+
+
+def test_a_problem_names_its_attribute_and_the_column_and_the_picture_comes_back(served):
+    path = "/World/Look.photonbeams:along:expression"
+    with served.page() as page:
+        page.finished()
+        page.send("set", values={path: "1 + )"})
+        problem = page.wait(lambda each: each.get("type") == "state" and each["problem"])["problem"]
+        assert problem["path"] == path and problem["column"] == 5 and "expression" in problem["text"]
+        page.send("undo")
+        page.finished(served.session.version)
+
+
+@pytest.mark.parametrize("given", [{"token": "wrong"}, {"token": ""}, {"Origin": "http://evil.example"}])
+def test_strangers_are_refused(served, given):
+    with pytest.raises(InvalidStatus) as refused, served.page(**given):
+        pass
+    assert refused.value.response.status_code == 403
+
+
+def asked(served, path, **headers):
+    connection = HTTPConnection("127.0.0.1", served.port, timeout=20)
+    connection.request("GET", path, headers=headers)
+    return connection.getresponse()
+
+
+def test_the_page_is_for_those_who_know_the_token_and_asks_nobody_else(served):
+    found = asked(served, f"/?token={TOKEN}")
+    assert found.status == 200 and "default-src 'self'" in found.headers["content-security-policy"]
+    for path, headers in (("/", {}), (f"/?token={TOKEN}x", {}), (f"/?token={TOKEN}", {"Host": "evil.example"}),
+                          (f"/?token={TOKEN}", {"Host": f"evil.example:{served.port}"}),
+                          (f"/?token={TOKEN}", {"Origin": "null"})):  # fmt: skip
+        assert asked(served, path, **headers).status == 403
+    for path in ("/assets/../server.py", "/assets/..%2Fserver.py", "/assets/gone.js", f"/etc/passwd?token={TOKEN}"):
+        assert asked(served, path).status == 404
+
+
+@pytest.mark.parametrize(
+    "data",
+    [b"\x00\x01", "", "[]", "{}", '{"type":"sett"}', '{"type":"set"}', '{"type":"set","values":3}', "[" * 50000,
+     '{"type":"show","exposure":"bright"}', '{"type":"undo","more":1}', '{"type":"set","values":{"x":1},"step":5}',
+     '{"type":"set","values":' + json.dumps({f"/A.b{k}": 1 for k in range(300)}) + "}", "x" * 70000],
+    ids=range(13),
+)  # fmt: skip
+def test_malformed_messages_are_answered_with_a_reason_and_end_the_connection(served, data):
+    with served.page() as page:
+        page.told("scene")
+        page.send_raw(data)
+        assert len(page.told("refused")["text"]) <= 300
+        with pytest.raises(ConnectionClosed):
+            page.wait(lambda each: False)
+    with served.page() as again:
+        assert again.told("scene")
+
+
+def test_a_page_that_sends_too_much_is_let_go(served):
+    with served.page() as page:
+        page.told("scene")
+        with pytest.raises(ConnectionClosed):
+            for _ in range(2000):
+                page.send("inspect", at=[0.5, 0.5])
+            page.wait(lambda each: False)
