@@ -3,6 +3,7 @@
 import json
 import threading
 import time
+from contextlib import closing
 from http.client import HTTPConnection
 from io import BytesIO
 
@@ -179,20 +180,23 @@ def test_strangers_are_refused(served, given):
 
 
 def asked(served, path, **headers):
-    connection = HTTPConnection("127.0.0.1", served.port, timeout=20)
-    connection.request("GET", path, headers=headers)
-    return connection.getresponse()
+    """Return status and headers of the answer to a request."""
+    with closing(HTTPConnection("127.0.0.1", served.port, timeout=20)) as connection:
+        connection.request("GET", path, headers=headers)
+        answer = connection.getresponse()
+        answer.read()
+        return answer.status, answer.headers
 
 
 def test_the_page_is_for_those_who_know_the_token_and_asks_nobody_else(served):
-    found = asked(served, f"/?token={TOKEN}")
-    assert found.status == 200 and "default-src 'self'" in found.headers["content-security-policy"]
+    status, headers = asked(served, f"/?token={TOKEN}")
+    assert status == 200 and "default-src 'self'" in headers["content-security-policy"]
     for path, headers in (("/", {}), (f"/?token={TOKEN}x", {}), (f"/?token={TOKEN}", {"Host": "evil.example"}),
                           (f"/?token={TOKEN}", {"Host": f"evil.example:{served.port}"}),
                           (f"/?token={TOKEN}", {"Origin": "null"})):  # fmt: skip
-        assert asked(served, path, **headers).status == 403
+        assert asked(served, path, **headers)[0] == 403
     for path in ("/assets/../server.py", "/assets/..%2Fserver.py", "/assets/gone.js", f"/etc/passwd?token={TOKEN}"):
-        assert asked(served, path).status == 404
+        assert asked(served, path)[0] == 404
 
 
 @pytest.mark.parametrize(

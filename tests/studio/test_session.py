@@ -107,7 +107,7 @@ def are_equal(some, others):
     "values",
     [{TINT: [0.2, 0.5, 1.0]}, {INTENSITY: 35.0}, {"/World/Fog.photonbeams:scattering": [0.4, 0.2, 0.1]},
      {"/World/Camera.xformOp:translate": [0.2, 0.1, 3.5]}, {PLACE: [-0.8, 0.2, 0]},
-     {"/World/Look.photonbeams:across:expression": "1 - rho"}, {"/World/Lamp.photonbeams:lightGroup": "lamp"}],
+     {"/World/Look.photonbeams:across:expression": "1 - 0.5 * r"}, {"/World/Lamp.photonbeams:lightGroup": "lamp"}],
     ids=["look", "light", "fog", "camera", "surface", "expression", "group"],
 )  # fmt: skip
 def test_the_finished_picture_is_that_of_a_render_with_the_saved_layer(stage, tmp_path, values):

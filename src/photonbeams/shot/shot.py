@@ -52,6 +52,9 @@ _MOST_KEYS = 10_000
 # Times on a stage, at most, at which emission is guided toward what the camera sees.
 _VIEWERS = 9
 
+# Times at which the content of the stage is kept until it changes.
+_CONTENTS = 4
+
 _NOTHING = "nothing makes beams"  # said of the first frame where it is so
 
 #: A fog that is made of the stage's own, or of None where it has none.
@@ -130,6 +133,7 @@ class Shot:
         self._warnings = Warnings(strict)
         self._looks: dict[str, Any] = {}
         self._lasting: dict[Any, Any] = {}  # what of the stage is the same at all times
+        self._contents: dict[Any, scene.Scene] = {}  # what was read last, by times; looks may be others now
         self._kept: dict[Any, Any] = {}  # the frame whose parts were rendered last
         self._set_content(stage)
 
@@ -153,6 +157,7 @@ class Shot:
             shot._stage_digest = None
             if extent >= Extent.VALUES:
                 shot._groups = None
+                shot._contents.clear()
             if extent >= Extent.PLACES:
                 shot._sphere = None
             if extent >= Extent.ALL:
@@ -294,7 +299,14 @@ class Shot:
         """Return the stage's own scene and its camera."""
         time = self.time(frame)
         camera = stages.read_camera(self.stage, self.camera, time, self._warnings)
-        return stages.read_scene(self.stage, time, self._warnings, base, self._lasting), camera
+        key = (str(time), base)
+        known, content = self._contents.get(key), None
+        if known is not None:  # no more than looks were edited since
+            content = stages.with_looks(self.stage, time, known, self._warnings)
+        if content is None:
+            content = stages.read_scene(self.stage, time, self._warnings, base, self._lasting)
+        self._contents = {**dict([*self._contents.items()][-_CONTENTS:]), key: content}
+        return content, camera
 
     @property
     def _place(self) -> str:

@@ -13,7 +13,7 @@ from pxr import Gf, Sdf, Usd, UsdGeom
 from ..scene import Array, DrawnBeams, Light, Medium, Mesh, MeshLight, Scene
 from . import schemas as schemas
 from .curves import guide_paths, is_drawn, read_curves, read_guides
-from .lights import is_light, portal_paths, read_light
+from .lights import PHYSICAL, bound_look, is_light, portal_paths, read_light
 from .links import linked
 from .medium import is_medium, read_medium
 from .meshes import is_surface, read_meshes
@@ -86,6 +86,24 @@ def read_scene(
     """
     reading = Reading(stage, time, warnings or Warnings(), base=base, lasting={} if lasting is None else lasting)
     return _read(reading, outlines=False)
+
+
+def with_looks(stage: Usd.Stage, time: Any, content: Scene, warnings: Warnings) -> Scene | None:
+    """Return what a stage had at a time, with the looks that its lights and drawn beams have now.
+
+    Parameters are those of `read_scene`, and what that returned. None where instancers repeat lights or beams: from
+    the names of copies nobody knows their prims.
+    """
+    reading = Reading(stage, time, warnings)
+    if any("[" in each.name for each in (*content.lights, *content.drawn)):
+        return None
+
+    def look(name: str) -> Any:
+        prim = stage.GetPrimAtPath(name)
+        return reading.attempt(prim, partial(bound_look, reading, prim), None, PHYSICAL)
+
+    lights = tuple(replace(each, look=look(each.name)) for each in content.lights)
+    return replace(content, lights=lights, drawn=tuple(replace(each, look=look(each.name)) for each in content.drawn))
 
 
 def read_extent(stage: Usd.Stage, time: Any, lasting: dict[Any, Any]) -> Scene:

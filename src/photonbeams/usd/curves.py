@@ -12,7 +12,7 @@ from pxr import Sdf, Usd, UsdGeom
 from ..beams.curves import directions, lengths, segments, tangents
 from ..scene import Array, DrawnBeams
 from ..scene.vectors import unit
-from .lights import bound_look, check_group
+from .lights import PHYSICAL, bound_look, check_group
 from .reading import Reading, has_photonbeams, target_paths
 from .splines import Spans, expected_points, span_counts, varying_counts
 from .strands import basis_of, read_points
@@ -62,7 +62,7 @@ def read_curves(reading: Reading, prim: Usd.Prim, to_world: Array, name: str) ->
         return None
     group = str(reading.value(prim, "photonbeams:lightGroup", ""))
     check_group(reading, prim, group)
-    look = reading.attempt(prim, partial(bound_look, reading, prim), None, "its beams have the physical look")
+    look = reading.attempt(prim, partial(bound_look, reading, prim), None, PHYSICAL)
     beams = _beams(source, nodes, spans.closed, power.graded or colour.graded, to_world)
     if not len(beams["start"]):
         return None

@@ -52,6 +52,10 @@ _POINT = 1e-12
 _LINE = 1e-4
 
 
+#: What becomes of a light or of drawn beams whose look cannot be read.
+PHYSICAL = "its beams have the physical look"
+
+
 def is_light(prim: Usd.Prim) -> bool:
     """Return whether a prim is a light, of a supported kind or another."""
     return bool(prim.HasAPI(UsdLux.LightAPI)) or is_asked(prim) or _is_foreign(prim)
@@ -287,7 +291,7 @@ def read_beam_settings(reading: Reading, prim: Usd.Prim, portal: Mesh | str | No
         "portal": portal,
         "gobo": own(read_gobo, instead="the light has no gobo"),
         "portal_gobo": own(read_portal_gobo, portal, instead="the portal has no gobo"),
-        "look": own(bound_look, instead="its beams have the physical look"),
+        "look": own(bound_look, instead=PHYSICAL),
         "scattered": own(_scattered, default="physical"),
         "bounces": own(read_bounces),
     }

@@ -16,7 +16,7 @@ from ..scene import SceneError, real
 from . import schemas as schemas
 from .camera import list_cameras, read_camera
 from .composition import warn_of_composition
-from .contents import read_extent, read_scene
+from .contents import read_extent, read_scene, with_looks
 from .editing import override
 from .layers import forget_changes, ready_layers
 from .lights import is_dome, is_light
@@ -36,6 +36,7 @@ __all__ = [
     "read_extent",
     "read_scene",
     "sample_times",
+    "with_looks",
 ]
 
 
