@@ -18,11 +18,12 @@ FLIGHT := $(VENV)/bin/photonbeams render examples/keyhole/keyhole.usda -cam Flig
 ARGS :=
 PROCESSES := --numprocesses logical --maxprocesses 4 --dist loadfile --no-loadscope-reorder
 
-.PHONY: help keyhole flight test lint bench docs
+.PHONY: help keyhole flight studio test lint bench docs
 
 help:
 	@echo 'make keyhole  render the example shot to out/: a layered EXR, a picture, and the beams alone'
 	@echo 'make flight   render the flight through the beams (a quarter of an hour), as a film and a contact sheet'
+	@echo 'make studio   open the example shot in the browser, live, with every control beside it'
 	@echo 'make test     run the tests (make test ARGS="-k quadrature" for some of them)'
 	@echo 'make lint     check the code with ruff and mypy'
 	@echo 'make bench    measure, each figure beside its yardstick'
@@ -36,6 +37,10 @@ flight: $(READY)
 	@mkdir -p out/flight
 	$(FLIGHT)
 	$(PYTHON_BIN) examples/keyhole/film.py 'out/flight/flight.####.exr' out/flight.mp4
+
+studio: $(READY)
+	@mkdir -p out
+	$(VENV)/bin/photonbeams studio examples/keyhole/keyhole.usda --layer out/look.usda
 
 test: $(READY)
 	$(PYTHON_BIN) -m pytest $(or $(ARGS),$(PROCESSES))

@@ -25,7 +25,7 @@ from photonbeams.cli import main
 PAGES = {
     "README.md": 5, "docs/guide.md": 13, "docs/beams.md": 6, "docs/examples.md": 17, "docs/looks.md": 0,
     "docs/mitsuba.md": 5, "docs/matrix.md": 0, "docs/theory.md": 0, "docs/dependencies.md": 0,
-    "docs/architecture.md": 0, "docs/farm.md": 6, "docs/scale.md": 0,
+    "docs/architecture.md": 0, "docs/farm.md": 6, "docs/scale.md": 0, "docs/studio.md": 1,
 }  # fmt: skip
 #: First words of commands that set up a machine or need another program.
 SKIPPED = ("make", "apt", "apt-get", "pip", "blender", "git", "dask")
@@ -59,8 +59,8 @@ def call(arguments):
 
 
 def is_skipped(words):
-    """Return whether a command is not run: it is no command of ours, or of a farm (tests/cli/test_farm.py)."""
-    return words[0] in SKIPPED or bool({"--workers", "--scheduler"} & set(words))
+    """Return whether a command is not run: no command of ours, of a farm (tests/cli), or a server (tests/studio)."""
+    return words[0] in SKIPPED or words[1:2] == ["studio"] or bool({"--workers", "--scheduler"} & set(words))
 
 
 def traits(words):
@@ -258,6 +258,7 @@ def test_every_dependency_has_its_line():
         *project["project"]["dependencies"],
         *more["farm"],
         *more["materialx"],
+        *more["studio"],
         *(each for each in more["dev"] if "[" not in each),
     ]
     named = {re.match(r"[\w-]+", each)[0] for each in named + project["build-system"]["requires"]}

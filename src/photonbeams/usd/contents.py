@@ -95,7 +95,7 @@ def with_looks(stage: Usd.Stage, time: Any, content: Scene, warnings: Warnings) 
     the names of copies nobody knows their prims.
     """
     reading = Reading(stage, time, warnings)
-    if any("[" in each.name for each in (*content.lights, *content.drawn)):
+    if any("[" in name for name in content.looks()):
         return None
 
     def look(name: str) -> Any:
