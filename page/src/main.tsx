@@ -1,0 +1,28 @@
+import { createTheme, MantineProvider } from "@mantine/core";
+import { StrictMode } from "react";
+import { createRoot } from "react-dom/client";
+import { App } from "./App";
+import { connect } from "./session/session";
+import "./mantine.css";
+import "./page.css";
+
+const theme = createTheme({
+  fontFamily: "system-ui, sans-serif",
+  fontFamilyMonospace: "ui-monospace, Menlo, Consolas, monospace",
+  primaryColor: "blue",
+  // Dark enough for white text on it to be readable (WCAG AA).
+  primaryShade: 8,
+  defaultRadius: "sm",
+  focusRing: "auto",
+});
+
+const root = document.getElementById("root");
+if (!root) throw new Error("index.html has no #root");
+createRoot(root).render(
+  <StrictMode>
+    <MantineProvider theme={theme} forceColorScheme="dark">
+      <App />
+    </MantineProvider>
+  </StrictMode>,
+);
+connect();
