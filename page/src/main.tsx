@@ -1,10 +1,11 @@
-import { createTheme, MantineProvider } from "@mantine/core";
+// Before the components, whose own styles come after these and win.
+import "./mantine.css";
+import "./page.css";
+import { createTheme, MantineProvider, Modal } from "@mantine/core";
 import { StrictMode } from "react";
 import { createRoot } from "react-dom/client";
 import { App } from "./App";
 import { connect } from "./session/session";
-import "./mantine.css";
-import "./page.css";
 
 const theme = createTheme({
   fontFamily: "system-ui, sans-serif",
@@ -14,6 +15,7 @@ const theme = createTheme({
   primaryShade: 8,
   defaultRadius: "sm",
   focusRing: "auto",
+  components: { Modal: Modal.extend({ defaultProps: { closeButtonProps: { "aria-label": "Close" } } }) },
 });
 
 const root = document.getElementById("root");

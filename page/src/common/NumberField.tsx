@@ -2,6 +2,7 @@
 
 import { Input } from "@mantine/core";
 import { type KeyboardEvent, useState } from "react";
+import { ownUndo } from "../keep/shortcuts";
 import { clampTo, format, parse } from "./numbers";
 
 interface NumberFieldProps {
@@ -14,12 +15,16 @@ interface NumberFieldProps {
   integer?: boolean;
   describedBy?: string;
   invalid?: boolean;
+  /** How many digits are shown; the value keeps all. */
+  digits?: number;
+  /** Has the focus when its dialog opens. */
+  first?: boolean;
   className?: string;
   onBlur?: () => void;
 }
 
 export function NumberField(props: NumberFieldProps) {
-  const { value, label, onChange, min = null, max = null, integer = false, describedBy, invalid = false } = props;
+  const { value, label, onChange, min = null, max = null, integer = false, describedBy, invalid = false, digits = 6 } = props;
   const step = integer ? 1 : (props.step ?? 0.1);
   // The text while it is being typed; otherwise the field shows the value.
   const [draft, setDraft] = useState<string | null>(null);
@@ -62,7 +67,7 @@ export function NumberField(props: NumberFieldProps) {
       aria-valuemax={max ?? undefined}
       aria-describedby={describedBy}
       error={invalid || (draft !== null && parse(draft) === null)}
-      value={draft ?? format(value)}
+      value={draft ?? (integer ? String(value) : format(value, digits))}
       onChange={(event) => setDraft(event.currentTarget.value)}
       onFocus={(event) => event.currentTarget.select()}
       onBlur={() => {
@@ -70,6 +75,8 @@ export function NumberField(props: NumberFieldProps) {
         props.onBlur?.();
       }}
       onKeyDown={onKeyDown}
+      data-autofocus={props.first}
+      {...ownUndo(draft !== null)}
     />
   );
 }

@@ -5,6 +5,7 @@ import { useState } from "react";
 import { hex, parseHex, scaled, splitIntensity } from "../common/color";
 import { NumberField } from "../common/NumberField";
 import { format } from "../common/numbers";
+import { ownUndo } from "../keep/shortcuts";
 import type { Triple } from "../protocol";
 import styles from "./controls.module.css";
 import type { Step } from "./step";
@@ -35,6 +36,7 @@ function HexField({ color, onChange }: Pick<ColorProps, "color" | "onChange">) {
       onKeyDown={(event) => {
         if (event.key === "Enter") confirm();
       }}
+      {...ownUndo(draft !== null)}
     />
   );
 }
@@ -66,7 +68,7 @@ function Picker({ color, step, onChange }: Omit<ColorProps, "label">) {
           max={20}
           step={0.1}
           label={null}
-          thumbProps={{ "aria-label": "Intensity" }}
+          thumbLabel="Intensity"
           value={Math.min(intensity, 20)}
           onPointerDown={step.hold}
           onChangeEnd={step.release}
@@ -109,7 +111,7 @@ export function ColorButton({ label, color, step, onChange, describedBy }: Color
         <button
           type="button"
           className={styles.colorButton}
-          aria-label={`${label}: ${code}${intensity > 1 ? ` times ${format(intensity, 3)}` : ""}`}
+          aria-label={`${label}: ${code}${intensity > 1 ? ` × ${format(intensity, 3)}` : ""}`}
           aria-describedby={describedBy}
         >
           <span className={styles.swatch} style={{ background: code }} />

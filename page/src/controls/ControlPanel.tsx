@@ -1,10 +1,10 @@
 /** All lights, media and looks with their controls. */
 
 import { CloseButton, Input } from "@mantine/core";
-import { useEffect } from "react";
+import { useDeferredValue, useEffect } from "react";
 import { SearchIcon } from "../common/icons";
 import { format } from "../common/numbers";
-import { OWN_UNDO } from "../keep/shortcuts";
+import { ownUndo } from "../keep/shortcuts";
 import type { Control, ControlGroup, Value } from "../protocol";
 import { session } from "../session/session";
 import { useStore } from "../session/store";
@@ -48,9 +48,10 @@ function Explanation({ control }: { control: Control | null }) {
 
 export function ControlPanel() {
   const groups = useStore(session, (state) => state.scene?.controls);
-  const search = useStore(panel, (state) => state.search);
+  const typed = useStore(panel, (state) => state.search);
+  // A search opens every group that matches: typing must not wait for all of them to be drawn.
+  const search = useDeferredValue(typed);
   const explained = useStore(panel, (state) => state.explained);
-  const anyOpen = useStore(panel, (state) => state.openGroups.size > 0);
   const first = groups?.[0]?.path;
 
   // With everything closed a new page would look empty.
@@ -61,7 +62,7 @@ export function ControlPanel() {
   const found = (groups ?? []).map((group) => ({ group, controls: matching(group, search) }));
   const shown = found.filter(({ controls }) => search === "" || controls.length > 0);
   return (
-    <div className={styles.panel} data-any-open={anyOpen}>
+    <div className={styles.panel}>
       <Input
         className={styles.search}
         size="xs"
@@ -71,13 +72,13 @@ export function ControlPanel() {
         leftSection={<SearchIcon />}
         rightSectionPointerEvents="all"
         rightSection={
-          search && (
+          typed && (
             <CloseButton size="xs" aria-label="Clear the search" onClick={() => panel.set({ search: "" })} />
           )
         }
-        value={search}
+        value={typed}
         onChange={(event) => panel.set({ search: event.currentTarget.value })}
-        {...{ [OWN_UNDO]: true }}
+        {...ownUndo()}
       />
       <div className={styles.list}>
         {KINDS.map(({ kind, title }) => {

@@ -72,7 +72,6 @@ export const ControlRow = memo(function ControlRow({ control }: { control: Contr
       </span>
       {problem && (
         <p className={styles.problem} role="status">
-          {problem.column !== null && `Column ${problem.column}: `}
           {problem.text}
         </p>
       )}

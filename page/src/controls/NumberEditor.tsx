@@ -28,7 +28,8 @@ export function NumberEditor({ control, describedBy }: EditorProps) {
           max={soft[1]}
           step={size}
           label={null}
-          thumbProps={{ "aria-label": spokenLabel(control), "aria-describedby": describedBy }}
+          thumbLabel={spokenLabel(control)}
+          thumbProps={{ "aria-describedby": describedBy }}
           value={Math.min(Math.max(value, soft[0]), soft[1])}
           onChange={set}
           onPointerDown={step.hold}

@@ -3,6 +3,7 @@
 import { Input, MultiSelect, NativeSelect, Switch } from "@mantine/core";
 import { useState } from "react";
 import { format, lastName, parse } from "../common/numbers";
+import { ownUndo } from "../keep/shortcuts";
 import { setValues } from "../session/session";
 import { type EditorProps, spokenLabel, useProblem, useValue } from "./attribute";
 import styles from "./controls.module.css";
@@ -59,6 +60,7 @@ function ConfirmedText({ control, describedBy, text, read }: ConfirmedTextProps)
         if (event.key === "Enter") confirm();
         else if (event.key === "Escape") setDraft(null);
       }}
+      {...ownUndo(draft !== null)}
     />
   );
 }

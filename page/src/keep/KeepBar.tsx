@@ -3,7 +3,7 @@
 import { ActionIcon, Anchor, Button, Modal, Progress } from "@mantine/core";
 import { useState } from "react";
 import { CloseIcon, RedoIcon, UndoIcon } from "../common/icons";
-import { command, forgetRender, session } from "../session/session";
+import { cancelRender, command, forgetRender, session } from "../session/session";
 import { useStore } from "../session/store";
 import styles from "./keep.module.css";
 import { RenderDialog } from "./RenderDialog";
@@ -57,14 +57,7 @@ function FinalPicture() {
           <span className={styles.note}>
             {render.done} of {render.of}
           </span>
-          <Button
-            size="compact-xs"
-            variant="default"
-            onClick={() => {
-              command("cancel");
-              forgetRender();
-            }}
-          >
+          <Button size="compact-xs" variant="default" disabled={!open} onClick={cancelRender}>
             Cancel
           </Button>
         </>
@@ -99,7 +92,7 @@ export function KeepBar({ onHelp }: { onHelp: () => void }) {
   const canRedo = useStore(session, (state) => state.canRedo);
   const saved = useStore(session, (state) => state.saved);
   return (
-    <header className={styles.bar}>
+    <section className={styles.bar} aria-label="Scene">
       <h1 className={styles.title}>photonbeams studio</h1>
       <span className={styles.name}>{name}</span>
       <span className={styles.note} role="status">
@@ -142,6 +135,6 @@ export function KeepBar({ onHelp }: { onHelp: () => void }) {
       <ActionIcon size="sm" variant="default" aria-label="Keys" title="Keys (?)" onClick={onHelp}>
         ?
       </ActionIcon>
-    </header>
+    </section>
   );
 }

@@ -27,6 +27,7 @@ function RenderForm({ onClose }: { onClose: () => void }) {
         <NumberField
           label="Passes"
           className={styles.number}
+          first
           integer
           min={1}
           max={1_000_000}

@@ -3,8 +3,15 @@
 import { useEffect } from "react";
 import { command } from "../session/session";
 
-/** Fields whose text is no part of the scene, such as the search field: there, undo is the browser's. */
-export const OWN_UNDO = "data-own-undo";
+const OWN_UNDO = "data-own-undo";
+
+/**
+ * Marks a field whose text is no part of the scene, or not yet: there, undo is the browser's own.
+ * Search fields are such, and fields whose text is not confirmed.
+ */
+export function ownUndo(own = true): Record<string, true | undefined> {
+  return { [OWN_UNDO]: own || undefined };
+}
 
 function isTextField(target: EventTarget | null): boolean {
   return target instanceof HTMLElement && target.matches("input:not([type=checkbox], [type=radio]), textarea, select");

@@ -16,11 +16,17 @@ const TRACK = 12;
 function Interval({ ray }: { ray: Ray }) {
   const [a, b] = ray.interval;
   const length = Math.max(ray.length, b, 1e-9);
+  const start = Math.max(a, 0);
   const x = (distance: number): number => MARGIN.left + ((WIDTH - MARGIN.left - MARGIN.right) * distance) / length;
   return (
-    <svg className={styles.svg} viewBox={`0 0 ${WIDTH} 34`} role="img" aria-label={`Ray with the beam's interval from ${format(a, 4)} to ${format(b, 4)} of ${format(length, 4)}`}>
+    <svg
+      className={styles.svg}
+      viewBox={`0 0 ${WIDTH} 34`}
+      role="img"
+      aria-label={`Ray, ${format(length, 4)} long, in the beam from ${format(a, 4)} to ${format(b, 4)}`}
+    >
       <line className={styles.ray} x1={x(0)} x2={x(length)} y1={TRACK} y2={TRACK} />
-      <rect className={styles.interval} x={x(a)} width={Math.max(x(b) - x(a), 2)} y={TRACK - 5} height={10} rx={2} />
+      <rect className={styles.interval} x={x(start)} width={Math.max(x(b) - x(start), 2)} y={TRACK - 5} height={10} rx={2} />
       <circle className={styles.eye} cx={x(0)} cy={TRACK} r={3.5} />
       <text className={styles.text} x={x(0) - 3} y={31}>
         camera

@@ -244,7 +244,6 @@ export function RampEditor({ control, describedBy }: EditorProps<RampControl>) {
   const step = useStep();
   const [chosen, setChosen] = useState(0);
   const [curveOf, setCurveOf] = useState("all");
-  const editor = useRef<HTMLDivElement>(null);
   const { parts, label } = control;
   const selected = Math.min(chosen, ramp.knots.length - 1);
 
@@ -286,7 +285,7 @@ export function RampEditor({ control, describedBy }: EditorProps<RampControl>) {
   const part: PartProps = { ramp, label, selected, step, select: setChosen, change, remove };
   const { channel, name } = CHANNELS.find(({ value }) => value === curveOf) ?? CHANNELS[0]!;
   return (
-    <div ref={editor} className={styles.editor}>
+    <div className={styles.editor}>
       <GradientBar {...part} />
       <CurveView {...part} channel={channel} channelName={name} />
       <div className={styles.details}>
@@ -297,6 +296,7 @@ export function RampEditor({ control, describedBy }: EditorProps<RampControl>) {
           className={styles.position}
           label={`${label}, position of key ${selected + 1}`}
           step={0.01}
+          digits={4}
           value={ramp.knots[selected]!}
           onChange={(place) => change(moveKey(ramp, selected, place))}
         />

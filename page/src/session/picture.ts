@@ -60,7 +60,8 @@ export class Picture extends Store<PictureState> {
     if (!shown) return null;
     this.count += 1;
     const { layer, passes } = shown.header;
-    const snapshot = { ...shown, id: this.count, label: `${this.count}: ${layer}, ${passes} passes` };
+    const label = `picture ${this.count} (${layer}, ${passes} ${passes === 1 ? "pass" : "passes"})`;
+    const snapshot = { ...shown, id: this.count, label };
     for (const old of snapshots.slice(0, -MOST_SNAPSHOTS + 1)) this.close(old);
     this.set({ snapshots: [...snapshots.slice(-MOST_SNAPSHOTS + 1), snapshot] });
     return snapshot;

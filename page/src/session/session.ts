@@ -78,6 +78,7 @@ export const picture = new Picture();
 let served: Values = {};
 let servedAuthored: Record<string, boolean> = {};
 let defaults: Values = {};
+let cancelled = false;
 let unsentShow: Partial<Show> = {};
 
 const connection = new Connection({
@@ -173,7 +174,8 @@ function receive(message: ServerMessage): void {
       session.set({ pixel: message });
       break;
     case "render":
-      session.set({ render: message });
+      // Progress may still be on its way when the picture was cancelled.
+      if (!cancelled) session.set({ render: message });
       break;
     case "refused":
       edits.forget();
@@ -200,9 +202,9 @@ export function setValues(values: Values, step: string | null = null): void {
 }
 
 /** Ask for something that concerns the whole scene. */
-export function command(type: "undo" | "redo" | "revert" | "save" | "cancel"): void {
+export function command(type: "undo" | "redo" | "revert" | "save"): void {
   edits.flush();
-  if (type !== "save" && type !== "cancel") edits.forget();
+  if (type !== "save") edits.forget();
   post({ type });
 }
 
@@ -213,6 +215,7 @@ export function inspect(at: [number, number]): void {
 export function startRender(passes: number, frames: [number, number] | null): void {
   edits.flush();
   if (post({ type: "render", passes, frames })) {
+    cancelled = false;
     const count = frames ? frames[1] - frames[0] + 1 : 1;
     session.set({ render: { type: "render", done: 0, of: passes * count, file: null, problem: null } });
   }
@@ -220,6 +223,11 @@ export function startRender(passes: number, frames: [number, number] | null): vo
 
 export function dismissRefused(text: string): void {
   session.set({ refused: session.get().refused.filter((each) => each !== text) });
+}
+
+export function cancelRender(): void {
+  cancelled = post({ type: "cancel" });
+  if (cancelled) session.set({ render: null });
 }
 
 export function forgetRender(): void {

@@ -1,6 +1,6 @@
 /** A value that components can watch. Kept outside React, since messages and pointer moves change it as well. */
 
-import { useRef, useSyncExternalStore } from "react";
+import { useSyncExternalStore } from "react";
 
 export class Store<State extends object> {
   private listeners = new Set<() => void>();
@@ -23,11 +23,4 @@ export class Store<State extends object> {
 /** Watch a part of a store; the component is drawn again only when `select` returns something else. */
 export function useStore<State extends object, Part>(store: Store<State>, select: (state: State) => Part): Part {
   return useSyncExternalStore(store.subscribe, () => select(store.get()));
-}
-
-/** The newest `value`, for handlers that outlive one drawing of the component. */
-export function useLatest<T>(value: T): { readonly current: T } {
-  const latest = useRef(value);
-  latest.current = value;
-  return latest;
 }

@@ -65,7 +65,7 @@ function FrameControls({ frames, fps }: { frames: [number, number]; fps: number 
         max={last}
         step={1}
         label={scrubbing ? (value) => value : null}
-        thumbProps={{ "aria-label": "Frame" }}
+        thumbLabel="Frame"
         value={frame}
         onChange={(value) => {
           setScrubbing(true);

@@ -113,7 +113,7 @@ function Exposure() {
         max={8}
         step={0.1}
         label={null}
-        thumbProps={{ "aria-label": "Exposure in stops" }}
+        thumbLabel="Exposure in stops"
         value={exposure}
         onChange={(value) => show({ exposure: value })}
       />
@@ -172,7 +172,7 @@ function Lens() {
   const lens = useStore(session, (state) => state.show.lens);
   const blur = useStore(session, (state) => state.show.blur);
   return (
-    <div className={styles.group}>
+    <div className={styles.switches}>
       <Switch
         size="xs"
         label="Lens"
@@ -217,7 +217,7 @@ function Compare() {
           value={wipe ?? ""}
           data={[
             { value: "", label: "No comparison" },
-            ...snapshots.map(({ id, label }) => ({ value: String(id), label: `A is ${label}` })),
+            ...snapshots.map(({ id, label }) => ({ value: String(id), label: `A: ${label}` })),
           ]}
           onChange={(event) => view.set({ wipe: Number(event.currentTarget.value) || null })}
         />
@@ -227,8 +227,8 @@ function Compare() {
           size="sm"
           variant="subtle"
           color="gray"
-          aria-label={`Drop the snapshot ${snapshot.label}`}
-          title="Drop this snapshot"
+          aria-label={`Drop ${snapshot.label}`}
+          title="Drop this kept picture"
           onClick={() => {
             view.set({ wipe: null });
             picture.drop(snapshot.id);

@@ -37,14 +37,14 @@ export function StatusLine() {
       >
         {paused ? <PlayIcon /> : <PauseIcon />}
       </ActionIcon>
-      <span className={styles.loader}>{busy && <Loader size={12} aria-label="Busy" />}</span>
+      <span className={styles.loader}>{busy && <Loader size={12} aria-hidden />}</span>
       {state ? (
         <>
           <span>
             {state.passes} of {state.planned} passes
           </span>
           <span>{state.seconds.toFixed(1)} s</span>
-          <span>{paused ? "paused" : busy ? "rendering" : "done"}</span>
+          <span>{paused ? "paused" : state.problem ? "stopped" : busy ? "rendering" : "done"}</span>
         </>
       ) : (
         <span>waiting for the first picture</span>

@@ -1,6 +1,6 @@
 /** The picture, fitted to the window, with the tools that work on it. */
 
-import { type KeyboardEvent, type PointerEvent, useEffect, useRef, useState } from "react";
+import { type KeyboardEvent, type PointerEvent, useEffect, useLayoutEffect, useRef, useState } from "react";
 import type { Area } from "../protocol";
 import { picture, session, show } from "../session/session";
 import { useStore } from "../session/store";
@@ -68,7 +68,8 @@ function Picture({ box }: { box: Box }) {
   const wipeAt = useStore(view, (state) => state.wipeAt);
   const kept = snapshots.find((snapshot) => snapshot.id === wipe);
 
-  useEffect(() => {
+  // Before anything else can happen: a bitmap is freed as soon as the next one has come.
+  useLayoutEffect(() => {
     const context = canvas.current?.getContext("2d");
     if (!context || !shown) return;
     const { width, height } = context.canvas;
