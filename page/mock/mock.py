@@ -1,10 +1,9 @@
 """A stand-in for the studio's server, to work on the page without a renderer.
 
-It speaks the studio's protocol and draws a beam whose picture depends on a few of the values:
-
-    pip install starlette uvicorn websockets pillow numpy
-    python page/mock/mock.py [PORT]
+It speaks the studio's protocol and draws two beams that depend on a few of the values. It needs starlette, uvicorn,
+websockets, pillow and numpy; `python page/mock/mock.py [PORT]` serves the built page.
 """
+# ruff: noqa: D102, D103
 
 from __future__ import annotations
 
@@ -54,7 +53,9 @@ def light(path, color):
         control(f"{path}.photonbeams:count", "Beams", "Beams", "integer", 1024, min=1, max=1 << 20, soft=[1, 8192]),
         control(f"{path}.photonbeams:beams", "Sends beams", "Beams", "bool", True, "Off: it lights surfaces alone."),
         control(f"{path}.photonbeams:group", "Light group", "Beams", "text", path.rsplit("/", 1)[1].lower()),
-        control(f"{path}.light:link", "Lights only", "Links", "paths", [], choices=["/World/Door", "/World/Floor", FOG]),
+        control(
+            f"{path}.light:link", "Lights only", "Links", "paths", [], choices=["/World/Door", "/World/Floor", FOG]
+        ),
         control(f"{path}.inputs:texture", "Texture", "Light", "asset", ""),
     ]
 
@@ -68,7 +69,7 @@ def look(path):
     falloffs = ["physical", "none", "exponential", "power", "polynomial"]
     return [
         control(f"{path}.photonbeams:along:falloff", "Falloff", "Along", "choice", "physical", choices=falloffs),
-        control(f"{path}.photonbeams:along:length", "Length", "Along", "number", 1.0, "Of the falloff.", min=0, unit="m"),
+        control(f"{path}.photonbeams:along:length", "Length", "Along", "number", 1.0, "How long.", min=0, unit="m"),
         control(f"{path}.photonbeams:along:coefficients", "Coefficients", "Along", "numbers", [1.0, -0.5]),
         control(ramp, "Ramp", "Along", "ramp", empty, "Colours along the beam.", parts=parts, choices=joins)
         | {"value": value, "authored": True},
@@ -82,7 +83,9 @@ def look(path):
 
 def scene():
     medium = [
-        control(f"{FOG}.inputs:density", "Density", "Medium", "number", 0.2, "How thick the fog is.", min=0, soft=[0, 2]),
+        control(
+            f"{FOG}.inputs:density", "Density", "Medium", "number", 0.2, "How thick the fog is.", min=0, soft=[0, 2]
+        ),
         control(f"{FOG}.inputs:albedo", "Albedo", "Medium", "color", [0.9, 0.9, 0.9]),
         control(f"{FOG}.inputs:g", "Anisotropy", "Medium", "number", 0.0, min=-0.99, max=0.99, soft=[-0.99, 0.99]),
     ]
@@ -92,7 +95,7 @@ def scene():
 
     return {
         "type": "scene", "name": "keyhole.usda", "cameras": ["/World/Camera", "/World/Flight"], "frames": [1001, 1048],
-        "fps": 24, "layers": ["rgba", "beams", "surface", "depth"], "displays": ["sRGB", "Rec.709", "Raw"], "focal": 0.9,
+        "fps": 24, "layers": ["rgba", "beams", "surface", "depth"], "displays": ["sRGB", "Raw"], "focal": 0.9,
         "pose": [1, 0, 0, 0, 0, 1, 0, 1, 0, 0, 1, 6, 0, 0, 0, 1],
         "controls": [
             group(KEY, "light", "RectLight", light(KEY, [1.0, 0.9, 0.7]), uses=[SHAFT]),
@@ -149,7 +152,9 @@ class Session:
             self.refresh()
 
     def message(self):
-        own = {path: self.edits[path] is not None if path in self.edits else self.authored[path] for path in self.values}
+        own = {
+            path: self.edits[path] is not None if path in self.edits else self.authored[path] for path in self.values
+        }
         history = {"canUndo": bool(self.done), "canRedo": bool(self.undone), "saved": self.saved}
         return {"type": "values", "values": self.values, "authored": own} | history
 
@@ -193,7 +198,9 @@ def draw(session, show, passes, scale):
         ramp = np.stack([np.interp(s, knots, [c[i] for c in colors]) for i in range(3)], -1) if knots else 1.0
         across = np.exp(-(((y - at - phase * (x - 0.5)) / (0.03 + 0.1 * x)) ** 2))
         power = v[f"{path}.inputs:intensity"] * 2 ** v[f"{path}.inputs:exposure"]
-        picture += power * across[..., None] * ramp * np.array(v[f"{path}.inputs:color"]) * 2 * v[f"{FOG}.inputs:density"]
+        picture += (
+            power * across[..., None] * ramp * np.array(v[f"{path}.inputs:color"]) * 2 * v[f"{FOG}.inputs:density"]
+        )
     picture += np.random.default_rng(passes).normal(0, 0.05 / passes**0.5, picture.shape)
     picture = np.clip(picture * 2 ** show.get("exposure", 0), 0, 1)
     file = io.BytesIO()
@@ -226,7 +233,12 @@ def pixel(at):
             "n": list(range(1, 7)), "points": [p.tolist() for p, _ in rule], "values": [f(p).tolist() for p, _ in rule],
             "error": [abs(float(f(p) @ w) / exact - 1) for p, w in rule],
         }  # fmt: skip
-    layers = {"rgba": [0.421, 0.30021, 0.1, 1.0], "beams": [0.4, 0.29, 0.09], "surface": [0.021, 0.01021, 0.01], "depth": [3.2]}
+    layers = {
+        "rgba": [0.421, 0.30021, 0.1, 1.0],
+        "beams": [0.4, 0.29, 0.09],
+        "surface": [0.021, 0.01021, 0.01],
+        "depth": [3.2],
+    }
     beams = [{"light": KEY, "group": "key", "radiance": [0.3, 0.2, 0.05], "share": 0.71},
              {"light": FILL, "group": "fill", "radiance": [0.05, 0.06, 0.3], "share": 0.22}]  # fmt: skip
     return {"type": "pixel", "at": at, "layers": layers, "beams": beams, "ray": ray}

@@ -20,7 +20,6 @@ interface NumberFieldProps {
   /** Has the focus when its dialog opens. */
   first?: boolean;
   className?: string;
-  onBlur?: () => void;
 }
 
 export function NumberField(props: NumberFieldProps) {
@@ -70,10 +69,7 @@ export function NumberField(props: NumberFieldProps) {
       value={draft ?? (integer ? String(value) : format(value, digits))}
       onChange={(event) => setDraft(event.currentTarget.value)}
       onFocus={(event) => event.currentTarget.select()}
-      onBlur={() => {
-        confirm();
-        props.onBlur?.();
-      }}
+      onBlur={confirm}
       onKeyDown={onKeyDown}
       data-autofocus={props.first}
       {...ownUndo(draft !== null)}

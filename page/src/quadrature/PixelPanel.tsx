@@ -82,7 +82,7 @@ function Beams({ beams }: { beams: BeamShare[] }) {
 
 export function PixelPanel() {
   const pixel = useStore(session, (state) => state.pixel);
-  const size = useStore(picture, (state) => state.shown?.header);
+  const header = useStore(picture, (state) => state.shown?.header);
   useRefresh();
   if (!pixel) {
     return (
@@ -97,10 +97,12 @@ export function PixelPanel() {
     );
   }
   const [x, y] = pixel.at;
+  // A preview has fewer pixels than the picture that it stands for.
+  const full = (size: number): number => Math.round(size / (header?.scale || 1));
   return (
     <div className={styles.panel}>
       <h2 className={styles.title}>
-        Pixel {size ? `${Math.floor(x * size.width)}, ${Math.floor(y * size.height)}` : ""}
+        Pixel {header && `${Math.floor(x * full(header.width))}, ${Math.floor(y * full(header.height))}`}
         <span className={styles.dim}> linear values</span>
       </h2>
       <Layers layers={pixel.layers} />

@@ -141,7 +141,7 @@ function GradientBar(props: PartProps) {
 function ceiling(colors: Triple[]): number {
   const most = Math.max(1, ...colors.flat());
   const power = 10 ** Math.floor(Math.log10(most));
-  return [1, 2, 5, 10].map((factor) => factor * power).find((top) => top >= most * 0.999) ?? most;
+  return [1, 1.5, 2, 3, 4, 5, 6, 8, 10].map((factor) => factor * power).find((top) => top >= most * 0.999) ?? most;
 }
 
 function CurveView(props: PartProps & { channel: Channel; channelName: string }) {

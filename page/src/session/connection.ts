@@ -29,15 +29,20 @@ export class Connection {
 
   open(): void {
     window.clearTimeout(this.timer);
+    const before = this.socket;
+    this.socket = null;
+    before?.close();
     this.events.status(false, null);
     const scheme = location.protocol === "https:" ? "wss" : "ws";
     const socket = new WebSocket(`${scheme}://${location.host}/session?token=${encodeURIComponent(token())}`);
     socket.binaryType = "arraybuffer";
     socket.onopen = () => {
+      if (this.socket !== socket) return;
       this.wait = FIRST_WAIT;
       this.events.status(true, null);
     };
     socket.onmessage = ({ data }: MessageEvent<string | ArrayBuffer>) => {
+      if (this.socket !== socket) return;
       if (typeof data === "string") this.events.message(JSON.parse(data) as ServerMessage);
       else this.events.picture(data);
     };

@@ -60,7 +60,7 @@ export class Picture extends Store<PictureState> {
     if (!shown) return null;
     this.count += 1;
     const { layer, passes } = shown.header;
-    const label = `picture ${this.count} (${layer}, ${passes} ${passes === 1 ? "pass" : "passes"})`;
+    const label = `${layer}, ${passes} ${passes === 1 ? "pass" : "passes"} (${this.count})`;
     const snapshot = { ...shown, id: this.count, label };
     for (const old of snapshots.slice(0, -MOST_SNAPSHOTS + 1)) this.close(old);
     this.set({ snapshots: [...snapshots.slice(-MOST_SNAPSHOTS + 1), snapshot] });

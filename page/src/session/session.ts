@@ -117,6 +117,11 @@ function mergeValues(): void {
   session.set({ values, authored });
 }
 
+/** The old value where the new one is the same list, so that nothing that shows it is drawn again. */
+function unlessSame(old: Value | undefined, value: Value): Value {
+  return Array.isArray(old) && JSON.stringify(old) === JSON.stringify(value) ? old : value;
+}
+
 function receiveScene(scene: Scene): void {
   served = {};
   servedAuthored = {};
@@ -161,7 +166,8 @@ function receive(message: ServerMessage): void {
       receiveScene(message);
       break;
     case "values":
-      served = { ...served, ...message.values };
+      served = { ...served };
+      for (const [path, value] of Object.entries(message.values)) served[path] = unlessSame(served[path], value);
       servedAuthored = { ...servedAuthored, ...message.authored };
       edits.confirm(message.values);
       session.set({ canUndo: message.canUndo, canRedo: message.canRedo, saved: message.saved });

@@ -3,7 +3,7 @@
 import { ActionIcon, Button, NativeSelect, Popover, SegmentedControl, Slider, Switch } from "@mantine/core";
 import { AreaIcon, CameraIcon, CloseIcon, InspectIcon, MoveIcon, ResetIcon } from "../common/icons";
 import { NumberField } from "../common/NumberField";
-import { format, lastName } from "../common/numbers";
+import { lastName } from "../common/numbers";
 import { picture, session, show } from "../session/session";
 import { useStore } from "../session/store";
 import { orbitDistance, throughTheCamera, type Tool, view } from "../viewport/view";
@@ -254,7 +254,7 @@ function Solo() {
       title="Show all lights again"
       onClick={() => show({ solo: [] })}
     >
-      Solo: {format(solo.length)} {solo.length === 1 ? "light" : "lights"}
+      Solo: {solo.length} {solo.length === 1 ? "light" : "lights"}
     </Button>
   );
 }
