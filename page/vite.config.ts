@@ -10,6 +10,8 @@ export default defineConfig({
     target: "es2022",
     // Inlined assets would be data: addresses, which the server's content security policy allows for pictures alone.
     assetsInlineLimit: 0,
+    // What is bundled keeps its licences beside it.
+    license: { fileName: "licences.md" },
     chunkSizeWarningLimit: 600,
     modulePreload: { polyfill: false },
   },

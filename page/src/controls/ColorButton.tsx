@@ -93,6 +93,7 @@ function Picker({ color, step, onChange }: Omit<ColorProps, "label">) {
             label={`${name}, linear`}
             min={0}
             step={0.01}
+            digits={3}
             value={color[index] ?? 0}
             onChange={(value) => onChange(color.map((old, i) => (i === index ? value : old)) as Triple)}
           />

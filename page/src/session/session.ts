@@ -155,8 +155,10 @@ function receiveScene(scene: Scene): void {
 /** The server knows nothing of what this page showed before the connection was lost. */
 function resendShow(): void {
   const { show, scene } = session.get();
-  const { frame, ...rest } = show;
-  unsentShow = scene?.frames ? { ...rest, frame } : rest;
+  unsentShow = { ...show };
+  // A shot without frames, or without a camera of its own, has none to name.
+  if (!scene?.frames) delete unsentShow.frame;
+  for (const choice of ["camera", "layer", "display"] as const) if (show[choice] === "") delete unsentShow[choice];
   showing.flush();
 }
 

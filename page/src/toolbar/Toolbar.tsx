@@ -73,14 +73,14 @@ function CameraChoice() {
       >
         Through the camera
       </Button>
-      <Popover trapFocus position="bottom-start" shadow="md" width={230}>
+      <Popover trapFocus position="bottom-start" shadow="md" width={240}>
         <Popover.Target>
           <Button size="compact-xs" variant="default" title="How the free camera moves">
             Motion
           </Button>
         </Popover.Target>
         <Popover.Dropdown className={styles.fields} aria-label="How the free camera moves">
-          <span>Pivot at a distance of</span>
+          <span>Distance of the pivot</span>
           <NumberField
             label="Distance of the pivot"
             value={distance ?? orbitDistance()}
