@@ -1,0 +1,28 @@
+/** Numbers as people read and write them. */
+
+/** As few digits as tell what matters: stored with 32 bits, 0.1 comes back as 0.10000000149. */
+export function format(value: number, digits = 6): string {
+  if (!Number.isFinite(value)) return String(value);
+  return String(Number(value.toPrecision(digits)));
+}
+
+/** The number in a text, with a comma for a decimal point too; null for anything else. */
+export function parse(text: string): number | null {
+  const trimmed = text.trim().replace(",", ".");
+  const value = Number(trimmed);
+  return trimmed !== "" && Number.isFinite(value) ? value : null;
+}
+
+/** A step for arrow keys and sliders: the power of ten that divides a range into a hundred parts or more. */
+export function stepFor(range: number): number {
+  return 10 ** Math.floor(Math.log10(Math.max(range, 1e-6) / 100));
+}
+
+export function clampTo(value: number, min: number | null, max: number | null): number {
+  return Math.min(Math.max(value, min ?? -Infinity), max ?? Infinity);
+}
+
+/** The last name of a prim's path. */
+export function lastName(path: string): string {
+  return path.slice(path.lastIndexOf("/") + 1);
+}

@@ -1,0 +1,152 @@
+/** One light, medium or look: its name, its switches, and its controls in sections. */
+
+import { ActionIcon, Switch } from "@mantine/core";
+import { memo } from "react";
+import { ChevronIcon, SoloIcon, WarningIcon } from "../common/icons";
+import { lastName } from "../common/numbers";
+import type { Control, ControlGroup } from "../protocol";
+import { session, setValues, show } from "../session/session";
+import { useStore } from "../session/store";
+import { useValue } from "./attribute";
+import { ControlRow } from "./ControlRow";
+import styles from "./controls.module.css";
+import { goToGroup, groupId, panel, toggleGroup, toggleSection } from "./panel";
+
+/** The control that turns a light off: its visibility, or a switch of its own. */
+function onOffControl(group: ControlGroup): Control | undefined {
+  return group.controls.find(
+    ({ path, kind }) =>
+      /\.visibility$/.test(path) || (kind === "bool" && /[.:](on|enabled?|enabledLight)$/i.test(path)),
+  );
+}
+
+function OnOff({ group, control }: { group: ControlGroup; control: Control }) {
+  const value = useValue(control.path);
+  const on = value === true || (value !== false && value !== "invisible");
+  return (
+    <Switch
+      size="xs"
+      aria-label={`${group.label} on`}
+      title={on ? "Turn off" : "Turn on"}
+      checked={on}
+      onChange={(event) => {
+        const next = event.currentTarget.checked;
+        setValues({ [control.path]: control.kind === "bool" ? next : next ? "inherited" : "invisible" });
+      }}
+    />
+  );
+}
+
+function Solo({ group }: { group: ControlGroup }) {
+  const soloed = useStore(session, (state) => state.show.solo.includes(group.path));
+  const toggle = (): void => {
+    const { solo } = session.get().show;
+    show({ solo: soloed ? solo.filter((path) => path !== group.path) : [...solo, group.path] });
+  };
+  return (
+    <ActionIcon
+      size="sm"
+      variant={soloed ? "filled" : "subtle"}
+      color={soloed ? "yellow.4" : "gray"}
+      c={soloed ? "dark.9" : undefined}
+      aria-label={`Solo ${group.label}`}
+      aria-pressed={soloed}
+      title="Show this light alone"
+      onClick={toggle}
+    >
+      <SoloIcon />
+    </ActionIcon>
+  );
+}
+
+function Uses({ paths }: { paths: string[] }) {
+  const groups = useStore(session, (state) => state.scene?.controls);
+  return (
+    <p className={styles.uses}>
+      Looks:
+      {paths.map((path) => (
+        <button key={path} type="button" className={styles.link} onClick={() => goToGroup(path)}>
+          {groups?.find((group) => group.path === path)?.label ?? lastName(path)}
+        </button>
+      ))}
+    </p>
+  );
+}
+
+function Section({ name, owner, controls, forced }: SectionProps) {
+  const key = `${owner} ${name}`;
+  const open = useStore(panel, (state) => !state.closedSections.has(key)) || forced;
+  return (
+    <section className={styles.section}>
+      <h4 className={styles.heading}>
+        <button
+          type="button"
+          className={styles.sectionButton}
+          aria-expanded={open}
+          disabled={forced}
+          onClick={() => toggleSection(key)}
+        >
+          <ChevronIcon /> {name}
+        </button>
+      </h4>
+      {open && controls.map((control) => <ControlRow key={control.path} control={control} />)}
+    </section>
+  );
+}
+
+interface SectionProps {
+  name: string;
+  owner: string;
+  controls: Control[];
+  /** Open because of a search. */
+  forced: boolean;
+}
+
+interface GroupProps {
+  group: ControlGroup;
+  controls: Control[];
+  searching: boolean;
+}
+
+export const Group = memo(function Group({ group, controls, searching }: GroupProps) {
+  const open = useStore(panel, (state) => state.openGroups.has(group.path)) || searching;
+  const wrong = useStore(session, (state) => state.state?.problem?.path?.startsWith(`${group.path}.`) ?? false);
+  const sections = Map.groupBy(controls, (control) => control.section);
+  const onOff = group.kind === "light" ? onOffControl(group) : undefined;
+  return (
+    <div className={styles.group}>
+      <div className={styles.groupHeader}>
+        <h3 className={styles.heading}>
+          <button
+            id={groupId(group.path)}
+            type="button"
+            className={styles.groupButton}
+            aria-expanded={open}
+            disabled={searching}
+            title={group.path}
+            onClick={() => toggleGroup(group.path)}
+          >
+            <ChevronIcon />
+            <span className={styles.groupLabel}>{group.label}</span>
+            <span className={styles.groupType}>{group.type}</span>
+            {wrong && (
+              <span className={styles.wrong} role="img" aria-label="has a problem">
+                <WarningIcon />
+              </span>
+            )}
+          </button>
+        </h3>
+        {group.kind === "light" && <Solo group={group} />}
+        {onOff && <OnOff group={group} control={onOff} />}
+      </div>
+      {open && (
+        <div className={styles.groupBody}>
+          {group.uses && group.uses.length > 0 && <Uses paths={group.uses} />}
+          {[...sections].map(([name, members]) => (
+            <Section key={name} name={name} owner={group.path} controls={members} forced={searching} />
+          ))}
+        </div>
+      )}
+    </div>
+  );
+});

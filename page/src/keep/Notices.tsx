@@ -1,0 +1,72 @@
+/** The lost connection, and messages that the server could not use. */
+
+import { ActionIcon, Button } from "@mantine/core";
+import { useEffect, useState } from "react";
+import { CloseIcon, WarningIcon } from "../common/icons";
+import { connect, dismissRefused, session } from "../session/session";
+import { useStore } from "../session/store";
+import styles from "./keep.module.css";
+
+/** Seconds until the next try. Not read aloud: an alert that changes each second is one each second. */
+function Countdown({ until }: { until: number | null }) {
+  const [now, setNow] = useState(Date.now());
+  useEffect(() => {
+    const timer = window.setInterval(() => setNow(Date.now()), 500);
+    return () => window.clearInterval(timer);
+  }, []);
+  const seconds = until === null ? 0 : Math.max(Math.ceil((until - now) / 1000), 0);
+  return <span aria-hidden>{seconds > 0 ? `Next try in ${seconds} s.` : "Trying…"}</span>;
+}
+
+/** A moment without a connection, such as at the start, is not worth a banner. */
+const UNNOTICED = 700;
+
+function useLost(): boolean {
+  const open = useStore(session, (state) => state.open);
+  const [lost, setLost] = useState(false);
+  useEffect(() => {
+    const timer = window.setTimeout(() => setLost(!open), open ? 0 : UNNOTICED);
+    return () => window.clearTimeout(timer);
+  }, [open]);
+  return lost;
+}
+
+export function Notices() {
+  const lost = useLost();
+  const retryAt = useStore(session, (state) => state.retryAt);
+  const everOpen = useStore(session, (state) => state.everOpen);
+  const refused = useStore(session, (state) => state.refused);
+  return (
+    <>
+      {lost && (
+        <div role="alert" className={styles.notice}>
+          <WarningIcon />
+          <span>
+            {everOpen
+              ? "The connection to the studio is lost. The page comes back by itself; edits wait until then."
+              : "The studio does not answer. If this goes on, open the address that it printed, with its token."}
+          </span>
+          <Countdown until={retryAt} />
+          <Button size="compact-xs" variant="white" color="dark" onClick={connect}>
+            Try now
+          </Button>
+        </div>
+      )}
+      {refused.map((text) => (
+        <div role="alert" className={styles.notice} key={text}>
+          <WarningIcon />
+          <span>{text}</span>
+          <ActionIcon
+            size="sm"
+            variant="transparent"
+            color="white"
+            aria-label="Dismiss"
+            onClick={() => dismissRefused(text)}
+          >
+            <CloseIcon />
+          </ActionIcon>
+        </div>
+      ))}
+    </>
+  );
+}

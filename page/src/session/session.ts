@@ -1,0 +1,243 @@
+/** The page's side of the session: its state, and everything that can be asked of the server. */
+
+import type {
+  Control,
+  PageMessage,
+  Pixel,
+  RampValue,
+  RenderProgress,
+  RenderState,
+  Scene,
+  ServerMessage,
+  Show,
+  Value,
+  Values,
+} from "../protocol";
+import { Connection } from "./connection";
+import { Edits } from "./edits";
+import { Picture } from "./picture";
+import { Store } from "./store";
+import { Throttle } from "./throttle";
+
+export interface SessionState {
+  open: boolean;
+  /** False until the first scene has come: before that, nothing was lost. */
+  everOpen: boolean;
+  retryAt: number | null;
+  scene: Scene | null;
+  /** What the page shows for each attribute: the server's value, or an edit that is on its way. */
+  values: Values;
+  authored: Record<string, boolean>;
+  canUndo: boolean;
+  canRedo: boolean;
+  saved: boolean;
+  state: RenderState | null;
+  pixel: Pixel | null;
+  render: RenderProgress | null;
+  refused: string[];
+  show: Show;
+}
+
+const NOTHING_SHOWN: Show = {
+  size: [960, 540],
+  camera: "",
+  pose: null,
+  frame: 0,
+  layer: "",
+  exposure: 0,
+  display: "",
+  area: null,
+  lens: true,
+  blur: true,
+  solo: [],
+  paused: false,
+};
+
+const NO_RAMP: RampValue = { knots: [], colors: [], interpolation: "linear" };
+
+export const session = new Store<SessionState>({
+  open: false,
+  everOpen: false,
+  retryAt: null,
+  scene: null,
+  values: {},
+  authored: {},
+  // Until the server says otherwise, there may be edits of an earlier page.
+  canUndo: true,
+  canRedo: true,
+  saved: true,
+  state: null,
+  pixel: null,
+  render: null,
+  refused: [],
+  show: NOTHING_SHOWN,
+});
+
+export const picture = new Picture();
+
+let served: Values = {};
+let servedAuthored: Record<string, boolean> = {};
+let defaults: Values = {};
+let cancelled = false;
+let unsentShow: Partial<Show> = {};
+
+const connection = new Connection({
+  message: receive,
+  picture: (message) => picture.receive(message),
+  status: (open, retryAt) => session.set({ open, retryAt }),
+});
+const post = (message: PageMessage): boolean => connection.send(message);
+const edits = new Edits(post, mergeValues);
+const showing = new Throttle(() => {
+  if (Object.keys(unsentShow).length > 0 && post({ type: "show", ...unsentShow })) unsentShow = {};
+});
+
+/** The attributes of a control with what it says about each; a ramp has three. */
+function attributes(control: Control): [path: string, value: Value, fallback: Value][] {
+  if (control.kind !== "ramp") return [[control.path, control.value, control.default]];
+  const value = (control.value as RampValue | null) ?? NO_RAMP;
+  const fallback = (control.default as RampValue | null) ?? NO_RAMP;
+  return [
+    [control.parts.knots, value.knots, fallback.knots],
+    [control.parts.colors, value.colors, fallback.colors],
+    [control.parts.interpolation, value.interpolation, fallback.interpolation],
+  ];
+}
+
+/** Edits on their way cover the server's values, so that a drag is not pulled back by an answer to its beginning. */
+function mergeValues(): void {
+  const values = { ...served };
+  const authored = { ...servedAuthored };
+  for (const path of Object.keys(served)) {
+    const asked = edits.get(path);
+    if (!asked) continue;
+    values[path] = asked.value ?? defaults[path] ?? null;
+    authored[path] = asked.value !== null;
+  }
+  session.set({ values, authored });
+}
+
+/** The old value where the new one is the same list, so that nothing that shows it is drawn again. */
+function unlessSame(old: Value | undefined, value: Value): Value {
+  return Array.isArray(old) && JSON.stringify(old) === JSON.stringify(value) ? old : value;
+}
+
+function receiveScene(scene: Scene): void {
+  served = {};
+  servedAuthored = {};
+  defaults = {};
+  for (const control of scene.controls.flatMap((group) => group.controls)) {
+    for (const [path, value, fallback] of attributes(control)) {
+      served[path] = value;
+      servedAuthored[path] = control.authored;
+      defaults[path] = fallback;
+    }
+  }
+  edits.confirm(served);
+  const before = session.get();
+  const show = { ...before.show };
+  // What was chosen stays chosen where the scene still has it.
+  const kept = (choice: string, choices: string[]): string => (choices.includes(choice) ? choice : (choices[0] ?? ""));
+  show.camera = kept(show.camera, scene.cameras);
+  show.layer = kept(show.layer, scene.layers);
+  show.display = kept(show.display, scene.displays);
+  if (scene.frames) show.frame = Math.min(Math.max(show.frame, scene.frames[0]), scene.frames[1]);
+  const groups = scene.controls;
+  show.solo = before.scene
+    ? show.solo.filter((path) => groups.some((group) => group.path === path))
+    : groups.filter((group) => group.soloed).map((group) => group.path);
+  session.set({ scene, show, everOpen: true });
+  mergeValues();
+  resendShow();
+  edits.flush();
+}
+
+/** The server knows nothing of what this page showed before the connection was lost. */
+function resendShow(): void {
+  const { show, scene } = session.get();
+  unsentShow = { ...show };
+  // A shot without frames, or without a camera of its own, has none to name.
+  if (!scene?.frames) delete unsentShow.frame;
+  for (const choice of ["camera", "layer", "display"] as const) if (show[choice] === "") delete unsentShow[choice];
+  showing.flush();
+}
+
+function receive(message: ServerMessage): void {
+  switch (message.type) {
+    case "scene":
+      receiveScene(message);
+      break;
+    case "values":
+      served = { ...served };
+      for (const [path, value] of Object.entries(message.values)) served[path] = unlessSame(served[path], value);
+      servedAuthored = { ...servedAuthored, ...message.authored };
+      edits.confirm(message.values);
+      session.set({ canUndo: message.canUndo, canRedo: message.canRedo, saved: message.saved });
+      mergeValues();
+      break;
+    case "state":
+      session.set({ state: message });
+      break;
+    case "pixel":
+      session.set({ pixel: message });
+      break;
+    case "render":
+      // Progress may still be on its way when the picture was cancelled.
+      if (!cancelled) session.set({ render: message });
+      break;
+    case "refused":
+      edits.forget();
+      dismissRefused(message.text);
+      session.set({ refused: [...session.get().refused.slice(-2), message.text] });
+      break;
+  }
+}
+
+export function connect(): void {
+  connection.open();
+}
+
+/** Change what is shown. The newest state wins: what was not sent yet is overwritten. */
+export function show(change: Partial<Show>): void {
+  session.set({ show: { ...session.get().show, ...change } });
+  Object.assign(unsentShow, change);
+  showing.request();
+}
+
+/** Edit attributes; null goes back to the default. Edits with the same `step` in a row are undone together. */
+export function setValues(values: Values, step: string | null = null): void {
+  edits.set(values, step);
+}
+
+/** Ask for something that concerns the whole scene. */
+export function command(type: "undo" | "redo" | "revert" | "save"): void {
+  edits.flush();
+  if (type !== "save") edits.forget();
+  post({ type });
+}
+
+export function inspect(at: [number, number]): void {
+  post({ type: "inspect", at });
+}
+
+export function startRender(passes: number, frames: [number, number] | null): void {
+  edits.flush();
+  if (post({ type: "render", passes, frames })) {
+    cancelled = false;
+    const count = frames ? frames[1] - frames[0] + 1 : 1;
+    session.set({ render: { type: "render", done: 0, of: passes * count, file: null, problem: null } });
+  }
+}
+
+export function dismissRefused(text: string): void {
+  session.set({ refused: session.get().refused.filter((each) => each !== text) });
+}
+
+export function cancelRender(): void {
+  cancelled = post({ type: "cancel" });
+  if (cancelled) session.set({ render: null });
+}
+
+export function forgetRender(): void {
+  session.set({ render: null });
+}

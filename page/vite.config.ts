@@ -1,0 +1,22 @@
+import react from "@vitejs/plugin-react";
+import { defineConfig } from "vite";
+
+export default defineConfig({
+  plugins: [react()],
+  build: {
+    // The server reads the page from the Python package, so that users need no Node.
+    outDir: "../src/photonbeams/studio/page",
+    emptyOutDir: true,
+    target: "es2022",
+    // Inlined assets would be data: addresses, which the server's content security policy allows for pictures alone.
+    assetsInlineLimit: 0,
+    // What is bundled keeps its licences beside it.
+    license: { fileName: "licences.md" },
+    chunkSizeWarningLimit: 600,
+    modulePreload: { polyfill: false },
+  },
+  server: {
+    // `npm run dev` beside a studio, or the mock, that listens on port 8765.
+    proxy: { "/session": { target: "ws://127.0.0.1:8765", ws: true }, "/result": "http://127.0.0.1:8765" },
+  },
+});
