@@ -86,6 +86,7 @@ def _socket(host: str, port: int) -> socket.socket:
     result.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
         result.bind((host, port))
+        result.listen(128)  # a browser that is faster than the server waits
     except OSError as error:
         raise typer.BadParameter(f"{host}:{port} cannot be used: {error.strerror}", param_hint="--port") from None
     return result

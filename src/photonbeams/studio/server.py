@@ -11,7 +11,7 @@ import hmac
 import secrets
 import time
 from collections import deque
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import asynccontextmanager, suppress
 from dataclasses import asdict, dataclass, field
@@ -32,6 +32,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from ..images.view_transforms import OWN, view_transforms, viewed
 from ..scene import SceneError
+from ..usd.controls import Controls
 from . import protocol
 from .session import Picture, Problem, Session
 
@@ -221,7 +222,7 @@ class Studio:
 
     def _scene(self) -> str:
         session, last = self.session, self._last
-        self._groups = [asdict(each) for each in session.controls()]
+        self._groups = _described(session.controls())
         return protocol.encoded(
             "scene", name=session.name, cameras=session.cameras(), frames=session.frames(), fps=session.rate(),
             layers=["rgba"] if last is None else list(last.layers), displays=view_transforms(),
@@ -326,7 +327,7 @@ class Studio:
         edits, values, authored = self.session.edits, {}, {}
         if edited is None or any(value is None for value in edited.values()):
             before = _flat(self._groups)
-            self._groups = [asdict(each) for each in self.session.controls()]
+            self._groups = _described(self.session.controls())
             now = _flat(self._groups)
             values = {path: value for path, value in now.items() if before.get(path) != value}
             authored = {path: each for path, (_, each) in values.items()}
@@ -389,6 +390,16 @@ def _pixel(at: tuple[float, float], picture: Picture | None) -> dict[str, list[f
         column, row = min(int(at[0] * width), width - 1), min(int(at[1] * height), height - 1)
         found[name] = [float(each) for each in np.ravel(pixels[row, column])]
     return found
+
+
+def _described(found: Sequence[Controls]) -> list[dict[str, Any]]:
+    """Return controls as the protocol has them."""
+    groups = [asdict(each) for each in found]
+    for group in groups:
+        for control in group["controls"]:
+            for own, name in (("least", "min"), ("most", "max"), ("slider", "soft")):
+                control[name] = control.pop(own)
+    return groups
 
 
 def _flat(groups: list[dict[str, Any]]) -> dict[str, tuple[Any, bool]]:
