@@ -314,7 +314,11 @@ class Studio:
         if "size" in given:
             given["width"], given["height"] = given.pop("size")
         if given:
+            before = self.session.view
             await self._command(self.session.show, **given)
+            now = self.session.view
+            if (now.camera, now.frame) != (before.camera, before.frame):  # another pose, values at another time
+                self._later(self._tell_scene())
             state = self._state()
             for each in self._watchers:
                 each.tell(state)
