@@ -20,12 +20,12 @@ MOST = 300_000  # bytes of a picture
 
 #: Scenes of examples/mitsuba: width and height of their pictures, seconds for each, and the exposure in stops.
 SCENES = {
-    "glass_ball": (480, 270, 12.0, 1.0),
-    "slits": (480, 270, 12.0, 0.0),
+    "glass_ball": (480, 270, 20.0, 1.0),
+    "slits": (480, 270, 24.0, 0.0),
     "mirrors": (480, 270, 20.0, 0.5),
-    "flask": (480, 270, 20.0, 0.5),
+    "flask": (480, 270, 26.0, 0.5),
     "cloud": (480, 270, 20.0, 0.0),
-    "cornell_fog": (320, 320, 12.0, 0.0),
+    "cornell_fog": (320, 320, 24.0, 0.0),
 }
 
 
