@@ -14,6 +14,7 @@ from PIL import Image
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
+from photonbeams.images.files import read_layers
 from photonbeams.images.view_transforms import viewed
 from photonbeams.studio.server import Studio
 from photonbeams.studio.session import Session, View
@@ -179,17 +180,46 @@ def test_strangers_are_refused(served, given):
     assert refused.value.response.status_code == 403
 
 
+def test_the_final_picture_is_rendered_by_the_command_and_handed_out(served, stage, tmp_path):
+    with served.page() as page:
+        page.finished()
+        page.send("set", values={TINT: [0.1, 0.2, 1.0]})
+        page.send("render", passes=3)
+        found = page.wait(lambda each: each.get("type") == "render" and (each["file"] or each["problem"]), 120)
+        assert found["problem"] is None and found["done"] == found["of"] == 100
+        status, _, data = asked(served, found["file"])
+        served.session.edits.save()
+    assert status == 200
+    (tmp_path / "final.exr").write_bytes(data)
+    layers = read_layers(tmp_path / "final.exr")
+    wanted = rendered(stage, tmp_path / "look.usda", passes=3)
+    np.testing.assert_allclose(layers["rgba"], wanted["rgba"], rtol=2**-11, atol=2**-25)  # the file has half floats
+
+
+def test_a_final_render_is_cancelled_and_one_is_enough(served):
+    with served.page() as page:
+        page.finished()
+        page.send("render", passes=60000)
+        page.wait(lambda each: each.get("type") == "render", 120)
+        page.send("render", passes=1)
+        assert "under way" in page.told("refused")["text"]
+        page.send("cancel")
+        assert page.wait(lambda each: each.get("problem") and each["type"] == "render")["file"] is None
+        page.send("show", pose=[1.0, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 5, 0, 0, 0, 1])
+        page.send("render", passes=1)
+        assert "free" in page.told("refused")["text"]
+
+
 def asked(served, path, **headers):
-    """Return status and headers of the answer to a request."""
+    """Return status, headers and content of the answer to a request."""
     with closing(HTTPConnection("127.0.0.1", served.port, timeout=20)) as connection:
         connection.request("GET", path, headers=headers)
         answer = connection.getresponse()
-        answer.read()
-        return answer.status, answer.headers
+        return answer.status, answer.headers, answer.read()
 
 
 def test_the_page_is_for_those_who_know_the_token_and_asks_nobody_else(served):
-    status, headers = asked(served, f"/?token={TOKEN}")
+    status, headers, _ = asked(served, f"/?token={TOKEN}")
     assert status == 200 and "default-src 'self'" in headers["content-security-policy"]
     for path, headers in (("/", {}), (f"/?token={TOKEN}x", {}), (f"/?token={TOKEN}", {"Host": "evil.example"}),
                           (f"/?token={TOKEN}", {"Host": f"evil.example:{served.port}"}),

@@ -235,6 +235,25 @@ def test_a_free_camera_sees_what_the_stages_camera_would_from_there(stage, tmp_p
         assert are_equal(shown.finished(shown.session.show(pose=None)), plain)
 
 
+def test_a_pixel_tells_of_the_beams_in_it_and_how_the_brightest_is_integrated(stage):
+    with Watched(stage, view=View(width=48, height=27, passes=1)) as shown:
+        layers = shown.wait(shown.session.version, lambda each: each.scale == 1).layers
+        row, column = np.unravel_index(np.argmax(layers["beams"][:, :20].mean(axis=2)), (27, 20))
+        at = ((column + 0.5) / 48, (row + 0.5) / 27)
+        found = shown.session.inspect(at, float(layers["depth"][row, column].ravel()[0]))
+        nothing = shown.session.inspect((2.0, 0.0))
+    (light,) = found["beams"]
+    assert light["light"] == "/World/Lamp" and light["share"] == 1
+    # The picture's ray goes through another place in the pixel, of a beam a few pixels wide.
+    np.testing.assert_allclose(light["radiance"], layers["beams"][row, column], rtol=0.5)
+    ray = found["ray"]
+    assert ray["interval"][0] < ray["interval"][1] and len(ray["s"]) == len(ray["integrand"])
+    gauss, riemann = (np.abs(ray[name]["error"]) for name in ("gauss", "riemann"))
+    assert gauss[5] < 0.01 and gauss[5] < riemann[5]
+    assert [len(each) for each in ray["gauss"]["points"]] == [1, 2, 3, 4, 5, 6]
+    assert nothing == {"beams": [], "ray": None}
+
+
 @pytest.mark.parametrize(
     "changes, message",
     [({"width": 0}, "expected 1 to"), ({"pose": [1, 2]}, "expected 16 numbers"),

@@ -134,6 +134,7 @@ class Shot:
         self._looks: dict[str, Any] = {}
         self._lasting: dict[Any, Any] = {}  # what of the stage is the same at all times
         self._contents: dict[Any, scene.Scene] = {}  # what was read last, by times; looks may be others now
+        self._surfaces: dict[Any, dict[str, Any]] = {}  # the surfaces that were read last, by their time
         self._kept: dict[Any, Any] = {}  # the frame whose parts were rendered last
         self._set_content(stage)
 
@@ -160,6 +161,8 @@ class Shot:
                 shot._contents.clear()
             if extent >= Extent.PLACES:
                 shot._sphere = None
+            if extent >= Extent.SURFACES:
+                shot._surfaces = {}
             if extent >= Extent.ALL:
                 shot._lasting.clear()
 
@@ -299,12 +302,16 @@ class Shot:
         """Return the stage's own scene and its camera."""
         time = self.time(frame)
         camera = stages.read_camera(self.stage, self.camera, time, self._warnings)
-        key = (str(time), base)
+        key = (None if time.IsDefault() else time.GetValue(), base)  # in text, times that differ a little are one
         known, content = self._contents.get(key), None
         if known is not None:  # no more than looks were edited since
             content = stages.with_looks(self.stage, time, known, self._warnings)
         if content is None:
-            content = stages.read_scene(self.stage, time, self._warnings, base, self._lasting)
+            if key not in self._surfaces:
+                self._surfaces = {key: {}}
+            content = stages.read_scene(
+                self.stage, time, self._warnings, base, self._lasting, self._surfaces[key]
+            )  # fmt: skip
         self._contents = {**dict([*self._contents.items()][-_CONTENTS:]), key: content}
         return content, camera
 

@@ -14,6 +14,7 @@ from ..render.settings import as_passes
 from ..render.stage_frame import StageRenderer
 from ..transport.simulation import StageSimulation
 from ..usd.motion import equal
+from ..world.cameras import View, Window
 from ..world.stage_world import StageWorld
 
 if TYPE_CHECKING:
@@ -81,6 +82,26 @@ class LiveRenderer(StageRenderer):
                 self._pictures = dict(like._pictures)
         self._like = None  # which would keep all frames there were
 
+    def first_light(self) -> Simulated | None:
+        """Return the light of the first pass, None if there is none yet, or where anything moves."""
+        return self._with_looks(self._lights[0][0]) if 0 in self._lights else None
+
+    def _with_looks(self, light: Simulated) -> Simulated:
+        """Return the light of an earlier frame with the looks of this one."""
+        looks = self._shutter.at(0.0).scene.looks()
+        return replace(light, sets=[each._replace(look=looks.get(each.name)) for each in light.sets])
+
+    def described_media(self) -> dict[int, scene.Medium]:
+        """Return the media, by the numbers that beams have of them."""
+        world = self._worlds[-1]
+        both = zip(world.description.media, world.media.all, strict=True)
+        return {rendered.number: described for described, rendered in both}
+
+    def projection(self) -> Projection:
+        """Return how the whole picture is projected."""
+        window = self._window
+        return View(self._ready.shutter.at(0.0).cameras[0], Window.full(window.width, window.height)).projection
+
     def _no_statistics(self) -> Statistics:
         return _Watched(unwanted=self._unwanted)
 
@@ -126,10 +147,9 @@ class LiveRenderer(StageRenderer):
                 self._lights[number] = found
             return found
         light, photons = self._lights[number]
-        looks = self._shutter.at(0.0).scene.looks()
-        sets = [each._replace(look=looks.get(each.name)) for each in light.sets]
-        self.statistics.beams += sum(len(each.beams) for each in sets)
-        return replace(light, sets=sets), photons
+        light = self._with_looks(light)
+        self.statistics.beams += sum(len(each.beams) for each in light.sets)
+        return light, photons
 
     def _seen_in(
         self, numbers: range, view: int, film: Film, light: Simulated, photons: PhotonMaps | None, moving: bool

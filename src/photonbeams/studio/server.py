@@ -34,6 +34,7 @@ from ..images.view_transforms import OWN, view_transforms, viewed
 from ..scene import SceneError
 from ..usd.controls import Controls
 from . import protocol
+from .final import FinalRender, Wanted
 from .session import Picture, Problem, Session
 
 PAGE = Path(__file__).parent / "page"
@@ -137,13 +138,14 @@ class Studio:
         self._groups: list[dict[str, Any]] = []
         # One thread for all that waits for the session, so that edits keep their order; pictures have another one.
         self._commands, self._encoders = ThreadPoolExecutor(1), ThreadPoolExecutor(1)
+        self._final = FinalRender()
         self._loop: asyncio.AbstractEventLoop | None = None
 
     def app(self, hosts: tuple[str, ...] = _LOCAL) -> Starlette:
         """Return the server's application, for these hosts."""
         return Starlette(
             routes=[
-                Route("/", self._page), Route("/assets/{name}", self._asset),
+                Route("/", self._page), Route("/assets/{name}", self._asset), Route("/result/{name}", self._result),
                 WebSocketRoute("/session", self._watch),
             ],
             middleware=[Middleware(Guard, token=self.token, hosts=hosts)],
@@ -159,6 +161,7 @@ class Studio:
             yield
         finally:
             end()
+            self._final.close()
             self._commands.shutdown()
             self._encoders.shutdown()
 
@@ -291,11 +294,15 @@ class Studio:
             case protocol.Show():
                 await self._show(watcher, asked)
             case protocol.Inspect(at=at):
-                watcher.tell(protocol.encoded("pixel", at=at, layers=_pixel(at, self._last), beams=[], ray=None))
-            case _:
-                raise SceneError(
-                    "the final render is not there yet: expected `photonbeams render` with the saved layer"
-                )
+                layers = _pixel(at, self._last)
+                depth = layers.get("depth", [None])[0]
+                found = await self._command(session.inspect, at, depth)
+                watcher.tell(protocol.encoded("pixel", at=at, layers=layers, **found))
+            case protocol.Render(passes=passes, frames=frames):
+                wanted = await self._command(session.wanted, passes, frames)
+                self._later(self._render(wanted))
+            case protocol.Cancel():
+                self._final.cancel()
 
     async def _show(self, watcher: _Watcher, asked: protocol.Show) -> None:
         given = {
@@ -322,6 +329,22 @@ class Studio:
             state = self._state()
             for each in self._watchers:
                 each.tell(state)
+
+    async def _render(self, wanted: Wanted) -> None:
+        async def told(done: int, file: Path | None, problem: str | None) -> None:
+            link = None if file is None else f"/result/{file.name}?token={self.token}"
+            self._tell_all(protocol.encoded("render", done=done, of=100, file=link, problem=problem))
+
+        try:
+            await self._final.run(wanted, told)
+        except (SceneError, OSError) as error:
+            self._tell_all(protocol.encoded("refused", text=str(error)[:300]))
+
+    async def _result(self, request: Request) -> Response:
+        file = self._final.folder / request.path_params["name"]
+        if file.parent != self._final.folder or not file.is_file():
+            return PlainTextResponse("there is no such file\n", 404, _HEADERS)
+        return FileResponse(file, headers=_HEADERS, filename=file.name)
 
     def _values(self, edited: dict[str, Any] | None) -> str:
         """Return the message about values: those that were edited, or with None all that differ from before.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import threading
 from collections.abc import Callable, Mapping, Sequence
@@ -23,6 +24,8 @@ from ..usd.motion import followed, same
 from ..usd.stage import list_cameras
 from ..world.shutter import Moment, Shutter
 from .edits import Edits
+from .final import Wanted
+from .inspector import inspected
 from .live import Cancelled, LiveRenderer
 
 if TYPE_CHECKING:
@@ -168,7 +171,10 @@ class Session:
         **given: Any,
     ) -> None:  # fmt: skip
         self.shot = Shot.open(path, camera, **given)
-        self._name = Path(path).name
+        self._path, self._camera = Path(path), camera
+        layers, overrides = given.get("session_layers", ()), given.get("overrides", ())
+        self._layers = [str(layers)] if isinstance(layers, str | os.PathLike) else [str(each) for each in layers]
+        self._overrides = [overrides] if isinstance(overrides, str) else [*overrides]
         if not hasattr(self.shot, "stage"):
             raise SceneError(f"{path} is a Mitsuba scene: expected a USD stage, whose looks and lights can be edited")
         self.edits = Edits(EditLayer(self.shot.stage), layer)
@@ -244,12 +250,52 @@ class Session:
     @property
     def name(self) -> str:
         """The name of the stage's file."""
-        return self._name
+        return self._path.name
 
     def controls(self) -> list[Controls]:
         """Return what can be edited, with its present values."""
         with self._lock:
             return controls_of(self.shot.stage, self.shot.time(self.view.frame))
+
+    def inspect(self, at: tuple[float, float], depth: float | None = None) -> dict[str, Any]:
+        """Return the beams of a pixel's ray by lights, and how the brightest is integrated: see `inspector.inspected`.
+
+        Parameters
+        ----------
+        at
+            The place in the picture, in fractions from the top left.
+        depth
+            The planar depth of the first surface there, None where there is none.
+        """
+        with self._lock:
+            frame = self._chains[False].frame or self._chains[True].frame
+            if frame is None or not all(0 <= each <= 1 for each in at):
+                return {"beams": [], "ray": None}
+            return inspected(frame, at, depth)
+
+    def wanted(self, passes: int, frames: tuple[float, float] | None = None) -> Wanted:
+        """Return what a final render of the present view is of; `frames` are the first and the last.
+
+        Raises
+        ------
+        SceneError
+            Passes or frames that there are not; a free camera, which the stage does not have.
+        """
+        view = self.view
+        if view.pose is not None:
+            raise SceneError("the camera is a free one: expected to look through a camera of the stage")
+        first, last = (view.frame, view.frame) if frames is None else frames
+        self._check(replace(view, passes=passes, frame=first))
+        self._check(replace(view, passes=passes, frame=last))
+        if first is not None and last is not None and first > last:
+            raise SceneError(f"the frames are {first:g} to {last:g}: expected the first before the last")
+        number = None if first is None or last is None else (first, last)
+        with self._lock:
+            text = self.edits.text()
+        return Wanted(
+            self._path, self._layers, self._overrides, text, view.camera or self._camera, view.width, view.height,
+            passes, number,
+        )  # fmt: skip
 
     def cameras(self) -> list[str]:
         """Return the paths of the stage's cameras."""
@@ -325,8 +371,7 @@ class Session:
         view = self.view
         for first in (True, False):
             scale = min(1.0, (_FIRST_PIXELS / (view.width * view.height)) ** 0.5) if first else 1.0
-            with self._lock:
-                frame, ready = self._begun(view, scale, first, unwanted)
+            frame, ready = self._begun(view, scale, first, unwanted)
             passes = 1 if first else view.passes
             for number in range(passes):
                 frame.add_passes(range(number, number + 1))
@@ -342,9 +387,21 @@ class Session:
         self, view: View, scale: float, first: bool, unwanted: Callable[[], bool]
     ) -> tuple[LiveRenderer, Prepared]:  # fmt: skip
         """Return the frame of a view without passes."""
-        chain, shot = self._chains[first], self.shot
-        if view.camera is not None:
-            shot.camera = view.camera
+        chain = self._chains[first]
+        with self._lock:
+            ready, viewers = self._ready(view, scale, first, chain)
+        planned = None if first else view.passes
+        before = chain.frame
+        frame = LiveRenderer(ready, viewers, planned, before, first and before is not None, unwanted)
+        chain.frame, chain.moment = frame, ready.shutter.at(0.0)
+        return frame, ready
+
+    def _ready(
+        self, view: View, scale: float, first: bool, chain: _Chain
+    ) -> tuple[Prepared, Callable[[], Sequence[Camera]]]:  # fmt: skip
+        """Return what a frame needs, with what is still the same of the last one as the same objects."""
+        shot, before = self.shot, chain.moment
+        shot.camera = self._camera if view.camera is None else view.camera
         width, height = (max(1, round(scale * each)) for each in (view.width, view.height))
         settings = {"beams": _FIRST_PATHS} if first else {}
         request = shot.request(
@@ -354,22 +411,37 @@ class Session:
         ready = shot.prepared(request)
         self._check_edits()
         moment = ready.shutter.at(0.0)
-        before, content = chain.moment, _with_fewer_paths(moment.scene) if first else moment.scene
-        content = _alone(content, view.solo) if view.solo else content
-        content = content if before is None else followed(before.scene, content)
+
+        def seen(content: Scene) -> Scene:
+            content = _with_fewer_paths(content) if first else content
+            return _alone(content, view.solo) if view.solo else content
+
+        content = seen(moment.scene) if before is None else followed(before.scene, seen(moment.scene))
         cameras = moment.cameras
         if view.pose is not None:
             cameras = tuple(replace(each, to_world=view.pose) for each in cameras)
         if before is not None and len(before.cameras) == len(cameras):
             cameras = tuple(map(same, before.cameras, cameras))
-        kept = Moment(content, cameras)
-        shutter = _beginning(ready.shutter, kept, view.pose)
-        ready = replace(ready, shutter=shutter)
-        viewers = shot.viewers if view.pose is None else (lambda: cameras)
-        planned = None if first else view.passes
-        frame = LiveRenderer(ready, viewers, planned, chain.frame, first and chain.frame is not None, unwanted)
-        chain.frame, chain.moment = frame, kept
-        return frame, ready
+        seen_from = shot.viewers() if view.pose is None else cameras
+        shutter = self._beginning(ready.shutter, Moment(content, cameras), seen, view.pose is not None)
+        return replace(ready, shutter=shutter), lambda: seen_from
+
+    def _beginning(self, shutter: Shutter, moment: Moment, seen: Callable[[Scene], Scene], free: bool) -> Shutter:
+        """Return a shutter whose first moment is the given one, the later ones as they are `seen`.
+
+        A `free` camera stands still.
+        """
+
+        def at(fraction: float, of: Callable[[float], Moment] = shutter.at) -> Moment:
+            if fraction == 0:
+                return moment
+            with self._lock:  # the stage is read
+                found = of(fraction)
+            cameras = moment.cameras if free else tuple(map(same, moment.cameras, found.cameras))
+            return Moment(followed(moment.scene, seen(found.scene)), cameras)
+
+        before = shutter.before
+        return replace(shutter, at=at, before=None if before is None else partial(at, of=before))
 
     def _check_edits(self) -> None:
         """Raise SceneError for a warning about what was edited: who turns a knob wants no other look instead."""
@@ -378,20 +450,6 @@ class Session:
         given.difference_update(wrong)  # or they would not be given again
         if wrong:
             raise SceneError(wrong[0])
-
-
-def _beginning(shutter: Shutter, moment: Moment, pose: Array | None) -> Shutter:
-    """Return a shutter whose first moment is the given one; a free camera stands still."""
-
-    def at(fraction: float, of: Callable[[float], Moment] = shutter.at) -> Moment:
-        if fraction == 0:
-            return moment
-        found = of(fraction)
-        later = followed(moment.scene, found.scene)
-        return Moment(later, moment.cameras if pose is not None else tuple(map(same, moment.cameras, found.cameras)))
-
-    before = shutter.before
-    return replace(shutter, at=at, before=None if before is None else partial(at, of=before))
 
 
 def _with_fewer_paths(content: Scene) -> Scene:

@@ -63,6 +63,7 @@ def read_scene(
     warnings: Warnings | None = None,
     base: Any = None,
     lasting: dict[Any, Any] | None = None,
+    surfaces: dict[Any, Any] | None = None,
 ) -> Scene:
     """Return meshes, lights, drawn beams and fog of a stage at a time.
 
@@ -78,13 +79,18 @@ def read_scene(
         The frame whose samples velocities carry on, while its shutter is open; None: `time`.
     lasting
         What other readings of the stage have found that is the same at all times; more of it is added.
+    surfaces
+        What other readings at this time have found of surfaces, since which none of these has changed.
 
     Raises
     ------
     SceneError
         Of what cannot be read, where warnings are errors.
     """
-    reading = Reading(stage, time, warnings or Warnings(), base=base, lasting={} if lasting is None else lasting)
+    reading = Reading(
+        stage, time, warnings or Warnings(), base=base, lasting={} if lasting is None else lasting,
+        surfaces={} if surfaces is None else surfaces,
+    )  # fmt: skip
     return _read(reading, outlines=False)
 
 
@@ -188,7 +194,7 @@ def _collect(reading: Reading, item: _Item, contents: _Contents) -> None:
     if role.surface and contents.outlines and not role.light:
         meshes = [read_outline(reading, prim, item.to_world, item.name)]
     elif role.surface:
-        meshes = read_meshes(reading, prim, item.to_world, item.name, item.instances)
+        meshes = _meshes(reading, item)
     if role.light:
         read = partial(read_light, reading, prim, item.to_world, item.name, meshes)
         light = reading.attempt(prim, read, None, "it does not shine") if meshes else read()
@@ -204,6 +210,17 @@ def _collect(reading: Reading, item: _Item, contents: _Contents) -> None:
         contents.drawn.extend([drawn] if drawn else [])
     elif prim.IsA(UsdGeom.Gprim) and not role.surface:
         reading.warn(prim, f"is a {prim.GetTypeName()}, which is not rendered: it is skipped")
+
+
+def _meshes(reading: Reading, item: _Item) -> list[Mesh]:
+    """Return the meshes of a prim, those that are known of this time where it stands where it stood."""
+    known = reading.surfaces.get(item.name)
+    if known is not None and np.array_equal(known[0], item.to_world):
+        reading.triangles += sum(len(mesh.faces) for mesh in known[1])
+        return known[1]
+    meshes = read_meshes(reading, item.prim, item.to_world, item.name, item.instances)
+    reading.surfaces[item.name] = item.to_world, meshes
+    return meshes
 
 
 def _items(reading: Reading, root: Usd.Prim) -> Iterator[_Item]:

@@ -29,7 +29,8 @@ class Extent(IntEnum):
     LOOKS = 0
     VALUES = 1  # what lights, cameras and media have, but not where they are
     PLACES = 2  # how far the scene reaches
-    ALL = 3
+    SURFACES = 3  # which gprims are surfaces, and which are media
+    ALL = 4
 
 
 def extent_of(notice: Any, stage: Usd.Stage) -> Extent:
@@ -52,7 +53,7 @@ def _extent(stage: Usd.Stage, path: Sdf.Path) -> Extent:
     if prim.GetTypeName() == "PhotonBeamsLook":
         return Extent.LOOKS
     if name.startswith("photonbeams:"):
-        return Extent.VALUES
+        return Extent.SURFACES if prim.IsA(UsdGeom.Gprim) else Extent.VALUES
     if prim.IsA(UsdGeom.Camera) or (is_light(prim) and not prim.IsA(UsdGeom.Gprim)):
         return Extent.PLACES if name.startswith(_EXTENTS) else Extent.VALUES
     return Extent.ALL

@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 import numpy as np
 from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdUtils
 
-from ..scene import FARTHEST, Array, Color, SceneError, color, number
+from ..scene import FARTHEST, Array, Color, Mesh, SceneError, color, number
 from ..scene.checks import shortened, shown
 from .selection import rendered_purposes
 from .warnings import LOG, Warnings
@@ -60,6 +60,8 @@ class Reading:
         The frame whose samples velocities carry on, while its shutter is open; None: `time`.
     lasting
         What was read and is the same at all times, by key: readings of a stage share it until the stage is changed.
+    surfaces
+        The meshes of prims that were read at this time, with their transforms, by name.
     triangles, expected
         How many triangles have been read, copies counted each, and about how many more copies will have.
     """
@@ -70,6 +72,7 @@ class Reading:
     cache: dict[Any, Any] = field(default_factory=dict)
     base: Any = None
     lasting: dict[Any, Any] = field(default_factory=dict)
+    surfaces: dict[str, tuple[Array, list[Mesh]]] = field(default_factory=dict)
     triangles: int = 0
     expected: int = 0
 

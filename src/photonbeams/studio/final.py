@@ -1,0 +1,129 @@
+"""Final renders: the command `photonbeams render` with the edits of a session, in a process of its own."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import re
+import signal
+import sys
+import tempfile
+import zipfile
+from collections.abc import Awaitable, Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+from ..scene import SceneError
+
+_PROGRESS = re.compile(rb"openjd_progress: ([\d.]+)")
+
+#: Told of a final render: per cent done, the file once it is there, and why there is none.
+Told = Callable[[int, Path | None, str | None], Awaitable[None]]
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What a final render is of.
+
+    Attributes
+    ----------
+    stage, layers, overrides
+        The stage's file, the layers over it, the strongest first, and values over these, as the command has them.
+    edits
+        The edits, as .usda.
+    camera, width, height
+        The camera, None for the stage's own, and the size.
+    passes, frames
+        Passes, and the first and the last frame; None: the one that the stage shows by itself.
+    """
+
+    stage: Path
+    layers: Sequence[str]
+    overrides: Sequence[str]
+    edits: str
+    camera: str | None
+    width: int
+    height: int
+    passes: int
+    frames: tuple[float, float] | None
+
+
+class FinalRender:
+    """At most one final render at a time; its files are in a folder that goes with the studio."""
+
+    def __init__(self) -> None:
+        self._folder = tempfile.TemporaryDirectory(prefix="photonbeams-studio-")
+        self._process: asyncio.subprocess.Process | None = None
+
+    @property
+    def folder(self) -> Path:
+        """Where finished files are."""
+        return Path(self._folder.name)
+
+    async def run(self, wanted: Wanted, told: Told) -> None:
+        """Render, and tell how far it is.
+
+        Raises
+        ------
+        SceneError
+            Another one is under way.
+        """
+        if self._process is not None:
+            raise SceneError("a final render is under way: expected it to end, or to be cancelled")
+        work = Path(tempfile.mkdtemp(dir=self.folder))
+        layer = work / "edits.usda"
+        layer.write_text(wanted.edits)
+        name = wanted.stage.stem
+        pattern = f"{name}.####.exr" if wanted.frames else f"{name}.exr"
+        words = [sys.executable, "-m", "photonbeams", "render", str(wanted.stage), "--session-layer", str(layer)]
+        for each in wanted.layers:
+            words += ["--session-layer", each]
+        for each in wanted.overrides:
+            words += ["--set", each]
+        words += ["--camera", wanted.camera] if wanted.camera else []
+        words += ["--frames", f"{wanted.frames[0]:g}:{wanted.frames[1]:g}"] if wanted.frames else []
+        words += ["--res", str(wanted.width), str(wanted.height), "--passes", str(wanted.passes)]
+        words += ["-o", str(work / pattern), "--progress", "openjd"]
+        # A group of its own, so that Ctrl-C in a terminal ends the studio, which ends the render in order.
+        process = self._process = await asyncio.create_subprocess_exec(
+            *words, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE, start_new_session=True
+        )
+        try:
+            messages = asyncio.ensure_future(process.stderr.read())  # type: ignore[union-attr]
+            async for line in process.stdout:  # type: ignore[union-attr]
+                if found := _PROGRESS.search(line):
+                    await told(min(int(float(found[1])), 99), None, None)
+            code, text = await process.wait(), (await messages).decode(errors="replace")
+            if code == 0:
+                await told(100, self._packed(work, name), None)
+            else:
+                errors = [each.removeprefix("Error: ") for each in text.splitlines() if each.startswith("Error: ")]
+                ended = "the render was cancelled" if code in (-signal.SIGTERM, 128 + signal.SIGTERM) else None
+                await told(0, None, ended or (errors or [f"the render ended with code {code}"])[0][:300])
+        finally:
+            self._process = None
+
+    def _packed(self, work: Path, name: str) -> Path:
+        """Return the picture, or an archive of several."""
+        pictures = sorted(work.glob("*.exr"))
+        if len(pictures) == 1:
+            target = self.folder / pictures[0].name
+            os.replace(pictures[0], target)
+            return target
+        target = self.folder / f"{name}.zip"
+        with zipfile.ZipFile(target, "w", zipfile.ZIP_STORED) as archive:  # EXR is compressed already
+            for each in pictures:
+                archive.write(each, each.name)
+        return target
+
+    def cancel(self) -> None:
+        """End the render that is under way, if there is one."""
+        if self._process is not None:
+            with suppress(ProcessLookupError):
+                self._process.terminate()
+
+    def close(self) -> None:
+        """End what is under way, and remove the files."""
+        self.cancel()
+        self._folder.cleanup()

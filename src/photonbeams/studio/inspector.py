@@ -1,0 +1,181 @@
+"""What is in a pixel: which lights' beams bring how much, and how the brightest beam's light is integrated.
+
+The integrand is measured with the renderer's own frustum estimator, over short pieces of the ray.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..estimators.estimate import estimate
+from ..quadrature import gauss_legendre, riemann
+from ..scene import Array
+from ..transport.importance import Views
+
+if TYPE_CHECKING:
+    from ..beams.sets import BeamSet
+    from .live import LiveRenderer
+
+# Points of the integrand, pieces of the reference integral, and the rules that are compared.
+_CURVE, _REFERENCE, _ORDERS = 96, 48, range(1, 7)
+_LIGHTS = 12  # that are told at most, the brightest first
+
+
+@dataclass(frozen=True)
+class _Ray:
+    """A camera ray up to the first surface: origin and direction, (3,), and its length."""
+
+    origin: Array
+    direction: Array
+    length: float
+
+
+def inspected(frame: LiveRenderer, at: tuple[float, float], depth: float | None) -> dict[str, Any]:
+    """Return the beams of a pixel's ray, by lights, and the integrand of the brightest beam, as the protocol has them.
+
+    Parameters
+    ----------
+    frame
+        A frame whose first pass is there.
+    at
+        The place in the picture, in fractions from the top left.
+    depth
+        Planar depth of the first surface there; None or infinite: there is none.
+    """
+    light, ray = frame.first_light(), _ray(frame, at, depth)
+    if light is None or not light.sets:
+        return {"beams": [], "ray": None}
+    media = frame.described_media()
+    found: dict[str, dict[str, Any]] = {}
+    brightest: tuple[float, BeamSet | None] = 0.0, None
+    for each in light.sets:
+        radiance = _radiance(each, ray, media)
+        own = found.setdefault(each.name, {"light": each.name, "group": each.group, "radiance": np.zeros(3)})
+        own["radiance"] = own["radiance"] + radiance
+        if radiance.mean() > brightest[0]:
+            brightest = float(radiance.mean()), each
+    whole = max(sum(each["radiance"].mean() for each in found.values()), 1e-30)
+    told = sorted(found.values(), key=lambda each: -each["radiance"].mean())[:_LIGHTS]
+    beams = [
+        {**each, "radiance": each["radiance"].tolist(), "share": float(each["radiance"].mean() / whole)}
+        for each in told
+    ]
+    drawn = None if brightest[1] is None else _integrated(brightest[1], ray, media)
+    return {"beams": [each for each in beams if each["share"] > 0], "ray": drawn}
+
+
+def _ray(frame: LiveRenderer, at: tuple[float, float], depth: float | None) -> _Ray:
+    import drjit as dr
+
+    from ..runtime.device import Array2f, UInt32
+
+    view = Views([frame.projection()])(UInt32(0))
+    origin, direction = view.ray(Array2f(*(dr.opaque(type(view.scale[0]), float(each)) for each in at)))
+    start, way, ahead = (np.ravel(each.numpy()).astype(np.float64)[:3] for each in (origin, direction, view.forward))
+    known = depth is not None and np.isfinite(depth) and 0 < depth < 1e30
+    return _Ray(start, way, float(depth) / max(float(way @ ahead), 1e-6) if known else 1e9)  # type: ignore[arg-type]
+
+
+def _radiance(each: BeamSet, ray: _Ray, media: dict[int, Any], **given: Any) -> Array:
+    """Return the radiance of a set's beams along a ray, (3,), or with `t_min` and `t_max` along pieces, (N, 3)."""
+    count = len(given.get("t_max", [0]))
+    given = {"t_max": np.full(1, ray.length), **given}
+    found = estimate(
+        each.beams, np.tile(ray.origin, (count, 1)), np.tile(ray.direction, (count, 1)), look=each.look,
+        medium=media.get(each.medium), **given,
+    ).numpy()  # fmt: skip
+    return found[0] if count == 1 else found
+
+
+def _integrated(each: BeamSet, ray: _Ray, media: dict[int, Any]) -> dict[str, Any] | None:
+    """Return how the light of the brightest of a set's beams is integrated along a ray; None where it meets none."""
+    number = _brightest(each, ray)
+    if number is None:
+        return None
+    single = each._replace(beams=each.beams[number : number + 1])
+    interval, radii, length = _crossed(single, ray)
+    if interval is None:
+        return None
+    low, high = interval
+
+    def pieces(ends: Array, rule: Any = None) -> Array:
+        more = {} if rule is None else {"rule": rule}
+        found = _radiance(single, ray, media, t_min=ends[:-1], t_max=ends[1:], estimator="frustum", **more)
+        values: Array = np.atleast_2d(found).mean(axis=1)
+        return values
+
+    edges = np.linspace(low, high, _CURVE + 1)
+    integrand = pieces(edges) / np.diff(edges)
+    middle = 0.5 * (edges[:-1] + edges[1:])
+    true = float(pieces(np.linspace(low, high, _REFERENCE + 1)).sum())
+    whole = np.array([low, high])
+    flat, conical, chosen = (
+        float(_radiance(single, ray, media, estimator=kind).mean()) for kind in ("billboard", "frustum", "auto")
+    )
+    nearer = abs(chosen - flat) < abs(chosen - conical)
+    return {
+        "estimator": "1D" if nearer else "2D", "interval": [low, high], "radius": radii, "length": length,
+        "s": middle.tolist(), "integrand": integrand.tolist(),
+        "gauss": _rules(gauss_legendre, low, high, middle, integrand, lambda rule: pieces(whole, rule), true),
+        "riemann": _rules(riemann, low, high, middle, integrand, lambda rule: pieces(whole, rule), true),
+    }  # fmt: skip
+
+
+def _rules(
+    kind: Any, low: float, high: float, middle: Array, integrand: Array, measured: Any, true: float
+) -> dict[str, list[Any]]:  # fmt: skip
+    """Return points, values there, and relative errors of a rule with one point and more."""
+    result: dict[str, list[Any]] = {"n": [], "points": [], "values": [], "error": []}
+    for order in _ORDERS:
+        rule = kind(order)
+        points = 0.5 * (low + high) + 0.5 * (high - low) * rule.points
+        result["n"].append(order)
+        result["points"].append(points.tolist())
+        result["values"].append(np.interp(points, middle, integrand).tolist())
+        result["error"].append(float(measured(rule).sum() / true - 1) if true > 0 else 0.0)
+    return result
+
+
+def _brightest(each: BeamSet, ray: _Ray) -> int | None:
+    """Return the number of the beam that is about the brightest along a ray, None where the ray passes all of them."""
+    start, end = (np.asarray(state.numpy()).T.astype(np.float64) for state in (each.beams.start, each.beams.end))
+    radii = [np.asarray(state.numpy()).astype(np.float64) for state in (each.beams.radius_start, each.beams.radius_end)]
+    power = np.asarray(each.beams.power.numpy()).mean(axis=0)
+    axis = end - start
+    length = np.maximum(np.linalg.norm(axis, axis=1), 1e-30)
+    axis = axis / length[:, None]
+    to = start - ray.origin
+    cosine = axis @ ray.direction
+    # The nearest points of two lines; of parallel ones, the beam's middle.
+    across = np.maximum(1 - cosine**2, 1e-9)
+    s = np.clip(((to @ ray.direction) * cosine - (to * axis).sum(axis=1)) / across, 0, length)
+    place = start + s[:, None] * axis
+    t = np.clip((place - ray.origin) @ ray.direction, 0, ray.length)
+    aside = np.linalg.norm(place - ray.origin - t[:, None] * ray.direction, axis=1)
+    radius = radii[0] + (radii[1] - radii[0]) * s / length
+    inside = np.maximum(1 - (aside / np.maximum(radius, 1e-30)) ** 2, 0)
+    weight = power * inside / np.maximum(radius * np.sqrt(across), 1e-12)
+    return int(np.argmax(weight)) if weight.max(initial=0.0) > 0 else None
+
+
+def _crossed(single: BeamSet, ray: _Ray) -> tuple[tuple[float, float] | None, Sequence[float], float]:
+    """Return where a ray is within a beam, as distances, the beam's radii and its length."""
+    beams = single.beams
+    start, end = (np.ravel(state.numpy()).astype(np.float64) for state in (beams.start, beams.end))
+    first, last = (float(np.ravel(state.numpy())[0]) for state in (beams.radius_start, beams.radius_end))
+    length = float(np.linalg.norm(end - start))
+    axis = (end - start) / max(length, 1e-30)
+    far = min(ray.length, float(np.linalg.norm(start - ray.origin)) + length + max(first, last))
+    t = np.linspace(0, far, 4096)
+    to = ray.origin + t[:, None] * ray.direction - start
+    s = to @ axis
+    rho = np.linalg.norm(to - s[:, None] * axis, axis=1)
+    inside = (s >= 0) & (s <= length) & (rho <= first + (last - first) * s / max(length, 1e-30))
+    if np.count_nonzero(inside) < 2:
+        return None, (first, last), length
+    within = np.flatnonzero(inside)
+    return (float(t[within[0]]), float(t[within[-1]])), (first, last), length
