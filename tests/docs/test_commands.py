@@ -25,7 +25,7 @@ from photonbeams.cli import main
 PAGES = {
     "README.md": 5, "docs/guide.md": 13, "docs/beams.md": 6, "docs/examples.md": 17, "docs/looks.md": 0,
     "docs/mitsuba.md": 5, "docs/matrix.md": 0, "docs/theory.md": 0, "docs/dependencies.md": 0,
-    "docs/architecture.md": 0, "docs/farm.md": 6, "docs/scale.md": 0, "docs/studio.md": 1,
+    "docs/architecture.md": 0, "docs/farm.md": 6, "docs/scale.md": 0, "docs/studio.md": 0,
 }  # fmt: skip
 #: First words of commands that set up a machine or need another program.
 SKIPPED = ("make", "apt", "apt-get", "pip", "blender", "git", "dask")

@@ -249,7 +249,8 @@ def test_a_pixel_tells_of_the_beams_in_it_and_how_the_brightest_is_integrated(st
     ray = found["ray"]
     assert ray["interval"][0] < ray["interval"][1] and len(ray["s"]) == len(ray["integrand"])
     gauss, riemann = (np.abs(ray[name]["error"]) for name in ("gauss", "riemann"))
-    assert gauss[5] < 0.01 and gauss[5] < riemann[5]
+    # Along a chord the kernel is a polynomial of degree two, and all else is smooth: six points leave rounding.
+    assert gauss[5] < 1e-4 < riemann[5]
     assert [len(each) for each in ray["gauss"]["points"]] == [1, 2, 3, 4, 5, 6]
     assert nothing == {"beams": [], "ray": None}
 
