@@ -133,6 +133,7 @@ class Shot:
         self._warnings = Warnings(strict)
         self._looks: dict[str, Any] = {}
         self._lasting: dict[Any, Any] = {}  # what of the stage is the same at all times
+        self._edited = False  # whether the stage was: who renders a film need not keep what the next frame lacks
         self._contents: dict[Any, scene.Scene] = {}  # what was read last, by times; looks may be others now
         self._surfaces: dict[Any, dict[str, Any]] = {}  # the surfaces that were read last, by their time
         self._kept: dict[Any, Any] = {}  # the frame whose parts were rendered last
@@ -155,7 +156,7 @@ class Shot:
             shot, extent = own(), extent_of(notice, stage)
             if shot is None:
                 return
-            shot._stage_digest = None
+            shot._stage_digest, shot._edited = None, True
             if extent >= Extent.VALUES:
                 shot._groups = None
                 shot._contents.clear()
@@ -302,6 +303,8 @@ class Shot:
         """Return the stage's own scene and its camera."""
         time = self.time(frame)
         camera = stages.read_camera(self.stage, self.camera, time, self._warnings)
+        if not self._edited:
+            return stages.read_scene(self.stage, time, self._warnings, base, self._lasting), camera
         key = (None if time.IsDefault() else time.GetValue(), base)  # in text, times that differ a little are one
         known, content = self._contents.get(key), None
         if known is not None:  # no more than looks were edited since

@@ -32,7 +32,7 @@ class Cancelled(Exception):  # noqa: N818 - no error: another picture is wanted
 
 
 @dataclass
-class _Watched(Statistics):
+class _Cancellable(Statistics):
     """Statistics that end a frame between two of its phases, once it is `unwanted`."""
 
     unwanted: Callable[[], bool] = field(default=lambda: False, repr=False)
@@ -103,7 +103,7 @@ class LiveRenderer(StageRenderer):
         return View(self._ready.shutter.at(0.0).cameras[0], Window.full(window.width, window.height)).projection
 
     def _no_statistics(self) -> Statistics:
-        return _Watched(unwanted=self._unwanted)
+        return _Cancellable(unwanted=self._unwanted)
 
     def _known_worlds(self) -> list[StageWorld]:
         return [] if self._like is None else self._like._worlds[-1:]
@@ -130,15 +130,11 @@ class LiveRenderer(StageRenderer):
         own, other = world.description, like._worlds[-1].description
         if own is other:
             return True
-        rest = all(
-            _are_same(getattr(own, each.name), getattr(other, each.name))
-            for each in fields(own)
-            if each.name not in ("lights", "drawn", "bounds")
+        rest = [each.name for each in fields(own) if each.name not in ("lights", "drawn")]
+        makers = (own.lights, other.lights), (own.drawn, other.drawn)
+        return all(equal(getattr(own, name), getattr(other, name)) for name in rest) and all(
+            len(mine) == len(theirs) and all(map(_but_for_looks, mine, theirs)) for mine, theirs in makers
         )
-        return rest and equal(own.bounds, other.bounds) and all(
-            len(mine) == len(theirs) and all(map(_but_for_looks, mine, theirs))
-            for mine, theirs in ((own.lights, other.lights), (own.drawn, other.drawn))
-        )  # fmt: skip
 
     def _lit(self, number: int) -> tuple[Simulated, PhotonMaps | None]:
         if number not in self._lights:
@@ -163,18 +159,8 @@ class LiveRenderer(StageRenderer):
         return self._pictures[key]  # type: ignore[no-any-return]
 
 
-def _are_same(one: Any, other: Any) -> bool:
-    """Return whether two values are the same objects, or tuples of these."""
-    if one is other:
-        return True
-    both = isinstance(one, tuple) and isinstance(other, tuple) and len(one) == len(other)
-    return (both and all(map(_are_same, one, other))) or (not isinstance(one, tuple) and equal(one, other))
-
-
 def _but_for_looks(one: Any, other: Any) -> bool:
     """Return whether two lights, or drawn beams, are the same but for what their looks are."""
-    if one is other:
-        return True
     if type(one) is not type(other) or (one.look is None) != (other.look is None):
         return False
     return all(equal(getattr(one, each.name), getattr(other, each.name)) for each in fields(one) if each.name != "look")

@@ -130,6 +130,7 @@ class _Learning:
         self._points: list[Array] = []
         self._guides: list[GuidingMap | None] = []
         self._sightings: list[Sightings] = []
+        self._known: tuple[Array, Sightings] | None = None  # `_evidence` of the rounds so far
 
     def follow(self, lines: ShadowRays) -> None:
         """Take the samples of lines to points in the picture, each as often as its weight says."""
@@ -155,6 +156,7 @@ class _Learning:
     def add(self, sightings: Sightings) -> None:
         """Add what is seen of the last round."""
         self._sightings.append(sightings.later((len(self._points) - 1) * self.count))
+        self._known = None
 
     def learned(self) -> GuidingMap | None:
         """Return the map by all that was found.
@@ -163,8 +165,8 @@ class _Learning:
         """
         found, enough = [(self._free, np.ones(len(self._free)))], _enough(self.stratum.emitter, self._straight)
         if self._points:
-            density = self._density()
-            importance = Sightings.joined(self._sightings).importance(density)
+            density, sightings = self._evidence()
+            importance = sightings.importance(density)
             found.append((np.concatenate(self._points)[importance > 0], (importance / density)[importance > 0]))
         # Lines and paths tell of the same light: each kind counts as much as it has samples.
         found = [(points, weights * (len(points) / weights.sum())) for points, weights in found if len(points)]
@@ -202,8 +204,8 @@ class _Learning:
         if rectangle is None or self._bundle is None:
             return Found([self.stratum], None, [light])
         origin, direction = self._bundle.origin, self._bundle.direction
-        density = self._density()
-        weights = Sightings.joined(self._sightings).importance(density) / density
+        density, sightings = self._evidence()
+        weights = sightings.importance(density) / density
         through = min(float(weights[rectangle.inside].sum() / weights.sum()), 1.0)
         opening = Opening(rectangle.portal(world.host), replace(rectangle, seen=through).share)
         strata = parted(self.stratum, opening)
@@ -225,7 +227,7 @@ class _Learning:
         emitter, guide = self.stratum.emitter, self.stratum.guide
         if not self._points or emitter.lamp is None or isinstance(emitter, PortalEmitter):
             return None
-        density, sightings = self._density(), Sightings.joined(self._sightings)
+        density, sightings = self._evidence()
         straight = sightings.of(sightings.straight, 0)
         if straight.light.sum() < _STRAIGHT * sightings.light.sum():
             straight = sightings
@@ -245,11 +247,13 @@ class _Learning:
         """Return how much of the stratum's light is in the picture."""
         if not self._points:
             return 0.0
-        density, found = self._density(), Sightings.joined(self._sightings)
+        density, found = self._evidence()
         return float((found.totals(len(density)) / density).sum() / len(self._points))
 
-    def _density(self) -> Array:
-        """Return how densely the samples of all rounds lie where each sample is."""
-        points = np.concatenate(self._points)
-        rounds = [np.ones(len(points)) if each is None else each.density(points) for each in self._guides]
-        return np.mean(rounds, axis=0)
+    def _evidence(self) -> tuple[Array, Sightings]:
+        """Return how densely the samples of all rounds lie where each sample is, and what is seen of them."""
+        if self._known is None:
+            points = np.concatenate(self._points)
+            rounds = [np.ones(len(points)) if each is None else each.density(points) for each in self._guides]
+            self._known = np.mean(rounds, axis=0), Sightings.joined(self._sightings)
+        return self._known
