@@ -95,16 +95,12 @@ class EmitterSettings:
         return len(self.sources) > 1 or first.look is not None or first.beam_scale != 1
 
 
-class Guide(NamedTuple):
+class Guidance(NamedTuple):
     """Of an emitter's light: its fitted portal, and the map of the samples and the number of paths of its strata."""
 
     opening: Opening | None
     maps: list[GuidingMap | None]
     counts: list[int]
-
-
-#: Guides by the numbers of the strata that an emission has at first.
-Guides = list[Guide]
 
 
 @dataclass
@@ -116,11 +112,11 @@ class Findings:
     walked
         The numbers of the emitters whose light walks had better meet; None: not known yet.
     guides
-        Guides by the emitters that walks meet, and those that are dark.
+        Guidance of each stratum by the emitters that walks meet, and those that are dark.
     """
 
     walked: list[int] | None = None
-    guides: dict[tuple[tuple[int, ...], frozenset[int]], Guides] = field(default_factory=dict)
+    guides: dict[tuple[tuple[int, ...], frozenset[int]], list[Guidance]] = field(default_factory=dict)
 
 
 class SceneLight:
@@ -160,21 +156,21 @@ class SceneLight:
         result._sent(strata)
         return result
 
-    def guide(self, cameras: Sequence[View]) -> Guides:
+    def guide(self, cameras: Sequence[View]) -> list[Guidance]:
         """Send light paths toward what cameras see, and return what does it."""
         strata = self.simulation.emission.strata
         if not cameras or not strata:
-            return [Guide(None, [each.guide], [each.count]) for each in strata]
+            return [Guidance(None, [each.guide], [each.count]) for each in strata]
         # Of whole pictures, or a crop would not be that part of the picture.
         found = self.simulation.guide([each.whole().projection for each in cameras])
         self._sent([stratum for each in found for stratum in each.strata])
         redistribute(self.simulation.emission.strata, np.array([own for each in found for own in each.light]))
         return [
-            Guide(each.opening, [own.guide for own in each.strata], [own.count for own in each.strata])
+            Guidance(each.opening, [own.guide for own in each.strata], [own.count for own in each.strata])
             for each in found
         ]
 
-    def follow(self, guides: Guides) -> None:
+    def follow(self, guides: list[Guidance]) -> None:
         """Send light paths as guides do that were found for the same light with another seed."""
         sent = []
         for stratum, guide in zip(self.simulation.emission.strata, guides, strict=True):

@@ -16,7 +16,7 @@ import numpy as np
 
 from .. import scene
 from ..numerics.sampling import sobol_block
-from ..runtime.device import Array2f, Array3f, Float, UInt32, mitsuba
+from ..runtime.device import Array3f, Float, UInt32, mitsuba
 from ..scene import Array
 from ..world.portals import Portal
 from ..world.shapes import shape_of
@@ -80,7 +80,7 @@ class Bundle:
 
 
 @dataclass(frozen=True)
-class Rectangle:
+class FittedRectangle:
     """A rectangle: its corner, (3,), and its edges, (2, 3).
 
     `inside` is which paths of the bundle pass it, (N,); `seen` and `light` are the parts of visible light and of all;
@@ -114,23 +114,31 @@ class Rectangle:
         mesh = scene.Mesh("fitted portal", points, np.array([[0, 1, 2], [0, 2, 3]]))
         return Portal(mesh, shape_of(mesh), host)
 
+    @classmethod
+    def of(cls, corner: Array, edges: Array, inside: Array, bundle: Bundle) -> FittedRectangle:
+        """Return a rectangle with what passes it: the paths `inside`."""
+        seen, light = (min(float(each[inside].sum()), 1.0) for each in (bundle.seen, bundle.light))
+        return cls(corner, edges, inside, seen, light, bundle.room)
+
     def crossed(self, origin: Array, direction: Array) -> tuple[Array, Array]:
         """Return where rays cross its plane, (2, N) in units of its edges, and at which distances, (N,)."""
-        normal = np.cross(*self.edges)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            distance = ((self.corner - origin) @ normal) / (direction @ normal)
-        distance = np.where(distance > 0, distance, np.inf)
-        place = origin + np.where(np.isfinite(distance), distance, 0)[:, None] * direction - self.corner
-        local = (self.edges / (self.edges**2).sum(axis=1, keepdims=True)) @ place.T
-        return np.where(np.isfinite(distance), local, np.inf), distance
+        axes = self.edges / (self.edges**2).sum(axis=1, keepdims=True)
+        return _crossed(origin, direction, self.corner, np.cross(*self.edges), axes)
 
-    def cut(self, box: Array, bundle: Bundle) -> Rectangle:
+    def cut(self, box: Array, bundle: Bundle) -> FittedRectangle:
         """Return the part of its plane in a box, (2, 2) by axis and end in units of its edges."""
         local, _ = self.crossed(bundle.origin, bundle.direction)
-        inside = _within(local, box)
-        seen, light = (min(float(each[inside].sum()), 1.0) for each in (bundle.seen, bundle.light))
         edges = np.diff(box, axis=1) * self.edges
-        return Rectangle(self.corner + box[:, 0] @ self.edges, edges, inside, seen, light, bundle.room)
+        return FittedRectangle.of(self.corner + box[:, 0] @ self.edges, edges, _within(local, box), bundle)
+
+
+def _crossed(origin: Array, direction: Array, point: Array, normal: Array, axes: Array) -> tuple[Array, Array]:
+    """Return where rays cross a plane, (2, N) along `axes` from `point`, and at which distances; infinite: nowhere."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        distance = ((point - origin) @ normal) / (direction @ normal)
+    crosses = np.isfinite(distance) & (distance > 0)
+    local = axes @ (origin + np.where(crosses, distance, 0)[:, None] * direction - point).T
+    return np.where(crosses, local, np.inf), np.where(crosses, distance, np.inf)
 
 
 @dataclass(frozen=True)
@@ -154,7 +162,7 @@ def parted(stratum: Stratum, opening: Opening | None) -> list[Stratum]:
     ]
 
 
-def fitted(bundle: Bundle, size: float) -> Rectangle | None:
+def fitted(bundle: Bundle, size: float) -> FittedRectangle | None:
     """Return the rectangle that visible light passes and little other light does; None where too little is seen.
 
     Planes square to the light are tried at all depths of a scene of radius `size`. The best is moved and tilted until
@@ -170,31 +178,31 @@ def fitted(bundle: Bundle, size: float) -> Rectangle | None:
     mean = mean / length
     depths = size * np.concatenate([np.geomspace(1e-3, 2, _PLANES), np.linspace(0, 2, _PLANES + 1)[1:-1]])
     center = few.seen @ few.origin
-    tried = [_Plane.of(few, mean, center + depth * mean) for depth in depths]
+    tried = [_CrossSection.of(few, mean, center + depth * mean) for depth in depths]
     best = min((each for each in tried if each is not None), key=lambda each: each.cost, default=None)
     for number in range(_ROUNDS if best is not None else 0):
         best = min(best.neighbours(2.0**-number, mean, size), key=lambda each: each.cost)  # type: ignore[union-attr]
-    whole = None if best is None else _Plane.of(bundle, best.normal, best.point)
+    whole = None if best is None else _CrossSection.of(bundle, best.normal, best.point)
     return None if whole is None else whole.rectangle
 
 
-def walled(rectangle: Rectangle, bundle: Bundle, emitter: Any, world: World) -> Rectangle | None:
+def walled(rectangle: FittedRectangle, bundle: Bundle, emitter: Any, world: World) -> FittedRectangle | None:
     """Return a rectangle in the plane of the wall around it, its sides moved outward to where light is stopped.
 
     None where light is not stopped: there is no hole.
     """
-    around = _Surroundings.of(rectangle, emitter, world)
-    planes = (_Plane.of(bundle, *wall) for wall in around.walls())
+    around = _ProbeRays.of(rectangle, emitter, world)
+    planes = (_CrossSection.of(bundle, *wall) for wall in around.walls())
     found = min((each for each in planes if each is not None), key=lambda each: each.cost, default=None)
     if found is not None and found.cost < _WORSE * sum(rectangle.rooms):
         rectangle = found.rectangle
-        around = _Surroundings.of(rectangle, emitter, world)
+        around = _ProbeRays.of(rectangle, emitter, world)
     box = around.box()
     return None if box is None else rectangle.cut(box, bundle)
 
 
 @dataclass(frozen=True)
-class _Surroundings:
+class _ProbeRays:
     """Rays through a rectangle and around it, (N,), with their light.
 
     `local` is where they cross it, (2, N) in units of its edges, `beyond` how far they get from there; `point` and
@@ -208,9 +216,10 @@ class _Surroundings:
     normal: Array
 
     @classmethod
-    def of(cls, rectangle: Rectangle, emitter: Any, world: World) -> _Surroundings:
+    def of(cls, rectangle: FittedRectangle, emitter: Any, world: World) -> _ProbeRays:
         """Trace rays from an emitter through a rectangle and around it."""
-        sample = PortalEmitter(emitter, rectangle.portal(world.host, wider=1.0), True).sample(*_probes())
+        points = sobol_block(_PROBES, 0, (_PROBES,))
+        sample = PortalEmitter(emitter, rectangle.portal(world.host, wider=1.0), True).sample(*points)
         ray = mi.Ray3f(mi.Point3f(sample.origin), mi.Vector3f(sample.direction))
         lane = dr.arange(UInt32, _PROBES)
         light = dr.select(sample.valid, dr.max(sample.flux), 0) + dr.zeros(Float, _PROBES)
@@ -268,17 +277,13 @@ class _Surroundings:
         return None
 
 
-def _probes() -> tuple[Array2f, Array2f]:
-    return sobol_block(_PROBES, 0, (_PROBES,))
-
-
 def _within(local: Array, box: Array) -> Array:
     """Return which places, (2, N), are in a box, (2, 2) by axis and end."""
     within: Array = np.all((local >= box[:, :1]) & (local <= box[:, 1:]), axis=0)
     return within
 
 
-class _Plane:
+class _CrossSection:
     """A plane that a bundle crosses, and a rectangle in it.
 
     `local` are the places where its paths cross, (2, N), infinite where they do not.
@@ -293,19 +298,15 @@ class _Plane:
         self.cost = sum(self.rectangle.rooms)
 
     @classmethod
-    def of(cls, bundle: Bundle, normal: Array, point: Array) -> _Plane | None:
+    def of(cls, bundle: Bundle, normal: Array, point: Array) -> _CrossSection | None:
         """Return a plane with its best rectangle; None where little of the visible light crosses it."""
-        cosine = bundle.direction @ normal
-        with np.errstate(divide="ignore", invalid="ignore"):
-            distance = ((point - bundle.origin) @ normal) / cosine
-        crosses = np.isfinite(distance) & (distance > 0)
-        if bundle.seen[crosses].sum() < 0.5:
-            return None
-        place = bundle.origin + np.where(crosses, distance, 0)[:, None] * bundle.direction - point
         x = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
         x /= np.linalg.norm(x)
         axes = np.array([x, np.cross(normal, x)])
-        local = np.where(crosses, axes @ place.T, np.inf)
+        local, distance = _crossed(bundle.origin, bundle.direction, point, normal, axes)
+        crosses = np.isfinite(distance)
+        if bundle.seen[crosses].sum() < 0.5:
+            return None
         angle = np.arange(_ANGLES) / _ANGLES * (np.pi / 2)
         turns = np.moveaxis(np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]]), 2, 0)
         seen = np.sort(turns @ local[:, crosses & (bundle.seen > 0)])
@@ -314,12 +315,12 @@ class _Plane:
         turned = np.where(crosses, turn @ np.where(crosses, local, 0), np.inf)
         return cls(bundle, normal, point, turn @ axes, turned)
 
-    def neighbours(self, scale: float, mean: Array, size: float) -> list[_Plane]:
+    def neighbours(self, scale: float, mean: Array, size: float) -> list[_CrossSection]:
         """Return this plane, and planes that lie beside it along the mean direction and that are tilted."""
         step, angle = scale * size / (4 * _PLANES), scale * _TILT
         moves = [(self.normal, self.point + sign * step * mean) for sign in (-1, 1)]
         moves += [(self.normal + sign * angle * side, self.point) for side in self.axes for sign in (-1, 1)]
-        found = (_Plane.of(self._bundle, normal / np.linalg.norm(normal), point) for normal, point in moves)
+        found = (_CrossSection.of(self._bundle, normal / np.linalg.norm(normal), point) for normal, point in moves)
         return [self, *(each for each in found if each is not None)]
 
     def _wider(self, box: Array) -> Array:
@@ -328,11 +329,10 @@ class _Plane:
         wider: Array = box + max(_MARGIN, _MARGIN_PATHS / paths) * np.diff(box, axis=1) * [-1, 1]
         return wider
 
-    def _rectangle(self, box: Array) -> Rectangle:
-        (low, high), inside = box.T, _within(self._local, box)
+    def _rectangle(self, box: Array) -> FittedRectangle:
+        low, high = box.T
         edges = (high - low)[:, None] * self.axes
-        seen, light = (min(float(each[inside].sum()), 1.0) for each in (self._bundle.seen, self._bundle.light))
-        return Rectangle(self.point + low @ self.axes, edges, inside, seen, light, self._bundle.room)
+        return FittedRectangle.of(self.point + low @ self.axes, edges, _within(self._local, box), self._bundle)
 
 
 def _shortest(places: Array, light: Array) -> list[tuple[float, float]]:

@@ -12,7 +12,7 @@ from ..scene import Array
 from ..world.world import World
 from .connections import ShadowRays
 from .emission import Emitted, Emitter, Stratum
-from .fitted_portals import UNIT, Bundle, Opening, Rectangle, fitted, parted, walled
+from .fitted_portals import UNIT, Bundle, FittedRectangle, Opening, fitted, parted, walled
 from .guiding import BRIGHTEST, ENOUGH, ENOUGH_PORTAL, ENOUGH_STRAIGHT, GuidingMap, learn
 from .importance import Sightings
 from .inversion import rays_of, samples_of
@@ -175,7 +175,7 @@ class _Learning:
         points, weights = (np.concatenate(each) for each in zip(*found, strict=True))
         return learn(points, weights, self._stopped, enough)
 
-    def rectangle(self, world: World) -> Rectangle | None:
+    def rectangle(self, world: World) -> FittedRectangle | None:
         """Return a rectangle by which a portal serves better than the guide, None where there is none."""
         if self._bundle is None:
             return None
@@ -186,7 +186,7 @@ class _Learning:
         result = walled(result, self._bundle, self.stratum.emitter, world)
         return result if self._serves(result) else None
 
-    def one_of(self, rectangles: Sequence[Rectangle]) -> Rectangle | None:
+    def one_of(self, rectangles: Sequence[FittedRectangle]) -> FittedRectangle | None:
         """Return the best of other strata's rectangles, None where none serves better than the guide."""
         if self._bundle is None or not rectangles:
             return None
@@ -194,11 +194,11 @@ class _Learning:
         result = min(own, key=lambda each: sum(each.rooms))
         return result if self._serves(result) else None
 
-    def _serves(self, rectangle: Rectangle | None) -> bool:
+    def _serves(self, rectangle: FittedRectangle | None) -> bool:
         assert self._bundle is not None
         return rectangle is not None and sum(rectangle.rooms) < min(_WORTH, _BETTER * self._bundle.room)
 
-    def found(self, rectangle: Rectangle | None, world: World) -> Found:
+    def found(self, rectangle: FittedRectangle | None, world: World) -> Found:
         """Return what was found, with a portal where there is a rectangle."""
         light = self._light()
         if rectangle is None or self._bundle is None:
