@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import photonbeams as pb
-from photonbeams.studio.session import Picture, Problem, Session, View
+from photonbeams.studio.session import Picture, Problem, Session, SessionView
 
 STAGE = """#usda 1.0
 (
@@ -43,7 +43,7 @@ def Xform "World"
     }
 }
 """
-VIEW = View(width=48, height=27, passes=2)
+VIEW = SessionView(width=48, height=27, passes=2)
 TINT, INTENSITY = "/World/Look.photonbeams:along:tint", "/World/Lamp.inputs:intensity"
 PLACE = "/World/Ball.xformOp:translate"
 
@@ -133,7 +133,7 @@ def test_an_edit_of_a_look_traces_no_light_and_shades_no_surface(stage):
 
 
 def test_first_pictures_are_small_and_whole_ones_follow(stage):
-    view = View(width=480, height=270, passes=2)
+    view = SessionView(width=480, height=270, passes=2)
     with Watched(stage, view=view) as shown:
         shown.finished()
         sizes = [(each.scale, each.layers["rgba"].shape[:2], each.passes) for each in shown.told]
@@ -236,7 +236,7 @@ def test_a_free_camera_sees_what_the_stages_camera_would_from_there(stage, tmp_p
 
 
 def test_a_pixel_tells_of_the_beams_in_it_and_how_the_brightest_is_integrated(stage):
-    with Watched(stage, view=View(width=48, height=27, passes=1)) as shown:
+    with Watched(stage, view=SessionView(width=48, height=27, passes=1)) as shown:
         layers = shown.wait(shown.session.version, lambda each: each.scale == 1).layers
         row, column = np.unravel_index(np.argmax(layers["beams"][:, :20].mean(axis=2)), (27, 20))
         at = ((column + 0.5) / 48, (row + 0.5) / 27)

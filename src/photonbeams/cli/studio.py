@@ -55,16 +55,16 @@ def studio(
 
         from ..studio import Session
         from ..studio.server import Studio
-        from ..studio.session import View
+        from ..studio.session import SessionView
 
         width, height = res
-        view = View(width=width or 480, height=height or 270, passes=passes)
+        view = SessionView(width=width or 480, height=height or 270, passes=passes)
         target = layer or scene.with_name("look.usda")
         with Session(
             scene, camera, target, view, overrides=overrides or (), session_layers=session_layer or ()
         ) as session:  # fmt: skip
             served = Studio(session)
-            names = (host, f"[{host}]", "127.0.0.1", "localhost") if host in _LOOPBACK else (host, _own_name())
+            names = (host, f"[{host}]", "127.0.0.1", "localhost") if host in _LOOPBACK else (host, socket.gethostname())
             if host not in _LOOPBACK:
                 logging.getLogger("photonbeams").warning(
                     "the studio listens on %s: whoever has its address can edit the shot from another machine", host
@@ -90,7 +90,3 @@ def _socket(host: str, port: int) -> socket.socket:
     except OSError as error:
         raise typer.BadParameter(f"{host}:{port} cannot be used: {error.strerror}", param_hint="--port") from None
     return result
-
-
-def _own_name() -> str:
-    return socket.gethostname()

@@ -9,10 +9,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+import drjit as dr
 import numpy as np
 
 from ..estimators.estimate import estimate
 from ..quadrature import gauss_legendre, riemann
+from ..runtime.device import Array2f, Float, UInt32
 from ..scene import Array
 from ..transport.importance import Views
 
@@ -69,12 +71,8 @@ def inspected(frame: LiveRenderer, at: tuple[float, float], depth: float | None)
 
 
 def _ray(frame: LiveRenderer, at: tuple[float, float], depth: float | None) -> _Ray:
-    import drjit as dr
-
-    from ..runtime.device import Array2f, UInt32
-
     view = Views([frame.projection()])(UInt32(0))
-    origin, direction = view.ray(Array2f(*(dr.opaque(type(view.scale[0]), float(each)) for each in at)))
+    origin, direction = view.ray(Array2f(*(dr.opaque(Float, float(each)) for each in at)))
     start, way, ahead = (np.ravel(each.numpy()).astype(np.float64)[:3] for each in (origin, direction, view.forward))
     known = depth is not None and np.isfinite(depth) and 0 < depth < 1e30
     return _Ray(start, way, float(depth) / max(float(way @ ahead), 1e-6) if known else 1e9)  # type: ignore[arg-type]

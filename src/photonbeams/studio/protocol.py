@@ -5,7 +5,6 @@ The page's messages are checked by their types here; what they ask for is checke
 
 from __future__ import annotations
 
-import json
 from typing import Any
 
 import msgspec
@@ -41,7 +40,7 @@ class Save(Message, tag="save"):
     """Write the edits to their file."""
 
 
-class Show(Message, tag="show", omit_defaults=True):
+class Show(Message, tag="show"):
     """Change what is shown: the view of all pages, and this page's own layer, exposure and view transform."""
 
     size: tuple[int, int] | msgspec.UnsetType = msgspec.UNSET
@@ -104,5 +103,5 @@ def encoded(kind: str, **content: Any) -> str:
 
 def framed(header: dict[str, Any], payload: bytes) -> bytes:
     """Return a picture with its header: 4 bytes of the header's length, the header, and the picture's bytes."""
-    text = json.dumps(header).encode()
+    text = msgspec.json.encode(header)
     return len(text).to_bytes(4, "little") + text + payload

@@ -49,8 +49,8 @@ _HEADERS = {
     "cross-origin-resource-policy": "same-origin",
 }  # fmt: skip
 _LOCAL = ("127.0.0.1", "localhost", "[::1]")
-_REFUSED, _TOO_MANY, _MALFORMED = 4403, 4429, 4400  # WebSocket's codes of our own
-_TYPES = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
+_REFUSED, _MALFORMED = 4403, 4400  # WebSocket's codes of our own
+_TYPES = {".js": "text/javascript", ".css": "text/css"}  # whatever the machine takes them for
 
 
 class Guard:
@@ -172,10 +172,7 @@ class Studio:
         return FileResponse(index, headers=_HEADERS)
 
     async def _asset(self, request: Request) -> Response:
-        file = PAGE / "assets" / request.path_params["name"]
-        if file.parent != PAGE / "assets" or not file.is_file():
-            return PlainTextResponse("there is no such file\n", 404, _HEADERS)
-        return FileResponse(file, headers=_HEADERS, media_type=_TYPES.get(file.suffix))
+        return _file_of(PAGE / "assets", request)
 
     def _told(self, what: Picture | Problem) -> None:
         """Take what the session tells, in its thread."""
@@ -192,11 +189,9 @@ class Studio:
             self._last, self._problem = what, None
             if fresh:
                 self._later(self._tell_scene())
-        state = self._state()
-        for each in self._watchers:
-            each.tell(state)
-            if self._problem is None:
-                each.show(self._last)
+        self._tell_all(self._state())
+        for each in self._watchers if self._problem is None else ():
+            each.show(self._last)
 
     def _later(self, work: Any) -> None:
         task = asyncio.ensure_future(work)
@@ -279,14 +274,9 @@ class Studio:
             case protocol.Set(values=values, step=step):
                 await self._command(session.edit, values, step)
                 self._tell_all(await self._command(self._values, values))
-            case protocol.Undo():
-                await self._command(session.undo)
-                self._tell_all(await self._command(self._values, None))
-            case protocol.Redo():
-                await self._command(session.redo)
-                self._tell_all(await self._command(self._values, None))
-            case protocol.Revert():
-                await self._command(session.revert)
+            case protocol.Undo() | protocol.Redo() | protocol.Revert():
+                moves = {protocol.Undo: session.undo, protocol.Redo: session.redo, protocol.Revert: session.revert}
+                await self._command(moves[type(asked)])
                 self._tell_all(await self._command(self._values, None))
             case protocol.Save():
                 await self._command(session.edits.save)
@@ -326,9 +316,7 @@ class Studio:
             now = self.session.view
             if (now.camera, now.frame) != (before.camera, before.frame):  # another pose, values at another time
                 self._later(self._tell_scene())
-            state = self._state()
-            for each in self._watchers:
-                each.tell(state)
+            self._tell_all(self._state())
 
     async def _render(self, wanted: Wanted) -> None:
         async def told(done: int, file: Path | None, problem: str | None) -> None:
@@ -341,10 +329,7 @@ class Studio:
             self._tell_all(protocol.encoded("refused", text=str(error)[:300]))
 
     async def _result(self, request: Request) -> Response:
-        file = self._final.folder / request.path_params["name"]
-        if file.parent != self._final.folder or not file.is_file():
-            return PlainTextResponse("there is no such file\n", 404, _HEADERS)
-        return FileResponse(file, headers=_HEADERS, filename=file.name)
+        return _file_of(self._final.folder, request, download=True)
 
     def _values(self, edited: dict[str, Any] | None) -> str:
         """Return the message about values: those that were edited, or with None all that differ from before.
@@ -405,6 +390,15 @@ def _encoded(picture: Picture, watcher: _Watcher) -> bytes:
         "mime": "image/png" if finished else "image/jpeg",
     }  # fmt: skip
     return protocol.framed(header, data.getvalue())
+
+
+def _file_of(folder: Path, request: Request, download: bool = False) -> Response:
+    """Return the file of a folder that a request names, for a page or to be saved."""
+    file = folder / request.path_params["name"]
+    if file.parent != folder or not file.is_file():
+        return PlainTextResponse("there is no such file\n", 404, _HEADERS)
+    kind = None if download else _TYPES.get(file.suffix)
+    return FileResponse(file, headers=_HEADERS, media_type=kind, filename=file.name if download else None)
 
 
 def _pixel(at: tuple[float, float], picture: Picture | None) -> dict[str, list[float]]:

@@ -39,7 +39,7 @@ _MOST_PIXELS, _MOST_PASSES = 1 << 23, 1 << 16
 
 
 @dataclass(frozen=True)
-class View:
+class SessionView:
     """What a session shows: fields that a page may set.
 
     Attributes
@@ -167,7 +167,7 @@ class Session:
     """
 
     def __init__(
-        self, path: PathLike, camera: str | None = None, layer: PathLike | None = None, view: View | None = None,
+        self, path: PathLike, camera: str | None = None, layer: PathLike | None = None, view: SessionView | None = None,
         **given: Any,
     ) -> None:  # fmt: skip
         self.shot = Shot.open(path, camera, **given)
@@ -178,7 +178,7 @@ class Session:
         if not hasattr(self.shot, "stage"):
             raise SceneError(f"{path} is a Mitsuba scene: expected a USD stage, whose looks and lights can be edited")
         self.edits = Edits(EditLayer(self.shot.stage), layer)
-        self.view = view or View()
+        self.view = view or SessionView()
         self.version = 0
         self._listeners: list[Told] = []
         self._chains = {True: _Chain(), False: _Chain()}
@@ -215,7 +215,7 @@ class Session:
             self._new()
 
     def show(self, **changes: Any) -> int:
-        """Change fields of the `View`, and return the version that will show them.
+        """Change fields of the `SessionView`, and return the version that will show them.
 
         Raises
         ------
@@ -228,7 +228,7 @@ class Session:
             self.view = view if view.pose is None else replace(view, pose=_pose(view.pose))
             return self._new()
 
-    def _check(self, view: View) -> None:
+    def _check(self, view: SessionView) -> None:
         """Raise SceneError for a view that cannot be shown."""
         for name in ("lens", "blur", "paused"):
             if not isinstance(getattr(view, name), bool):
@@ -384,7 +384,7 @@ class Session:
         return self._closed or version != self.version
 
     def _begun(
-        self, view: View, scale: float, first: bool, unwanted: Callable[[], bool]
+        self, view: SessionView, scale: float, first: bool, unwanted: Callable[[], bool]
     ) -> tuple[LiveRenderer, Prepared]:  # fmt: skip
         """Return the frame of a view without passes."""
         chain = self._chains[first]
@@ -397,7 +397,7 @@ class Session:
         return frame, ready
 
     def _ready(
-        self, view: View, scale: float, first: bool, chain: _Chain
+        self, view: SessionView, scale: float, first: bool, chain: _Chain
     ) -> tuple[Prepared, Callable[[], Sequence[Camera]]]:  # fmt: skip
         """Return what a frame needs, with what is still the same of the last one as the same objects."""
         shot, before = self.shot, chain.moment
@@ -479,4 +479,4 @@ def _pose(value: Any) -> Array:
     return pose
 
 
-__all__ = ["Picture", "Problem", "Session", "View"]
+__all__ = ["Picture", "Problem", "Session", "SessionView"]
