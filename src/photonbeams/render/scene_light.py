@@ -25,6 +25,9 @@ from ..transport.guiding import GuidingMap
 from ..transport.scene_emitters import emission_of, power_of, redistribute
 from ..transport.simulation import Simulation, Tuning
 from ..world.cameras import View
+from ..world.gobos import bare
+from ..world.portal_lamps import Window
+from ..world.portals import Portal
 from ..world.scene_lamps import names_of
 from ..world.scene_world import SceneWorld
 from ..world.sources import Source
@@ -113,10 +116,13 @@ class Findings:
         The numbers of the emitters whose light walks had better meet; None: not known yet.
     guides
         Guidance of each stratum by the emitters that walks meet, and those that are dark.
+    window
+        The portal that was fitted to the light of the environment, or None.
     """
 
     walked: list[int] | None = None
     guides: dict[tuple[tuple[int, ...], frozenset[int]], list[Guidance]] = field(default_factory=dict)
+    window: Portal | None = None
 
 
 class SceneLight:
@@ -128,27 +134,43 @@ class SceneLight:
         The scene, and the settings of its emitters.
     walked, dark
         The numbers of the emitters that walks meet, and of those that have no light here.
-    settings, tuning, max_depth
+    settings, tuning, max_depth, findings
         As in `light_of`.
     """
 
     def __init__(
         self, world: SceneWorld, own: EmitterSettings, walked: Sequence[int], dark: Collection[int],
-        settings: Settings, tuning: Tuning, max_depth: int | None,
+        settings: Settings, tuning: Tuning, max_depth: int | None, findings: Findings,
     ) -> None:  # fmt: skip
-        self.world = world
+        self.world, self._findings = world, findings
         sharp = {each for each in walked if world.mirrors and is_sharp(world.plugin.emitters()[each])}
         lit = own.as_caustics(sorted(sharp)) if sharp else own
-        self.walks = {}
+        self._walks = {}
         groups = [own.sources[each].group for each in own.numbers]
         power = {each: power_of(world, each) for each in walked}
         for group in dict.fromkeys(groups[each] for each in walked):
             numbers = [each for each in walked if groups[each] == group]
             emitters = WalkedEmitters(world, numbers, [power[each] for each in numbers], sharp)
-            self.walks[group] = Walking(emitters, max_depth, tuning.rr_depth)
+            self._walks[group] = Walking(emitters, max_depth, tuning.rr_depth)
         without = {*dark, *(each for each in walked if each not in sharp)}
         emission = emission_of(world, settings.beams or DEFAULT_PATHS, settings.seed, lit.numbers, without)
         self.simulation = Simulation(world, emission, tuning, lit.sources, world.sizes, own.named)
+
+    @property
+    def window(self) -> Window | None:
+        """What stands before the environment: a portal that somebody placed, or one that was fitted; or None."""
+        environment = self.world.plugin.environment()
+        if environment is None:
+            return None
+        lamp = self.world.lamps[self.world.plugin.emitters().index(environment)]
+        portal = self._findings.window if lamp is None or lamp.portal is None else lamp.portal
+        return None if portal is None or portal.sides is None else Window(environment, portal)
+
+    @property
+    def walks(self) -> dict[str, Walking]:
+        """How walks meet the light of emitters, by group."""
+        window = self.window
+        return {name: replace(each, emitters=each.emitters.behind(window)) for name, each in self._walks.items()}
 
     def with_paths(self, strata: Sequence[Stratum]) -> SceneLight:
         """Return the same with other light paths."""
@@ -163,6 +185,9 @@ class SceneLight:
             return [Guidance(None, [each.guide], [each.count]) for each in strata]
         # Of whole pictures, or a crop would not be that part of the picture.
         found = self.simulation.guide([each.whole().projection for each in cameras])
+        for stratum, each in zip(strata, found, strict=True):
+            if each.opening is not None and bare(stratum.emitter.lamp).infinite:
+                self._findings.window = each.opening.portal
         self._sent([stratum for each in found for stratum in each.strata])
         redistribute(self.simulation.emission.strata, np.array([own for each in found for own in each.light]))
         return [
@@ -234,7 +259,7 @@ def light_of(
 
     @cache
     def piloted(walked: tuple[int, ...], dark: frozenset[int]) -> SceneLight:
-        result = SceneLight(world, own, walked, dark, pilot_settings, pilot_tuning, max_depth)
+        result = SceneLight(world, own, walked, dark, pilot_settings, pilot_tuning, max_depth, findings)
         if settings.guiding in (None, True):
             findings.guides[walked, dark] = result.guide(cameras)
         return result
@@ -251,7 +276,7 @@ def light_of(
             "paths from the camera find the light of %s", ", ".join(dict.fromkeys(names[each] for each in walked))
         )
     with statistics.phase("guide"):
-        result = SceneLight(world, own, walked, (), settings, tuning, max_depth)
+        result = SceneLight(world, own, walked, (), settings, tuning, max_depth, findings)
         if settings.guiding in (None, True):
             asked = tuple(walked), frozenset[int]()
             if asked not in findings.guides:
@@ -267,7 +292,7 @@ class ScenePasses(PassRenderer):
 
     def _lighting(self, world: World) -> Lighting:
         assert isinstance(world, SceneWorld)
-        return SceneLighting(world)
+        return SceneLighting(world, self.light.window)
 
     def _walkings(self, world: World) -> Mapping[str, Walking]:
         return self.light.walks

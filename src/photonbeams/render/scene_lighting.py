@@ -12,6 +12,7 @@ import drjit as dr
 
 from ..numerics.sampling import power_heuristic
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
+from ..world.portal_lamps import Window
 from ..world.scene_world import SceneWorld
 from ..world.spectra import rgb
 from ..world.visibility import through
@@ -20,15 +21,20 @@ from .camera_paths import ShadingPoint
 
 mi = mitsuba()
 
-_EMITTER, _LOBE, _TURN, _WAY = 201, 202, 203, 204  # streams of samples
+_EMITTER, _LOBE, _TURN, _WAY, _WINDOW = 201, 202, 203, 204, 205  # streams of samples
 
 
 class SceneLighting:
-    """The emitters of a Mitsuba scene."""
+    """The emitters of a Mitsuba scene; `window` is what stands before its environment, or None."""
 
-    def __init__(self, world: SceneWorld) -> None:
-        self._world = world
+    def __init__(self, world: SceneWorld, window: Window | None = None) -> None:
+        self._world, self._window = world, window
         self._visible = any(not mi.has_flag(each.flags(), mi.EmitterFlags.Delta) for each in world.plugin.emitters())
+        # The probability with which Mitsuba chooses the environment.
+        self._chosen = dr.opaque(Float, 1.0)
+        if window is not None:
+            number = world.plugin.emitters().index(world.plugin.environment())
+            self._chosen = dr.opaque(Float, float(world.plugin.pdf_emitter(number)[0]))
 
     def lamp(self, origin: Array3f, direction: Array3f, flown: Float) -> None:
         """Return None: all emitters are surfaces, or the background."""
@@ -50,11 +56,15 @@ class SceneLighting:
         context = mi.BSDFContext()
         aim = samples.pair(order, _EMITTER, step)
         light, radiance = plugin.sample_emitter_direction(hit, mi.Point2f(aim), False, active)
+        radiance = rgb(radiance)
+        if self._window is not None:
+            aim = samples.pair(order, _WINDOW, step)
+            light, radiance = self._window.sampled(Array3f(hit.p), light, radiance, aim, self._chosen)
         lit = active & (light.pdf > 0)
         value, pdf = bsdf.eval_pdf(context, hit, hit.to_local(light.d), lit)
         weight = dr.select(light.delta, 1, power_heuristic(light.pdf, pdf))
         colors = self._world.colors(light.emitter, Array3f(hit.p), Array3f(light.d), light.dist)
-        value = rgb(value) * rgb(radiance) * colors * weight
+        value = rgb(value) * radiance * colors * weight
         lit &= dr.max(value) > 0
         ray = hit.spawn_ray_to(light.p)
         seed = samples.bits(order, _WAY, step)
@@ -73,6 +83,8 @@ class SceneLighting:
         emitter = met.emitter(plugin, reflected)
         seen = mi.DirectionSample3f(plugin, met, hit)
         other = plugin.pdf_emitter_direction(hit, seen, reflected & (emitter != None))  # noqa: E711 - of arrays
+        if self._window is not None:
+            other = self._window.density(emitter, Array3f(hit.p), Array3f(direction), other, self._chosen)
         value = rgb(weight) * rgb(emitter.eval(met, reflected)) * passed * power_heuristic(sample.pdf, other)
         distance = dr.select(met.is_valid(), dr.norm(met.p - hit.p), dr.inf)
         colors = self._world.colors(emitter, Array3f(hit.p), Array3f(direction), distance)

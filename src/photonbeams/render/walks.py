@@ -10,6 +10,7 @@ BSDF, combined by the power heuristic (Veach 1997), as Mitsuba's `volpath` does.
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
+from copy import copy
 from dataclasses import dataclass
 from typing import Any
 
@@ -24,6 +25,7 @@ from ..numerics.structs import Struct
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from ..transport.interactions import SAMPLED, SCATTERED, flight, survival
 from ..world.interfaces import pointers
+from ..world.portal_lamps import Window
 from ..world.scene_world import SceneWorld
 from ..world.spectra import rgb
 from ..world.tracking import free_flight
@@ -111,6 +113,7 @@ class WalkedEmitters:
         table[[known[each] for each in numbers]] = part
         self.world, self._table, self._sharp = world, to_float(table), None
         self._size = len(numbers)
+        self._window: Window | None = None
         if sharp:
             caustics = np.zeros(len(table), dtype=np.uint32)
             caustics[[known[each] for each in sharp]] = 1
@@ -125,13 +128,22 @@ class WalkedEmitters:
         """Return how many emitters there are."""
         return self._size
 
+    def behind(self, window: Window | None) -> WalkedEmitters:
+        """Return the same with a window before the scene's environment, or with none."""
+        result = copy(self)
+        result._window = window
+        return result
+
     def sample(self, reference: Any, which: Float, aim: Any, active: Bool) -> tuple[Any, Array3f]:
         """Return a sample of one of the emitters from a point, and its radiance over the density."""
         index, probability = self._choice.sample_pmf(which, active)
         emitter = dr.gather(mi.EmitterPtr, self._own, index, active)
         light, radiance = emitter.sample_direction(reference, mi.Point2f(aim), active)
         light.pdf *= probability
-        return light, rgb(radiance) * dr.rcp(dr.maximum(probability, 1e-30))
+        brought = rgb(radiance) * dr.rcp(dr.maximum(probability, 1e-30))
+        if self._window is None:
+            return light, brought
+        return self._window.sampled(Array3f(reference.p), light, brought, aim, probability)
 
     def met(self, hit: Any, place: Array3f, ideal: Bool, active: Bool) -> tuple[Array3f, Float]:
         """Return the radiance of those of the emitters that rays meet, and the density that `sample` has for them.
@@ -149,6 +161,8 @@ class WalkedEmitters:
         reference = _interaction(place, Array3f(0))
         light = mi.DirectionSample3f(self.world.plugin, hit, reference)
         pdf = emitter.pdf_direction(reference, light, own) * probability
+        if self._window is not None:
+            pdf = self._window.density(emitter, place, Array3f(light.d), pdf, probability)
         return dr.select(own, rgb(emitter.eval(hit, own)), 0), dr.select(own, pdf, 0)
 
 

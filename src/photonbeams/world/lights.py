@@ -212,6 +212,17 @@ class EmitterSource:
         pdf = dr.select(sample.delta, 0, sample.pdf)
         return Illumination(Array3f(sample.d), distance + nowhere, weight + nowhere, pdf + nowhere)
 
+    def see(self, origin: Array3f, direction: Array3f) -> LightHit:
+        """Return what a ray sees of an environment that meets nothing."""
+        interaction = dr.zeros(mi.SurfaceInteraction3f)
+        interaction.wi = mi.Vector3f(-direction)
+        sample = dr.zeros(mi.DirectionSample3f)
+        sample.d = mi.Vector3f(direction)
+        radiance = Array3f(self.emitter.eval(interaction))
+        nowhere = 0 * origin.x
+        pdf = self.emitter.pdf_direction(interaction, sample) + nowhere
+        return LightHit(nowhere == 0, dr.inf + nowhere, radiance + nowhere, pdf)
+
 
 class DomeLamp(EmitterSource):
     """An environment, sampled by its brightness.
@@ -235,17 +246,6 @@ class DomeLamp(EmitterSource):
                 "to_world": mi.ScalarTransform4f(to_world),
             }
         super().__init__(mi.load_dict(plugin))
-
-    def see(self, origin: Array3f, direction: Array3f) -> LightHit:
-        """Return what a ray sees that meets nothing."""
-        interaction = dr.zeros(mi.SurfaceInteraction3f)
-        interaction.wi = mi.Vector3f(-direction)
-        sample = dr.zeros(mi.DirectionSample3f)
-        sample.d = mi.Vector3f(direction)
-        radiance = Array3f(self.emitter.eval(interaction))
-        nowhere = 0 * origin.x
-        pdf = self.emitter.pdf_direction(interaction, sample) + nowhere
-        return LightHit(nowhere == 0, dr.inf + nowhere, radiance + nowhere, pdf)
 
 
 Light = SphereLamp | FlatLamp | CylinderLamp | MeshLamp | DistantLamp | DomeLamp

@@ -24,6 +24,7 @@ from .interfaces import medium_at, number
 from .lights import DistantLamp, DomeLamp, FlatLamp, Light, SphereLamp, source
 from .media import Media
 from .mesh_lamps import MeshLamp
+from .portal_lamps import behind
 from .portals import Portal
 from .shapes import cut_out, glows, is_glass, is_mirror, scene_of, shape_of, shapes_of
 from .sources import Source
@@ -178,7 +179,8 @@ class StageWorld(World):
     @cached_property
     def sky(self) -> tuple[tuple[scene.DomeLight, Any, Links | None], ...]:
         """The environments that light media without beams, each as a lamp, and what stops them."""
-        lamps = {light.name: item for light, item in zip(self.description.lights, self.lights, strict=True)}
+        lights = zip(self.description.lights, self.lights, strict=True)
+        lamps = {light.name: behind(item, self.portals.get(light.name)) for light, item in lights}
         return tuple((light, lamps[light.name], self._links(self._linked(light))) for light in self.description.sky)
 
     @cached_property
@@ -194,7 +196,7 @@ class StageWorld(World):
     def _each_of(self, kind: type) -> tuple[tuple[Any, Links | None], ...]:
         lights = zip(self.description.lights, self.lights, strict=True)
         return tuple(
-            (item, self._links(self._linked(light)))
+            (behind(item, self.portals.get(light.name)), self._links(self._linked(light)))
             for light, item in lights
             if isinstance(bare(item), kind) and light.lights_surfaces
         )
