@@ -423,17 +423,16 @@ def _encoded(picture: Picture, watcher: _Watcher) -> bytes:
         shown = anaglyph(*(_viewed(picture.views[eye][layer], watcher) for eye in EYES))
     else:
         shown = _viewed(picture.views.get(watcher.eye, picture.layers)[layer], watcher)
-    finished = picture.scale == 1 and picture.passes == picture.planned
     data = BytesIO()
     image = Image.fromarray(shown)
-    if finished:
+    if picture.finished:
         image.save(data, "PNG", compress_level=1)
     else:
         image.save(data, "JPEG", quality=92, subsampling=0)
     header = {
         "version": picture.version, "passes": picture.passes, "planned": picture.planned, "layer": layer,
         "width": shown.shape[1], "height": shown.shape[0], "scale": picture.scale,
-        "mime": "image/png" if finished else "image/jpeg",
+        "mime": "image/png" if picture.finished else "image/jpeg",
     }  # fmt: skip
     return protocol.framed(header, data.getvalue())
 

@@ -18,6 +18,7 @@ from ..images.frame import pixels_of
 from ..render.denoising import check_denoiser
 from ..runtime.files import PathLike
 from ..scene import BLACK, Array, Camera, Scene, SceneError, whole
+from ..shot.development import Development
 from ..shot.request import Prepared
 from ..shot.shot import Shot
 from ..usd.controls import Controls, controls_of
@@ -108,6 +109,8 @@ class Picture:
         How it was rendered.
     views
         Of two eyes the layers of each, by the names "left" and "right".
+    finished
+        Whether it is the last one of the version, with the bits of `Shot.render`.
     """
 
     version: int
@@ -117,6 +120,7 @@ class Picture:
     scale: float
     statistics: Statistics
     views: Mapping[str, Mapping[str, Array]] = field(default_factory=dict)
+    finished: bool = False
 
 
 @dataclass(frozen=True)
@@ -150,11 +154,11 @@ Told = Callable[[Picture | Problem], None]
 
 @dataclass
 class _Chain:
-    """The last frame of a size, from which the next one goes on, and the scene that it had."""
+    """The last frame of a size, from which the next one goes on, the scene that it had, and its denoised layers."""
 
     frame: LiveRenderer | None = None
     moment: Moment | None = None
-    about: Any = field(default=None)
+    filtered: dict[str, Any] = field(default_factory=dict)
 
 
 class Session:
@@ -450,13 +454,21 @@ class Session:
             passes = 1 if first else view.passes
             for number in range(passes):
                 frame.add_passes(range(number, number + 1))
-                rough = first or number < min(_DENOISED, passes - 1)
-                development = ready.development if rough else replace(ready.development, denoise=False)
-                made = development.frame(frame.sums(), frame.statistics)
+                made = self._development(ready, first, number, view).frame(frame.sums(), frame.statistics)
                 if unwanted():
                     raise Cancelled
                 views = {name: layers for name, (layers, _) in made.views.items()}
-                self._tell(Picture(version, made.layers, number + 1, view.passes, scale, frame.statistics, views))
+                finished = not first and number + 1 == passes
+                self._tell(
+                    Picture(version, made.layers, number + 1, view.passes, scale, frame.statistics, views, finished)
+                )
+
+    def _development(self, ready: Prepared, first: bool, number: int, view: SessionView) -> Development:
+        """Return how the passes up to `number` become a picture."""
+        if not first and number >= min(_DENOISED, view.passes - 1):
+            return replace(ready.development, denoise=False)
+        # After an edit of a look the surfaces are the same.
+        return replace(ready.development, filtered=self._chains[first].filtered) if number == 0 else ready.development
 
     def _is_old(self, version: int) -> bool:
         return self._closed or version != self.version
