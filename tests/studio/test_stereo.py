@@ -98,6 +98,27 @@ def test_eyes_that_cannot_be_are_refused_and_nothing_is_changed(tmp_path, change
         assert (session.view, session.version) == (VIEW, version)
 
 
+def test_a_session_begins_with_two_eyes_or_says_why_it_cannot(stage):
+    view = replace(VIEW, paused=True)
+    with Session(stage, view=view, stereo=EYES) as session:
+        assert session.view.stereo == EYES
+    with pytest.raises(pb.SceneError, match="expected a convergence of at least"):
+        Session(stage, view=view, stereo=Stereo(100.0, 0.1))
+
+
+def test_a_page_finds_a_scene_whose_camera_was_edited_into_none(stage):
+    served = Served(stage, view=ONE)
+    try:
+        with served.page() as page:
+            assert page.told("scene")["pose"] is not None
+            page.send("set", values={"/World/Camera.focalLength": 0.0})
+            assert page.wait(lambda each: each.get("type") == "state" and each["problem"])
+        with served.page() as page:
+            assert page.told("scene")["pose"] is None
+    finally:
+        served.close()
+
+
 def test_the_final_render_has_both_eyes(stage):
     view = SessionView(48, 27, passes=2, paused=True, camera="/World/Camera")
     with Session(stage, view=replace(view, stereo=EYES)) as session:

@@ -154,7 +154,7 @@ export const Group = memo(function Group({ group, controls, searching }: GroupPr
       </div>
       {open && (
         <div className={styles.groupBody}>
-          {group.kind === "light" && !searching && <Uses group={group} paths={group.uses ?? []} />}
+          {group.kind === "light" && <Uses group={group} paths={group.uses ?? []} />}
           {group.kind === "look" && !searching && (
             <div className={styles.uses}>
               All factors

@@ -243,12 +243,15 @@ class Studio:
     def _scene(self) -> str:
         session, last = self.session, self._last
         self._groups = _described(session.controls())
-        camera, stereo = session.camera(), session.view.stereo
+        stereo, pose, focal = session.view.stereo, None, 1.0
+        with suppress(SceneError):  # of a camera that was edited into none; the state says so
+            camera = session.camera()
+            pose = np.asarray(camera.to_world).ravel().tolist()
+            focal = 1.0 if camera.orthographic else camera.focal_length / camera.horizontal_aperture
         return protocol.encoded(
             "scene", name=session.name, cameras=session.cameras(), frames=session.frames(), fps=session.rate(),
             layers=["rgba"] if last is None else list(last.layers), displays=view_transforms(),
-            controls=self._groups, pose=np.asarray(camera.to_world).ravel().tolist(), up=session.up(),
-            focal=1.0 if camera.orthographic else camera.focal_length / camera.horizontal_aperture,
+            controls=self._groups, pose=pose, up=session.up(), focal=focal,
             stereo=None if stereo is None else [stereo.interaxial, stereo.convergence], pair=session.has_pair(),
             interaxial=usual_interaxial(session.shot.stage), presets=_PRESETS,
         )  # fmt: skip

@@ -196,6 +196,7 @@ class Session:
                 f"{path} is a Mitsuba scene, which the studio cannot edit: expected a USD stage; `photonbeams render` "
                 "renders it, with --session-layer for looks and --set for parameters"
             )
+        stereo = given.pop("stereo", None)
         self.shot = Shot.open(path, camera, **given)
         self._path, self._camera = Path(path), camera
         layers, overrides = given.get("session_layers", ()), given.get("overrides", ())
@@ -203,12 +204,15 @@ class Session:
         self._overrides = [overrides] if isinstance(overrides, str) else [*overrides]
         self.edits = Edits(EditLayer(self.shot.stage), layer)
         self.view = view or SessionView()
+        if stereo is not None:
+            self.view = replace(self.view, stereo=stereo)
         self.version = 0
         self._listeners: list[Told] = []
         self._chains = {True: _Chain(), False: _Chain()}
         self._lock = threading.RLock()  # of the stage and the view
         self._changed = threading.Condition(self._lock)
         self._closed = False
+        self._check(self.view)
         self._thread = threading.Thread(target=self._run, name="studio", daemon=True)
         self._thread.start()
 
