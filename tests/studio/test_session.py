@@ -106,7 +106,7 @@ def are_equal(some, others):
 def test_the_finished_picture_is_that_of_a_render_with_the_saved_layer(stage, tmp_path):
     """After edits of all kinds, one upon another: what is taken over from earlier frames must be what is made anew."""
     edits = {
-        "look": {TINT: [0.2, 0.5, 1.0]}, "light": {INTENSITY: 35.0}, 
+        "look": {TINT: [0.2, 0.5, 1.0]}, "light": {INTENSITY: 35.0},
         "group": {"/World/Lamp.photonbeams:lightGroup": "a"},
         "fog": {"/World/Fog.photonbeams:scattering": [0.4, 0.2, 0.1]}, "surface": {PLACE: [-0.8, 0.2, 0]},
         "camera": {"/World/Camera.xformOp:translate": [0.2, 0.1, 3.5]},
