@@ -123,6 +123,15 @@ def test_the_finished_picture_is_that_of_a_render_with_the_saved_layer(stage, tm
             before = after
 
 
+def test_the_finished_picture_does_not_depend_on_the_sizes_before_it():
+    """Light is sent toward what is seen, and at another size of the picture another part of the room is."""
+    keyhole = Path(__file__).parents[2] / "examples" / "keyhole" / "keyhole.usda"
+    with Watched(keyhole, view=SessionView(width=96, height=27, passes=2)) as shown:
+        shown.finished()
+        after = shown.finished(shown.session.show(width=48, height=27))
+    assert are_equal(after, rendered(keyhole))
+
+
 def test_an_edit_of_a_look_traces_no_light_and_shades_no_surface(stage):
     with Watched(stage) as shown:
         shown.finished()

@@ -117,7 +117,9 @@ class LiveRenderer(StageRenderer):
         like = self._like
         if like is None:
             return super()._guided(simulation, world, views)
-        if self._keeps_guides or (self._has_light_of(like, world) and equal(self._viewers, like._viewers)):
+        own, other = self._window, like._window  # of which guides see the whole picture
+        same_views = (own.width, own.height) == (other.width, other.height) and equal(self._viewers, like._viewers)
+        if self._keeps_guides or (same_views and self._has_light_of(like, world)):
             return replace(simulation, guides=like._simulation.guides, openings=like._simulation.openings)
         return super()._guided(simulation, world, views)
 
