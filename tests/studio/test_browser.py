@@ -33,7 +33,7 @@ pytestmark = pytest.mark.skipif(CHROMIUM is None, reason=f"none of {', '.join(NA
 ROOT = Path(__file__).resolve().parents[2]
 PASSES = 2  # of finished pictures
 SCALE = 0.16  # pixels of a picture for each of the page
-LIMIT = 15.0  # seconds, of each thing that is waited for: machines are busy, and kernels may have to be compiled
+LIMIT = 120.0  # seconds, of each thing that is waited for: machines are busy, and kernels may have to be compiled
 
 STAGE = """#usda 1.0
 (
@@ -103,7 +103,7 @@ class Window:
 
     def __init__(self, context, address, session=None):
         self.page, self._session = context.new_page(), session
-        self.complaints, self.header, self._payload = [], {}, b""
+        self.complaints, self.header, self._payload, self.sent = [], {}, b"", []
         self.page.on("console", lambda text: text.type in ("error", "warning") and self.complaints.append(text.text))
         self.page.on("pageerror", lambda error: self.complaints.append(str(error)))
         self.page.on("websocket", self._connected)
@@ -111,8 +111,9 @@ class Window:
         self.page.goto(address)
 
     def _connected(self, socket):
-        self.header = {}
+        self.header, self.sent = {}, []
         socket.on("framereceived", self._take)
+        socket.on("framesent", lambda data: self.sent.append(data))
 
     def _take(self, data):
         if isinstance(data, bytes):
@@ -206,12 +207,12 @@ def difference(some, others):
     return np.abs(some.astype(float) - others).mean()
 
 
-def are_alike(shown, received):
-    """Return whether a picture is shown as it was received; where fonts make the page a pixel smaller, nearly so."""
+def are_alike(shown, received, columns=slice(None)):
+    """Return whether a picture is shown as it was received; where there is less room for it, nearly so."""
     if shown.shape == received.shape:
-        return np.array_equal(shown, received)
-    scaled = Image.fromarray(received).resize(shown.shape[1::-1], Image.Resampling.BILINEAR)
-    return difference(shown, np.asarray(scaled)) < 4
+        return np.array_equal(shown[:, columns], received[:, columns])
+    scaled = np.asarray(Image.fromarray(received).resize(shown.shape[1::-1], Image.Resampling.BILINEAR))
+    return difference(shown[:, columns], scaled[:, columns]) < 4
 
 
 @pytest.fixture(scope="module")
@@ -308,9 +309,7 @@ def test_dragging_a_knot_changes_the_picture_and_is_one_step(window, served):
 def test_a_wrong_expression_is_marked_at_its_column_and_the_picture_stays(window, served):
     before = window.picture()
     field = window.control("textbox", "look along:expression")
-    field.focus()
-    window.press("End")
-    window.page.keyboard.type(" * (1 + @ s)")
+    field.fill("0.5 + s * (1 + @ s)")
     window.page.locator("mark", has_text="@").wait_for()
     column = len("0.5 + s * (1 + @")
     message = window.page.get_by_label("Viewport").get_by_role("status")
@@ -366,10 +365,11 @@ def test_two_pages_see_each_others_edits_and_choose_their_layer_themselves(windo
 def test_one_page_scrubs_while_another_one_watches(window, visit, served):
     other = visit(address_of(served), served.session)
     window.picture(), other.picture()
-    before = served.session.version
+    theirs = other.control("spinbutton", "lamp inputs:intensity")
+    other.sent.clear()
     window.drag_by(window.page.get_by_role("slider", name="Frame"), 3000, 0)
-    window.wait(lambda: served.session.version > before + 30 or (served.session.view.frame == 5 and window.is_newest()))
-    assert served.session.version < before + 30
+    window.wait(lambda: theirs.input_value() == "800")
+    assert not any('"frame"' in each for each in other.sent)
     assert np.array_equal(other.picture(), window.picture())
 
 
@@ -420,17 +420,19 @@ def test_the_wipe_shows_a_kept_picture_beside_the_present_one(window, served):
     field.fill("900")
     field.press("Enter")
     window.wait(lambda: value(served.session, INTENSITY) == 900 and window.is_newest())
-    after, half = window.received(), before.shape[1] // 2
+    after = window.received()
+    assert difference(after, before) > 1
 
     def is_wiped(at):
-        shown = window.canvas()
-        return are_alike(shown[:, : at - 2], before[:, : at - 2]) and are_alike(shown[:, at + 2 :], after[:, at + 2 :])
+        """Return whether the kept picture is shown on the left of a place, and the present one on the right."""
+        shown, line = window.canvas(), int(at * before.shape[1])
+        aside = np.abs(np.arange(shown.shape[1]) - at * shown.shape[1]) > 2
+        return are_alike(shown, np.concatenate([before[:, :line], after[:, line:]], axis=1), aside)
 
-    window.wait(lambda: is_wiped(half))
-    assert difference(after[:, half:], before[:, half:]) > 1
+    window.wait(lambda: is_wiped(0.5))
     line = window.page.get_by_role("slider", name="Wipe line")
     window.drag_by(line, -0.25 * window.page.locator("canvas").bounding_box()["width"], 0)
-    window.wait(lambda: is_wiped(half // 2))
+    window.wait(lambda: is_wiped(0.25))
     window.assert_accessible()
     window.page.get_by_role("button", name="Drop").click()
     assert np.array_equal(window.picture(), after)
@@ -571,6 +573,5 @@ def test_a_page_outlives_a_studio_that_is_killed_and_started_again(visit, tmp_pa
         assert again == address
         notice.wait_for(state="detached")
         after = window.picture()
-        print(after.shape, before.shape, difference(after, before), np.abs(after.astype(int)-before).max())
         assert np.array_equal(after, before)
     window.complaints[:] = [each for each in window.complaints if not each.startswith("WebSocket connection to")]
