@@ -38,6 +38,7 @@ def Cube "Fog" (prepend apiSchemas = ["PhotonBeamsMediumAPI"])
 @pytest.fixture(autouse=True)
 def small(monkeypatch):
     monkeypatch.setattr(notebook, "LONGEST", 32)
+    monkeypatch.setattr(notebook, "PASSES", 1)
 
 
 @pytest.fixture
