@@ -103,23 +103,24 @@ def are_equal(some, others):
     return some.keys() == others.keys() and all(np.array_equal(some[name], others[name]) for name in some)
 
 
-@pytest.mark.parametrize(
-    "values",
-    [{TINT: [0.2, 0.5, 1.0]}, {INTENSITY: 35.0}, {"/World/Fog.photonbeams:scattering": [0.4, 0.2, 0.1]},
-     {"/World/Camera.xformOp:translate": [0.2, 0.1, 3.5]}, {PLACE: [-0.8, 0.2, 0]},
-     {"/World/Look.photonbeams:across:expression": "1 - 0.5 * r"}, {"/World/Lamp.photonbeams:lightGroup": "lamp"}],
-    ids=["look", "light", "fog", "camera", "surface", "expression", "group"],
-)  # fmt: skip
-def test_the_finished_picture_is_that_of_a_render_with_the_saved_layer(stage, tmp_path, values):
-    """After edits of several kinds, and one more: what is taken over from earlier frames must be what is made anew."""
+def test_the_finished_picture_is_that_of_a_render_with_the_saved_layer(stage, tmp_path):
+    """After edits of all kinds, one upon another: what is taken over from earlier frames must be what is made anew."""
+    edits = {
+        "look": {TINT: [0.2, 0.5, 1.0]}, "light": {INTENSITY: 35.0},
+        "group": {"/World/Lamp.photonbeams:lightGroup": "a"},
+        "fog": {"/World/Fog.photonbeams:scattering": [0.4, 0.2, 0.1]}, "surface": {PLACE: [-0.8, 0.2, 0]},
+        "camera": {"/World/Camera.xformOp:translate": [0.2, 0.1, 3.5]},
+        "expression": {"/World/Look.photonbeams:across:expression": "1 - 0.5 * r"},
+    }  # fmt: skip
     with Watched(stage) as shown:
         before = shown.finished()
         assert are_equal(before, rendered(stage))
-        shown.finished(shown.session.edit({TINT: [0.9, 0.9, 0.9], INTENSITY: 10.0}))
-        after = shown.finished(shown.session.edit(values))
-        layer = shown.session.edits.save(tmp_path / "look.usda")
-    assert are_equal(after, rendered(stage, layer))
-    assert not are_equal(after, before)
+        for kind, values in edits.items():
+            after = shown.finished(shown.session.edit(values))
+            layer = shown.session.edits.save(tmp_path / f"{kind}.usda")
+            assert are_equal(after, rendered(stage, layer)), kind
+            assert not are_equal(after, before), kind
+            before = after
 
 
 def test_an_edit_of_a_look_traces_no_light_and_shades_no_surface(stage):
@@ -136,7 +137,8 @@ def test_first_pictures_are_small_and_whole_ones_follow(stage):
     view = SessionView(width=480, height=270, passes=2)
     with Watched(stage, view=view) as shown:
         shown.finished()
-        sizes = [(each.scale, each.layers["rgba"].shape[:2], each.passes) for each in shown.told]
+        sizes = [(each.scale, each.layers["rgba"].shape[:2], each.passes) for each in shown.told
+                 if each.version == shown.session.version]  # fmt: skip
     assert sizes[0][0] < 0.5 and np.prod(sizes[0][1]) < 160 * 91
     assert [each[1:] for each in sizes[1:]] == [((270, 480), 1), ((270, 480), 2)]
 

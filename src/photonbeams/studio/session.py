@@ -144,8 +144,9 @@ class _Chain:
 class Session:
     """A shot that is rendered while it is edited: at once in few pixels, then whole, then in more and more passes.
 
-    One thread renders. An edit, or another view, ends what is under way between two phases of a pass. The finished
-    picture has the bits of `Shot.render` with as many passes and the edits as a layer over the stage.
+    One thread renders. An edit, or another view, ends what is under way between two phases of a pass, but for reduced
+    pictures. The finished picture has the bits of `Shot.render` with as many passes and the edits as a layer over the
+    stage.
 
     Parameters
     ----------
@@ -367,9 +368,10 @@ class Session:
 
     def _render(self, version: int) -> None:
         """Render the pictures of a version, as long as it is the last."""
-        unwanted = partial(self._is_old, version)
         view = self.view
         for first in (True, False):
+            # A first picture is finished, or there would be none while edits come faster than pictures.
+            unwanted = self._is_closed if first else partial(self._is_old, version)
             scale = min(1.0, (_FIRST_PIXELS / (view.width * view.height)) ** 0.5) if first else 1.0
             frame, ready = self._begun(view, scale, first, unwanted)
             passes = 1 if first else view.passes
@@ -382,6 +384,9 @@ class Session:
 
     def _is_old(self, version: int) -> bool:
         return self._closed or version != self.version
+
+    def _is_closed(self) -> bool:
+        return self._closed
 
     def _begun(
         self, view: SessionView, scale: float, first: bool, unwanted: Callable[[], bool]
