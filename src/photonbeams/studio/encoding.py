@@ -1,0 +1,54 @@
+"""A session's pictures for a browser: PNG once they are finished, JPEG while there is a better one to come."""
+
+from __future__ import annotations
+
+from io import BytesIO
+from typing import NamedTuple
+
+from PIL import Image
+
+from ..images.view_transforms import OWN, viewed
+from .session import Picture
+
+
+class EncodedPicture(NamedTuple):
+    """A picture for a browser.
+
+    Attributes
+    ----------
+    data, mime
+        The file's bytes, and their MIME type.
+    layer
+        The layer that is shown.
+    width, height
+        Pixels.
+    """
+
+    data: bytes
+    mime: str
+    layer: str
+    width: int
+    height: int
+
+
+def encoded(picture: Picture, layer: str = "rgba", exposure: float = 0.0, display: str = OWN) -> EncodedPicture:
+    """Return a layer of a picture, at an exposure in stops, by a view transform; `rgba` where there is no such layer.
+
+    Raises
+    ------
+    SceneError
+        A name that is no view transform.
+    """
+    layer = layer if layer in picture.layers else "rgba"
+    pixels = picture.layers[layer]
+    if pixels.ndim == 2 or pixels.shape[2] == 1:
+        pixels = pixels.reshape(*pixels.shape[:2], 1).repeat(3, axis=2)
+    shown = viewed(pixels, display, exposure)
+    finished = picture.scale == 1 and picture.passes == picture.planned
+    data = BytesIO()
+    if finished:
+        Image.fromarray(shown).save(data, "PNG", compress_level=1)
+    else:  # it is replaced soon: what is lost does not matter
+        Image.fromarray(shown).save(data, "JPEG", quality=92, subsampling=0)
+    mime = "image/png" if finished else "image/jpeg"
+    return EncodedPicture(data.getvalue(), mime, layer, shown.shape[1], shown.shape[0])
