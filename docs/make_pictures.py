@@ -26,7 +26,7 @@ from pages import ROOT
 import photonbeams as pb
 from photonbeams.cli import main as photonbeams
 from photonbeams.cli.quadrature import quadrature
-from photonbeams.images.swatches import FOG, picture, plot_colors
+from photonbeams.images.swatches import FOG, picture, plot_colors, side_by_side
 from photonbeams.runtime.device import Array3f, Float
 from photonbeams.runtime.files import atomic_path
 
@@ -101,22 +101,8 @@ def cross_section(look: pb.Look) -> Any:
 
 
 def row(look: pb.Look, width: float, depths: Any, angles: Any, medium: pb.Medium, scale: float) -> Any:
-    """Return beams of one size side by side, at these depths and at these scattering angles in degrees.
-
-    90° stands upright before the camera, less points toward it, more away; each is as long as it takes to look as tall.
-    """
-    count = len(depths)
-    starts, ends = [], []
-    for i, (depth, angle) in enumerate(zip(depths, np.radians(angles), strict=True)):
-        middle = np.array([i - (count - 1) / 2, 0.0, -depth])
-        half = 0.5 * np.array([0.0, 1.0, np.cos(angle) / np.sin(angle)])
-        starts.append(middle - half)
-        ends.append(middle + half)
-    beams = pb.Beams(starts, ends, 0.16, 0.16, [[1, 1, 1]])
-    step = count / (width * DPI)
-    x = (np.arange(int(width * DPI)) + 0.5) * step - count / 2
-    y = (np.arange(int(HEIGHT * DPI)) - HEIGHT * DPI / 2 + 0.5) * -step
-    return picture(look, beams, x, y, medium, scale)
+    """Return beams of one size side by side; `width` is in inches."""
+    return side_by_side(look, depths, angles, int(width * DPI), int(HEIGHT * DPI), medium, scale)
 
 
 # -- swatches --------------------------------------------------------------------------------------------------------

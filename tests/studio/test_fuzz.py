@@ -10,12 +10,14 @@ from studio.test_server import Served
 from studio.test_session import INTENSITY, STAGE, TINT
 
 MESSAGES = 5000
-KINDS = ("set", "undo", "redo", "revert", "show", "inspect", "render", "cancel", "sett", 3, None)
+KINDS = ("set", "apply", "undo", "redo", "revert", "discard", "show", "inspect", "render", "cancel", "sett", 3, None)
 FIELDS = ("values", "step", "size", "camera", "pose", "frame", "area", "lens", "blur", "solo", "paused", "layer",
-          "exposure", "display", "at", "passes", "frames", "more")  # fmt: skip
+          "exposure", "display", "at", "passes", "frames", "preset", "path", "stereo", "eye", "denoise",
+          "more")  # fmt: skip
 PATHS = (INTENSITY, TINT, "/World/Look.photonbeams:along:expression", "/World/Look.photonbeams:along:ramp:knots",
          "/World/Lamp.photonbeams:look", "/World/Lamp.photonbeams:lightGroup", "/World/Fog.photonbeams:scattering",
          "/World/Lamp.visibility", "/World/Gone.a", "/World", "", "../x", "/World/Ball.radius")  # fmt: skip
+PRESETS = ("look-fading", "along-even", "look-gone")
 VALUES = (0, 1, -1, 2.5, 1e300, -0.0, True, False, None, "", "x", "1 + (", "invisible", "/World/Look", [], [1, 2, 3],
           [0.1, 0.2, 0.3], [[1, 2, 3]], ["/World/Look"], {"a": 1}, [1e40] * 3, "é" * 40, [0.0, 0.5, 1.0], [24, 13],
           )  # fmt: skip
@@ -29,6 +31,9 @@ def message(rng):
     if found["type"] == "set":
         count = int(rng.integers(1, 4))
         found["values"] = {PATHS[rng.integers(len(PATHS))]: VALUES[rng.integers(len(VALUES))] for _ in range(count)}
+    if found["type"] == "apply":
+        paths = ("/World/Lamp", "/World/Look", "/World/Gone")
+        found |= {"preset": PRESETS[rng.integers(len(PRESETS))], "path": paths[rng.integers(len(paths))]}
     for _ in range(int(rng.integers(0, 3)) if rng.random() < 0.5 else 0):
         found[FIELDS[rng.integers(len(FIELDS))]] = VALUES[rng.integers(len(VALUES))]
     return json.dumps(found)
@@ -56,7 +61,8 @@ def test_the_studio_outlives_five_thousand_messages(tmp_path, monkeypatch):
         with served.page() as page:
             page.send("revert")
             page.send("show", size=[48, 27], camera=None, pose=None, frame=None, area=None, lens=True, blur=True,
-                      solo=[], paused=False, layer="rgba", exposure=0.0, display="photonbeams")  # fmt: skip
+                      solo=[], paused=False, layer="rgba", exposure=0.0, display="photonbeams", stereo=None, eye="left",
+                      denoise=False)  # fmt: skip
             page.send("inspect", at=[0.5, 0.5])
             page.told("pixel")
             _, after = page.finished(served.session.version)

@@ -17,8 +17,8 @@ from websockets.sync.client import connect
 from photonbeams.images.files import read_layers
 from photonbeams.images.view_transforms import viewed
 from photonbeams.studio.server import Studio
-from photonbeams.studio.session import Session, SessionView
-from studio.test_session import INTENSITY, STAGE, TINT, rendered
+from photonbeams.studio.session import Session
+from studio.test_session import INTENSITY, STAGE, TINT, VIEW, rendered
 
 TOKEN = "a-token-of-tests"
 
@@ -27,7 +27,7 @@ class Served:
     """A server in a thread of its own."""
 
     def __init__(self, path, **given):
-        self.session = Session(path, view=SessionView(width=48, height=27, passes=2), **given)
+        self.session = Session(path, **{"view": VIEW, **given})
         self.studio = Studio(self.session, TOKEN)
         config = uvicorn.Config(self.studio.app(), host="127.0.0.1", port=0, log_level="error", ws_max_size=1 << 17)
         self._server = uvicorn.Server(config)

@@ -1,12 +1,15 @@
 """Sessions: what an edit changes is in the next picture, and the finished one is that of `Shot.render`, to the bit."""
 
 import threading
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import photonbeams as pb
+from photonbeams.render.passes import PlannedPasses
+from photonbeams.shot.development import Development
 from photonbeams.studio.session import Picture, Problem, Session, SessionView
 
 STAGE = """#usda 1.0
@@ -43,7 +46,7 @@ def Xform "World"
     }
 }
 """
-VIEW = SessionView(width=48, height=27, passes=2)
+VIEW = SessionView(width=48, height=27, passes=2, denoise=False)
 TINT, INTENSITY = "/World/Look.photonbeams:along:tint", "/World/Lamp.inputs:intensity"
 PLACE = "/World/Ball.xformOp:translate"
 
@@ -143,7 +146,7 @@ def test_an_edit_of_a_look_traces_no_light_and_shades_no_surface(stage):
 
 
 def test_first_pictures_are_small_and_whole_ones_follow(stage):
-    view = SessionView(width=480, height=270, passes=2)
+    view = SessionView(width=480, height=270, passes=2, denoise=False)
     with Watched(stage, view=view) as shown:
         shown.finished()
         sizes = [(each.scale, each.layers["rgba"].shape[:2], each.passes) for each in shown.told
@@ -247,7 +250,7 @@ def test_a_free_camera_sees_what_the_stages_camera_would_from_there(stage, tmp_p
 
 
 def test_a_pixel_tells_of_the_beams_in_it_and_how_the_brightest_is_integrated(stage):
-    with Watched(stage, view=SessionView(width=48, height=27, passes=1)) as shown:
+    with Watched(stage, view=replace(VIEW, passes=1)) as shown:
         layers = shown.wait(shown.session.version, lambda each: each.scale == 1).layers
         row, column = np.unravel_index(np.argmax(layers["beams"][:, :20].mean(axis=2)), (27, 20))
         at = ((column + 0.5) / 48, (row + 0.5) / 27)
@@ -282,3 +285,29 @@ def test_overrides_of_the_command_line_are_weaker_than_edits(stage):
         bright = shown.finished(shown.session.edit({INTENSITY: 4.0}))["beams"].mean()
     assert bright == pytest.approx(4 * dim, rel=1e-3)
     assert Path(stage).read_text() == STAGE
+
+
+def test_pictures_of_few_passes_are_denoised_and_the_finished_one_is_that_of_a_render(stage):
+    with Watched(stage, view=replace(VIEW, denoise=True)) as shown:
+        raw = shown.finished()
+        version = shown.session.version
+        first, second = [each for each in shown.told if (each.version, each.passes) == (version, 1)]
+        assert first.statistics.seconds["denoise"] > 0
+    part = pb.Shot.open(stage).render_part(PlannedPasses(range(1), 2), width=48, height=27, denoise=True)
+    denoised, noisy = (replace(Development.of(part.development), denoise=each).frame(part) for each in (True, False))
+    assert are_equal(second.layers, denoised.layers) and not are_equal(second.layers, noisy.layers)
+    assert are_equal(raw, rendered(stage))
+
+
+@pytest.mark.parametrize("axis", ["Y", "Z"])
+def test_the_up_axis_is_the_stages(tmp_path, axis):
+    path = tmp_path / "shot.usda"
+    path.write_text(STAGE.replace('defaultPrim = "World"', f'defaultPrim = "World"\n    upAxis = "{axis}"'))
+    with Session(path, view=VIEW) as session:
+        assert session.up() == axis
+
+
+def test_a_mitsuba_scene_is_refused_with_what_to_do_instead(tmp_path):
+    with pytest.raises(pb.SceneError, match=r"scene\.xml is a Mitsuba scene.*`photonbeams render`") as refused:
+        Session(tmp_path / "scene.xml")
+    assert len(str(refused.value)) < 300

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from ..render.settings import Settings
     from ..scene import Color, Medium
     from ..usd.selection import Selection
+    from ..usd.stereo import Stereo
 
 MOST_THREADS = 1024
 MOST_BOUNCES = 2**31 - 3  # 2 edges less than `max_depth`
@@ -67,6 +68,25 @@ class Device(StrEnum):
     auto = "auto"
     cpu = "cpu"
     cuda = "cuda"
+
+
+def two_eyes(
+    stereo: bool, interaxial: float | None, convergence: float | None, view: str | None = None
+) -> Stereo | None:  # fmt: skip
+    """Return how the camera becomes two eyes, or None for one."""
+    flags = {"--interaxial": interaxial, "--convergence": convergence, "--view": view}
+    for flag, value in flags.items():
+        if value is not None and not stereo:
+            raise typer.BadParameter(f"{flag} is of two eyes: expected --stereo, too")
+    if not stereo:
+        return None
+    from ..scene import SceneError
+    from ..usd.stereo import Stereo
+
+    try:
+        return Stereo(interaxial, convergence)
+    except SceneError as error:
+        raise typer.BadParameter(f"--{error}") from None
 
 
 def check_flags(

@@ -32,6 +32,14 @@ Frames = Annotated[
 Resolution = Annotated[
     tuple[int, int], typer.Option(metavar="W H", help="Size in pixels; what is 0 comes from the aperture.")
 ]
+TwoEyes = Annotated[
+    bool, typer.Option("--stereo", help="Two eyes: a pair of cameras with stereoRole, or the camera split in two.")
+]
+Interaxial = Annotated[float | None, typer.Option(help="Distance of the eyes in scene units; default: 65 mm.")]
+Convergence = Annotated[
+    float | None,
+    typer.Option(help="Distance without disparity, scene units; default: the focus, or infinitely far."),
+]
 Simulate = Annotated[
     str | None, typer.Option(metavar="FILE.py:NAME", help="A Python function that changes the beams of each pass.")
 ]

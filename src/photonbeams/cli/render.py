@@ -22,6 +22,7 @@ from .flags import (
     RuleName,
     SelectionFlags,
     check_flags,
+    two_eyes,
 )
 from .job import run
 from .outputs import Output, PictureExposure, parse_outputs, part_outputs
@@ -30,7 +31,6 @@ from .xml import check_given
 
 if TYPE_CHECKING:
     from ..farm.cluster import FarmOptions
-    from ..usd.stereo import Stereo
 
 
 class ViewName(StrEnum):
@@ -205,16 +205,9 @@ def render(
     ] = None,
     simulate: options.Simulate = None,
     emit: options.Emit = None,
-    stereo: Annotated[
-        bool, typer.Option("--stereo", help="Two eyes: a pair of cameras with stereoRole, or the camera split in two.")
-    ] = False,
-    interaxial: Annotated[
-        float | None, typer.Option(help="Distance of the eyes in scene units; default: 65 mm.")
-    ] = None,
-    convergence: Annotated[
-        float | None,
-        typer.Option(help="Distance without disparity, scene units; default: the focus, or infinitely far."),
-    ] = None,
+    stereo: options.TwoEyes = False,
+    interaxial: options.Interaxial = None,
+    convergence: options.Convergence = None,
     view: Annotated[ViewName | None, typer.Option(help="One of the two eyes; default: both, in one file.")] = None,
     holdout: Annotated[
         str | None,
@@ -287,7 +280,7 @@ def render(
         bounces, checkpoint, snapshot,
     )  # fmt: skip
     _check_plates(holdout, holdout_channel, holdout_depth, holdout_scale, over, over_fog)
-    eyes = _stereo(stereo, interaxial, convergence, view)
+    eyes = two_eyes(stereo, interaxial, convergence, view)
     part = PassRange.parse(pass_range)
     farm = _farm(workers, scheduler, threads, {"ca": tls_ca, "cert": tls_cert, "key": tls_key})
     if part is not None and farm is not None:
@@ -336,23 +329,6 @@ def _exposure(stops: float, auto: bool) -> PictureExposure:
     if auto and stops:
         raise typer.BadParameter("--auto-exposure chooses the exposure: expected no --exposure beside it")
     return PictureExposure(None if auto else stops)
-
-
-def _stereo(stereo: bool, interaxial: float | None, convergence: float | None, view: ViewName | None) -> Stereo | None:
-    """Return how the camera becomes two eyes, or None for one."""
-    flags = {"--interaxial": interaxial, "--convergence": convergence, "--view": view}
-    for flag, value in flags.items():
-        if value is not None and not stereo:
-            raise typer.BadParameter(f"{flag} is of two eyes: expected --stereo, too")
-    if not stereo:
-        return None
-    from ..scene import SceneError
-    from ..usd.stereo import Stereo
-
-    try:
-        return Stereo(interaxial, convergence)
-    except SceneError as error:
-        raise typer.BadParameter(f"--{error}") from None
 
 
 def _tile(text: str | None) -> tuple[int, int] | None:

@@ -13,7 +13,7 @@ from typing import Annotated
 import typer
 
 from . import options
-from .flags import Device, check_flags, start_device
+from .flags import Device, check_flags, start_device, two_eyes
 from .progress import messages
 
 _LOOPBACK = ("127.0.0.1", "localhost", "::1")
@@ -27,6 +27,9 @@ def studio(
         typer.Option("--layer", help="The .usda layer of the edits: read if it is there, written by Save."),
     ] = None,
     res: options.Resolution = (480, 270),
+    stereo: options.TwoEyes = False,
+    interaxial: options.Interaxial = None,
+    convergence: options.Convergence = None,
     passes: Annotated[int, typer.Option("--passes", min=1, help="Passes of the finished picture.")] = 64,
     host: Annotated[str, typer.Option("--host", help="Where to listen; another one lets other machines in.")] = (
         "127.0.0.1"
@@ -49,6 +52,7 @@ def studio(
     photonbeams studio shot.usda --layer look.usda
     """
     check_flags(res)
+    eyes = two_eyes(stereo, interaxial, convergence)
     with messages(quiet, verbose):
         start_device(device, threads)
         import uvicorn
@@ -58,7 +62,7 @@ def studio(
         from ..studio.session import SessionView
 
         width, height = res
-        view = SessionView(width=width or 480, height=height or 270, passes=passes)
+        view = SessionView(width=width or 480, height=height or 270, passes=passes, stereo=eyes)
         target = layer or scene.with_name("look.usda")
         with Session(
             scene, camera, target, view, overrides=overrides or (), session_layers=session_layer or ()

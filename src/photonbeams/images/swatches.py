@@ -86,6 +86,43 @@ def cross_section(look: Look, specimen: Specimen, size: int) -> np.ndarray:
     return picture(look, slice_, x, -x, specimen.medium, context=specimen.context)
 
 
+def side_by_side(
+    look: Look, depths: Sequence[float], angles: Sequence[float], width: int, height: int, medium: Medium = FOG,
+    scale: float | None = None,
+) -> np.ndarray:  # fmt: skip
+    """Return beams of one size in a row, at these depths and at these scattering angles in degrees.
+
+    90° stands upright before the camera, less points toward it, more away; each is as long as it takes to look as tall.
+    The picture is as wide as there are beams, in scene units.
+    """
+    count = len(depths)
+    starts, ends = [], []
+    for i, (depth, angle) in enumerate(zip(depths, np.radians(angles), strict=True)):
+        middle = np.array([i - (count - 1) / 2, 0.0, -depth])
+        half = 0.5 * np.array([0.0, 1.0, np.cos(angle) / np.sin(angle)])
+        starts.append(middle - half)
+        ends.append(middle + half)
+    beams = Beams(starts, ends, 0.16, 0.16, [[1, 1, 1]])
+    step = count / width
+    x = (np.arange(width) + 0.5) * step - count / 2
+    y = (np.arange(height) - height / 2 + 0.5) * -step
+    return picture(look, beams, x, y, medium, scale)
+
+
+def thumbnail(look: Look, factor: str, width: int, height: int) -> np.ndarray:
+    """Return a small picture that shows one factor of a look best, or, of any other name, a beam from the side."""
+    if factor == "eye":
+        return side_by_side(look, np.linspace(0.5, 5.5, 5).tolist(), [90.0] * 5, width, height)
+    if factor == "angle":
+        forward = Medium(FOG.scattering, FOG.absorption, anisotropy=0.5)
+        return side_by_side(look, [3.0] * 5, [20, 55, 90, 115, 140], width, height, forward)
+    specimen = Specimen(radius_start=0.35, radius_end=0.75)
+    if factor == "across":
+        side, section = from_the_side(look, specimen, width - height, height), cross_section(look, specimen, height)
+        return np.concatenate([side, section], axis=1)
+    return from_the_side(look, specimen, width, height)
+
+
 def sheet(looks: Sequence[tuple[str, Look, Specimen]]) -> Any:
     """Return a figure of named looks, one above the other: from the side, in section, and the curves of the factors."""
     from matplotlib.figure import Figure

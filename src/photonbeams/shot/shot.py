@@ -375,6 +375,12 @@ class Shot:
             return (stages.read_camera(self.stage, self.camera, self.time(frame), self._warnings),)
         return read_eyes(self.stage, self.camera, self.stereo, self.time(frame), self._warnings)
 
+    def look_through(self, camera: str | None, stereo: Stereo | None = None) -> None:
+        """Take another camera, by its path or name, or other eyes; what depends on its place is found anew."""
+        check_stereo(stereo)
+        if (camera, stereo) != (self.camera, self.stereo):
+            self.camera, self.stereo, self._sphere = camera, stereo, None
+
     def exposure(self, frame: float | None = None, blur: bool = True, lens: bool = True) -> Exposure:
         """Return the scene and the cameras over the shutter interval of a frame.
 

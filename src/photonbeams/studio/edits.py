@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import threading
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from ..runtime.files import PathLike
 from ..scene import SceneError
 from ..usd.editing import EMPTY, EditLayer
+from .autosave import LOG, Autosave, autosave_path
 
 # Steps that can be undone.
 _MOST = 500
 
+T = TypeVar("T")
+
 
 class Edits:
     """A layer of values over a stage.
+
+    Edits that are not saved are kept beside the file, and come back with the next `Edits` of it: see `autosave`.
 
     Parameters
     ----------
@@ -23,6 +29,11 @@ class Edits:
         The layer over the stage that takes the values.
     path
         The file that the layer is written to by `save`; what it has already is laid over the stage.
+
+    Attributes
+    ----------
+    restored
+        Whether the layer began with edits that had not been saved, and neither were saved since nor given up.
 
     Raises
     ------
@@ -32,12 +43,31 @@ class Edits:
 
     def __init__(self, layer: EditLayer, path: PathLike | None = None) -> None:
         self._layer, self.path = layer, None if path is None else Path(path)
+        self._lock = threading.RLock()  # of the layer, which autosaves read in another thread
+        self._autosave = Autosave(self._unsaved)
         if self.path is not None and self.path.exists():
             layer.load(self.path)
         self._past: list[str] = []
         self._future: list[str] = []
         self._step: str | None = None
         self._saved = layer.text()
+        self.restored = self.path is not None and self._restore(self.path)
+
+    def _restore(self, path: Path) -> bool:
+        """Take the edits of an autosave, as a step that can be undone; return whether there are any."""
+        text = self._autosave.found(path)
+        if text is None or text == self._saved:
+            return False
+        try:
+            self._layer.replace(text)
+        except SceneError:
+            LOG.warning("%s cannot be read: expected edits that had not been saved", autosave_path(path))
+            return False
+        if self.is_saved:
+            return False
+        self._past = [self._saved]
+        LOG.warning("edits that had not been saved are restored from %s", autosave_path(path))
+        return True
 
     def set(self, values: Mapping[str, Any], step: str | None = None) -> None:
         """Set values by their paths, "/Prim.attribute"; None leaves the value to the stage again.
@@ -49,16 +79,35 @@ class Edits:
         SceneError
             A prim or an attribute that is not there, or a value of another type; nothing is set then.
         """
-        before = self._layer.text()
-        try:
+
+        def set_all(layer: EditLayer) -> None:
             for path, value in values.items():
-                self._layer.set(path, value)
-        except SceneError:
-            self._layer.replace(before)
-            raise
-        if step is None or step != self._step:
-            self._past = [*self._past[-_MOST + 1 :], before]
-        self._step, self._future = step, []
+                layer.set(path, value)
+
+        self.change(set_all, step)
+
+    def change(self, work: Callable[[EditLayer], T], step: str | None = None) -> T:
+        """Let a function change the layer, as one step, and return what it returns; on SceneError nothing is changed.
+
+        Parameters
+        ----------
+        work
+            The function.
+        step
+            As for `set`.
+        """
+        with self._lock:
+            before = self._layer.text()
+            try:
+                result = work(self._layer)
+            except SceneError:
+                self._layer.replace(before)
+                raise
+            if step is None or step != self._step:
+                self._past = [*self._past[-_MOST + 1 :], before]
+            self._step, self._future = step, []
+        self._autosave.soon()
+        return result
 
     def undo(self) -> bool:
         """Undo the last step; return whether there was one."""
@@ -70,16 +119,25 @@ class Edits:
 
     def revert(self) -> None:
         """Leave all values to the stage again, as one step."""
-        self._past.append(self._layer.text())
-        self._step, self._future = None, []
-        self._layer.replace(EMPTY)
+        self._go_to(EMPTY)
+
+    def discard(self) -> None:
+        """Go back to what was saved last, as one step."""
+        self._go_to(self._saved)
+
+    def _go_to(self, text: str) -> None:
+        self.change(lambda layer: layer.replace(text))
+        self.restored = False
+        self._autosave.remove(self.path)
 
     def _moved(self, source: list[str], target: list[str]) -> bool:
-        if not source:
-            return False
-        target.append(self._layer.text())
-        self._layer.replace(source.pop())
-        self._step = None
+        with self._lock:
+            if not source:
+                return False
+            target.append(self._layer.text())
+            self._layer.replace(source.pop())
+            self._step = None
+        self._autosave.soon()
         return True
 
     @property
@@ -103,7 +161,13 @@ class Edits:
 
     def text(self) -> str:
         """Return the layer as .usda."""
-        return self._layer.text()
+        with self._lock:
+            return self._layer.text()
+
+    def _unsaved(self) -> tuple[Path | None, str | None]:
+        """Return the file, and the edits where they are not saved."""
+        with self._lock:
+            return self.path, None if self.is_saved else self._layer.text()
 
     def save(self, path: PathLike | None = None) -> Path:
         """Write the layer, whole or not at all, and return its file.
@@ -118,6 +182,12 @@ class Edits:
         target = self.path if path is None else Path(path)
         if target is None:
             raise SceneError("the edits have no file: expected the path of a .usda layer")
-        self._layer.write(target)
-        self.path, self._saved = target, self._layer.text()
+        with self._autosave.files, self._lock:
+            self._layer.write(target)
+            self._autosave.remove(self.path, target)
+            self.path, self._saved, self.restored = target, self._layer.text(), False
         return target
+
+    def close(self) -> None:
+        """Keep what is not saved for the next time."""
+        self._autosave.close()

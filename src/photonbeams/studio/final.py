@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ..scene import SceneError
+from ..usd.stereo import Stereo
 
 _PROGRESS = re.compile(rb"openjd_progress: ([\d.]+)")
 
@@ -36,6 +37,8 @@ class Wanted:
         The camera, None for the stage's own, and the size.
     passes, frames
         Passes, and the first and the last frame; None: the one that the stage shows by itself.
+    stereo
+        How the camera becomes two eyes, None: it is one.
     """
 
     stage: Path
@@ -47,6 +50,18 @@ class Wanted:
     height: int
     passes: int
     frames: tuple[float, float] | None
+    stereo: Stereo | None = None
+
+    def flags(self) -> list[str]:
+        """Return the flags of the camera and of the frames."""
+        words = ["--camera", self.camera] if self.camera else []
+        words += ["--frames", f"{self.frames[0]:g}:{self.frames[1]:g}"] if self.frames else []
+        if self.stereo is not None:
+            words.append("--stereo")
+            for name in ("interaxial", "convergence"):
+                if (value := getattr(self.stereo, name)) is not None:
+                    words += [f"--{name}", repr(float(value))]
+        return words
 
 
 class FinalRender:
@@ -81,9 +96,7 @@ class FinalRender:
             words += ["--session-layer", each]
         for each in wanted.overrides:
             words += ["--set", each]
-        words += ["--camera", wanted.camera] if wanted.camera else []
-        words += ["--frames", f"{wanted.frames[0]:g}:{wanted.frames[1]:g}"] if wanted.frames else []
-        words += ["--res", str(wanted.width), str(wanted.height), "--passes", str(wanted.passes)]
+        words += [*wanted.flags(), "--res", str(wanted.width), str(wanted.height), "--passes", str(wanted.passes)]
         words += ["-o", str(work / pattern), "--progress", "openjd"]
         # A group of its own, so that Ctrl-C in a terminal ends the studio, which ends the render in order.
         process = self._process = await asyncio.create_subprocess_exec(

@@ -24,6 +24,13 @@ class Set(Message, tag="set"):
     step: str | None = None
 
 
+class Apply(Message, tag="apply"):
+    """Apply a preset to the look at a path, or give the light at a path a new look of that kind."""
+
+    preset: str
+    path: str
+
+
 class Undo(Message, tag="undo"):
     """Undo the last step."""
 
@@ -36,12 +43,20 @@ class Revert(Message, tag="revert"):
     """Leave all values to the stage."""
 
 
+class Discard(Message, tag="discard"):
+    """Go back to the edits that were saved last."""
+
+
 class Save(Message, tag="save"):
     """Write the edits to their file."""
 
 
 class Show(Message, tag="show"):
-    """Change what is shown: the view of all pages, and this page's own layer, exposure and view transform."""
+    """Change what is shown: the view of all pages, and this page's own layer, eye, exposure and view transform.
+
+    `stereo` are the distance of the eyes and that at which they converge, either of them None: see `usd.stereo.Stereo`.
+    `eye` is "anaglyph", "left" or "right".
+    """
 
     size: tuple[int, int] | msgspec.UnsetType = msgspec.UNSET
     camera: str | msgspec.UnsetType | None = msgspec.UNSET
@@ -50,8 +65,11 @@ class Show(Message, tag="show"):
     area: tuple[float, float, float, float] | msgspec.UnsetType | None = msgspec.UNSET
     lens: bool | msgspec.UnsetType = msgspec.UNSET
     blur: bool | msgspec.UnsetType = msgspec.UNSET
+    denoise: bool | msgspec.UnsetType = msgspec.UNSET
+    stereo: tuple[float | None, float | None] | msgspec.UnsetType | None = msgspec.UNSET
     solo: list[str] | msgspec.UnsetType = msgspec.UNSET
     paused: bool | msgspec.UnsetType = msgspec.UNSET
+    eye: str | msgspec.UnsetType = msgspec.UNSET
     layer: str | msgspec.UnsetType = msgspec.UNSET
     exposure: float | msgspec.UnsetType = msgspec.UNSET
     display: str | msgspec.UnsetType = msgspec.UNSET
@@ -74,7 +92,7 @@ class Cancel(Message, tag="cancel"):
     """End the final render."""
 
 
-Messages = Set | Undo | Redo | Revert | Save | Show | Inspect | Render | Cancel
+Messages = Set | Apply | Undo | Redo | Revert | Discard | Save | Show | Inspect | Render | Cancel
 
 _DECODER: msgspec.json.Decoder[Messages] = msgspec.json.Decoder(Messages)
 

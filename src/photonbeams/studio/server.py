@@ -30,12 +30,16 @@ from starlette.routing import Route, WebSocketRoute
 from starlette.types import ASGIApp, Receive, Scope, Send
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
+from ..images.anaglyph import anaglyph
 from ..images.view_transforms import OWN, view_transforms, viewed
-from ..scene import SceneError
+from ..scene import Array, SceneError
 from ..usd.controls import Controls
+from ..usd.presets import PRESETS
+from ..usd.stereo import EYES, Stereo, usual_interaxial
 from . import protocol
 from .final import FinalRender, Wanted
 from .session import Picture, Problem, Session
+from .thumbnails import thumbnail_of
 
 PAGE = Path(__file__).parent / "page"
 
@@ -50,7 +54,12 @@ _HEADERS = {
 }  # fmt: skip
 _LOCAL = ("127.0.0.1", "localhost", "[::1]")
 _REFUSED, _MALFORMED = 4403, 4400  # WebSocket's codes of our own
+_ANAGLYPH = "anaglyph"
 _TYPES = {".js": "text/javascript", ".css": "text/css"}  # whatever the machine takes them for
+
+
+#: What pages are told of presets.
+_PRESETS = [{"name": each.name, "label": each.label, "factor": each.factor} for each in PRESETS]
 
 
 class Guard:
@@ -95,6 +104,7 @@ class _Watcher:
 
     socket: WebSocket
     layer: str = "rgba"
+    eye: str = EYES[0]
     exposure: float = 0.0
     display: str = OWN
     shown: Picture | None = None
@@ -136,8 +146,9 @@ class Studio:
         self._last: Picture | None = None
         self._problem: Problem | None = None
         self._groups: list[dict[str, Any]] = []
-        # One thread for all that waits for the session, so that edits keep their order; pictures have another one.
-        self._commands, self._encoders = ThreadPoolExecutor(1), ThreadPoolExecutor(1)
+        # One thread for all that waits for the session, so that edits keep their order; pictures have another one, and
+        # so have thumbnails, for their kernels are compiled on first use.
+        self._commands, self._encoders, self._painters = (ThreadPoolExecutor(1) for _ in range(3))
         self._final = FinalRender()
         self._loop: asyncio.AbstractEventLoop | None = None
 
@@ -146,7 +157,7 @@ class Studio:
         return Starlette(
             routes=[
                 Route("/", self._page), Route("/assets/{name}", self._asset), Route("/result/{name}", self._result),
-                WebSocketRoute("/session", self._watch),
+                Route("/presets/{name}", self._thumbnail), WebSocketRoute("/session", self._watch),
             ],
             middleware=[Middleware(Guard, token=self.token, hosts=hosts)],
             lifespan=self._running,
@@ -162,8 +173,8 @@ class Studio:
         finally:
             end()
             self._final.close()
-            self._commands.shutdown()
-            self._encoders.shutdown()
+            for each in (self._commands, self._encoders, self._painters):
+                each.shutdown(cancel_futures=True)
 
     async def _page(self, _request: Request) -> Response:
         index = PAGE / "index.html"
@@ -173,6 +184,17 @@ class Studio:
 
     async def _asset(self, request: Request) -> Response:
         return _file_of(PAGE / "assets", request)
+
+    async def _thumbnail(self, request: Request) -> Response:
+        """Return the thumbnail of a preset, which is made once."""
+        work = asyncio.get_running_loop().run_in_executor(
+            self._painters, thumbnail_of, request.path_params["name"].removesuffix(".png")
+        )
+        try:
+            headers = {**_HEADERS, "cache-control": "private, max-age=86400"}  # the token is in its address
+            return Response(await work, headers=headers, media_type="image/png")
+        except SceneError as error:
+            return PlainTextResponse(f"{error}\n", 404, _HEADERS)
 
     def _told(self, what: Picture | Problem) -> None:
         """Take what the session tells, in its thread."""
@@ -221,10 +243,14 @@ class Studio:
     def _scene(self) -> str:
         session, last = self.session, self._last
         self._groups = _described(session.controls())
+        camera, stereo = session.camera(), session.view.stereo
         return protocol.encoded(
             "scene", name=session.name, cameras=session.cameras(), frames=session.frames(), fps=session.rate(),
             layers=["rgba"] if last is None else list(last.layers), displays=view_transforms(),
-            controls=self._groups, pose=np.asarray(session.camera().to_world).ravel().tolist(),
+            controls=self._groups, pose=np.asarray(camera.to_world).ravel().tolist(), up=session.up(),
+            focal=1.0 if camera.orthographic else camera.focal_length / camera.horizontal_aperture,
+            stereo=None if stereo is None else [stereo.interaxial, stereo.convergence], pair=session.has_pair(),
+            interaxial=usual_interaxial(session.shot.stage), presets=_PRESETS,
         )  # fmt: skip
 
     async def _watch(self, socket: WebSocket) -> None:
@@ -273,11 +299,18 @@ class Studio:
         match asked:
             case protocol.Set(values=values, step=step):
                 await self._command(session.edit, values, step)
-                self._tell_all(await self._command(self._values, values))
-            case protocol.Undo() | protocol.Redo() | protocol.Revert():
-                moves = {protocol.Undo: session.undo, protocol.Redo: session.redo, protocol.Revert: session.revert}
+                await self._tell_edited(values)
+            case protocol.Apply(preset=preset, path=path):
+                look = await self._command(session.apply, preset, path)
+                await self._tell_edited(None)
+                watcher.tell(protocol.encoded("applied", path=path, look=look))
+            case protocol.Undo() | protocol.Redo() | protocol.Revert() | protocol.Discard():
+                moves: dict[type, Callable[[], object]] = {
+                    protocol.Undo: session.undo, protocol.Redo: session.redo, protocol.Revert: session.revert,
+                    protocol.Discard: session.discard,
+                }  # fmt: skip
                 await self._command(moves[type(asked)])
-                self._tell_all(await self._command(self._values, None))
+                await self._tell_edited(None)
             case protocol.Save():
                 await self._command(session.edits.save)
                 self._tell_all(self._values({}))
@@ -299,9 +332,11 @@ class Studio:
             name: value for name in asked.__struct_fields__
             if (value := getattr(asked, name)) is not msgspec.UNSET
         }  # fmt: skip
-        own = {name: given.pop(name) for name in ("layer", "exposure", "display") if name in given}
+        own = {name: given.pop(name) for name in ("layer", "eye", "exposure", "display") if name in given}
         if own.get("display", OWN) not in view_transforms():
             raise SceneError(f"there is no view transform {own['display']!r}")
+        if own.get("eye", _ANAGLYPH) not in (_ANAGLYPH, *EYES):
+            raise SceneError(f"there is no eye {own['eye']!r}: expected one of {', '.join((_ANAGLYPH, *EYES))}")
         if not -64 <= own.get("exposure", 0.0) <= 64:
             raise SceneError(f"the exposure is {own['exposure']}: expected -64 to 64 stops")
         for name, value in own.items():
@@ -310,6 +345,8 @@ class Studio:
             watcher.show(self._last)
         if "size" in given:
             given["width"], given["height"] = given.pop("size")
+        if given.get("stereo") is not None:
+            given["stereo"] = Stereo(*given["stereo"])
         if given:
             before = self.session.view
             await self._command(self.session.show, **given)
@@ -331,13 +368,22 @@ class Studio:
     async def _result(self, request: Request) -> Response:
         return _file_of(self._final.folder, request, download=True)
 
+    async def _tell_edited(self, edited: dict[str, Any] | None) -> None:
+        """Tell all pages of an edit: see `_values`; before that of the scene, where other controls are in it now."""
+        before = _shape(self._groups)
+        text = await self._command(self._values, edited)
+        if _shape(self._groups) != before:
+            await self._tell_scene()
+        self._tell_all(text)
+
     def _values(self, edited: dict[str, Any] | None) -> str:
         """Return the message about values: those that were edited, or with None all that differ from before.
 
-        Where an edit leaves a value to the stage, that is not known before the stage is read.
+        Where an edit leaves a value to the stage, that is not known before the stage is read; nor are the looks that
+        lights have.
         """
         edits, values, authored = self.session.edits, {}, {}
-        if edited is None or any(value is None for value in edited.values()):
+        if edited is None or any(value is None or path.endswith(":look") for path, value in edited.items()):
             before = _flat(self._groups)
             self._groups = _described(self.session.controls())
             now = _flat(self._groups)
@@ -349,7 +395,7 @@ class Studio:
             _note(self._groups, edited)
         return protocol.encoded(
             "values", values=values, authored=authored, canUndo=edits.can_undo, canRedo=edits.can_redo,
-            saved=edits.is_saved,
+            saved=edits.is_saved, restored=edits.restored and not edits.is_saved,
         )  # fmt: skip
 
     def _tell_all(self, text: str) -> None:
@@ -373,10 +419,10 @@ class Studio:
 def _encoded(picture: Picture, watcher: _Watcher) -> bytes:
     """Return a picture as a page shows it; what is to be replaced soon is compressed with a loss."""
     layer = watcher.layer if watcher.layer in picture.layers else "rgba"
-    pixels = picture.layers[layer]
-    if pixels.ndim == 2 or pixels.shape[2] == 1:
-        pixels = pixels.reshape(*pixels.shape[:2], 1).repeat(3, axis=2)
-    shown = viewed(pixels, watcher.display, watcher.exposure)
+    if picture.views and watcher.eye == _ANAGLYPH:
+        shown = anaglyph(*(_viewed(picture.views[eye][layer], watcher) for eye in EYES))
+    else:
+        shown = _viewed(picture.views.get(watcher.eye, picture.layers)[layer], watcher)
     finished = picture.scale == 1 and picture.passes == picture.planned
     data = BytesIO()
     image = Image.fromarray(shown)
@@ -390,6 +436,13 @@ def _encoded(picture: Picture, watcher: _Watcher) -> bytes:
         "mime": "image/png" if finished else "image/jpeg",
     }  # fmt: skip
     return protocol.framed(header, data.getvalue())
+
+
+def _viewed(pixels: Array, watcher: _Watcher) -> Array:
+    """Return a layer as a page shows it, (H, W, 3) of 8 bits."""
+    if pixels.ndim == 2 or pixels.shape[2] == 1:
+        pixels = pixels.reshape(*pixels.shape[:2], 1).repeat(3, axis=2)
+    return viewed(pixels, watcher.display, watcher.exposure)
 
 
 def _file_of(folder: Path, request: Request, download: bool = False) -> Response:
@@ -421,6 +474,14 @@ def _described(found: Sequence[Controls]) -> list[dict[str, Any]]:
             for own, name in (("least", "min"), ("most", "max"), ("slider", "soft")):
                 control[name] = control.pop(own)
     return groups
+
+
+def _shape(groups: list[dict[str, Any]]) -> list[Any]:
+    """Return what of controls is told with the scene alone."""
+    return [
+        (group["path"], group["uses"], [(each["path"], each["choices"]) for each in group["controls"]])
+        for group in groups
+    ]
 
 
 def _flat(groups: list[dict[str, Any]]) -> dict[str, tuple[Any, bool]]:

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import re
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..images.frame import pixels_of
+from ..render.denoising import check_denoiser
 from ..runtime.files import PathLike
 from ..scene import BLACK, Array, Camera, Scene, SceneError, whole
 from ..shot.request import Prepared
@@ -21,7 +23,9 @@ from ..shot.shot import Shot
 from ..usd.controls import Controls, controls_of
 from ..usd.editing import EditLayer
 from ..usd.motion import followed, same
+from ..usd.presets import BEAM, apply_preset, preset_of
 from ..usd.stage import list_cameras
+from ..usd.stereo import Stereo, check_stereo, is_eye, read_eyes
 from ..world.shutter import Moment, Shutter
 from .edits import Edits
 from .final import Wanted
@@ -33,6 +37,9 @@ if TYPE_CHECKING:
 
 # The first picture after an edit has at most so many pixels, and so many light paths of each light.
 _FIRST_PIXELS, _FIRST_PATHS = 160 * 90, 1024
+
+# Pictures of up to so many passes are denoised: beyond, that takes longer than the noise that is left is worth.
+_DENOISED = 16
 
 # What a view may ask for at most: a page must not fill the memory.
 _MOST_PIXELS, _MOST_PASSES = 1 << 23, 1 << 16
@@ -62,6 +69,10 @@ class SessionView:
         Whether no pictures are rendered.
     passes
         Passes of the finished picture.
+    stereo
+        How the camera becomes two eyes; None: it is one.
+    denoise
+        Whether pictures of few passes are denoised. The finished one never is.
     """
 
     width: int = 480
@@ -75,6 +86,8 @@ class SessionView:
     solo: tuple[str, ...] = ()
     paused: bool = False
     passes: int = 64
+    stereo: Stereo | None = None
+    denoise: bool = True
 
 
 @dataclass(frozen=True)
@@ -86,13 +99,15 @@ class Picture:
     version
         The number of the edit, or of the change of view, that it is of.
     layers
-        The layers by their names, as a `Frame` has them.
+        The layers by their names, as a `Frame` has them; of two eyes those of the left one.
     passes, planned
         The passes that it has, and that it is to have.
     scale
         Its size in that of the finished picture.
     statistics
         How it was rendered.
+    views
+        Of two eyes the layers of each, by the names "left" and "right".
     """
 
     version: int
@@ -101,6 +116,7 @@ class Picture:
     planned: int
     scale: float
     statistics: Statistics
+    views: Mapping[str, Mapping[str, Array]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -155,7 +171,8 @@ class Session:
     camera
         The path or the name of the camera; None: as `Shot.open` has it.
     layer
-        The file of the edits: they are read from it, and `edits.save()` writes it. None: they are kept in memory.
+        The file of the edits: they are read from it, and `edits.save()` writes it; what is not saved is kept beside it
+        (see `autosave`). None: they are kept in memory.
     view
         What is shown at first.
     **given
@@ -171,13 +188,16 @@ class Session:
         self, path: PathLike, camera: str | None = None, layer: PathLike | None = None, view: SessionView | None = None,
         **given: Any,
     ) -> None:  # fmt: skip
+        if Path(path).suffix.lower() == ".xml":
+            raise SceneError(
+                f"{path} is a Mitsuba scene, which the studio cannot edit: expected a USD stage; `photonbeams render` "
+                "renders it, with --session-layer for looks and --set for parameters"
+            )
         self.shot = Shot.open(path, camera, **given)
         self._path, self._camera = Path(path), camera
         layers, overrides = given.get("session_layers", ()), given.get("overrides", ())
         self._layers = [str(layers)] if isinstance(layers, str | os.PathLike) else [str(each) for each in layers]
         self._overrides = [overrides] if isinstance(overrides, str) else [*overrides]
-        if not hasattr(self.shot, "stage"):
-            raise SceneError(f"{path} is a Mitsuba scene: expected a USD stage, whose looks and lights can be edited")
         self.edits = Edits(EditLayer(self.shot.stage), layer)
         self.view = view or SessionView()
         self.version = 0
@@ -201,6 +221,36 @@ class Session:
             self.edits.set(values, step)
             return self._new()
 
+    def apply(self, preset: str, path: str) -> str:
+        """Apply a preset to a look, or give a light a new look of that kind; return the look's path.
+
+        Parameters
+        ----------
+        preset
+            The name of one of `usd.presets.PRESETS`.
+        path
+            The path of the look or of the light.
+
+        Raises
+        ------
+        SceneError
+            There is no such preset; a prim that is neither, or that cannot have a look.
+        """
+        wanted = preset_of(preset)
+        with self._lock:
+            unit = self._size() / BEAM
+            look = self.edits.change(lambda layer: apply_preset(self.shot.stage, layer, wanted, path, unit))
+            self._new()
+            return look
+
+    def _size(self) -> float:
+        """Return about how long the stage's beams are: as the radius of all that there is."""
+        moments = (chain.moment for chain in self._chains.values())
+        found = next((each.scene for each in moments if each is not None), None)
+        if found is None:  # there is no picture yet
+            found = self.shot.exposure(self.view.frame, blur=False)(0.0)[0]
+        return BEAM if found.bounds is None else float(found.bounds[1])
+
     def undo(self) -> bool:
         """Undo the last step; return whether there was one."""
         return self._moved(self.edits.undo)
@@ -213,6 +263,12 @@ class Session:
         """Leave all values to the stage again."""
         with self._lock:
             self.edits.revert()
+            self._new()
+
+    def discard(self) -> None:
+        """Go back to the edits that were saved last."""
+        with self._lock:
+            self.edits.discard()
             self._new()
 
     def show(self, **changes: Any) -> int:
@@ -231,7 +287,7 @@ class Session:
 
     def _check(self, view: SessionView) -> None:
         """Raise SceneError for a view that cannot be shown."""
-        for name in ("lens", "blur", "paused"):
+        for name in ("lens", "blur", "paused", "denoise"):
             if not isinstance(getattr(view, name), bool):
                 raise SceneError(f"{name} is {getattr(view, name)!r}: expected True or False")
         if view.width * view.height > _MOST_PIXELS:
@@ -240,6 +296,10 @@ class Session:
             raise SceneError(f"passes is {view.passes}: expected 1 to {_MOST_PASSES}")
         if view.camera is not None and view.camera not in self.cameras():
             raise SceneError(f"there is no camera {view.camera!r}: expected one of {', '.join(self.cameras())}")
+        check_stereo(view.stereo)
+        if view.stereo is not None:
+            camera, time = self._camera_of(view), self.shot.time(view.frame)
+            read_eyes(self.shot.stage, camera, view.stereo, time, self.shot.warnings)
         self.shot.resolution(view.width, view.height)
         pixels_of(view.area, view.width, view.height)
         frames = self.frames()
@@ -294,8 +354,8 @@ class Session:
         with self._lock:
             text = self.edits.text()
         return Wanted(
-            self._path, self._layers, self._overrides, text, view.camera or self._camera, view.width, view.height,
-            passes, number,
+            self._path, self._layers, self._overrides, text, self._camera_of(view), view.width, view.height, passes,
+            number, view.stereo,
         )  # fmt: skip
 
     def cameras(self) -> list[str]:
@@ -314,10 +374,24 @@ class Session:
         """Return the frames in a second."""
         return float(self.shot.stage.GetFramesPerSecond())
 
+    def up(self) -> str:
+        """Return the stage's up axis, "Y" or "Z"."""
+        return str(self.shot.stage.GetMetadata("upAxis"))
+
     def camera(self) -> Camera:
-        """Return the camera as the stage has it, at the view's frame."""
+        """Return the camera as the stage has it, at the view's frame; of two eyes, what is between them."""
         with self._lock:
-            return self.shot.cameras(self.view.frame)[0]
+            self.shot.look_through(self._camera_of(self.view), self.view.stereo)
+            return _between(self.shot.cameras(self.view.frame))
+
+    def has_pair(self) -> bool:
+        """Return whether the camera is one of a pair on the stage, whose other eye is another prim."""
+        with self._lock:
+            return is_eye(self.shot.stage, self._camera_of(self.view))
+
+    def _camera_of(self, view: SessionView) -> str | None:
+        """Return the name of a view's camera, None for the stage's own choice."""
+        return view.camera or self._camera
 
     def close(self) -> None:
         """End the session's thread."""
@@ -325,6 +399,7 @@ class Session:
             self._closed = True
             self._changed.notify_all()
         self._thread.join()
+        self.edits.close()
 
     def __enter__(self) -> Session:
         return self
@@ -377,10 +452,13 @@ class Session:
             passes = 1 if first else view.passes
             for number in range(passes):
                 frame.add_passes(range(number, number + 1))
-                made = ready.development.frame(frame.sums(), frame.statistics)
+                rough = first or number < min(_DENOISED, passes - 1)
+                development = ready.development if rough else replace(ready.development, denoise=False)
+                made = development.frame(frame.sums(), frame.statistics)
                 if unwanted():
                     raise Cancelled
-                self._tell(Picture(version, made.layers, number + 1, view.passes, scale, frame.statistics))
+                views = {name: layers for name, (layers, _) in made.views.items()}
+                self._tell(Picture(version, made.layers, number + 1, view.passes, scale, frame.statistics, views))
 
     def _is_old(self, version: int) -> bool:
         return self._closed or version != self.version
@@ -406,9 +484,10 @@ class Session:
     ) -> tuple[Prepared, Callable[[], Sequence[Camera]]]:  # fmt: skip
         """Return what a frame needs, with what is still the same of the last one as the same objects."""
         shot, before = self.shot, chain.moment
-        shot.camera = self._camera if view.camera is None else view.camera
+        shot.look_through(self._camera_of(view), view.stereo)
         width, height = (max(1, round(scale * each)) for each in (view.width, view.height))
-        settings = {"beams": _FIRST_PATHS} if first else {}
+        # Passes are to the bit the same with what they tell the denoiser: see `Development.denoise` for the pictures.
+        settings = {"denoise": view.denoise and _can_denoise(), **({"beams": _FIRST_PATHS} if first else {})}
         request = shot.request(
             view.frame, 1 if first else view.passes, None, settings, width=width, height=height, crop=view.area,
             blur=view.blur and not first, lens=view.lens,
@@ -424,7 +503,7 @@ class Session:
         content = seen(moment.scene) if before is None else followed(before.scene, seen(moment.scene))
         cameras = moment.cameras
         if view.pose is not None:
-            cameras = tuple(replace(each, to_world=view.pose) for each in cameras)
+            cameras = _placed(cameras, view.pose)
         if before is not None and len(before.cameras) == len(cameras):
             cameras = tuple(map(same, before.cameras, cameras))
         seen_from = shot.viewers() if view.pose is None else cameras
@@ -471,6 +550,35 @@ def _alone(content: Scene, shining: Sequence[str]) -> Scene:
     lights = [each if each.name in shining else replace(each, radiance=BLACK) for each in content.lights]
     drawn = [each for each in content.drawn if each.name in shining]
     return replace(content, lights=tuple(lights), drawn=tuple(drawn))
+
+
+def _between(cameras: Sequence[Camera]) -> Camera:
+    """Return the camera between two eyes; of one, itself."""
+    if len(cameras) == 1:
+        return cameras[0]
+    poses = [np.asarray(each.to_world) for each in cameras]
+    middle = poses[0].copy()
+    middle[:3, 3] = np.mean([each[:3, 3] for each in poses], axis=0)
+    return replace(cameras[0], to_world=middle)
+
+
+def _placed(cameras: Sequence[Camera], pose: Array) -> tuple[Camera, ...]:
+    """Return cameras moved so that what is between them has a pose."""
+    if len(cameras) == 1:
+        return (replace(cameras[0], to_world=pose),)
+    away = np.linalg.inv(np.asarray(_between(cameras).to_world))
+    return tuple(replace(each, to_world=pose @ (away @ np.asarray(each.to_world))) for each in cameras)
+
+
+@cache
+def _can_denoise() -> bool:
+    """Return whether there is a denoiser; say once what keeps it from working."""
+    try:
+        check_denoiser()
+    except SceneError as error:
+        logging.getLogger("photonbeams").warning("first pictures are not denoised: %s", error)
+        return False
+    return True
 
 
 def _pose(value: Any) -> Array:

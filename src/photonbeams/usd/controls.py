@@ -6,14 +6,14 @@ The names, types, defaults, choices and texts are those of the schemas; ranges a
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdLux
 
 from . import schemas as schemas
-from .lights import is_light
+from .lights import is_dome, is_light
 from .medium import is_medium
 from .reading import Reading, prims_under, target_paths
 
@@ -200,7 +200,8 @@ def _defined(
 ) -> Control:  # fmt: skip
     attribute = definition.GetAttributeDefinition(name)
     if attribute:
-        return _control(reading, prim, attribute, section)
+        control = _control(reading, prim, attribute, section)
+        return _of_kind(control, prim) if name == "photonbeams:enabled" else control
     relationship = definition.GetRelationshipDefinition(name)
     targets = [str(each) for each in target_paths(prim, name)]
     authored = prim.HasRelationship(name) and prim.GetRelationship(name).HasAuthoredTargets()
@@ -208,6 +209,12 @@ def _defined(
     documentation = " ".join(str(relationship.GetDocumentation() or "").split())
     path = str(prim.GetPath().AppendProperty(name))
     return Control(path, _label(name), section, "paths", targets, [], authored, choices=choices, doc=documentation)
+
+
+def _of_kind(control: Control, prim: Usd.Prim) -> Control:
+    """Return the control of whether a light makes beams: what it does if nothing is set, depends on its kind."""
+    does = not is_dome(prim)
+    return replace(control, default=does, value=control.value if control.authored else does)
 
 
 def _ramp(reading: Reading, prim: Usd.Prim, definition: Usd.PrimDefinition, name: str, section: str) -> Control:

@@ -37,13 +37,20 @@ def extent_of(notice: Any, stage: Usd.Stage) -> Extent:
     """Return what a notice `Usd.Notice.ObjectsChanged` says of a stage."""
     found = Extent.LOOKS
     for path in notice.GetResyncedPaths():
-        found = max(found, _extent(stage, path) if path.IsPropertyPath() else Extent.ALL)
+        found = max(found, _extent(stage, path) if path.IsPropertyPath() else _extent_of_prim(stage, path))
     for path in notice.GetChangedInfoOnlyPaths():
         if path.IsPropertyPath():
             found = max(found, _extent(stage, path))
         elif path == Sdf.Path.absoluteRootPath:
             found = Extent.ALL
     return found
+
+
+def _extent_of_prim(stage: Usd.Stage, path: Sdf.Path) -> Extent:
+    """Return what a prim that is new, or composed anew, may have changed: of looks and their scopes, looks alone."""
+    prim = stage.GetPrimAtPath(path)
+    kinds = {str(each.GetTypeName()) for each in Usd.PrimRange(prim, Usd.PrimAllPrimsPredicate)} if prim else {""}
+    return Extent.LOOKS if kinds <= {"Scope", "PhotonBeamsLook"} else Extent.ALL
 
 
 def _extent(stage: Usd.Stage, path: Sdf.Path) -> Extent:
@@ -106,6 +113,41 @@ class EditLayer:
         with Usd.EditContext(self._stage, self._layer):
             prim.CreateAttribute(name, kind).Set(converted)
 
+    def leave(self, path: str) -> None:
+        """Give an attribute its default, whatever the stage says of it.
+
+        Raises
+        ------
+        SceneError
+            A prim or an attribute that is not there.
+        """
+        prim, name = self._found(path)
+        self._remove(Sdf.Path(path))
+        attribute = prim.GetAttribute(name)
+        if attribute and attribute.HasAuthoredValue():  # by a weaker layer
+            with Usd.EditContext(self._stage, self._layer):
+                attribute.Block()
+
+    def define(self, path: str, kind: str) -> None:
+        """Define a prim of a type, and scopes above it where there is nothing yet.
+
+        Raises
+        ------
+        SceneError
+            There is a prim already, or the stage cannot have one there.
+        """
+        known = Sdf.Path(path)
+        if self._stage.GetPrimAtPath(known):
+            raise SceneError(f"cannot define {path}: {file_of(self._stage)} has a prim there")
+        with Sdf.ChangeBlock():
+            for each in known.GetPrefixes():
+                prim = self._stage.GetPrimAtPath(each)
+                if not (prim and prim.IsDefined()):
+                    spec = Sdf.CreatePrimInLayer(self._layer, each)
+                    spec.specifier, spec.typeName = Sdf.SpecifierDef, kind if each == known else "Scope"
+        if not self._stage.GetPrimAtPath(known):
+            raise SceneError(f"cannot define {path}: {file_of(self._stage)} has no place for it, or does not show it")
+
     def _found(self, path: str) -> tuple[Usd.Prim, str]:
         """Return the prim and the name of a property that may be edited."""
         known = Sdf.Path(path) if isinstance(path, str) and Sdf.Path.IsValidPathString(path) else Sdf.Path()
@@ -148,8 +190,14 @@ class EditLayer:
         return str(self._layer.ExportToString())
 
     def replace(self, text: str) -> None:
-        """Take the content of another layer, given as .usda."""
-        self._layer.ImportFromString(text)
+        """Take the content of another layer, given as .usda; SceneError where it is none, and nothing is changed."""
+        try:
+            with quiet():
+                done = self._layer.ImportFromString(text)
+        except Tf.ErrorException:
+            done = False
+        if not done:
+            raise SceneError("the text is no USD layer")
 
     def load(self, path: Path) -> None:
         """Take the content of a file; SceneError where it is no USD layer."""

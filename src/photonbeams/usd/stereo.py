@@ -79,7 +79,7 @@ def read_eyes(
         parallel rays, or eyes that converge nearer than they can.
     """
     prim = chosen_camera(stage, name, warnings)
-    role = str(UsdGeom.Camera(prim).GetStereoRoleAttr().Get() or "mono")
+    role = _role(prim)
     if role not in EYES:
         camera = read_camera(stage, str(prim.GetPath()), time, warnings)
         return split(camera, stereo, UsdGeom.GetStageMetersPerUnit(stage), f"{file_of(stage)}: {camera.name}")
@@ -91,6 +91,20 @@ def read_eyes(
     left, right = (read_camera(stage, pair[eye], time, warnings) for eye in EYES)
     _check_pair(Reading(stage, time), *(stage.GetPrimAtPath(pair[eye]) for eye in EYES))
     return left, right
+
+
+def is_eye(stage: Usd.Stage, name: str | None) -> bool:
+    """Return whether a camera says of itself that it is one of two eyes."""
+    return _role(chosen_camera(stage, name)) in EYES
+
+
+def usual_interaxial(stage: Usd.Stage) -> float:
+    """Return the distance of people's eyes in scene units."""
+    return _EYE_DISTANCE / float(UsdGeom.GetStageMetersPerUnit(stage))
+
+
+def _role(prim: Usd.Prim) -> str:
+    return str(UsdGeom.Camera(prim).GetStereoRoleAttr().Get() or "mono")
 
 
 def views_of(stereo: Stereo | None, view: str | None) -> list[str]:
@@ -119,7 +133,7 @@ def _check_pair(reading: Reading, left: Usd.Prim, right: Usd.Prim) -> None:
 
 def _partner(stage: Usd.Stage, prim: Usd.Prim, role: str) -> Usd.Prim:
     found = [stage.GetPrimAtPath(path) for path in list_cameras(stage)]
-    found = [each for each in found if str(UsdGeom.Camera(each).GetStereoRoleAttr().Get()) == role]
+    found = [each for each in found if _role(each) == role]
     beside = [each for each in found if each.GetParent() == prim.GetParent()]
     found = beside or found
     if len(found) != 1:

@@ -1,0 +1,96 @@
+"""Autosave: edits are written beside their file soon after they were made, lest a studio ends before they are saved.
+
+The file is called as that of the edits with ".autosave" behind it, and is .usda text. It is there as long as there are
+edits that are not saved.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+
+from ..runtime.files import atomic_path, why_unreadable
+
+LOG = logging.getLogger("photonbeams")
+
+#: Seconds from an edit to its autosave.
+SOON = 3.0
+
+
+def autosave_path(path: Path) -> Path:
+    """Return the autosave's file for a file of edits."""
+    return path.with_name(f"{path.name}.autosave")
+
+
+class Autosave:
+    """Writes and removes the autosave of edits, in a thread of its own.
+
+    Parameters
+    ----------
+    unsaved
+        Returns the text of the edits and their file, None where none is known; the text is None where all is saved.
+    """
+
+    def __init__(self, unsaved: Callable[[], tuple[Path | None, str | None]]) -> None:
+        self._unsaved = unsaved
+        self._timer: threading.Timer | None = None
+        self._closed, self._failed = False, False
+        self._state = threading.Lock()  # of the timer
+        #: Held while files are written or removed: an autosave of older edits must not come after the file itself.
+        self.files = threading.RLock()
+
+    def soon(self) -> None:
+        """Write what is not saved in a few seconds; later edits until then go with it."""
+        with self._state:
+            if self._timer is None and not self._closed:
+                self._timer = threading.Timer(SOON, self._now)
+                self._timer.daemon = True
+                self._timer.start()
+
+    def _now(self) -> None:
+        """Write what is not saved; where all is, there is no autosave."""
+        with self.files:
+            with self._state:
+                self._timer = None
+            path, text = self._unsaved()
+            if path is None or text is None:
+                self.remove(path)
+                return
+            try:
+                with atomic_path(autosave_path(path)) as partial:
+                    partial.write_text(text, encoding="utf-8")
+            except OSError as error:
+                if not self._failed:
+                    LOG.warning("edits cannot be kept in %s: %s", autosave_path(path), error.strerror or error)
+                self._failed = True
+
+    def found(self, path: Path) -> str | None:
+        """Return the text of a file's autosave, None where there is none, or an older one than the file."""
+        kept = autosave_path(path)
+        if not kept.exists() or why_unreadable(kept):
+            return None
+        with suppress(OSError, UnicodeError):
+            if path.exists() and path.stat().st_mtime > kept.stat().st_mtime:
+                LOG.warning("%s is older than %s: its edits are left out", kept, path.name)
+                return None
+            return kept.read_text(encoding="utf-8")
+        return None
+
+    def remove(self, *paths: Path | None) -> None:
+        """Remove the autosaves of files, those that there are."""
+        with self.files:
+            for path in paths:
+                if path is not None:
+                    with suppress(OSError):
+                        autosave_path(path).unlink()
+
+    def close(self) -> None:
+        """Write what is not saved now, and nothing later."""
+        with self._state:
+            timer, self._timer, self._closed = self._timer, None, True
+        if timer is not None:
+            timer.cancel()
+            self._now()

@@ -1,0 +1,196 @@
+"""Autosave: edits outlive a studio that ends before they are saved, and the saved file is never touched by it."""
+
+import logging
+import os
+import threading
+import time
+
+import pytest
+
+from photonbeams.studio import autosave
+from photonbeams.studio.edits import Edits
+from photonbeams.usd.editing import EditLayer
+from photonbeams.usd.stage import open_stage
+
+STAGE = """#usda 1.0
+def SphereLight "Lamp"
+{
+}
+"""
+INTENSITY = "/Lamp.inputs:intensity"
+
+
+@pytest.fixture
+def begin(tmp_path, monkeypatch):
+    """Return a function that begins edits of a stage, as a studio does when it starts; nothing is kept by itself."""
+    monkeypatch.setattr(autosave, "SOON", 1000.0)
+    path = tmp_path / "shot.usda"
+    path.write_text(STAGE)
+    all_edits = []
+
+    def begun(layer=tmp_path / "look.usda"):
+        stage = open_stage(path)
+        edits = Edits(EditLayer(stage), layer)
+        edits.value = lambda: stage.GetAttributeAtPath(INTENSITY).Get()  # as the stage has it
+        all_edits.append(edits)
+        return edits
+
+    yield begun
+    for each in all_edits:
+        each.close()
+
+
+@pytest.fixture
+def kept(tmp_path):
+    return tmp_path / "look.usda.autosave"
+
+
+def wait_for(fact):
+    end = time.monotonic() + 20
+    while not fact():
+        assert time.monotonic() < end
+        time.sleep(0.01)
+
+
+def test_edits_are_kept_soon_and_restored_and_the_file_is_as_it_was(begin, kept, tmp_path, monkeypatch, caplog):
+    edits = begin()
+    monkeypatch.setattr(autosave, "SOON", 0.05)
+    edits.set({INTENSITY: 2.0})
+    saved = edits.save().read_bytes()
+    edits.set({INTENSITY: 3.0})
+    wait_for(kept.exists)
+    assert "intensity = 3" in kept.read_text() and (tmp_path / "look.usda").read_bytes() == saved
+    edits.set({INTENSITY: 4.0})
+    wait_for(lambda: "intensity = 4" in kept.read_text())  # and now it is killed
+
+    again = begin()
+    assert again.value() == 4.0 and again.restored and not again.is_saved and again.can_undo
+    assert "restored" in caplog.text and str(kept) in caplog.text
+    assert again.undo() and again.value() == 2.0 and again.is_saved
+    assert again.redo() and again.value() == 4.0
+    assert (tmp_path / "look.usda").read_bytes() == saved
+
+
+def test_what_is_saved_is_not_kept(begin, kept):
+    edits = begin()
+    edits.set({INTENSITY: 3.0})
+    edits.close()
+    assert kept.exists()
+    again = begin()
+    assert again.restored
+    again.save()
+    assert not kept.exists() and not again.restored
+    again.close()
+    last = begin()
+    assert not kept.exists() and not last.restored and last.value() == 3.0 and not last.can_undo
+
+
+def test_edits_that_are_restored_can_be_given_up(begin, kept):
+    edits = begin()
+    edits.set({INTENSITY: 2.0})
+    edits.save()
+    edits.set({INTENSITY: 3.0})
+    edits.close()
+    again = begin()
+    again.set({INTENSITY: 5.0})
+    again.discard()
+    assert again.value() == 2.0 and again.is_saved and not again.restored and not kept.exists()
+    assert again.undo() and again.value() == 5.0  # it was a step like any other
+    again.discard()
+    again.close()
+    assert not kept.exists() and not begin().restored
+
+
+def test_reverting_removes_what_is_kept_and_is_kept_itself_where_the_file_says_otherwise(begin, kept):
+    edits = begin()
+    edits.set({INTENSITY: 2.0})
+    edits.close()
+    edits = begin()
+    edits.revert()
+    assert not kept.exists()
+    edits.close()
+    assert not kept.exists()  # the stage's own values are what is saved
+
+    edits = begin()
+    edits.set({INTENSITY: 2.0})
+    edits.save()
+    edits.revert()
+    edits.close()
+    again = begin()
+    assert again.restored and again.paths() == [] and again.undo() and again.value() == 2.0
+
+
+def test_undoing_to_what_is_saved_removes_what_was_kept(begin, kept, monkeypatch):
+    edits = begin()
+    monkeypatch.setattr(autosave, "SOON", 0.02)
+    edits.set({INTENSITY: 2.0})
+    wait_for(kept.exists)
+    edits.undo()
+    wait_for(lambda: not kept.exists())
+
+
+def test_without_a_file_nothing_is_kept(begin, tmp_path):
+    before = sorted(tmp_path.iterdir())
+    edits = begin(None)
+    edits.set({INTENSITY: 2.0})
+    edits.close()
+    assert sorted(tmp_path.iterdir()) == before and not edits.restored
+
+
+def test_a_file_that_was_changed_later_is_not_covered(begin, kept, caplog):
+    edits = begin()
+    edits.set({INTENSITY: 3.0})
+    edits.close()
+    kept.with_suffix("").write_text('#usda 1.0\nover "Lamp"\n{\n    float inputs:intensity = 9\n}\n')
+    os.utime(kept, (1, 1))
+    again = begin()
+    assert again.value() == 9.0 and not again.restored and kept.exists() and "older" in caplog.text
+
+
+@pytest.mark.parametrize("content", [b"", b"#usda 1.0\nover {", b"\xff\xfe\x00", b"no layer at all"])
+def test_an_autosave_that_cannot_be_read_is_left_out(begin, kept, content):
+    kept.write_bytes(content)
+    edits = begin()
+    assert not edits.restored and edits.is_saved and edits.paths() == []
+    edits.set({INTENSITY: 3.0})
+    edits.close()
+    assert begin().value() == 3.0
+
+
+def test_a_folder_that_cannot_be_written_is_told_once_and_edits_go_on(begin, kept, caplog):
+    kept.mkdir()  # which no file can replace
+    (kept / "in it").write_text("")
+    edits = begin()
+    with caplog.at_level(logging.WARNING, logger="photonbeams"):
+        for value in (2.0, 3.0):
+            edits.set({INTENSITY: value})
+            edits._autosave._now()
+    assert len([each for each in caplog.records if "cannot be kept" in each.getMessage()]) == 1
+    assert edits.save().exists() and edits.value() == 3.0
+
+
+def test_a_save_is_never_followed_by_an_autosave_of_older_edits(begin, kept, monkeypatch):
+    """While the autosave writes, the edits are saved: both in the order in which they hold the files."""
+    edits = begin()
+    edits.set({INTENSITY: 2.0})
+    inside, go_on = threading.Event(), threading.Event()
+    written = autosave.atomic_path
+
+    def slow(path):
+        inside.set()
+        assert go_on.wait(20)
+        return written(path)
+
+    monkeypatch.setattr(autosave, "atomic_path", slow)
+    writer = threading.Thread(target=edits._autosave._now)
+    writer.start()
+    assert inside.wait(20)
+    edits.set({INTENSITY: 3.0})  # which does not wait for the disk
+    saver = threading.Thread(target=edits.save)
+    saver.start()
+    go_on.set()
+    for each in (writer, saver):
+        each.join(20)
+    assert not kept.exists() and edits.is_saved
+    again = begin()
+    assert again.value() == 3.0 and not again.restored

@@ -1,0 +1,138 @@
+"""Two eyes in the studio: the pictures of `render --stereo`, to the bit, and an anaglyph on the page."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import photonbeams as pb
+from photonbeams.images.anaglyph import anaglyph
+from photonbeams.images.view_transforms import viewed
+from photonbeams.studio.session import Session, SessionView
+from photonbeams.usd.stereo import Stereo
+from studio.test_server import Served
+from studio.test_session import INTENSITY, STAGE, VIEW, Watched, are_equal, rendered
+
+#: The camera, and an eye of a pair beside it.
+PAIR = STAGE.replace(
+    '    def SphereLight "Lamp"',
+    """    def Camera "Right"
+    {
+        uniform token stereoRole = "right"
+        double3 xformOp:translate = (0.3, 0, 4)
+        uniform token[] xformOpOrder = ["xformOp:translate"]
+    }
+    def Camera "Left"
+    {
+        uniform token stereoRole = "left"
+        double3 xformOp:translate = (0.1, 0, 4)
+        uniform token[] xformOpOrder = ["xformOp:translate"]
+    }
+    def SphereLight "Lamp\"""",
+    1,
+)
+EYES = Stereo(interaxial=0.2, convergence=4.0)
+
+
+@pytest.fixture
+def stage(tmp_path):
+    path = tmp_path / "shot.usda"
+    path.write_text(PAIR)
+    return path
+
+
+def both_eyes(stage, stereo, camera=None, *layers):
+    shot = pb.Shot.open(stage, camera, stereo=stereo, session_layers=layers)
+    return {name: layers for name, (layers, _) in shot.render(passes=2, width=48, height=27).views.items()}
+
+
+def finished(shown, version):
+    return shown.wait(version, lambda each: getattr(each, "passes", 0) == 2).views
+
+
+def are_pairs_equal(some, others):
+    return list(some) == ["left", "right"] and all(are_equal(some[eye], others[eye]) for eye in others)
+
+
+def test_both_eyes_are_those_of_a_render_and_one_eye_is_as_before(stage, tmp_path):
+    with Watched(stage) as shown:
+        session = shown.session
+        plain = shown.finished()
+        split = finished(shown, session.show(stereo=EYES))
+        assert are_pairs_equal(split, both_eyes(stage, EYES))
+        assert not np.array_equal(split["left"]["rgba"], split["right"]["rgba"])
+        dimmed = finished(shown, session.edit({INTENSITY: 5.0}))
+        assert are_pairs_equal(dimmed, both_eyes(stage, EYES, None, session.edits.save(tmp_path / "look.usda")))
+        session.undo()
+        # The pair of prims, as another camera: the sphere around all that there is, is another one, too.
+        pair = finished(shown, session.show(camera="/World/Left", stereo=Stereo()))
+        assert session.has_pair() and are_pairs_equal(pair, both_eyes(stage, Stereo(), "/World/Left"))
+        assert are_equal(shown.finished(session.show(camera=None, stereo=None)), plain)
+        assert are_equal(plain, rendered(stage))
+
+
+def test_a_free_pair_stands_where_its_middle_is_put(stage):
+    """To the rounding of the poses' product: the depths of two renders of one place."""
+    pose = np.eye(4)
+    pose[:3, 3] = 0.3, 0.1, 3.0
+    with Watched(stage, view=replace(VIEW, stereo=EYES)) as shown:
+        session = shown.session
+        middle = np.asarray(session.camera().to_world)
+        np.testing.assert_allclose(middle[:3, 3], [0, 0, 4], atol=1e-12)
+        free = finished(shown, session.show(pose=pose))
+        there = finished(shown, session.edit({"/World/Camera.xformOp:translate": [0.3, 0.1, 3.0]}))
+        for eye in ("left", "right"):
+            np.testing.assert_allclose(free[eye]["depth"], there[eye]["depth"], rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    "changes, message",
+    [({"stereo": Stereo(100.0, 0.1)}, "expected a convergence of at least"), ({"stereo": 3}, "expected a Stereo"),
+     ({"camera": "/World/Left", "stereo": Stereo()}, "expected two eyes with the same")],
+)  # fmt: skip
+def test_eyes_that_cannot_be_are_refused_and_nothing_is_changed(tmp_path, changes, message):
+    path = tmp_path / "shot.usda"
+    path.write_text(
+        PAIR.replace('token stereoRole = "left"', 'token stereoRole = "left"\n        float focalLength = 20')
+    )
+    with Session(path, view=VIEW) as session:
+        version = session.version
+        with pytest.raises(pb.SceneError, match=message):
+            session.show(**changes)
+        assert (session.view, session.version) == (VIEW, version)
+
+
+def test_the_final_render_has_both_eyes(stage):
+    view = SessionView(48, 27, passes=2, paused=True, camera="/World/Camera")
+    with Session(stage, view=replace(view, stereo=EYES)) as session:
+        flags = session.wanted(2).flags()
+        assert flags == ["--camera", "/World/Camera", "--stereo", "--interaxial", "0.2", "--convergence", "4.0"]
+        session.show(stereo=None)
+        assert session.wanted(2).flags() == flags[:2]
+
+
+def test_a_page_is_shown_the_anaglyph_or_one_of_the_eyes(stage):
+    layers = both_eyes(stage, EYES)
+    left, right = (viewed(layers[eye]["rgba"]) for eye in ("left", "right"))
+    served = Served(stage)
+    try:
+        with served.page() as page:
+            scene = page.told("scene")
+            assert scene["stereo"] is None and scene["pair"] is False and scene["up"] == "Y"
+            assert scene["interaxial"] == pytest.approx(6.5)  # 65 mm in centimetres, USD's default
+            page.send("show", stereo=[0.2, 4.0], eye="anaglyph")
+            page.wait(lambda each: each.get("type") == "state" and each["version"] >= served.session.version)
+            for eye, wanted in (("anaglyph", anaglyph(left, right)), ("right", right), ("left", left)):
+                page.send("show", eye=eye)
+                while True:  # pictures may still come of the eye before
+                    _, pixels = page.finished(served.session.version)
+                    if np.array_equal(pixels, wanted):
+                        break
+            page.send("show", eye="third")
+            assert "no eye 'third'" in page.told("refused")["text"]
+            page.send("show", stereo=[-1.0, None])
+            assert "interaxial" in page.told("refused")["text"]
+            page.send("show", stereo=[None, None], camera="/World/Left")
+            assert page.wait(lambda each: each.get("type") == "scene" and each["pair"])["stereo"] == [None, None]
+    finally:
+        served.close()

@@ -1,0 +1,29 @@
+"""Thumbnails: the renderer's own pictures of presets, each of another look."""
+
+from io import BytesIO
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from photonbeams.scene import SceneError
+from photonbeams.studio.thumbnails import thumbnail_of
+from photonbeams.usd.presets import PRESETS
+
+
+def test_presets_are_rendered_without_a_warning_and_look_different(caplog):
+    shown: dict[str, list[tuple[str, np.ndarray]]] = {}
+    for each in PRESETS:
+        pixels = np.asarray(Image.open(BytesIO(thumbnail_of(each.name)))).astype(float)
+        assert pixels.shape == (60, 144, 3) and pixels.max() > 120 and pixels[0].max() == 0, each.name
+        for other, before in shown.setdefault(each.factor, []):
+            # A step of 8 bits in each pixel, on the average, is what the eye sees at a glance.
+            assert np.abs(pixels - before).mean() > 1, f"{each.name} looks as {other}"
+        shown[each.factor].append((each.name, pixels))
+    assert not caplog.records
+
+
+def test_a_thumbnail_is_made_once():
+    assert thumbnail_of("look-ember") is thumbnail_of("look-ember")
+    with pytest.raises(SceneError, match="no preset"):
+        thumbnail_of("look-gone")
