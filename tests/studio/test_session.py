@@ -1,5 +1,7 @@
 """Sessions: what an edit changes is in the next picture, and the finished one is that of `Shot.render`, to the bit."""
 
+import subprocess
+import sys
 import threading
 from dataclasses import replace
 from pathlib import Path
@@ -311,3 +313,37 @@ def test_a_mitsuba_scene_is_refused_with_what_to_do_instead(tmp_path):
     with pytest.raises(pb.SceneError, match=r"scene\.xml is a Mitsuba scene.*`photonbeams render`") as refused:
         Session(tmp_path / "scene.xml")
     assert len(str(refused.value)) < 300
+
+
+def test_a_listener_that_fails_ends_neither_the_session_nor_other_listeners(stage, caplog):
+    with Watched(stage) as shown:
+
+        def failing(_):
+            raise RuntimeError("a listener's own fault")
+
+        end = shown.session.listen(failing)
+        shown.finished(shown.session.edit({INTENSITY: 7.0}))
+        end(), end()
+        shown.finished(shown.session.edit({INTENSITY: 8.0}))
+    assert "a listener of the session failed" in caplog.text
+
+
+def test_a_small_picture_of_few_light_paths_is_not_the_finished_one(stage):
+    """A view with one pass, which is not larger than first pictures are."""
+    with Watched(stage, view=SessionView(width=48, height=27, passes=1)) as shown:
+        version = shown.session.version
+        first = shown.wait(version, lambda each: True)
+        last = shown.wait(version, lambda each: each.is_finished)
+    assert first.is_first and not first.is_finished and first.scale == last.scale == 1
+
+
+def test_a_program_that_ends_with_an_open_session_ends_well(stage):
+    """It ends while a picture is rendered, which would abort the interpreter."""
+    program = (
+        "import sys, threading; from photonbeams.studio.session import Session, SessionView\n"
+        "session, came = Session(sys.argv[1], view=SessionView(width=48, height=27, passes=5000)), threading.Event()\n"
+        "session.listen(lambda told: came.set()); session.show()\n"
+        "assert came.wait(120)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", program, str(stage)], capture_output=True, text=True, timeout=200)
+    assert (done.returncode, done.stderr) == (0, "")

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import atexit
 import logging
 import os
 import re
 import threading
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cache, partial
 from pathlib import Path
@@ -108,6 +110,8 @@ class Picture:
         How it was rendered.
     views
         Of two eyes the layers of each, by the names "left" and "right".
+    is_first
+        Whether it is the first one after an edit, of few pixels and few light paths.
     """
 
     version: int
@@ -117,6 +121,12 @@ class Picture:
     scale: float
     statistics: Statistics
     views: Mapping[str, Mapping[str, Array]] = field(default_factory=dict)
+    is_first: bool = False
+
+    @property
+    def is_finished(self) -> bool:
+        """Whether no better picture of the version is to come."""
+        return not self.is_first and self.passes == self.planned
 
 
 @dataclass(frozen=True)
@@ -208,12 +218,18 @@ class Session:
         self._closed = False
         self._thread = threading.Thread(target=self._run, name="studio", daemon=True)
         self._thread.start()
+        atexit.register(self.close)  # an interpreter that ends while kernels run would abort
 
     def listen(self, told: Told) -> Callable[[], None]:
         """Call `told` with each picture, or with why there is none, from now on; return what ends that."""
         with self._lock:
             self._listeners.append(told)
-        return lambda: self._listeners.remove(told)
+
+        def end() -> None:
+            with suppress(ValueError):
+                self._listeners.remove(told)
+
+        return end
 
     def edit(self, values: Mapping[str, Any], step: str | None = None) -> int:
         """Set values as `Edits.set` does, and return the version that will show them."""
@@ -400,6 +416,7 @@ class Session:
             self._changed.notify_all()
         self._thread.join()
         self.edits.close()
+        atexit.unregister(self.close)
 
     def __enter__(self) -> Session:
         return self
@@ -439,7 +456,10 @@ class Session:
 
     def _tell(self, what: Picture | Problem) -> None:
         for told in [*self._listeners]:
-            told(what)
+            try:
+                told(what)
+            except Exception:  # a listener's own fault, which must not end the session
+                logging.getLogger("photonbeams").exception("a listener of the session failed")
 
     def _render(self, version: int) -> None:
         """Render the pictures of a version, as long as it is the last."""
@@ -458,7 +478,8 @@ class Session:
                 if unwanted():
                     raise Cancelled
                 views = {name: layers for name, (layers, _) in made.views.items()}
-                self._tell(Picture(version, made.layers, number + 1, view.passes, scale, frame.statistics, views))
+                done, statistics = number + 1, frame.statistics
+                self._tell(Picture(version, made.layers, done, view.passes, scale, statistics, views, first))
 
     def _is_old(self, version: int) -> bool:
         return self._closed or version != self.version
