@@ -1,6 +1,8 @@
 import react from "@vitejs/plugin-react";
 import { defineConfig } from "vite";
 
+const MOCK = "http://127.0.0.1:8765";
+
 export default defineConfig({
   plugins: [react()],
   build: {
@@ -17,6 +19,6 @@ export default defineConfig({
   },
   server: {
     // `npm run dev` beside a studio, or the mock, that listens on port 8765.
-    proxy: { "/session": { target: "ws://127.0.0.1:8765", ws: true }, "/result": "http://127.0.0.1:8765" },
+    proxy: { "/session": { target: "ws://127.0.0.1:8765", ws: true }, "/result": MOCK, "/presets": MOCK },
   },
 });

@@ -37,8 +37,8 @@ def check(fact: bool, what: str) -> None:
     print("ok  " if fact else "FAIL", what, flush=True)
 
 
-def serve() -> subprocess.Popen:
-    server = subprocess.Popen([sys.executable, str(Path(__file__).with_name("mock.py")), str(PORT)])
+def serve(*more: str) -> subprocess.Popen:
+    server = subprocess.Popen([sys.executable, str(Path(__file__).with_name("mock.py")), str(PORT), *more])
     for _ in range(100):
         try:
             urllib.request.urlopen(ADDRESS).close()
@@ -82,7 +82,7 @@ def main() -> int:
     parser.add_argument("--axe")
     parser.add_argument("--shots", default="/tmp")
     options = parser.parse_args()
-    server = serve()
+    server = serve("--restored")
     try:
         with sync_playwright() as playwright:
             browser = playwright.chromium.launch(executable_path=options.chromium, args=["--no-sandbox"])
@@ -103,6 +103,14 @@ def main() -> int:
             page.get_by_text("of 16 passes").wait_for()
             check('"size"' in "".join(sent), "the page says what it shows")
             other.locator("#group-World-Looks-Shaft").click()
+
+            # Edits of an earlier studio
+            page.get_by_text("They are here again").wait_for()
+            axe(page, options.axe, "with restored edits")
+            sent.clear()
+            page.get_by_role("button", name="Back to what was saved").click()
+            page.get_by_text("They are here again").wait_for(state="detached")
+            check('"discard"' in "".join(sent), "restored edits are given up")
 
             # A ramp's knot
             page.bring_to_front()
@@ -177,6 +185,55 @@ def main() -> int:
             page.wait_for_timeout(400)
             check(page.get_by_text("× 4").count() == 0, "and go back to the default")
             page.get_by_role("button", name="Clear the search").click()
+
+            # Presets: of a factor, one after the other; and a new look of a light
+            page.bring_to_front()
+            sent.clear()
+            page.get_by_role("button", name="Presets of Shaft, along").click()
+            ice = page.get_by_role("dialog").get_by_role("button", name="Ice")
+            ice.wait_for()
+            page.wait_for_timeout(1500)
+            loaded = page.evaluate("[...document.querySelectorAll('[role=dialog] img')].map(i => i.naturalWidth)")
+            check(loaded == [144, 144], f"presets have thumbnails: {loaded}")
+            shot("presets")
+            axe(page, options.axe, "with presets")
+            ice.click()
+            page.get_by_role("dialog").get_by_role("button", name="Ember").click()
+            page.wait_for_timeout(300)
+            applied = [each for each in sent if '"apply"' in each]
+            check(len(applied) == 2 and '"along-ember"' in applied[1], f"a click applies a preset: {applied}")
+            check("at 0.5" in value_of(page.get_by_role("slider", name="Ramp, key 2 of 3, brightness")), "at once")
+            page.keyboard.press("Escape")
+            page.locator("#group-World-Light-Key").click()
+            page.get_by_role("button", name="New look of Key").click()
+            page.get_by_role("dialog").get_by_role("button", name="Ice").click()
+            page.wait_for_timeout(500)
+            check('"path":"/World/Light/Key"' in sent[-1], "a light gets a new look")
+            focused = page.evaluate("document.activeElement.id")
+            check(focused == "group-World-Looks-Shaft", f"which has the focus: {focused}")
+            page.locator("#group-World-Light-Key").click()
+            for _ in range(3):
+                page.keyboard.press("Control+z")
+            page.wait_for_timeout(500)
+
+            # Two eyes, and noise
+            sent.clear()
+            page.get_by_label("Eyes", exact=True).select_option("anaglyph")
+            page.get_by_role("button", name="Distances").click()
+            distance = page.get_by_role("spinbutton", name="Distance between the eyes")
+            distance.fill("0.1")
+            distance.press("Enter")
+            page.wait_for_timeout(200)
+            check('"stereo":[null,null]' in sent[0] and '"eye":"anaglyph"' in sent[0], f"two eyes: {sent[0]}")
+            check('"stereo":[0.1,null]' in sent[-1], f"and their distance: {sent[-1]}")
+            shot("stereo")
+            axe(page, options.axe, "with two eyes")
+            page.keyboard.press("Escape")
+            page.get_by_label("Eyes", exact=True).select_option("one")
+            page.get_by_label("Denoise").locator("..").click()
+            page.wait_for_timeout(200)
+            check('"stereo":null' in "".join(sent) and '"denoise":false' in sent[-1], "one eye again, and noise")
+            page.get_by_label("Denoise").locator("..").click()
 
             # Orbit, fly, back through the camera
             picture = page.get_by_role("application")

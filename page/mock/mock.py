@@ -35,6 +35,7 @@ CSP = (
 KEY, FILL, FOG = "/World/Light/Key", "/World/Light/Fill", "/World/Fog"
 SHAFT, DUST = "/World/Looks/Shaft", "/World/Looks/Dust"
 PLANNED = 16
+PRESETS = {"Ember": [[1, 0.9, 0.7], [1, 0.4, 0.1], [0.3, 0.05, 0.2]], "Ice": [[1, 1, 1], [0.4, 0.8, 1], [0, 0.2, 0.6]]}
 
 
 def control(path, label, section, kind, default, doc="", **more):
@@ -96,7 +97,9 @@ def scene():
     return {
         "type": "scene", "name": "keyhole.usda", "cameras": ["/World/Camera", "/World/Flight"], "frames": [1001, 1048],
         "fps": 24, "layers": ["rgba", "beams", "surface", "depth"], "displays": ["sRGB", "Raw"], "focal": 0.9,
-        "pose": [1, 0, 0, 0, 0, 1, 0, 1, 0, 0, 1, 6, 0, 0, 0, 1],
+        "pose": [1, 0, 0, 0, 0, 1, 0, 1, 0, 0, 1, 6, 0, 0, 0, 1], "up": "Y", "stereo": None, "pair": False,
+        "interaxial": 0.065, "presets": [{"name": f"{factor}-{label.lower()}", "label": label, "factor": factor}
+                                         for factor in ("look", "along", "across") for label in PRESETS],
         "controls": [
             group(KEY, "light", "RectLight", light(KEY, [1.0, 0.9, 0.7]), uses=[SHAFT]),
             group(FILL, "light", "SphereLight", light(FILL, [0.3, 0.5, 2.4]), uses=[DUST]),
@@ -121,6 +124,7 @@ class Session:
                 self.authored[path] = each["authored"]
         self.values, self.edits, self.undone, self.done, self.step = {}, {}, [], [], None
         self.saved, self.version, self.changed, self.problem, self.pages = True, 1, time.monotonic(), None, set()
+        self.restored = "--restored" in sys.argv
         self.refresh()
 
     def refresh(self):
@@ -155,7 +159,8 @@ class Session:
         own = {
             path: self.edits[path] is not None if path in self.edits else self.authored[path] for path in self.values
         }
-        history = {"canUndo": bool(self.done), "canRedo": bool(self.undone), "saved": self.saved}
+        history = {"canUndo": bool(self.done), "canRedo": bool(self.undone), "saved": self.saved,
+                   "restored": self.restored}  # fmt: skip
         return {"type": "values", "values": self.values, "authored": own} | history
 
     def full_scene(self):
@@ -304,14 +309,19 @@ async def session(socket):
                 try:
                     if kind == "set":
                         SESSION.edit(message["values"], message["step"])
+                    elif kind == "apply":
+                        ramp = f"{SHAFT}.photonbeams:along:ramp"
+                        colors = PRESETS[message["preset"].partition("-")[2].capitalize()]
+                        SESSION.edit({f"{ramp}:knots": [0, 0.5, 1], f"{ramp}:colors": colors}, None)
+                        await socket.send_json({"type": "applied", "path": message["path"], "look": SHAFT})
                     elif kind in ("undo", "redo"):
                         SESSION.travel(kind == "undo")
-                    elif kind == "revert":
+                    elif kind in ("revert", "discard"):
                         SESSION.edit({}, None)
-                        SESSION.edits = {}
+                        SESSION.edits, SESSION.restored = {}, False
                         SESSION.refresh()
                     elif kind == "save":
-                        SESSION.saved = True
+                        SESSION.saved, SESSION.restored = True, False
                 except ValueError as error:
                     await socket.send_json({"type": "refused", "text": str(error)})
                 for page in list(SESSION.pages):
@@ -346,6 +356,14 @@ async def index(request):
     return FileResponse(PAGE / "index.html")
 
 
+async def preset(request):
+    colors = np.array(PRESETS[request.path_params["name"].removesuffix(".png").partition("-")[2].capitalize()])
+    row = np.stack([np.interp(np.linspace(0, 1, 144), [0, 0.5, 1], channel) for channel in colors.T], -1)
+    file = io.BytesIO()
+    Image.fromarray((255 * np.repeat(row[None], 60, axis=0)).astype(np.uint8)).save(file, "PNG")
+    return Response(file.getvalue(), media_type="image/png")
+
+
 async def result(request):
     return Response(b"no picture, just a mock", media_type="image/x-exr")
 
@@ -354,6 +372,7 @@ app = Starlette(
     routes=[
         Route("/", index),
         Route("/result/{name}", result),
+        Route("/presets/{name}", preset),
         WebSocketRoute("/session", session),
         Mount("/assets", StaticFiles(directory=PAGE / "assets", check_dir=False)),
     ],

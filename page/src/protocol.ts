@@ -48,6 +48,19 @@ export interface ControlGroup {
   soloed?: boolean;
 }
 
+/** A look to start from, or a factor of one. */
+export interface Preset {
+  name: string;
+  label: string;
+  /** "look" for a whole look, else the section of a look's controls in small letters. */
+  factor: string;
+}
+
+/** How a camera becomes two eyes: their distance, and where they converge; null: what is usual. */
+export type Stereo = [interaxial: number | null, convergence: number | null];
+
+export type Eye = "anaglyph" | "left" | "right";
+
 /** A camera-to-world matrix: 16 numbers, row by row, for column vectors; it looks along −z with +y up. */
 export type Pose = number[];
 
@@ -61,7 +74,15 @@ export interface Scene {
   displays: string[];
   controls: ControlGroup[];
   pose: Pose | null;
+  /** The focal length in widths of the picture. */
   focal: number;
+  up: "Y" | "Z";
+  stereo: Stereo | null;
+  /** Whether the camera is one of a pair, which stands where it stands. */
+  pair: boolean;
+  /** The usual distance of eyes. */
+  interaxial: number;
+  presets: Preset[];
 }
 
 export interface ValuesMessage {
@@ -71,6 +92,15 @@ export interface ValuesMessage {
   canUndo: boolean;
   canRedo: boolean;
   saved: boolean;
+  /** Whether there are edits that an earlier studio did not save. */
+  restored: boolean;
+}
+
+/** A preset was applied for this page. */
+export interface Applied {
+  type: "applied";
+  path: string;
+  look: string;
 }
 
 export interface Problem {
@@ -136,7 +166,7 @@ export interface Refused {
   text: string;
 }
 
-export type ServerMessage = Scene | ValuesMessage | RenderState | Pixel | RenderProgress | Refused;
+export type ServerMessage = Scene | ValuesMessage | RenderState | Pixel | RenderProgress | Applied | Refused;
 
 export type Area = [x0: number, y0: number, x1: number, y1: number];
 
@@ -152,13 +182,17 @@ export interface Show {
   area: Area | null;
   lens: boolean;
   blur: boolean;
+  denoise: boolean;
+  stereo: Stereo | null;
+  eye: Eye;
   solo: string[];
   paused: boolean;
 }
 
 export type PageMessage =
   | { type: "set"; values: Values; step: string | null }
-  | { type: "undo" | "redo" | "revert" | "save" | "cancel" }
+  | { type: "apply"; preset: string; path: string }
+  | { type: "undo" | "redo" | "revert" | "discard" | "save" | "cancel" }
   | ({ type: "show" } & Partial<Show>)
   | { type: "inspect"; at: [number, number] }
   | { type: "render"; passes: number; frames: [number, number] | null };

@@ -5,7 +5,7 @@ import { type KeyboardEvent, useState } from "react";
 import { ownUndo } from "../keep/shortcuts";
 import { clampTo, format, parse } from "./numbers";
 
-interface NumberFieldProps {
+export interface NumberFieldProps {
   value: number;
   label: string;
   onChange: (value: number) => void;

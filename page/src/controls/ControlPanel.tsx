@@ -10,7 +10,7 @@ import { session } from "../session/session";
 import { useStore } from "../session/store";
 import styles from "./controls.module.css";
 import { Group } from "./Group";
-import { matching, panel, toggleGroup } from "./panel";
+import { goToGroup, matching, panel, toggleGroup } from "./panel";
 
 const KINDS: { kind: ControlGroup["kind"]; title: string }[] = [
   { kind: "light", title: "Lights" },
@@ -58,6 +58,14 @@ export function ControlPanel() {
   useEffect(() => {
     if (first !== undefined && panel.get().openGroups.size === 0) toggleGroup(first);
   }, [first]);
+
+  // A light's new look is what is to be edited next.
+  const applied = useStore(session, (state) => state.applied);
+  useEffect(() => {
+    if (!applied) return;
+    session.set({ applied: null });
+    if (applied.look !== applied.path) goToGroup(applied.look);
+  }, [applied]);
 
   const found = (groups ?? []).map((group) => ({ group, controls: matching(group, search) }));
   const shown = found.filter(({ controls }) => search === "" || controls.length > 0);

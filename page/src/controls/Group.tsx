@@ -10,6 +10,7 @@ import { useStore } from "../session/store";
 import { useValue } from "./attribute";
 import { ControlRow } from "./ControlRow";
 import styles from "./controls.module.css";
+import { Presets } from "./Presets";
 import { goToGroup, groupId, panel, toggleGroup, toggleSection } from "./panel";
 
 /** The control that turns a light off: its visibility, or a switch of its own. */
@@ -59,36 +60,46 @@ function Solo({ group }: { group: ControlGroup }) {
   );
 }
 
-function Uses({ paths }: { paths: string[] }) {
+/** The looks of a light, and the way to a look of its own. */
+function Uses({ group, paths }: { group: ControlGroup; paths: string[] }) {
   const groups = useStore(session, (state) => state.scene?.controls);
   return (
-    <p className={styles.uses}>
-      Looks:
+    <div className={styles.uses}>
+      {paths.length > 0 ? "Looks:" : "No look"}
       {paths.map((path) => (
         <button key={path} type="button" className={styles.link} onClick={() => goToGroup(path)}>
-          {groups?.find((group) => group.path === path)?.label ?? lastName(path)}
+          {groups?.find((each) => each.path === path)?.label ?? lastName(path)}
         </button>
       ))}
-    </p>
+      <span className={styles.usesEnd}>
+        <Presets factor="look" path={group.path} text="New look" whose={`of ${group.label}`} />
+      </span>
+    </div>
   );
 }
 
-function Section({ name, owner, controls, forced }: SectionProps) {
+function Section({ name, owner, controls, forced, look }: SectionProps) {
   const key = `${owner} ${name}`;
+  const factor = name.toLowerCase();
   const open = useStore(panel, (state) => !state.closedSections.has(key)) || forced;
   return (
     <section className={styles.section}>
-      <h4 className={styles.heading}>
-        <button
-          type="button"
-          className={styles.sectionButton}
-          aria-expanded={open}
-          disabled={forced}
-          onClick={() => toggleSection(key)}
-        >
-          <ChevronIcon /> {name}
-        </button>
-      </h4>
+      <div className={styles.sectionHeader}>
+        <h4 className={styles.heading}>
+          <button
+            type="button"
+            className={styles.sectionButton}
+            aria-expanded={open}
+            disabled={forced}
+            onClick={() => toggleSection(key)}
+          >
+            <ChevronIcon /> {name}
+          </button>
+        </h4>
+        {look !== null && factor !== "look" && (
+          <Presets factor={factor} path={owner} text="Presets" whose={`of ${look}, ${factor}`} stays />
+        )}
+      </div>
       {open && controls.map((control) => <ControlRow key={control.path} control={control} />)}
     </section>
   );
@@ -100,6 +111,8 @@ interface SectionProps {
   controls: Control[];
   /** Open because of a search. */
   forced: boolean;
+  /** The name of the look that it is a part of, null where it is of something else. */
+  look: string | null;
 }
 
 interface GroupProps {
@@ -141,9 +154,24 @@ export const Group = memo(function Group({ group, controls, searching }: GroupPr
       </div>
       {open && (
         <div className={styles.groupBody}>
-          {group.uses && group.uses.length > 0 && <Uses paths={group.uses} />}
+          {group.kind === "light" && !searching && <Uses group={group} paths={group.uses ?? []} />}
+          {group.kind === "look" && !searching && (
+            <div className={styles.uses}>
+              All factors
+              <span className={styles.usesEnd}>
+                <Presets factor="look" path={group.path} text="Presets" whose={`of ${group.label}`} stays />
+              </span>
+            </div>
+          )}
           {[...sections].map(([name, members]) => (
-            <Section key={name} name={name} owner={group.path} controls={members} forced={searching} />
+            <Section
+              key={name}
+              name={name}
+              owner={group.path}
+              controls={members}
+              forced={searching}
+              look={group.kind === "look" ? group.label : null}
+            />
           ))}
         </div>
       )}

@@ -1,9 +1,9 @@
-/** The lost connection, and messages that the server could not use. */
+/** The lost connection, edits of an earlier studio, and messages that the server could not use. */
 
 import { ActionIcon, Button } from "@mantine/core";
 import { useEffect, useState } from "react";
 import { CloseIcon, WarningIcon } from "../common/icons";
-import { connect, dismissRefused, session } from "../session/session";
+import { command, connect, dismissRefused, session } from "../session/session";
 import { useStore } from "../session/store";
 import styles from "./keep.module.css";
 
@@ -31,6 +31,34 @@ function useLost(): boolean {
   return lost;
 }
 
+/** Edits that an earlier studio did not save are there again: they can be kept, or given up. */
+function Restored() {
+  const restored = useStore(session, (state) => state.restored);
+  const [dismissed, setDismissed] = useState(false);
+  return (
+    <div role="status">
+      {restored && !dismissed && (
+        <div className={styles.notice} data-kind="news">
+          <span>The studio ended before all edits were saved. They are here again, and still not saved.</span>
+          <Button size="compact-xs" variant="white" color="dark" onClick={() => command("discard")}>
+            Back to what was saved
+          </Button>
+          <ActionIcon
+            size="sm"
+            variant="transparent"
+            color="white"
+            aria-label="Keep the restored edits"
+            title="Keep them"
+            onClick={() => setDismissed(true)}
+          >
+            <CloseIcon />
+          </ActionIcon>
+        </div>
+      )}
+    </div>
+  );
+}
+
 export function Notices() {
   const lost = useLost();
   const retryAt = useStore(session, (state) => state.retryAt);
@@ -52,6 +80,7 @@ export function Notices() {
           </Button>
         </div>
       )}
+      <Restored />
       {refused.map((text) => (
         <div role="alert" className={styles.notice} key={text}>
           <WarningIcon />

@@ -2,10 +2,20 @@
 
 import { Button, Checkbox, Modal } from "@mantine/core";
 import { useState } from "react";
-import { NumberField } from "../common/NumberField";
+import { NumberField, type NumberFieldProps } from "../common/NumberField";
 import { session, startRender } from "../session/session";
 import { useStore } from "../session/store";
 import styles from "./keep.module.css";
+
+/** A whole number with a word before it. */
+function Field({ text, ...field }: NumberFieldProps & { text: string }) {
+  return (
+    <>
+      <span>{text}</span>
+      <NumberField className={styles.number} integer {...field} />
+    </>
+  );
+}
 
 function RenderForm({ onClose }: { onClose: () => void }) {
   const range = useStore(session, (state) => state.scene?.frames ?? null);
@@ -23,17 +33,7 @@ function RenderForm({ onClose }: { onClose: () => void }) {
       }}
     >
       <div className={styles.field}>
-        <span>Passes</span>
-        <NumberField
-          label="Passes"
-          className={styles.number}
-          first
-          integer
-          min={1}
-          max={1_000_000}
-          value={passes}
-          onChange={setPasses}
-        />
+        <Field text="Passes" label="Passes" first min={1} max={65_536} value={passes} onChange={setPasses} />
       </div>
       {range && (
         <Checkbox
@@ -45,21 +45,17 @@ function RenderForm({ onClose }: { onClose: () => void }) {
       )}
       {range && several && (
         <div className={styles.field}>
-          <span>From</span>
-          <NumberField
+          <Field
+            text="From"
             label="First frame"
-            className={styles.number}
-            integer
             min={range[0]}
             max={last}
             value={first}
             onChange={(value) => setFrames([value, last])}
           />
-          <span>to</span>
-          <NumberField
+          <Field
+            text="to"
             label="Last frame"
-            className={styles.number}
-            integer
             min={first}
             max={range[1]}
             value={last}

@@ -1,6 +1,7 @@
 /** The page's side of the session: its state, and everything that can be asked of the server. */
 
 import type {
+  Applied,
   Control,
   PageMessage,
   Pixel,
@@ -31,6 +32,8 @@ export interface SessionState {
   canUndo: boolean;
   canRedo: boolean;
   saved: boolean;
+  restored: boolean;
+  applied: Applied | null;
   state: RenderState | null;
   pixel: Pixel | null;
   render: RenderProgress | null;
@@ -49,6 +52,9 @@ const NOTHING_SHOWN: Show = {
   area: null,
   lens: true,
   blur: true,
+  denoise: true,
+  stereo: null,
+  eye: "left",
   solo: [],
   paused: false,
 };
@@ -66,6 +72,8 @@ export const session = new Store<SessionState>({
   canUndo: true,
   canRedo: true,
   saved: true,
+  restored: false,
+  applied: null,
   state: null,
   pixel: null,
   render: null,
@@ -79,12 +87,17 @@ let served: Values = {};
 let servedAuthored: Record<string, boolean> = {};
 let defaults: Values = {};
 let cancelled = false;
+/** Whether the server knows nothing yet of what this page shows. */
+let unknown = true;
 let unsentShow: Partial<Show> = {};
 
 const connection = new Connection({
   message: receive,
   picture: (message) => picture.receive(message),
-  status: (open, retryAt) => session.set({ open, retryAt }),
+  status: (open, retryAt) => {
+    if (open) unknown = true;
+    session.set({ open, retryAt });
+  },
 });
 const post = (message: PageMessage): boolean => connection.send(message);
 const edits = new Edits(post, mergeValues);
@@ -146,10 +159,22 @@ function receiveScene(scene: Scene): void {
   show.solo = before.scene
     ? show.solo.filter((path) => groups.some((group) => group.path === path))
     : groups.filter((group) => group.soloed).map((group) => group.path);
+  if (!before.scene && scene.stereo) Object.assign(show, { stereo: scene.stereo, eye: "anaglyph" });
   session.set({ scene, show, everOpen: true });
   mergeValues();
-  resendShow();
+  if (unknown) resendShow();
+  else sendChanges(before.show);
+  unknown = false;
   edits.flush();
+}
+
+/** Send what another scene has changed of what is shown. */
+function sendChanges(before: Show): void {
+  const { show } = session.get();
+  for (const name of ["camera", "layer", "display", "frame", "solo"] as const) {
+    if (JSON.stringify(show[name]) !== JSON.stringify(before[name])) Object.assign(unsentShow, { [name]: show[name] });
+  }
+  showing.request();
 }
 
 /** The server knows nothing of what this page showed before the connection was lost. */
@@ -172,7 +197,12 @@ function receive(message: ServerMessage): void {
       for (const [path, value] of Object.entries(message.values)) served[path] = unlessSame(served[path], value);
       servedAuthored = { ...servedAuthored, ...message.authored };
       edits.confirm(message.values);
-      session.set({ canUndo: message.canUndo, canRedo: message.canRedo, saved: message.saved });
+      session.set({
+        canUndo: message.canUndo,
+        canRedo: message.canRedo,
+        saved: message.saved,
+        restored: message.restored,
+      });
       mergeValues();
       break;
     case "state":
@@ -184,6 +214,9 @@ function receive(message: ServerMessage): void {
     case "render":
       // Progress may still be on its way when the picture was cancelled.
       if (!cancelled) session.set({ render: message });
+      break;
+    case "applied":
+      session.set({ applied: message });
       break;
     case "refused":
       edits.forget();
@@ -210,10 +243,17 @@ export function setValues(values: Values, step: string | null = null): void {
 }
 
 /** Ask for something that concerns the whole scene. */
-export function command(type: "undo" | "redo" | "revert" | "save"): void {
+export function command(type: "undo" | "redo" | "revert" | "discard" | "save"): void {
   edits.flush();
   if (type !== "save") edits.forget();
   post({ type });
+}
+
+/** Apply a preset to a look, or give a light a new look of that kind. */
+export function applyPreset(preset: string, path: string): void {
+  edits.flush();
+  edits.forget();
+  post({ type: "apply", preset, path });
 }
 
 export function inspect(at: [number, number]): void {

@@ -1,9 +1,11 @@
 /** What is shown in the viewport, and the tools that work on it. */
 
-import { ActionIcon, Button, NativeSelect, Popover, SegmentedControl, Slider, Switch } from "@mantine/core";
+import { ActionIcon, Button, Popover, SegmentedControl, Slider, Switch } from "@mantine/core";
+import { Choice } from "../common/Choice";
 import { AreaIcon, CameraIcon, CloseIcon, InspectIcon, MoveIcon, ResetIcon } from "../common/icons";
 import { NumberField } from "../common/NumberField";
 import { lastName } from "../common/numbers";
+import type { Eye, Show } from "../protocol";
 import { picture, session, show } from "../session/session";
 import { useStore } from "../session/store";
 import { orbitDistance, throughTheCamera, type Tool, view } from "../viewport/view";
@@ -51,16 +53,14 @@ function CameraChoice() {
   const distance = useStore(view, (state) => state.distance);
   return (
     <div className={styles.group}>
-      <NativeSelect
-        size="xs"
-        aria-label="Camera"
-        title="Camera"
+      <Choice
+        label="Camera"
         className={styles.camera}
         value={camera}
         data={(cameras ?? []).map((path) => ({ value: path, label: lastName(path) }))}
-        onChange={(event) => {
+        onChange={(path) => {
           view.set({ distance: null });
-          show({ camera: event.currentTarget.value, pose: null });
+          show({ camera: path, pose: null });
         }}
       />
       <Button
@@ -146,47 +146,101 @@ function LayerAndDisplay() {
   const display = useStore(session, (state) => state.show.display);
   return (
     <div className={styles.group}>
-      <NativeSelect
-        size="xs"
-        aria-label="Layer"
-        title="Layer"
+      <Choice
+        label="Layer"
         className={styles.choice}
         value={layer}
         data={scene?.layers ?? []}
-        onChange={(event) => show({ layer: event.currentTarget.value })}
+        onChange={(name) => show({ layer: name })}
       />
-      <NativeSelect
-        size="xs"
-        aria-label="Display"
-        title="Display"
+      <Choice
+        label="Display"
         className={styles.choice}
         value={display}
         data={scene?.displays ?? []}
-        onChange={(event) => show({ display: event.currentTarget.value })}
+        onChange={(name) => show({ display: name })}
       />
     </div>
   );
 }
 
-function Lens() {
-  const lens = useStore(session, (state) => state.show.lens);
-  const blur = useStore(session, (state) => state.show.blur);
+/** What of the picture may be left out, by the names of `Show`. */
+const SWITCHES = [
+  { name: "lens", label: "Lens", title: "Depth of field and what else the lens does" },
+  { name: "blur", label: "Blur", title: "Motion blur" },
+  { name: "denoise", label: "Denoise", title: "Denoise pictures of few passes; the finished one is what a render gives" },
+] as const;
+
+function Switches() {
+  const shown = useStore(session, (state) => state.show);
   return (
     <div className={styles.switches}>
-      <Switch
-        size="xs"
-        label="Lens"
-        title="Depth of field and what else the lens does"
-        checked={lens}
-        onChange={(event) => show({ lens: event.currentTarget.checked })}
+      {SWITCHES.map(({ name, label, title }) => (
+        <Switch
+          key={name}
+          size="xs"
+          label={label}
+          title={title}
+          checked={shown[name]}
+          onChange={(event) => show({ [name]: event.currentTarget.checked } as Partial<Show>)}
+        />
+      ))}
+    </div>
+  );
+}
+
+const EYES: { value: Eye | "one"; label: string }[] = [
+  { value: "one", label: "One eye" },
+  { value: "anaglyph", label: "Anaglyph" },
+  { value: "left", label: "Left eye" },
+  { value: "right", label: "Right eye" },
+];
+
+/** One eye or two, and where two are, unless the stage has a pair of cameras. */
+function Eyes() {
+  const stereo = useStore(session, (state) => state.show.stereo);
+  const eye = useStore(session, (state) => state.show.eye);
+  const pair = useStore(session, (state) => state.scene?.pair ?? false);
+  const usual = useStore(session, (state) => state.scene?.interaxial ?? 0);
+  const [interaxial, convergence] = stereo ?? [null, null];
+  return (
+    <div className={styles.group}>
+      <Choice
+        label="Eyes"
+        className={styles.choice}
+        value={stereo ? eye : "one"}
+        data={EYES}
+        onChange={(value) => {
+          if (value === "one") show({ stereo: null, eye: "left" });
+          else show({ stereo: stereo ?? [null, null], eye: value as Eye });
+        }}
       />
-      <Switch
-        size="xs"
-        label="Blur"
-        title="Motion blur"
-        checked={blur}
-        onChange={(event) => show({ blur: event.currentTarget.checked })}
-      />
+      {stereo && !pair && (
+        <Popover trapFocus position="bottom-start" shadow="md" width={260}>
+          <Popover.Target>
+            <Button size="compact-xs" variant="default" title="Where the two eyes are">
+              Distances
+            </Button>
+          </Popover.Target>
+          <Popover.Dropdown className={styles.fields} aria-label="Where the two eyes are">
+            <span>Between the eyes</span>
+            <NumberField
+              label="Distance between the eyes"
+              value={interaxial ?? usual}
+              min={0}
+              step={usual / 10}
+              onChange={(value) => show({ stereo: [value, convergence] })}
+            />
+            <span>To where they converge; 0: the focus, or far away</span>
+            <NumberField
+              label="Distance at which the eyes converge"
+              value={convergence ?? 0}
+              min={0}
+              onChange={(value) => show({ stereo: [interaxial, value || null] })}
+            />
+          </Popover.Dropdown>
+        </Popover>
+      )}
     </div>
   );
 }
@@ -209,17 +263,15 @@ function Compare() {
         Keep picture
       </Button>
       {snapshots.length > 0 && (
-        <NativeSelect
-          size="xs"
-          aria-label="Compare with"
-          title="Compare with"
+        <Choice
+          label="Compare with"
           className={styles.compare}
-          value={wipe ?? ""}
+          value={String(wipe ?? "")}
           data={[
             { value: "", label: "No comparison" },
             ...snapshots.map(({ id, label }) => ({ value: String(id), label: `A: ${label}` })),
           ]}
-          onChange={(event) => view.set({ wipe: Number(event.currentTarget.value) || null })}
+          onChange={(id) => view.set({ wipe: Number(id) || null })}
         />
       )}
       {snapshot && (
@@ -266,7 +318,8 @@ export function Toolbar() {
       <CameraChoice />
       <LayerAndDisplay />
       <Exposure />
-      <Lens />
+      <Switches />
+      <Eyes />
       <Compare />
       <Solo />
     </div>

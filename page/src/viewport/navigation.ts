@@ -2,8 +2,8 @@
 
 import { type PointerEvent as ReactPointerEvent, type RefObject, useEffect, useRef } from "react";
 import { session, show } from "../session/session";
-import { move, orbit, turn, worldUp } from "./pose";
-import { orbitDistance, presentPose, view } from "./view";
+import { move, orbit, turn } from "./pose";
+import { orbitDistance, presentPose, view, worldUp } from "./view";
 
 const RADIANS_PER_PIXEL = 0.006;
 const TURN_PER_SECOND = 1.2;
@@ -37,7 +37,7 @@ function drag(dx: number, dy: number, pan: boolean, width: number): void {
     const perPixel = distance / (width * (session.get().scene?.focal || 1));
     show({ pose: move(pose, -dx * perPixel, dy * perPixel, 0) });
   } else {
-    show({ pose: orbit(pose, worldUp(pose), distance, -dx * RADIANS_PER_PIXEL, -dy * RADIANS_PER_PIXEL) });
+    show({ pose: orbit(pose, worldUp(), distance, -dx * RADIANS_PER_PIXEL, -dy * RADIANS_PER_PIXEL) });
   }
 }
 
@@ -116,7 +116,7 @@ export function useFlight(element: RefObject<HTMLElement | null>): void {
         const [right, up, forward] = FLIGHT[code] ?? [0, 0, 0];
         const [yaw, pitch] = TURNS[code] ?? [0, 0];
         pose = move(pose, right * path, up * path, forward * path);
-        if (code in TURNS) pose = turn(pose, worldUp(pose), yaw * angle, pitch * angle);
+        if (code in TURNS) pose = turn(pose, worldUp(), yaw * angle, pitch * angle);
       }
       show({ pose });
       animation = requestAnimationFrame(step);

@@ -43,12 +43,9 @@ function rotate(vector: Triple, axis: Triple, angle: number): Triple {
   return add(turned, axis, dot(axis, vector) * (1 - cosine));
 }
 
-/** Which way is up in the world: +y or +z. A camera that is not rolled has its right axis at a right angle to it. */
-export function worldUp(start: Pose): Triple {
-  const { right, up } = frame(start);
-  const level = [Math.abs(right[1]) < 1e-3, Math.abs(right[2]) < 1e-3];
-  const z = level[0] === level[1] ? Math.abs(up[2]) > Math.abs(up[1]) : level[1];
-  return z ? [0, 0, 1] : [0, 1, 0];
+/** Which way is up in a world with this up axis. */
+export function upward(axis: "Y" | "Z"): Triple {
+  return axis === "Z" ? [0, 0, 1] : [0, 1, 0];
 }
 
 /** A first guess of the pivot's distance: where the view passes the world's origin, where shots mostly have their subject. */

@@ -1,9 +1,9 @@
 /** What the viewport is used for at the moment: tool, wipe, inspected pixel, free camera. */
 
-import type { Pose } from "../protocol";
+import type { Pose, Triple } from "../protocol";
 import { inspect, session, show } from "../session/session";
 import { Store } from "../session/store";
-import { pivotDistance } from "./pose";
+import { pivotDistance, upward } from "./pose";
 
 export type Tool = "navigate" | "inspect" | "area";
 
@@ -34,6 +34,11 @@ export const view = new Store<View>({
 export function presentPose(): Pose | null {
   const { show: shown, scene } = session.get();
   return shown.pose ?? scene?.pose ?? null;
+}
+
+/** Which way is up, for a horizon that stays level. */
+export function worldUp(): Triple {
+  return upward(session.get().scene?.up ?? "Y");
 }
 
 export function orbitDistance(): number {
