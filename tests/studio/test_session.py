@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import photonbeams as pb
+from photonbeams.render import denoising
 from photonbeams.render.passes import PlannedPasses
 from photonbeams.shot.development import Development
 from photonbeams.studio.session import Picture, Problem, Session, SessionView
@@ -92,7 +93,7 @@ class Watched:
 
     def finished(self, version=None):
         version = self.session.version if version is None else version
-        found = self.wait(version, lambda each: isinstance(each, Problem) or each.passes == 2)
+        found = self.wait(version, lambda each: isinstance(each, Problem) or each.is_finished)
         assert isinstance(found, Picture), found
         return found.layers
 
@@ -289,16 +290,29 @@ def test_overrides_of_the_command_line_are_weaker_than_edits(stage):
     assert Path(stage).read_text() == STAGE
 
 
-def test_pictures_of_few_passes_are_denoised_and_the_finished_one_is_that_of_a_render(stage):
-    with Watched(stage, view=replace(VIEW, denoise=True)) as shown:
-        raw = shown.finished()
+def test_pictures_of_few_passes_are_denoised_and_the_finished_one_is_that_of_a_render(stage, monkeypatch):
+    """After an edit of a look the surfaces are as they were, and are not denoised again."""
+    calls, filtered = [], denoising._filtered
+    monkeypatch.setattr(denoising, "_filtered", lambda *given: calls.append(1) or filtered(*given))
+
+    def of_one_pass():
         version = shown.session.version
-        first, second = [each for each in shown.told if (each.version, each.passes) == (version, 1)]
-        assert first.statistics.seconds["denoise"] > 0
+        return [each.layers for each in shown.told if (each.version, each.passes) == (version, 1)]
+
+    with Watched(stage, view=replace(VIEW, denoise=True)) as shown:
+        finished = shown.finished()
+        first, second = of_one_pass()
+        for values, count in (({TINT: [0.2, 0.5, 1.0]}, 0), ({INTENSITY: 35.0}, 2)):
+            calls.clear()
+            after = shown.finished(shown.session.edit(values))
+            assert len(calls) == count and not np.array_equal(after["beams"], finished["beams"])
+            pairs = zip(of_one_pass(), (first, second), strict=True)
+            same = [np.array_equal(each["surface"], before["surface"]) for each, before in pairs]
+            assert same == [count == 0] * 2
     part = pb.Shot.open(stage).render_part(PlannedPasses(range(1), 2), width=48, height=27, denoise=True)
     denoised, noisy = (replace(Development.of(part.development), denoise=each).frame(part) for each in (True, False))
-    assert are_equal(second.layers, denoised.layers) and not are_equal(second.layers, noisy.layers)
-    assert are_equal(raw, rendered(stage))
+    assert are_equal(second, denoised.layers) and not are_equal(second, noisy.layers)
+    assert are_equal(finished, rendered(stage))
 
 
 @pytest.mark.parametrize("axis", ["Y", "Z"])

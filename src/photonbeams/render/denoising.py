@@ -21,6 +21,7 @@ errors:
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
@@ -38,14 +39,32 @@ _LEAST = np.finfo(np.float32).tiny
 _CORRELATED = 1 / 3  # neighbours in what is no noise
 
 
+@dataclass(frozen=True)
+class Filtered:
+    """What Open Image Denoise made of a layer: of the same light and guides it makes the same."""
+
+    noisy: Array
+    guides: Mapping[str, Array]
+    result: Array
+
+    def is_of(self, noisy: Array, guides: Mapping[str, Array]) -> bool:
+        """Return whether it is of this light and these guides."""
+        return (
+            np.array_equal(noisy, self.noisy)
+            and guides.keys() == self.guides.keys()
+            and all(np.array_equal(guide, self.guides[name]) for name, guide in guides.items())
+        )
+
+
 def check_denoiser() -> None:
     """Raise SceneError where Open Image Denoise cannot be used."""
     _device()
 
 
 def denoised(
-    layers: Mapping[str, Array], sums: PassSums, groups: Mapping[str, str], keep_noisy: bool = False
-) -> dict[str, Array]:
+    layers: Mapping[str, Array], sums: PassSums, groups: Mapping[str, str], keep_noisy: bool = False,
+    known: dict[str, Filtered] | None = None,
+) -> dict[str, Array]:  # fmt: skip
     """Return the layers of a view with `surface` and the layers of beams denoised; `rgba` is still their sum.
 
     Parameters
@@ -58,6 +77,8 @@ def denoised(
         The layer of each light group.
     keep_noisy
         Whether the result also has the layers as they were, by names that begin with "noisy_".
+    known
+        What was made of layers before, by their names, and is kept there; None: nothing is kept.
 
     Raises
     ------
@@ -65,12 +86,13 @@ def denoised(
         Open Image Denoise cannot be used, or the sums are of other passes.
     """
     guides = _guides(sums, layers["surface"].shape[:2])
+    known = {} if known is None else known
     parts = [*dict.fromkeys(groups.values())] or ["beams"]
     result = {}
     for name in ("surface", *parts):
         # Of one pass nobody knows the error: surfaces have noise that is known to go, beams have not.
         unknown = 1.0 if name == "surface" else 0.0
-        result[name] = _mixed(layers[name], guides, sums.variance(name), unknown)
+        result[name] = _mixed(name, layers[name], guides, sums.variance(name), unknown, known)
     if groups:
         unnamed = layers["beams"] - sum(layers[name] for name in parts)
         result["beams"] = sum((result[name] for name in parts), unnamed)
@@ -92,11 +114,16 @@ def _guides(sums: PassSums, shape: tuple[int, ...]) -> dict[str, Array]:
     return {guide: np.ascontiguousarray(mean.transpose(1, 2, 0)) for guide, mean in means.items()}
 
 
-def _mixed(noisy: Array, guides: Mapping[str, Array], variance: Array | None, unknown: float) -> Array:
+def _mixed(
+    name: str, noisy: Array, guides: Mapping[str, Array], variance: Array | None, unknown: float,
+    known: dict[str, Filtered],
+) -> Array:  # fmt: skip
     """Return a layer between its passes' mean and the network's picture; `unknown` is the weight without a variance."""
     if not noisy.any() or (variance is None and not unknown):
         return noisy
-    change = _filtered(noisy, guides) - noisy
+    if name not in known or not known[name].is_of(noisy, guides):
+        known[name] = Filtered(noisy, guides, _filtered(noisy, guides))
+    change = known[name].result - noisy
     if variance is None:
         return noisy + np.float32(unknown) * change
     light = change.mean(axis=2)

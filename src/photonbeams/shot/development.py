@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import Any
 
@@ -13,7 +13,7 @@ import numpy as np
 
 from ..images.frame import Frame
 from ..images.plates import Plate
-from ..render.denoising import denoised
+from ..render.denoising import Filtered, denoised
 from ..render.film import develop
 from ..render.frame_sums import FrameSums
 from ..render.passes import Statistics, known
@@ -44,6 +44,8 @@ class Development:
         filter alone. None: all.
     albedo, denoise, keep_noisy
         As `Settings` has them.
+    filtered
+        Of each view, what the denoiser made of layers before, and is kept there; None: nothing is kept.
     """
 
     shape: tuple[int, int]
@@ -55,23 +57,25 @@ class Development:
     albedo: bool = False
     denoise: bool = False
     keep_noisy: bool = False
+    filtered: dict[str, dict[str, Filtered]] | None = field(default=None, compare=False, repr=False)
 
     def frame(self, sums: FrameSums, statistics: Statistics | None = None) -> Frame:
         """Return the frame; `statistics` is what is known of how it was rendered."""
         if statistics is None:
             statistics = Statistics(len(sums), sums.beams, sums.tests, error=known(sums.error()))
         with statistics.phase("denoise") if self.denoise else nullcontext():
-            pictures = [self._layers(each) for each in sums.views]
+            pictures = [self._layers(name, each) for name, each in zip(self.views, sums.views, strict=True)]
         for layers, pixels in zip(pictures, self.plates, strict=False):
             layers["rgba"] = Plate(pixels, self.plate_fog).composite(layers, pixels)
         headers = [{**each, "passes": len(sums)} for each in self.views.values()]
         return Frame.of(dict(zip(self.views, zip(pictures, headers, strict=True), strict=True)), statistics)
 
-    def _layers(self, sums: PassSums) -> dict[str, Array]:
+    def _layers(self, view: str, sums: PassSums) -> dict[str, Array]:
         """Return the layers of a view as they are shown."""
+        known = None if self.filtered is None else self.filtered.setdefault(view, {})
         layers = develop(sums, self.shape, self.groups)
         if self.denoise:  # with what is around the part that is shown: it tells of the edges
-            layers = denoised(layers, sums, self.groups, self.keep_noisy)
+            layers = denoised(layers, sums, self.groups, self.keep_noisy, known)
         if not self.albedo:
             layers.pop(ALBEDO, None)
         top, left, rows, columns = self.shown or (0, 0, *self.shape)
@@ -96,7 +100,7 @@ class Development:
             plates = [state[f"plate {k}"] for k in range(sum(name.startswith("plate ") for name in state))]
             views = {name: {key: _rich(value) for key, value in each.items()} for name, each in about["views"].items()}
             height, width = map(int, about["shape"])
-            layers = {name: bool(about[name]) for name in ("albedo", "denoise", "keep_noisy")}
+            layers: dict[str, Any] = {name: bool(about[name]) for name in ("albedo", "denoise", "keep_noisy")}
             return cls((height, width), about["groups"], views, plates, bool(about["fog"]), about["shown"], **layers)
         except (KeyError, ValueError, TypeError, AttributeError) as error:
             raise SceneError(f"does not say how its passes become a picture: {error!r}") from None

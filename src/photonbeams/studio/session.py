@@ -20,6 +20,7 @@ from ..images.frame import pixels_of
 from ..render.denoising import check_denoiser
 from ..runtime.files import PathLike
 from ..scene import BLACK, Array, Camera, Scene, SceneError, whole
+from ..shot.development import Development
 from ..shot.request import Prepared
 from ..shot.shot import Shot
 from ..usd.controls import Controls, controls_of
@@ -160,11 +161,11 @@ Told = Callable[[Picture | Problem], None]
 
 @dataclass
 class _Chain:
-    """The last frame of a size, from which the next one goes on, and the scene that it had."""
+    """The last frame of a size, from which the next one goes on, the scene that it had, and its denoised layers."""
 
     frame: LiveRenderer | None = None
     moment: Moment | None = None
-    about: Any = field(default=None)
+    filtered: dict[str, Any] = field(default_factory=dict)
 
 
 class Session:
@@ -472,14 +473,19 @@ class Session:
             passes = 1 if first else view.passes
             for number in range(passes):
                 frame.add_passes(range(number, number + 1))
-                rough = first or number < min(_DENOISED, passes - 1)
-                development = ready.development if rough else replace(ready.development, denoise=False)
-                made = development.frame(frame.sums(), frame.statistics)
+                made = self._development(ready, first, number, view).frame(frame.sums(), frame.statistics)
                 if unwanted():
                     raise Cancelled
                 views = {name: layers for name, (layers, _) in made.views.items()}
                 done, statistics = number + 1, frame.statistics
                 self._tell(Picture(version, made.layers, done, view.passes, scale, statistics, views, first))
+
+    def _development(self, ready: Prepared, first: bool, number: int, view: SessionView) -> Development:
+        """Return how the passes up to `number` become a picture."""
+        if not first and number >= min(_DENOISED, view.passes - 1):
+            return replace(ready.development, denoise=False)
+        # After an edit of a look the surfaces are the same.
+        return replace(ready.development, filtered=self._chains[first].filtered) if number == 0 else ready.development
 
     def _is_old(self, version: int) -> bool:
         return self._closed or version != self.version
