@@ -22,6 +22,7 @@ NAMES = {
     "keyhole": "the example frame, from an empty kernel cache",
     "farm": "workers beside threads, what a task costs, memory over passes",
     "scale": "a thousand machines, simulated with the farm's own policy",
+    "studio": "from an edit to its first picture, orbits, memory over ten thousand edits",
     "film": "lens, shutter and a second eye beside a pinhole",
 }
 # What runs only where it is named, with options of its own.

@@ -1,4 +1,4 @@
-"""Render the pictures of docs/: a swatch of every look, error against the number of points, and the example stages.
+"""Render the pictures of docs/: a swatch of every look, error against the number of points, and the examples.
 
 `make docs` runs it. A swatch shows what one factor does, with the others plain: beams as `estimate` sees them, and the
 factor's curve.
@@ -18,6 +18,7 @@ mpl.use("Agg")
 import drjit as dr
 import gallery
 import matplotlib.pyplot as plt
+import notebooks
 import numpy as np
 import renders
 from pages import ROOT
@@ -212,6 +213,7 @@ def main() -> None:
     quadrature(plot=PICTURES / "quadrature.png")
     renders.main()
     gallery.main()
+    notebooks.main()
 
 
 if __name__ == "__main__":

@@ -23,6 +23,7 @@ KNOWERS = {
     "pxr": {"usd", "cli"},  # `info` and `doctor` look at stages and at versions themselves
     "OpenEXR": {"images", "cli"},
     "OpenImageIO": {"images", "cli"},
+    "anywidget": {"studio"},
     "blosc": {"volumes"},
     "mitsuba": {"runtime", "world", "transport", "render", "shot", "integrator"},
     "mitsuba_oidn": {"render"},

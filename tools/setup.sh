@@ -80,6 +80,14 @@ install_libllvm() {
         stop "no libLLVM from version 17 on was found: install the package libllvm19, or set DRJIT_LIBLLVM_PATH"
 }
 
+# Playwright's wheel brings no browser. Without one, all tests but those of the studio's page can be run.
+install_chromium() {
+    for name in chromium chromium-browser google-chrome; do
+        command -v "$name" >/dev/null && return 0
+    done
+    apt_install chromium || echo "set-up: no Chromium was found, so tests in a browser are skipped: install chromium"
+}
+
 prove() {
     report=$("$venv/bin/photonbeams" doctor 2>&1) || {
         echo "$report" >&2
@@ -91,5 +99,6 @@ make_venv
 install_libatomic
 install_libllvm
 install_packages
+install_chromium
 prove
 touch "$venv/.ready"

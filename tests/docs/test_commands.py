@@ -258,6 +258,7 @@ def test_every_dependency_has_its_line():
         *project["project"]["dependencies"],
         *more["farm"],
         *more["materialx"],
+        *more["notebook"],
         *more["studio"],
         *(each for each in more["dev"] if "[" not in each),
     ]

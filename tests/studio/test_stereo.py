@@ -48,7 +48,7 @@ def both_eyes(stage, stereo, camera=None):
 
 
 def finished(shown, version):
-    return shown.wait(version, lambda each: each.finished).views
+    return shown.wait(version, lambda each: each.is_finished).views
 
 
 def are_pairs_equal(some, others):

@@ -88,7 +88,7 @@ def test_a_grid_that_is_smaller_than_its_shape_ends_at_its_own_border():
     smoke = {"type": "heterogeneous", "sigma_t": ones, "albedo": 1.0, "scale": 3.0}
     # Without absorption, in even light of radiance 1, everything looks like radiance 1.
     furnace = load(smoke=cube_of(smoke), light={"type": "constant", "radiance": 1.0}, sensor=camera(size=16))
-    settings = by_beams(passes=4, beams=16384, max_radius=0.02)
+    settings = by_beams(passes=2, beams=8192, max_radius=0.02, guiding=False)
     pictures = [render(furnace, furnace.sensors()[0], replace(settings, seed=seed)).layers()["rgba"] for seed in (1, 2)]
     means = np.array([picture[..., :3].mean() for picture in pictures])
     assert means == pytest.approx(1, abs=0.02)  # glows outside of the grid made it 1.9
@@ -104,11 +104,9 @@ def test_media_that_touch_are_as_bright_as_with_a_gap():
             floor={"type": "rectangle", "to_world": T().translate([0, -0.72, 0]).rotate([1, 0, 0], -90).scale(4)},
             light={"type": "point", "position": [-3, 2, 1], "intensity": 15.0}, sensor=camera((0, 1, 5), size=16),
         )  # fmt: skip
-        return (
-            render(both, both.sensors()[0], by_beams(passes=64, max_depth=4))
-            .layers()["rgba"][..., :3]
-            .mean(axis=(0, 1))
-        )
+        # Without a pilot, whose paths decide where others go, both pictures are of the same paths.
+        settings = by_beams(passes=8, beams=65536, max_depth=4, guiding=False)
+        return render(both, both.sensors()[0], settings).layers()["rgba"][..., :3].mean(axis=(0, 1))
 
-    # Where borders lie on each other, rays met but one of them: 3 % less. 64 passes have a spread of 0.08 %.
+    # Where borders lie on each other, rays met but one of them: 3 % less. Between seeds the ratio spreads by 0.07 %.
     np.testing.assert_allclose(mean(0.0), mean(2e-3), rtol=5e-3)

@@ -68,7 +68,7 @@ def studio(
         with Session(
             scene, camera, target, view, overrides=overrides or (), session_layers=session_layer or ()
         ) as session:  # fmt: skip
-            served = Studio(session)
+            served = Studio(session, os.environ.get("PHOTONBEAMS_STUDIO_TOKEN"))
             names = (host, f"[{host}]", "127.0.0.1", "localhost") if host in _LOOPBACK else (host, socket.gethostname())
             if host not in _LOOPBACK:
                 logging.getLogger("photonbeams").warning(

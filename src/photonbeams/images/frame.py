@@ -11,6 +11,7 @@ import numpy as np
 from ..runtime.files import PathLike
 from ..scene import Array, SceneError
 from .files import write_frame
+from .previews import preview
 
 if TYPE_CHECKING:
     from ..render.passes import Statistics
@@ -50,6 +51,15 @@ class Frame:
     def write(self, path: PathLike, layer: str = "rgba", exposure: float = 0.0) -> None:
         """Write a layered EXR, or one layer as a tone-mapped PNG, by the suffix; whole or not at all."""
         write_frame(path, self.layers, self.metadata, layer=layer, exposure=exposure, views=self.views)
+
+    def __repr__(self) -> str:
+        height, width = self.layers["rgba"].shape[:2]
+        eyes = "two eyes of " if self.views else ""
+        return f"Frame({eyes}{width} x {height} pixels, {self.statistics.passes} passes, {', '.join(self.layers)})"
+
+    def _repr_png_(self) -> bytes:
+        """Return the PNG that `write` writes, for notebooks; a large picture is made smaller: see `preview`."""
+        return preview(*(layers["rgba"] for layers, _ in self.views.values() or [(self.layers, {})]))
 
 
 def tile_of(

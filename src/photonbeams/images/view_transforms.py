@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 from functools import cache
 
@@ -10,6 +11,8 @@ import OpenImageIO
 
 from ..scene import Array, SceneError
 from .display import dithered, srgb_encoded, tone_mapped
+
+_log = logging.getLogger("photonbeams")
 
 #: The view that PNGs are made with.
 OWN = "photonbeams"
@@ -56,6 +59,9 @@ def _config() -> str:
 def _views() -> dict[str, tuple[str, str]]:
     """Return OpenColorIO's views, with their displays, by the names that we give them."""
     config = OpenImageIO.ColorConfig(_config())
+    if problem := config.geterror():
+        _log.warning("OCIO=%s cannot be used: %s; views are photonbeams' own alone", _config(), problem)
+        return {}
     own = _config() != _DEFAULT
     displays = [each for each in config.getDisplayNames() if own or each == _SCREEN]
     return {

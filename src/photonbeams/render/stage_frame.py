@@ -214,7 +214,7 @@ class StageRenderer(FrameRenderer):
             for moment in ends:
                 world = self._world_of(moment)
                 for camera in moment.cameras:
-                    light_side |= lights_seen(world, *View(camera, window).coarse_rays(128, 72))
+                    light_side |= self._seen_past_portals(world, View(camera, window))
         self._simulation = StageSimulation(self._tuning, settings.beams or scene.DEFAULT_BEAMS, light_side)
         if settings.guiding in (None, True):
             whole = Window.full(window.width, window.height)  # or a crop would not be that part of the picture
@@ -232,6 +232,10 @@ class StageRenderer(FrameRenderer):
     def _known_worlds(self) -> list[StageWorld]:
         """Return worlds from before, parts of which may be the same."""
         return []
+
+    def _seen_past_portals(self, world: StageWorld, view: View) -> frozenset[str]:
+        """Return the names of the lights of which a view sees light that does not pass their portal."""
+        return lights_seen(world, *view.coarse_rays(128, 72))
 
     def _guided(
         self, simulation: StageSimulation, world: StageWorld, views: Sequence[Projection]

@@ -185,6 +185,10 @@ class SceneShot(Shot):
             height or max(1, round((width or 0) * own[1] / own[0])),
         )
 
+    def _own_size(self) -> tuple[int, int]:
+        self.load()
+        return self.size()
+
     def _window(self, width: int | None, height: int | None, crop: Sequence[float] | None) -> Window:
         """Return what is to be seen: the film's own crop window, unless another size or crop is asked for."""
         from ..world.cameras import Window

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import weakref
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
@@ -168,6 +168,21 @@ class Shot:
                 shot._lasting.clear()
 
         return forget, stages.listener(self.stage, forget)  # which does not keep `forget`
+
+    def __repr__(self) -> str:
+        return f"Shot({Path(file_of(self.stage)).name!r}, camera={self.camera!r})"
+
+    def _repr_mimebundle_(
+        self, include: Collection[str] | None = None, exclude: Collection[str] | None = None
+    ) -> dict[str, str]:  # fmt: skip
+        """Return a quick picture for notebooks, or the sentence that says why there is none: raises nothing."""
+        from .notebook import shown
+
+        return shown(self, include, exclude)
+
+    def _own_size(self) -> tuple[int, int]:
+        """Return the size in pixels where none is asked for."""
+        return self.resolution()
 
     @classmethod
     def open(

@@ -62,7 +62,7 @@ class LiveRenderer(StageRenderer):
     like
         The earlier frame, None of the first.
     keeps_guides
-        Whether light is sent where it was sent in the earlier frame, though something has changed: for first pictures.
+        Whether light is sent where it was sent in the earlier frame, whatever has changed: for first pictures.
     unwanted
         Returns whether the frame is no longer wanted: it ends with `Cancelled` before its next phase.
     """
@@ -108,11 +108,18 @@ class LiveRenderer(StageRenderer):
     def _known_worlds(self) -> list[StageWorld]:
         return [] if self._like is None else self._like._worlds[-1:]
 
+    def _seen_past_portals(self, world: StageWorld, view: View) -> frozenset[str]:
+        if self._keeps_guides and self._like is not None:
+            return frozenset(self._like._simulation.light_side)
+        return super()._seen_past_portals(world, view)
+
     def _guided(self, simulation: StageSimulation, world: StageWorld, views: Sequence[Projection]) -> StageSimulation:
         like = self._like
         if like is None:
             return super()._guided(simulation, world, views)
-        if self._keeps_guides or (self._has_light_of(like, world) and equal(self._viewers, like._viewers)):
+        own, other = self._window, like._window  # of which guides see the whole picture
+        same_views = (own.width, own.height) == (other.width, other.height) and equal(self._viewers, like._viewers)
+        if self._keeps_guides or (same_views and self._has_light_of(like, world)):
             return replace(simulation, guides=like._simulation.guides, openings=like._simulation.openings)
         return super()._guided(simulation, world, views)
 
@@ -120,7 +127,8 @@ class LiveRenderer(StageRenderer):
         """Return whether the light paths of each pass are those of an earlier frame."""
         if self._ready.shutter.moving or self.settings.program is not None:
             return False
-        same_guides = self._simulation.guides is like._simulation.guides
+        own, other = self._simulation, like._simulation
+        same_guides = own.guides is other.guides and own.light_side == other.light_side
         return same_guides and self._has_light_of(like, self._worlds[-1]) and self._window == like._window
 
     def _has_light_of(self, like: LiveRenderer, world: StageWorld) -> bool:

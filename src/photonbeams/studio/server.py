@@ -15,13 +15,11 @@ from collections.abc import AsyncIterator, Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import asynccontextmanager, suppress
 from dataclasses import asdict, dataclass, field
-from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import msgspec
 import numpy as np
-from PIL import Image
 from starlette.applications import Starlette
 from starlette.middleware import Middleware
 from starlette.requests import Request
@@ -30,13 +28,13 @@ from starlette.routing import Route, WebSocketRoute
 from starlette.types import ASGIApp, Receive, Scope, Send
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from ..images.anaglyph import anaglyph
-from ..images.view_transforms import OWN, view_transforms, viewed
-from ..scene import Array, SceneError
+from ..images.view_transforms import OWN, view_transforms
+from ..scene import SceneError
 from ..usd.controls import Controls
 from ..usd.presets import PRESETS
 from ..usd.stereo import EYES, Stereo, usual_interaxial
 from . import protocol
+from .encoding import ANAGLYPH, encoded
 from .final import FinalRender, Wanted
 from .session import Picture, Problem, Session
 from .thumbnails import thumbnail_of
@@ -54,7 +52,6 @@ _HEADERS = {
 }  # fmt: skip
 _LOCAL = ("127.0.0.1", "localhost", "[::1]")
 _REFUSED, _MALFORMED = 4403, 4400  # WebSocket's codes of our own
-_ANAGLYPH = "anaglyph"
 _TYPES = {".js": "text/javascript", ".css": "text/css"}  # whatever the machine takes them for
 
 
@@ -221,7 +218,7 @@ class Studio:
 
     def _state(self) -> str:
         last, problem = self._last, self._problem
-        done = 0 if last is None else last.passes if last.scale == 1 else 0
+        done = 0 if last is None or last.is_first else last.passes
         planned = self.session.view.passes
         seconds = 0.0 if last is None else sum(last.statistics.seconds.values())
         told = None if problem is None else {"text": problem.text, "path": problem.path, "column": problem.column}
@@ -338,8 +335,8 @@ class Studio:
         own = {name: given.pop(name) for name in ("layer", "eye", "exposure", "display") if name in given}
         if own.get("display", OWN) not in view_transforms():
             raise SceneError(f"there is no view transform {own['display']!r}")
-        if own.get("eye", _ANAGLYPH) not in (_ANAGLYPH, *EYES):
-            raise SceneError(f"there is no eye {own['eye']!r}: expected one of {', '.join((_ANAGLYPH, *EYES))}")
+        if own.get("eye", ANAGLYPH) not in (ANAGLYPH, *EYES):
+            raise SceneError(f"there is no eye {own['eye']!r}: expected one of {', '.join((ANAGLYPH, *EYES))}")
         if not -64 <= own.get("exposure", 0.0) <= 64:
             raise SceneError(f"the exposure is {own['exposure']}: expected -64 to 64 stops")
         for name, value in own.items():
@@ -420,31 +417,13 @@ class Studio:
 
 
 def _encoded(picture: Picture, watcher: _Watcher) -> bytes:
-    """Return a picture as a page shows it; what is to be replaced soon is compressed with a loss."""
-    layer = watcher.layer if watcher.layer in picture.layers else "rgba"
-    if picture.views and watcher.eye == _ANAGLYPH:
-        shown = anaglyph(*(_viewed(picture.views[eye][layer], watcher) for eye in EYES))
-    else:
-        shown = _viewed(picture.views.get(watcher.eye, picture.layers)[layer], watcher)
-    data = BytesIO()
-    image = Image.fromarray(shown)
-    if picture.finished:
-        image.save(data, "PNG", compress_level=1)
-    else:
-        image.save(data, "JPEG", quality=92, subsampling=0)
+    """Return a picture as a page shows it, behind its header."""
+    found = encoded(picture, watcher.layer, watcher.exposure, watcher.display, watcher.eye)
     header = {
-        "version": picture.version, "passes": picture.passes, "planned": picture.planned, "layer": layer,
-        "width": shown.shape[1], "height": shown.shape[0], "scale": picture.scale,
-        "mime": "image/png" if picture.finished else "image/jpeg",
+        "version": picture.version, "passes": picture.passes, "planned": picture.planned, "layer": found.layer,
+        "width": found.width, "height": found.height, "scale": picture.scale, "mime": found.mime,
     }  # fmt: skip
-    return protocol.framed(header, data.getvalue())
-
-
-def _viewed(pixels: Array, watcher: _Watcher) -> Array:
-    """Return a layer as a page shows it, (H, W, 3) of 8 bits."""
-    if pixels.ndim == 2 or pixels.shape[2] == 1:
-        pixels = pixels.reshape(*pixels.shape[:2], 1).repeat(3, axis=2)
-    return viewed(pixels, watcher.display, watcher.exposure)
+    return protocol.framed(header, found.data)
 
 
 def _file_of(folder: Path, request: Request, download: bool = False) -> Response:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import atexit
 import logging
 import os
 import re
 import threading
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cache, partial
 from pathlib import Path
@@ -109,8 +111,8 @@ class Picture:
         How it was rendered.
     views
         Of two eyes the layers of each, by the names "left" and "right".
-    finished
-        Whether it is the last one of the version, with the bits of `Shot.render`.
+    is_first
+        Whether it is the first one after an edit, of few pixels and few light paths.
     """
 
     version: int
@@ -120,7 +122,12 @@ class Picture:
     scale: float
     statistics: Statistics
     views: Mapping[str, Mapping[str, Array]] = field(default_factory=dict)
-    finished: bool = False
+    is_first: bool = False
+
+    @property
+    def is_finished(self) -> bool:
+        """Whether no better picture of the version is to come."""
+        return not self.is_first and self.passes == self.planned
 
 
 @dataclass(frozen=True)
@@ -164,8 +171,9 @@ class _Chain:
 class Session:
     """A shot that is rendered while it is edited: at once in few pixels, then whole, then in more and more passes.
 
-    One thread renders. An edit, or another view, ends what is under way between two phases of a pass. The finished
-    picture has the bits of `Shot.render` with as many passes and the edits as a layer over the stage.
+    One thread renders. An edit, or another view, ends what is under way between two phases of a pass, but for reduced
+    pictures. The finished picture has the bits of `Shot.render` with as many passes and the edits as a layer over the
+    stage.
 
     Parameters
     ----------
@@ -215,12 +223,18 @@ class Session:
         self._check(self.view)
         self._thread = threading.Thread(target=self._run, name="studio", daemon=True)
         self._thread.start()
+        atexit.register(self.close)  # an interpreter that ends while kernels run would abort
 
     def listen(self, told: Told) -> Callable[[], None]:
         """Call `told` with each picture, or with why there is none, from now on; return what ends that."""
         with self._lock:
             self._listeners.append(told)
-        return lambda: self._listeners.remove(told)
+
+        def end() -> None:
+            with suppress(ValueError):
+                self._listeners.remove(told)
+
+        return end
 
     def edit(self, values: Mapping[str, Any], step: str | None = None) -> int:
         """Set values as `Edits.set` does, and return the version that will show them."""
@@ -407,6 +421,7 @@ class Session:
             self._changed.notify_all()
         self._thread.join()
         self.edits.close()
+        atexit.unregister(self.close)
 
     def __enter__(self) -> Session:
         return self
@@ -446,13 +461,17 @@ class Session:
 
     def _tell(self, what: Picture | Problem) -> None:
         for told in [*self._listeners]:
-            told(what)
+            try:
+                told(what)
+            except Exception:  # a listener's own fault, which must not end the session
+                logging.getLogger("photonbeams").exception("a listener of the session failed")
 
     def _render(self, version: int) -> None:
         """Render the pictures of a version, as long as it is the last."""
-        unwanted = partial(self._is_old, version)
         view = self.view
         for first in (True, False):
+            # A first picture is finished, or there would be none while edits come faster than pictures.
+            unwanted = self._is_closed if first else partial(self._is_old, version)
             scale = min(1.0, (_FIRST_PIXELS / (view.width * view.height)) ** 0.5) if first else 1.0
             frame, ready = self._begun(view, scale, first, unwanted)
             passes = 1 if first else view.passes
@@ -462,10 +481,8 @@ class Session:
                 if unwanted():
                     raise Cancelled
                 views = {name: layers for name, (layers, _) in made.views.items()}
-                finished = not first and number + 1 == passes
-                self._tell(
-                    Picture(version, made.layers, number + 1, view.passes, scale, frame.statistics, views, finished)
-                )
+                done, statistics = number + 1, frame.statistics
+                self._tell(Picture(version, made.layers, done, view.passes, scale, statistics, views, first))
 
     def _development(self, ready: Prepared, first: bool, number: int, view: SessionView) -> Development:
         """Return how the passes up to `number` become a picture."""
@@ -476,6 +493,9 @@ class Session:
 
     def _is_old(self, version: int) -> bool:
         return self._closed or version != self.version
+
+    def _is_closed(self) -> bool:
+        return self._closed
 
     def _begun(
         self, view: SessionView, scale: float, first: bool, unwanted: Callable[[], bool]

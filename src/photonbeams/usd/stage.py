@@ -9,10 +9,11 @@ from itertools import pairwise
 from math import isfinite
 from typing import Any
 
+import numpy as np
 from pxr import Ar, Gf, Sdf, Tf, Ts, Usd, UsdGeom, UsdSkel
 
 from ..runtime.files import why_unreadable
-from ..scene import SceneError, real
+from ..scene import Array, SceneError, real
 from . import schemas as schemas
 from .camera import list_cameras, read_camera
 from .composition import warn_of_composition
@@ -36,6 +37,7 @@ __all__ = [
     "read_extent",
     "read_scene",
     "sample_times",
+    "up_axis",
     "with_looks",
 ]
 
@@ -99,6 +101,11 @@ def check_stage(stage: object) -> None:
     """Raise SceneError for a value that is not an open stage."""
     if not isinstance(stage, Usd.Stage):
         raise SceneError(f"stage is {stage!r}: expected a Usd.Stage; Shot.open takes a file")
+
+
+def up_axis(stage: Usd.Stage) -> Array:
+    """Return the stage's up axis, (3,), of unit length: +y or +z."""
+    return np.array([0.0, 0.0, 1.0] if UsdGeom.GetStageUpAxis(stage) == UsdGeom.Tokens.z else [0.0, 1.0, 0.0])
 
 
 def listener(stage: Usd.Stage, changed: Callable[[Any, Usd.Stage], None]) -> Any:

@@ -147,7 +147,8 @@ class StageWorld(World):
             sizes=sizes,
             blockers=_blockers(description, host, meshes, shapes, like.blockers if like is not None and still else {}),
             lights=tuple(
-                projected(source(light, host), light, portals.get(light.name), images) for light in description.lights
+                _known_light(light, like) or projected(source(light, host), light, portals.get(light.name), images)
+                for light in description.lights
             ),
             portals=portals,
             images=images,
@@ -349,6 +350,11 @@ def _known_portal(light: scene.Light, like: StageWorld | None) -> Portal | None:
     if like is None:
         return None
     return next((like.portals[each.name] for each in like.description.lights if each.portal is light.portal), None)
+
+
+def _known_light(light: scene.Light, like: StageWorld | None) -> Any:
+    both = () if like is None else zip(like.description.lights, like.lights, strict=True)
+    return next((lamp for each, lamp in both if each is light), None)
 
 
 def _known_images(description: scene.Scene, like: StageWorld | None) -> Images:

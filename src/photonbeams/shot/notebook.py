@@ -1,0 +1,58 @@
+"""Shots in notebooks: a quick picture, or the sentence that says why there is none.
+
+IPython asks for both at once, by `_repr_mimebundle_`: with `_repr_png_` an error would be a traceback below the cell.
+"""
+
+from __future__ import annotations
+
+from base64 import b64encode
+from collections.abc import Collection
+from typing import TYPE_CHECKING
+
+from ..scene import SceneError
+
+if TYPE_CHECKING:
+    from ..images.frame import Frame
+    from .shot import Shot
+
+#: Of a quick picture: pixels on its longer side, passes, of which the denoiser needs two to know noise by, and seconds
+#: after which one is enough.
+LONGEST, PASSES, SECONDS = 480, 2, 5.0
+
+_PNG, _TEXT = "image/png", "text/plain"
+
+
+def shown(shot: Shot, include: Collection[str] | None = None, exclude: Collection[str] | None = None) -> dict[str, str]:
+    """Return what a notebook shows of a shot, by MIME types: a PNG in base64 and a line, or a sentence alone.
+
+    Parameters
+    ----------
+    include, exclude
+        The MIME types that are asked for, None: all; and those that are not.
+    """
+    if _PNG in (exclude or ()) or _PNG not in (include or (_PNG,)):
+        return {_TEXT: repr(shot)}
+    try:
+        picture = quick_frame(shot)._repr_png_()
+    except SceneError as error:
+        return {_TEXT: str(error)}
+    except Exception as error:  # whatever a renderer may stumble over: to look at a variable must not end a notebook
+        return {_TEXT: f"the shot could not be rendered: {error}"[:300]}
+    return {_PNG: b64encode(picture).decode("ascii"), _TEXT: repr(shot)}
+
+
+def quick_frame(shot: Shot) -> Frame:
+    """Return a small picture of a shot's first frame, denoised where this machine can; raises what `render` does."""
+    from ..render.denoising import check_denoiser
+
+    width, height = shot._own_size()
+    scale = min(1.0, LONGEST / max(width, height))
+    try:
+        check_denoiser()
+        denoise = True
+    except SceneError:
+        denoise = False
+    return shot.render(
+        passes=PASSES, time_limit=SECONDS, width=max(1, round(scale * width)), height=max(1, round(scale * height)),
+        denoise=denoise, pixel_filter="box",
+    )  # fmt: skip

@@ -1,0 +1,70 @@
+"""A session's pictures for a browser: PNG once they are finished, JPEG while there is a better one to come."""
+
+from __future__ import annotations
+
+from io import BytesIO
+from typing import NamedTuple
+
+from PIL import Image
+
+from ..images.anaglyph import anaglyph
+from ..images.view_transforms import OWN, viewed
+from ..scene import Array
+from ..usd.stereo import EYES
+from .session import Picture
+
+#: The eye of those who see both, through red and cyan glasses.
+ANAGLYPH = "anaglyph"
+
+
+class EncodedPicture(NamedTuple):
+    """A picture for a browser.
+
+    Attributes
+    ----------
+    data, mime
+        The file's bytes, and their MIME type.
+    layer
+        The layer that is shown.
+    width, height
+        Pixels.
+    """
+
+    data: bytes
+    mime: str
+    layer: str
+    width: int
+    height: int
+
+
+def encoded(
+    picture: Picture, layer: str = "rgba", exposure: float = 0.0, display: str = OWN, eye: str = EYES[0]
+) -> EncodedPicture:
+    """Return a layer of a picture, at an exposure in stops, by a view transform; `rgba` where there is no such layer.
+
+    Of two eyes it shows one, or both in one picture: `ANAGLYPH`.
+
+    Raises
+    ------
+    SceneError
+        A name that is no view transform.
+    """
+    layer = layer if layer in picture.layers else "rgba"
+    if picture.views and eye == ANAGLYPH:
+        shown = anaglyph(*(_viewed(picture.views[each][layer], display, exposure) for each in EYES))
+    else:
+        shown = _viewed(picture.views.get(eye, picture.layers)[layer], display, exposure)
+    data = BytesIO()
+    if picture.is_finished:
+        Image.fromarray(shown).save(data, "PNG", compress_level=1)
+    else:  # it is replaced soon: what is lost does not matter
+        Image.fromarray(shown).save(data, "JPEG", quality=92, subsampling=0)
+    mime = "image/png" if picture.is_finished else "image/jpeg"
+    return EncodedPicture(data.getvalue(), mime, layer, shown.shape[1], shown.shape[0])
+
+
+def _viewed(pixels: Array, display: str, exposure: float) -> Array:
+    """Return a layer as a screen shows it, (H, W, 3) of 8 bits."""
+    if pixels.ndim == 2 or pixels.shape[2] == 1:
+        pixels = pixels.reshape(*pixels.shape[:2], 1).repeat(3, axis=2)
+    return viewed(pixels, display, exposure)

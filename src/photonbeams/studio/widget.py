@@ -1,0 +1,184 @@
+"""A session in a notebook: its pictures, live, a camera that is moved by the mouse, and the layer and the exposure.
+
+Widget and browser share a few traits, by the protocol of Jupyter's widgets. The browser keeps `layer`, `exposure` and
+`gesture`, the widget all others; widget.js is the browser's side.
+"""
+
+from __future__ import annotations
+
+import atexit
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..runtime.files import PathLike
+from ..scene import Array, SceneError
+from ..usd.stage import up_axis
+from .encoding import encoded
+from .navigation import moved, orbited, pivot_distance
+from .session import Picture, Problem, Session
+
+try:
+    import anywidget
+    from traitlets import Dict, Float, List, Unicode, observe
+except ImportError:
+    raise ImportError("the widget needs anywidget: expected `pip install 'photonbeams[notebook]'`") from None
+
+# Pixels on the longer side of a session that the widget opens.
+_LONGEST = 480
+# Between two pictures of which the second only has more passes, in seconds: notebooks do not say when they lag behind.
+_PAUSE = 0.1
+_CLOSEST = 1e-3  # that the camera gets to the point about which it turns, in scene units
+_STILL = [0.0] * 6
+
+
+class Widget(anywidget.AnyWidget):
+    """A widget that shows a session, and moves its camera: dragging orbits, the wheel dollies, Shift and dragging pans.
+
+    Parameters
+    ----------
+    session
+        A session, which stays open when the widget is closed; or a stage, of which the widget opens one.
+    **given
+        Of a stage: further arguments of `Session`. Without a `view`, the picture has the aspect of the camera.
+
+    Attributes
+    ----------
+    session
+        What is shown and edited: after `session.edit(...)` and `session.show(...)` the picture is another one.
+    layer, exposure
+        The layer that is shown, and its exposure in stops, from −64 to 64; both may be set.
+    layers
+        The names of the layers that there are.
+    problem
+        Why there is no picture, in a sentence; empty: there is one.
+    picture
+        What the browser shows: "data" are the bytes of a PNG or a JPEG ("mime"), of "width" times "height" pixels,
+        with "passes" of "planned" ones; "whole" is the width and the height of the finished picture. Empty: nothing.
+    gesture
+        How the camera was moved in the browser, in all: how often back to its place on the stage; and since then to the
+        left and up in radians, to the right and up in widths of the picture, and nearer in logarithms of the distance.
+
+    Raises
+    ------
+    SceneError
+        What cannot be read as a stage; arguments of `Session` beside a session.
+    """
+
+    _esm = Path(__file__).with_name("widget.js")
+    _css = Path(__file__).with_name("widget.css")
+
+    layer = Unicode("rgba").tag(sync=True)
+    exposure = Float(0.0, min=-64.0, max=64.0).tag(sync=True)
+    gesture = List(Float(), _STILL, minlen=len(_STILL), maxlen=len(_STILL)).tag(sync=True)
+    layers = List(Unicode(), ["rgba"]).tag(sync=True)
+    picture = Dict().tag(sync=True)
+    problem = Unicode().tag(sync=True)
+
+    session: Session
+    _own: Session | None = None  # the session that the widget opened, and is to close
+    _end: Any = None  # ends what the session tells
+    _last: Picture | None = None
+    _sent = 0.0  # when the last picture was
+    _distance: float | None = None  # from the camera to the point about which it turns; None: to be guessed
+
+    def __init__(self, session: Session | PathLike, **given: Any) -> None:
+        if isinstance(session, Session):
+            if given:
+                raise SceneError(f"{', '.join(given)}: expected only with the path of a stage, for its session")
+            self.session = session
+        else:
+            self.session = self._own = _opened(session, given)
+            atexit.register(self._own.close)  # or its thread would be stopped anywhere
+        # The session's thread sets traits, too: see `set_state`.
+        self._lock = threading.RLock()
+        super().__init__()
+        self._end = self.session.listen(self._told)
+        self.session.show()  # the first picture may have been told already
+
+    def close(self) -> None:
+        """Remove the widget from the notebook, and close the session that it opened."""
+        if self._end is not None:
+            self._end()
+            self._end = None
+        if self._own is not None:
+            atexit.unregister(self._own.close)
+            self._own.close()
+            self._own = None
+        super().close()
+
+    def set_state(self, sync_data: dict[str, Any]) -> None:
+        """Take what the browser says; traitlets meanwhile keeps back all changes of traits, those of threads, too."""
+        with self._lock:
+            super().set_state(sync_data)
+
+    def _told(self, what: Picture | Problem) -> None:
+        """Show what the session tells, in its thread."""
+        with self._lock:
+            if isinstance(what, Problem):
+                self.problem = what.text
+                return
+            self.problem, self._last = "", what
+            self.layers = list(what.layers)
+            is_next = what.scale == 1 and 1 < what.passes < what.planned
+            if not is_next or time.monotonic() - self._sent > _PAUSE:
+                self._show()
+
+    @observe("layer", "exposure")
+    def _shown_otherwise(self, _change: Any) -> None:
+        with self._lock:
+            self._show()
+
+    def _show(self) -> None:
+        """Send the last picture to the browser."""
+        last = self._last
+        if last is None:
+            return
+        found = encoded(last, self.layer, self.exposure)
+        whole = [round(each / last.scale) for each in (found.width, found.height)]
+        self.picture = {
+            "data": found.data, "mime": found.mime, "width": found.width, "height": found.height, "whole": whole,
+            "passes": last.passes if last.scale == 1 else 0, "planned": last.planned,
+        }  # fmt: skip
+        self._sent = time.monotonic()
+
+    @observe("gesture")
+    def _gestured(self, change: Any) -> None:
+        """Move the camera by what a gesture has more than the last one."""
+        (homes, *now), (earlier, *before) = change["new"], change["old"]
+        at_home = homes != earlier
+        if at_home:
+            before, self._distance = _STILL[1:], None
+        more = [one - other for one, other in zip(now, before, strict=True)]
+        try:
+            self.session.show(pose=self._moved(at_home, *more) if any(more) else None)
+        except SceneError as error:
+            self.problem = str(error)
+
+    def _moved(self, at_home: bool, yaw: float, pitch: float, right: float, up: float, nearer: float) -> Array:
+        """Return the pose of the camera, where it is or `at_home` on the stage, after a movement."""
+        camera, pose = self.session.camera(), self.session.view.pose
+        if at_home or pose is None:
+            pose = camera.to_world
+        distance = pivot_distance(pose) if self._distance is None else self._distance
+        self._distance = max(distance * float(np.exp(-np.clip(nearer, -20, 20))), _CLOSEST)
+        pose = orbited(pose, up_axis(self.session.shot.stage), distance, yaw, pitch)
+        width = camera.horizontal_aperture * (1.0 if camera.orthographic else distance / camera.focal_length)
+        return moved(pose, right * width, up * width, distance - self._distance)
+
+
+def _opened(path: PathLike, given: dict[str, Any]) -> Session:
+    """Return a session of a stage; without a view of its own it has the aspect of the camera."""
+    session = Session(path, **given)
+    try:
+        if "view" not in given:
+            width, height = session.shot.resolution()
+            scale = _LONGEST / max(width, height)
+            session.show(width=max(1, round(scale * width)), height=max(1, round(scale * height)))
+    except SceneError:
+        session.close()
+        raise
+    return session
