@@ -9,17 +9,16 @@ from photonbeams.render.scene_frame import SceneRenderer, render
 from photonbeams.runtime.device import mitsuba
 from photonbeams.scene import SceneError
 from photonbeams.transport.simulation import CEILING, FREE_PATHS
-from transport.scenes import T, by_beams, camera, cloud, comparison, cube_of, fog, load, rgb, volpath
+from transport.scenes import T, by_beams, camera, cloud, comparison, cube_of, fog, frames, load, rgb, volpath
 
 mi = mitsuba()
 SEEDS = 8
 SMALL = {"radius": 0.01, "alpha": 1.0}
 
 
-def pictures(scene, **given):
-    settings = {"passes": 1, "beams": 16384, **given}
-    found = [render(scene, scene.sensors()[0], by_beams(seed=seed, **settings)).layers() for seed in range(SEEDS)]
-    return np.array([each["rgba"][..., :3] for each in found])
+def pictures(scene, seeds=SEEDS, **given):
+    found = frames(scene, by_beams(**{"passes": 1, "beams": 16384, **given}), seeds)
+    return np.array([each.layers()["rgba"][..., :3] for each in found])
 
 
 def blocks(picture):
@@ -178,15 +177,14 @@ def test_a_checkpoint_of_another_picture_is_refused():
 def test_the_error_is_told_by_the_passes():
     """The error of the mean that passes tell, against that which pictures of other seeds have."""
     scene = load(fog=cube_of(fog(0.5)), light=LAMP, sensor=camera())
-    frames = [render(scene, scene.sensors()[0], by_beams(passes=4, beams=512, seed=seed, alpha=1.0, max_depth=2))
-              for seed in range(8)]  # fmt: skip
-    values = np.array([each.layers()["beams"].mean(axis=2).ravel() for each in frames])
+    found = frames(scene, by_beams(passes=4, beams=512, alpha=1.0, max_depth=2), 8)
+    values = np.array([each.layers()["beams"].mean(axis=2).ravel() for each in found])
     mean = values.mean(axis=0)
     order = np.argsort(values.std(axis=0, ddof=1) / np.maximum(mean, 1e-12))
     # As the error has it: half of the light is in pixels that have less.
     middle = order[np.searchsorted(np.cumsum(mean[order]), 0.5 * mean.sum())]
     spread = values.std(axis=0, ddof=1)[middle] / mean[middle]
-    told = np.median([each.error() for each in frames])
+    told = np.median([each.error() for each in found])
     # Passes continue one sequence, so that their mean is better than they tell, but not by orders.
     assert 0.2 * told < spread < 1.5 * told
 

@@ -35,7 +35,7 @@ def test_more_samples_at_edges_leave_the_mean_and_take_the_noise_of_edges_away()
     scene = comparison(48, 27)
     found = {}
     for each in (1, 8):
-        once = {"passes": 1, "beams": 1024, "max_depth": 2, "surface_samples": each}
+        once = {"passes": 1, "beams": 8192, "max_depth": 2, "surface_samples": each, "guiding": False}
         pictures = [render(scene, scene.sensors()[0], by_beams(seed=seed, **once)) for seed in range(12)]
         found[each] = np.array([picture.layers()["beams"].mean(axis=2) for picture in pictures])
     totals = {each: own.mean(axis=(1, 2)) for each, own in found.items()}

@@ -1,8 +1,12 @@
 """Small Mitsuba scenes for tests."""
 
+from dataclasses import replace
+
 import numpy as np
 from tests.comparison import ABSORPTION, BOX, EYE, HOLE_X, HOLE_Y, HOLE_Z, SCATTERING, comparison_scene
 
+from photonbeams.render.scene_frame import Extras, render
+from photonbeams.render.scene_light import Findings
 from photonbeams.render.settings import Settings
 from photonbeams.runtime.device import mitsuba
 
@@ -13,6 +17,12 @@ T = mi.ScalarTransform4f
 def by_beams(**given):
     """Return settings by which all light is that of beams and photons."""
     return Settings(method="beams", **given)
+
+
+def frames(scene, settings, seeds, extras=None):
+    """Return a scene rendered by seeds; what pilots find is the same for each, and found once."""
+    extras = replace(extras or Extras(), findings=Findings())
+    return [render(scene, scene.sensors()[0], replace(settings, seed=seed), extras=extras) for seed in range(seeds)]
 
 
 def rgb(value):

@@ -5,7 +5,7 @@ import pytest
 
 from photonbeams.render.scene_frame import render
 from photonbeams.runtime.device import Float, UInt32, mitsuba
-from transport.scenes import T, by_beams, camera, fog, load, rgb, volpath
+from transport.scenes import T, by_beams, camera, fog, frames, load, rgb, volpath
 
 mi = mitsuba()
 SEEDS = 4
@@ -62,11 +62,8 @@ def scene_with(name):
 @pytest.mark.parametrize("name", ["ball", "lens"])
 def test_light_through_glass_is_where_it_should_be(name):
     scene = scene_with(name)
-    shared = {"passes": 8, "beams": 1 << 13, "max_depth": 8, "max_radius": 0.05}
-    ours = np.array([
-        render(scene, scene.sensors()[0], by_beams(seed=seed, **shared)).layers()["rgba"][..., 0]
-        for seed in range(SEEDS)
-    ])  # fmt: skip
+    settings = by_beams(passes=2, beams=1 << 15, max_depth=8, max_radius=0.05, guiding=False)
+    ours = np.array([each.layers()["rgba"][..., 0] for each in frames(scene, settings, SEEDS)])
     reference = np.array([volpath(scene, 4096, seed, max_depth=8)[..., 0] for seed in range(SEEDS)])
     assert abs(ours.mean() / reference.mean() - 1) < 0.02 + 4 * _error(ours) + 4 * _error(reference)
     # By blocks of 4 x 4 pixels: the focus behind the glass is brighter than the fog around it, and as bright as there.

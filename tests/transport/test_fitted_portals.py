@@ -5,14 +5,14 @@ import pytest
 
 from comparison import EYE, HOLE_X, HOLE_Y, HOLE_Z, comparison_scene
 from comparison import camera as stage_camera
-from photonbeams.render.scene_frame import SceneRenderer, render
+from photonbeams.render.scene_frame import SceneRenderer
 from photonbeams.transport import pilot
 from photonbeams.transport.fitted_portals import Bundle, fitted
 from photonbeams.transport.lamps import PortalEmitter
 from photonbeams.transport.simulation import StageSimulation, Tuning
 from photonbeams.world.cameras import View, Window
 from photonbeams.world.stage_world import StageWorld
-from transport.scenes import T, by_beams, camera, comparison, cube_of, fog, load, rgb
+from transport.scenes import T, by_beams, camera, comparison, cube_of, fog, frames, load, rgb
 
 HOLE = np.array([[HOLE_X, HOLE_Y[0], HOLE_Z[0]], [HOLE_X, HOLE_Y[1], HOLE_Z[1]]])
 LAMPS = {
@@ -110,8 +110,7 @@ def test_a_fitted_portal_keeps_the_mean_and_has_less_noise(monkeypatch):
     for portal in (True, False):
         if not portal:
             monkeypatch.setattr(pilot, "fitted", lambda *_: None)
-        given = [by_beams(passes=1, beams=4096, seed=seed) for seed in range(8)]
-        found = np.array([render(scene, scene.sensors()[0], each).views()[0]["beams"] for each in given])
+        found = np.array([each.views()[0]["beams"] for each in frames(scene, by_beams(passes=1, beams=4096), 8)])
         means.append((found.mean(), found.mean(axis=(1, 2, 3)).std(ddof=1) / np.sqrt(8)))
         variances.append(np.mean(found.var(axis=0, ddof=1) / found.mean(axis=0) ** 2))
     (own, own_error), (other, other_error) = means

@@ -17,7 +17,7 @@ from photonbeams.transport.lamps import LampEmitter
 from photonbeams.transport.simulation import StageSimulation, Tuning
 from photonbeams.world.cameras import View, Window
 from photonbeams.world.stage_world import StageWorld
-from transport.scenes import by_beams, camera, comparison, cube_of, fog, load, rgb
+from transport.scenes import by_beams, camera, comparison, cube_of, fog, frames, load, rgb
 
 
 def clustered(seed, count=1 << 12):
@@ -81,8 +81,7 @@ def test_guiding_keeps_the_mean_and_makes_it_better():
     ).views()[0]["beams"]  # fmt: skip
     spreads = []
     for guiding in (True, False):
-        found = [render(scene, scene.sensors()[0], by_beams(**shared, guiding=guiding, seed=seed)).views()[0]["beams"]
-                 for seed in range(8)]  # fmt: skip
+        found = [each.views()[0]["beams"] for each in frames(scene, by_beams(**shared, guiding=guiding), 8)]
         means = np.array([each.mean() for each in found])
         assert abs(means.mean() / 0.1201 - 1) < 4 * means.std(ddof=1) / 0.1201 / np.sqrt(8) + 0.01
         bright = reference > 0.02

@@ -1,7 +1,6 @@
 """Scenes that nobody would build, and some that everybody does: rendered right, or refused; never NaN in a picture."""
 
 import os
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,7 +10,7 @@ from photonbeams.runtime.device import mitsuba
 from photonbeams.scene import SceneError
 from render.test_scene_frame import INSIDE, LAMP, SMALL, agree, pictures
 from transport.hostile import LOBES, Maker
-from transport.scenes import T, by_beams, camera, cloud, cube_of, fog, load, rgb, volpath
+from transport.scenes import T, by_beams, camera, cloud, cube_of, fog, frames, load, rgb, volpath
 
 mi = mitsuba()
 FLOOR = {"type": "rectangle", "to_world": T().translate([0, -1.2, 0]).rotate([1, 0, 0], -90).scale(4)}
@@ -203,7 +202,7 @@ def test_a_sensor_in_nested_media_need_not_say_so():
     parts = {"fog": cube_of(outer, 1.5), "ball": ball, "light": LAMP}
     scene = load(**parts, sensor=camera((0, 0, 0.3), (-0.5, 0.2, -1), fov=70))
     declared = load(**parts, sensor=camera((0, 0, 0.3), (-0.5, 0.2, -1), fov=70, medium=inner))
-    ours = pictures(scene, max_depth=3, hide_emitters=True, **{**SMALL, "passes": 3, "beams": 65536})
+    ours = pictures(scene, 4, max_depth=3, hide_emitters=True, **{**SMALL, "passes": 3, "beams": 65536})
     theirs = [volpath(declared, 1024, seed, max_depth=3, hide_emitters=True) for seed in range(len(ours))]
     # Beams near the eye are bright and few, which the spread of a few pictures does not tell.
     np.testing.assert_allclose(ours.mean(axis=(0, 1, 2)), np.mean(theirs, axis=(0, 1, 2)), rtol=0.03)
@@ -214,7 +213,7 @@ def test_a_medium_of_the_sensor_ends_at_its_border():
     medium = mi.load_dict(fog(2.0, 0.8))
     scene = load(fog=cube_of(medium), light=LAMP, floor=FLOOR,
                  sensor=camera((0, 0.5, 0.5), (-0.1, -1.5, -0.3), medium=medium, fov=90))  # fmt: skip
-    ours = pictures(scene, hide_emitters=True, **{**SMALL, "passes": 3, "beams": 65536}).mean(axis=(1, 2))
+    ours = pictures(scene, 4, hide_emitters=True, **{**SMALL, "passes": 3, "beams": 65536}).mean(axis=(1, 2))
     theirs = np.mean([volpath(scene, 512, seed, hide_emitters=True) for seed in range(4)], axis=(0, 1, 2))
     error = ours.std(axis=0, ddof=1) / np.sqrt(len(ours))
     np.testing.assert_array_less(np.abs(ours.mean(axis=0) - theirs), 4.5 * error + 0.01 * theirs)
@@ -238,9 +237,7 @@ def test_caustics_on_surfaces_are_those_of_path():
     mirror = {"type": "rectangle", "to_world": T().translate([0, 0, -2]).scale(2), "bsdf": {"type": "conductor"}}
     scene = load(ball=ball, light=lamp, floor=FLOOR, mirror=mirror, sensor=camera((0, 1, 4), (0, -0.5, 0)))
     settings = by_beams(passes=6, beams=8192, hide_emitters=True, max_depth=6)
-    each = [
-        render(scene, scene.sensors()[0], replace(settings, seed=seed)).layers()["surface"].mean() for seed in range(6)
-    ]
+    each = [found.layers()["surface"].mean() for found in frames(scene, settings, 6)]
     theirs = volpath(scene, 4096, 0, "path", hide_emitters=True, max_depth=6).mean()
     # The lamp in the ball is smaller than a pixel, so that few camera rays see it: errors are those of the seeds.
     assert abs(np.mean(each) - theirs) < 4 * np.std(each, ddof=1) / np.sqrt(len(each))
