@@ -132,7 +132,7 @@ def test_the_finished_picture_is_that_of_a_render_with_the_saved_layer(stage, tm
 def test_the_finished_picture_does_not_depend_on_the_sizes_before_it():
     """Light is sent toward what is seen, and at another size of the picture another part of the room is."""
     keyhole = Path(__file__).parents[2] / "examples" / "keyhole" / "keyhole.usda"
-    with Watched(keyhole, view=SessionView(width=96, height=27, passes=2)) as shown:
+    with Watched(keyhole, view=SessionView(width=96, height=27, passes=2, denoise=False)) as shown:
         shown.finished()
         after = shown.finished(shown.session.show(width=48, height=27))
     assert are_equal(after, rendered(keyhole))
@@ -344,7 +344,7 @@ def test_a_listener_that_fails_ends_neither_the_session_nor_other_listeners(stag
 
 def test_a_small_picture_of_few_light_paths_is_not_the_finished_one(stage):
     """A view with one pass, which is not larger than first pictures are."""
-    with Watched(stage, view=SessionView(width=48, height=27, passes=1)) as shown:
+    with Watched(stage, view=SessionView(width=48, height=27, passes=1, denoise=False)) as shown:
         version = shown.session.version
         first = shown.wait(version, lambda each: True)
         last = shown.wait(version, lambda each: each.is_finished)
@@ -355,7 +355,8 @@ def test_a_program_that_ends_with_an_open_session_ends_well(stage):
     """It ends while a picture is rendered, which would abort the interpreter."""
     program = (
         "import sys, threading; from photonbeams.studio.session import Session, SessionView\n"
-        "session, came = Session(sys.argv[1], view=SessionView(width=48, height=27, passes=5000)), threading.Event()\n"
+        "view = SessionView(width=48, height=27, passes=5000, denoise=False)\n"
+        "session, came = Session(sys.argv[1], view=view), threading.Event()\n"
         "session.listen(lambda told: came.set()); session.show()\n"
         "assert came.wait(120)\n"
     )

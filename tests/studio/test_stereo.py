@@ -120,7 +120,7 @@ def test_a_page_finds_a_scene_whose_camera_was_edited_into_none(stage):
 
 
 def test_the_final_render_has_both_eyes(stage):
-    view = SessionView(48, 27, passes=2, paused=True, camera="/World/Camera")
+    view = SessionView(48, 27, passes=2, paused=True, denoise=False, camera="/World/Camera")
     with Session(stage, view=replace(view, stereo=EYES)) as session:
         flags = session.wanted(2).flags()
         assert flags == ["--camera", "/World/Camera", "--stereo", "--interaxial", "0.2", "--convergence", "4.0"]

@@ -23,8 +23,8 @@ from photonbeams.studio.session import Picture, Session, SessionView
 from photonbeams.studio.widget import Widget
 from studio.test_session import INTENSITY, STAGE
 
-VIEW = SessionView(width=32, height=18, passes=2)
-PAUSED = SessionView(width=32, height=18, passes=2, paused=True)  # tests tell what the session would
+VIEW = SessionView(width=32, height=18, passes=2, denoise=False)
+PAUSED = SessionView(width=32, height=18, passes=2, paused=True, denoise=False)  # tests tell what the session would
 EXPRESSION = "/World/Look.photonbeams:along:expression"
 STILL = [0.0] * 6
 
