@@ -21,6 +21,7 @@ import matplotlib.pyplot as plt
 import notebooks
 import numpy as np
 import renders
+import studio_pictures
 from pages import ROOT
 
 import photonbeams as pb
@@ -214,6 +215,7 @@ def main() -> None:
     renders.main()
     gallery.main()
     notebooks.main()
+    studio_pictures.main()
 
 
 if __name__ == "__main__":

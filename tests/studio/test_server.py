@@ -168,7 +168,7 @@ def test_a_problem_names_its_attribute_and_the_column_and_the_picture_comes_back
         page.finished()
         page.send("set", values={path: "1 + )"})
         problem = page.wait(lambda each: each.get("type") == "state" and each["problem"])["problem"]
-        assert problem["path"] == path and problem["column"] == 5 and "expression" in problem["text"]
+        assert problem["path"] == path and problem["column"] == 5 and problem["text"].startswith(f"{path} is wrong")
         page.send("undo")
         page.finished(served.session.version)
 

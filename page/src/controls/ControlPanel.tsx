@@ -31,7 +31,7 @@ function short(value: Value): string {
 /** Says what the control under the pointer, or with the focus, is for. */
 function Explanation({ control }: { control: Control | null }) {
   return (
-    <div className={styles.explanation}>
+    <div className={styles.explanation} role="region" aria-label="Explanation of the control" tabIndex={0}>
       {control ? (
         <>
           <p className={styles.explanationText}>{control.doc || control.label}</p>

@@ -221,7 +221,10 @@ class Studio:
         done = 0 if last is None or last.is_first else last.passes
         planned = self.session.view.passes
         seconds = 0.0 if last is None else sum(last.statistics.seconds.values())
-        told = None if problem is None else {"text": problem.text, "path": problem.path, "column": problem.column}
+        told = None
+        if problem is not None:  # the page names the file
+            text = problem.text[max(problem.text.find(problem.path or ""), 0) :]
+            told = {"text": text, "path": problem.path, "column": problem.column}
         version = self.session.version
         busy = problem is None and (last is None or last.version != version or done < planned)
         return protocol.encoded(

@@ -29,6 +29,7 @@ from ..usd.motion import followed, same
 from ..usd.presets import BEAM, apply_preset, preset_of
 from ..usd.stage import list_cameras
 from ..usd.stereo import Stereo, check_stereo, is_eye, read_eyes
+from ..world.cameras import Window
 from ..world.shutter import Moment, Shutter
 from .edits import Edits
 from .final import Wanted
@@ -63,7 +64,8 @@ class SessionView:
     pose
         A free camera's transform to the world, (4, 4), None: where the stage has it.
     area
-        x0, y0, x1, y1 in fractions of the picture: the part that is rendered; None: all.
+        x0, y0, x1, y1 in fractions of the picture: the part that is rendered; None: all. Beside it pictures are as they
+        were before, or black.
     lens, blur
         As `Shot.render` has them.
     solo
@@ -161,11 +163,34 @@ Told = Callable[[Picture | Problem], None]
 
 @dataclass
 class _Chain:
-    """The last frame of a size, from which the next one goes on, the scene that it had, and its denoised layers."""
+    """The last frame of a size, from which the next one goes on, the scene that it had, and its denoised layers.
+
+    `whole` are the layers of the last whole picture by views, the first of which has no name.
+    """
 
     frame: LiveRenderer | None = None
     moment: Moment | None = None
     filtered: dict[str, Any] = field(default_factory=dict)
+    whole: dict[str, Mapping[str, Array]] = field(default_factory=dict)
+
+    def whole_of(
+        self, views: dict[str, Mapping[str, Array]], window: Window, area: tuple[float, float, float, float] | None
+    ) -> dict[str, Mapping[str, Array]]:
+        """Return the layers of an area in those of the whole picture, by views; those of a whole picture are kept."""
+        if area is None:
+            self.whole = dict(views)
+            return views
+        x0, y0, x1, y1 = pixels_of(area, window.width, window.height)
+        result: dict[str, Mapping[str, Array]] = {}
+        for view, layers in views.items():
+            result[view] = pasted = {}
+            for name, pixels in layers.items():
+                shape = (window.height, window.width, *pixels.shape[2:])
+                before = self.whole.get(view, {}).get(name)
+                known = before is not None and before.shape == shape
+                pasted[name] = before.copy() if known else np.zeros(shape, pixels.dtype)  # type: ignore[union-attr]
+                pasted[name][y0:y1, x0:x1] = pixels
+        return result
 
 
 class Session:
@@ -481,8 +506,9 @@ class Session:
                 if unwanted():
                     raise Cancelled
                 views = {name: layers for name, (layers, _) in made.views.items()}
-                done, statistics = number + 1, frame.statistics
-                self._tell(Picture(version, made.layers, done, view.passes, scale, statistics, views, first))
+                whole = self._chains[first].whole_of({"": made.layers, **views}, ready.window, view.area)
+                layers, done, statistics = whole.pop(""), number + 1, frame.statistics
+                self._tell(Picture(version, layers, done, view.passes, scale, statistics, whole, first))
 
     def _development(self, ready: Prepared, first: bool, number: int, view: SessionView) -> Development:
         """Return how the passes up to `number` become a picture."""
