@@ -17,8 +17,10 @@ from rich.console import Console
 from rich.table import Table
 from websockets.sync.client import ClientConnection, connect
 
+from photonbeams.studio.navigation import orbited
 from photonbeams.studio.server import Studio
 from photonbeams.studio.session import Session, SessionView
+from photonbeams.usd.stage import up_axis
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 WIDTH, HEIGHT = 480, 270
@@ -42,6 +44,8 @@ GOALS = {"look": (0.15, 0.3), "light": (0.3, 0.6), "camera": (0.3, 0.6)}
 EDITS = 20
 # The whole picture is rendered meanwhile, as it is while somebody looks.
 REST = 0.3
+# Of the point about which the camera turns, in scene units.
+DISTANCE = 2.0
 ORBIT_SECONDS, POSES_PER_SECOND, GOAL_PICTURES = 5.0, 30, 20
 MANY, SETTLED, PER_SECOND = 10_000, 2_000, 200
 MEBIBYTE = 1 << 20
@@ -113,15 +117,11 @@ def poses(name: str) -> Callable[[float], list[float]]:
     """Return the camera's transform at turns in degrees about the vertical through a point before it."""
     import photonbeams as pb
 
-    start = np.asarray(pb.Shot.open(EXAMPLES / name / f"{name}.usda").cameras(None)[0].to_world, dtype=np.float64)
-    target = start[:3, 3] - 2.0 * start[:3, 2]
+    shot = pb.Shot.open(EXAMPLES / name / f"{name}.usda")
+    start, up = shot.cameras(None)[0].to_world, up_axis(shot.stage)
 
     def turned(degrees: float) -> list[float]:
-        c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
-        turn = np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]])
-        pose = start.copy()
-        pose[:3, :3], pose[:3, 3] = turn @ start[:3, :3], target + turn @ (start[:3, 3] - target)
-        return [float(each) for each in pose.ravel()]
+        return [float(each) for each in orbited(start, up, DISTANCE, np.radians(degrees), 0.0).ravel()]
 
     return turned
 

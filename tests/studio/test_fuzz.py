@@ -6,8 +6,9 @@ import numpy as np
 from websockets.exceptions import ConnectionClosed
 
 from photonbeams.studio import protocol
+from studio.stages import STAGE
 from studio.test_server import Served
-from studio.test_session import INTENSITY, STAGE, TINT
+from studio.test_session import INTENSITY, TINT
 
 MESSAGES = 5000
 KINDS = ("set", "apply", "undo", "redo", "revert", "discard", "show", "inspect", "render", "cancel", "sett", 3, None)

@@ -18,7 +18,7 @@ from photonbeams.images.files import read_layers
 from photonbeams.images.view_transforms import viewed
 from photonbeams.studio.server import Studio
 from photonbeams.studio.session import Session
-from studio.test_session import INTENSITY, STAGE, TINT, VIEW, rendered
+from studio.test_session import INTENSITY, TINT, VIEW, rendered
 
 TOKEN = "a-token-of-tests"
 
@@ -86,13 +86,6 @@ class Page:
         return self.wait(
             lambda each: "mime" in each and each["mime"] == "image/png" and each["version"] >= version
         )  # fmt: skip
-
-
-@pytest.fixture
-def stage(tmp_path):
-    path = tmp_path / "shot.usda"
-    path.write_text(STAGE)
-    return path
 
 
 @pytest.fixture

@@ -10,8 +10,9 @@ from photonbeams.images.anaglyph import anaglyph
 from photonbeams.images.view_transforms import viewed
 from photonbeams.studio.session import Session, SessionView
 from photonbeams.usd.stereo import Stereo
+from studio.stages import STAGE
 from studio.test_server import Served
-from studio.test_session import STAGE, VIEW, Watched, are_equal
+from studio.test_session import VIEW, Watched, are_equal
 
 #: The camera, and an eye of a pair beside it.
 PAIR = STAGE.replace(

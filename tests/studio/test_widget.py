@@ -21,7 +21,8 @@ from photonbeams.scene import SceneError
 from photonbeams.studio.navigation import moved, orbited
 from photonbeams.studio.session import Picture, Session, SessionView
 from photonbeams.studio.widget import Widget
-from studio.test_session import INTENSITY, STAGE
+from studio.stages import STAGE
+from studio.test_session import INTENSITY
 
 VIEW = SessionView(width=32, height=18, passes=2, denoise=False)
 PAUSED = SessionView(width=32, height=18, passes=2, paused=True, denoise=False)  # tests tell what the session would
@@ -74,13 +75,6 @@ def pixels_of(picture):
 
 
 @pytest.fixture
-def stage(tmp_path):
-    path = tmp_path / "shot.usda"
-    path.write_text(STAGE)
-    return path
-
-
-@pytest.fixture
 def shown(monkeypatch):
     """Return a function that makes a widget, and the line to its browser."""
     made = []
@@ -101,7 +95,7 @@ def picture(passes=2, scale=1.0, brightness=0.5, **layers):
     ramp = np.linspace(0, brightness, shape[1], dtype=np.float32) * np.ones((*shape[:1], 1), np.float32)
     rgb = ramp[..., None] * np.array([1, 0.5, 0.2], np.float32)
     own = {"rgba": np.dstack([rgb, ramp]), "beams": rgb[:, ::-1], "depth": ramp[..., None], **layers}
-    return Picture(0, own, passes, 2, scale, Statistics())
+    return Picture(0, own, passes, 2, scale, Statistics(), is_first=scale < 1)
 
 
 def test_the_widget_follows_its_session(stage, shown):

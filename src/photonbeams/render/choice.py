@@ -94,7 +94,7 @@ def preferred(
         if walks.noise() > _QUIET:
             beams = _Pilot(light((), dark), settings, max_depth, cameras[0])
             beams.add(_FIRST)
-            if light(tuple(own), dark).window is not None:  # which the light paths' pilot has found
+            if light(tuple(own), dark).portal is not None:  # which the light paths' pilot has found
                 walks = _Pilot(light(tuple(own), dark), settings, max_depth, cameras[0])
                 walks.add(_FIRST if walks.traces else _UNTRACED)
             ratio = walks.noise() * _cost(walks, beams, pixels) / max(beams.noise(), 1e-30)

@@ -61,6 +61,15 @@ def check_denoiser() -> None:
     _device()
 
 
+def lacking_denoiser() -> str | None:
+    """Return what keeps Open Image Denoise from being used, None where it can be."""
+    try:
+        check_denoiser()
+    except SceneError as error:
+        return str(error)
+    return None
+
+
 def denoised(
     layers: Mapping[str, Array], sums: PassSums, groups: Mapping[str, str], keep_noisy: bool = False,
     known: dict[str, Filtered] | None = None,

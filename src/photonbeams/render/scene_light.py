@@ -26,8 +26,7 @@ from ..transport.scene_emitters import emission_of, power_of, redistribute
 from ..transport.simulation import Simulation, Tuning
 from ..world.cameras import View
 from ..world.gobos import bare
-from ..world.portal_lamps import Window
-from ..world.portals import Portal
+from ..world.portal_lamps import EnvironmentPortal
 from ..world.scene_lamps import names_of
 from ..world.scene_world import SceneWorld
 from ..world.sources import Source
@@ -116,13 +115,13 @@ class Findings:
         The numbers of the emitters whose light walks had better meet; None: not known yet.
     guides
         Guidance of each stratum by the emitters that walks meet, and those that are dark.
-    window
+    portal
         The portal that was fitted to the light of the environment, or None.
     """
 
     walked: list[int] | None = None
     guides: dict[tuple[tuple[int, ...], frozenset[int]], list[Guidance]] = field(default_factory=dict)
-    window: Portal | None = None
+    portal: EnvironmentPortal | None = None
 
 
 class SceneLight:
@@ -142,7 +141,7 @@ class SceneLight:
         self, world: SceneWorld, own: EmitterSettings, walked: Sequence[int], dark: Collection[int],
         settings: Settings, tuning: Tuning, max_depth: int | None, findings: Findings,
     ) -> None:  # fmt: skip
-        self.world, self._findings = world, findings
+        self.world, self._findings, self._placed = world, findings, _placed_portal(world)
         sharp = {each for each in walked if world.mirrors and is_sharp(world.plugin.emitters()[each])}
         lit = own.as_caustics(sorted(sharp)) if sharp else own
         self._walks = {}
@@ -157,20 +156,15 @@ class SceneLight:
         self.simulation = Simulation(world, emission, tuning, lit.sources, world.sizes, own.named)
 
     @property
-    def window(self) -> Window | None:
+    def portal(self) -> EnvironmentPortal | None:
         """What stands before the environment: a portal that somebody placed, or one that was fitted; or None."""
-        environment = self.world.plugin.environment()
-        if environment is None:
-            return None
-        lamp = self.world.lamps[self.world.plugin.emitters().index(environment)]
-        portal = self._findings.window if lamp is None or lamp.portal is None else lamp.portal
-        return None if portal is None or portal.sides is None else Window(environment, portal)
+        return self._findings.portal if self._placed is None else self._placed
 
     @property
     def walks(self) -> dict[str, Walking]:
         """How walks meet the light of emitters, by group."""
-        window = self.window
-        return {name: replace(each, emitters=each.emitters.behind(window)) for name, each in self._walks.items()}
+        portal = self.portal
+        return {name: replace(each, emitters=each.emitters.behind(portal)) for name, each in self._walks.items()}
 
     def with_paths(self, strata: Sequence[Stratum]) -> SceneLight:
         """Return the same with other light paths."""
@@ -186,8 +180,8 @@ class SceneLight:
         # Of whole pictures, or a crop would not be that part of the picture.
         found = self.simulation.guide([each.whole().projection for each in cameras])
         for stratum, each in zip(strata, found, strict=True):
-            if each.opening is not None and bare(stratum.emitter.lamp).infinite:
-                self._findings.window = each.opening.portal
+            if each.opening is not None and bare(stratum.emitter.lamp).emitter == self.world.plugin.environment():
+                self._findings.portal = EnvironmentPortal(self.world.plugin, each.opening.portal)
         self._sent([stratum for each in found for stratum in each.strata])
         redistribute(self.simulation.emission.strata, np.array([own for each in found for own in each.light]))
         return [
@@ -211,6 +205,15 @@ class SceneLight:
         """Return what light leaves in pass `number`."""
         limits = self.simulation.tuning.limits(number, self.world.radius)
         return Simulated(self.world, *self.simulation.simulated(number), limits)
+
+
+def _placed_portal(world: SceneWorld) -> EnvironmentPortal | None:
+    """Return the planar portal that somebody placed before the environment, None where there is none."""
+    environment = world.plugin.environment()
+    lamp = None if environment is None else world.lamps[world.plugin.emitters().index(environment)]
+    if lamp is None or lamp.portal is None or lamp.portal.sides is None:
+        return None
+    return EnvironmentPortal(world.plugin, lamp.portal)
 
 
 def light_of(
@@ -292,7 +295,7 @@ class ScenePasses(PassRenderer):
 
     def _lighting(self, world: World) -> Lighting:
         assert isinstance(world, SceneWorld)
-        return SceneLighting(world, self.light.window)
+        return SceneLighting(world, self.light.portal)
 
     def _walkings(self, world: World) -> Mapping[str, Walking]:
         return self.light.walks

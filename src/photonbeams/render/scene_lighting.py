@@ -12,7 +12,7 @@ import drjit as dr
 
 from ..numerics.sampling import power_heuristic
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
-from ..world.portal_lamps import Window
+from ..world.portal_lamps import EnvironmentPortal
 from ..world.scene_world import SceneWorld
 from ..world.spectra import rgb
 from ..world.visibility import through
@@ -21,20 +21,15 @@ from .camera_paths import ShadingPoint
 
 mi = mitsuba()
 
-_EMITTER, _LOBE, _TURN, _WAY, _WINDOW = 201, 202, 203, 204, 205  # streams of samples
+_EMITTER, _LOBE, _TURN, _WAY, _PORTAL = 201, 202, 203, 204, 205  # streams of samples
 
 
 class SceneLighting:
-    """The emitters of a Mitsuba scene; `window` is what stands before its environment, or None."""
+    """The emitters of a Mitsuba scene; `portal` is what stands before its environment, or None."""
 
-    def __init__(self, world: SceneWorld, window: Window | None = None) -> None:
-        self._world, self._window = world, window
+    def __init__(self, world: SceneWorld, portal: EnvironmentPortal | None = None) -> None:
+        self._world, self._portal = world, portal
         self._visible = any(not mi.has_flag(each.flags(), mi.EmitterFlags.Delta) for each in world.plugin.emitters())
-        # The probability with which Mitsuba chooses the environment.
-        self._chosen = dr.opaque(Float, 1.0)
-        if window is not None:
-            number = world.plugin.emitters().index(world.plugin.environment())
-            self._chosen = dr.opaque(Float, float(world.plugin.pdf_emitter(number)[0]))
 
     def lamp(self, origin: Array3f, direction: Array3f, flown: Float) -> None:
         """Return None: all emitters are surfaces, or the background."""
@@ -57,9 +52,9 @@ class SceneLighting:
         aim = samples.pair(order, _EMITTER, step)
         light, radiance = plugin.sample_emitter_direction(hit, mi.Point2f(aim), False, active)
         radiance = rgb(radiance)
-        if self._window is not None:
-            aim = samples.pair(order, _WINDOW, step)
-            light, radiance = self._window.sampled(Array3f(hit.p), light, radiance, aim, self._chosen)
+        if self._portal is not None:
+            aim = samples.pair(order, _PORTAL, step)
+            light, radiance = self._portal.sampled(Array3f(hit.p), light, radiance, aim, self._portal.chosen)
         lit = active & (light.pdf > 0)
         value, pdf = bsdf.eval_pdf(context, hit, hit.to_local(light.d), lit)
         weight = dr.select(light.delta, 1, power_heuristic(light.pdf, pdf))
@@ -83,8 +78,8 @@ class SceneLighting:
         emitter = met.emitter(plugin, reflected)
         seen = mi.DirectionSample3f(plugin, met, hit)
         other = plugin.pdf_emitter_direction(hit, seen, reflected & (emitter != None))  # noqa: E711 - of arrays
-        if self._window is not None:
-            other = self._window.density(emitter, Array3f(hit.p), Array3f(direction), other, self._chosen)
+        if self._portal is not None:
+            other = self._portal.density(emitter, Array3f(hit.p), Array3f(direction), other, self._portal.chosen)
         value = rgb(weight) * rgb(emitter.eval(met, reflected)) * passed * power_heuristic(sample.pdf, other)
         distance = dr.select(met.is_valid(), dr.norm(met.p - hit.p), dr.inf)
         colors = self._world.colors(emitter, Array3f(hit.p), Array3f(direction), distance)

@@ -25,7 +25,7 @@ from ..numerics.structs import Struct
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from ..transport.interactions import SAMPLED, SCATTERED, flight, survival
 from ..world.interfaces import pointers
-from ..world.portal_lamps import Window
+from ..world.portal_lamps import EnvironmentPortal
 from ..world.scene_world import SceneWorld
 from ..world.spectra import rgb
 from ..world.tracking import free_flight
@@ -113,7 +113,7 @@ class WalkedEmitters:
         table[[known[each] for each in numbers]] = part
         self.world, self._table, self._sharp = world, to_float(table), None
         self._size = len(numbers)
-        self._window: Window | None = None
+        self._portal: EnvironmentPortal | None = None
         if sharp:
             caustics = np.zeros(len(table), dtype=np.uint32)
             caustics[[known[each] for each in sharp]] = 1
@@ -128,10 +128,10 @@ class WalkedEmitters:
         """Return how many emitters there are."""
         return self._size
 
-    def behind(self, window: Window | None) -> WalkedEmitters:
-        """Return the same with a window before the scene's environment, or with none."""
+    def behind(self, portal: EnvironmentPortal | None) -> WalkedEmitters:
+        """Return the same with a portal before the scene's environment, or with none."""
         result = copy(self)
-        result._window = window
+        result._portal = portal
         return result
 
     def sample(self, reference: Any, which: Float, aim: Any, active: Bool) -> tuple[Any, Array3f]:
@@ -141,9 +141,9 @@ class WalkedEmitters:
         light, radiance = emitter.sample_direction(reference, mi.Point2f(aim), active)
         light.pdf *= probability
         brought = rgb(radiance) * dr.rcp(dr.maximum(probability, 1e-30))
-        if self._window is None:
+        if self._portal is None:
             return light, brought
-        return self._window.sampled(Array3f(reference.p), light, brought, aim, probability)
+        return self._portal.sampled(Array3f(reference.p), light, brought, aim, probability)
 
     def met(self, hit: Any, place: Array3f, ideal: Bool, active: Bool) -> tuple[Array3f, Float]:
         """Return the radiance of those of the emitters that rays meet, and the density that `sample` has for them.
@@ -161,8 +161,8 @@ class WalkedEmitters:
         reference = _interaction(place, Array3f(0))
         light = mi.DirectionSample3f(self.world.plugin, hit, reference)
         pdf = emitter.pdf_direction(reference, light, own) * probability
-        if self._window is not None:
-            pdf = self._window.density(emitter, place, Array3f(light.d), pdf, probability)
+        if self._portal is not None:
+            pdf = self._portal.density(emitter, place, Array3f(light.d), pdf, probability)
         return dr.select(own, rgb(emitter.eval(hit, own)), 0), dr.select(own, pdf, 0)
 
 

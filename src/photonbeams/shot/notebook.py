@@ -43,16 +43,11 @@ def shown(shot: Shot, include: Collection[str] | None = None, exclude: Collectio
 
 def quick_frame(shot: Shot) -> Frame:
     """Return a small picture of a shot's first frame, denoised where this machine can; raises what `render` does."""
-    from ..render.denoising import check_denoiser
+    from ..render.denoising import lacking_denoiser
 
     width, height = shot._own_size()
     scale = min(1.0, LONGEST / max(width, height))
-    try:
-        check_denoiser()
-        denoise = True
-    except SceneError:
-        denoise = False
     return shot.render(
         passes=PASSES, time_limit=SECONDS, width=max(1, round(scale * width)), height=max(1, round(scale * height)),
-        denoise=denoise, pixel_filter="box",
+        denoise=lacking_denoiser() is None, pixel_filter="box",
     )  # fmt: skip

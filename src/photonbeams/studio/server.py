@@ -461,7 +461,7 @@ def _described(found: Sequence[Controls]) -> list[dict[str, Any]]:
 
 
 def _shape(groups: list[dict[str, Any]]) -> list[Any]:
-    """Return what of controls is told with the scene alone."""
+    """Return the parts of controls that only the scene message carries."""
     return [
         (group["path"], group["uses"], [(each["path"], each["choices"]) for each in group["controls"]])
         for group in groups

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..images.frame import pixels_of
-from ..render.denoising import check_denoiser
+from ..render.denoising import lacking_denoiser
 from ..runtime.files import PathLike
 from ..scene import BLACK, Array, Camera, Scene, SceneError, whole
 from ..shot.development import Development
@@ -27,7 +27,7 @@ from ..usd.controls import Controls, controls_of
 from ..usd.editing import EditLayer
 from ..usd.motion import followed, same
 from ..usd.presets import BEAM, apply_preset, preset_of
-from ..usd.stage import list_cameras
+from ..usd.stage import list_cameras, up_axis
 from ..usd.stereo import Stereo, check_stereo, is_eye, read_eyes
 from ..world.cameras import Window
 from ..world.shutter import Moment, Shutter
@@ -422,7 +422,7 @@ class Session:
 
     def up(self) -> str:
         """Return the stage's up axis, "Y" or "Z"."""
-        return str(self.shot.stage.GetMetadata("upAxis"))
+        return "Z" if up_axis(self.shot.stage)[2] else "Y"
 
     def camera(self) -> Camera:
         """Return the camera as the stage has it, at the view's frame; of two eyes, what is between them."""
@@ -630,12 +630,10 @@ def _placed(cameras: Sequence[Camera], pose: Array) -> tuple[Camera, ...]:
 @cache
 def _can_denoise() -> bool:
     """Return whether there is a denoiser; say once what keeps it from working."""
-    try:
-        check_denoiser()
-    except SceneError as error:
-        logging.getLogger("photonbeams").warning("first pictures are not denoised: %s", error)
-        return False
-    return True
+    lacking = lacking_denoiser()
+    if lacking is not None:
+        logging.getLogger("photonbeams").warning("first pictures are not denoised: %s", lacking)
+    return lacking is None
 
 
 def _pose(value: Any) -> Array:

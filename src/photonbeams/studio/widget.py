@@ -6,7 +6,6 @@ Widget and browser share a few traits, by the protocol of Jupyter's widgets. The
 
 from __future__ import annotations
 
-import atexit
 import threading
 import time
 from pathlib import Path
@@ -92,7 +91,6 @@ class Widget(anywidget.AnyWidget):
             self.session = session
         else:
             self.session = self._own = _opened(session, given)
-            atexit.register(self._own.close)  # or its thread would be stopped anywhere
         # The session's thread sets traits, too: see `set_state`.
         self._lock = threading.RLock()
         super().__init__()
@@ -105,7 +103,6 @@ class Widget(anywidget.AnyWidget):
             self._end()
             self._end = None
         if self._own is not None:
-            atexit.unregister(self._own.close)
             self._own.close()
             self._own = None
         super().close()
@@ -123,7 +120,7 @@ class Widget(anywidget.AnyWidget):
                 return
             self.problem, self._last = "", what
             self.layers = list(what.layers)
-            is_next = what.scale == 1 and 1 < what.passes < what.planned
+            is_next = not what.is_first and 1 < what.passes < what.planned
             if not is_next or time.monotonic() - self._sent > _PAUSE:
                 self._show()
 
@@ -141,7 +138,7 @@ class Widget(anywidget.AnyWidget):
         whole = [round(each / last.scale) for each in (found.width, found.height)]
         self.picture = {
             "data": found.data, "mime": found.mime, "width": found.width, "height": found.height, "whole": whole,
-            "passes": last.passes if last.scale == 1 else 0, "planned": last.planned,
+            "passes": 0 if last.is_first else last.passes, "planned": last.planned,
         }  # fmt: skip
         self._sent = time.monotonic()
 

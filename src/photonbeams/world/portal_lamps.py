@@ -80,11 +80,19 @@ def behind(lamp: Any, portal: Portal | None) -> Any:
     return ThroughPortal(lamp, portal)
 
 
-class Window:
-    """The portal before the environment of a Mitsuba scene, for samples of any of the scene's emitters."""
+class EnvironmentPortal:
+    """The planar portal before the environment of a Mitsuba scene, for samples of any of the scene's emitters.
 
-    def __init__(self, environment: Any, portal: Portal) -> None:
+    Attributes
+    ----------
+    chosen
+        The probability with which the scene chooses the environment among its emitters.
+    """
+
+    def __init__(self, plugin: Any, portal: Portal) -> None:
+        environment = plugin.environment()
         self._lamp = ThroughPortal(EmitterSource(environment), portal)
+        self.chosen = dr.opaque(Float, float(plugin.pdf_emitter(plugin.emitters().index(environment))[0]))
         self._number = dr.opaque(UInt32, int(UInt32(dr.reinterpret_array(mi.UInt32, mi.EmitterPtr(environment)))[0]))
 
     def _is_environment(self, emitter: Any) -> Bool:
@@ -94,7 +102,7 @@ class Window:
     def sampled(self, place: Array3f, light: Any, radiance: Any, u: Array2f, probability: Any) -> tuple[Any, Any]:
         """Return a sample of an emitter, and its radiance over the density; of the environment, like `ThroughPortal`'s.
 
-        `probability` is that of choosing the environment among the emitters.
+        `probability` is that with which the emitter was chosen.
         """
         own, mine = self._lamp.illuminate(place, u), self._is_environment(light.emitter)
         light.d = dr.select(mine, mi.Vector3f(own.direction), light.d)

@@ -1,0 +1,12 @@
+"""What the tests of the studio share."""
+
+import pytest
+
+from studio.stages import STAGE
+
+
+@pytest.fixture
+def stage(tmp_path):
+    path = tmp_path / "shot.usda"
+    path.write_text(STAGE)
+    return path
