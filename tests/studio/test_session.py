@@ -13,6 +13,7 @@ import photonbeams as pb
 from photonbeams.render import denoising
 from photonbeams.render.passes import PlannedPasses
 from photonbeams.shot.development import Development
+from photonbeams.studio import session as session_module
 from photonbeams.studio.session import Picture, Problem, Session, SessionView
 from studio.stages import STAGE
 
@@ -195,7 +196,8 @@ def test_what_cannot_be_rendered_is_told_in_a_sentence_and_the_session_lives(sta
         assert "expects two values or more" in text
         shown.session.undo()
         assert are_equal(shown.finished(), plain)
-        assert "column" in shown.problem(shown.session.edit({expression: "s * (1 +"}))
+        text = shown.problem(shown.session.edit({expression: "s * (1 +"}))
+        assert "column" in text and "physical look" not in text  # it is the last one that is still seen
         shown.session.edit({expression: ""})
         shown.finished()
 
@@ -273,6 +275,15 @@ def test_pictures_of_few_passes_are_denoised_and_the_finished_one_is_that_of_a_r
     denoised, noisy = (replace(Development.of(part.development), denoise=each).frame(part) for each in (True, False))
     assert are_equal(second, denoised.layers) and not are_equal(second, noisy.layers)
     assert are_equal(finished, rendered(stage))
+
+
+def test_later_pictures_are_few_where_they_are_denoised(stage, monkeypatch):
+    monkeypatch.setattr(session_module, "_EACH", 2)
+    monkeypatch.setattr(session_module, "_ONE_OF", 3)
+    for denoise, passes in ((True, [1, 2, 3, 6, 7]), (False, [1, 2, 3, 4, 5, 6, 7])):
+        with Watched(stage, view=replace(VIEW, passes=7, denoise=denoise)) as shown:
+            shown.finished()
+            assert [each.passes for each in shown.told if not each.is_first] == passes
 
 
 @pytest.mark.parametrize("axis", ["Y", "Z"])

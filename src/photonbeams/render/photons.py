@@ -6,9 +6,11 @@ from collections.abc import Sequence
 from typing import Any
 
 import drjit as dr
+import numpy as np
+from scipy.spatial import KDTree
 
 from ..estimators.photons import PhotonMap, Photons
-from ..numerics.arrays import compressed, joined
+from ..numerics.arrays import compressed, joined, to_float
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from ..transport.coverage import surface_coverage
 from ..transport.radii import Limits
@@ -17,6 +19,10 @@ from ..world.spectra import rgb
 from ..world.world import World
 
 mi = mitsuba()
+
+# Photons that were scattered at random reach their neighbour of this number, counted from the nearest. Fewer are seen
+# as dots, more blur what they light.
+_NEIGHBOURS = 16
 
 
 class PhotonMaps:
@@ -84,11 +90,28 @@ def _fit(hits: PhotonHits, world: World, limits: Limits) -> None:
     """Turn photons' normals to the incident light, and keep their discs on the surfaces that they lie on."""
     away = dr.dot(hits.normal, hits.direction) > 0
     hits.normal = dr.select(away, -hits.normal, hits.normal)
-    radius = limits(hits.radius) + Float(0)
+    radius = limits(dr.maximum(hits.radius, _neighbourhood(hits))) + Float(0)
     dr.eval(hits.normal, radius)
     hits.radius, covered = surface_coverage(world, hits.position, hits.normal, radius)
     hits.flux = hits.flux * dr.rcp(covered)
     dr.eval(hits.radius, hits.flux)
+
+
+def _neighbourhood(hits: PhotonHits) -> Float:
+    """Return how far it is from photons to their neighbours, of those that were scattered at random; 0 for others.
+
+    No differentials tell how far apart they are: a path says how many there are of it, not on how large a surface the
+    light arrives. The distance to a neighbour does (Jensen 1996), and each photon keeps its own flux.
+    """
+    dr.eval(hits)
+    # One by one: kernels that join the components of vectors have the number of photons in them.
+    places, flux = (np.stack([part.numpy() for part in each], axis=1) for each in (hits.position, hits.flux))
+    tried = ~hits.coherent.numpy() & (flux.max(axis=1) > 0) & np.isfinite(places).all(axis=1)
+    result = np.zeros(len(tried))
+    if np.count_nonzero(tried) > _NEIGHBOURS:
+        tree = KDTree(places[tried])
+        result[tried] = tree.query(places[tried], [_NEIGHBOURS + 1], workers=-1)[0][:, 0]
+    return to_float(result)
 
 
 def _photons(hits: PhotonHits) -> Photons:

@@ -42,8 +42,9 @@ if TYPE_CHECKING:
 # The first picture after an edit has at most so many pixels, and so many light paths of each light.
 _FIRST_PIXELS, _FIRST_PATHS = 160 * 90, 1024
 
-# Pictures of up to so many passes are denoised: beyond, that takes longer than the noise that is left is worth.
-_DENOISED = 16
+# Of pictures that are denoised there is one for each of the first passes, and then one for so many passes: they take
+# longer than a pass, and are hardly better from one to the next.
+_EACH, _ONE_OF = 16, 8
 
 # What a view may ask for at most: a page must not fill the memory.
 _MOST_PIXELS, _MOST_PASSES = 1 << 23, 1 << 16
@@ -77,7 +78,7 @@ class SessionView:
     stereo
         How the camera becomes two eyes; None: it is one.
     denoise
-        Whether pictures of few passes are denoised. The finished one never is.
+        Whether pictures are denoised; after 16 passes only every eighth is shown then. The finished one never is.
     """
 
     width: int = 480
@@ -502,17 +503,22 @@ class Session:
             passes = 1 if first else view.passes
             for number in range(passes):
                 frame.add_passes(range(number, number + 1))
-                made = self._development(ready, first, number, view).frame(frame.sums(), frame.statistics)
+                if unwanted():
+                    raise Cancelled
+                development, done = self._development(ready, first, number, view), number + 1
+                if development.denoise and done > _EACH and done % _ONE_OF:
+                    continue
+                made = development.frame(frame.sums(), frame.statistics)
                 if unwanted():
                     raise Cancelled
                 views = {name: layers for name, (layers, _) in made.views.items()}
                 whole = self._chains[first].whole_of({"": made.layers, **views}, ready.window, view.area)
-                layers, done, statistics = whole.pop(""), number + 1, frame.statistics
+                layers, statistics = whole.pop(""), frame.statistics
                 self._tell(Picture(version, layers, done, view.passes, scale, statistics, whole, first))
 
     def _development(self, ready: Prepared, first: bool, number: int, view: SessionView) -> Development:
         """Return how the passes up to `number` become a picture."""
-        if not first and number >= min(_DENOISED, view.passes - 1):
+        if not first and number >= view.passes - 1:
             return replace(ready.development, denoise=False)
         # After an edit of a look the surfaces are the same.
         return replace(ready.development, filtered=self._chains[first].filtered) if number == 0 else ready.development
@@ -590,7 +596,7 @@ class Session:
         wrong = [text for text in given if any(path in text for path in edited)]
         given.difference_update(wrong)  # or they would not be given again
         if wrong:
-            raise SceneError(wrong[0])
+            raise SceneError(re.sub("; [^;]*$", "", wrong[0]))  # without the end, which tells what is used instead
 
 
 def _with_fewer_paths(content: Scene) -> Scene:

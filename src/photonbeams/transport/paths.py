@@ -418,5 +418,6 @@ def _photon_hits(paths: LightPaths, interaction: Interaction, across: Width) -> 
     # Photons at random places should overlap more than beams, of which a ray meets many: a dozen at each point.
     result.radius = across(interaction.distance) * dr.rsqrt(cosine) * dr.select(paths.coherent, Float(1), Float(_DOZEN))
     result.flux, result.depth = paths.flux * interaction.weight, paths.depth
+    result.coherent = paths.coherent
     result.number, result.source = paths.number, paths.source
     return result

@@ -102,6 +102,7 @@ class PhotonHits(Struct):
     direction: Array3f
     flux: Array3f
     radius: Float
+    coherent: Bool
     depth: UInt32
     number: UInt32
     source: UInt32

@@ -1,0 +1,62 @@
+"""Photons that were scattered at random reach their neighbours."""
+
+import drjit as dr
+import numpy as np
+
+from photonbeams.numerics.arrays import to_float, to_vectors
+from photonbeams.render import photons
+from photonbeams.render.photons import _NEIGHBOURS
+from photonbeams.runtime.device import Array3f, Bool, Float
+from photonbeams.transport.records import PhotonHits
+
+
+def hits(places, coherent, flux=1.0):
+    """Return photon hits at places (N, 3)."""
+    result = dr.zeros(PhotonHits, len(places))
+    result.position, result.coherent = to_vectors(places), Bool(coherent)
+    result.flux, result.radius = Array3f(to_float(np.full(len(places), flux))), dr.zeros(Float, len(places))
+    return result
+
+
+def reached(*given):
+    return photons._neighbourhood(hits(*given)).numpy()
+
+
+def test_distances_are_those_of_all_pairs():
+    places = np.random.default_rng(1).random((200, 3)).astype(np.float32)
+    every = np.linalg.norm(places[:, None] - places[None], axis=2)
+    nearest = np.sort(every, axis=1)[:, _NEIGHBOURS]  # the first is the photon itself
+    np.testing.assert_allclose(reached(places, np.zeros(200, bool)), nearest, rtol=1e-5)
+
+
+def test_photons_of_coherent_paths_neither_reach_nor_are_reached():
+    places = np.random.default_rng(2).random((400, 3)).astype(np.float32)
+    coherent = np.arange(400) % 2 == 0
+    found = reached(places, coherent)
+    assert np.all(found[coherent] == 0)
+    np.testing.assert_array_equal(found[~coherent], reached(places[~coherent], np.zeros(200, bool)))
+
+
+def test_the_disc_of_a_photon_holds_as_many_as_are_asked_for():
+    """On a plane of n photons a unit area, π r² n is the number of neighbours: in the mean, within 3 / √(kN)."""
+    places = np.random.default_rng(3).random((20000, 3)).astype(np.float32)
+    places[:, 2] = 0
+    middle = np.all(np.abs(places[:, :2] - 0.5) < 0.4, axis=1)
+    count = np.pi * reached(places, np.zeros(20000, bool))[middle].astype(np.float64) ** 2 * 20000
+    # The squared distance to the k-th neighbour has the mean of k, and neighbours share theirs: k / N are independent.
+    assert abs(count.mean() / _NEIGHBOURS - 1) < 3 / np.sqrt(middle.sum())
+
+
+def test_few_photons_and_dark_ones_keep_their_radius():
+    places = np.random.default_rng(4).random((_NEIGHBOURS, 3)).astype(np.float32)
+    assert np.all(reached(places, np.zeros(_NEIGHBOURS, bool)) == 0)
+    places = np.random.default_rng(4).random((100, 3)).astype(np.float32)
+    assert np.all(reached(places, np.zeros(100, bool), 0.0) == 0)
+
+
+def test_a_photon_that_is_nowhere_stops_nothing():
+    places = np.random.default_rng(5).random((100, 3)).astype(np.float32)
+    places[7] = np.nan
+    found = reached(places, np.zeros(100, bool))
+    assert found[7] == 0
+    assert np.all(np.delete(found, 7) > 0)
