@@ -3,6 +3,7 @@
 import subprocess
 import sys
 import threading
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,10 +11,11 @@ import numpy as np
 import pytest
 
 import photonbeams as pb
-from photonbeams.render import denoising
+from photonbeams.render import denoising, gathering
 from photonbeams.render.passes import PlannedPasses
 from photonbeams.shot.development import Development
 from photonbeams.studio import session as session_module
+from photonbeams.studio.live import Cancelled
 from photonbeams.studio.session import Picture, Problem, Session, SessionView
 from studio.stages import STAGE
 
@@ -333,3 +335,22 @@ def test_a_program_that_ends_with_an_open_session_ends_well(stage):
     )
     done = subprocess.run([sys.executable, "-c", program, str(stage)], capture_output=True, text=True, timeout=200)
     assert (done.returncode, done.stderr) == (0, "")
+
+
+@pytest.mark.parametrize(("most", "count"), [(9, 2), (1, 1)])
+def test_a_frame_that_is_unwanted_ends_between_two_sets_of_beams(tmp_path, monkeypatch, most, count):
+    """Within a phase: once the first set has been gathered the second one is not."""
+    path, gathered, estimate = tmp_path / "two.usda", [], gathering.estimate_image
+    lamp = STAGE[STAGE.index("    def SphereLight") : STAGE.index("    def PhotonBeamsLook")]
+    path.write_text(STAGE.replace(lamp, lamp + lamp.replace('"Lamp"', '"Other"')))
+
+    def counted(*given, **named):
+        gathered.append(1)
+        return estimate(*given, **named)
+
+    monkeypatch.setattr(gathering, "estimate_image", counted)
+    with Session(path, view=replace(VIEW, paused=True)) as session:
+        frame, _ = session._begun(session.view, 1.0, False, lambda: len(gathered) >= most)
+        with pytest.raises(Cancelled) if most == 1 else nullcontext():
+            frame.add_passes(range(1))
+    assert len(gathered) == count

@@ -171,6 +171,7 @@ class PassRenderer(ABC):
         with statistics.phase("surfaces"):
             begun = camera_paths.begin(tracing, rays.primary, order)
             for step in camera_paths.follow(tracing, begun, samples, photons):
+                statistics.step()
                 picture.add(*step)
                 if sky is not None:
                     sky.add(*step)

@@ -131,6 +131,7 @@ class Gathering:
         dr.eval(rays.t_max, rays.t_min)
         assert self._view is not None
         for each in sets:
+            self._statistics.step()
             with naming_look(each):
                 part = estimate_image(
                     each.beams, self._view, rays, look=medium.shaded(each.look), medium=medium.medium,
@@ -154,6 +155,7 @@ class Gathering:
         for medium, sets in self._media:
             own = segments.medium == dr.opaque(UInt32, medium.number)
             for each in sets:
+                self._statistics.step()
                 found = dr.zeros(Array3f, sum(widths))
                 if images is not None:
                     images = replace(images, least=self._brought(each.group, segments))

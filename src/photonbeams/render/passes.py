@@ -44,6 +44,9 @@ class Statistics:
         dr.sync_thread()
         self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - begin
 
+    def step(self) -> None:
+        """Take note that a part of a phase begins; who cancels frames does it here, too."""
+
 
 #: Told of the number of passes done and of the statistics so far.
 Progress = Callable[[int, Statistics], None]

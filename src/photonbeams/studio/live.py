@@ -7,6 +7,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any
 
+import drjit as dr
+
 from .. import scene
 from ..render.frame import Simulated, ViewRays
 from ..render.passes import Statistics
@@ -33,7 +35,7 @@ class Cancelled(Exception):  # noqa: N818 - no error: another picture is wanted
 
 @dataclass
 class _Cancellable(Statistics):
-    """Statistics that end a frame between two of its phases, once it is `unwanted`."""
+    """Statistics that end a frame between two phases or two parts of one, once it is `unwanted`."""
 
     unwanted: Callable[[], bool] = field(default=lambda: False, repr=False)
 
@@ -44,6 +46,12 @@ class _Cancellable(Statistics):
             raise Cancelled
         with super().phase(name):
             yield
+
+    def step(self) -> None:
+        """Wait for the kernels so far, and raise Cancelled if the frame is unwanted: none of its kernels wait then."""
+        dr.sync_thread()
+        if self.unwanted():
+            raise Cancelled
 
 
 class LiveRenderer(StageRenderer):
@@ -64,7 +72,7 @@ class LiveRenderer(StageRenderer):
     keeps_guides
         Whether light is sent where it was sent in the earlier frame, whatever has changed: for first pictures.
     unwanted
-        Returns whether the frame is no longer wanted: it ends with `Cancelled` before its next phase.
+        Returns whether the frame is no longer wanted: it ends with `Cancelled` before the next part of a phase.
     """
 
     def __init__(
