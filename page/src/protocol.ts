@@ -59,7 +59,7 @@ export interface Preset {
 /** How a camera becomes two eyes: their distance, and where they converge; null: what is usual. */
 export type Stereo = [interaxial: number | null, convergence: number | null];
 
-export type Eye = "anaglyph" | "left" | "right";
+export type Eye = "anaglyph" | "side-by-side" | "left" | "right";
 
 /** A camera-to-world matrix: 16 numbers, row by row, for column vectors; it looks along −z with +y up. */
 export type Pose = number[];

@@ -8,6 +8,7 @@ import pytest
 import photonbeams as pb
 from photonbeams.images.anaglyph import anaglyph
 from photonbeams.images.view_transforms import viewed
+from photonbeams.studio.encoding import beside
 from photonbeams.studio.session import Session, SessionView
 from photonbeams.usd.stereo import Stereo
 from studio.stages import STAGE
@@ -129,7 +130,20 @@ def test_the_final_render_has_both_eyes(stage):
         assert session.wanted(2).flags() == flags[:2]
 
 
-def test_a_page_is_shown_the_anaglyph_or_one_of_the_eyes(stage):
+@pytest.mark.parametrize(("width", "height"), [(8, 6), (7, 5), (1, 1), (2, 1)])
+def test_eyes_are_side_by_side_in_the_middle_of_a_picture_of_their_size(width, height):
+    left, right = (np.full((height, width, 3), level, np.uint8) for level in (50, 200))
+    both = beside(left, right)
+    assert both.shape == left.shape
+    wide, high = max(1, width // 2), max(1, height // 2)
+    top = (height - high) // 2
+    lit = both[top : top + high]
+    assert np.all(lit[:, -wide:] == 200) and np.all(lit[:, : min(wide, width - wide)] == 50)
+    rest = np.delete(both, slice(top, top + high), axis=0), lit[:, wide : width - wide]
+    assert all(not np.any(each) for each in rest)
+
+
+def test_a_page_is_shown_both_eyes_or_one_of_them(stage):
     layers = both_eyes(stage, EYES)
     left, right = (viewed(layers[eye]["rgba"]) for eye in ("left", "right"))
     served = Served(stage, view=ONE)
@@ -140,7 +154,8 @@ def test_a_page_is_shown_the_anaglyph_or_one_of_the_eyes(stage):
             assert scene["interaxial"] == pytest.approx(6.5)  # 65 mm in centimetres, USD's default
             page.send("show", stereo=[0.2, 4.0], eye="anaglyph")
             page.wait(lambda each: each.get("type") == "state" and each["version"] >= served.session.version)
-            for eye, wanted in (("anaglyph", anaglyph(left, right)), ("right", right), ("left", left)):
+            shown = {"anaglyph": anaglyph(left, right), "side-by-side": beside(left, right)}
+            for eye, wanted in (*shown.items(), ("right", right), ("left", left)):
                 page.send("show", eye=eye)
                 while True:  # pictures may still come of the eye before
                     _, pixels = page.finished(served.session.version)

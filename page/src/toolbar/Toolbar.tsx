@@ -192,6 +192,7 @@ function Switches() {
 const EYES: { value: Eye | "one"; label: string }[] = [
   { value: "one", label: "One eye" },
   { value: "anaglyph", label: "Anaglyph" },
+  { value: "side-by-side", label: "Side by side" },
   { value: "left", label: "Left eye" },
   { value: "right", label: "Right eye" },
 ];

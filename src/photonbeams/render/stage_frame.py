@@ -291,7 +291,7 @@ class StageRenderer(FrameRenderer):
         """Return what light leaves in pass `number`."""
         settings, times, between = self.settings, self._times(number), self._between(number)
         worlds = [self._world_of(moment) for moment in self._shutter.ends(times[0], times[-1])]
-        sets, hits = self._simulation.simulated(worlds, number, between.scene.looks())
+        sets, hits = self._simulation.simulated(worlds, number, between.scene.looks(), self.statistics.step)
         world = self._world_of(between)
         media = renumbering(worlds[0], world)
         sets = [each._replace(medium=media.get(each.medium, each.medium)) for each in sets]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from io import BytesIO
 from typing import NamedTuple
 
+import numpy as np
 from PIL import Image
 
 from ..images.anaglyph import anaglyph
@@ -13,8 +14,10 @@ from ..scene import Array
 from ..usd.stereo import EYES
 from .session import Picture
 
-#: The eye of those who see both, through red and cyan glasses.
-ANAGLYPH = "anaglyph"
+#: The eyes of those who see both: through red and cyan glasses, and beside each other, each in half of the size.
+ANAGLYPH, BESIDE = "anaglyph", "side-by-side"
+#: What may be shown of two eyes.
+SHOWN = (ANAGLYPH, BESIDE, *EYES)
 
 
 class EncodedPicture(NamedTuple):
@@ -42,7 +45,7 @@ def encoded(
 ) -> EncodedPicture:
     """Return a layer of a picture, at an exposure in stops, by a view transform; `rgba` where there is no such layer.
 
-    Of two eyes it shows one, or both in one picture: `ANAGLYPH`.
+    Of two eyes it shows one, or both in one picture of the same size: `ANAGLYPH`, `BESIDE`.
 
     Raises
     ------
@@ -50,8 +53,9 @@ def encoded(
         A name that is no view transform.
     """
     layer = layer if layer in picture.layers else "rgba"
-    if picture.views and eye == ANAGLYPH:
-        shown = anaglyph(*(_viewed(picture.views[each][layer], display, exposure) for each in EYES))
+    if picture.views and eye in (ANAGLYPH, BESIDE):
+        both = [_viewed(picture.views[each][layer], display, exposure) for each in EYES]
+        shown = anaglyph(*both) if eye == ANAGLYPH else beside(*both)
     else:
         shown = _viewed(picture.views.get(eye, picture.layers)[layer], display, exposure)
     data = BytesIO()
@@ -61,6 +65,19 @@ def encoded(
         Image.fromarray(shown).save(data, "JPEG", quality=92, subsampling=0)
     mime = "image/png" if picture.is_finished else "image/jpeg"
     return EncodedPicture(data.getvalue(), mime, layer, shown.shape[1], shown.shape[0])
+
+
+def beside(left: Array, right: Array) -> Array:
+    """Return two pictures (H, W, 3) beside each other, each in half of the size, in the middle of one of their size."""
+    height, width = left.shape[:2]
+    half = max(1, width // 2), max(1, height // 2)
+    result = np.zeros_like(left)
+    top = (height - half[1]) // 2
+    for number, each in enumerate((left, right)):
+        begin = number * (width - half[0])
+        small = Image.fromarray(each).resize(half, Image.Resampling.BOX)
+        result[top : top + half[1], begin : begin + half[0]] = np.asarray(small)
+    return result
 
 
 def _viewed(pixels: Array, display: str, exposure: float) -> Array:

@@ -55,7 +55,7 @@ class Show(Message, tag="show"):
     """Change what is shown: the view of all pages, and this page's own layer, eye, exposure and view transform.
 
     `stereo` are the distance of the eyes and that at which they converge, either of them None: see `usd.stereo.Stereo`.
-    `eye` is "anaglyph", "left" or "right".
+    `eye` is "anaglyph", "side-by-side", "left" or "right".
     """
 
     size: tuple[int, int] | msgspec.UnsetType = msgspec.UNSET

@@ -34,7 +34,7 @@ from ..usd.controls import Controls
 from ..usd.presets import PRESETS
 from ..usd.stereo import EYES, Stereo, usual_interaxial
 from . import protocol
-from .encoding import ANAGLYPH, encoded
+from .encoding import ANAGLYPH, SHOWN, encoded
 from .final import FinalRender, Wanted
 from .session import Picture, Problem, Session
 from .thumbnails import thumbnail_of
@@ -338,8 +338,8 @@ class Studio:
         own = {name: given.pop(name) for name in ("layer", "eye", "exposure", "display") if name in given}
         if own.get("display", OWN) not in view_transforms():
             raise SceneError(f"there is no view transform {own['display']!r}")
-        if own.get("eye", ANAGLYPH) not in (ANAGLYPH, *EYES):
-            raise SceneError(f"there is no eye {own['eye']!r}: expected one of {', '.join((ANAGLYPH, *EYES))}")
+        if own.get("eye", ANAGLYPH) not in SHOWN:
+            raise SceneError(f"there is no eye {own['eye']!r}: expected one of {', '.join(SHOWN)}")
         if not -64 <= own.get("exposure", 0.0) <= 64:
             raise SceneError(f"the exposure is {own['exposure']}: expected -64 to 64 stops")
         for name, value in own.items():

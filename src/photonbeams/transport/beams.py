@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from copy import copy
 from dataclasses import dataclass
 from typing import Any
@@ -180,7 +180,7 @@ class Cutting:
         return result
 
 
-def sets_of(world: World, cuttings: Sequence[Cutting], steps: Sequence[Segments]) -> list[BeamSet]:
+def sets_of(world: World, cuttings: Iterable[Cutting], steps: Sequence[Segments]) -> list[BeamSet]:
     """Return the beams of all steps in sets: one for each emitter and medium, two where scattered light has no look."""
     result: list[BeamSet] = []
     if not steps:
@@ -201,7 +201,7 @@ def sets_of(world: World, cuttings: Sequence[Cutting], steps: Sequence[Segments]
 Moments = tuple[Sequence[Segments], Sequence[Bool]]
 
 
-def moving_sets(cuttings: Sequence[Cutting], steps: Sequence[Moments], later: Sequence[Source]) -> list[BeamSet]:
+def moving_sets(cuttings: Iterable[Cutting], steps: Sequence[Moments], later: Sequence[Source]) -> list[BeamSet]:
     """Return the beams of light straight from its lamps, at shutter open and close.
 
     Parameters

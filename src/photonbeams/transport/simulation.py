@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import zip_longest
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import drjit as dr
 import numpy as np
@@ -36,6 +36,8 @@ from .records import PhotonHits
 if TYPE_CHECKING:
     from ..estimators.tiles import Projection
     from ..looks import Look
+
+T = TypeVar("T")
 
 # Most candidates for one path whose light passes its lamp's images, and most candidates of a stratum.
 _MOST_DARK, _MOST_PATHS = 64, 1 << 22
@@ -81,6 +83,17 @@ def radius_scale(alpha: float, number: int) -> float:
     return float(np.prod([(i + alpha) / (i + 1) for i in range(1, number + 1)]))
 
 
+def _nothing() -> None:
+    """Do nothing between parts of a pass."""
+
+
+def _stepping(step: Callable[[], None], parts: Iterable[T]) -> Iterator[T]:
+    """Yield parts, and call `step` before each is used."""
+    for each in parts:
+        step()
+        yield each
+
+
 @dataclass(frozen=True)
 class Simulation:
     """Light paths through a world, pass by pass.
@@ -95,6 +108,8 @@ class Simulation:
         Radius of each medium, by number; without one it is the world's.
     named
         Whether beams carry what looks and programs may read.
+    step
+        Called between parts of a pass; what it raises ends the pass.
     """
 
     world: World
@@ -103,11 +118,13 @@ class Simulation:
     sources: Sequence[Source]
     sizes: Mapping[int, float]
     named: bool = False
+    step: Callable[[], None] = _nothing
 
     def simulated(self, number: int, least: int = 0) -> tuple[list[BeamSet], list[PhotonHits]]:
         """Return the beams of pass `number` that have `least` bounces or more, and its photons on surfaces."""
         tracing = self.tracing(number)
-        steps = list(paths.trace(tracing, paths.begin(tracing, self.emission.emit(number))))
+        begun = paths.begin(tracing, self.emission.emit(number))
+        steps = list(_stepping(self.step, paths.trace(tracing, begun)))
         segments = [each for each, _ in steps if each is not None]
         if least:
             kept = (compressed(each.depth >= dr.opaque(UInt32, least), each) for each in segments)
@@ -117,7 +134,7 @@ class Simulation:
             lights = to_uint([*(each.surfaces for each in self.sources), False])
             parts = (compressed(dr.gather(UInt32, lights, each.source) > 0, each) for each in hits)
             hits = [each for part in parts for each in part]
-        return sets_of(self.world, self.cuttings(number), segments), hits
+        return sets_of(self.world, _stepping(self.step, self.cuttings(number)), segments), hits
 
     def moved(self, last: World, later: Sequence[Stratum], number: int, media: Mapping[int, int]) -> list[BeamSet]:
         """Return beams straight from their lamps, and where they are in the world `last`, whose lamps are `later`.
@@ -135,14 +152,14 @@ class Simulation:
             return []
         both = [paths.straight(each, start) for each, start in zip(tracing, kept, strict=True)]
         steps = []
-        for (opened, there), (closed, then) in zip_longest(*both, fillvalue=(None, None)):
+        for (opened, there), (closed, then) in _stepping(self.step, zip_longest(*both, fillvalue=(None, None))):
             if closed is not None:
                 closed.medium = _renumbered(closed.medium, media)
             known = [each for each in (opened, closed) if each is not None]  # the one that has ended is nowhere
             nowhere = dr.zeros(Bool, dr.width(known[0].length))
             masks = [nowhere if mask is None else mask for mask in (there, then)]
             steps.append(([known[0], known[-1]], masks))
-        return moving_sets(self.cuttings(number), steps, last.sources)
+        return moving_sets(_stepping(self.step, self.cuttings(number)), steps, last.sources)
 
     def tracing(self, number: int) -> paths.Tracing:
         """Return how the light paths of a pass are traced."""
@@ -307,8 +324,9 @@ class StageSimulation:
         return replace(self, guides=guides, openings=openings)
 
     def simulated(
-        self, worlds: Sequence[StageWorld], number: int, looks: Mapping[str, Look | None] | None = None
-    ) -> tuple[list[BeamSet], list[PhotonHits]]:
+        self, worlds: Sequence[StageWorld], number: int, looks: Mapping[str, Look | None] | None = None,
+        step: Callable[[], None] = _nothing,
+    ) -> tuple[list[BeamSet], list[PhotonHits]]:  # fmt: skip
         """Return the beams of pass `number` and its photons on surfaces.
 
         Parameters
@@ -319,6 +337,8 @@ class StageSimulation:
             both is taken to be at rest.
         looks
             Looks by the names of lamps and drawn beams, instead of those that they have in the first world.
+        step
+            Called between parts of the pass; what it raises ends the pass.
         """
         first, last = worlds[0], worlds[-1]
         sources = tuple(
@@ -328,7 +348,8 @@ class StageSimulation:
         strata = self._strata(first)
         moving = [each for each in strata if each.emitter.source in _moving(first, last)]
         scatters = self._scatters
-        whole = Simulation(first, emission_of_lamps(strata, scatters), self.tuning, sources, first.sizes, named=True)
+        emission = emission_of_lamps(strata, scatters)
+        whole = Simulation(first, emission, self.tuning, sources, first.sizes, named=True, step=step)
         if not moving:
             sets, hits = whole.simulated(number)
         else:
