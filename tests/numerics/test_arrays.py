@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from photonbeams.numerics.arrays import to_float, to_uint, to_vectors
+from kernels import compiled
+from photonbeams.numerics.arrays import to_float, to_numpy, to_uint, to_vectors
 from photonbeams.runtime import device
 
 
@@ -18,6 +19,13 @@ def test_numbers_are_kept_and_their_memory_is_aligned(count):
 def test_vectors_go_by_their_axes():
     vectors = np.arange(12.0).reshape(4, 3)
     assert np.array_equal(to_vectors(vectors).numpy(), vectors.T)
+    assert np.array_equal(to_numpy(to_vectors(vectors)), vectors.T)
+
+
+def test_vectors_of_another_length_go_to_numpy_by_the_same_kernels():
+    vectors = [to_vectors(np.ones((count, 3))) for count in (5, 11)]
+    to_numpy(2 * vectors[0])
+    assert not compiled(lambda: to_numpy(2 * vectors[1]))
 
 
 def test_arrays_do_not_share_memory_with_what_they_were_made_of():

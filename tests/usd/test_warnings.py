@@ -28,6 +28,16 @@ def test_many_warnings_of_a_kind_are_one_with_their_number(caplog):
     assert len(caplog.messages) == 3
 
 
+def test_what_is_used_instead_can_be_left_out_of_a_warning():
+    warnings = Warnings(muted=True)
+    warnings.give("/Look.expression: 'a; b' is wrong", "a.usda", "none is used")
+    warnings.give("/Look.tint: is black; so are its beams", "a.usda")
+    assert warnings.causes == {
+        "a.usda: /Look.expression: 'a; b' is wrong; none is used": "a.usda: /Look.expression: 'a; b' is wrong"
+    }
+    assert len(warnings.given) == 2
+
+
 def test_a_message_has_at_most_three_hundred_characters(caplog):
     warnings = Warnings()
     with warnings.together():

@@ -1,4 +1,4 @@
-"""Dr.Jit arrays from NumPy's, in memory of their own; compress and join arrays and structs of them.
+"""Dr.Jit arrays from NumPy's, in memory of their own, and back; compress and join arrays and structs of them.
 
 Dr.Jit wraps NumPy's memory as it is, and whether an input is aligned is part of a kernel: kernels would be compiled
 again depending on an address.
@@ -6,6 +6,7 @@ again depending on an address.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 import drjit as dr
@@ -30,6 +31,16 @@ def to_uint(numbers: npt.ArrayLike) -> Any:
 def to_vectors(numbers: npt.ArrayLike) -> Any:
     """Return (N, 3) numbers as an Array3f."""
     return Array3f(*(to_float(axis) for axis in np.asarray(numbers).T))
+
+
+def to_numpy(parts: Iterable[Any]) -> npt.NDArray[Any]:
+    """Return the components of a vector, or several arrays, as rows (C, N).
+
+    Not by the vector's own `numpy()`, whose kernel has the number of entries in it: every pass has others.
+    """
+    rows = [*parts]
+    dr.eval(rows)
+    return np.stack([each.numpy() for each in rows])
 
 
 def opaque(value: Any) -> Any:

@@ -45,7 +45,7 @@ class Statistics:
         self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - begin
 
     def step(self) -> None:
-        """Take note that a part of a phase begins; who cancels frames does it here, too."""
+        """Do nothing: it is called between the parts of a phase, where frames that can be cancelled may end."""
 
 
 #: Told of the number of passes done and of the statistics so far.

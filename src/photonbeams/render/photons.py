@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from ..estimators.photons import PhotonMap, Photons
-from ..numerics.arrays import compressed, joined, to_float
+from ..numerics.arrays import compressed, joined, to_float, to_numpy
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from ..transport.coverage import surface_coverage
 from ..transport.radii import Limits
@@ -104,13 +104,12 @@ def _neighbourhood(hits: PhotonHits) -> Float:
     light arrives. The distance to a neighbour does (Jensen 1996), and each photon keeps its own flux.
     """
     dr.eval(hits)
-    # One by one: kernels that join the components of vectors have the number of photons in them.
-    places, flux = (np.stack([part.numpy() for part in each], axis=1) for each in (hits.position, hits.flux))
-    tried = ~hits.coherent.numpy() & (flux.max(axis=1) > 0) & np.isfinite(places).all(axis=1)
+    places, flux = to_numpy(hits.position).T, to_numpy(hits.flux)
+    tried = ~hits.coherent.numpy() & (flux.max(axis=0) > 0) & np.isfinite(places).all(axis=1)
     result = np.zeros(len(tried))
     if np.count_nonzero(tried) > _NEIGHBOURS:
         tree = KDTree(places[tried])
-        result[tried] = tree.query(places[tried], [_NEIGHBOURS + 1], workers=-1)[0][:, 0]
+        result[tried] = tree.query(places[tried], [_NEIGHBOURS + 1], workers=dr.thread_count())[0][:, 0]
     return to_float(result)
 
 

@@ -42,13 +42,12 @@ class _Cancellable(Statistics):
     @contextmanager
     def phase(self, name: str) -> Iterator[None]:
         """Add the time within to a phase; raise Cancelled before it if the frame is unwanted."""
-        if self.unwanted():
-            raise Cancelled
+        self.step()
         with super().phase(name):
             yield
 
     def step(self) -> None:
-        """Wait for the kernels so far, and raise Cancelled if the frame is unwanted: none of its kernels wait then."""
+        """Raise Cancelled if the frame is unwanted, once its kernels are done: the next frame waits for none."""
         dr.sync_thread()
         if self.unwanted():
             raise Cancelled

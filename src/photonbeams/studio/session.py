@@ -592,11 +592,11 @@ class Session:
 
     def _check_edits(self) -> None:
         """Raise SceneError for a warning about what was edited: who turns a knob wants no other look instead."""
-        given, edited = self.shot.warnings.given, self.edits.paths()
-        wrong = [text for text in given if any(path in text for path in edited)]
-        given.difference_update(wrong)  # or they would not be given again
+        warnings, edited = self.shot.warnings, self.edits.paths()
+        wrong = [text for text in warnings.given if any(path in text for path in edited)]
+        warnings.given.difference_update(wrong)  # or they would not be given again
         if wrong:
-            raise SceneError(re.sub("; [^;]*$", "", wrong[0]))  # without the end, which tells what is used instead
+            raise SceneError(warnings.causes.get(wrong[0], wrong[0]))
 
 
 def _with_fewer_paths(content: Scene) -> Scene:
@@ -638,7 +638,7 @@ def _can_denoise() -> bool:
     """Return whether there is a denoiser; say once what keeps it from working."""
     lacking = lacking_denoiser()
     if lacking is not None:
-        logging.getLogger("photonbeams").warning("first pictures are not denoised: %s", lacking)
+        logging.getLogger("photonbeams").warning("pictures are not denoised: %s", lacking)
     return lacking is None
 
 

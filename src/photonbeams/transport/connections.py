@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import drjit as dr
 import numpy as np
 
-from ..numerics.arrays import compressed
+from ..numerics.arrays import compressed, to_numpy
 from ..numerics.hashing import hash32
 from ..numerics.sampling import pixel_sample
 from ..numerics.structs import Struct
@@ -92,7 +92,7 @@ class Connections:
         weight = weight[index]
         for each in (lit, ~lit):
             weight[each] = relative(weight[each], part[each])
-        return ShadowRays(points.position.numpy().T[index], -sample.direction.numpy().T[index], weight, lit)
+        return ShadowRays(to_numpy(points.position).T[index], -to_numpy(sample.direction).T[index], weight, lit)
 
 
 def _visible(world: StageWorld, views: Views) -> tuple[Bool, VisiblePoints]:

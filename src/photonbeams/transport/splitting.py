@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import drjit as dr
 import numpy as np
 
-from ..numerics.arrays import taken, to_float, to_uint
+from ..numerics.arrays import taken, to_float, to_numpy, to_uint
 from ..numerics.hashing import hash32, unit_float
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from ..world.spectra import rgb
@@ -45,7 +45,7 @@ def split(tracing: Tracing, paths: LightPaths, step: int) -> LightPaths:
     light = _scattered_and_reflected(tracing, paths, able, seed)
     chance = [unit_float(hash32(seed, UInt32(_ROUNDING), UInt32(kind))) for kind in (SCATTERED, REFLECTED)]
     dr.eval(goes_on, light, chance)
-    found = np.nan_to_num(np.stack([each.numpy() for each in light]).astype(np.float64), posinf=0.0)
+    found = np.nan_to_num(to_numpy(light).astype(np.float64), posinf=0.0)
     lamp, width = np.unique(paths.key.numpy(), return_inverse=True)[1].ravel(), dr.width(paths.key)
     # The paths themselves, and then copies of them: by branch, number among the copies, part of the flux, share.
     columns = [(np.arange(width), goes_on.numpy(), np.zeros(width), np.ones(width), np.zeros(width))]

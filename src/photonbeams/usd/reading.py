@@ -12,7 +12,7 @@ import numpy as np
 from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdUtils
 
 from ..scene import FARTHEST, Array, Color, Mesh, SceneError, color, number
-from ..scene.checks import shortened, shown
+from ..scene.checks import shown
 from .selection import rendered_purposes
 from .warnings import LOG, Warnings
 
@@ -119,7 +119,7 @@ class Reading:
         except Exception:  # values of types or sizes that no check has thought of: OpenUSD's and NumPy's own complaints
             LOG.debug("%s", self.place(prim), exc_info=True)
             text = f"{prim.GetPath()} cannot be read"
-        self.warnings.give(f"{shortened(text, len(file) + len(instead) + 4)}; {instead}", file)
+        self.warnings.give(text, file, instead)
         return otherwise
 
     def varies(self, prim: Usd.Prim) -> bool:

@@ -27,28 +27,38 @@ class Warnings:
         Whether warnings are kept, and not logged.
     given
         The texts that were given: each is logged once.
+    causes
+        Of texts that end with what is done instead, what comes before that.
     """
 
     def __init__(self, strict: bool = False, muted: bool = False) -> None:
         self.strict = strict
         self.muted = muted
         self.given: set[str] = set()
+        self.causes: dict[str, str] = {}
         self._held: dict[tuple[str, ...], list[str]] | None = None
 
-    def give(self, text: str, file: str = "") -> None:
+    def give(self, text: str, file: str = "", instead: str = "") -> None:
         """Log a warning that was not given before; SceneError where warnings are errors.
 
         Parameters
         ----------
         text, file
             A sentence; or one that begins with the path of a prim or of its attribute, and their file.
+        instead
+            What is done without what cannot be used, the end of the sentence: "it is skipped".
         """
+        cause = text
+        if instead:
+            text = f"{shortened(text, len(file) + len(instead) + 4)}; {instead}"
         sentence = f"{file}: {text}" if file else text
         if self.strict:
             raise SceneError(sentence)
         if sentence in self.given:
             return
         self.given.add(sentence)
+        if instead:
+            self.causes[sentence] = f"{file}: {cause}" if file else cause
         if self.muted:
             return
         if self._held is None or not file:
