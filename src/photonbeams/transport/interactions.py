@@ -16,6 +16,7 @@ from ..world.tracking import free_flight
 
 if TYPE_CHECKING:
     from ..world.world import World
+    from .aiming import Aimed
     from .paths import Tracing
     from .records import LightPaths
 
@@ -122,18 +123,34 @@ def survival(part: Float, depth: UInt32) -> Float:
 
 
 class Scatter:
-    """A sample of the BSDF at hits: the ray that leaves, its weight, and the probability that an ideal lobe had."""
+    """A sample of the BSDF at hits: the ray that leaves, its weight, and the probability that an ideal lobe had.
+
+    `ratio` is the density of directions without openings over that with them (`aiming`); the weight has it.
+    """
 
     def __init__(
-        self, origin: Any, direction: Any, weight: Any, delta: Any, null: Any, medium: Any, probability: Any
-    ) -> None:
+        self, origin: Any, direction: Any, weight: Any, delta: Any, null: Any, medium: Any, probability: Any,
+        ratio: Any,
+    ) -> None:  # fmt: skip
         self.origin, self.direction, self.weight = origin, direction, weight
-        self.delta, self.null, self.medium, self.probability = delta, null, medium, probability
+        self.delta, self.null, self.medium = delta, null, medium
+        self.probability, self.ratio = probability, ratio
 
 
-def reflect(world: World, hit: Any, active: Any, medium: UInt32, index: UInt32, stream: UInt32) -> Scatter:
-    """Return a sample of the BSDF for light that comes through `medium` (Veach 1997, section 5.3: shading normals)."""
+def reflect(
+    world: World, hit: Any, active: Any, medium: UInt32, index: UInt32, stream: UInt32, aimed: Aimed | None = None
+) -> Scatter:
+    """Return a sample of the BSDF for light that comes through `medium` (Veach 1997, section 5.3: shading normals).
+
+    Parameters
+    ----------
+    aimed
+        Directions to openings, which are mixed with those of the BSDF.
+    """
     sample, weight = sampled(world, hit, active, index, stream)
+    ratio = Float(1)
+    if aimed is not None:
+        sample, weight, ratio = _mixed(world, hit, active, sample, weight, aimed)
     direction = hit.to_world(sample.wo)
     incoming = hit.to_world(hit.wi)
     kind = sample.sampled_type
@@ -145,11 +162,32 @@ def reflect(world: World, hit: Any, active: Any, medium: UInt32, index: UInt32, 
     if world.perturbed:
         turned = _of_own_normal(hit, sample, weight, delta & ~null, active)
         value = dr.select(null, value, turned * dr.abs(geometric_out * dr.rcp(geometric_in)))
+    value *= ratio
     good = active & (sample.pdf > 0) & ~leak & dr.isfinite(dr.sum(value))
     origin = Array3f(hit.spawn_ray(direction).o)
     probability = dr.select(good & (delta | null), dr.clip(sample.pdf, 1e-4, 1), 1)
     entered = world.media.beyond(hit, direction, medium, good)
-    return Scatter(origin, Array3f(direction), dr.select(good, value, 0), delta | null, null, entered, probability)
+    value = dr.select(good, value, 0)
+    return Scatter(origin, Array3f(direction), value, delta | null, null, entered, probability, ratio)
+
+
+def _mixed(world: World, hit: Any, active: Any, sample: Any, weight: Any, aimed: Aimed) -> tuple[Any, Any, Float]:
+    """Return samples of a BSDF mixed with directions to openings, their weights, and the ratio of their densities."""
+    bsdf, context = hit.bsdf(), mi.BSDFContext(mi.TransportMode.Importance)
+    smooth = active & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
+    taken = smooth & aimed.taken
+    sample.wo = dr.select(taken, hit.to_local(mi.Vector3f(aimed.direction)), sample.wo)
+    sample.sampled_type = dr.select(taken, UInt32(int(mi.BSDFFlags.Glossy)), sample.sampled_type)
+    sample.eta = dr.select(taken, 1, sample.eta)
+    ideal = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Delta) | mi.has_flag(sample.sampled_type, mi.BSDFFlags.Null)
+    value, density = bsdf.eval_pdf(context, hit, sample.wo, smooth & ~ideal)
+    known = density > 0
+    weight = dr.select(taken, dr.select(known, value * dr.rcp(dr.select(known, density, 1)), 0), weight)
+    sample.pdf = dr.select(taken, density, sample.pdf)
+    if world.cutouts:  # of what is opaque: see `sampled`
+        density *= dr.rcp(dr.maximum(world.opacity(hit, active), 1e-6))
+    ratio = aimed.ratio(hit.to_world(sample.wo), density, ~ideal)
+    return sample, weight, dr.select(smooth, ratio, 1)
 
 
 def _of_own_normal(hit: Any, sample: Any, weight: Any, ideal: Any, active: Any) -> Array3f:

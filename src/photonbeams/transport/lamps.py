@@ -7,6 +7,7 @@ area · solid angle / samples, with the cosines of the geometry (radiometry; Jar
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, Protocol
 
 import drjit as dr
@@ -26,12 +27,15 @@ from ..world.portals import Portal
 from ..world.stage_world import StageWorld
 from ..world.warp import disk, perpendicular, power_cone, sphere
 from .differentials import RayDifferentials
-from .emission import EmissionSample, Emitter
+from .emission import EmissionSample, Emitter, Stratum
 
 _PROBE = 4096  # paths that tell how much of a lamp its images leave
 
 # The fraction of a lamp's beams that do not go through its portal, where they are seen.
 LIGHT_SIDE = 0.25
+
+# The fraction of these that pass close by it, where light is scattered.
+SURROUND = 0.25
 
 # How often a beam is halved at most where a surface blocks its rim.
 HALVINGS, HALVINGS_ASIDE = 1, 5
@@ -272,10 +276,13 @@ class Windowed(Emitter, Protocol):
 
 
 class PortalEmitter:
-    """The light of an emitter that passes its portal (`through`), or that which does not."""
+    """The light of an emitter that passes its portal (`through`), or that which does not.
 
-    def __init__(self, emitter: Windowed, portal: Portal, through: bool) -> None:
-        self.emitter, self.portal, self.through = emitter, portal, through
+    `without` is a part of the portal whose light does not count.
+    """
+
+    def __init__(self, emitter: Windowed, portal: Portal, through: bool, without: Portal | None = None) -> None:
+        self.emitter, self.portal, self.through, self.without = emitter, portal, through, without
         self.name, self.source, self.link, self.lamp = emitter.name, emitter.source, emitter.link, emitter.lamp
         # Seldom where a narrow beam would be seen as a streak, often beside a portal, where light would leak.
         self.halvings = HALVINGS if through else HALVINGS_ASIDE
@@ -284,11 +291,38 @@ class PortalEmitter:
         """Return light paths for emission samples: u places them on the emitter, v directs them or is on the portal."""
         emitter = self.emitter
         if self.through:
-            return emitter.begun(emit_through(emitter.lamp, self.portal, emitter.bounds, u, v, 1))
+            paths = emit_through(emitter.lamp, self.portal, emitter.bounds, u, v, 1)
+            if self.without is not None:
+                paths.valid &= ~self.without.crosses(paths.origin, paths.direction)
+                paths.portal = dr.full(Float, dr.inf, dr.width(paths.portal))
+            return emitter.begun(paths)
         result = emitter.sample(u, v)
         result.valid &= ~self.portal.crosses(result.origin, result.direction)
         result.flux = dr.select(result.valid, result.flux, 0)
         return result
+
+
+def with_surrounds(strata: Sequence[Stratum]) -> list[Stratum]:
+    """Return strata of which those past a portal are two: of the paths close by the portal, and of all others.
+
+    What hits the edges of a hole is little of the light, but scattered into the room it is worth as much as what passes
+    the hole: it needs paths of its own.
+    """
+    result = []
+    for stratum in strata:
+        emitter, count = stratum.emitter, round(SURROUND * stratum.count)
+        if not isinstance(emitter, PortalEmitter) or emitter.through or isinstance(emitter.lamp, ProjectedLight):
+            result.append(stratum)
+            continue
+        surround = emitter.portal.surround
+        if surround is None or count < 1:
+            result.append(stratum)
+            continue
+        near = PortalEmitter(emitter.emitter, surround, True, without=emitter.portal)
+        far = PortalEmitter(emitter.emitter, surround, False)
+        result.append(Stratum(near, count, (*stratum.sequence, 4), stratum.fixed))
+        result.append(Stratum(far, stratum.count - count, stratum.sequence, stratum.fixed, stratum.guide))
+    return result
 
 
 def lit_fraction(emitter: LampEmitter | PortalEmitter) -> float:

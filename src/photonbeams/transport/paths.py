@@ -24,6 +24,7 @@ from ..world.spectra import rgb
 from ..world.stage_world import StageWorld
 from ..world.warp import facing
 from ..world.world import World
+from .aiming import Aimed, Openings
 from .differentials import RayDifferentials, copies, differentiate, of_copies
 from .emission import Emitted
 from .interactions import (
@@ -93,6 +94,8 @@ class Tracing:
     caustics_by_source
         Which sources' paths count only if the first thing that turns them is a mirror or glass, 1 or 0 by the numbers
         of sources; None: all paths count.
+    openings
+        Portals that scattered light is sent through; None where there are none.
     """
 
     world: World
@@ -106,6 +109,7 @@ class Tracing:
     scale: float = 1.0
     bounces_by_source: Any = None
     caustics_by_source: Any = None
+    openings: Openings | None = None
 
     def within(self, depth: UInt32, source: UInt32) -> Bool:
         """Return whether a depth is allowed on the paths of a source."""
@@ -248,8 +252,11 @@ def _stepped(tracing: Tracing, paths: LightPaths, stream: UInt32) -> tuple[Any, 
     hit = tracing.world.intersect(paths.origin, paths.direction, Bool(True), hash32(stream, paths.index), paths.link)
     interaction = Interaction(tracing, paths, hit, stream)
     segments = _segments(tracing, paths, interaction)
-    scatter = reflect(tracing.world, hit, interaction.on_surface, paths.medium, paths.index, stream)
-    following = _following(tracing, paths, interaction, scatter, stream)
+    aimed = None
+    if tracing.openings is not None:
+        aimed = tracing.openings.aimed(interaction.position, paths.index, stream)
+    scatter = reflect(tracing.world, hit, interaction.on_surface, paths.medium, paths.index, stream, aimed)
+    following = _following(tracing, paths, interaction, scatter, stream, aimed)
     hits = _photon_hits(paths, interaction, segments.width)
     # Of a path and the parts that it splits into, one leaves its segment.
     whole = (paths.branch != SCATTERED) & (paths.branch != REFLECTED)
@@ -262,8 +269,9 @@ def _stepped(tracing: Tracing, paths: LightPaths, stream: UInt32) -> tuple[Any, 
 
 
 def _following(
-    tracing: Tracing, paths: LightPaths, interaction: Interaction, scatter: Scatter, stream: UInt32
-) -> LightPaths:
+    tracing: Tracing, paths: LightPaths, interaction: Interaction, scatter: Scatter, stream: UInt32,
+    aimed: Aimed | None,
+) -> LightPaths:  # fmt: skip
     """Return the paths after their interaction; those that end are removed from `interaction.going`."""
     following = LightPaths()
     place = dr.zeros(mi.MediumInteraction3f, dr.width(paths.origin))
@@ -274,6 +282,14 @@ def _following(
     lobe = unit_float(hash32(paths.index, stream, UInt32(LOBE)))
     u = pixel_sample(paths.index, hash32(stream, UInt32(TURN)))
     turned, weight, _ = phase.sample(mi.PhaseFunctionContext(), place, lobe, mi.Point2f(u), interaction.scatters)
+    ratio = Float(1)
+    if aimed is not None:
+        taken = interaction.scatters & aimed.taken
+        turned = dr.select(taken, mi.Vector3f(aimed.direction), turned)
+        value, density = phase.eval_pdf(mi.PhaseFunctionContext(), place, turned, interaction.scatters)
+        weight = dr.select(taken, value * dr.rcp(dr.maximum(density, 1e-30)), weight)
+        ratio = aimed.ratio(Array3f(turned), density, Bool(True))
+        weight *= ratio
     following.direction = _chosen(interaction, Array3f(turned), scatter.direction, paths.direction)
     following.origin = dr.select(interaction.on_surface, scatter.origin, interaction.position)
     following.flux = paths.flux * interaction.weight * _chosen(interaction, rgb(weight), scatter.weight, Array3f(1))
@@ -284,8 +300,10 @@ def _following(
     following.slant = dr.select(enters, _tangent(interaction.hit.n, following.direction), 0)
     following.straight = paths.straight & passes
     following.coherent = paths.coherent & (interaction.tinted | (interaction.on_surface & scatter.delta))
-    for name in (*_NAMES, *_STRAIGHT, "count", "initial", "part"):
+    for name in (*_NAMES, *_STRAIGHT, "count", "part"):
         setattr(following, name, getattr(paths, name))
+    # Nor does Russian roulette make up for directions that are chosen oftener, to carry less light each.
+    following.initial = paths.initial * _chosen(interaction, ratio, scatter.ratio, Float(1))
     following.narrow = dr.select(passes, paths.narrow, 1)
     following.link = dr.select(passes, paths.link, 0)
     following.offset = paths.offset + dr.dot(following.origin - paths.origin, paths.direction)

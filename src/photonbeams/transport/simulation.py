@@ -22,13 +22,14 @@ from ..world.sources import Source
 from ..world.stage_world import StageWorld
 from ..world.world import World
 from . import paths
+from .aiming import Openings
 from .beams import Cutting, moving_sets, sets_of
 from .connections import Connections
 from .emission import Emission, Emitted, Stratum, probed_flux
 from .fitted_portals import Opening, parted
 from .guiding import GuidingMap
 from .importance import CameraImportance, Sightings
-from .lamps import LIGHT_SIDE, LampEmitter, PortalEmitter, lit_fraction
+from .lamps import LIGHT_SIDE, LampEmitter, PortalEmitter, lit_fraction, with_surrounds
 from .pilot import Found, guide
 from .radii import Limits
 from .records import PhotonHits
@@ -122,8 +123,15 @@ class Simulation:
 
     def simulated(self, number: int, least: int = 0) -> tuple[list[BeamSet], list[PhotonHits]]:
         """Return the beams of pass `number` that have `least` bounces or more, and its photons on surfaces."""
-        tracing = self.tracing(number)
-        begun = paths.begin(tracing, self.emission.emit(number))
+        strata, openings = self.emission.strata, None
+        scatters = self.tuning.max_bounces is None or self.tuning.max_bounces > 0
+        if scatters:
+            strata = with_surrounds(strata)
+        emitted = [each.emit(number) for each in strata]
+        if scatters:
+            openings = Openings.of(strata, emitted)
+        tracing = replace(self.tracing(number), openings=openings)
+        begun = paths.begin(tracing, emitted)
         steps = list(_stepping(self.step, paths.trace(tracing, begun)))
         segments = [each for each, _ in steps if each is not None]
         if least:

@@ -7,6 +7,7 @@ that miss the portal are dropped: a keyhole's outline costs candidates, not stra
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import drjit as dr
@@ -16,9 +17,14 @@ from .. import scene
 from ..numerics.arrays import opaque
 from ..runtime.device import Array2f, Array3f, Bool, mitsuba
 from ..scene.vectors import FLAT
-from .shapes import scene_of
+from .shapes import scene_of, shape_of
 
 mi = mitsuba()
+
+# How much wider the surround of a portal is on each side, as a part of the portal.
+_SURROUND = 0.3
+
+_TWO_TRIANGLES = [[0, 1, 2], [0, 2, 3]]
 
 
 @dataclass(frozen=True)
@@ -47,11 +53,26 @@ class Portal:
         area = mesh.area
         if not area > 0:
             raise scene.SceneError(f"{mesh.name}: the portal has no area, so no light passes it")
-        self.shape = shape
+        self.shape, self._host = shape, host
         self.scene = scene_of([shape], host)
         self.rectangle, rectangle_area, self.sides = _bounding_rectangle(mesh)
         self.area = rectangle_area if self.rectangle else area
         self.fill = min(1.0, area / self.area)
+
+    @cached_property
+    def surround(self) -> Portal | None:
+        """The bounding rectangle, wider on each side: what it holds beside the portal are the edges of the hole.
+
+        None of a portal that is not planar.
+        """
+        if self.sides is None:
+            return None
+        corner, *edges = self.sides
+        x, y = ((1 + 2 * _SURROUND) * each for each in edges)
+        corner = corner - _SURROUND * sum(edges)
+        points = np.array([corner, corner + x, corner + x + y, corner + y])
+        mesh = scene.Mesh("portal", points, np.array(_TWO_TRIANGLES))
+        return Portal(mesh, shape_of(mesh), self._host)
 
     def sample(self, u: Array2f) -> tuple[Array3f, Array3f, Bool]:
         """Return points uniform over `area`, the unit normals there, and which of the points lie on the portal."""
