@@ -31,7 +31,7 @@ RENDERS = {
     DUSTY: {"rgba": "attic-dusty", "surface": "attic-surface", "beams": "attic-beams"},
     RIBBON: {"rgba": "ribbon"},
     KEYHOLE: {"rgba": "keyhole", "beams": "keyhole-beams"},
-    (KEYHOLE[0], "--bounces", "4", *CLEAN): {"rgba": "keyhole-bounces"},
+    (KEYHOLE[0], "--bounces", "4", "--passes", "8", "--denoise"): {"rgba": "keyhole-bounces"},
 }
 
 #: The same of the shots of docs/examples.md, wider.
