@@ -6,7 +6,7 @@ import pytest
 
 from photonbeams.numerics.arrays import joined, opaque, to_float, to_vectors
 from photonbeams.numerics.samples import Samples
-from photonbeams.render.film import BeamSamples, Film, PassPicture, averaged, reconstruction_filter
+from photonbeams.render.film import BeamSamples, Film, PassPicture, SeenSums, averaged, reconstruction_filter
 from photonbeams.render.sums import PassSums
 from photonbeams.runtime.device import Array3f, Float, mitsuba
 from photonbeams.scene import SceneError
@@ -37,10 +37,20 @@ def picture(one, crop=None):
     return seen, {"key": to_vectors(0.5 * part["key"]), "": to_vectors(part[""])}, {"depth": to_float(part["depth"])}
 
 
+def sums_of(film, parts, exposure=1.0):
+    """Return the sums of pictures with the places of their samples."""
+    pixels = film.shape[0] * film.shape[1]
+    result = SeenSums(film, sum(dr.width(places) for _, places in parts) // pixels, exposure)
+    for each in parts:
+        result.add(*each)
+    return result
+
+
 def add(result, number, whole, places, exposure=1.0):
     """Add a pass that has one sample of everything."""
     seen, beams, first = whole
-    result.add(number, [(seen, places)], BeamSamples(beams, places), exposure, first if number == 0 else None)
+    seen = sums_of(result, [(seen, places)], exposure)
+    result.add(number, seen, BeamSamples(beams, places), exposure, first if number == 0 else None)
 
 
 def film(passes, name=None, crop=None, exposure=1.0, groups=GROUPS):
@@ -122,7 +132,7 @@ def test_samples_of_surfaces_and_of_edges_count_as_their_shares_say(rng, name):
     edge = rng.random(count) < 0.5
     share = np.concatenate([np.where(edge, 0.2, 1.0), *[np.where(edge, 0.2, 0.0)] * 4])
     light = joined([each[""] for each in beams]) * to_float(share)
-    whole.add(0, parts, BeamSamples({"": light}, joined(places), to_float(share)))
+    whole.add(0, sums_of(whole, parts), BeamSamples({"": light}, joined(places), to_float(share)))
     layers = whole.layers()
     expected = of_mitsuba([each["surface"] for each in passes[:4]], name)
     np.testing.assert_allclose(layers["surface"], expected, atol=1e-5)
@@ -198,7 +208,7 @@ def test_the_error_is_that_of_the_mean_of_independent_passes(rng):
         grey = to_vectors(np.repeat(each.reshape(-1, 1), 3, axis=1))
         assert np.isnan(result.error()) == (number < 2)
         seen = PassPicture(grey, to_float(np.ones(count * count)))
-        result.add(number, [(seen, result.centers())], BeamSamples({}, result.centers()))
+        result.add(number, sums_of(result, [(seen, result.centers())]), BeamSamples({}, result.centers()))
     values = np.array(samples)
     mean = values.mean(axis=0)
     relative = (values.std(axis=0, ddof=1) / np.sqrt(passes) / mean).ravel()
@@ -237,5 +247,7 @@ def test_even_light_of_one_pass_is_even(name):
     black = PassPicture(dr.zeros(Array3f, count), dr.zeros(Float, count))
     for number, light in enumerate((0.0, 1.0)):
         places = result.places(Samples(0, number))
-        result.add(number, [(black, places)], BeamSamples({"": dr.full(Array3f, light, count)}, places))
+        result.add(
+            number, sums_of(result, [(black, places)]), BeamSamples({"": dr.full(Array3f, light, count)}, places)
+        )
     np.testing.assert_allclose(result.layers()["beams"], 0.5, rtol=1e-6)

@@ -89,6 +89,46 @@ class BeamSamples:
     share: Any = None
 
 
+class SeenSums:
+    """What camera rays see in a pass but for beams, summed over the samples of its pixels, one picture after the other.
+
+    Attributes
+    ----------
+    values, light
+        Sums by their names, through the film's filter, and the light of pixels.
+    nearest, farthest
+        (pixels,) how far the shortest and the longest of a pixel's rays reach straight ahead; None where nobody says.
+    """
+
+    def __init__(self, film: Film, samples: int, exposure: Any = 1.0) -> None:
+        self._film, self._part, self._exposure = film, dr.opaque(Float, 1 / samples), exposure
+        self.values: dict[str, Any] = {}
+        self.light: dict[str, Any] = {}
+        self.nearest: Any = None
+        self.farthest: Any = None
+
+    def add(self, picture: PassPicture, places: Array2f) -> None:
+        """Add one sample of each pixel, or several, with their places in [0, 1)²."""
+        found = {
+            name: value * self._part * (1 if name in _NOT_LIGHT else self._exposure)
+            for name, value in picture.values().items()
+        }
+        sums, light = self._film.summed(found, places, self._part)
+        for total, own in ((self.values, sums), (self.light, light)):
+            total |= {name: total[name] + value if name in total else value for name, value in own.items()}
+        if picture.reach is not None:
+            self._extend(picture.reach)
+        dr.eval(self.values, self.light, self.nearest, self.farthest)
+
+    def _extend(self, reach: Any) -> None:
+        count = self._film.shape[0] * self._film.shape[1]
+        if self.nearest is None:
+            self.nearest, self.farthest = dr.full(Float, dr.inf, count), dr.zeros(Float, count)
+        pixel = dr.arange(UInt32, dr.width(reach)) % dr.opaque(UInt32, count)
+        dr.scatter_reduce(dr.ReduceOp.Min, self.nearest, reach, pixel)
+        dr.scatter_reduce(dr.ReduceOp.Max, self.farthest, reach, pixel)
+
+
 class Film:
     """The sums over the passes of one view.
 
@@ -153,7 +193,7 @@ class Film:
         return result
 
     def add(
-        self, number: int, seen: Sequence[tuple[PassPicture, Array2f]], beams: BeamSamples, exposure: Any = 1.0,
+        self, number: int, seen: SeenSums, beams: BeamSamples, exposure: Any = 1.0,
         first: Mapping[str, Any] | None = None,
     ) -> None:  # fmt: skip
         """Add pass `number`.
@@ -161,28 +201,20 @@ class Film:
         Parameters
         ----------
         seen
-            Pictures without beams, of one or more samples of each pixel, with the samples' places in [0, 1)².
+            What camera rays see but for beams.
         beams
             The light of beams.
         exposure
-            What multiplies light.
+            What multiplies their light.
         first
             Depths and normals, of the first pass alone.
         """
-        count = self.shape[0] * self.shape[1]
-        each = dr.opaque(Float, 1 / sum(dr.width(own) // count for _, own in seen))
         gathered = {_GATHERED + group: light * exposure for group, light in beams.groups.items()}
-        values, light = self._summed(gathered, beams.places, beams.share)
+        values, light = self.summed(gathered, beams.places, beams.share)
         if "weight" in values:
             values = self._weighed(values)
-        lights = [light]
-        for picture, places in seen:
-            found = {
-                name: value * each * (1 if name in _NOT_LIGHT else exposure) for name, value in picture.values().items()
-            }
-            sums, light = self._summed(found, places, each)
-            lights.append(light)
-            values |= {name: values[name] + value if name in values else value for name, value in sums.items()}
+        values |= seen.values
+        lights = [light, seen.light]
         values |= {**self._squares(lights), **(first or {})}
         dr.eval(values)
         self.sums.add(number, {name: self._array(value) for name, value in values.items()})
@@ -218,7 +250,7 @@ class Film:
             result |= {LIGHT + suffix: light, SQUARES + suffix: light * light}
         return result
 
-    def _summed(
+    def summed(
         self, values: Mapping[str, Any], places: Array2f, share: Any
     ) -> tuple[dict[str, Any], dict[str, Any]]:  # fmt: skip
         """Return sums of values over the samples that the filter gathers and of its weights, and light by pixels.

@@ -10,7 +10,7 @@ al. 2011).
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -36,9 +36,10 @@ from . import camera_paths
 from .branches import CameraPaths, add_to_pixels
 from .camera_paths import CameraTracing, Lighting
 from .costs import LANES, power_below, surface_samples
-from .film import BeamSamples, Film, Groups, PassPicture
+from .film import BeamSamples, Film, Groups, PassPicture, SeenSums
 from .frame_sums import FrameSums
 from .gathering import EstimatorOptions, Gathering
+from .memory import release_memory
 from .passes import Statistics
 from .photons import PhotonMaps
 from .settings import Settings
@@ -299,20 +300,22 @@ class FrameRenderer(PassRenderer):
                         rays = replace(self._view_rays(number, view, places, samples, moving), lattice=lattice)
                     edge = self._edges(own, rays, film.order)
                     beams = self._beams(number, view, film, light, rays, places, edge)
+                    release_memory(self._size)
                 first = self._first_hits(view, film) if number == 0 else {}
                 with self.statistics.phase("surfaces"):
                     film.add(number, own, beams, dr.opaque(Float, looked.exposure), first)
+                release_memory(self._size)
         self.statistics.passes += len(numbers)
 
     def _seen_in(
         self, numbers: range, view: int, film: Film, light: Simulated, photons: PhotonMaps | None, moving: bool
-    ) -> tuple[list[list[tuple[PassPicture, Array2f]]], ViewRays]:  # fmt: skip
-        """Return pictures without beams for each pass, with the places of their samples, and rays of one sample.
+    ) -> tuple[list[SeenSums], ViewRays]:  # fmt: skip
+        """Return what rays see but for beams, for each pass, and rays of one sample.
 
         As many samples as memory allows are one wide picture: those of the first one come first.
         """
         each, pixels = self._surface_samples, dr.width(film.order)
-        seen: list[list[tuple[PassPicture, Array2f]]] = [[] for _ in numbers]
+        seen: list[SeenSums] = []
         wide = min(self._wide, each if each > 1 else len(numbers))
         for begin in range(each * numbers.start, each * numbers.stop, wide):
             with self.statistics.phase("surfaces"):
@@ -327,22 +330,27 @@ class FrameRenderer(PassRenderer):
                 joint = ViewRays(PrimaryRays.joined([own.primary for own in rays]), None, holdout=rays[0].holdout)
                 order = samples.indices(film.order)
             picture = self._seen(light, joint, order, samples, photons)
-            if each > 1:
-                seen[passes[0]].append((picture, joined(places)))
-                continue
-            for place, number in enumerate(passes):
-                seen[number].append((picture.of_pass(place, pixels), places[place]))
+            with self.statistics.phase("surfaces"):
+                exposure = dr.opaque(Float, rays[0].exposure)
+                while len(seen) <= passes[-1]:
+                    seen.append(SeenSums(film, each, exposure))
+                if each > 1:
+                    seen[passes[0]].add(picture, joined(places))
+                else:
+                    for place, number in enumerate(passes):
+                        seen[number].add(picture.of_pass(place, pixels), places[place])
+            del picture
+            release_memory(self._size)
         return seen, rays[0]
 
-    def _edges(self, seen: Sequence[tuple[PassPicture, Array2f]], rays: ViewRays, order: UInt32) -> Any:
+    def _edges(self, seen: SeenSums, rays: ViewRays, order: UInt32) -> Any:
         """Return the pixels whose rays end now here, now there: none where rays have origins or times of their own.
 
         They come in the order of `order`: those of a tile together, whose rays meet the same beams.
         """
-        if self._surface_samples == 1 or not rays.shared_origin:
+        if self._surface_samples == 1 or not rays.shared_origin or seen.nearest is None:
             return ()
-        found = _ends_differ([picture.reach for picture, _ in seen], dr.width(order)).numpy()
-        edge = np.flatnonzero(found)
+        edge = np.flatnonzero((seen.farthest > _EDGE * seen.nearest).numpy())
         return to_uint(edge[np.argsort(order.numpy()[edge])]) if len(edge) else ()
 
     def _beams(
@@ -360,12 +368,14 @@ class FrameRenderer(PassRenderer):
         with self.statistics.phase("surfaces"):
             single = [self._samples(each * number + place, 0, each, _EDGES) for place in range(each)]
             further = [film.places(own) for own in single]
-            primary = [
-                self._view_rays(number, view, own, one, moving=False).primary
-                for own, one in zip(further, single, strict=True)
-            ]
+            # One picture of rays after the other: all of them are most of the memory that a pass takes.
+            primary = []
+            for own, one in zip(further, single, strict=True):
+                whole = PrimaryRays.joined([self._view_rays(number, view, own, one, moving=False).primary])
+                primary.append(whole.taken(edge))
+                dr.eval(primary[-1])
+            some = PrimaryRays.joined(primary)
             lanes = joined([edge + dr.opaque(UInt32, place * pixels) for place in range(each)])
-            some = PrimaryRays.joined(primary).taken(lanes)
             # As pixels of further pictures beside this one, they have numbers of their own.
             own_order = taken(film.order, edge)
             order = joined([
@@ -438,16 +448,6 @@ class FrameRenderer(PassRenderer):
 def _unshaded(tracing: CameraTracing) -> CameraTracing:
     """Return how paths are followed that see no more than where surfaces are."""
     return replace(tracing, surfaces=False, walks=False, shining=False, normals=False, albedo=False)
-
-
-def _ends_differ(reach: Sequence[Any], pixels: int) -> Bool:
-    """Return in which pixels samples' rays end in different places, given how far they reach."""
-    nearest, farthest = dr.full(Float, dr.inf, pixels), dr.zeros(Float, pixels)
-    for own in reach:
-        pixel = dr.arange(UInt32, dr.width(own)) % dr.opaque(UInt32, pixels)
-        dr.scatter_reduce(dr.ReduceOp.Min, nearest, own, pixel)
-        dr.scatter_reduce(dr.ReduceOp.Max, farthest, own, pixel)
-    return farthest > _EDGE * nearest
 
 
 class _CameraImage:

@@ -2,14 +2,27 @@
 
 from __future__ import annotations
 
+import drjit as dr
+
 from ..runtime import device
 from ..scene import SceneError
 from ..world.cameras import Window
 
-# Bytes at the peak of a pass on the CPU: resident memory of renders of 2 to 20 million pixels and 1 to 3 million beams.
-PIXEL_BYTES, BEAM_BYTES = 300, 350
+# Bytes at the peak of a pass on the CPU: resident memory of renders of 2 to 8 million pixels and 1 to 3 million beams.
+PIXEL_BYTES, BEAM_BYTES = 500, 1450
 
 _MOST_ENTRIES = 1 << 32  # of an array of Dr.Jit
+
+
+# Pictures of so many pixels give memory back between the parts of a pass. Dr.Jit keeps what is free for arrays of the
+# same size; that is faster, but of large ones it takes as much again as the picture.
+_LARGE = 1 << 20
+
+
+def release_memory(size: tuple[int, int]) -> None:
+    """Return what Dr.Jit keeps for later to the system, of pictures that are large."""
+    if size[0] * size[1] >= _LARGE:
+        dr.flush_malloc_cache()
 
 
 def check_memory(window: Window, beams: int) -> None:

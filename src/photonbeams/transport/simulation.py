@@ -32,7 +32,7 @@ from .importance import CameraImportance, Sightings
 from .lamps import LIGHT_SIDE, LampEmitter, PortalEmitter, lit_fraction, with_surrounds
 from .pilot import Found, guide
 from .radii import Limits
-from .records import PhotonHits
+from .records import LightPaths, PhotonHits
 
 if TYPE_CHECKING:
     from ..estimators.tiles import Projection
@@ -123,16 +123,8 @@ class Simulation:
 
     def simulated(self, number: int, least: int = 0) -> tuple[list[BeamSet], list[PhotonHits]]:
         """Return the beams of pass `number` that have `least` bounces or more, and its photons on surfaces."""
-        strata, openings = self.emission.strata, None
-        scatters = self.tuning.max_bounces is None or self.tuning.max_bounces > 0
-        if scatters:
-            strata = with_surrounds(strata)
-        emitted = [each.emit(number) for each in strata]
-        if scatters:
-            openings = Openings.of(strata, emitted)
-        tracing = replace(self.tracing(number), openings=openings)
-        begun = paths.begin(tracing, emitted)
-        steps = list(_stepping(self.step, paths.trace(tracing, begun)))
+        # Nothing here keeps paths that have gone on: a million of them take a gigabyte.
+        steps = list(_stepping(self.step, paths.trace(*self._begun(number))))
         segments = [each for each, _ in steps if each is not None]
         if least:
             kept = (compressed(each.depth >= dr.opaque(UInt32, least), each) for each in segments)
@@ -143,6 +135,16 @@ class Simulation:
             parts = (compressed(dr.gather(UInt32, lights, each.source) > 0, each) for each in hits)
             hits = [each for part in parts for each in part]
         return sets_of(self.world, _stepping(self.step, self.cuttings(number)), segments), hits
+
+    def _begun(self, number: int) -> tuple[paths.Tracing, LightPaths | None]:
+        """Return how the light paths of a pass are traced, and the paths as they leave their emitters."""
+        if self.tuning.max_bounces is not None and self.tuning.max_bounces <= 0:
+            tracing, emitted = self.tracing(number), self.emission.emit(number)
+        else:
+            strata = with_surrounds(self.emission.strata)
+            emitted = [each.emit(number) for each in strata]
+            tracing = replace(self.tracing(number), openings=Openings.of(strata, emitted))
+        return tracing, paths.begin(tracing, emitted)
 
     def moved(self, last: World, later: Sequence[Stratum], number: int, media: Mapping[int, int]) -> list[BeamSet]:
         """Return beams straight from their lamps, and where they are in the world `last`, whose lamps are `later`.
