@@ -1,0 +1,92 @@
+"""The documentation's site: Sphinx, with pages in MyST and a reference from the docstrings.
+
+`make docs` builds it to docs/_build/html, warnings are errors.
+"""
+
+from importlib.metadata import version as _version
+from pathlib import Path
+
+from docutils import nodes
+from sphinx.addnodes import pending_xref
+from sphinx.application import Sphinx
+
+_DOCS = Path(__file__).resolve().parent
+_ROOT = _DOCS.parent
+
+project = "photonbeams"
+author = copyright = "The photonbeams developers"
+release = version = _version("photonbeams")
+
+extensions = [
+    "myst_nb", "sphinx.ext.autodoc", "sphinx.ext.autosummary", "sphinx.ext.intersphinx", "sphinx.ext.napoleon",
+    "sphinx_copybutton", "sphinx_design",
+]  # fmt: skip
+exclude_patterns = ["_build", "**.ipynb_checkpoints"]
+templates_path = ["_templates"]
+nitpicky = False
+
+# -- pages -----------------------------------------------------------------------------------------------------------
+myst_enable_extensions = ["colon_fence", "dollarmath"]
+myst_heading_anchors = 4
+# Notebooks are executed in tests/docs, and keep what they have shown.
+nb_execution_mode = "off"
+copybutton_prompt_text = r"\$ |>>> "
+copybutton_prompt_is_regexp = True
+copybutton_exclude = ".linenos, .gp, .go"
+
+# -- reference -------------------------------------------------------------------------------------------------------
+autosummary_generate = True
+autodoc_default_options = {"members": True, "show-inheritance": False}
+autodoc_member_order = "bysource"
+autodoc_typehints = "signature"
+autodoc_preserve_defaults = True
+python_use_unqualified_type_names = True
+napoleon_google_docstring = False
+napoleon_use_rtype = False
+napoleon_use_ivar = True
+# Only where a network is: a site is built without one, too.
+intersphinx_mapping: dict[str, tuple[str, None]] = {}
+
+# -- the site --------------------------------------------------------------------------------------------------------
+html_theme = "furo"
+html_title = "photonbeams"
+html_static_path = ["_static"]
+html_css_files = ["site.css"]
+html_favicon = "_static/icon.svg"
+html_logo = "_static/icon.svg"
+html_show_sphinx = False
+html_theme_options = {
+    "sidebar_hide_name": False,
+    "light_css_variables": {"color-brand-primary": "#9a5b12", "color-brand-content": "#9a5b12"},
+    "dark_css_variables": {"color-brand-primary": "#f0b35c", "color-brand-content": "#f0b35c"},
+}
+
+
+#: Files of the repository that pages show, and their pages.
+_SHOWN = {"README.md": "index", "CHANGELOG.md": "changelog", "CONTRIBUTING.md": "contributing"}
+
+
+def _resolve_files(app: Sphinx, doctree: nodes.document) -> None:
+    """Resolve links to files of the repository: to the page that shows them, or, of what the site has not, to none.
+
+    Pages are written for readers of the repository, too. A link to what is nowhere is left for MyST to warn of.
+    """
+    pages, here = app.env.found_docs, (_DOCS / app.env.docname).parent
+    for link in list(doctree.findall(pending_xref)):
+        if link.get("reftype") != "myst" or link["reftarget"] in pages:
+            continue
+        name, _, anchor = link["reftarget"].partition("#")
+        found = [place for each in (here, _ROOT) for place in (each / name, each / f"{name}.md", each / f"{name}.ipynb") if place.exists()]
+        if not name or not found:
+            continue
+        inside = found[0].resolve().relative_to(_ROOT)
+        page = _SHOWN.get(str(inside), str(inside.relative_to("docs").with_suffix("")) if inside.parts[0] == "docs" else "")
+        if page in pages:
+            link["refdomain"], link["reftarget"], link["reftargetid"] = "doc", page, anchor or None
+        else:
+            link.replace_self(link.children)
+
+
+def setup(app: Sphinx) -> None:
+    """Tell Sphinx of what is here."""
+    app.connect("doctree-read", _resolve_files)
