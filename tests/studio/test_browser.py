@@ -411,6 +411,30 @@ def test_only_the_area_is_rendered(window, served):
     assert difference(before[rows, columns], whole[rows, columns]) > 3
 
 
+def test_side_by_side_both_eyes_are_shown_and_no_pixel_is_inspected(window, served):
+    window.picture()
+    window.choose("Inspect")
+    eyes = window.page.get_by_role("combobox", name="Eyes")
+    eyes.select_option(label="Side by side")
+    window.wait(lambda: served.session.view.stereo is not None and window.is_newest())
+    tools = {name: window.page.get_by_role("radio", name=name) for name in ("Move", "Inspect", "Area")}
+    window.wait(lambda: tools["Move"].is_checked())
+    assert tools["Inspect"].is_disabled() and tools["Area"].is_disabled()
+    window.page.get_by_title("Where the two eyes are").click()
+    between = window.page.get_by_role("spinbutton", name="Distance between the eyes")
+    between.fill("0.2")  # of the usual 6.5 cm the stage is a tenth
+    between.press("Enter")
+    height = window.canvas().shape[0]
+
+    def is_half_as_large():
+        shown = window.canvas()
+        return shown[: height // 5].max() == 0 < shown[height // 4 : 3 * height // 4].max()
+
+    window.wait(is_half_as_large)
+    eyes.select_option(label="One eye")
+    window.wait(lambda: tools["Inspect"].is_enabled())
+
+
 def test_the_wipe_shows_a_kept_picture_beside_the_present_one(window, served):
     before = window.picture()
     window.page.get_by_role("button", name="Keep picture").click()

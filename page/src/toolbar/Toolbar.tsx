@@ -1,6 +1,7 @@
 /** What is shown in the viewport, and the tools that work on it. */
 
 import { ActionIcon, Button, Popover, SegmentedControl, Slider, Switch } from "@mantine/core";
+import { useEffect } from "react";
 import { Choice } from "../common/Choice";
 import { AreaIcon, CameraIcon, CloseIcon, InspectIcon, MoveIcon, ResetIcon } from "../common/icons";
 import { NumberField } from "../common/NumberField";
@@ -20,6 +21,11 @@ const TOOLS: { value: Tool; label: string; icon: React.ReactNode }[] = [
 function Tools() {
   const tool = useStore(view, (state) => state.tool);
   const area = useStore(session, (state) => state.show.area);
+  // Side by side there is no one place of a pixel.
+  const twice = useStore(session, (state) => state.show.stereo !== null && state.show.eye === "side-by-side");
+  useEffect(() => {
+    if (twice) view.set({ tool: "navigate" });
+  }, [twice]);
   return (
     <div className={styles.group}>
       <SegmentedControl
@@ -29,6 +35,7 @@ function Tools() {
         onChange={(value) => view.set({ tool: value as Tool })}
         data={TOOLS.map(({ value, label, icon }) => ({
           value,
+          disabled: twice && value !== "navigate",
           label: (
             <span className={styles.tool}>
               {icon} {label}
