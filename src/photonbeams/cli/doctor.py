@@ -21,7 +21,7 @@ import os, sys, tempfile
 from photonbeams.runtime import device
 with tempfile.TemporaryDirectory() as home:
     os.environ["HOME"] = home
-    import OpenEXR, OpenImageIO, drjit, numpy, pxr.Usd
+    import OpenEXR, OpenImageIO, drjit, numpy
     mitsuba = device.mitsuba()
     print(device.backend(), flush=True)
     scene = mitsuba.load_dict({"type": "scene", "ball": {"type": "sphere"}})

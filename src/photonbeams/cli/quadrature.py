@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from ..scene.extras import needs
 from .console import standard_output
 
 if TYPE_CHECKING:
@@ -170,7 +171,8 @@ def _error(error: float) -> str:
 
 def draw(found: dict[str, list[Curve]], max_order: int, path: Path) -> None:
     """Draw error against n: profiles above falloffs, the median ray beside the worst; Gauss solid, Riemann dashed."""
-    import matplotlib as mpl
+    with needs("plot", "a plot", "matplotlib"):
+        import matplotlib as mpl
 
     mpl.use("Agg")
     import matplotlib.pyplot as plt

@@ -13,6 +13,7 @@ from typing import Annotated
 
 import typer
 
+from ..scene.extras import needs
 from . import options
 from .flags import Device, check_flags, start_device, two_eyes
 from .progress import messages
@@ -56,10 +57,11 @@ def studio(
     eyes = two_eyes(stereo, interaxial, convergence)
     with messages(quiet, verbose):
         start_device(device, threads)
-        import uvicorn
+        with needs("studio", "the studio", "a web server"):
+            import uvicorn
 
+            from ..studio.server import Studio
         from ..studio import Session
-        from ..studio.server import Studio
         from ..studio.session import SessionView
 
         width, height = res

@@ -11,7 +11,7 @@ from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 from ..runtime.device import memory, processors
-from ..scene import SceneError
+from ..scene.extras import needs
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -65,11 +65,9 @@ def connected(options: FarmOptions) -> Iterator[Client]:
     FarmError
         No scheduler answers, or none of its workers.
     """
-    try:
+    with needs("farm", "a farm", "Dask"):
         import dask
         import distributed
-    except ImportError:
-        raise SceneError("a farm needs Dask: expected `pip install 'photonbeams[farm]'`") from None
     logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what is lost is told by us, in a sentence
     settings: dict[str, Any] = {f"distributed.worker.memory.{each}": False for each in ("spill", "target", "pause")}
     settings["distributed.comm.timeouts.connect"] = f"{_CONNECT_SECONDS}s"

@@ -17,6 +17,7 @@ from ..estimators.estimate import estimate
 from ..looks import BoundLook, LightContext, Look, ShadingContext
 from ..runtime.device import Array3f, Float
 from ..scene import Medium
+from ..scene.extras import needs
 from .display import srgb_encoded, tone_mapped
 
 #: A fog that is grey, but swallows blue first: what a look is shown in that is shown by itself.
@@ -125,7 +126,8 @@ def thumbnail(look: Look, factor: str, width: int, height: int) -> np.ndarray:
 
 def sheet(looks: Sequence[tuple[str, Look, Specimen]]) -> Any:
     """Return a figure of named looks, one above the other: from the side, in section, and the curves of the factors."""
-    from matplotlib.figure import Figure
+    with needs("plot", "a picture of looks", "matplotlib"):
+        from matplotlib.figure import Figure
 
     row = _TITLE + _BEAM_HEIGHT + _CURVE_HEIGHT + 0.35
     figure = Figure(figsize=(_WIDTH, row * len(looks)), dpi=_DPI)

@@ -7,9 +7,9 @@ v..."`. An intensity or a transform that another layer overrides is taken at its
 from __future__ import annotations
 
 import numpy as np
-from pxr import Sdf, Usd, UsdGeom
 
 from ..scene import Array
+from .openusd import Sdf, Usd, UsdGeom
 
 
 def wrote(prim: Usd.Prim) -> bool:

@@ -7,9 +7,9 @@ from contextlib import suppress
 from typing import TypeVar
 
 import numpy as np
-from pxr import Usd
 
 from ..scene import Array, Camera, Scene, SceneError
+from .openusd import Usd
 from .stage import extent_varies, sample_times
 
 T = TypeVar("T")

@@ -6,10 +6,10 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from pxr import Usd, UsdGeom, UsdRender
 
 from ..scene import FARTHEST, Array, Camera, SceneError
 from ..scene.vectors import unit
+from .openusd import Usd, UsdGeom, UsdRender
 from .reading import LOG, Reading, file_of, prims_under, quiet, target_paths
 from .warnings import Warnings
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import re
 
 import numpy as np
-from pxr import Gf
 
 from ..scene import Array
+from .openusd import Gf
 
 AUTO, RAW = "auto", "raw"
 SRGB = "srgb_rec709_scene"

@@ -6,8 +6,7 @@ import os
 import re
 from typing import Any
 
-from pxr import Sdf, Usd
-
+from .openusd import Sdf, Usd
 from .reading import file_of
 from .warnings import Warnings
 

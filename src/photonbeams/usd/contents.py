@@ -8,7 +8,6 @@ from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
-from pxr import Gf, Sdf, Usd, UsdGeom
 
 from ..scene import Array, DrawnBeams, Light, Medium, Mesh, MeshLight, Scene
 from . import schemas as schemas
@@ -17,6 +16,7 @@ from .lights import PHYSICAL, bound_look, is_light, portal_paths, read_light
 from .links import linked
 from .medium import is_medium, read_medium
 from .meshes import is_surface, read_meshes
+from .openusd import Gf, Sdf, Usd, UsdGeom
 from .outlines import read_outline
 from .primvars import Instance
 from .reading import Reading, is_relationship, quiet, target_paths, visible

@@ -10,11 +10,11 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from pxr import Gf, Sdf, Usd, UsdGeom, UsdLux
 
 from . import schemas as schemas
 from .lights import is_dome, is_light
 from .medium import is_medium
+from .openusd import Gf, Sdf, Usd, UsdGeom, UsdLux
 from .reading import Reading, prims_under, target_paths
 
 # Least and greatest values that readers accept, by the ends of names, and where sliders begin and end.

@@ -7,12 +7,12 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from pxr import Sdf, Usd, UsdGeom
 
 from ..beams.curves import directions, lengths, segments, tangents
 from ..scene import Array, DrawnBeams
 from ..scene.vectors import unit
 from .lights import PHYSICAL, bound_look, check_group
+from .openusd import Sdf, Usd, UsdGeom
 from .reading import Reading, has_photonbeams, target_paths
 from .splines import Spans, expected_points, span_counts, varying_counts
 from .strands import basis_of, read_points

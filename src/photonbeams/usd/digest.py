@@ -7,10 +7,9 @@ from functools import cache
 from hashlib import sha256
 from typing import Any
 
-from pxr import Ar, Usd, UsdUtils
-
 from ..runtime.digest import digest
 from ..runtime.files import why_unreadable
+from .openusd import Ar, Usd, UsdUtils
 from .textures import texture_limit
 
 

@@ -9,11 +9,10 @@ from math import isfinite
 from pathlib import Path
 from typing import Any
 
-from pxr import Gf, Sdf, Tf, Usd, UsdGeom
-
 from ..runtime.files import atomic_path
 from ..scene import SceneError
 from .lights import is_light
+from .openusd import Gf, Sdf, Tf, Usd, UsdGeom
 from .reading import file_of, quiet
 
 #: An empty layer, as text.

@@ -8,11 +8,11 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
-from pxr import Sdf, Usd, UsdGeom, Vt
 
 from ..beams.curves import directions
 from ..runtime.files import PathLike, atomic_path
 from ..scene import Array, DrawnBeams, SceneError
+from .openusd import Sdf, Usd, UsdGeom, Vt
 
 ROOT = "/Beams"
 SUFFIXES = (".usd", ".usda", ".usdc")

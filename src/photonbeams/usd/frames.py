@@ -10,10 +10,9 @@ import re
 from collections.abc import Sequence
 from math import isfinite
 
-from pxr import Tf, Usd, UsdUtils
-
 from ..scene import SceneError
 from ..scene.checks import shortened
+from .openusd import Tf, Usd, UsdUtils
 from .reading import LOG, file_of, varying_attributes
 
 MOST_FRAMES = 100_000

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from pxr import Usd, UsdGeom
 
 from ..scene import Array, Gobo, Mesh
+from .openusd import Usd, UsdGeom
 from .reading import Reading
 from .textures import read_image
 

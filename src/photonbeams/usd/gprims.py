@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from pxr import Usd
 
 from ..scene import Array
 from ..scene.vectors import unit
+from .openusd import Usd
 from .polygons import Polygons, Values
 from .reading import Reading
 

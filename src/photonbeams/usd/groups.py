@@ -6,13 +6,12 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
 
-from pxr import Usd, UsdGeom
-
 from .contents import PROTOTYPE_PRIMS, shown_in_prototype
 from .curves import is_drawn
 from .lights import is_light, is_sky, makes_beams
 from .links import lights_media
 from .medium import is_lit_by_domes, is_medium
+from .openusd import Usd, UsdGeom
 from .reading import Reading, prims_under, target_paths, visible
 
 

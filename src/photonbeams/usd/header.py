@@ -7,7 +7,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from pxr import Usd
+from .openusd import Usd
 
 _NTSC_ROUNDING = 2e-4  # of a rate of frames with two digits; the next whole number is five times as far
 

@@ -11,9 +11,9 @@ from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
-from pxr import Ar, Sdf, Usd
 
 from ..scene import Array, Profile
+from .openusd import Ar, Sdf, Usd
 from .reading import Reading
 from .textures import resolved, stamp
 

@@ -5,11 +5,10 @@ from __future__ import annotations
 import os
 from functools import cache
 
-from pxr import Ar, Sdf, Tf
-
 from ..runtime.files import why_unreadable
 from ..scene import SceneError
 from . import materialx
+from .openusd import Ar, Sdf, Tf
 from .textures import stamp
 from .warnings import Warnings
 

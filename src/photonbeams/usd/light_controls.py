@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from pxr import Usd
 
 from ..scene import Shaping
 from .ies import read_profile
+from .openusd import Usd
 from .reading import Reading, target_paths
 
 # How programs say that the camera does not see a light, for UsdLux has no word for it: Karma and hdEmbree, Omniverse,

@@ -15,7 +15,6 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from pxr import Sdf, Usd, UsdGeom, UsdLux
 
 from ..scene import (
     MOST_BEAMS,
@@ -40,6 +39,7 @@ from .looks import LookSpec, read_look
 from .medium import read_bounces
 from .mesh_lights import is_asked, read_glow
 from .meshes import is_gprim, read_solid
+from .openusd import Sdf, Usd, UsdGeom, UsdLux
 from .reading import Reading, target_paths
 from .textures import read_image
 

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from pxr import Sdf, Usd, UsdLux
-
 from ..scene import DomeLight, Light, Mesh
+from .openusd import Sdf, Usd, UsdLux
 from .reading import LOG, Reading
 
 

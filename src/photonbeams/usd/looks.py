@@ -9,9 +9,9 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from pxr import Usd
 
 from ..scene import Array, Color, Medium, SceneError, color, rgb
+from .openusd import Usd
 from .reading import Reading, file_of, frame_number
 from .textures import read_image
 

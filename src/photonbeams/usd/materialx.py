@@ -7,9 +7,9 @@ from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from pxr import Ar, Sdf, Usd, UsdShade
-
 from ..scene import SceneError
+from ..scene.extras import needs
+from .openusd import Ar, Sdf, Usd, UsdShade
 
 _TYPES = {
     "float": Sdf.ValueTypeNames.Float, "integer": Sdf.ValueTypeNames.Int, "boolean": Sdf.ValueTypeNames.Bool,
@@ -46,11 +46,8 @@ def layer_of(path: str) -> Sdf.Layer:
     SceneError
         MaterialX is not installed, or the document cannot be read.
     """
-    try:
+    with needs("materialx", f"{path}, a MaterialX document,", "MaterialX"):
         import MaterialX
-    except ImportError:
-        text = "expected MaterialX to be installed, pip install 'photonbeams[materialx]'"
-        raise SceneError(f"{path} is a MaterialX document: {text}") from None
     asset: Any = Ar.GetResolver().OpenAsset(Ar.ResolvedPath(path))
     document = MaterialX.createDocument()
     try:

@@ -5,12 +5,12 @@ from __future__ import annotations
 from functools import partial
 
 import numpy as np
-from pxr import Usd, UsdGeom, UsdLux, UsdVol
 
 from ..scene import Array, Color, DensityGrid, Medium, SceneError
 from ..world.medium_colors import coefficients
 from .materials import bound_to
 from .meshes import is_closed, is_gprim, read_solid
+from .openusd import Usd, UsdGeom, UsdLux, UsdVol
 from .reading import Reading, has_photonbeams
 from .volume_shaders import VolumeEmission, VolumeShading, read_shading
 from .volumes import field_of, fields_of, read_density, read_field

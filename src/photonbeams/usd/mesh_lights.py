@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from pxr import Usd, UsdLux
 
 from ..scene import Array, Color, Mesh, UVTexture
 from .meshes import is_gprim
+from .openusd import Usd, UsdLux
 from .reading import Reading
 
 _TINTED, _INDEPENDENT, _ALONE = "materialGlowTintsLight", "independent", "noMaterialResponse"

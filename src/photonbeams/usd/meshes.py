@@ -8,7 +8,6 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from pxr import Usd, UsdGeom, UsdShade
 
 from ..scene import FARTHEST, Array, Material, Mesh, SceneError
 from ..scene.vectors import unit
@@ -16,6 +15,7 @@ from .blender import wrote_material
 from .gprims import GPRIMS, gprim_polygons
 from .materials import Bound, bound_material, bound_to, on_mesh, primvars_of
 from .motion import equal
+from .openusd import Usd, UsdGeom, UsdShade
 from .polygons import Polygons, Tessellation, Triangles, Values, triangles_of
 from .primvars import Instance, find_primvar, read_instanced, read_primvar, read_values
 from .reading import Reading

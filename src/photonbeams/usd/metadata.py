@@ -8,8 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from pxr import Sdf, Tf, Usd, UsdGeom
-
+from .openusd import Sdf, Tf, Usd, UsdGeom
 from .reading import file_of
 from .warnings import Warnings
 

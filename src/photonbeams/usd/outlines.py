@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from pxr import Usd, UsdGeom
 
 from ..scene import Array, Mesh
 from .meshes import in_prototype, tessellation
+from .openusd import Usd, UsdGeom
 from .reading import Reading
 from .skinning import is_skinned
 from .velocities import carried

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from pxr import Usd
 from scipy import sparse
 from scipy.interpolate import BSpline
 
 from ..scene import Array
+from .openusd import Usd
 from .polygons import Polygons, Tessellation, Values
 from .reading import Reading
 from .strands import floats

@@ -7,13 +7,12 @@ from dataclasses import dataclass, field
 from functools import cache
 from typing import Any
 
-from pxr import Sdf, Usd
-
 from ..scene import SceneError
 from . import schemas as schemas
 from .editing import EditLayer
 from .lights import is_dome, is_light
 from .looks import LookSpec, read_look
+from .openusd import Sdf, Usd
 from .reading import Reading, file_of, prims_under, target_paths
 from .warnings import Warnings
 

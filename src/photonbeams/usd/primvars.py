@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from pxr import Usd, UsdGeom
 
 from ..scene import Array
+from .openusd import Usd, UsdGeom
 from .polygons import Values
 from .reading import Reading
 

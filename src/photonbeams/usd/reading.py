@@ -9,10 +9,10 @@ from difflib import get_close_matches
 from typing import Any, TypeVar
 
 import numpy as np
-from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdUtils
 
 from ..scene import FARTHEST, Array, Color, Mesh, SceneError, color, number
 from ..scene.checks import shown
+from .openusd import Gf, Sdf, Tf, Usd, UsdGeom, UsdUtils
 from .selection import rendered_purposes
 from .warnings import LOG, Warnings
 

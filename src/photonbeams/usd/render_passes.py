@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from pxr import Sdf, Usd, UsdGeom, UsdRender
-
 from ..scene import SceneError
 from .lights import is_light
+from .openusd import Sdf, Usd, UsdGeom, UsdRender
 from .reading import Reading, file_of, prims_under
 from .warnings import Warnings
 

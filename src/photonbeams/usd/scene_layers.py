@@ -6,11 +6,10 @@ import os
 from collections.abc import Collection, Iterable
 from typing import Any
 
-from pxr import Tf, Usd
-
 from ..scene import Mesh
 from .lights import read_beam_settings, read_portal
 from .meshes import is_gprim
+from .openusd import Tf, Usd
 from .reading import Reading
 from .stage import open_stage
 from .warnings import Warnings

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pxr import Plug
+from .openusd import INSTALLED, Plug
 
 FOLDER = Path(__file__).parent / "schema"
 
@@ -18,4 +18,5 @@ def register() -> None:
     Plug.Registry().RegisterPlugins(str(FOLDER))
 
 
-register()
+if INSTALLED:
+    register()

@@ -9,15 +9,14 @@ import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from pxr import Sdf, Usd, UsdGeom
-
 from ..scene import SceneError
+from .openusd import Sdf, Usd
 
 #: Levels of subdivision by the names that usdrecord gives them.
 COMPLEXITIES = {"low": 0, "medium": 1, "high": 2, "veryhigh": 3}
 _LEVEL = COMPLEXITIES["high"]  # of meshes that are subdivided, without a complexity
 _SAYING = ("subdivisionScheme", "creaseIndices", "cornerIndices")  # attributes by which a mesh says that it is
-_PURPOSES = tuple(str(each) for each in UsdGeom.Imageable.GetOrderedPurposeTokens())
+_PURPOSES = ("default", "render", "proxy", "guide")
 _KEY = "photonbeams"  # in customLayerData of the session layer
 
 

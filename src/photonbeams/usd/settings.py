@@ -9,12 +9,11 @@ from math import ceil, isfinite
 from pathlib import Path
 from typing import Any
 
-from pxr import Sdf, Usd, UsdGeom, UsdRender
-
 from ..images.frame import fractions_of
 from ..images.numbering import PLACEHOLDER
 from ..scene import MOST_PIXELS, SceneError
 from ..scene.cameras import FILTERS
+from .openusd import Sdf, Usd, UsdGeom, UsdRender
 from .reading import Reading, file_of, is_relationship, target_paths
 from .warnings import Warnings
 

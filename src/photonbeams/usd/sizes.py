@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from pxr import Usd, UsdGeom
-
 from ..scene import SceneError
+from .openusd import Usd, UsdGeom
 from .reading import Reading, file_of
 
 #: Prims of a stage at most, those in instances counted each: reading takes about a millisecond for each.

@@ -6,13 +6,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from pxr import Tf, Usd, UsdSkel, Vt
 
 from ..scene import Array
+from .openusd import Tf, Usd, UsdSkel, Vt
 from .polygons import Values
 from .reading import Reading
-
-_PRIMS = Usd.TraverseInstanceProxies(Usd.PrimIsActive & Usd.PrimIsLoaded)
 
 
 @dataclass(frozen=True)
@@ -72,12 +70,13 @@ def _skeletons(reading: Reading, root: Usd.Prim) -> _Skeletons:
     key = ("skeletons", root.GetPath())
     if key not in reading.cache:
         cache = UsdSkel.Cache()
-        cache.Populate(UsdSkel.Root(root), _PRIMS)
+        prims = Usd.TraverseInstanceProxies(Usd.PrimIsActive & Usd.PrimIsLoaded)
+        cache.Populate(UsdSkel.Root(root), prims)
         reading.cache[key] = _Skeletons(
             cache,
             {
                 query.GetPrim().GetPath(): (binding.GetSkeleton(), query)
-                for binding in cache.ComputeSkelBindings(UsdSkel.Root(root), _PRIMS)
+                for binding in cache.ComputeSkelBindings(UsdSkel.Root(root), prims)
                 for query in binding.GetSkinningTargets()
             },
         )

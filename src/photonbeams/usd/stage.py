@@ -10,7 +10,6 @@ from math import isfinite
 from typing import Any
 
 import numpy as np
-from pxr import Ar, Gf, Sdf, Tf, Ts, Usd, UsdGeom, UsdSkel
 
 from ..runtime.files import why_unreadable
 from ..scene import Array, SceneError, real
@@ -22,6 +21,7 @@ from .editing import override
 from .layers import forget_changes, ready_layers
 from .lights import is_dome, is_light
 from .metadata import complete_metadata
+from .openusd import Ar, Gf, Sdf, Tf, Ts, Usd, UsdGeom, UsdSkel
 from .reading import prims_under, quiet, varying_attributes
 from .selection import EVERYTHING, Selection
 from .sizes import check_prims

@@ -7,10 +7,10 @@ from numbers import Real
 from typing import Any
 
 import numpy as np
-from pxr import Usd, UsdGeom
 
 from ..scene import FARTHEST, Camera, SceneError
 from .camera import chosen_camera, list_cameras, read_camera
+from .openusd import Usd, UsdGeom
 from .reading import Reading, file_of
 from .warnings import Warnings
 

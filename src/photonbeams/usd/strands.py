@@ -6,10 +6,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from pxr import Usd, UsdGeom
 
 from ..scene import Array
 from ..scene.vectors import unit
+from .openusd import Usd, UsdGeom
 from .polygons import Values
 from .reading import Reading
 from .splines import BASES, WRAPS, Spans, expected_points, span_counts, varying_counts

@@ -6,10 +6,10 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from pxr import Usd
 
 from ..scene import Array
 from ..scene.vectors import unit
+from .openusd import Usd
 from .polygons import Polygons, Values
 from .reading import Reading
 from .refinement import SHARP, Topology

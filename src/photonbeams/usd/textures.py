@@ -7,12 +7,12 @@ from functools import lru_cache, partial
 from pathlib import Path
 
 import numpy as np
-from pxr import Ar, Sdf, Usd
 
 from ..images.textures import TEXTURE_LIMIT, Decoded, decoded, linear
 from ..runtime.files import why_unreadable
 from ..scene import Array, rgb
 from .color_spaces import AUTO, RAW, SRGB, color_space, to_linear
+from .openusd import Ar, Sdf, Usd
 from .reading import Reading
 
 _LIMIT = "photonbeams:textureLimit"

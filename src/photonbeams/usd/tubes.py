@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from pxr import Usd, UsdGeom
 
 from ..scene import Array
 from ..scene.vectors import unit
+from .openusd import Usd, UsdGeom
 from .polygons import Polygons, Tessellation, Values
 from .primvars import find_primvar, read_primvar, read_values
 from .reading import Reading

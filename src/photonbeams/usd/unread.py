@@ -6,9 +6,8 @@ from difflib import get_close_matches
 from functools import cache
 from itertools import islice
 
-from pxr import Sdf, Usd, UsdGeom, UsdRender
-
 from .lights import is_light
+from .openusd import Sdf, Usd, UsdGeom, UsdRender
 from .reading import Reading, prims_under
 from .settings import PIXEL_FILTER
 from .warnings import Warnings

@@ -9,9 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from pxr import Usd
 
 from ..scene import Array
+from .openusd import Usd
 from .reading import Reading
 
 _ROUNDING = 1e-9  # of sample times that went through the offset and the scale of a layer

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from pxr import Usd, UsdGeom, UsdShade
 
 from ..scene import BLACK, Array, Color, color
 from .materials import bound_to
 from .materials.network import is_output
+from .openusd import Usd, UsdGeom, UsdShade
 from .reading import Reading
 from .volumes import DENSITY, field_of
 

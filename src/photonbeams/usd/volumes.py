@@ -9,13 +9,13 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
-from pxr import Ar, Sdf, Usd
 
 from ..scene import Array, DensityGrid, SceneError
 from ..volumes.bytes import opened
 from ..volumes.dense import MOST_VALUES, Voxels, voxels_of
 from ..volumes.vdb import VDBGrid, read_grids
 from ..volumes.vol import read_vol
+from .openusd import Ar, Sdf, Usd
 from .reading import Reading
 from .textures import resolved, stamp
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from ..scene import SceneError
+from ..scene.extras import needs
 
 _LENGTH = struct.Struct("<I")
 _SIZE = struct.Struct("<q")
@@ -94,7 +95,8 @@ def _from_blosc(data: memoryview, size: int) -> bytes:
     # Checked before memory is taken: the library believes what the block says.
     if len(data) < _BLOSC_HEADER.size or _BLOSC_HEADER.unpack_from(data)[4:7:2] != (size, len(data)):
         raise SceneError("a block is not as long as it says")
-    import blosc  # not before there is a file that needs it
+    with needs("vdb", "a compressed grid", "blosc"):
+        import blosc  # not before there is a file that needs it
 
     try:
         return bytes(blosc.decompress(bytes(data)))

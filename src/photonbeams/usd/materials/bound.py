@@ -8,10 +8,10 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from pxr import Tf, Usd, UsdShade
 
 from ...scene import Array, Material, UVTexture
 from ..blender import wrote_material
+from ..openusd import Tf, Usd, UsdShade
 from ..reading import Reading, is_relationship, target_paths
 from .bumps import BUMPS
 from .images import IMAGES

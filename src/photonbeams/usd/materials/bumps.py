@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from pxr import UsdShade
 
 from ...scene import UVTexture, rgb
+from ..openusd import UsdShade
 from .network import Network, Node, category, is_output
 from .surface import Surface
 from .values import Image, Value, as_number, mapped

@@ -6,10 +6,10 @@ import re
 from typing import Any
 
 import numpy as np
-from pxr import Ar, Sdf, Usd, UsdShade
 
 from ...images.textures import wrap_modes
 from ...scene import Array, rgb
+from ..openusd import Ar, Sdf, Usd, UsdShade
 from ..reading import Reading
 from ..textures import find_image, image_at, known_space, resolved, texture_limit
 from .network import Network, Node, category, is_output

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from pxr import UsdShade
 
 from ...scene import Array, rgb
+from ..openusd import UsdShade
 from .bumps import tilt
 from .network import Network
 from .surface import Reader, Surface, ior_of, mix

@@ -6,10 +6,10 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from pxr import Sdf, Usd, UsdShade
 
 from ...scene import Array
 from ..color_spaces import AUTO, RAW, color_space, to_linear
+from ..openusd import Sdf, Usd, UsdShade
 from ..reading import Reading
 from .values import Value, as_color, as_number, channels, combinable, mapped
 

@@ -6,9 +6,9 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from pxr import UsdShade
 
 from ...scene import Array, rgb
+from ..openusd import UsdShade
 from .corrections import CORRECTIONS
 from .network import Network, Node
 from .values import PrimvarValue, Value, channels, identity

@@ -7,9 +7,9 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from pxr import Usd, UsdGeom
 
 from ...scene import Array, Material, UVTexture, VertexValues
+from ..openusd import Usd, UsdGeom
 from ..primvars import find_primvar, flattened
 from ..reading import Reading
 from .bound import Bound, plain, texture_of

@@ -6,9 +6,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
-from pxr import UsdShade
 
 from ...scene import Array
+from ..openusd import UsdShade
 from .images import affine, coordinates, rotation
 from .network import Network, Node
 from .values import Image, Value

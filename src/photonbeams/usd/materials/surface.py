@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from pxr import UsdShade
 
 from ...scene import Array
+from ..openusd import UsdShade
 from .network import Network
 from .values import Value
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from pxr import UsdShade
 
 from ...scene import Array, rgb
+from ..openusd import UsdShade
 from .bumps import tilt
 from .images import image_input
 from .layered import OPEN_PBR, STANDARD, layered
