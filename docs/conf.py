@@ -76,11 +76,18 @@ def _resolve_files(app: Sphinx, doctree: nodes.document) -> None:
         if link.get("reftype") != "myst" or link["reftarget"] in pages:
             continue
         name, _, anchor = link["reftarget"].partition("#")
-        found = [place for each in (here, _ROOT) for place in (each / name, each / f"{name}.md", each / f"{name}.ipynb") if place.exists()]
+        found = [
+            place
+            for each in (here, _ROOT)
+            for place in (each / name, each / f"{name}.md", each / f"{name}.ipynb")
+            if place.exists()
+        ]
         if not name or not found:
             continue
         inside = found[0].resolve().relative_to(_ROOT)
-        page = _SHOWN.get(str(inside), str(inside.relative_to("docs").with_suffix("")) if inside.parts[0] == "docs" else "")
+        page = _SHOWN.get(
+            str(inside), str(inside.relative_to("docs").with_suffix("")) if inside.parts[0] == "docs" else ""
+        )
         if page in pages:
             link["refdomain"], link["reftarget"], link["reftargetid"] = "doc", page, anchor or None
         else:

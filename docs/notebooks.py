@@ -1,4 +1,4 @@
-"""Execute the notebooks of examples/ in place, with outputs that GitHub shows. `make docs` calls it."""
+"""Execute the notebooks of examples/ and the tutorials in place, with the outputs that pages show: `make pictures`."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import nbformat
 from nbclient import NotebookClient
 from pages import ROOT
 
-NOTEBOOKS = sorted((ROOT / "examples").glob("*/*.ipynb"))
+NOTEBOOKS = sorted([*(ROOT / "examples").glob("*/*.ipynb"), *(ROOT / "docs" / "tutorials").glob("*.ipynb")])
 
 
 def executed(path: Path) -> nbformat.NotebookNode:
