@@ -18,7 +18,7 @@ FLIGHT := $(VENV)/bin/photonbeams render examples/keyhole/keyhole.usda -cam Flig
 ARGS :=
 PROCESSES := --numprocesses logical --maxprocesses 4 --dist loadfile --no-loadscope-reorder
 
-.PHONY: help keyhole flight studio test lint bench docs
+.PHONY: help keyhole flight studio test lint bench docs pictures
 
 help:
 	@echo 'make keyhole  render the example shot to out/: a layered EXR, a picture, and the beams alone'
@@ -27,7 +27,8 @@ help:
 	@echo 'make test     run the tests (make test ARGS="-k quadrature" for some of them)'
 	@echo 'make lint     check the code with ruff and mypy'
 	@echo 'make bench    measure, each figure beside its yardstick'
-	@echo 'make docs     render the pictures of docs/'
+	@echo 'make docs     build the documentation'"'"'s site, warnings are errors'
+	@echo 'make pictures render the pictures of docs/, and execute its notebooks (half an hour)'
 
 keyhole: $(READY)
 	@mkdir -p out
@@ -48,12 +49,17 @@ test: $(READY)
 lint: $(READY)
 	$(VENV)/bin/ruff check
 	$(VENV)/bin/ruff format --check
+	$(VENV)/bin/codespell
 	$(VENV)/bin/mypy
 
 bench: $(READY)
 	$(PYTHON_BIN) -m benchmarks
 
 docs: $(READY)
+	$(VENV)/bin/sphinx-build -W --keep-going -q -b html docs docs/_build/html
+	@echo 'the site is in docs/_build/html'
+
+pictures: $(READY)
 	$(PYTHON_BIN) docs/make_pictures.py
 
 $(READY): pyproject.toml tools/setup.sh

@@ -1,6 +1,6 @@
 """Render the gallery of docs/mitsuba.md: scenes of examples/mitsuba by `photon_beams` and by `volpath` in equal time.
 
-`make docs` calls it; with names it renders those alone. Seconds, passes and samples are written into
+`make pictures` calls it; with names it renders those alone. Seconds, passes and samples are written into
 the page, under the pictures.
 """
 

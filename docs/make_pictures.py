@@ -1,7 +1,7 @@
 """Render the pictures of docs/: a swatch of every look, error against the number of points, and the examples.
 
-`make docs` runs it. A swatch shows what one factor does, with the others plain: beams as `estimate` sees them, and the
-factor's curve.
+`make pictures` runs it. A swatch shows what one factor does, with the others plain: beams as `estimate` sees them, and
+the factor's curve.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Render the stages that README.md and the pages of docs/ show, at the size of a page. `make docs` calls it.
+"""Render the stages that README.md and the pages of docs/ show, at the size of a page. `make pictures` calls it.
 
 The attic's layer and the ribbon are those that the pages print.
 """

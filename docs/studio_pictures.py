@@ -1,4 +1,4 @@
-"""Take the pictures of docs/studio.md: the keyhole in the studio, as Chromium shows it. `make docs` calls it.
+"""Take the pictures of docs/studio.md: the keyhole in the studio, as Chromium shows it. `make pictures` calls it.
 
 A picture is taken when the studio's own has enough passes. The film shows the first whole picture of each step for a
 tenth of a second, however long it took.
