@@ -262,3 +262,9 @@ def test_every_dependency_has_its_line():
     named = {re.match(r"[\w-]+", each)[0] for each in named}
     assert set(re.findall(r"photonbeams\[(\w+)\]` \|", page("docs/install.md"))) == {*more} - {"dev", "docs"}
     assert set(re.findall(r"^\| ([\w-]+) \| (?!for)", page("docs/dependencies.md"), re.MULTILINE)) == named
+
+
+def test_the_version_is_the_newest_of_the_change_log():
+    newest = re.search(r"^## \[(\d.*?)\]", page("CHANGELOG.md"), re.MULTILINE)[1]
+    assert tomllib.loads(page("pyproject.toml"))["project"]["version"] == newest
+    assert f"version: {newest}\n" in page("CITATION.cff")
