@@ -26,7 +26,10 @@ NAMES = {
     "film": "lens, shutter and a second eye beside a pinhole",
 }
 # What runs only where it is named, with options of its own.
-OPTIONAL = {"cycles": "the comparison scene beside Blender's Cycles with its denoiser: see `cycles --help`"}
+OPTIONAL = {
+    "cycles": "the comparison scene beside Blender's Cycles with its denoiser: see `cycles --help`",
+    "performance": "seconds to one error beside volpath, for docs/performance.md: see `performance --help`",
+}
 
 
 def main() -> None:
