@@ -25,7 +25,7 @@ help:
 	@echo 'make flight   render the flight through the beams (a quarter of an hour), as a film and a contact sheet'
 	@echo 'make studio   open the example shot in the browser, live, with every control beside it'
 	@echo 'make test     run the tests (make test ARGS="-k quadrature" for some of them)'
-	@echo 'make lint     check the code with ruff and mypy'
+	@echo 'make lint     check the code with ruff and mypy, words and prose with codespell and proselint'
 	@echo 'make bench    measure, each figure beside its yardstick'
 	@echo 'make docs     build the documentation'"'"'s site, warnings are errors'
 	@echo 'make pictures render the pictures of docs/, and execute its notebooks (half an hour)'
@@ -50,6 +50,7 @@ lint: $(READY)
 	$(VENV)/bin/ruff check
 	$(VENV)/bin/ruff format --check
 	$(VENV)/bin/codespell
+	$(PYTHON_BIN) tools/prose.py
 	$(VENV)/bin/mypy
 
 bench: $(READY)
