@@ -191,6 +191,11 @@ class Window:
 
     def assert_accessible(self):
         """Assert that axe-core finds nothing serious in what the page shows."""
+        # What is still fading in has no contrast yet.
+        self.page.wait_for_timeout(50)
+        self.wait(
+            lambda: not self.page.evaluate("document.getAnimations().some((each) => each instanceof CSSTransition)")
+        )
         found = Axe().run(self.page).response["violations"]
         grave = [each for each in found if each["impact"] in ("serious", "critical")]
         assert grave == [], [(each["id"], [node["html"] for node in each["nodes"]]) for each in grave]

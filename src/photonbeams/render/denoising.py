@@ -7,7 +7,7 @@ the same pixel filter, and of the first surface that is more than a mirror or cl
 Beams share their light among many pixels, so that their noise is no such noise, and after a few passes there is hardly
 any. What a network makes of them may be worse. A layer is therefore a mixture of both pictures, n of the passes and f
 of the network: n + w (f − n). Two things, each over some pixels around, tell noise in d = f − n from the network's own
-errors:
+errors. Both are of errors relative to the light, or what is bright would decide for the dark beside it:
 
 - Its size. The passes say how large their error is, σ². Where the network errs by b, the mean of d² is about σ² + b²,
   and w = σ² / (σ² + b²) has the least error of all mixtures (as of James and Stein's estimator; Gu et al. 2022, "Neural
@@ -37,6 +37,7 @@ from .sums import ALBEDO, MEAN_NORMAL, NOISY, PassSums
 _AROUND = 15
 _LEAST = np.finfo(np.float32).tiny
 _CORRELATED = 1 / 3  # neighbours in what is no noise
+_DARK = 0.01  # of the picture's light: errors of less are relative to this
 
 
 @dataclass(frozen=True)
@@ -135,8 +136,10 @@ def _mixed(
     change = known[name].result - noisy
     if variance is None:
         return noisy + np.float32(unknown) * change
-    light = change.mean(axis=2)
-    own, size = _around(variance.reshape(noisy.shape[:2])), _around(light**2)
+    shown = known[name].result.mean(axis=2)
+    usual = np.maximum(shown, _DARK * max(float(shown.mean()), _LEAST))
+    light = change.mean(axis=2) / usual
+    own, size = _around(variance.reshape(noisy.shape[:2]) / usual**2), _around(light**2)
     weight = np.maximum(own, 0) / np.maximum(np.maximum(size, own), _LEAST)
     weight *= np.clip(1 - _around(light * _beside(light)) / np.maximum(_CORRELATED * size, _LEAST), 0, 1)
     return noisy + weight[..., None] * change
