@@ -137,7 +137,7 @@ def _mixed(
     if variance is None:
         return noisy + np.float32(unknown) * change
     shown = known[name].result.mean(axis=2)
-    usual = np.maximum(shown, _DARK * max(float(shown.mean()), _LEAST))
+    usual = np.maximum(shown, _DARK * float(np.maximum(shown.mean(), _LEAST)))
     light = change.mean(axis=2) / usual
     own, size = _around(variance.reshape(noisy.shape[:2]) / usual**2), _around(light**2)
     weight = np.maximum(own, 0) / np.maximum(np.maximum(size, own), _LEAST)
