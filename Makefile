@@ -61,7 +61,7 @@ docs: $(READY)
 	@echo 'the site is in docs/_build/html'
 
 pictures: $(READY)
-	$(PYTHON_BIN) docs/make_pictures.py
+	$(PYTHON_BIN) docs/scripts/make_pictures.py
 
 $(READY): pyproject.toml tools/setup.sh
 	@tools/setup.sh $(VENV)

@@ -21,7 +21,7 @@ extensions = [
     "myst_nb", "sphinx.ext.autodoc", "sphinx.ext.autosummary", "sphinx.ext.intersphinx", "sphinx.ext.napoleon",
     "sphinx_copybutton", "sphinx_design",
 ]  # fmt: skip
-exclude_patterns = ["_build", "**.ipynb_checkpoints"]
+exclude_patterns = ["_build", "scripts", "**.ipynb_checkpoints"]
 templates_path = ["_templates"]
 nitpicky = False
 

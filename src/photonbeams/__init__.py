@@ -17,7 +17,7 @@ if _TYPE_CHECKING:
     from . import looks, scene
     from .beams import Beams
     from .beams.curves import curved
-    from .beams.modify import aim, bend, clamp, recolour, thin
+    from .beams.modify import aim, bend, clamp, recolor, thin
     from .beams.programs import Modifier, PassContext, chain
     from .estimators.estimate import estimate
     from .looks import Look
@@ -52,7 +52,7 @@ __all__ = [
     "gauss_legendre",
     "looks",
     "medium_of_colors",
-    "recolour",
+    "recolor",
     "riemann",
     "scene",
     "thin",
@@ -67,7 +67,7 @@ _wrapt.when_imported("mitsuba")(_integrator.announce)
 _HOMES = {
     "beams.beams": ("Beams",),
     "beams.curves": ("curved",),
-    "beams.modify": ("aim", "bend", "clamp", "recolour", "thin"),
+    "beams.modify": ("aim", "bend", "clamp", "recolor", "thin"),
     "beams.programs": ("Modifier", "PassContext", "chain"),
     "estimators": ("estimate",),
     "images.plates": ("Holdout", "Plate"),

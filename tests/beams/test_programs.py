@@ -10,7 +10,7 @@ import photonbeams as pb
 from comparison import comparison_scene
 from kernels import compiled
 from photonbeams import scene
-from photonbeams.beams.modify import aim, bend, clamp, recolour, thin
+from photonbeams.beams.modify import aim, bend, clamp, recolor, thin
 from photonbeams.beams.programs import PassContext, Program, chain, emitted
 from photonbeams.beams.sets import BeamSet
 from photonbeams.render.settings import Settings
@@ -150,11 +150,11 @@ def test_curves_are_thinned_whole(beams):
     assert np.array_equal(groups["start"][:, 1:], groups["end"][:, :-1])
 
 
-def test_recoloured_beams_keep_their_mean_power(beams):
+def test_recolored_beams_keep_their_mean_power(beams):
     before = beams.arrays()["power"].mean(axis=1)
-    found = recolour((2, 1, 0))(beams, CONTEXT).arrays()["power"]
+    found = recolor((2, 1, 0))(beams, CONTEXT).arrays()["power"]
     assert np.allclose(found, before[:, None] * [2, 1, 0])
-    found = recolour(lambda b: Array3f(b.radius_end, 0, 0))(beams, CONTEXT).arrays()
+    found = recolor(lambda b: Array3f(b.radius_end, 0, 0))(beams, CONTEXT).arrays()
     assert np.allclose(found["power"][:, 0], before * found["radius_end"]) and not found["power"][:, 1:].any()
 
 
@@ -187,12 +187,12 @@ def test_clamped_radiance_is_what_a_ray_through_the_axis_sees(beams):
 
 
 def test_modifiers_chain_in_their_order(beams):
-    found = chain(recolour((1, 1, 1)), clamp(power=0.25), recolour((2, 2, 2)))(beams, CONTEXT).arrays()["power"]
+    found = chain(recolor((1, 1, 1)), clamp(power=0.25), recolor((2, 2, 2)))(beams, CONTEXT).arrays()["power"]
     assert np.allclose(found, np.minimum(beams.arrays()["power"].mean(axis=1), 0.25)[:, None] * 2)
 
 
 def test_another_pass_of_all_modifiers_compiles_nothing(traced):
-    program = chain(aim((1, 0.5, 0), 0.5), thin(0.5), recolour((1, 0.5, 0.2)), clamp(power=1.0),
+    program = chain(aim((1, 0.5, 0), 0.5), thin(0.5), recolor((1, 0.5, 0.2)), clamp(power=1.0),
                     bend(lambda p: Array3f(0, -0.1, 0) + 0 * p, 8))  # fmt: skip
     world = StageWorld.build(comparison_scene(), viewpoints=[EYE])
 
@@ -211,7 +211,7 @@ def test_another_pass_of_all_modifiers_compiles_nothing(traced):
         (r"aim: target is \(0, 0\): expected 3 finite numbers", lambda: aim((0, 0))),
         (r"thin: fraction is 0: expected more than 0", lambda: thin(0)),
         (r"thin: fraction is 1.5: expected", lambda: thin(1.5)),
-        (r"recolour: colour is \(1, nan, 0\): expected 3 finite numbers", lambda: recolour((1, float("nan"), 0))),
+        (r"recolor: color is \(1, nan, 0\): expected 3 finite numbers", lambda: recolor((1, float("nan"), 0))),
         (r"clamp has no limit: expected power, radiance, or both", lambda: clamp()),
         (r"clamp: power is -1: expected a finite number at least 0", lambda: clamp(-1)),
         (r"bend: steps is 0: expected a finite number at least 1", lambda: bend(lambda p: p, 0)),
@@ -330,7 +330,7 @@ def camera():
 def test_half_the_power_is_half_the_picture():
     shutter = Shutter.still(room(), camera())
     settings = Settings(passes=2, beams=256)
-    half = replace(settings, program=Program(lambda b, c: recolour((0.5, 0.5, 0.5))(b, c)))
+    half = replace(settings, program=Program(lambda b, c: recolor((0.5, 0.5, 0.5))(b, c)))
     pictures = [render(shutter, WINDOW, each).layers()["beams"] for each in (settings, half)]
     assert pictures[0].any() and np.allclose(pictures[1], 0.5 * pictures[0], rtol=1e-4)
 

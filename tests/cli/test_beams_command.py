@@ -161,7 +161,7 @@ def test_what_cannot_be_done_is_told_in_a_sentence(folder, capsys, arguments, co
 FUNCTIONS = """
 import photonbeams as pb
 
-red = pb.recolour((1, 0, 0))
+red = pb.recolor((1, 0, 0))
 
 
 def nothing(beams, context):
@@ -202,7 +202,7 @@ def test_functions_change_and_make_beams_of_a_file_and_of_a_render(functions):
     assert np.allclose(stage.GetPrimAtPath("/Beams/spark").GetAttribute("photonbeams:power").Get(), [[1 / 3, 0, 0]])
     render = ["render", "stage.usda", "-o", "out.exr", "--res", "32", "0", "--passes", "1", "--beams", "32", "-q"]
     assert call(*render, *given) == 0
-    shot = pb.Shot.open("stage.usda", simulate=pb.recolour((1, 0, 0)))
+    shot = pb.Shot.open("stage.usda", simulate=pb.recolor((1, 0, 0)))
     beams = shot.render(passes=1, width=32, beams=32).layers["beams"]
     assert beams[..., 0].any() and not beams[..., 1:].any()
 

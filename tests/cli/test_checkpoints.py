@@ -91,7 +91,7 @@ def test_what_nohup_ignores_stays_ignored(monkeypatch):
 def test_a_changed_stage_look_or_function_is_refused(render, stage, out, monkeypatch):
     monkeypatch.chdir(out)
     mine = out / "mine.py"
-    mine.write_text("import photonbeams as pb\nred = pb.recolour((1, 0, 0))\ngreen = pb.Look(along='[0, 1, 0]')\n")
+    mine.write_text("import photonbeams as pb\nred = pb.recolor((1, 0, 0))\ngreen = pb.Look(along='[0, 1, 0]')\n")
     asked = (stage, "-o", "a.exr", *SMALL, "--simulate", "mine.py:red", "--look", "mine.py:green")
     with monkeypatch.context() as patched:
         interrupted(patched, 1)

@@ -5,7 +5,7 @@ from functools import reduce
 from importlib import import_module
 from string import ascii_lowercase
 
-from docs.pages import ROOT
+from docs.scripts.pages import ROOT
 
 PAGE = (ROOT / "docs/architecture.md").read_text()
 SOURCE = ROOT / "src/photonbeams"

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from photonbeams import scene
-from photonbeams.beams.modify import recolour
+from photonbeams.beams.modify import recolor
 from photonbeams.beams.programs import Program
 from photonbeams.render import scene_frame
 from photonbeams.render.checkpoint import Checkpoint, check_passes
@@ -102,12 +102,12 @@ def test_more_passes_go_on_where_samples_do_not_depend_on_their_number(tmp_path)
     "change",
     [
         {"seed": 1}, {"beams": 8}, {"pixel_filter": "tent"}, {"estimator": "frustum"},
-        {"program": Program(recolour((1, 1, 0.5)))}, {"program": None},
+        {"program": Program(recolor((1, 1, 0.5)))}, {"program": None},
     ],
     ids=["seed", "beams", "filter", "estimator", "another program", "no program"],
 )  # fmt: skip
 def test_passes_of_other_settings_are_refused(tmp_path, change):
-    kept, settings = tmp_path / "a.npz", Settings(passes=3, program=Program(recolour((1, 0.5, 1))))
+    kept, settings = tmp_path / "a.npz", Settings(passes=3, program=Program(recolor((1, 0.5, 1))))
     with pytest.raises(Stop):
         render(shutter(False), WINDOW, settings, RunOptions(stopping(1), Checkpoint(kept, 1e9)))
     with pytest.raises(SceneError, match="the checkpoint of another scene or of other settings"):

@@ -168,12 +168,12 @@ def thin(fraction: float, keep_light: bool = True) -> Modifier:
 
 
 @scene.arguments
-def recolour(colour: npt.ArrayLike | Callable[[Beams], Any]) -> Modifier:
-    """Give beams another colour: the mean of their power's channels times `colour`.
+def recolor(color: npt.ArrayLike | Callable[[Beams], Any]) -> Modifier:
+    """Give beams another colour: the mean of their power's channels times `color`.
 
     Parameters
     ----------
-    colour
+    color
         One colour for all, or a function of `Beams` that returns one for each (an `Array3f`).
 
     Raises
@@ -181,17 +181,17 @@ def recolour(colour: npt.ArrayLike | Callable[[Beams], Any]) -> Modifier:
     SceneError
         A colour that is not three finite numbers.
     """
-    fixed = None if callable(colour) else _numbers(colour, 3, "recolour: colour")
+    fixed = None if callable(color) else _numbers(color, 3, "recolor: color")
 
-    def recoloured(beams: Beams, _: PassContext) -> Beams:
-        tint = Array3f(colour(beams)) if callable(colour) else opaque(fixed)
+    def recolored(beams: Beams, _: PassContext) -> Beams:
+        tint = Array3f(color(beams)) if callable(color) else opaque(fixed)
         result = _copy(beams)
         result.power = _mean(beams.power) * tint
         if beams.power_end is not None:
             result.power_end = _mean(beams.power_end) * tint
         return result
 
-    return recoloured
+    return recolored
 
 
 def _mean(colour: Any) -> Any:

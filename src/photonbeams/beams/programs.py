@@ -65,7 +65,7 @@ def chain(*modifiers: Modifier) -> Modifier:
     Examples
     --------
     >>> import photonbeams as pb
-    >>> softer = pb.chain(pb.thin(0.5), pb.recolour((1, 0.8, 0.5)))
+    >>> softer = pb.chain(pb.thin(0.5), pb.recolor((1, 0.8, 0.5)))
     """
 
     def all_of_them(beams: Beams, context: PassContext) -> Beams:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import suppress
-from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
@@ -22,7 +21,7 @@ import notebooks
 import numpy as np
 import renders
 import studio_pictures
-from pages import ROOT
+from pages import DOCS, ROOT
 
 import photonbeams as pb
 from photonbeams.cli import main as photonbeams
@@ -31,7 +30,7 @@ from photonbeams.images.swatches import FOG, picture, plot_colors, side_by_side
 from photonbeams.runtime.device import Array3f, Float
 from photonbeams.runtime.files import atomic_path
 
-PICTURES = Path(__file__).parent / "pictures"
+PICTURES = DOCS / "pictures"
 WIDTH, HEIGHT, DPI = 6.0, 1.25, 150  # inches, dots an inch
 
 _RAMP = "[0, 0.35, 0.65, 1], [[1, 0.95, 0.8], [1, 0.6, 0.2], [0.8, 0.15, 0.1], [0.2, 0.05, 0.3]]"
