@@ -264,7 +264,8 @@ def test_every_dependency_has_its_line():
     assert set(re.findall(r"^\| ([\w-]+) \| (?!for)", page("docs/dependencies.md"), re.MULTILINE)) == named
 
 
-def test_the_version_is_the_newest_of_the_change_log():
+def test_the_version_without_a_tag_is_the_newest_of_the_change_log():
     newest = re.search(r"^## \[(\d.*?)\]", page("CHANGELOG.md"), re.MULTILINE)[1]
-    assert tomllib.loads(page("pyproject.toml"))["project"]["version"] == newest
+    assert tomllib.loads(page("pyproject.toml"))["tool"]["setuptools_scm"]["fallback_version"] == newest
     assert f"version: {newest}\n" in page("CITATION.cff")
+    assert f'version: "{newest}"\n' in page("packaging/conda/recipe.yaml")
