@@ -13,6 +13,7 @@ import json
 import os
 import subprocess
 import tempfile
+import threading
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -100,42 +101,56 @@ def _along(rays: tuple[Any, Any], seed: int) -> Any:
     return (found.beams + found.surface).numpy().mean(axis=0).reshape(-1, passes).mean(axis=1)
 
 
-def job(size: Sequence[int], samples: int, bounces: int, file: str) -> dict[str, Any]:
-    """Return what `cycles_worker` renders: the comparison scene in plain numbers, with the fog in the first mesh.
+def job(bounces: int) -> dict[str, Any]:
+    """Return what `cycles_worker` builds: the comparison scene in plain numbers, with the fog in the first mesh.
 
     The light's power is its flux in watts, π · radiance · area, which is what Blender calls an area light's power.
     """
     scene: Any = comparison_scene()
     (light,), (fog,), view = scene.lights, scene.media, camera()
     side = 2 * float(np.linalg.norm(light.half_y))
+    matrix = np.eye(4)  # looks along −z, with +y up
+    matrix[:3, 3] = EYE
+    angle = 2 * np.arctan(view.horizontal_aperture / (2 * view.focal_length))
+    meshes = [{"points": mesh.points.tolist(), "faces": mesh.faces.tolist()} for mesh in scene.meshes]
+    medium = {"scattering": fog.scattering, "absorption": fog.absorption, "anisotropy": fog.anisotropy}
     return {
-        "meshes": [(mesh.points.tolist(), mesh.faces.tolist()) for mesh in scene.meshes],
-        "fog": {"scattering": fog.scattering, "absorption": fog.absorption, "anisotropy": fog.anisotropy},
+        "surfaces": [{"kind": "diffuse", "color": (0, 0, 0), **mesh} for mesh in meshes],
+        "fogs": [{"fog": medium, **meshes[0]}],
         "light": {"center": light.center.tolist(), "axis": light.axis.tolist(), "side": side,
                   "power": np.pi * light.radiance[0] * side**2},
-        "camera": {"eye": EYE, "angle": 2 * np.arctan(view.horizontal_aperture / (2 * view.focal_length))},
-        "size": list(size), "samples": samples, "bounces": bounces, "file": file,
+        "background": (0, 0, 0), "bounces": bounces,
+        "camera": {"matrix": matrix.tolist(), "angle": angle},
     }  # fmt: skip
 
 
-def cycles(python: Path, kind: str, samples: int, size: tuple[int, int], limit: float) -> tuple[Any, float, float]:
-    """Return Cycles' picture, (H, W), its seconds, and the processors that it got.
+def cycles(
+    python: Path, job: dict[str, Any], samples: Sequence[int], size: Sequence[int], limit: float
+) -> Iterator[tuple[int, Any, float, float]]:
+    """Yield Cycles' pictures: their samples, pixels (H, W, 3), seconds, and the processors that each got.
 
-    Raises
-    ------
-    subprocess.TimeoutExpired
-        It took longer than `limit` seconds.
+    After a picture that took more than `limit` seconds none is rendered, and none that takes more than three times as
+    long is waited for.
     """
     with tempfile.TemporaryDirectory() as folder:
-        told, file = Path(folder) / "job.json", str(Path(folder) / "picture.exr")
-        told.write_text(json.dumps(job(size, samples, DEPTHS[kind][1], file)))
+        given, files = Path(folder) / "job.json", [f"{folder}/{each}.exr" for each in samples]
+        given.write_text(
+            json.dumps({**job, "size": list(size), "samples": list(samples), "files": files, "limit": limit})
+        )
         # Isolated (-I): this folder has a module that is called as Blender's add-on, cycles.
-        child = subprocess.run([python, "-I", WORKER, told], capture_output=True, text=True, timeout=limit)
-        if child.returncode:
-            raise SystemExit(f"Cycles could not render:\n{child.stderr}")
-        spent = json.loads(child.stdout.splitlines()[-1])
-        picture = np.array(mi.Bitmap(file))[..., :3].mean(axis=2)
-    return picture, spent["seconds"], spent["processor"] / spent["seconds"]
+        command = [python, "-I", WORKER, given]
+        with (Path(folder) / "log").open("w+") as log:
+            child = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=log, text=True)
+            stopped = threading.Timer(60 + len(files) * 3 * limit, child.kill)
+            stopped.start()
+            for line in child.stdout or ():
+                if line.startswith("{"):
+                    spent = json.loads(line)
+                    picture = np.array(mi.Bitmap(f"{folder}/{spent['samples']}.exr"))[..., :3]
+                    yield spent["samples"], picture, spent["seconds"], spent["processor"] / spent["seconds"]
+            stopped.cancel()
+            if child.wait() > 0:
+                raise SystemExit(f"Cycles could not render:\n{(Path(folder) / 'log').read_text()}")
 
 
 def ours(
@@ -157,15 +172,11 @@ def ours(
             yield picture[..., :3].mean(axis=2), seconds, (sum(os.times()[:2]) - cpu) / seconds
 
 
-def _theirs(console: Console, given: argparse.Namespace, kind: str, reference: Reference) -> Iterator[Measured]:
+def _theirs(given: argparse.Namespace, kind: str, reference: Reference) -> Iterator[Measured]:
     """Yield what Cycles measures."""
-    for samples in given.samples:
-        try:
-            picture, seconds, processors = cycles(given.python, kind, samples, given.res, given.limit)
-        except subprocess.TimeoutExpired:
-            console.print(f"[dim]Cycles, {samples} samples: more than {given.limit:g} s[/]")
-        else:
-            yield Measured(f"Cycles, {samples} samples", seconds, processors, *reference.compared(picture))
+    pictures = cycles(given.python, job(DEPTHS[kind][1]), given.samples, given.res, given.limit)
+    for samples, picture, seconds, processors in pictures:
+        yield Measured(f"Cycles, {samples} samples", seconds, processors, *reference.compared(picture.mean(axis=2)))
 
 
 def _ladder(given: argparse.Namespace, door: str, kind: str, reference: Reference, target: float) -> Iterator[Measured]:
@@ -190,7 +201,7 @@ def report(console: Console, options: Sequence[str] = ()) -> None:
 
         console.print(f"[dim]{kind}: the reference. Then: {', '.join(COLUMNS)}[/]")
         reference = Reference(kind, given.res)
-        theirs = [told(each) for each in _theirs(console, given, kind, reference)]
+        theirs = [told(each) for each in _theirs(given, kind, reference)]
         target = min((each.error for each in theirs), default=0.0)
         found = [[told(each) for each in _ladder(given, door, kind, reference, target)] for door in given.doors]
         about = f"Errors and means are against {reference.about}. {_check(kind)} Load {os.getloadavg()[0]:.1f}."
