@@ -15,17 +15,16 @@ from typing import Any
 import numpy as np
 from pages import DOCS, ROOT
 
-PICTURES, PAGE = DOCS / "pictures", DOCS / "mitsuba.md"
-MOST = 300_000  # bytes of a picture
+PAGE = DOCS / "mitsuba.md"
 
 #: Scenes of examples/mitsuba: width and height of their pictures, seconds for each, and the exposure in stops.
 SCENES = {
-    "glass_ball": (480, 270, 20.0, 1.0),
-    "slits": (480, 270, 24.0, 0.0),
-    "mirrors": (480, 270, 20.0, 0.5),
-    "flask": (480, 270, 26.0, 0.5),
-    "cloud": (480, 270, 20.0, 0.0),
-    "cornell_fog": (320, 320, 24.0, 0.0),
+    "glass_ball": (1280, 720, 100.0, 1.0),
+    "slits": (1280, 720, 100.0, 0.0),
+    "mirrors": (1280, 720, 100.0, 0.5),
+    "flask": (1280, 720, 100.0, 0.5),
+    "cloud": (1280, 720, 100.0, 0.0),
+    "cornell_fog": (960, 960, 100.0, 0.0),
 }
 
 
@@ -76,19 +75,18 @@ def timed(run: Callable[[], Any]) -> tuple[float, Any]:
 
 
 def write(name: str, pixels: Any, exposure: float) -> None:
-    """Write a small picture."""
-    from renders import write_small
+    """Write a picture."""
+    from renders import keep
 
     from photonbeams.images.display import srgb_encoded, tone_mapped
 
-    levels = 255 * srgb_encoded(tone_mapped(np.nan_to_num(pixels) * 2.0**exposure))
-    write_small(PICTURES / f"{name}.png", levels, MOST)
+    keep(255 * srgb_encoded(tone_mapped(np.nan_to_num(pixels) * 2.0**exposure)), name)
 
 
 def noted(page: str, name: str, seconds: float, passes: int, others: float, samples: int) -> str:
     """Return the page with what a pair of pictures took, under the pair."""
     took = f"{passes} passes in {seconds:.0f} s; {samples} samples in {others:.0f} s"
-    line = re.compile(rf"(\(pictures/{name}-volpath\.png\) \|\n\n)\*[^*\n]*\*")
+    line = re.compile(rf"(\(pictures/{name}-volpath\.webp\) \|\n\n)\*[^*\n]*\*")
     if not line.search(page):
         raise ValueError(f"{PAGE}: has no line for what the pictures of {name} took")
     return line.sub(rf"\g<1>*{took}.*", page)

@@ -31,7 +31,7 @@ from photonbeams.runtime.device import Array3f, Float
 from photonbeams.runtime.files import atomic_path
 
 PICTURES = DOCS / "pictures"
-WIDTH, HEIGHT, DPI = 6.0, 1.25, 150  # inches, dots an inch
+WIDTH, HEIGHT, DPI = 6.0, 1.25, 214  # inches, dots an inch
 
 _RAMP = "[0, 0.35, 0.65, 1], [[1, 0.95, 0.8], [1, 0.6, 0.2], [0.8, 0.15, 0.1], [0.2, 0.05, 0.3]]"
 PAINTED = np.array([[1, 0.9, 0.6], [0.9, 0.5, 0.2], [1, 0.8, 0.5], [0.7, 0.3, 0.4], [0.9, 0.5, 0.6], [0.3, 0.1, 0.4]])

@@ -1,6 +1,7 @@
-"""Render the stages that README.md and the pages of docs/ show, at the size of a page. `make pictures` calls it.
+"""Render the stages that README.md and docs/ show. `make pictures` calls it; with names it renders those alone.
 
-The attic's layer and the ribbon are those that the pages print.
+The attic's layer and the ribbon are those that the pages print. The plate is by Cycles: `python -m benchmarks cycles
+--install` gets it.
 """
 
 from __future__ import annotations
@@ -13,53 +14,46 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import OpenImageIO
 from pages import DOCS, ROOT, saved_files
+from PIL import Image
 
 PICTURES = DOCS / "pictures"
-PLATE = "examples/blender/plate.exr"
-# What takes less than half a minute a picture, and has no grain.
-CLEAN = ("--passes", "16", "--denoise")
+WIDTH = 1280
+# Of WebP: lower ones show blotches in the dark; this has a fifth of the bytes of PNG.
+QUALITY = 97
+# Without grain, and in a minute or two a picture.
+CLEAN = ("--passes", "32", "--denoise")
+BLENDER = ROOT / "out" / "bpy" / "bin" / "python"
 ATTIC = ("examples/blender/attic.usda", "--scattering", "0.05", "--exposure", "1", *CLEAN)
-DUSTY = ("dusty.usda", "--exposure", "1", *CLEAN)
-RIBBON = ("ribbon.usda", "--exposure", "3", *CLEAN)
-KEYHOLE = ("examples/keyhole/keyhole.usda", *CLEAN)
+KEYHOLE, MAGIC, SHAFT = (f"examples/{name}.usda" for name in ("keyhole/keyhole", "magic/magic", "shaft/physical"))
+DIRECTED = ("--session-layer", "examples/shaft/directed.usda")
 
 #: Stage and flags, and what is shown of it: layer and picture.
 RENDERS = {
     ATTIC: {"rgba": "attic-fog"},
-    DUSTY: {"rgba": "attic-dusty", "surface": "attic-surface", "beams": "attic-beams"},
-    RIBBON: {"rgba": "ribbon"},
-    KEYHOLE: {"rgba": "keyhole", "beams": "keyhole-beams"},
-    (KEYHOLE[0], "--bounces", "4", "--passes", "8", "--denoise"): {"rgba": "keyhole-bounces"},
-}
-
-#: The same of the shots of docs/examples.md, wider.
-MAGIC, SHAFT = "examples/magic/magic.usda", "examples/shaft/physical.usda"
-DIRECTED = ("--session-layer", "examples/shaft/directed.usda")
-EXAMPLES = {
+    ("dusty.usda", "--exposure", "1", *CLEAN): {
+        "rgba": "attic-dusty", "surface": "attic-surface", "beams": "attic-beams",
+    },
+    ("ribbon.usda", "--exposure", "3", *CLEAN): {"rgba": "ribbon"},
+    (KEYHOLE, *CLEAN): {"rgba": "keyhole", "beams": "keyhole-beams"},
+    (KEYHOLE, "--bounces", "4", *CLEAN): {"rgba": "keyhole-bounces"},
     (MAGIC, *CLEAN): {"rgba": "magic"},
     (SHAFT, *CLEAN): {"rgba": "shaft-physical"},
     (SHAFT, *DIRECTED, *CLEAN): {"rgba": "shaft-directed"},
-}
-
-#: The stages of docs/examples.md, each shown by a picture of its name, and the most bytes that it may have.
-STAGES = ("examples/forest/forest.usda", "examples/concert/concert.usda", "examples/smoke/smoke.usda")
-MOST = 490_000
-
-OVER = (*ATTIC, "--holdout", PLATE, "--over", PLATE)
+    ("examples/forest/forest.usda", *CLEAN): {"rgba": "forest"},
+    ("examples/concert/concert.usda", *CLEAN): {"rgba": "concert"},
+    ("examples/smoke/smoke.usda", *CLEAN): {"rgba": "smoke"},
+}  # fmt: skip
 
 # Of the flight every fifth frame, each as a small picture of one sheet.
 FLIGHT = (
-    "examples/keyhole/keyhole.usda", "-cam", "Flight", "-f", "1:96x5", "--res", "320", "0",
+    KEYHOLE, "-cam", "Flight", "-f", "1:96x5", "--res", "512", "0", "--denoise",
     "-o", "flight.####.exr", "-q", "--set", "/World/Light/Key.photonbeams:count=2048",
 )  # fmt: skip
-THUMB = 160
-
 
 # Of the strands that grow, four frames in a row.
 GROWTH = (
-    MAGIC, "--session-layer", "examples/magic/grow.usda", "-f", "6,18,30,42", "--res", "480", "0",
+    MAGIC, "--session-layer", "examples/magic/grow.usda", "-f", "6,18,30,42", "--res", "640", "0", "--denoise",
     "-o", "grow.####.exr", "-q",
 )  # fmt: skip
 
@@ -69,70 +63,50 @@ def photonbeams(folder: Path, *arguments: str) -> None:
     subprocess.run([sys.executable, "-m", "photonbeams", *arguments], cwd=folder, check=True)
 
 
-def sheet(folder: Path, arguments: tuple[str, ...], name: str, columns: int, thumb: int) -> None:
+def keep(picture: Path | Image.Image | Any, name: str) -> None:
+    """Write a picture, a file or levels from 0 to 255 of the shape (H, W, 3), as one of the pages'."""
+    if isinstance(picture, np.ndarray):
+        picture = Image.fromarray(np.clip(np.round(picture), 0, 255).astype(np.uint8))
+    image = picture if isinstance(picture, Image.Image) else Image.open(picture)
+    image.convert("RGB").save(PICTURES / f"{name}.webp", quality=QUALITY, method=6, use_sharp_yuv=True)
+
+
+def sheet(folder: Path, arguments: tuple[str, ...], name: str, columns: int) -> None:
     """Write the contact sheet of a sequence, by the keyhole's own script."""
     sys.path.insert(0, str(ROOT / "examples" / "keyhole"))
     import film
 
     photonbeams(folder, "render", *arguments)
-    film.COLUMNS, film.THUMB = columns, thumb
+    film.COLUMNS, film.THUMB = columns, WIDTH // columns
     pattern = arguments[arguments.index("-o") + 1]
-    film.contact_sheet(list(film.pictures(film.frames_of(str(folder / pattern)))), PICTURES / name)
-
-
-def example(folder: Path, stage: str) -> None:
-    """Write the picture of an example: what its command renders, but smaller and denoised."""
-    from photonbeams.images.display import srgb_encoded, tone_mapped
-    from photonbeams.images.files import read_layers
-
-    flags = [*CLEAN, "--res", "960", "0", "-q", "-o", "example.exr", "--layers", "rgba"]
-    photonbeams(folder, "render", stage, *flags)
-    pixels = 255 * srgb_encoded(tone_mapped(read_layers(folder / "example.exr")["rgba"][..., :3]))
-    write_small(folder / "example.png", pixels, MOST)
-    shutil.copy(folder / "example.png", PICTURES / f"{Path(stage).stem}.png")
-
-
-def write_small(path: Path, levels: Any, most: int) -> None:
-    """Write a PNG of sRGB levels, of fewer where it has more bytes: what is noisy takes too many with all 256."""
-    for step in range(1, 9):
-        write_levels(path, step * np.round(levels / step))
-        if path.stat().st_size <= most:
-            break
-
-
-def write_levels(path: Path, levels: Any) -> None:
-    """Write whole numbers from 0 to 255 as a small PNG; a dithered one, as of `write_png`, is a third larger."""
-    spec = OpenImageIO.ImageSpec(levels.shape[1], levels.shape[0], 3, "uint8")
-    spec.attribute("png:compressionLevel", 9)
-    image = OpenImageIO.ImageOutput.create("png")
-    done = image.open(str(path), spec) and image.write_image(np.clip(levels, 0, 255).astype(np.uint8))
-    if not (image.close() and done):
-        raise OSError(f"{path}: cannot be written")
+    film.contact_sheet(list(film.pictures(film.frames_of(str(folder / pattern)))), folder / "sheet.png")
+    keep(folder / "sheet.png", name)
 
 
 def plate(folder: Path) -> None:
-    """Write Cycles' plate as it is, and with beams over it, both of the plate's own size."""
+    """Write Cycles' plate as it is, and with beams over it."""
     from photonbeams.images.files import read_layers, write_png
 
-    write_png(PICTURES / "attic-plate.png", read_layers(ROOT / PLATE)["ViewLayer.Combined"], exposure=1.0)
-    flags = [f"--picture=rgba={PICTURES / 'attic-over'}.png", "-q"]
-    photonbeams(folder, "render", *OVER, *flags)
+    if not BLENDER.exists():
+        raise SystemExit("the plate is by Cycles: python -m benchmarks cycles --install")
+    script = ROOT / "examples" / "blender" / "plate.py"
+    subprocess.run([BLENDER, script, "--", "plate.exr", str(WIDTH)], cwd=folder, check=True, stdout=subprocess.DEVNULL)
+    write_png(folder / "plate.png", read_layers(folder / "plate.exr")["ViewLayer.Combined"], exposure=1.0)
+    keep(folder / "plate.png", "attic-plate")
+    rendered(folder, (*ATTIC, "--holdout", "plate.exr", "--over", "plate.exr"), {"rgba": "attic-over"})
 
 
-def rendered(folder: Path, arguments: tuple[str, ...], pictures: dict[str, str], width: str) -> None:
+def rendered(folder: Path, arguments: tuple[str, ...], pictures: dict[str, str]) -> None:
     """Write what is shown of a stage."""
-    flags = [f"--picture={layer}={PICTURES / name}.png" for layer, name in pictures.items()]
-    photonbeams(folder, "render", *arguments, "--res", width, "0", "-q", *flags)
+    flags = [f"--picture={layer}={name}.png" for layer, name in pictures.items()]
+    photonbeams(folder, "render", *arguments, "--res", str(WIDTH), "0", "-q", *flags)
+    for name in pictures.values():
+        keep(folder / f"{name}.png", name)
 
 
-def examples(folder: Path) -> None:
-    """Write what docs/examples.md shows."""
-    for stage in STAGES:
-        example(folder, stage)
-    for arguments, pictures in EXAMPLES.items():
-        rendered(folder, arguments, pictures, "960")
+def swatch(folder: Path) -> None:
+    """Write what docs/examples.md shows of the shaft's look."""
     photonbeams(folder, "swatch", SHAFT, *DIRECTED, "--length", "7", "-o", str(PICTURES / "shaft-look.png"))
-    sheet(folder, GROWTH, "magic-grow.png", columns=4, thumb=240)
 
 
 def fitted(folder: Path) -> None:
@@ -143,18 +117,25 @@ def fitted(folder: Path) -> None:
 
 
 def main() -> None:
-    """Write all renders."""
+    """Write all renders, or those that the command line names."""
+    wanted = sys.argv[1:] if __name__ == "__main__" else []
+    jobs: dict[str, Any] = {
+        next(iter(pictures.values())): lambda folder, each=arguments, of=pictures: rendered(folder, each, of)
+        for arguments, pictures in RENDERS.items()
+    }
+    jobs |= {
+        "attic-over": plate, "shaft-look": swatch, "fit": fitted,
+        "flight": lambda folder: sheet(folder, FLIGHT, "flight", columns=5),
+        "magic-grow": lambda folder: sheet(folder, GROWTH, "magic-grow", columns=4),
+    }  # fmt: skip
     with tempfile.TemporaryDirectory() as folder:
         (Path(folder) / "examples").symlink_to(ROOT / "examples")
         for page in ("guide.md", "beams.md"):
             for name, source in saved_files((DOCS / page).read_text()).items():
                 (Path(folder) / name).write_text(source)
-        for arguments, pictures in RENDERS.items():
-            rendered(Path(folder), arguments, pictures, "640")
-        plate(Path(folder))
-        sheet(Path(folder), FLIGHT, "flight.png", columns=5, thumb=THUMB)
-        examples(Path(folder))
-        fitted(Path(folder))
+        for name, write in jobs.items():
+            if not wanted or name in wanted:
+                write(Path(folder))
 
 
 if __name__ == "__main__":

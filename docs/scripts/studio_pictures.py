@@ -22,12 +22,12 @@ import numpy as np
 from pages import DOCS, ROOT
 from PIL import Image, ImageDraw
 from playwright.sync_api import Locator, Page, sync_playwright
-from renders import write_small
+from renders import keep
 
 PICTURES = DOCS / "pictures"
 STAGE = ROOT / "examples" / "keyhole" / "keyhole.usda"
 WIDTH, HEIGHT, PASSES, ENOUGH = 1366, 768, 64, 12
-MOST, MOST_OF_FILM = 490_000, 2_000_000  # bytes
+MOST_OF_FILM = 2_000_000  # bytes
 FILM_WIDTH, STEP = 854, 100  # pixels, milliseconds
 LIMIT = 300.0  # seconds, of each thing that is waited for
 
@@ -97,7 +97,7 @@ class Screen:
     def shoot(self, name: str) -> None:
         """Write what is seen as a picture."""
         self.page.wait_for_timeout(400)  # what fades in, or is drawn anew, is there then
-        write_small(PICTURES / f"studio{name}.png", np.asarray(self._seen()).astype(float), MOST)
+        keep(self._seen(), f"studio{name}")
 
     def _seen(self) -> Image.Image:
         return Image.open(io.BytesIO(self.page.screenshot())).convert("RGB")
@@ -208,7 +208,7 @@ def film(screen: Screen) -> list[tuple[Image.Image, int]]:
 def write_film(frames: list[tuple[Image.Image, int]]) -> None:
     """Write the film, as good as it may be."""
     images, durations = [image for image, _ in frames], [each for _, each in frames]
-    path = PICTURES / "studio.webp"
+    path = PICTURES / "studio-film.webp"
     for quality in (80, 70, 60, 50, 40, 30):
         options = {"quality": quality, "method": 4, "minimize_size": True, "loop": 0}
         images[0].save(path, save_all=True, append_images=images[1:], duration=durations, **options)

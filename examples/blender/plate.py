@@ -4,6 +4,7 @@ Run it with Blender 5.0.1, or with the Python that has Blender as a module (`pip
 
     blender --background --factory-startup --python examples/blender/plate.py
     python examples/blender/plate.py
+    python examples/blender/plate.py -- large.exr 1280    # a file's name and a width: larger, denoised
 
 `plate.exr` is committed. The camera, its sensor and its place come to photonbeams by the exported stage alone:
 
@@ -17,16 +18,15 @@ from pathlib import Path
 import bpy
 
 HERE = Path(__file__).resolve().parent
-PLATE = HERE / "plate.exr"
-WIDTH, HEIGHT, SAMPLES = 320, 180, 256
+PLATE, WIDTH, SAMPLES = HERE / "plate.exr", 320, 256
 
 
-def set_up(scene):
+def set_up(scene, width):
     """Set Cycles on the processor, with the Z pass beside the picture."""
     scene.render.engine = "CYCLES"
     scene.cycles.device = "CPU"
-    scene.cycles.samples, scene.cycles.use_denoising = SAMPLES, False
-    scene.render.resolution_x, scene.render.resolution_y = WIDTH, HEIGHT
+    scene.cycles.samples, scene.cycles.use_denoising = SAMPLES, width != WIDTH
+    scene.render.resolution_x, scene.render.resolution_y = width, width * 9 // 16
     scene.view_layers[0].use_pass_z = True
     settings = scene.render.image_settings
     settings.media_type, settings.file_format = "MULTI_LAYER_IMAGE", "OPEN_EXR_MULTILAYER"
@@ -37,7 +37,9 @@ if __name__ == "__main__":
     sys.path.insert(0, str(HERE))
     from make_stage import model
 
+    given = sys.argv[sys.argv.index("--") + 1 :] if "--" in sys.argv else []
+    path, width = given or (PLATE, WIDTH)
     model()
-    set_up(bpy.context.scene)
-    bpy.context.scene.render.filepath = str(PLATE)
+    set_up(bpy.context.scene, int(width))
+    bpy.context.scene.render.filepath = str(Path(path).resolve())
     bpy.ops.render.render(write_still=True)
