@@ -553,7 +553,7 @@ def test_what_estimate_cannot_take_is_told_in_a_sentence(name, value):
         ("estimator is 'planes': expected one of auto, billboard, frustum", {"estimator": "planes"}),
         ("origin has shape", {"origin": [[0, 0]]}),
         ("direction has shape \\(\\): expected finite numbers", {"direction": 1}),
-        ("are rays of shapes .* expected shapes that broadcast", {"t_max": [1.0, 2.0, 3.0]}),
+        ("have shapes .* expected shapes that broadcast", {"t_max": [1.0, 2.0, 3.0]}),
         ("t_min is nan: expected numbers", {"t_min": float("nan")}),
         ("a ray has no direction", {"direction": [[0, 0, 0]]}),
         ("direction is .*nan.*: expected finite numbers", {"direction": [[0, 0, float("nan")]]}),

@@ -112,7 +112,7 @@ def broken(monkeypatch):
 
 
 def test_without_the_library_there_is_one_sentence_before_the_first_pass(broken, shot):
-    expected = "cannot denoise, for Open Image Denoise fails"
+    expected = "cannot denoise because Open Image Denoise fails"
     with pytest.raises(SceneError, match=expected):
         check_denoiser()
     told = []
@@ -124,12 +124,12 @@ def test_without_the_library_there_is_one_sentence_before_the_first_pass(broken,
 def test_sums_of_other_passes_are_refused(rng):
     sums = summed(noisy_passes(rng, np.ones(SHAPE), 2))
     kept = PassSums.restored({name: each for name, each in sums.state().items() if "normal" not in name})
-    with pytest.raises(SceneError, match="have no normals to denoise by"):
+    with pytest.raises(SceneError, match="have no normals to denoise with"):
         denoised(develop(kept, SHAPE, GROUPS), kept, GROUPS)
 
 
 def test_noisy_layers_are_of_denoised_pictures():
-    with pytest.raises(SceneError, match=r"^keep_noisy is of layers that are denoised: expected denoise, too$"):
+    with pytest.raises(SceneError, match=r"^keep_noisy is True, but denoise is not: expected denoise, too$"):
         Settings(keep_noisy=True)
 
 

@@ -20,17 +20,17 @@ from photonbeams.scene.cameras import FILTERS
         ({"time_limit": np.inf}, "time_limit is inf: expected a positive number of seconds"),
         ({"beams": 0}, "beams is 0: expected 1 to 100000000"),
         ({"beams": 10**9}, "beams is 1000000000: expected 1 to 100000000"),
-        ({"max_depth": -2}, "max_depth is -2: expected -1, for any, or 0 to 2147483647"),
+        ({"max_depth": -2}, "max_depth is -2: expected -1 (any) or 0 to 2147483647"),
         ({"max_depth": 2.0}, "max_depth is 2.0: expected a whole number"),
         ({"rr_depth": 0}, "rr_depth is 0: expected 1 to 2147483647"),
         ({"hide_emitters": 1}, "hide_emitters is 1: expected True or False"),
         ({"guiding": "yes"}, "guiding is 'yes': expected True or False"),
         ({"radius": 0.0}, "radius is 0.0: expected a number above 0"),
         ({"max_radius": "1"}, "max_radius is '1': expected a number above 0"),
-        ({"min_radius": 0.2, "max_radius": 0.1}, "min_radius is 0.2: expected max_radius, 0.1, at most"),
+        ({"min_radius": 0.2, "max_radius": 0.1}, "min_radius is 0.2: expected at most max_radius, 0.1"),
         ({"overlap": np.nan}, "overlap is nan: expected a finite number above 0"),
-        ({"alpha": 0}, "alpha is 0: expected a number above 0, of at most 1"),
-        ({"alpha": "a"}, "alpha is 'a': expected a number above 0, of at most 1"),
+        ({"alpha": 0}, "alpha is 0: expected a number above 0 and at most 1"),
+        ({"alpha": "a"}, "alpha is 'a': expected a number above 0 and at most 1"),
         ({"estimator": "best"}, "estimator is 'best': expected one of auto, billboard, frustum"),
         ({"rule": 6}, "rule is 6: expected a Rule, such as gauss_legendre(6)"),
         ({"pixel_filter": "sinc"}, "pixel_filter is 'sinc': expected one of " + ", ".join(FILTERS)),
@@ -52,7 +52,7 @@ def test_what_is_given_is_over_what_there_is():
     own = Settings(passes=3, seed=5)
     assert Settings.of(own, {"seed": 6}) == Settings(passes=3, seed=6)
     assert Settings.of(None, {}) == Settings()
-    with pytest.raises(SceneError, match="zzz is no setting: expected one of passes, time_limit, "):
+    with pytest.raises(SceneError, match="zzz is not a setting: expected one of passes, time_limit, "):
         Settings.of(own, {"zzz": 1})
 
 

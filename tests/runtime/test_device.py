@@ -89,7 +89,7 @@ def test_a_machine_without_libllvm_is_told_what_to_install():
     photonbeams.runtime.device.select("cpu")
     """
     sentence = run(code)
-    assert "no libLLVM that works was found" in sentence and "apt-get install libllvm19" in sentence
+    assert "no working libLLVM was found" in sentence and "apt-get install libllvm19" in sentence
 
 
 # -- Starting ------------------------------------------------------------------------------------------------------

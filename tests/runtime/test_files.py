@@ -65,7 +65,7 @@ def test_what_killed_writers_left_goes_and_what_others_write_stays(tmp_path):
 
 def test_a_pipe_is_not_replaced(tmp_path):
     os.mkfifo(tmp_path / "a.exr")
-    with pytest.raises(OSError, match=r"this is a device or a pipe"), atomic_path(tmp_path / "a.exr"):
+    with pytest.raises(OSError, match=r"it is a device or a pipe"), atomic_path(tmp_path / "a.exr"):
         pass
     assert (tmp_path / "a.exr").is_fifo()
 

@@ -194,7 +194,7 @@ def test_rates_of_ntsc_are_thousands_over_1001(rate, expected):
         ({"passes": "4"}, "passes is '4': expected a whole number"),
         ({"passes": 4.0}, "passes is 4.0: expected a whole number"),
         ({"beams": 0}, "beams is 0: expected 1 to 100000000"),
-        ({"pases": 4}, "pases is no setting: expected passes"),
+        ({"pases": 4}, "pases is not a setting: expected passes"),
         ({"settings": 4}, "settings is 4: expected Settings"),
         ({"seed": 0.5}, "seed is 0.5: expected a whole number"),
         ({"frame": np.nan}, "frame is nan: expected a finite number"),

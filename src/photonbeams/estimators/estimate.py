@@ -198,7 +198,7 @@ def check_motion(beams: Beams, close: Beams | None, time: Any) -> None:
     if not isinstance(close, Beams):
         raise SceneError(f"close is a {type(close).__name__}: expected the same Beams at shutter close")
     if time is None:
-        raise SceneError("beams move and the rays have no time: expected times from 0 to 1, one a ray")
+        raise SceneError("beams move, but the rays have no time: expected times from 0 to 1, one for each ray")
     both = [{name for name in Beams.DRJIT_STRUCT if getattr(each, name) is not None} for each in (beams, close)]
     if len(beams) != len(close) or both[0] != both[1]:
         raise SceneError(f"{close} at shutter close are not {beams} at shutter open: expected the same beams")
@@ -228,13 +228,13 @@ def _rays(origin: Any, direction: Any, t_min: Any, t_max: Any, time: Any) -> tup
     except ValueError:
         text = ", ".join(map(str, shapes))
         raise SceneError(
-            f"origin, direction, t_min, t_max and time are rays of shapes {text}: expected shapes that broadcast"
+            f"origin, direction, t_min, t_max and time have shapes {text}: expected shapes that broadcast"
         ) from None
     if 0 in shape:
         return None, shape
     origin, direction, low, high, times = (_spread(value, own, shape) for value, own in given)
     if bool(dr.any(~((times >= 0) & (times <= 1)))):
-        raise SceneError("time is out of range: expected numbers from 0, shutter open, to 1, shutter close")
+        raise SceneError("time is out of range: expected numbers from 0 (shutter open) to 1 (shutter close)")
     active = dr.full(Bool, True, int(np.prod(shape)))
     length = dr.norm(direction)
     if bool(dr.any(~((length > 0) & dr.isfinite(length)))):
@@ -250,7 +250,7 @@ def _rays(origin: Any, direction: Any, t_min: Any, t_max: Any, time: Any) -> tup
 
 def _lanes(value: Any, name: str, size: int = 1) -> tuple[Any, tuple[int, ...]]:
     """Return numbers, or vectors of three, as a Float or an Array3f, and their leading shape."""
-    expected = "finite numbers (..., 3)" if size == 3 else "numbers (...), one a ray"
+    expected = "finite numbers (..., 3)" if size == 3 else "numbers (...), one for each ray"
     if value is not None and dr.is_jit_v(value):
         shape = tuple(value.shape) if dr.is_tensor_v(value) else tuple(value.shape)[::-1]
         flat = value.array if dr.is_tensor_v(value) else dr.ravel(value)

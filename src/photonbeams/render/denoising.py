@@ -115,7 +115,7 @@ def _guides(sums: PassSums, shape: tuple[int, ...]) -> dict[str, Array]:
     """Return the means of albedos and normals, (H, W, 3), by the names of Open Image Denoise."""
     total = sums.total((ALBEDO, MEAN_NORMAL, "weight"))
     if MEAN_NORMAL not in total:
-        raise SceneError("the passes have no normals to denoise by: expected passes that were rendered with denoise")
+        raise SceneError("the passes have no normals to denoise with: expected passes that were rendered with denoise")
     if ALBEDO not in total:  # behind a plate nothing is seen; the network takes no normals without albedos
         return {}
     scale = 1 / total["weight"] if "weight" in total else np.float32(1 / len(sums))
@@ -180,5 +180,5 @@ def _device() -> tuple[Any, Any]:
 def _failed(error: Exception) -> SceneError:
     reason = " ".join(str(error).split())[:200]
     return SceneError(
-        f"cannot denoise, for Open Image Denoise fails ({reason}): expected the package mitsuba-oidn to work"
+        f"cannot denoise because Open Image Denoise fails ({reason}): expected a working package mitsuba-oidn"
     )

@@ -438,7 +438,7 @@ class FrameRenderer(PassRenderer):
     def restore(self, sums: FrameSums) -> None:
         """Go on from the sums of another frame; SceneError where they are of another picture."""
         if len(sums.views) != len(self._films):
-            raise SceneError("the checkpoint is of another picture")
+            raise SceneError("the checkpoint is of another picture: expected one of this picture")
         for film, each in zip(self._films, sums.views, strict=True):
             film.restore(each)
         statistics = self.statistics

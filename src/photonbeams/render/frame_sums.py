@@ -91,7 +91,7 @@ class FrameSums:
                 development[name] = each
         views = [PassSums.restored(each) for each in parts]
         if any(each.ranges() != views[0].ranges() for each in views):
-            raise ValueError("its views have other passes")
+            raise ValueError("its views have different passes")
         return cls(views, planned or None, beams, tests, str(state["about"]), development)
 
     def save(self, path: PathLike) -> None:

@@ -28,7 +28,7 @@ class HoldoutDepth:
 
     def __init__(self, depth: np.ndarray, window: Window, place: tuple[float, float] = (0.5, 0.5)) -> None:
         if np.shape(depth) != window.shape:
-            raise scene.SceneError(f"the holdout is of shape {np.shape(depth)}: expected {window.shape}")
+            raise scene.SceneError(f"the holdout has shape {np.shape(depth)}: expected {window.shape}")
         inverse = 1.0 / np.asarray(depth, dtype=np.float64)
         self.depth = to_float(depth)
         self._inverse = to_float(inverse)

@@ -31,7 +31,7 @@ def check_memory(window: Window, beams: int) -> None:
     On CUDA Dr.Jit says so itself.
     """
     height, width = window.shape
-    expected = "expected fewer, or a part of the picture by --crop"
+    expected = "expected fewer, or a part of the picture with --crop"
     if 3 * width * height >= _MOST_ENTRIES:
         most = f"{_MOST_ENTRIES // 3:,}"
         raise SceneError(f"{width} x {height} pixels are more than {most} at a time: {expected}")

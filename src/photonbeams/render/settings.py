@@ -135,7 +135,7 @@ class Settings:
             if not isinstance(value, bool | np.bool_) and not (name == "guiding" and value is None):
                 raise SceneError(f"{name} is {value!r}: expected True or False")
         if self.keep_noisy and not self.denoise:
-            raise SceneError("keep_noisy is of layers that are denoised: expected denoise, too")
+            raise SceneError("keep_noisy is True, but denoise is not: expected denoise, too")
         try:
             check_estimator(self.estimator)
         except ValueError as error:
@@ -161,7 +161,7 @@ class Settings:
             value = whole(value, name)
             low, high = ranges.get(name, (value, value))
             if not low <= value <= high:
-                expected = f"-1, for any, or 0 to {high}" if name == "max_depth" else f"{low} to {high}"
+                expected = f"-1 (any) or 0 to {high}" if name == "max_depth" else f"{low} to {high}"
                 raise SceneError(f"{name} is {value}: expected {expected}")
             if name == "surface_samples" and value & (value - 1):
                 raise SceneError(f"{name} is {value}: expected a power of two")
@@ -176,11 +176,11 @@ class Settings:
                 kind = "a positive number of seconds" if name == "time_limit" else "a number above 0"
                 raise SceneError(f"{name} is {shown}: expected {kind}")
         if self.min_radius and self.max_radius and self.min_radius > self.max_radius:
-            raise SceneError(f"min_radius is {self.min_radius}: expected max_radius, {self.max_radius}, at most")
+            raise SceneError(f"min_radius is {self.min_radius}: expected at most max_radius, {self.max_radius}")
         if not (isinstance(self.gather_error, Real) and 0 <= self.gather_error < 1):
-            raise SceneError(f"gather_error is {self.gather_error!r}: expected a number from 0, exact, to below 1")
+            raise SceneError(f"gather_error is {self.gather_error!r}: expected a number from 0 (exact) to below 1")
         if not (isinstance(self.alpha, Real) and 0 < self.alpha <= 1):
-            raise SceneError(f"alpha is {self.alpha!r}: expected a number above 0, of at most 1")
+            raise SceneError(f"alpha is {self.alpha!r}: expected a number above 0 and at most 1")
 
     @classmethod
     def of(cls, own: Settings | None, given: Mapping[str, Any]) -> Settings:
@@ -197,7 +197,7 @@ class Settings:
         for name in given:
             if name not in names:
                 near = get_close_matches(name, names, 1) or names
-                raise SceneError(f"{name} is no setting: expected {'one of ' if near[1:] else ''}{', '.join(near)}")
+                raise SceneError(f"{name} is not a setting: expected {'one of ' if near[1:] else ''}{', '.join(near)}")
         if own is None:
             return cls(**given)
         if given.get("error") is not None:  # its own passes are not meant as a limit

@@ -331,7 +331,7 @@ class StageRenderer(FrameRenderer):
         if angle > _WIDEST_TURN and not self._turned:
             self._turned = True
             logging.getLogger("photonbeams").warning(
-                "%s turns by %.0f degrees within one pass, and is blurred as if straight: expected more passes",
+                "%s turns by %.0f degrees within one pass, but its motion blur is straight: expected more passes",
                 cameras[0].name, angle,
             )  # fmt: skip
 

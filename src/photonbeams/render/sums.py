@@ -157,7 +157,7 @@ def _check_pictures(pictures: Pictures) -> None:
         # Nothing is infinitely far away, and squares of the brightest light are beyond single precision.
         wrong = np.isnan(each) if name == DEPTH or name.startswith(SQUARES) else ~np.isfinite(each)
         if wrong.any():
-            raise ValueError(f"{name} has values that are no finite numbers")
+            raise ValueError(f"{name} has values that are not finite numbers")
 
 
 def _added(first: Pictures, second: Pictures, own: bool = False) -> Pictures:

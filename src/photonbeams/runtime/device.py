@@ -174,14 +174,14 @@ def _import_drjit() -> Any:
     except (ImportError, NameError) as error:  # a NameError, raised while it handles the ImportError
         cause = error.__context__ or error
         raise DeviceError(
-            f"Dr.Jit does not load ({cause}); libatomic.so.1 is in Debian's package libatomic1"
+            f"Dr.Jit does not load ({cause}); if libatomic.so.1 is missing, install the package libatomic1"
         ) from error
 
 
 def _no_library() -> str:
     """Return the sentence for a machine without a libLLVM that works."""
     found = "; ".join(f"{candidate.path}: {candidate.problem}" for candidate in libllvm.candidates())
-    return f"no libLLVM that works was found{f' ({found})' if found else ''}: {libllvm.INSTALL_HINT}"
+    return f"no working libLLVM was found{f' ({found})' if found else ''}: {libllvm.INSTALL_HINT}"
 
 
 def _no_backend(name: str) -> str:

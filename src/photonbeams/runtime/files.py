@@ -79,7 +79,7 @@ def atomic_path(path: PathLike) -> Iterator[Path]:
         if path.is_dir():
             raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
         if path.exists() and not path.is_file():  # a rename would take a device or a pipe away
-            raise OSError(errno.EINVAL, "expected a file, this is a device or a pipe", str(path))
+            raise OSError(errno.EINVAL, "it is a device or a pipe: expected a file", str(path))
         # Mode 666 under the user's umask, which a temporary file would not have.
         os.close(os.open(beside, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666))
         yield beside
