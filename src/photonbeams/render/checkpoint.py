@@ -22,18 +22,20 @@ class Checkpoint:
     Parameters
     ----------
     path
-        The file, written whole or not at all. It stays when the frame is done: remove it once that is written.
+        The file, written completely or not at all. It stays when the frame is done: remove it once the picture is
+        written.
     every
-        Seconds between two writes; it is also written when `progress` raises KeyboardInterrupt. None: never written.
+        Seconds between two writes. The file is also written when `progress` raises KeyboardInterrupt. None: never
+        written.
     resume
-        Whether a render begins with what the file has, if there is one.
+        Whether a render begins with the passes in the file, if the file exists.
 
     Attributes
     ----------
     passes
-        Number of passes that the file has, if this render wrote it; else 0.
+        Number of passes in the file, if this render wrote it; else 0.
     development
-        What sums need to become a picture, as arrays by name; a shot sets it.
+        What is needed to develop the sums into a picture, as arrays by name; a shot sets it.
     """
 
     def __init__(self, path: PathLike, every: float | None = 60.0, resume: bool = True) -> None:
@@ -45,23 +47,23 @@ class Checkpoint:
 
     @classmethod
     def of(cls, given: PathLike | Checkpoint | None) -> Checkpoint | None:
-        """Return a checkpoint, or the one at a path; None stays None."""
+        """Return a `given` checkpoint, or the checkpoint at a `given` path; None stays None."""
         return given if given is None or isinstance(given, cls) else cls(given)  # type: ignore[arg-type]
 
     def begin(self, about: str, passes: int | None = None) -> FrameSums | None:
-        """Return the sums to resume from, None to start anew.
+        """Return the sums to resume from, or None to start from the first pass.
 
         Parameters
         ----------
         about
-            That of `FrameSums`.
+            Hash of the frame's content, as in `FrameSums`.
         passes
-            How many the frame shall have; None: not less than there are.
+            How many passes the frame shall have; None: any number.
 
         Raises
         ------
         SceneError
-            The file is no checkpoint, one of another picture, or one of more passes.
+            If the file is not a checkpoint, is of another picture, or has more passes.
         """
         self._written = time.perf_counter()
         if not self.resume or not self.path.is_file():
@@ -77,11 +79,11 @@ class Checkpoint:
 
     @property
     def due(self) -> bool:
-        """Whether it is time to write."""
+        """Whether it is time to write the file."""
         return self.every is not None and time.perf_counter() - self._written >= self.every
 
     def save(self, sums: FrameSums) -> None:
-        """Write sums of at least one pass, unless the checkpoint is never written."""
+        """Write `sums`, if they have a pass and the checkpoint is to be written at all."""
         if self.every is None or not len(sums):
             return
         self._written = time.perf_counter()
@@ -95,12 +97,12 @@ class Checkpoint:
         self.passes = len(sums)
 
     def remove(self) -> None:
-        """Remove the file, if there is one."""
+        """Remove the file, if it exists."""
         self.path.unlink(missing_ok=True)
 
 
 def check_passes(path: PathLike, sums: FrameSums, passes: int | None) -> None:
-    """Raise SceneError where a checkpoint has passes beyond those that are wanted: they cannot be taken out again."""
+    """Raise SceneError if a checkpoint has passes beyond those that are wanted: no pass can be taken out of a sum."""
     ranges = sums.ranges()
     if passes is not None and ranges and ranges[-1].stop > passes:
         expected = f"expected at least {ranges[-1].stop}, or no --resume"
@@ -108,5 +110,5 @@ def check_passes(path: PathLike, sums: FrameSums, passes: int | None) -> None:
 
 
 def identity(*about: Any) -> str:
-    """Return a hash of all that has to be the same for passes to be of one picture; the version is a part of it."""
+    """Return a hash of everything that has to be the same for passes to be of one picture, with the version."""
     return digest(version("photonbeams"), *about)

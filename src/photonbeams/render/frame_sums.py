@@ -1,4 +1,4 @@
-"""The sums of a frame: passes of all its views, which may be joined, kept in a file, and developed into layers."""
+"""The sums of a frame: passes of all its views, which can be joined, kept in a file, and developed into layers."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ..runtime.files import PathLike, atomic_path
 from ..scene import Array, SceneError
 from .sums import PassSums
 
-_FORMAT = 3  # of the file; it is in the state's "counts"
+_FORMAT = 3  # version of the file's format; stored in the state's "counts"
 
 
 @dataclass
@@ -25,13 +25,14 @@ class FrameSums:
     views
         The sums of each view.
     planned
-        How many passes were planned, by which pixels' samples and slices of the shutter are chosen; None: any number.
+        How many passes were planned, which determines the pixels' samples and the slices of the shutter; None: any
+        number.
     beams, tests
-        Beams in all passes, and ray–beam tests.
+        Numbers of beams and of ray–beam tests in all passes.
     about
-        A hash of all that has to be the same for passes to be of one picture.
+        A hash of everything that has to be the same for passes to be of one picture.
     development
-        What else is needed to make a picture of them, as arrays by name.
+        What else is needed to make a picture of the sums, as arrays by name.
     """
 
     views: list[PassSums]
@@ -46,21 +47,21 @@ class FrameSums:
         return len(self.views[0])
 
     def ranges(self) -> list[range]:
-        """Return the passes as ranges with gaps between them, in order."""
+        """Return the passes as ranges, in order, with gaps between them."""
         return self.views[0].ranges()
 
     def missing(self, passes: int) -> list[range]:
-        """Return which of so many passes are not there, as ranges."""
+        """Return which of the first `passes` passes are missing, as ranges."""
         ends = [0, *(end for each in self.ranges() for end in (each.start, each.stop))]
         ends.append(max(passes, ends[-1]))
         return [range(a, b) for a, b in zip(ends[::2], ends[1::2], strict=True) if a < b]
 
     def error(self) -> float:
-        """Return the relative standard error, of the view whose error is the largest; NaN where it is not known."""
+        """Return the relative standard error of the view with the largest one; NaN if it is not known."""
         return max(each.error() for each in self.views)
 
     def join(self, other: FrameSums) -> None:
-        """Add the passes of `other`; SceneError where they are of another picture, or some are there already."""
+        """Add the passes of `other`; raise SceneError if they are of another picture, or some are there already."""
         if (other.about, other.planned, len(other.views)) != (self.about, self.planned, len(self.views)):
             raise SceneError("is of another scene or of other settings: expected passes of one picture")
         for own, more in zip(self.views, other.views, strict=True):
@@ -68,14 +69,14 @@ class FrameSums:
         self.beams, self.tests = self.beams + other.beams, self.tests + other.tests
 
     def state(self) -> dict[str, Array]:
-        """Return all of it as arrays by name."""
+        """Return all fields as arrays by name."""
         counts = np.array([_FORMAT, len(self.views), self.planned or 0, self.beams, self.tests])
         views = {f"view {k}/{name}": each for k, own in enumerate(self.views) for name, each in own.state().items()}
         return {"about": np.array(self.about), "counts": counts, **views, **self.development}
 
     @classmethod
     def of(cls, state: Mapping[str, Array]) -> FrameSums:
-        """Return the sums of a state; KeyError or ValueError where it is none."""
+        """Return the sums with this `state`; raise KeyError or ValueError if it is not valid."""
         kind, count, planned, beams, tests = map(int, state["counts"])
         if kind != _FORMAT:
             raise ValueError("written by another version")
@@ -95,13 +96,13 @@ class FrameSums:
         return cls(views, planned or None, beams, tests, str(state["about"]), development)
 
     def save(self, path: PathLike) -> None:
-        """Write them to a file, whole or not at all; raises OSError."""
+        """Write the sums to the file `path`, completely or not at all; raise OSError if that fails."""
         with atomic_path(path) as beside, beside.open("wb") as file:
             np.savez(file, **self.state())  # type: ignore[arg-type]
 
     @classmethod
     def load(cls, path: PathLike) -> FrameSums:
-        """Return what `save` wrote; SceneError where the file holds something else."""
+        """Return the sums that `save` wrote to `path`; raise SceneError if the file holds something else."""
         try:
             with Path(path).open("rb") as file, np.load(file, allow_pickle=False) as archive:
                 return cls.of({name: archive[name] for name in archive.files})

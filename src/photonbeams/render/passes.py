@@ -1,4 +1,4 @@
-"""Passes: a frame is their mean, each of them a picture by itself."""
+"""Passes: a frame is their mean, and each pass is a picture by itself."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ if TYPE_CHECKING:
     from .frame_sums import FrameSums
     from .settings import Settings
 
-# Width of a beam in spacings of its neighbours in the first pass. One pass of 4,096 beams of the comparison scene is
-# then within 1.5 % of the integral in the median, from beside (1.0 %) and from inside the shaft (1.4 %, worst of three
-# seeds); at 1.5 the inside has 3 %, at 2.5 the blur of the shaft's edge has cost half a percent of its light.
+# Width of a beam in the first pass, in distances between neighbours. With it one pass of 4,096 beams of the comparison
+# scene is within 1.5 % of the integral in the median, seen from beside (1.0 %) and from inside the shaft (1.4 %, worst
+# of three seeds). At 1.5 the inside errs by 3 %; at 2.5 the blur of the shaft's edge costs half a percent of its light.
 OVERLAP = 2.2
 
 
@@ -26,8 +26,8 @@ OVERLAP = 2.2
 class Statistics:
     """Statistics of a frame: passes, beams, ray–beam tests, and seconds by phase.
 
-    `error` is the relative standard error of the pixels, None where it is not known. For a resumed frame, passes, beams
-    and tests count the whole frame, seconds count since the resumption.
+    `error` is the relative standard error of the pixels, or None if it is not known. For a resumed frame, passes, beams
+    and tests are those of the whole frame, and seconds are those since the resumption.
     """
 
     passes: int = 0
@@ -38,23 +38,23 @@ class Statistics:
 
     @contextmanager
     def phase(self, name: str) -> Iterator[None]:
-        """Add the time within to a phase."""
+        """Add the time that is spent within the context to the phase `name`."""
         begin = time.perf_counter()
         yield
         dr.sync_thread()
         self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - begin
 
     def step(self) -> None:
-        """Do nothing: it is called between the parts of a phase, where frames that can be cancelled may end."""
+        """Do nothing. It is called between the parts of a phase; frames that can be cancelled override it to end there."""
 
 
-#: Told of the number of passes done and of the statistics so far.
+#: Called with the number of passes done and with the statistics so far.
 Progress = Callable[[int, Statistics], None]
 
 
 @dataclass(frozen=True)
 class PlannedPasses:
-    """Some of the passes of a frame, for which `planned` passes are planned; None: nobody knows how many."""
+    """Some of the passes of a frame, and how many are `planned` in all; None: the number is not known."""
 
     numbers: range
     planned: int | None
@@ -62,20 +62,21 @@ class PlannedPasses:
 
 @dataclass(frozen=True)
 class RunOptions:
-    """How a frame is rendered pass by pass: which ones, callbacks, and what is kept.
+    """How a frame is rendered pass by pass: which passes, callbacks, and what is kept.
 
     Attributes
     ----------
     progress
-        Called before each pass and after the last; where it raises KeyboardInterrupt, the checkpoint is written first.
+        Called before each pass and after the last; if it raises KeyboardInterrupt, the checkpoint is written first.
     checkpoint
-        Where passes are kept on the way and resumed from.
+        Where passes are saved on the way and resumed from.
     snapshot
-        Called likewise, once there is a pass, with what returns the sums so far.
+        Called at the same times, once there is a pass, with a function that returns the sums so far.
     part
-        Which passes; None: all. Those that the checkpoint has are not rendered again.
+        Which passes are rendered; None: all. Passes that the checkpoint has are not rendered again.
     kept
-        The last frame that was begun, by what it is of: another part of it goes on with its world. None: not kept.
+        The last frame that was begun, by its content and the planned passes: another part of the same frame reuses its
+        world. None: no frame is kept.
     """
 
     progress: Progress | None = None
@@ -86,7 +87,7 @@ class RunOptions:
 
     @property
     def named(self) -> bool:
-        """Whether the passes have to say what they are of."""
+        """Whether the passes need a hash of their content."""
         return self.checkpoint is not None or self.part is not None
 
 
@@ -94,28 +95,28 @@ PLAIN_RUN = RunOptions()
 
 
 class Accumulating(Protocol):
-    """A frame to which passes are added; `about` is that of its `FrameSums`."""
+    """A frame to which passes are added; `about` is the hash of its content, as in `FrameSums`."""
 
     statistics: Statistics
     about: str
 
     def together(self, number: int) -> int:
-        """Return how many passes from `number` on had better be rendered at once."""
+        """Return how many passes from `number` on are best rendered at once."""
 
     def add_passes(self, numbers: range) -> None:
         """Add passes, and count them."""
 
     def error(self) -> float:
-        """Return the relative standard error so far, NaN where that is not known."""
+        """Return the relative standard error so far, or NaN if it is not known."""
 
     def sums(self) -> FrameSums:
         """Return the sums so far."""
 
     def restore(self, sums: FrameSums) -> None:
-        """Go on from the sums of another frame."""
+        """Continue from the sums of another frame."""
 
     def clear(self) -> None:
-        """Begin anew, without passes."""
+        """Begin again, without passes."""
 
 
 Rendered = TypeVar("Rendered", bound=Accumulating)
@@ -129,20 +130,20 @@ def accumulate(
 ) -> Rendered:
     """Return a frame with all its passes, or with fewer: those begun within the time limit, or enough for the error.
 
-    There is at least one. Whether the error is small enough is asked at some numbers of passes alone, those of
-    `next_check`: the answer then depends on nothing but the passes. The estimate itself is random, and who asks after
-    each pass stops when it happens to be low.
+    There is at least one pass. The error is compared to its goal only after certain numbers of passes, those of
+    `next_check`, so that the outcome depends on nothing but the passes. The estimate of the error is itself random, and
+    a test after each pass would stop when it happens to be low.
 
     Parameters
     ----------
     begin
-        Returns the frame without passes, given how many are planned, None where nobody knows.
+        Returns the frame without passes, given how many passes are planned, or None if that is not known.
     settings
         Passes, time limit and error.
     run
         Which passes, callbacks, and what is kept.
     about
-        What the passes are of, as `FrameSums` has it.
+        Hash of the passes' content, as in `FrameSums`.
     """
     checkpoint = run.checkpoint
     limit, goal = settings.time_limit, settings.error if run.part is None else None
@@ -159,7 +160,7 @@ def accumulate(
         _tell(frame, run)
         first, most = left[0], frame.together(left[0].start)
         done = frame.statistics.passes
-        if limit is not None:  # one pass first, then twice as many each time
+        if limit is not None:  # one pass first, then up to twice as many each time
             most = min(most, max(done, 1))
         if goal is not None:
             most = min(most, next_check(done) - done)
@@ -178,15 +179,15 @@ def accumulate(
 def next_check(done: int) -> int:
     """Return the least number of passes above `done` at which the error is compared to its goal.
 
-    Those are 8, 12, 16, 24, 32, 48, …: a frame has a third more passes than are needed, at most half. Of fewer than 8
-    passes, the differences tell too little. Sequences of samples are the most even at powers of two.
+    These numbers are 8, 12, 16, 24, 32, 48, …: a frame has about a third more passes than it needs, at most half more.
+    The differences between fewer than 8 passes tell too little. Sample sequences are the most even at powers of two.
     """
     power = max(8, 1 << done.bit_length())
     return 3 * power // 4 if power > 8 and done < 3 * power // 4 else power
 
 
 def _good_enough(frame: Accumulating, goal: float) -> bool:
-    """Return whether the error is to be asked for after so many passes, and is no more than the goal."""
+    """Return whether the error is compared after this number of passes, and is at most the goal."""
     done = frame.statistics.passes
     return done > 0 and next_check(done - 1) == done and frame.error() <= goal
 
@@ -195,12 +196,12 @@ def _begun(
     begin: Callable[[int | None], Rendered], kept: dict[tuple[str, int | None], Accumulating] | None, about: str,
     planned: int | None,
 ) -> Rendered:  # fmt: skip
-    """Return a frame without passes: the one that is kept, if it is of the same picture."""
+    """Return a frame without passes: the kept frame, if it is of the same picture."""
     if kept is not None and (about, planned) in kept:
         kept[about, planned].clear()
         return kept[about, planned]  # type: ignore[return-value]
     if kept is not None:
-        kept.clear()  # before another world is built
+        kept.clear()  # gives its memory back before another world is built
     frame = begin(planned)
     frame.about = about
     if kept is not None:
@@ -209,7 +210,7 @@ def _begun(
 
 
 def _missing(numbers: range, there: Sequence[range]) -> list[range]:
-    """Return those of the numbers that are not there yet; what is there is in order. There may be a billion."""
+    """Return the `numbers` that are missing, as ranges (there may be a billion); `there` are ranges in order."""
     result, first = [], numbers.start
     for each in there:
         result.append(range(first, min(each.start, numbers.stop)))
@@ -218,7 +219,7 @@ def _missing(numbers: range, there: Sequence[range]) -> list[range]:
 
 
 def _tell(frame: Accumulating, run: RunOptions) -> None:
-    """Report the passes so far; where Ctrl-C was pressed, write the checkpoint."""
+    """Report the passes so far; if Ctrl-C was pressed, write the checkpoint first."""
     statistics = frame.statistics
     try:
         if run.progress is not None:
@@ -233,5 +234,5 @@ def _tell(frame: Accumulating, run: RunOptions) -> None:
 
 
 def known(error: float) -> float | None:
-    """Return an error, None for NaN."""
+    """Return an error, or None for NaN."""
     return None if np.isnan(error) else error

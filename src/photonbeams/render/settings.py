@@ -1,4 +1,4 @@
-"""How a frame is rendered: one record for stages and Mitsuba scenes, made at the door and handed on whole."""
+"""How a frame is rendered: one record for stages and Mitsuba scenes, made from the arguments and passed on whole."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from ..scene import MOST_BEAMS, SceneError, real, whole
 from ..scene.cameras import FILTERS
 from .passes import OVERLAP
 
-#: Light paths a pass of a Mitsuba scene; of a stage each light has `scene.DEFAULT_BEAMS`.
+#: Light paths in a pass of a Mitsuba scene. On a stage each light has `scene.DEFAULT_BEAMS`.
 DEFAULT_PATHS = 1 << 14
 
-# Passes where nothing is said of them; with a goal for the error, it ends nearly all frames before.
+# Passes where the user gives no number. With a goal for the error, nearly all frames end before the second number.
 _PASSES, _MOST_FOR_ERROR = 16, 4096
 
 METHODS = ("auto", "beams", "paths")
@@ -31,73 +31,75 @@ _FLAGS = ("normals", "albedo", "denoise", "keep_noisy")
 
 
 def usual_passes(error: float | None) -> int:
-    """Return the number of passes where none is given, with a goal for the error or without."""
+    """Return the default number of passes, with a goal for the `error` or without (None)."""
     return _PASSES if error is None else _MOST_FOR_ERROR
 
 
 @dataclass(frozen=True)
 class Settings:
-    """How a frame is rendered. None leaves a choice to the scene, or to its kind.
+    """How a frame is rendered. Where None is allowed, it leaves the choice to the scene, or to its kind.
 
     Attributes
     ----------
     passes, time_limit, error
-        Number of passes, seconds after which no further one is begun, and the relative error (see `Statistics`) at
-        which there are enough of them; the two may be None. With an error, passes are so many at most: 4096 where
-        nothing is said, instead of 16.
+        Number of passes, seconds after which no further pass is begun, and the relative error (see `Statistics`) at
+        which there are enough passes; the latter two may be None. The default of `passes` is 16; with an error, it is
+        an upper bound, and its default is 4096.
     seed
         Seed of all samples.
     beams
-        Light paths a pass. None: 4096 of each light of a stage that does not say itself, 16384 of a Mitsuba scene.
+        Light paths in a pass. None: 4096 for each light of a stage that does not set its own number, 16384 for a
+        Mitsuba scene.
     max_depth
-        The longest path in edges, as Mitsuba counts: 2 is light that was scattered once, −1 is any. None: the scene's
-        own, which is 2 of a stage and any of a Mitsuba scene.
+        The longest path in edges, as Mitsuba counts: 2 is light that was scattered once, −1 is any length. None: that
+        of the scene, which is 2 for a stage and any length for a Mitsuba scene.
     rr_depth, hide_emitters
-        As Mitsuba's `volpath` has them: the bounces after which Russian roulette begins, whether the camera sees
-        emitters.
+        As in Mitsuba's `volpath`: the bounces after which Russian roulette begins, and whether emitters are hidden
+        from the camera.
     radius
-        Radius of all beams in the first pass; None: from photon differentials, between `min_radius` and `max_radius`
-        (None: 1e-4 and 0.05 of the medium's radius, and a quarter of a mean free path; in a grid, of one at the
-        beam).
+        Radius of all beams in the first pass, in scene units. None: from photon differentials, between `min_radius`
+        and `max_radius`. If these are None, they are 1e-4 and 0.05 of the medium's radius, and radii are at most a
+        quarter of a mean free path (in a grid, of the mean free path at the beam).
     overlap
-        Width of beams in spacings of their neighbours.
+        Width of beams, in distances between neighbours.
     alpha
-        How fast radii shrink; 1 is not at all.
+        How fast radii shrink from pass to pass; with 1 they do not.
     guiding
-        Whether a pilot pass learns where light comes from that the camera sees, to send more light paths from there.
-        None: yes. On a stage it learns for the cameras of all frames.
+        Whether a pilot pass learns where the light that the camera sees comes from, to send more light paths from
+        there. None: yes. On a stage it learns for the cameras of all frames.
     method
-        Of a Mitsuba scene: "beams", or "paths" from the camera for the light of emitters of which nothing else is said
-        (see `walks`), or "auto": what has less noise (see `choice`).
+        For a Mitsuba scene, how the light of emitters without settings of their own is found: "beams", "paths" from the
+        camera (see `walks`), or "auto", whichever has less noise (see `choice`).
     short
         Whether beams end where their light is scattered, instead of at the next surface.
     estimator, rule
         "auto", "billboard" or "frustum", and the frustum's quadrature.
     gather_error
-        About what relative error seeing beams along fewer rays than there are pixels may have (see
-        `estimators.coarse`); 0: all are seen through every pixel.
+        Approximate relative error that may come from gathering beams along fewer rays than there are pixels (see
+        `estimators.coarse`). 0: all beams are gathered through every pixel.
     surfaces
-        Whether surfaces are shaded; if not, there are beams alone.
+        Whether surfaces are shaded; if not, only beams are rendered.
     surface_samples
-        How many samples each pixel has in a pass of all but beams, which cost less: a power of two. None: as many as
-        cost half of what the beams do, up to 16 (see `costs`).
+        How many samples each pixel has in a pass of everything but beams, which costs less: a power of two. None: as
+        many as cost half of what the beams cost, up to 16 (see `costs`).
     normals, albedo
         Whether there is a layer of normals, and one of albedos.
     denoise, keep_noisy
-        Whether layers are denoised (see `denoising`), and whether they are kept as they were, too.
+        Whether layers are denoised (see `denoising`), and whether the noisy layers are kept, too.
     pixel_filter
-        "box", "tent", "gaussian", "mitchell", "catmullrom" or "lanczos"; None: the box of a stage, a Mitsuba film's
-        own, or where layers are denoised the box: others make the noise of neighbours alike, and much of it stays.
+        "box", "tent", "gaussian", "mitchell", "catmullrom" or "lanczos". None: the box for a stage, the film's own
+        filter for a Mitsuba scene, and the box if layers are denoised: with other filters the noise of neighbouring
+        pixels is alike, and much of it stays.
     program
-        What is done to the beams of each pass, or None.
+        A program that changes the beams of each pass, or None.
 
     Raises
     ------
     SceneError
-        A value of another kind, or out of range; the sentence names the field.
+        If a value is of the wrong type or out of range; the message names the field.
     """
 
-    passes: int = None  # type: ignore[assignment]  # what None stands for depends on `error`
+    passes: int = None  # type: ignore[assignment]  # the default depends on `error`
     time_limit: float | None = None
     error: float | None = None
     seed: int = 0
@@ -184,12 +186,12 @@ class Settings:
 
     @classmethod
     def of(cls, own: Settings | None, given: Mapping[str, Any]) -> Settings:
-        """Return settings (None: the defaults) with what is given by name instead.
+        """Return the settings `own` (None: the defaults) with the values `given` by name instead of theirs.
 
         Raises
         ------
         SceneError
-            A name that is no setting, or a value that is none.
+            If a name is not a setting, or a value is not valid.
         """
         if not (own is None or isinstance(own, cls)):
             raise SceneError(f"settings is {own!r}: expected Settings")
@@ -200,17 +202,17 @@ class Settings:
                 raise SceneError(f"{name} is not a setting: expected {'one of ' if near[1:] else ''}{', '.join(near)}")
         if own is None:
             return cls(**given)
-        if given.get("error") is not None:  # its own passes are not meant as a limit
+        if given.get("error") is not None:  # the number of passes in `own` was not meant as a bound
             given = {"passes": usual_passes(given["error"]), **given}
         return replace(own, **given)
 
     @property
     def filter_name(self) -> str | None:
-        """The name of the pixel filter; None is the scene's own."""
+        """The name of the pixel filter, or None for the scene's own."""
         return "box" if self.denoise and self.pixel_filter is None else self.pixel_filter
 
     def depth(self, own: int = -1) -> int | None:
-        """Return the longest path in edges, None for any; `own` is what the scene has, −1 for any."""
+        """Return the longest path in edges, None for any; `own` is the value of the scene, −1 for any."""
         longest = own if self.max_depth is None else self.max_depth
         return None if longest == -1 else longest
 
@@ -219,12 +221,12 @@ DEFAULTS = Settings()
 
 
 def as_passes(settings: Settings) -> Settings:
-    """Return settings without what says nothing of a pass: how many there are, and what is made of them."""
+    """Return settings without those that change no pass: how many passes there are, and what is made of them."""
     return replace(settings, passes=1, time_limit=None, error=None, keep_noisy=False)
 
 
 class SettingsArguments(TypedDict, total=False):
-    """What may be given of `Settings` by name, beside `passes`."""
+    """The fields of `Settings`, other than `passes`, that callers may give as keyword arguments."""
 
     time_limit: float | None
     error: float | None
