@@ -1,8 +1,8 @@
 """A view's film: sums over the passes, through a reconstruction filter, and the layers that are developed from them.
 
-In a pass each pixel has one sample of the beams, and more where they end at the edges of things; of all else it has one
-or more. Each sample has its own place in the pixel. A filter gathers the samples around each pixel, always in the same
-order.
+In a pass each pixel has one sample of the beams, and more if an edge of an object crosses the pixel; of everything else
+it has one or more samples. Each sample has its own place in the pixel. A filter gathers the samples around each pixel,
+always in the same order.
 """
 
 from __future__ import annotations
@@ -25,33 +25,33 @@ from .sums import ALBEDO, DEPTH, LIGHT, MEAN_NORMAL, NORMAL, SQUARES, PassSums
 
 mi = mitsuba()
 
-# Sums of light groups are called one of these and the group: light that beams bring, and that walks and domes bring,
-# whose samples have other places.
+# The name of a light group's sum is one of these prefixes and the group: light from beams, and light from walks and
+# domes, whose samples have other places.
 _GATHERED, _SCATTERED = "beams/", "scattered/"
 _NOT_LIGHT = ("alpha", "transmittance", ALBEDO, MEAN_NORMAL)
 _PLACE, _LATTICE = 104, 105  # streams of samples
 _STEPS = 1024  # of integrals over a filter
 
-#: Light by light groups, "" for the unnamed one, each a (W · H, 3) radiance.
+#: Radiance (W · H, 3) by light groups; "" is the unnamed group.
 Groups = Mapping[str, Any]
 
 
 @dataclass
 class PassPicture:
-    """What camera rays see in a pass but for beams: a value for each ray, those of a pixel's first sample first.
+    """What camera rays see in a pass, except beams: a value for each ray; the first samples of all pixels come first.
 
     Attributes
     ----------
     surface, alpha
         (N, 3) radiance of surfaces, and (N,) their coverage.
     scattered
-        Light that media scatter and that no beams bring.
+        Light that media scatter and that beams do not carry.
     transmittance
         (N, 3) transmittance of the media up to the surfaces, or None.
     reach
-        (N,) how far rays reach straight ahead, or None.
+        (N,) distances that rays reach straight ahead, or None.
     guides
-        (N, 3) albedos and normals of what is seen, also in mirrors and through glass, by the names of their sums.
+        (N, 3) albedos and normals of the surfaces seen, also in mirrors and through glass, by the names of their sums.
     """
 
     surface: Any
@@ -62,7 +62,7 @@ class PassPicture:
     guides: Mapping[str, Any] = field(default_factory=dict)
 
     def of_pass(self, place: int, count: int) -> PassPicture:
-        """Return one of several passes that were rendered at once: the one at a place, of `count` pixels."""
+        """Return pass number `place` of several that were rendered at once, each of `count` pixels."""
         lanes = dr.arange(UInt32, count) + dr.opaque(UInt32, place * count)
         scattered = {group: taken(radiance, lanes) for group, radiance in self.scattered.items()}
         seen = (None if each is None else taken(each, lanes) for each in (self.surface, self.alpha, self.transmittance))
@@ -71,7 +71,7 @@ class PassPicture:
         return PassPicture(surface, alpha, scattered, transmittance, guides=guides)
 
     def values(self) -> dict[str, Any]:
-        """Return all of it by the names of sums."""
+        """Return all values by the names of their sums."""
         result = {"surface": self.surface, "alpha": self.alpha, **self.guides}
         result |= {_SCATTERED + group: radiance for group, radiance in self.scattered.items()}
         return result if self.transmittance is None else result | {"transmittance": self.transmittance}
@@ -79,9 +79,9 @@ class PassPicture:
 
 @dataclass
 class BeamSamples:
-    """The light of beams in a pass, by light groups, for samples at `places`; `share` is what part of a pixel each is.
+    """The light of beams in a pass, by light groups, for samples at `places`.
 
-    None: each is a whole one.
+    `share` is the weight of each sample in its pixel; None: 1 each.
     """
 
     groups: Groups
@@ -90,14 +90,14 @@ class BeamSamples:
 
 
 class SeenSums:
-    """What camera rays see in a pass but for beams, summed over the samples of its pixels, one picture after the other.
+    """What camera rays see in a pass, except beams, summed over the samples of each pixel, one picture after the other.
 
     Attributes
     ----------
     values, light
-        Sums by their names, through the film's filter, and the light of pixels.
+        Sums by name, through the film's filter, and the unfiltered light of the pixels.
     nearest, farthest
-        (pixels,) how far the shortest and the longest of a pixel's rays reach straight ahead; None where nobody says.
+        (pixels,) distances that the shortest and the longest of a pixel's rays reach straight ahead; None if unknown.
     """
 
     def __init__(self, film: Film, samples: int, exposure: Any = 1.0) -> None:
@@ -137,16 +137,16 @@ class Film:
     shape, corner
         Height and width in pixels, and (left, top) of a crop window in the whole picture.
     reconstruction
-        A filter as `reconstruction_filter` returns it; None is the box.
+        A filter, as `reconstruction_filter` returns it; None is the box.
     groups
-        The layer of each light group; a group without one is in `beams` alone.
+        The layer of each light group; a group without a layer is in `beams` alone.
     variances
-        Whether the sums tell the variance of each layer by itself, too.
+        Whether the sums also tell the variance of each layer by itself.
 
     Attributes
     ----------
     order
-        Numbers of the pixels, row by row, for their samples: the same ones in every crop window.
+        Numbers of the pixels in the sample sequences, row by row: the same in every crop window.
     sums
         The sums so far.
     """
@@ -168,9 +168,9 @@ class Film:
         self.sums = PassSums()
 
     def places(self, samples: Samples, lattice: Lattice | None = None) -> Array2f:
-        """Return the places in [0, 1)² of each pixel's sample: over the passes, and over the seeds, they fill it.
+        """Return the place in [0, 1)² of each pixel's sample; over the passes, and over the seeds, they fill the pixel.
 
-        Pixels of a lattice have its place.
+        Pixels of a lattice have the lattice's place.
         """
         result = samples.pair(self.order, _PLACE)
         if lattice is not None:
@@ -180,7 +180,7 @@ class Film:
         return result
 
     def lattice(self, samples: Samples, width: int, height: int) -> Lattice | None:
-        """Return the lattice of a pass, of the whole picture's size; None where that is small."""
+        """Return the lattice of a pass, for a whole picture of this size; None if the picture is small."""
         place = samples.pair(dr.opaque(UInt32, 0), _LATTICE)
         dr.eval(place)
         result = Lattice.of(width, height, self._corner, place)
@@ -201,13 +201,13 @@ class Film:
         Parameters
         ----------
         seen
-            What camera rays see but for beams.
+            What camera rays see, except beams.
         beams
             The light of beams.
         exposure
-            What multiplies their light.
+            A factor on the light of beams.
         first
-            Depths and normals, of the first pass alone.
+            Depths and normals; only the first pass has them.
         """
         gathered = {_GATHERED + group: light * exposure for group, light in beams.groups.items()}
         values, light = self.summed(gathered, beams.places, beams.share)
@@ -220,10 +220,11 @@ class Film:
         self.sums.add(number, {name: self._array(value) for name, value in values.items()})
 
     def _weighed(self, values: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the light of beams in a pass, with its weights or divided by them.
+        """Return the light of beams in a pass, divided by the sum of its weights, or together with it.
 
-        What one pass has many of and another few would be as uneven as the weights are, from pixel to pixel, though
-        either is smooth: so each pass is divided by its own. Weights of filters with negative lobes may be near 0.
+        Each pass is divided by its own weights: if passes differ in brightness, their sum over the sum of all weights
+        would be as uneven from pixel to pixel as the weights are, though each pass is smooth. Weights of filters with
+        negative lobes may be near 0, and are summed instead.
         """
         weight = values["weight"]
         light = {name: value for name, value in values.items() if name != "weight"}
@@ -232,7 +233,7 @@ class Film:
         return {name: value * dr.select(weight > 0, dr.rcp(weight), 0) for name, value in light.items()}
 
     def _squares(self, lights: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-        """Return the light of pixels in a pass and its square, of which variances are made: of all, and of layers."""
+        """Return the light of pixels in a pass and its square, for variances: of all light, and of each layer."""
         black = dr.zeros(Array3f, self.shape[0] * self.shape[1])
         shining, layers = black, dict[str, Any]()
         for each in lights:
@@ -253,9 +254,9 @@ class Film:
     def summed(
         self, values: Mapping[str, Any], places: Array2f, share: Any
     ) -> tuple[dict[str, Any], dict[str, Any]]:  # fmt: skip
-        """Return sums of values over the samples that the filter gathers and of its weights, and light by pixels.
+        """Return filtered sums of values, with the filter's weights, and the unfiltered light of pixels.
 
-        `share` are factors on samples; values have them already.
+        `share` are the weights of samples in their pixels; the values are already multiplied by them.
         """
         folded = {name: self._folded(value) for name, value in values.items()}
         light = {name: each for name, each in folded.items() if name not in _NOT_LIGHT}
@@ -281,17 +282,17 @@ class Film:
         return dr.while_loop(state, lambda sample, _: sample < most, further, label="fold")[1]
 
     def _array(self, value: Any) -> np.ndarray:
-        """Return a value of each pixel, (pixels,) or (3, pixels); of a constant, too."""
+        """Return the value of each pixel, (pixels,) or (3, pixels), even if it is a constant."""
         array = value.numpy()
         return np.broadcast_to(array, (*array.shape[:-1], self.shape[0] * self.shape[1]))
 
     def _pixels(self) -> tuple[Any, Any]:
-        """Return column and row of each pixel."""
+        """Return the column and the row of each pixel."""
         index, columns = dr.arange(UInt32, self.shape[0] * self.shape[1]), dr.opaque(UInt32, self.shape[1])
         return index % columns, index // columns
 
     def _filtered(self, values: Mapping[str, Any], places: Array2f) -> dict[str, Any]:
-        """Return the sums of values of samples around each pixel, times what the filter has there."""
+        """Return the sums over the samples around each pixel of their values, times the filter's weight."""
         (x, y), (height, width) = self._pixels(), (dr.opaque(UInt32, each) for each in self.shape)
         margin, radius = margin_of(self._filter), float(self._filter.radius())
         side, count = 2 * margin + 1, dr.opaque(UInt32, dr.width(x))
@@ -306,7 +307,7 @@ class Film:
             sample, near = tap // taps, tap % taps
             right, down = Int32(near % side) - margin, Int32(near // side) - margin
             column, row = x + UInt32(right), y + UInt32(down)
-            inside = (column < width) & (row < height)  # a number below 0 is a large one
+            inside = (column < width) & (row < height)  # unsigned: a number below 0 wraps to a large one
             there = row * width + column + sample * count
             place = dr.gather(Array2f, places, there, inside)
             own = weight(Float(right) + place.x - 0.5) * weight(Float(down) + place.y - 0.5)
@@ -327,7 +328,7 @@ class Film:
         return self.sums.error()
 
     def restore(self, sums: PassSums) -> None:
-        """Go on from the sums of another film; SceneError where they are of another picture."""
+        """Continue from the sums of another film; raise SceneError if they are of another picture."""
         total, count = sums.total(), self.shape[0] * self.shape[1]
         complete = {"surface", "alpha", LIGHT, SQUARES} <= set(total)
         same = complete and ("weight" in total) is (self._filter is not None)
@@ -346,7 +347,7 @@ def develop(sums: PassSums, shape: tuple[int, int], groups: Mapping[str, str]) -
     Raises
     ------
     SceneError
-        The sums are of another picture.
+        If the sums are of another picture.
     """
     pictures = {
         name: np.ascontiguousarray(each.reshape(-1, *shape).transpose(1, 2, 0)) for name, each in sums.total().items()
@@ -364,7 +365,7 @@ def develop(sums: PassSums, shape: tuple[int, int], groups: Mapping[str, str]) -
     beams = sum(by_group.values(), black)
     layers = {"rgba": np.concatenate([surface + beams, alpha], axis=2), "surface": surface, "beams": beams}
     for group, name in groups.items():
-        # Black where no beam of the group was in a medium; a group called "default" is one with the unnamed one.
+        # Black if no beam of the group was in a medium. A group named "default" shares the layer of the unnamed group.
         layers[name] = layers.get(name, 0) + by_group.get(group, black)
     if "transmittance" in pictures:
         layers["transmittance"] = pictures["transmittance"] * scale
@@ -377,15 +378,15 @@ def develop(sums: PassSums, shape: tuple[int, int], groups: Mapping[str, str]) -
 
 
 def reconstruction_filter(name: str | None, own: Any = None) -> Any:
-    """Return Mitsuba's pixel filter of a name, or `own` where there is none; None for the box."""
+    """Return Mitsuba's pixel filter called `name`, or `own` if the name is None; None for the box."""
     chosen = own if name is None else mi.load_dict({"type": name})
     return None if chosen is None or chosen.is_box_filter() else chosen
 
 
 def averaged(reconstruction: Any) -> float:
-    """Return of how many pixels a filter takes the mean, as it lowers noise that is independent in each: (∫f)² / ∫f².
+    """Return how many pixels a filter averages: the factor (∫f)² / ∫f² by which it lowers independent noise in pixels.
 
-    The box is 1. Filters are products of the same function of x and of y.
+    For the box it is 1. Filters are products of the same function of x and of y.
     """
     if reconstruction is None:
         return 1.0
@@ -401,15 +402,15 @@ def _weights(reconstruction: Any) -> np.ndarray:
 
 
 def margin_of(reconstruction: Any) -> int:
-    """Return how many pixels beyond a crop window a filter reaches."""
+    """Return how many pixels a filter reaches beyond a crop window."""
     return 0 if reconstruction is None else ceil(float(reconstruction.radius()) - 0.5)
 
 
 def group_layers(groups: Collection[str]) -> dict[str, str]:
-    """Return the layers of light groups; none where all beams are of the unnamed one."""
+    """Return the layer of each light group; empty if all beams are of the unnamed group."""
     return {group: f"beams_{group or 'default'}" for group in sorted(groups)} if set(groups) - {""} else {}
 
 
 def layer_names(groups: Mapping[str, str]) -> list[str]:
-    """Return the names of the layers of a stage with light groups that have these layers, in their order."""
+    """Return the names of the layers, in their order, of a stage whose light groups have these layers."""
     return ["rgba", "surface", "beams", *dict.fromkeys(groups.values()), "transmittance", "depth"]

@@ -47,19 +47,19 @@ from .single_scattering import SingleScattering
 from .sums import ALBEDO, DEPTH, MEAN_NORMAL, NORMAL, PassSums
 from .walks import Walking
 
-# A pixel has an edge where one ray reaches so many times as far as another.
+# A pixel has an edge if one of its rays reaches this many times as far as another.
 _EDGE = 1.1
-# It has so many samples more at most: half of a small picture may be edges. How many they are depends on nothing in the
-# pass, or crops would differ, and sequences have gaps.
+# Most extra samples of such a pixel: half of a small picture may be edges. Their number depends on nothing in the pass;
+# otherwise crops would differ, and sequences would have gaps.
 _AT_EDGES = 4
-_EDGES = 0x3C6EF372  # of the seeds of further samples there
+_EDGES = 0x3C6EF372  # offset of the seed of the extra samples there
 
 
 @dataclass(frozen=True)
 class Simulated:
     """The result of tracing light in a pass: beams, and photon hits with the bounds of their radii.
 
-    `world` is the world of the pass's camera paths.
+    `world` is the world that the pass's camera paths meet.
     """
 
     world: World
@@ -70,10 +70,10 @@ class Simulated:
 
 @dataclass(frozen=True)
 class ViewRays:
-    """A view's camera rays in a pass, their projection (None where there is none), and the exposure.
+    """A view's camera rays in a pass, their projection (or None), and the exposure.
 
-    `holdout` are the distances at which rays end that see no surfaces, or None; `lattice` tells which are evenly
-    spaced.
+    With a `holdout` rays see no surfaces, and these are the distances at which they end; else it is None. `lattice`
+    tells which rays are evenly spaced.
     """
 
     primary: PrimaryRays
@@ -84,12 +84,12 @@ class ViewRays:
 
     @property
     def shared_origin(self) -> bool:
-        """Whether the rays of a camera begin at one point, or on its film, at one time."""
+        """Whether all rays begin at one point, or on the film of a parallel projection, at one time."""
         return self.view is not None and self.primary.lanes is None
 
 
 class PassRenderer(ABC):
-    """What renders passes: light first, then what camera rays see of it.
+    """Renders passes: light first, then what camera rays see of it.
 
     Attributes
     ----------
@@ -118,27 +118,27 @@ class PassRenderer(ABC):
         """Return the beams and photons of pass `number`."""
 
     def _single_scattering(self, world: World, count: int, samples: Samples) -> SingleScattering | None:
-        """Return what media scatter toward `count` pixels without beams, or None where that is nothing."""
+        """Return the light that media scatter toward `count` pixels without beams, or None if there is none."""
         return None
 
     def _walkings(self, world: World) -> Mapping[str, Walking]:
-        """Return how the light of those emitters is met that send no light paths, by light groups."""
+        """Return, by light groups, the walks that meet the light of emitters which send no light paths."""
         return {}
 
     def _clock(self, number: int) -> tuple[float, float]:
-        """Return frame number and seconds of a pass, for looks that change with time."""
+        """Return the frame number and the time in seconds of a pass, for looks that change with time."""
         return (0.0, 0.0)
 
     def _samples(self, number: int, together: int = 0, each: int = 1, other: int = 0) -> Samples:
-        """Return the samples of `number`: of a pass, or of one of the `each` samples that pixels have in a pass.
+        """Return the samples of pass `number`, or of sample `number` if pixels have `each` samples in a pass.
 
-        `other` ones are independent of these.
+        Another value of `other` gives independent samples.
         """
         return Samples(self.settings.seed + other, number, together=together)
 
     @property
     def _max_bounces(self) -> int | None:
-        """The most bounces of light before it is scattered toward the camera: two edges less than the longest path."""
+        """Most bounces of light before it is scattered toward the camera: two less than the edges of the longest path."""
         return None if self._max_depth is None else self._max_depth - 2
 
     @property
@@ -151,7 +151,7 @@ class PassRenderer(ABC):
         )  # fmt: skip
 
     def _lit(self, number: int) -> tuple[Simulated, PhotonMaps | None]:
-        """Return the beams and photons of pass `number`, and maps of the photons, if there are any."""
+        """Return the beams and photons of pass `number`, and photon maps, if there are photons."""
         with self.statistics.phase("simulate"):
             light = self.simulated(number)
             photons = None
@@ -163,7 +163,7 @@ class PassRenderer(ABC):
     def _seen(
         self, light: Simulated, rays: ViewRays, order: UInt32, samples: Samples, photons: PhotonMaps | None
     ) -> PassPicture:  # fmt: skip
-        """Return what camera rays see but for beams; `order` are their numbers for samples."""
+        """Return what camera rays see, except beams; `order` are their numbers in the sample sequences."""
         statistics, count = self.statistics, dr.width(rays.primary.direction)
         tracing = self._camera_tracing(light.world, rays)
         walkings, picture = self._walkings(light.world), _CameraImage(count, tracing.albedo)
@@ -189,7 +189,7 @@ class PassRenderer(ABC):
         self, number: int, light: Simulated, rays: ViewRays, order: UInt32, samples: Samples,
         more: MoreSamples | None = None,
     ) -> Groups:  # fmt: skip
-        """Return the light of the beams of pass `number` along camera rays, with `more` than one of some pixels."""
+        """Return the light of the beams of pass `number` along camera rays; with `more`, some pixels have several rays."""
         if not light.sets:
             return {}
         clock, statistics = self._clock(number), self.statistics
@@ -226,9 +226,9 @@ class FrameRenderer(PassRenderer):
     Attributes
     ----------
     planned
-        For how many passes the samples are chosen; None: for any number.
+        The number of passes for which samples are chosen; None: any number.
     about
-        What the passes are of, as `FrameSums` has it.
+        Hash of the passes' content, as in `FrameSums`.
     """
 
     def __init__(self, settings: Settings, max_depth: int | None, planned: int | None, all_beams: bool = False) -> None:
@@ -241,35 +241,35 @@ class FrameRenderer(PassRenderer):
 
     @abstractmethod
     def _view_rays(self, number: int, view: int, places: Array2f, samples: Samples, moving: bool) -> ViewRays:
-        """Return a view's camera rays in a pass, through `places` in the pixels; `moving` tells that beams move."""
+        """Return a view's camera rays in a pass, through `places` in the pixels; `moving` says whether beams move."""
 
     @abstractmethod
     def _pinhole(self, view: int) -> tuple[World, ViewRays] | None:
-        """Return the world and a pinhole camera's rays through the centres of pixels; None: no depth is wanted."""
+        """Return the world, and a pinhole camera's rays through the centres of pixels; None if no depth is wanted."""
 
     @abstractmethod
     def _light_paths(self) -> int:
         """Return how many light paths a pass has."""
 
     def _plan(self, window: Window) -> None:
-        """Choose how many samples each pixel has of all but beams, once it is known how much light is traced.
+        """Choose how many samples each pixel has of everything but beams, once the number of light paths is known.
 
-        A crop has as many as the whole picture.
+        A crop has as many samples as the whole picture.
         """
         self._size = window.width, window.height
         pixels, order = window.width * window.height, self._films[0].order
         chosen = self.settings.surface_samples
         self._surface_samples = surface_samples(self._light_paths(), pixels) if chosen is None else chosen
-        # Indices of samples have 32 bits.
+        # Sample indices have 32 bits.
         self._indices = 1 << int(dr.max(order)[0]).bit_length()
         self._wide = power_below(min(LANES // dr.width(order), (1 << 32) // self._indices))
 
     def together(self, number: int) -> int:
-        """Return how many passes from `number` on had better be rendered at once."""
+        """Return how many passes from `number` on are best rendered at once."""
         return 1
 
     def add_passes(self, numbers: range) -> None:
-        """Add passes, at once where `together` says so; each depends on the scene, settings and its number alone."""
+        """Add passes, several at once if `together` says so; each depends only on scene, settings and its number."""
         while numbers:
             count = min(self.together(numbers[0]), power_below(len(numbers)))
             if count > 1:
@@ -283,7 +283,7 @@ class FrameRenderer(PassRenderer):
         self._add(range(number, number + 1))
 
     def _add(self, numbers: range) -> None:
-        """Add a pass, or several whose light is met by walks alone."""
+        """Add a pass, or several passes, if walks alone meet their light."""
         light, photons = self._lit(numbers[0])
         moving = any(each.close is not None for each in light.sets)
         for view, film in enumerate(self._films):
@@ -293,8 +293,8 @@ class FrameRenderer(PassRenderer):
                 beams = BeamSamples({}, film.centers())
                 if light.sets:
                     with self.statistics.phase("surfaces"):
-                        # Where rays have places on a lens or times of their own they are not evenly spaced, and all
-                        # passes would see the same part of a pixel at the same part of the shutter.
+                        # Rays with their own places on a lens, or times, are not evenly spaced; and with a lattice,
+                        # all passes would see the same part of a pixel in the same part of the shutter interval.
                         lattice = film.lattice(samples, *self._size) if looked.shared_origin else None
                         places = film.places(samples, lattice)
                         rays = replace(self._view_rays(number, view, places, samples, moving), lattice=lattice)
@@ -310,9 +310,9 @@ class FrameRenderer(PassRenderer):
     def _seen_in(
         self, numbers: range, view: int, film: Film, light: Simulated, photons: PhotonMaps | None, moving: bool
     ) -> tuple[list[SeenSums], ViewRays]:  # fmt: skip
-        """Return what rays see but for beams, for each pass, and rays of one sample.
+        """Return what rays see, except beams, for each pass, and the rays of one sample.
 
-        As many samples as memory allows are one wide picture: those of the first one come first.
+        As many samples as memory allows are rendered as one wide picture, one sample of all pixels after the other.
         """
         each, pixels = self._surface_samples, dr.width(film.order)
         seen: list[SeenSums] = []
@@ -344,9 +344,9 @@ class FrameRenderer(PassRenderer):
         return seen, rays[0]
 
     def _edges(self, seen: SeenSums, rays: ViewRays, order: UInt32) -> Any:
-        """Return the pixels whose rays end now here, now there: none where rays have origins or times of their own.
+        """Return the pixels whose rays reach very different distances; none if rays have their own origins or times.
 
-        They come in the order of `order`: those of a tile together, whose rays meet the same beams.
+        They are sorted by `order`, so that pixels of a tile, whose rays meet the same beams, are together.
         """
         if self._surface_samples == 1 or not rays.shared_origin or seen.nearest is None:
             return ()
@@ -356,10 +356,10 @@ class FrameRenderer(PassRenderer):
     def _beams(
         self, number: int, view: int, film: Film, light: Simulated, rays: ViewRays, places: Array2f, edge: Any
     ) -> BeamSamples:
-        """Return the light of the beams of pass `number`, with more samples of the pixels `edge`.
+        """Return the light of the beams of pass `number`, with extra samples of the pixels `edge`.
 
-        What is behind an edge may be a hundred times as bright. Which pixels these are, other samples have told than
-        those that are taken: or what is rarely found would count too much.
+        The fog behind an edge may be a hundred times as bright. The extra samples are independent of those that found
+        these pixels; otherwise light that is rarely found would count too much.
         """
         samples, pixels = self._samples(number), dr.width(film.order)
         each = min(self._surface_samples, _AT_EDGES)
@@ -368,7 +368,7 @@ class FrameRenderer(PassRenderer):
         with self.statistics.phase("surfaces"):
             single = [self._samples(each * number + place, 0, each, _EDGES) for place in range(each)]
             further = [film.places(own) for own in single]
-            # One picture of rays after the other: all of them are most of the memory that a pass takes.
+            # One picture of rays after the other: all of them at once would be most of a pass's memory.
             primary = []
             for own, one in zip(further, single, strict=True):
                 whole = PrimaryRays.joined([self._view_rays(number, view, own, one, moving=False).primary])
@@ -376,7 +376,7 @@ class FrameRenderer(PassRenderer):
                 dr.eval(primary[-1])
             some = PrimaryRays.joined(primary)
             lanes = joined([edge + dr.opaque(UInt32, place * pixels) for place in range(each)])
-            # As pixels of further pictures beside this one, they have numbers of their own.
+            # They are numbered like pixels of further pictures beside this one.
             own_order = taken(film.order, edge)
             order = joined([
                 film.order,
@@ -394,7 +394,7 @@ class FrameRenderer(PassRenderer):
         return BeamSamples(groups, joined([places, *further]), share)
 
     def _first_hits(self, view: int, film: Film) -> dict[str, Any]:
-        """Return planar depths, and normals, from a pinhole at shutter open: a mean of depths is no surface's depth."""
+        """Return planar depths and normals from a pinhole at shutter open: a mean of depths belongs to no surface."""
         sharp, normals = self._pinhole(view), self.settings.normals
         if sharp is None:
             return {}
@@ -420,7 +420,7 @@ class FrameRenderer(PassRenderer):
         return [film.layers() for film in self._films]
 
     def error(self) -> float:
-        """Return the relative standard error so far, of the view whose error is the largest."""
+        """Return the relative standard error so far of the view with the largest one."""
         return self.sums().error()
 
     def sums(self) -> FrameSums:
@@ -430,13 +430,13 @@ class FrameRenderer(PassRenderer):
         return FrameSums(views, self.planned, statistics.beams, statistics.tests, self.about)
 
     def clear(self) -> None:
-        """Begin anew, without passes."""
+        """Begin again, without passes."""
         self.statistics = self._no_statistics()
         for film in self._films:
             film.sums = PassSums()
 
     def restore(self, sums: FrameSums) -> None:
-        """Go on from the sums of another frame; SceneError where they are of another picture."""
+        """Continue from the sums of another frame; raise SceneError if they are of another picture."""
         if len(sums.views) != len(self._films):
             raise SceneError("the checkpoint is of another picture: expected one of this picture")
         for film, each in zip(self._films, sums.views, strict=True):
@@ -446,15 +446,15 @@ class FrameRenderer(PassRenderer):
 
 
 def _unshaded(tracing: CameraTracing) -> CameraTracing:
-    """Return how paths are followed that see no more than where surfaces are."""
+    """Return the same tracing for paths that only find where surfaces are."""
     return replace(tracing, surfaces=False, walks=False, shining=False, normals=False, albedo=False)
 
 
 class _CameraImage:
     """The surfaces that camera paths see in a pass, by pixels.
 
-    Normals are those of surfaces straight ahead; with `guides`, normals and albedos are those of the first surfaces
-    with more than mirror reflection and refraction.
+    Normals are those of surfaces straight ahead. With `guides`, normals and albedos are those of the first surfaces
+    that do more than mirror and refract.
     """
 
     def __init__(self, count: int, guides: bool = False) -> None:
@@ -474,7 +474,7 @@ class _CameraImage:
         dr.scatter(self.alpha, Float(1), step.pixel, first)
         dr.scatter(self.distance, vertex.end, step.pixel, first)
         if self._unmet is not None:
-            # Of the branches of a pixel only one: they may come at the same step.
+            # Only one branch of a pixel counts: several may arrive at the same step.
             first = step.alive & (step.branch == 0) & vertex.rough & dr.gather(Bool, self._unmet, step.pixel)
             dr.scatter(self._unmet, Bool(False), step.pixel, first)
             dr.scatter(self.albedo, vertex.albedo, step.pixel, first)
@@ -485,7 +485,7 @@ class _CameraImage:
 
 
 class NoLighting:
-    """The lighting of a world in which nothing shines by itself or is lit directly."""
+    """The lighting of a world in which nothing emits light or is lit directly."""
 
     def lamp(self, origin: Array3f, direction: Array3f, flown: Float) -> None:
         """Return None."""

@@ -45,7 +45,7 @@ class Statistics:
         self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - begin
 
     def step(self) -> None:
-        """Do nothing. It is called between the parts of a phase; frames that can be cancelled override it to end there."""
+        """Do nothing; called between the parts of a phase. Frames that can be cancelled override it, to end there."""
 
 
 #: Called with the number of passes done and with the statistics so far.
@@ -160,7 +160,7 @@ def accumulate(
         _tell(frame, run)
         first, most = left[0], frame.together(left[0].start)
         done = frame.statistics.passes
-        if limit is not None:  # one pass first, then up to twice as many each time
+        if limit is not None:  # one pass first, then each time as many as are done
             most = min(most, max(done, 1))
         if goal is not None:
             most = min(most, next_check(done) - done)
