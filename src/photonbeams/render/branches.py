@@ -1,7 +1,7 @@
-"""How camera paths go on at boundaries, mirrors and glass: by a sample of the BSDF, or in two branches by both lobes.
+"""How camera paths continue at boundaries, mirrors and glass: by a sample of the BSDF, or in two branches by both lobes.
 
-At the first glass that a path meets, and at the next, reflection and refraction are both followed: chance would leave
-grain that only many passes take away.
+At the first two times that a path meets glass, reflection and refraction are both followed: a random choice between
+them would leave grain that only many passes remove.
 """
 
 from __future__ import annotations
@@ -23,37 +23,37 @@ mi = mitsuba()
 
 _LOBE, _TURN, _ROULETTE = 301, 302, 303  # streams of samples
 
-#: Lobes by which camera paths go on.
+#: Lobes by which camera paths continue.
 IDEAL = int(mi.BSDFFlags.Delta | mi.BSDFFlags.Null)
 
-#: Steps after which paths end that nothing else ends, as between two mirrors.
+#: Steps after which paths end if nothing else ends them, as between two mirrors.
 STEPS = 128
 
-# How often a path splits in two. Branches of less throughput end by Russian roulette.
+# How often a path splits in two, and the throughput below which branches end by Russian roulette.
 _SPLITS, _NEGLIGIBLE = 2, 1 / 8
 # A sample that selects the last of a BSDF's lobes, where 0 selects the first.
 _LAST = 1 - 2**-24
 
 
 class CameraPaths(Struct):
-    """Camera paths: rays from `near` on.
+    """Camera paths: rays that begin at the distance `near`.
 
     Attributes
     ----------
     throughput, clear
-        The path's throughput; the same without the transmittance of beams-only media.
+        The path's throughput, and the throughput without the transmittance of beams-only media.
     medium
-        Number of the medium around it.
+        Number of the medium around the path.
     pixel, order
         The path's pixel, and the pixel's place in the sample sequences.
     branch, splits
         The path's number among those of its pixel's sample, and how often it has split.
     primary
-        Whether the path is still straight: on the pixel's own ray.
+        Whether the path is still on the pixel's own straight ray.
     depth
         Specular bounces so far.
     flown
-        How far the path has come straight, up to where `near` is.
+        Distance that the path has come straight, up to `near`.
     """
 
     origin: Array3f
@@ -74,7 +74,7 @@ class CameraPaths(Struct):
 
 
 class _Lobe(NamedTuple):
-    """A sample of ideal lobes and its weight, whether the path has split, and the branch that goes on there."""
+    """A sample of ideal lobes and its weight, whether the path has split, and the branch that continues by it."""
 
     sample: Any
     weight: Any
@@ -83,7 +83,7 @@ class _Lobe(NamedTuple):
 
 
 def several(paths: CameraPaths) -> CameraPaths:
-    """Return the paths, a single one twice: Dr.Jit treats arrays of one entry as scalars, in other kernels."""
+    """Return the paths, with a single path twice: Dr.Jit treats arrays of one entry as scalars, in other kernels."""
     if dr.width(paths.pixel) > 1:
         return paths
     twice: CameraPaths = joined([paths, paths])
@@ -93,10 +93,10 @@ def several(paths: CameraPaths) -> CameraPaths:
 
 
 def add_to_pixels(total: Any, values: Any, pixel: UInt32, branch: UInt32, active: Any = True) -> None:
-    """Add values of paths to the sums of their pixels, branch by branch: in an order that is always the same.
+    """Add values of paths to the sums of their pixels, branch by branch, so that the order is always the same.
 
-    A pixel has one path in each branch. Copies by threads, which Dr.Jit makes else, have their size written into the
-    kernel.
+    A pixel has one path in each branch, so no two writes conflict. Dr.Jit's default, a copy for each thread, would
+    write the size of the copies into the kernel.
     """
     for number in range(int(dr.max(branch)[0]) + 1):
         own = Bool(active) & (branch == dr.opaque(UInt32, number))
@@ -108,7 +108,7 @@ def onward(
     tracing: CameraTracing, paths: CameraPaths, hit: Any, weights: tuple[Array3f, Array3f], met: Bool, samples: Samples,
     name: UInt32,
 ) -> list[CameraPaths]:  # fmt: skip
-    """Return the paths continued from the surface: reflected, refracted, or straight through; then what splits off."""
+    """Return the paths continued from the surface (reflected, refracted or straight through), then those split off."""
     context = mi.BSDFContext()
     context.type_mask = IDEAL
     bsdf = hit.bsdf()
@@ -133,7 +133,7 @@ def onward(
     split &= dr.abs(sample.pdf + other.pdf - 1) < 1e-4
     factor *= dr.select(split, sample.pdf, 1)
     rest = dr.select(split, rgb(weight) * other.pdf, 0)
-    # A straight path stays the pixel's own: whose light beams bring by tiles.
+    # The straight path stays the pixel's own ray, for which beams are gathered by tiles.
     swapped = split & paths.primary & mi.has_flag(other.sampled_type, mi.BSDFFlags.Null)
     first, second = dr.select(swapped, other, sample), dr.select(swapped, sample, other)
     factor, rest = dr.select(swapped, rest, factor), dr.select(swapped, factor, rest)
@@ -157,7 +157,7 @@ def _continued(
     following = CameraPaths()
     throughput, clear = (each * factor for each in weights)
     spawned = hit.spawn_ray(direction)
-    # A primary ray keeps its origin, for the tiles; its `near` moves to the surface that it passed.
+    # A primary ray keeps its origin, for the tiles; its `near` moves to the surface that it has passed.
     distance = dr.dot(Array3f(spawned.o) - paths.origin, paths.direction)
     following.origin = dr.select(straight, paths.origin, Array3f(spawned.o))
     following.direction = dr.select(straight, paths.direction, Array3f(direction))

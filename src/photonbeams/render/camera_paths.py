@@ -1,8 +1,8 @@
 """Camera paths: straight through boundaries of media, mirrored and refracted, to the first surfaces that scatter light.
 
 Each sample of a pixel begins as one path. Its segments in media gather beams; at surfaces it gathers emission, direct
-light and photons. It continues by one sample of the BSDF's specular and null lobes, where there are any; but the first
-times that it meets glass it splits in two branches, and follows reflection and refraction both.
+light and photons. It continues by one sample of the BSDF's specular and null lobes, if there are any. The first two
+times that it meets glass, it splits in two branches, which follow reflection and refraction.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ _VISIBLE = int(mi.BSDFFlags.Smooth | mi.BSDFFlags.DeltaReflection | mi.BSDFFlags
 
 
 class Bounce(Struct):
-    """A sample of a smooth BSDF: where the path goes on, through which medium, with what throughput (0: nowhere)."""
+    """A sample of a smooth BSDF: the ray on which the path continues, its medium, and the throughput (0: it ends)."""
 
     origin: Array3f
     direction: Array3f
@@ -49,25 +49,26 @@ class CameraVertex(Struct):
     Attributes
     ----------
     radiance
-        The radiance of the surface or the background, and what media emit before it, times the throughput.
+        The radiance of the surface or the background, and of media that emit before it, times the throughput.
     solid
-        Whether it is a surface or a lamp: no boundary of media, no background.
+        Whether it is a surface or a lamp, rather than a boundary of media or the background.
     end
         Distance along the ray.
     transmittance
-        That of the media from the camera on, without beams-only ones.
+        Transmittance of the media from the camera on, without beams-only media.
     name
-        Names its samples: no other vertex of a pixel's paths has this number.
+        Number that names its samples: no other vertex of a pixel's paths has it.
     seed
         Seed of the samples of transmittance along the segment.
     normal
-        The surface's shading normal in world space, toward the camera; 0 of lamps, and unless it is asked for.
+        The surface's shading normal in world space, toward the camera; 0 for lamps, or if normals are not asked for.
     albedo
-        The diffuse reflectance in [0, 1]; 1 of surfaces that reflect otherwise and of lamps; 0 unless it is asked for.
+        The diffuse reflectance in [0, 1]; 1 for lamps and for surfaces that reflect otherwise; 0 if albedos are not
+        asked for.
     rough
-        Whether it is a lamp or a surface with more than mirror reflection and refraction, where albedos are asked for.
+        Whether it is a lamp, or a surface with more than mirror reflection and refraction; set only with albedos.
     bounce
-        Where walks go on from here; None where there are none.
+        Where walks continue from here; None if there are no walks.
     """
 
     radiance: Array3f
@@ -91,7 +92,7 @@ class NearestLamp(Struct):
 
 @dataclass(frozen=True)
 class ShadingPoint:
-    """Camera vertices on surfaces: Mitsuba's interaction, the medium in front, and what seeds their samples."""
+    """Camera vertices on surfaces: Mitsuba's interaction, the medium in front, and the numbers that seed samples."""
 
     hit: Any
     medium: Any
@@ -101,10 +102,10 @@ class ShadingPoint:
 
 
 class Lighting(Protocol):
-    """The emitters of a world: as camera paths see them, and as they light surfaces."""
+    """The emitters of a world, as camera paths see them and as they light surfaces."""
 
     def lamp(self, origin: Array3f, direction: Array3f, flown: Float) -> NearestLamp | None:
-        """Return the nearest lamp along rays that have `flown` so far already; None where all emitters are surfaces."""
+        """Return the nearest lamp along rays that have come the distance `flown`; None if all emitters are surfaces."""
 
     def emission(self, hit: Any, origin: Array3f, direction: Array3f, active: Bool) -> Array3f:
         """Return the emitted radiance of surfaces, and the background's where rays meet nothing."""
@@ -122,7 +123,7 @@ class CameraTracing:
     world, lighting
         The world, and its lighting.
     max_depth, rr_depth, hide_emitters
-        As in Mitsuba's integrators; a `max_depth` of None is no limit.
+        As in Mitsuba's integrators; with a `max_depth` of None there is no limit.
     surfaces
         Whether surfaces are shaded; if not, paths see only emitters.
     sharp
@@ -130,9 +131,9 @@ class CameraTracing:
     normals
         Whether vertices have normals.
     walks
-        Whether walks go on from smooth surfaces.
+        Whether walks continue from smooth surfaces.
     shining
-        Whether vertices have the radiance of what is there.
+        Whether vertices have radiance.
     albedo
         Whether vertices have albedos.
     splits
@@ -183,7 +184,7 @@ def begin(tracing: CameraTracing, primary: PrimaryRays, order: UInt32) -> Camera
 def follow(
     tracing: CameraTracing, paths: CameraPaths, samples: Samples, photons: PhotonMaps | None
 ) -> Iterator[tuple[CameraPaths, CameraVertex]]:
-    """Yield camera paths and their next vertices, step by step; of each branch, no more than one path of a pixel."""
+    """Yield camera paths and their next vertices, step by step; at most one path of each pixel and branch at a time."""
     batches, step = [paths], 0
     while batches and step < STEPS:
         number, further = dr.opaque(UInt32, step), []
@@ -197,7 +198,7 @@ def follow(
 
 
 def _batches(further: list[list[CameraPaths]]) -> list[CameraPaths]:
-    """Return the paths that go on: all pixels', while any of them is straight, and one batch of all others."""
+    """Return the paths that continue: batches of all pixels that have a straight path, and one batch of the others."""
     straight: list[CameraPaths] = []
     others: list[CameraPaths] = []
     for each in (branch for branches in further for branch in branches):
@@ -250,7 +251,7 @@ def _step(
     vertex.normal = dr.zeros(Array3f, 1)
     if tracing.normals:
         normal = world.shading_normal(hit, met)
-        # Which side is seen, the surface itself decides: at a silhouette, shading normals point anywhere.
+        # The geometric normal decides which side is seen: at a silhouette, shading normals may point anywhere.
         vertex.normal = dr.select(met, -dr.mulsign(normal, dr.dot(Array3f(hit.n), paths.direction)), 0)
     vertex.albedo, vertex.rough = dr.zeros(Array3f, 1), Bool(False)
     if tracing.albedo:
@@ -272,14 +273,14 @@ def _radiance(
     tracing: CameraTracing, paths: CameraPaths, point: ShadingPoint, lamp: tuple[Bool, Array3f] | None, smooth: Bool,
     photons: PhotonMaps | None,
 ) -> Any:  # fmt: skip
-    """Return the radiance of surfaces, lamps and the background: emitted, and where they are `smooth`, reflected.
+    """Return the radiance of surfaces, lamps and the background: emitted and, if they are `smooth`, reflected.
 
-    `lamp` tells which paths end on a lamp that is no surface, and its radiance.
+    `lamp` are two arrays: which paths end on a lamp that is not a surface, and the radiance of the lamp.
     """
     shown = paths.alive & tracing.within(paths.depth, 1)
     if tracing.hide_emitters:
         shown &= paths.depth > 0
-    # Images on portals tint light that passed them before it passed a boundary of a medium, too.
+    # Images on portals also tint light that passed a boundary of a medium after them.
     straight_from = paths.origin + (paths.near - paths.flown) * paths.direction
     on_lamp = Bool(False) if lamp is None else lamp[0]
     result = tracing.lighting.emission(point.hit, straight_from, paths.direction, shown & ~on_lamp)
@@ -296,7 +297,7 @@ def _bounce(
     world: World, hit: Any, paths: CameraPaths, throughput: Array3f, smooth: Bool, samples: Samples, name: UInt32
 ) -> Bounce:
     """Return a sample of the smooth lobes of BSDFs."""
-    # Of all lobes: among some of them, Mitsuba's cut-out surfaces sample nothing but what passes them.
+    # Sample all lobes: with a mask, Mitsuba's cut-out surfaces sample only the light that passes them.
     context = mi.BSDFContext()
     lobe, turn = samples.single(paths.order, _BOUNCE, name), samples.pair(paths.order, _ASIDE, name)
     sample, weight = hit.bsdf().sample(context, hit, lobe, mi.Point2f(turn), smooth)

@@ -1,10 +1,10 @@
-"""Beams or paths: which emitters' light has less noise met by walks than by beams and photons.
+"""Beams or paths: the choice of the emitters whose light has less noise by walks than by beams and photons.
 
-A pilot renders the light of each kind of emitter both ways, along a few hundred rays and in a few passes, without
-direct light, which is the same in both. Preferred is what has less noise at equal cost. Walks that miss light which
-beams find are not, however little they differ: they would find it one day, in bright dots.
+A pilot renders the light of each kind of emitter both ways, along several hundred rays and in a few passes, without
+direct light, which is the same in both. It prefers the way with less noise at equal cost. Walks that miss light which
+beams find are never preferred, however little noise they have: they would find it at some time, as bright dots.
 
-The cost is reckoned from counts, and measured by no clock: the same scene has the same picture on every machine.
+The cost is computed from counts, not measured by a clock: the same scene has the same picture on every machine.
 """
 
 from __future__ import annotations
@@ -33,21 +33,22 @@ if TYPE_CHECKING:
 
 mi = mitsuba()
 
-# Rays of the pilot, across and down; passes that trace light, and passes of walks alone; the first ones, which are
-# enough where either has so many times the noise of the other.
+# Rays of the pilot, across and down. Passes that trace light, and passes of walks alone. The number of first passes,
+# which are enough if either way has this many times the noise of the other.
 _COLUMNS, _ROWS = 40, 24
 _TRACED, _UNTRACED = 4, 8
 _FIRST, _SURE = 2, 5.0
-# The pilot has one of so many light paths, and at least so many of each emitter. Fewer beams are wider, as far as the
-# bounds of radii let them: they have as much noise, or more, up to in proportion. The mean of both is reckoned with.
+# The pilot has this fraction (1/N) of the light paths, and at least this many of each emitter. Fewer beams are wider, if
+# the bounds of radii allow it. Then they have as much noise as all, otherwise more, at most in proportion to N; the cost
+# takes the geometric mean of the two.
 _FEWER, _FEWEST = 4, 128
-# Walks of so little noise are taken at once: a variance in units of the mean's square.
+# Walks with less noise than this are preferred at once: a variance in units of the mean's square.
 _QUIET = 0.1
-# Rays are looked at in blocks of so many, across and down: of eight samples of one ray, all may miss the light.
+# Rays are judged in blocks of this many, across and down: all eight samples of a single ray may miss the light.
 _BLOCK = 8
-# The part of the mean below which a block's light is too dark to be looked at by itself.
+# The fraction of the mean below which a block is too dark to be judged by its own light.
 _DARK = 0.01
-# Walks miss light if their mean is below this part of that of beams, and below it by so many standard errors.
+# Walks miss light if their mean is below this fraction of that of beams, and by more than so many standard errors.
 _MISSED, _SURELY = 0.95, 3.0
 
 #: Returns the light of the scene with some emitters met by walks, and others dark.
@@ -56,9 +57,9 @@ Lit = Callable[[tuple[int, ...], frozenset[int]], "SceneLight"]
 
 @dataclass(frozen=True)
 class Pixels:
-    """How many pixels a pass has, and of how many their filter takes the mean.
+    """How many pixels a pass has, and how many of them the pixel filter averages.
 
-    The filter lowers the noise of walks by that, and not that of beams: a stroke is many pixels wide.
+    The filter lowers the noise of walks by that factor, but not that of beams: a stroke is many pixels wide.
     """
 
     count: int
@@ -66,7 +67,7 @@ class Pixels:
 
 
 def is_sharp(emitter: Any) -> bool:
-    """Return whether an emitter is small as points see it: a lamp, or the sun; not a sky."""
+    """Return whether an emitter looks small from a point: a lamp or the sun, not a sky."""
     flags = emitter.flags()
     return not mi.has_flag(flags, mi.EmitterFlags.Infinite) or mi.has_flag(flags, mi.EmitterFlags.Delta)
 
@@ -75,10 +76,10 @@ def preferred(
     world: SceneWorld, emitters: Sequence[int], cameras: Sequence[View], pixels: Pixels, light: Lit, settings: Settings,
     max_depth: int | None,
 ) -> list[int]:  # fmt: skip
-    """Return the numbers of those emitters whose light walks had better meet, for passes of such pixels.
+    """Return the numbers of those emitters whose light walks should meet, for passes of these pixels.
 
-    Without media that is all of them: direct light, the same either way, is most of the light there, and photons leave
-    blotches. Without a camera to look through it is none.
+    Without media that is all of them: most of the light is then direct, which is the same either way, and photons leave
+    blotches. Without a camera it is none.
     """
     if not any(max(each.medium.scattering) > 0 for each in world.media.all):
         return list(emitters)
@@ -94,7 +95,7 @@ def preferred(
         if walks.noise() > _QUIET:
             beams = _Pilot(light((), dark), settings, max_depth, cameras[0])
             beams.add(_FIRST)
-            if light(tuple(own), dark).portal is not None:  # which the light paths' pilot has found
+            if light(tuple(own), dark).portal is not None:  # the pilot of the light paths has found one
                 walks = _Pilot(light(tuple(own), dark), settings, max_depth, cameras[0])
                 walks.add(_FIRST if walks.traces else _UNTRACED)
             ratio = walks.noise() * _cost(walks, beams, pixels) / max(beams.noise(), 1e-30)
@@ -111,7 +112,7 @@ def preferred(
 
 
 def _cost(walks: _Pilot, beams: _Pilot, pixels: Pixels) -> float:
-    """Return the cost of passes of walks in passes of beams: of as many as the filter makes one of."""
+    """Return the cost of a pass of walks over that of a pass of beams, divided by the pixels that the filter averages."""
     return walks.cost(pixels.count) / (pixels.averaged * beams.cost(pixels.count) * _FEWER**-0.5)
 
 
@@ -121,9 +122,9 @@ def prefers_walks(beams: Array, walks: Array, cost: float) -> bool:
     Parameters
     ----------
     beams, walks
-        The radiance of rays in some passes of either, (P, H, W).
+        The radiance of rays in some passes of each, (P, H, W).
     cost
-        That of a pass of walks in passes of beams.
+        The cost of a pass of walks over that of a pass of beams.
     """
     mean = 0.5 * (beams.mean(axis=0) + walks.mean(axis=0))
     totals = [each.mean() for each in (beams, walks)]
@@ -137,8 +138,8 @@ def prefers_walks(beams: Array, walks: Array, cost: float) -> bool:
 def noise(found: Array, mean: Array, block: int = _BLOCK) -> float:
     """Return the variance of several pictures, (P, H, W), in units of the square of their `mean`, (H, W).
 
-    It is that of each block of pixels, and then the mean of blocks, which count as much as they have light: dark
-    corners may have some noise. What is left at the edges beside whole blocks does not count.
+    The variance of each block of pixels is taken relative to its light, and then averaged over the blocks, weighted by
+    their light: dark corners may have some noise. Pixels at the edges beside whole blocks do not count.
     """
     rows, columns = (each // block for each in mean.shape)
     variance, light = (
@@ -149,7 +150,7 @@ def noise(found: Array, mean: Array, block: int = _BLOCK) -> float:
 
 
 class _Pilot(PassRenderer):
-    """Passes over some of a camera's rays, with a scene's light but for what comes straight from emitters.
+    """Passes over some of a camera's rays, with a scene's light except what comes straight from emitters.
 
     Attributes
     ----------
@@ -172,11 +173,11 @@ class _Pilot(PassRenderer):
         return bool(self._light.simulation.emission.strata)
 
     def noise(self) -> float:
-        """Return the noise of what was found."""
+        """Return the noise of the radiance so far."""
         return noise(self.found, self.found.mean(axis=0))
 
     def cost(self, pixels: int) -> float:
-        """Return the cost of a pass of the scene's own light."""
+        """Return the cost of a pass over this many pixels, with all of the scene's light paths."""
         scale = 1 / (max(self._portion, 1e-30) * len(self.found))
         beams, photons = scale * self._beams, scale * self._photons
         return (of_beams(beams + photons, beams, pixels) if self.traces else 0.0) + (
@@ -190,7 +191,7 @@ class _Pilot(PassRenderer):
         return self._light.walks
 
     def simulated(self, number: int) -> Simulated:
-        """Return what light leaves in pass `number`."""
+        """Return the beams and photons of pass `number`."""
         result = self._light.simulated(number)
         self._beams += sum(len(each.beams) for each in result.sets)
         self._photons += sum(dr.width(each.number) for each in result.hits)
@@ -204,7 +205,7 @@ class _Pilot(PassRenderer):
             origin + dr.zeros(Array3f, count), direction, dr.zeros(Float, count),
             dr.full(Float, dr.largest(Float), count), dr.ones(Array3f, count),
         )  # fmt: skip
-        # Without beams and photons, all passes at once.
+        # Without beams and photons, all passes are rendered at once.
         together = 1 if self.traces else passes
         bits = (together - 1).bit_length()
         order = self._samples(0, bits).indices(dr.arange(UInt32, count))

@@ -1,21 +1,21 @@
 """Denoised layers: Open Image Denoise where it errs less than the passes do.
 
-Open Image Denoise (https://www.openimagedenoise.org) is a network that was trained on path tracers' noise, which is
-independent in each pixel. It is guided by albedos and normals of what is seen, as its documentation asks for: through
-the same pixel filter, and of the first surface that is more than a mirror or clear glass.
+Open Image Denoise (https://www.openimagedenoise.org) is a network that was trained on the noise of path tracers, which
+is independent in each pixel. It is guided by albedos and normals, as its documentation asks: seen through the same pixel
+filter, and of the first surface that is more than a mirror or clear glass.
 
-Beams share their light among many pixels, so that their noise is no such noise, and after a few passes there is hardly
-any. What a network makes of them may be worse. A layer is therefore a mixture of both pictures, n of the passes and f
-of the network: n + w (f − n). Two things, each over some pixels around, tell noise in d = f − n from the network's own
-errors. Both are of errors relative to the light, or what is bright would decide for the dark beside it:
+Beams share their light among many pixels, so their noise is of another kind, and after a few passes there is hardly any.
+The network may make them worse. A layer is therefore a mixture of two pictures, n of the passes and f of the network:
+n + w (f − n). Two properties of d = f − n, each taken over the pixels around, tell noise from the network's own errors.
+Both use errors relative to the light; otherwise bright pixels would decide for dark ones beside them:
 
-- Its size. The passes say how large their error is, σ². Where the network errs by b, the mean of d² is about σ² + b²,
-  and w = σ² / (σ² + b²) has the least error of all mixtures (as of James and Stein's estimator; Gu et al. 2022, "Neural
+- Its size. The passes tell how large their error is, σ². Where the network errs by b, the mean of d² is about σ² + b²,
+  and w = σ² / (σ² + b²) has the least error of all mixtures (like James and Stein's estimator; Gu et al. 2022, "Neural
   James-Stein Combiner for Unbiased and Biased Renderings"). With more passes w vanishes, and the picture converges to
-  what it would be without.
-- Its pattern. Noise differs from pixel to pixel, and an edge that is smeared is the same error in many: w falls with
-  the correlation of neighbours, to nothing where that is a third. Without it, edges of shafts would be smeared in the
-  first passes, for σ² also counts that passes look at other places in the pixels, whose errors cancel.
+  the one without denoising.
+- Its pattern. Noise differs from pixel to pixel, while a smeared edge is the same error in many pixels. So w falls with
+  the correlation of neighbours, and is 0 where that is a third. Otherwise the edges of shafts would be smeared in the
+  first passes: σ² also counts that passes look at different places in a pixel, though these errors cancel.
 """
 
 from __future__ import annotations
@@ -32,24 +32,24 @@ from ..runtime.device import backend
 from ..scene import Array, SceneError
 from .sums import ALBEDO, MEAN_NORMAL, NOISY, PassSums
 
-# Side of the square of pixels over which errors are averaged: of one pixel's few passes, the variance is a guess. With
-# 7, the weights are as uneven as the noise, and specks of it stay.
+# Side of the square of pixels over which errors are averaged: the variance of one pixel over few passes is a guess. With
+# a side of 7 the weights are as uneven as the noise, and specks of noise stay.
 _AROUND = 15
 _LEAST = np.finfo(np.float32).tiny
-_CORRELATED = 1 / 3  # neighbours in what is no noise
-_DARK = 0.01  # of the picture's light: errors of less are relative to this
+_CORRELATED = 1 / 3  # correlation of neighbours from which on a difference is not noise at all
+_DARK = 0.01  # fraction of the picture's mean light: errors of darker pixels are relative to this
 
 
 @dataclass(frozen=True)
 class Filtered:
-    """What Open Image Denoise made of a layer: of the same light and guides it makes the same."""
+    """The result of Open Image Denoise for a layer; with the same light and guides it can be used again."""
 
     noisy: Array
     guides: Mapping[str, Array]
     result: Array
 
     def is_of(self, noisy: Array, guides: Mapping[str, Array]) -> bool:
-        """Return whether it is of this light and these guides."""
+        """Return whether the result is of the light `noisy` and of these `guides`."""
         return (
             np.array_equal(noisy, self.noisy)
             and guides.keys() == self.guides.keys()
@@ -58,12 +58,12 @@ class Filtered:
 
 
 def check_denoiser() -> None:
-    """Raise SceneError where Open Image Denoise cannot be used."""
+    """Raise SceneError if Open Image Denoise cannot be used."""
     _device()
 
 
 def lacking_denoiser() -> str | None:
-    """Return what keeps Open Image Denoise from being used, None where it can be."""
+    """Return why Open Image Denoise cannot be used, or None if it can be."""
     try:
         check_denoiser()
     except SceneError as error:
@@ -75,32 +75,33 @@ def denoised(
     layers: Mapping[str, Array], sums: PassSums, groups: Mapping[str, str], keep_noisy: bool = False,
     known: dict[str, Filtered] | None = None,
 ) -> dict[str, Array]:  # fmt: skip
-    """Return the layers of a view with `surface` and the layers of beams denoised; `rgba` is still their sum.
+    """Return the layers of a view, with `surface` and the layers of beams denoised; `rgba` is still their sum.
 
     Parameters
     ----------
     layers
-        What `film.develop` returns of `sums`.
+        The layers that `film.develop` returns for `sums`.
     sums
-        The sums of passes that were rendered to be denoised: they hold albedos, normals and variances.
+        The sums of passes that were rendered to be denoised: they contain albedos, normals and variances.
     groups
         The layer of each light group.
     keep_noisy
-        Whether the result also has the layers as they were, by names that begin with "noisy_".
+        Whether the result also has the noisy layers, by names that begin with "noisy_".
     known
-        What was made of layers before, by their names, and is kept there; None: nothing is kept.
+        Earlier results by the names of layers, which are used again and updated; None: nothing is kept.
 
     Raises
     ------
     SceneError
-        Open Image Denoise cannot be used, or the sums are of other passes.
+        If Open Image Denoise cannot be used, or the passes were not rendered to be denoised.
     """
     guides = _guides(sums, layers["surface"].shape[:2])
     known = {} if known is None else known
     parts = [*dict.fromkeys(groups.values())] or ["beams"]
     result = {}
     for name in ("surface", *parts):
-        # Of one pass nobody knows the error: surfaces have noise that is known to go, beams have not.
+        # The error of a single pass is unknown. The noise of surfaces is of the kind that the network removes, that of
+        # beams is not.
         unknown = 1.0 if name == "surface" else 0.0
         result[name] = _mixed(name, layers[name], guides, sums.variance(name), unknown, known)
     if groups:
@@ -112,11 +113,11 @@ def denoised(
 
 
 def _guides(sums: PassSums, shape: tuple[int, ...]) -> dict[str, Array]:
-    """Return the means of albedos and normals, (H, W, 3), by the names of Open Image Denoise."""
+    """Return the means of albedos and normals, (H, W, 3), by the names that Open Image Denoise has for them."""
     total = sums.total((ALBEDO, MEAN_NORMAL, "weight"))
     if MEAN_NORMAL not in total:
         raise SceneError("the passes have no normals to denoise with: expected passes that were rendered with denoise")
-    if ALBEDO not in total:  # behind a plate nothing is seen; the network takes no normals without albedos
+    if ALBEDO not in total:  # with a holdout no surface is seen; the network takes no normals without albedos
         return {}
     scale = 1 / total["weight"] if "weight" in total else np.float32(1 / len(sums))
     names = {"albedo": ALBEDO, "normal": MEAN_NORMAL}
@@ -128,7 +129,10 @@ def _mixed(
     name: str, noisy: Array, guides: Mapping[str, Array], variance: Array | None, unknown: float,
     known: dict[str, Filtered],
 ) -> Array:  # fmt: skip
-    """Return a layer between its passes' mean and the network's picture; `unknown` is the weight without a variance."""
+    """Return a layer mixed from the mean of the passes and the network's picture.
+
+    `unknown` is the weight of the latter if no variance is known.
+    """
     if not noisy.any() or (variance is None and not unknown):
         return noisy
     if name not in known or not known[name].is_of(noisy, guides):
@@ -146,20 +150,20 @@ def _mixed(
 
 
 def _around(values: Array) -> Array:
-    """Return means over the pixels around each."""
+    """Return means over the pixels around each pixel."""
     return uniform_filter(values, _AROUND, mode="reflect")
 
 
 def _beside(values: Array) -> Array:
     """Return means of the four neighbours of each pixel."""
     kernel = np.array([[0, 0.25, 0], [0.25, 0, 0.25], [0, 0.25, 0]], dtype=np.float32)
-    return convolve(values, kernel, mode="mirror")  # no pixel beside itself
+    return convolve(values, kernel, mode="mirror")  # so that no pixel at an edge is its own neighbour
 
 
 def _filtered(noisy: Array, guides: Mapping[str, Array]) -> Array:
-    """Return what Open Image Denoise makes of (H, W, 3) light."""
+    """Return the result of Open Image Denoise for (H, W, 3) light."""
     oidn, device = _device()
-    color = np.ascontiguousarray(np.maximum(noisy, 0))  # which pixel filters with negative lobes may leave
+    color = np.ascontiguousarray(np.maximum(noisy, 0))  # pixel filters with negative lobes may leave negative light
     try:
         return np.asarray(oidn.denoise(color, guides.get("albedo"), guides.get("normal"), hdr=True, device=device))
     except (RuntimeError, ValueError) as error:
@@ -168,7 +172,7 @@ def _filtered(noisy: Array, guides: Mapping[str, Array]) -> Array:
 
 @lru_cache(maxsize=1)
 def _device() -> tuple[Any, Any]:
-    """Return the library, and where it runs: on the renderer's own processor; SceneError where it does not."""
+    """Return the library and its device, the renderer's own processor; raise SceneError if it does not work."""
     try:
         import mitsuba_oidn as oidn
 

@@ -1,10 +1,10 @@
 """Holdouts: another picture's depth, at which camera rays end.
 
-A pixel's rays differ in their place on the pixel and on the lens, and its depth is that of one ray. So each pixel is a
-piece of a plane, on which 1/Z is linear in the picture. Without the slope of 1/Z, rays would end behind surfaces at a
-slant, and show beams that lie there. The slope is the smaller of those to the neighbours on either side, and 0 where
-these differ in sign (the minmod limiter, Roe 1986): at the edge of an object it is the object's own, and a depth never
-lies between a near object and a far one.
+The rays of a pixel differ in their places in the pixel and on the lens, but the pixel's depth is that of one ray. So
+each pixel is taken as a piece of a plane, on which 1/Z is linear in the picture. Without the slope of 1/Z, rays would
+end behind slanted surfaces and show beams that lie there. The slope is the smaller of those to the neighbours on either
+side, and 0 if these differ in sign (the minmod limiter, Roe 1986): at the edge of an object it is the object's own, and
+a depth never lies between a near object and a far one.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from ..world.cameras import View, Window
 class HoldoutDepth:
     """The holdout of one view: planar depths, (H, W), positive, infinite for the background.
 
-    `place` is the point within each pixel at which they were sampled, from 0 to 1 each way.
+    `place` is the point within each pixel at which the depths were sampled, from 0 to 1 along x and y.
     """
 
     def __init__(self, depth: np.ndarray, window: Window, place: tuple[float, float] = (0.5, 0.5)) -> None:
@@ -37,9 +37,9 @@ class HoldoutDepth:
         dr.eval(self.depth, self._inverse, self._slopes)
 
     def distances(self, view: View, facing: Any, places: Array2f, on_lens: tuple[Any, Any] | None = None) -> Float:
-        """Return the distances at which the rays of `view` end, from points `on_lens`.
+        """Return the distances at which the rays of `view` end, for rays from points `on_lens`.
 
-        `facing` is planar depth per unit of distance, `places` are where in their pixels the rays go through.
+        `facing` is the planar depth per unit of distance; `places` are the rays' places in their pixels.
         """
         inverse, numerator = self._inverse, Float(1)
         for slope, there, here in zip(self._slopes, places, self._place, strict=True):
@@ -50,12 +50,12 @@ class HoldoutDepth:
             scale, (_, focus) = view.projection.scale, view.projection.lens
             moved = self._slopes[0] * scale[0] * on_lens[0] - self._slopes[1] * scale[1] * on_lens[1]
             inverse, numerator = inverse - moved / focus, dr.maximum(1 - moved, 0.25)
-        # What slopes add up to may be more than there is.
+        # The slopes may add up to more than the inverse depth itself.
         return numerator / dr.maximum(inverse, 0.25 * self._inverse) / facing
 
 
 def slopes(values: Any, axis: int) -> np.ndarray:
-    """Return the change of values from pixel to pixel along an axis: the smaller of the two sides', or 0."""
+    """Return the change of values from pixel to pixel along an axis: the smaller of those to either side, or 0."""
     values = np.moveaxis(np.asarray(values, dtype=np.float64), axis, 0)
     if len(values) == 1:
         return np.zeros_like(np.moveaxis(values, 0, axis))

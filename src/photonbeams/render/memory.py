@@ -1,4 +1,4 @@
-"""How much memory a pass takes, and that a machine has it."""
+"""How much memory a pass takes, and a check that the machine has it."""
 
 from __future__ import annotations
 
@@ -8,27 +8,28 @@ from ..runtime import device
 from ..scene import SceneError
 from ..world.cameras import Window
 
-# Bytes at the peak of a pass on the CPU: resident memory of renders of 2 to 8 million pixels and 1 to 3 million beams.
+# Bytes at the peak of a pass on the CPU, measured as resident memory of renders of 2 to 8 million pixels and 1 to 3
+# million beams.
 PIXEL_BYTES, BEAM_BYTES = 500, 1450
 
-_MOST_ENTRIES = 1 << 32  # of an array of Dr.Jit
+_MOST_ENTRIES = 1 << 32  # in an array of Dr.Jit
 
 
-# Pictures of so many pixels give memory back between the parts of a pass. Dr.Jit keeps what is free for arrays of the
-# same size; that is faster, but of large ones it takes as much again as the picture.
+# Pictures with at least this many pixels give memory back between the parts of a pass. Dr.Jit keeps free memory for
+# arrays of the same size, which is faster; but for large pictures this takes as much memory again as the picture.
 _LARGE = 1 << 20
 
 
 def release_memory(size: tuple[int, int]) -> None:
-    """Return what Dr.Jit keeps for later to the system, of pictures that are large."""
+    """Return the memory that Dr.Jit keeps for later to the system, if the picture is large."""
     if size[0] * size[1] >= _LARGE:
         dr.flush_malloc_cache()
 
 
 def check_memory(window: Window, beams: int) -> None:
-    """Raise SceneError for a pass that the system would end for want of memory, which it does without a word.
+    """Raise SceneError for a pass that takes more memory than there is: the system would kill it without a message.
 
-    On CUDA Dr.Jit says so itself.
+    On CUDA Dr.Jit raises an error itself.
     """
     height, width = window.shape
     expected = "expected fewer, or a part of the picture with --crop"

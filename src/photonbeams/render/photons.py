@@ -20,8 +20,8 @@ from ..world.world import World
 
 mi = mitsuba()
 
-# Photons that were scattered at random reach their neighbour of this number, counted from the nearest. Fewer are seen
-# as dots, more blur what they light.
+# Photons that were scattered at random reach as far as this neighbour, counted from the nearest. With a smaller number
+# single photons are visible as dots; with a larger one the light is blurred.
 _NEIGHBOURS = 16
 
 
@@ -47,7 +47,7 @@ class PhotonMaps:
         self._maps: dict[int, PhotonMap | None] = {}
 
     def __call__(self, hit: Any, depth: UInt32, active: Bool) -> Array3f:
-        """Return the radiance that surfaces reflect of photons toward camera paths of these depths."""
+        """Return the radiance of photons that surfaces reflect toward camera paths of these depths."""
         result = dr.zeros(Array3f, dr.width(hit.t))
         if self._most is None:
             return self._reflected(self._map(0), hit, active)
@@ -57,7 +57,7 @@ class PhotonMaps:
         return result
 
     def _map(self, depth: int) -> PhotonMap | None:
-        """Return the photons for paths of a depth; None where there are none."""
+        """Return the photon map for paths of a depth; None if it has no photons."""
         if depth not in self._maps:
             kept = [self._all]
             if self._most is not None:
@@ -87,7 +87,7 @@ class PhotonMaps:
 
 
 def _fit(hits: PhotonHits, world: World, limits: Limits) -> None:
-    """Turn photons' normals to the incident light, and keep their discs on the surfaces that they lie on."""
+    """Turn photons' normals toward the incident light, and fit their discs to the surfaces on which they lie."""
     away = dr.dot(hits.normal, hits.direction) > 0
     hits.normal = dr.select(away, -hits.normal, hits.normal)
     radius = limits(dr.maximum(hits.radius, _neighbourhood(hits))) + Float(0)
@@ -98,10 +98,10 @@ def _fit(hits: PhotonHits, world: World, limits: Limits) -> None:
 
 
 def _neighbourhood(hits: PhotonHits) -> Float:
-    """Return how far it is from photons to their neighbours, of those that were scattered at random; 0 for others.
+    """Return the distance from each photon that was scattered at random to its neighbours; 0 for other photons.
 
-    No differentials tell how far apart they are: a path says how many there are of it, not on how large a surface the
-    light arrives. The distance to a neighbour does (Jensen 1996), and each photon keeps its own flux.
+    For these photons no differentials tell how far apart they are: the number of paths is known, but not the area on
+    which their light arrives. The distance to a neighbour tells it (Jensen 1996). Each photon keeps its own flux.
     """
     dr.eval(hits)
     places, flux = to_numpy(hits.position).T, to_numpy(hits.flux)
