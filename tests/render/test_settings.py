@@ -27,7 +27,7 @@ from photonbeams.scene.cameras import FILTERS
         ({"guiding": "yes"}, "guiding is 'yes': expected True or False"),
         ({"radius": 0.0}, "radius is 0.0: expected a number above 0"),
         ({"max_radius": "1"}, "max_radius is '1': expected a number above 0"),
-        ({"min_radius": 0.2, "max_radius": 0.1}, "min_radius is 0.2: expected at most max_radius, 0.1"),
+        ({"min_radius": 0.2, "max_radius": 0.1}, "min_radius is 0.2: expected at most 0.1 (max_radius)"),
         ({"overlap": np.nan}, "overlap is nan: expected a finite number above 0"),
         ({"alpha": 0}, "alpha is 0: expected a number above 0 and at most 1"),
         ({"alpha": "a"}, "alpha is 'a': expected a number above 0 and at most 1"),

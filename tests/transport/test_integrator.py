@@ -73,7 +73,7 @@ def test_other_variants_are_refused(variant):
         ({"alpha": 2.0}, "alpha is 2.0"),
         ({"estimator": "best"}, "best"),
         ({"order": 0}, "order is 0: expected 1 to 256 points"),
-        ({"min_radius": 0.2, "max_radius": 0.1}, "min_radius is 0.2: expected at most max_radius, 0.1"),
+        ({"min_radius": 0.2, "max_radius": 0.1}, "min_radius is 0.2: expected at most 0.1 (max_radius)"),
         ({"paths": 2048.5}, "paths is 2048.5: expected a whole number"),
         ({"max_depth": 3.5}, "max_depth is 3.5: expected a whole number"),
         ({"rr_depth": True}, "rr_depth is True: expected a whole number"),

@@ -1,4 +1,4 @@
-"""How camera paths continue at boundaries, mirrors and glass: by a sample of the BSDF, or in two branches by both lobes.
+"""How camera paths continue at boundaries, mirrors and glass: by a sample of the BSDF, or in two branches, one a lobe.
 
 At the first two times that a path meets glass, reflection and refraction are both followed: a random choice between
 them would leave grain that only many passes remove.

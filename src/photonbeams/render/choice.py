@@ -38,9 +38,9 @@ mi = mitsuba()
 _COLUMNS, _ROWS = 40, 24
 _TRACED, _UNTRACED = 4, 8
 _FIRST, _SURE = 2, 5.0
-# The pilot has this fraction (1/N) of the light paths, and at least this many of each emitter. Fewer beams are wider, if
-# the bounds of radii allow it. Then they have as much noise as all, otherwise more, at most in proportion to N; the cost
-# takes the geometric mean of the two.
+# The pilot has this fraction (1/N) of the light paths, and at least this many of each emitter. Fewer beams are wider,
+# if the bounds of radii allow it. Then they have as much noise as all beams; else they have more, at most N times as
+# much. The cost takes the geometric mean of the two.
 _FEWER, _FEWEST = 4, 128
 # Walks with less noise than this are preferred at once: a variance in units of the mean's square.
 _QUIET = 0.1
@@ -112,7 +112,7 @@ def preferred(
 
 
 def _cost(walks: _Pilot, beams: _Pilot, pixels: Pixels) -> float:
-    """Return the cost of a pass of walks over that of a pass of beams, divided by the pixels that the filter averages."""
+    """Return the cost of a pass of walks, over the pixels that the filter averages, in passes of beams."""
     return walks.cost(pixels.count) / (pixels.averaged * beams.cost(pixels.count) * _FEWER**-0.5)
 
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-# In microseconds of a processor core: tracing any light paths, each beam or photon, each pair of beam and pixel, and the
-# walks of a pixel. For six scenes at two sizes these are right within a factor of two or three.
+# In microseconds of a processor core: tracing any light paths, each beam or photon, each pair of beam and pixel, and
+# the walks of a pixel. For six scenes at two sizes these are right within a factor of two or three.
 TRACING, RECORD, TEST, WALK = 2e5, 15.0, 1e-3, 3.0
 
 # Usual number of beams and photons of a light path, and the cost of surfaces and walks for a sample of a pixel.
@@ -18,7 +18,7 @@ LANES = 1 << 19
 
 
 def of_beams(records: float, beams: float, pixels: int) -> float:
-    """Return the cost of a pass with this many `records` (beams and photons), of which `beams` are tested with pixels."""
+    """Return the cost of a pass with this many `records`, beams and photons, of which `beams` are tested."""
     return TRACING + RECORD * records + TEST * beams * pixels
 
 

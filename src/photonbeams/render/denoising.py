@@ -1,13 +1,13 @@
 """Denoised layers: Open Image Denoise where it errs less than the passes do.
 
 Open Image Denoise (https://www.openimagedenoise.org) is a network that was trained on the noise of path tracers, which
-is independent in each pixel. It is guided by albedos and normals, as its documentation asks: seen through the same pixel
-filter, and of the first surface that is more than a mirror or clear glass.
+is independent in each pixel. It is guided by albedos and normals, as its documentation asks: seen through the same
+pixel filter, and of the first surface that is more than a mirror or clear glass.
 
-Beams share their light among many pixels, so their noise is of another kind, and after a few passes there is hardly any.
-The network may make them worse. A layer is therefore a mixture of two pictures, n of the passes and f of the network:
-n + w (f − n). Two properties of d = f − n, each taken over the pixels around, tell noise from the network's own errors.
-Both use errors relative to the light; otherwise bright pixels would decide for dark ones beside them:
+Beams share their light among many pixels, so their noise is of another kind, and after a few passes there is hardly
+any. The network may make them worse. A layer is therefore a mixture of two pictures, n of the passes and f of the
+network: n + w (f − n). Two properties of d = f − n, each taken over the pixels around, tell noise from the network's
+own errors. Both use errors relative to the light; otherwise bright pixels would decide for dark ones beside them:
 
 - Its size. The passes tell how large their error is, σ². Where the network errs by b, the mean of d² is about σ² + b²,
   and w = σ² / (σ² + b²) has the least error of all mixtures (like James and Stein's estimator; Gu et al. 2022, "Neural
@@ -32,8 +32,8 @@ from ..runtime.device import backend
 from ..scene import Array, SceneError
 from .sums import ALBEDO, MEAN_NORMAL, NOISY, PassSums
 
-# Side of the square of pixels over which errors are averaged: the variance of one pixel over few passes is a guess. With
-# a side of 7 the weights are as uneven as the noise, and specks of noise stay.
+# Side of the square of pixels over which errors are averaged: the variance of one pixel over few passes is a guess.
+# With a side of 7 the weights are as uneven as the noise, and specks of noise stay.
 _AROUND = 15
 _LEAST = np.finfo(np.float32).tiny
 _CORRELATED = 1 / 3  # correlation of neighbours from which on a difference is not noise at all

@@ -118,7 +118,7 @@ class PassRenderer(ABC):
         """Return the beams and photons of pass `number`."""
 
     def _single_scattering(self, world: World, count: int, samples: Samples) -> SingleScattering | None:
-        """Return the light that media scatter toward `count` pixels without beams, or None if there is none."""
+        """Return the light that media scatter toward `count` pixels without beams, or None."""
         return None
 
     def _walkings(self, world: World) -> Mapping[str, Walking]:
@@ -138,7 +138,7 @@ class PassRenderer(ABC):
 
     @property
     def _max_bounces(self) -> int | None:
-        """Most bounces of light before it is scattered toward the camera: two less than the edges of the longest path."""
+        """Most bounces of light before it is scattered toward the camera: two less than the longest path has edges."""
         return None if self._max_depth is None else self._max_depth - 2
 
     @property
@@ -189,7 +189,7 @@ class PassRenderer(ABC):
         self, number: int, light: Simulated, rays: ViewRays, order: UInt32, samples: Samples,
         more: MoreSamples | None = None,
     ) -> Groups:  # fmt: skip
-        """Return the light of the beams of pass `number` along camera rays; with `more`, some pixels have several rays."""
+        """Return the light of the beams of pass `number` along camera rays; with `more`, some pixels have several."""
         if not light.sets:
             return {}
         clock, statistics = self._clock(number), self.statistics

@@ -178,7 +178,7 @@ class Settings:
                 kind = "a positive number of seconds" if name == "time_limit" else "a number above 0"
                 raise SceneError(f"{name} is {shown}: expected {kind}")
         if self.min_radius and self.max_radius and self.min_radius > self.max_radius:
-            raise SceneError(f"min_radius is {self.min_radius}: expected at most max_radius, {self.max_radius}")
+            raise SceneError(f"min_radius is {self.min_radius}: expected at most {self.max_radius} (max_radius)")
         if not (isinstance(self.gather_error, Real) and 0 <= self.gather_error < 1):
             raise SceneError(f"gather_error is {self.gather_error!r}: expected a number from 0 (exact) to below 1")
         if not (isinstance(self.alpha, Real) and 0 < self.alpha <= 1):
