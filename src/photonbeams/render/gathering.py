@@ -31,7 +31,7 @@ from .branches import CameraPaths, add_to_pixels
 from .camera_paths import CameraVertex
 from .passes import Statistics
 
-# Segments that are collected for one query of the grid, which takes as long to build as to query.
+# Segments that are collected for one query of the grid; building the grid takes as long as the query.
 _MOST = 1 << 22
 
 
@@ -62,7 +62,7 @@ class PathSegments(Struct):
 
 @dataclass(frozen=True)
 class EstimatorOptions:
-    """Options of the estimate: `estimator`, `points` and `tolerance` as for `estimate_image`, and the longest path.
+    """Options of the estimate: `estimator`, `points` and `tolerance` as in `estimate_image`, and the longest path.
 
     `context` returns the light context of a set of beams.
     """
@@ -80,7 +80,7 @@ class Gathering:
     Parameters
     ----------
     view, primary
-        The projection of the primary rays, or None, and these rays.
+        The projection of the primary rays (or None), and the primary rays.
     media, sets
         The media, and the beams in them.
     estimating, statistics
@@ -166,7 +166,7 @@ class Gathering:
         self._steps = []
 
     def _images(self, segments: PathSegments, widths: Sequence[int]) -> RayImages | None:
-        """Return the segments as pictures, one of each step and branch; None where all are looked along."""
+        """Return the segments as pictures, one for each step and branch; None if beams are gathered along all."""
         tolerance = self._options.tolerance
         if self._lattice is None or self._view is None or tolerance <= 0:
             return None
@@ -179,12 +179,12 @@ class Gathering:
         )
 
     def _brought(self, group: str, segments: PathSegments) -> Float:
-        """Return what would be all that the pixels of segments have of a group by now, if it came along these."""
+        """Return the radiance along segments that would bring all the light of a group that their pixels have now."""
         brought = dr.max(dr.gather(Array3f, self.radiance[group], segments.pixel))
         return brought * dr.rcp(dr.maximum(dr.max(segments.throughput), 1e-6))
 
     def _add_found(self, group: str, found: Any, widths: Sequence[int]) -> None:
-        """Add the radiance along segments to their pixels, step by step: each branch of a pixel has one there."""
+        """Add the radiance along segments to their pixels, step by step: each branch of a pixel has one in a step."""
         first = 0
         for step, width in zip(self._steps, widths, strict=True):
             here = dr.gather(Array3f, found, dr.arange(UInt32, width) + dr.opaque(UInt32, first))
@@ -192,7 +192,7 @@ class Gathering:
             first += width
 
     def _pairs(self, each: BeamSet, segments: PathSegments, own: Bool) -> list[tuple[Any, BeamSet]]:
-        """Return lanes and the beams for them: beams that would make paths longer than allowed are left out."""
+        """Return lanes, each with its beams; beams that would make a path longer than allowed are left out."""
         lanes: Any = dr.compress(own)
         if not len(lanes):
             return []
@@ -231,7 +231,7 @@ class Gathering:
             )  # fmt: skip
 
     def _time(self, pixel: UInt32) -> Any:
-        """Return the time of pixels' rays, 0 to 1 over the pass's part of the shutter."""
+        """Return the time of pixels' rays, from 0 to 1 over the pass's slice of the shutter interval."""
         assert self._primary.lanes is not None and self._view is not None
         width = dr.opaque(UInt32, self._view.width)
         group = lane_of(pixel % width, pixel // width, dr.opaque(UInt32, self._view.columns))
@@ -239,7 +239,7 @@ class Gathering:
 
 
 def up_to(each: BeamSet, most: int) -> BeamSet | None:
-    """Return the beams of at most `most` bounces, or None."""
+    """Return the beams with at most `most` bounces, or None if there are none."""
     if most < 0:
         return None
     if each.depth is None:
@@ -251,7 +251,7 @@ def up_to(each: BeamSet, most: int) -> BeamSet | None:
 
 @contextmanager
 def naming_look(each: BeamSet) -> Iterator[None]:
-    """Prefix errors of a look with the name of its set of beams, which the look does not know."""
+    """Prefix a look's errors with the name of its set of beams, which the look itself does not know."""
     try:
         yield
     except SceneError as error:

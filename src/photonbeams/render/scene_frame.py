@@ -34,14 +34,14 @@ class SceneRenderer(ScenePasses, FrameRenderer):
     settings
         How it is rendered.
     warned
-        Texts of warnings that were given.
+        Texts of warnings that have been given already.
     extras
-        What the scene itself does not say.
+        Options that the scene itself does not contain.
 
     Raises
     ------
     SceneError
-        Something in the scene that cannot be rendered; beams of an emitter that is not there.
+        If something in the scene cannot be rendered, or beams are set for an emitter that does not exist.
     """
 
     def __init__(
@@ -73,10 +73,10 @@ class SceneRenderer(ScenePasses, FrameRenderer):
         return self.light.simulation.emission.count
 
     def together(self, number: int) -> int:
-        """Return how many passes from `number` on had better be rendered at once."""
+        """Return how many passes from `number` on are best rendered at once."""
         if self.light.simulation.emission.strata or self._holdouts[0] is not None:
             return 1
-        # Samples begin anew there.
+        # Sample sequences begin again after 2^BITS passes.
         return power_below(min(self._wide, (1 << BITS) - number % (1 << BITS)))
 
     def _view_rays(self, number: int, view: int, places: Array2f, samples: Samples, moving: bool) -> ViewRays:
@@ -97,20 +97,20 @@ class SceneRenderer(ScenePasses, FrameRenderer):
 
 @dataclass(frozen=True)
 class Extras:
-    """What is rendered of a Mitsuba scene beyond what it says itself.
+    """Options for rendering a Mitsuba scene that the scene itself does not contain.
 
     Attributes
     ----------
     beams
-        What is said of beams, by the ids of emitters or of their shapes; "" are all others.
+        Settings of beams by the ids of emitters or of their shapes; "" stands for all others.
     eyes
-        Cameras that look instead of the sensor, one for each view.
+        Cameras that replace the sensor, one for each view.
     holdouts
-        For each view, where beams end, instead of at the scene's own surfaces.
+        For each view, the depth at which beams end instead of at the scene's own surfaces.
     depth
-        Whether the layer of depths is wanted.
+        Whether the depth layer is wanted.
     findings
-        What pilots have found of the scene, where it is known.
+        Results of pilots for this scene, if there are any.
     """
 
     beams: Mapping[str, scene.BeamSettings] = field(default_factory=dict)
@@ -145,16 +145,16 @@ def render(
     run
         Which passes, callbacks, and what is kept: see `RunOptions`.
     content
-        A hash of what is rendered: passes of another content are refused.
+        A hash of the content; passes of another content are refused.
     warned
-        Texts of warnings that were given, and are not given again.
+        Texts of warnings that have been given, and are not given again.
     extras
-        What the scene itself does not say.
+        Options that the scene itself does not contain.
 
     Raises
     ------
     SceneError
-        Something in the scene that cannot be rendered.
+        If something in the scene cannot be rendered.
     """
     own = extras or Extras()
     about = "" if not run.named else identity(

@@ -1,9 +1,9 @@
 """The light of a Mitsuba scene, pass by pass: of some emitters as beams and photons, of others by walks.
 
-Emitters of which nothing is said are dealt out by `method`. The light of one that walks meet is theirs alone but for
-caustics, which walks do not find: light that a mirror or glass turns before anything else. Of emitters that are small
-as their points see them, these are traced from the emitter, and left out by walks; wide ones, such as skies, are met
-behind glass as well as anywhere.
+Emitters without settings of their own are assigned by `method`. If walks meet an emitter, they find all of its light
+except caustics, which is light that a mirror or glass turns before anything else. The caustics of emitters that look
+small from a point are traced from the emitter, and walks leave them out. Wide emitters, such as skies, are met behind
+glass as well as anywhere else.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ mi = mitsuba()
 
 @dataclass(frozen=True)
 class EmitterSettings:
-    """The beam settings of a scene by emitter; the sources that they make, and by emitter the number of its source."""
+    """The beam settings of a scene by emitter, the sources that they make, and the number of each emitter's source."""
 
     beams: list[scene.BeamSettings]
     sources: list[Source]
@@ -54,7 +54,7 @@ class EmitterSettings:
 
     @classmethod
     def of(cls, plugin: Any, given: Mapping[str, scene.BeamSettings]) -> EmitterSettings:
-        """Return the settings that are given by the names of emitters, as in `scene_frame.Extras`."""
+        """Return the settings `given` by the names of emitters, as in `scene_frame.Extras`."""
         usual = given.get("", scene.BeamSettings())
         emitters = [names_of(each) for each in plugin.emitters()]
         for name in given:
@@ -72,7 +72,7 @@ class EmitterSettings:
         return cls(beams, sources, numbers)
 
     def free(self, world: SceneWorld, settings: Settings) -> list[int]:
-        """Return the numbers of the emitters whose light walks may meet: those of which nothing is said."""
+        """Return the numbers of the emitters whose light walks may meet: those without settings of their own."""
         if settings.method == "beams" or settings.program is not None or settings.short or not settings.surfaces:
             return []
         return [
@@ -81,7 +81,7 @@ class EmitterSettings:
         ]  # fmt: skip
 
     def as_caustics(self, emitters: Collection[int]) -> EmitterSettings:
-        """Return the same with sources of their own for emitters whose light paths count only as caustics."""
+        """Return the same settings, with separate sources for emitters whose light paths count only as caustics."""
         sources, numbers = list(self.sources), list(self.numbers)
         for old in dict.fromkeys(numbers[each] for each in emitters):
             for each in emitters:
@@ -92,13 +92,13 @@ class EmitterSettings:
 
     @property
     def named(self) -> bool:
-        """Whether beams carry what looks and programs may read."""
+        """Whether beams carry the names that looks and programs may read."""
         first = self.sources[0]
         return len(self.sources) > 1 or first.look is not None or first.beam_scale != 1
 
 
 class Guidance(NamedTuple):
-    """Of an emitter's light: its fitted portal, and the map of the samples and the number of paths of its strata."""
+    """How an emitter's light is guided: its fitted portal, and for each stratum a guiding map and a number of paths."""
 
     opening: Opening | None
     maps: list[GuidingMap | None]
@@ -107,14 +107,14 @@ class Guidance(NamedTuple):
 
 @dataclass
 class Findings:
-    """What pilots have found of a scene, a view and settings, whatever the seed: it is true while these are the same.
+    """Results of pilots for a scene, a view and settings. They do not depend on the seed.
 
     Attributes
     ----------
     walked
-        The numbers of the emitters whose light walks had better meet; None: not known yet.
+        The numbers of the emitters whose light walks should meet; None: not known yet.
     guides
-        Guidance of each stratum by the emitters that walks meet, and those that are dark.
+        Guidance of each stratum, by the emitters that walks meet and the emitters that are dark.
     portal
         The portal that was fitted to the light of the environment, or None.
     """
@@ -125,7 +125,7 @@ class Findings:
 
 
 class SceneLight:
-    """The light of some emitters of a scene, those among them that walks meet told apart.
+    """The light of some emitters of a scene; walks meet some of them, the others send light paths.
 
     Parameters
     ----------
@@ -157,27 +157,27 @@ class SceneLight:
 
     @property
     def portal(self) -> EnvironmentPortal | None:
-        """What stands before the environment: a portal that somebody placed, or one that was fitted; or None."""
+        """The portal before the environment, placed by the user or fitted; or None."""
         return self._findings.portal if self._placed is None else self._placed
 
     @property
     def walks(self) -> dict[str, Walking]:
-        """How walks meet the light of emitters, by group."""
+        """The walks that meet the light of emitters, by light group."""
         portal = self.portal
         return {name: replace(each, emitters=each.emitters.behind(portal)) for name, each in self._walks.items()}
 
     def with_paths(self, strata: Sequence[Stratum]) -> SceneLight:
-        """Return the same with other light paths."""
+        """Return the same light with other light paths."""
         result = copy(self)
         result._sent(strata)
         return result
 
     def guide(self, cameras: Sequence[View]) -> list[Guidance]:
-        """Send light paths toward what cameras see, and return what does it."""
+        """Guide light paths toward what cameras see, and return the guidance of each stratum."""
         strata = self.simulation.emission.strata
         if not cameras or not strata:
             return [Guidance(None, [each.guide], [each.count]) for each in strata]
-        # Of whole pictures, or a crop would not be that part of the picture.
+        # For whole pictures; otherwise a crop would differ from the same part of the whole picture.
         found = self.simulation.guide([each.whole().projection for each in cameras])
         for stratum, each in zip(strata, found, strict=True):
             if each.opening is not None and bare(stratum.emitter.lamp).emitter == self.world.plugin.environment():
@@ -190,7 +190,7 @@ class SceneLight:
         ]
 
     def follow(self, guides: list[Guidance]) -> None:
-        """Send light paths as guides do that were found for the same light with another seed."""
+        """Guide light paths by `guides` that were found for the same light with another seed."""
         sent = []
         for stratum, guide in zip(self.simulation.emission.strata, guides, strict=True):
             parts = zip(parted(stratum, guide.opening), guide.maps, guide.counts, strict=True)
@@ -202,13 +202,13 @@ class SceneLight:
         self.simulation = replace(self.simulation, emission=replace(emission, strata=strata))
 
     def simulated(self, number: int) -> Simulated:
-        """Return what light leaves in pass `number`."""
+        """Return the beams and photons of pass `number`."""
         limits = self.simulation.tuning.limits(number, self.world.radius)
         return Simulated(self.world, *self.simulation.simulated(number), limits)
 
 
 def _placed_portal(world: SceneWorld) -> EnvironmentPortal | None:
-    """Return the planar portal that somebody placed before the environment, None where there is none."""
+    """Return the planar portal that the user has placed before the environment, or None."""
     environment = world.plugin.environment()
     lamp = None if environment is None else world.lamps[world.plugin.emitters().index(environment)]
     if lamp is None or lamp.portal is None or lamp.portal.sides is None:
@@ -232,22 +232,22 @@ def light_of(
     beams
         As in `scene_frame.Extras`.
     cameras
-        What light paths are guided toward; none: they are not guided.
+        Cameras toward which light paths are guided; without any they are not guided.
     pixels
         The camera paths of a pass of the whole picture.
     warned
-        Texts of warnings that were given.
+        Texts of warnings that have been given already.
     statistics
-        They get the time that this takes.
+        Statistics to which the time for this is added.
     max_depth
-        The longest path in edges; None: any.
+        The longest path in edges; None: any length.
     findings
-        What is known of it; what is found out is added.
+        Results of pilots that are known already; new ones are added.
 
     Raises
     ------
     SceneError
-        Something in the scene that cannot be rendered; beams of an emitter that is not there.
+        If something in the scene cannot be rendered, or beams are set for an emitter that does not exist.
     """
     findings = Findings() if findings is None else findings
     with statistics.phase("build"):
@@ -257,7 +257,7 @@ def light_of(
             world.media.all = tuple(each.for_short_beams() for each in world.media.all)
     warn(plugin, world.surroundings, set() if warned is None else warned)
 
-    # Pilots have a seed of their own: all seeds are of one kind of light, and what is found is true for all.
+    # Pilots have a seed of their own: their results hold for all seeds.
     pilot_settings, pilot_tuning = replace(settings, seed=0), replace(tuning, seed=0)
 
     @cache
@@ -289,7 +289,7 @@ def light_of(
 
 
 class ScenePasses(PassRenderer):
-    """Passes over a Mitsuba scene, whose light is `light`."""
+    """Passes over a Mitsuba scene with the light `light`."""
 
     light: SceneLight
 
@@ -301,5 +301,5 @@ class ScenePasses(PassRenderer):
         return self.light.walks
 
     def simulated(self, number: int) -> Simulated:
-        """Return what light leaves in pass `number`."""
+        """Return the beams and photons of pass `number`."""
         return self.light.simulated(number)

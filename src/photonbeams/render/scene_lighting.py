@@ -1,4 +1,4 @@
-"""Mitsuba's emitters: as camera paths see them, and as they light surfaces through boundaries of media.
+"""Mitsuba's emitters, as camera paths see them and as they light surfaces through boundaries of media.
 
 Direct light takes one sample of an emitter and one of the BSDF, combined by multiple importance sampling (power
 heuristic, Veach 1997), as in Mitsuba's `volpath`. Light that is scattered or refracted on its way comes from photons.
@@ -25,14 +25,14 @@ _EMITTER, _LOBE, _TURN, _WAY, _PORTAL = 201, 202, 203, 204, 205  # streams of sa
 
 
 class SceneLighting:
-    """The emitters of a Mitsuba scene; `portal` is what stands before its environment, or None."""
+    """The emitters of a Mitsuba scene; `portal` is the portal before its environment, or None."""
 
     def __init__(self, world: SceneWorld, portal: EnvironmentPortal | None = None) -> None:
         self._world, self._portal = world, portal
         self._visible = any(not mi.has_flag(each.flags(), mi.EmitterFlags.Delta) for each in world.plugin.emitters())
 
     def lamp(self, origin: Array3f, direction: Array3f, flown: Float) -> None:
-        """Return None: all emitters are surfaces, or the background."""
+        """Return None: all emitters are surfaces or the background."""
         return
 
     def emission(self, hit: Any, origin: Array3f, direction: Array3f, active: Bool) -> Array3f:
@@ -47,7 +47,7 @@ class SceneLighting:
         plugin, media, hit, samples = self._world.plugin, self._world.media, point.hit, point.samples
         order, step = point.order, point.step
         bsdf = hit.bsdf()
-        # Of all lobes: among some of them, Mitsuba's cut-out surfaces sample nothing but what passes them.
+        # Sample all lobes: with a mask, Mitsuba's cut-out surfaces sample only the light that passes them.
         context = mi.BSDFContext()
         aim = samples.pair(order, _EMITTER, step)
         light, radiance = plugin.sample_emitter_direction(hit, mi.Point2f(aim), False, active)

@@ -1,7 +1,7 @@
 """The radiance along single rays of a Mitsuba scene, for integrators that have their own film.
 
-Rays are given all at once, those of a pixel side by side. They are dealt out to as many passes as there are rays for
-each pixel, so that each pass has one ray of every pixel, and light paths of its own.
+All rays are given at once, with the rays of a pixel side by side. They are distributed to as many passes as there are
+rays for each pixel, so that each pass has one ray of every pixel, and light paths of its own.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from .settings import Settings
 
 
 class RayRadiance(NamedTuple):
-    """What rays see: the radiance of beams and of surfaces, (N, 3) each, and 1 where they meet a surface, (N,)."""
+    """What rays see: the radiance of beams and of surfaces, (N, 3) each, and 1 if they meet a surface, else 0, (N,)."""
 
     beams: Any
     surface: Any
@@ -36,16 +36,16 @@ class SceneRays(ScenePasses):
     plugin, eye
         The scene, and the place where the rays begin.
     settings
-        How it is rendered; `passes` is the number of passes that the rays are dealt out to.
+        How it is rendered; `passes` is the number of passes to which the rays are distributed.
     pixels
         How many rays a pass has.
     warned
-        Texts of warnings that were given.
+        Texts of warnings that have been given already.
 
     Raises
     ------
     SceneError
-        Something in the scene that cannot be rendered.
+        If something in the scene cannot be rendered.
     """
 
     def __init__(self, plugin: Any, eye: Place, settings: Settings, pixels: int, warned: set[str]) -> None:
@@ -57,7 +57,7 @@ class SceneRays(ScenePasses):
         )  # fmt: skip
 
     def radiance(self, origin: Array3f, direction: Array3f, far: Float) -> RayRadiance:
-        """Return what rays see, which reach as `far`."""
+        """Return what rays see up to the distances `far`."""
         count = dr.width(direction)
         result = RayRadiance(dr.zeros(Array3f, count), dr.zeros(Array3f, count), dr.zeros(Float, count))
         passes = min(self.settings.passes, count)
@@ -94,7 +94,7 @@ def radiance(plugin: Any, ray: Any, active: Any, settings: Settings, warned: set
         return result
     origin, direction = dr.gather(Array3f, origin, lanes), dr.gather(Array3f, direction, lanes)
     far = dr.gather(Float, far, lanes)
-    # Mitsuba tells integrators within others no medium: it is that of the sensors, if all name the same.
+    # Mitsuba does not pass the medium to integrators within others: it is that of the sensors, if all name the same.
     named = {number(each.get_medium()): each.get_medium() for each in plugin.sensors()}
     eye = place_of("sensor", origin, direction, next(iter(named.values())) if len(named) == 1 else None)
     found = SceneRays(plugin, eye, settings, -(-len(lanes) // settings.passes), warned).radiance(origin, direction, far)

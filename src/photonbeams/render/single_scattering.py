@@ -1,8 +1,8 @@
 """Light straight from domes that media scatter toward the camera, sampled along camera paths.
 
-A dome shines from everywhere: its beams would be wide, and blur what smoke shadows in itself. Each segment of a camera
-path has a point, chosen by how much light would be scattered there, with one sample of each dome and one of the phase
-function, as surfaces have. Light that is scattered more often comes by beams.
+A dome shines from everywhere, so its beams would be wide and would blur the shadows of smoke in itself. Instead, a
+point is chosen on each segment of a camera path, by how much light would be scattered there. It gets one sample of each
+dome and one of the phase function, as on surfaces. Light that is scattered more often comes from beams.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class SingleScattering:
     samples
         The samples of the pass.
     max_depth
-        The longest path, as in Mitsuba's integrators; None is no limit.
+        The longest path in edges, as in Mitsuba's integrators; None: no limit.
     """
 
     def __init__(self, world: StageWorld, count: int, samples: Samples, max_depth: int | None) -> None:
@@ -48,7 +48,7 @@ class SingleScattering:
         self.radiance: dict[str, Any] = {light.group: dr.zeros(Array3f, count) for light, _, _ in world.sky}
 
     def add(self, paths: CameraPaths, vertex: CameraVertex) -> None:
-        """Add the segments of camera paths in a step."""
+        """Add the segments of one step of camera paths."""
         inside = paths.alive & (vertex.end > paths.near)
         if self._max_depth is not None:
             inside &= paths.depth + 2 <= dr.opaque(UInt32, self._max_depth)
@@ -114,7 +114,7 @@ class _ScatteringPoints:
         return met & self._open
 
     def left(self, free: Bool, lit: Bool) -> Array3f:
-        """Return the factor on light that nothing blocks (`free`) or that is blocked, of the points that are lit."""
+        """Return the factor on light: 1 where nothing blocks it (`free`), else the shadow at points that are `lit`."""
         return dr.select(free, Array3f(1), 0 if self.shadow is None else dr.select(lit, self.shadow, 0))
 
     def evaluate(self, direction: Array3f) -> tuple[Array3f, Float]:

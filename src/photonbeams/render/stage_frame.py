@@ -36,7 +36,7 @@ from .settings import DEFAULTS, Settings, as_passes
 from .single_scattering import SingleScattering
 from .stage_lighting import StageLighting
 
-_WIDEST_TURN = 30.0  # degrees: half of it in the middle of the way, the camera's axes are shorter by 3.4 %
+_WIDEST_TURN = 30.0  # degrees: interpolated axes of the camera are then 3.4 % too short in the middle of the turn
 
 _LENS, _TIME = 101, 102  # streams of samples
 
@@ -55,22 +55,23 @@ def render(
     Parameters
     ----------
     shutter, window
-        What is seen, from where, and how large.
+        The scene and cameras over the shutter interval, and the size of the picture with its crop.
     settings
         Passes, estimator, seed.
     run
         Which passes, callbacks, and what is kept: see `RunOptions`.
     holdouts
-        For each view, where beams end, instead of at the scene's own surfaces: these are not seen then, but stop light.
+        For each view, the depth at which beams end. The scene's own surfaces are then not seen, but still stop light.
     content
-        A hash of what is rendered: passes of another content are refused.
+        A hash of the content; passes of another content are refused.
     viewers
-        Returns the cameras of all frames, for which emission is guided; None: those of this frame.
+        Returns the cameras of all frames, for which emission is guided; None: the cameras of this frame.
 
     Raises
     ------
     SceneError
-        There is nothing to see; a portal has no area; a pass does not fit into memory; a checkpoint of another picture.
+        If there is nothing to see, a portal has no area, a pass does not fit into memory, or a checkpoint is of another
+        picture.
     """
     check(shutter.at(0.0).scene)
     shutter = _in_medium(shutter)
@@ -84,7 +85,7 @@ def render(
 
 
 def _identity(shutter: Shutter, window: Window, settings: Settings, holdouts: Sequence[HoldoutDepth]) -> list[Any]:
-    """Return what, beside a shot's content, has to be the same for passes to be of one picture."""
+    """Return what has to be the same for passes to be of one picture, beside the shot's content."""
     program = settings.program and (settings.program.modifier, settings.program.frame)
     return [
         shutter.moving, shutter.at(0.0).cameras, window, program,
@@ -96,7 +97,7 @@ def simulate(
     shutter: Shutter, window: Window, settings: Settings = DEFAULTS, number: int = 0,
     viewers: Callable[[], Sequence[scene.Camera]] | None = None,
 ) -> list[BeamSet]:  # fmt: skip
-    """Return the beams of pass `number` of a frame, as `render` has them; a fog is not needed for that."""
+    """Return the beams of pass `number` of a frame, as in `render`; the scene needs no fog for that."""
     description = shutter.at(0.0).scene
     if not makers(description) and not description.groups:
         raise scene.SceneError("the stage has no light that makes beams: expected a UsdLux light, or drawn beams")
@@ -106,14 +107,14 @@ def simulate(
 
 
 def _in_medium(shutter: Shutter) -> Shutter:
-    """Return a shot, in vacuum where it has no medium."""
+    """Return the shot; if it has no medium, with a vacuum as its medium."""
     if shutter.at(0.0).scene.media:
         return shutter
     return replace(shutter, at=_in_vacuum(shutter.at), before=shutter.before and _in_vacuum(shutter.before))
 
 
 def _in_vacuum(at: Callable[[float], Moment]) -> Callable[[float], Moment]:
-    """Return what returns a shot in a medium that leaves light as it is: beams are in media alone."""
+    """Return `at` with a medium that does not change light: there are beams only in media."""
 
     @lru_cache(maxsize=8)
     def moment(fraction: float) -> Moment:
@@ -127,7 +128,7 @@ _VACUUM = scene.Medium(scene.BLACK)
 
 
 def check(description: scene.Scene) -> None:
-    """Raise SceneError where there is nothing to see in a scene: nothing at all, or nothing that ever shines."""
+    """Raise SceneError if a scene has nothing to see: nothing at all, or no light."""
     if not (description.meshes or description.lights or description.media or description.drawn or description.groups):
         raise scene.SceneError("there is nothing to render: expected meshes, lights, fog or drawn beams")
     glowing = any(_glows(mesh.material) for mesh in description.meshes)
@@ -147,7 +148,7 @@ def makers(description: scene.Scene) -> list[str]:
 
 
 def black(description: scene.Scene) -> list[str]:
-    """Return the names of all lights and drawn beams where none of them has any light; else nothing."""
+    """Return the names of all lights and drawn beams if all of them are black; else an empty list."""
     emitting = [light for light in description.lights if light.emits_beams]
     shining = any(light.beam_scale * max(light.radiance) > 0 for light in emitting)
     if shining or any(len(each.start) and np.max(each.power) > 0 for each in description.drawn):
@@ -156,7 +157,7 @@ def black(description: scene.Scene) -> list[str]:
 
 
 def _check_memory(description: scene.Scene, window: Window, settings: Settings) -> None:
-    """Raise SceneError for a pass that does not fit into memory."""
+    """Raise SceneError if a pass does not fit into memory."""
     usual = settings.beams or scene.DEFAULT_BEAMS
     counts = [usual if light.beam_count is None else light.beam_count for light in description.lights]
     pieces = [_pieces(light) for light in description.lights]
@@ -184,18 +185,18 @@ class StageRenderer(FrameRenderer):
     Parameters
     ----------
     shutter, window
-        What is seen, from where, and how large.
+        The scene and cameras over the shutter interval, and the size of the picture with its crop.
     settings
         Passes, estimator, seed.
     holdouts
-        For each view, where beams end, instead of at the scene's own surfaces: these are not seen then, but stop light.
+        For each view, the depth at which beams end. The scene's own surfaces are then not seen, but still stop light.
     viewers
-        Returns the cameras of all frames, for which emission is guided; None: those of this frame.
+        Returns the cameras of all frames, for which emission is guided; None: the cameras of this frame.
     planned
-        How many passes share the shutter interval and each pixel's sequence of samples; further ones begin anew. None:
-        nobody knows how many there will be.
+        How many passes share the shutter interval and each pixel's sample sequence; further passes begin both again.
+        None: the number of passes is not known.
     all_beams
-        Whether beams are made, too, that no medium and no look shows.
+        Whether beams are made even if no medium and no look shows them.
     """
 
     def __init__(
@@ -217,7 +218,7 @@ class StageRenderer(FrameRenderer):
                     light_side |= self._seen_past_portals(world, View(camera, window))
         self._simulation = StageSimulation(self._tuning, settings.beams or scene.DEFAULT_BEAMS, light_side)
         if settings.guiding in (None, True):
-            whole = Window.full(window.width, window.height)  # or a crop would not be that part of the picture
+            whole = Window.full(window.width, window.height)  # a crop has the guides of the whole picture
             with self.statistics.phase("guide"):
                 views = [View(camera, whole).projection for camera in (viewers() if viewers else ends[0].cameras)]
                 self._simulation = self._guided(self._simulation, self._world_of(ends[0]), views)
@@ -230,17 +231,17 @@ class StageRenderer(FrameRenderer):
         self._plan(window)
 
     def _known_worlds(self) -> list[StageWorld]:
-        """Return worlds from before, parts of which may be the same."""
+        """Return earlier worlds, parts of which may be used again."""
         return []
 
     def _seen_past_portals(self, world: StageWorld, view: View) -> frozenset[str]:
-        """Return the names of the lights of which a view sees light that does not pass their portal."""
+        """Return the names of the lights whose light a view also sees past their portals."""
         return lights_seen(world, *view.coarse_rays(128, 72))
 
     def _guided(
         self, simulation: StageSimulation, world: StageWorld, views: Sequence[Projection]
     ) -> StageSimulation:  # fmt: skip
-        """Return a simulation with light paths sent toward what the views see."""
+        """Return a simulation whose light paths are guided toward what the views see."""
         return simulation.guided(world, views)
 
     def _light_paths(self) -> int:
@@ -249,7 +250,7 @@ class StageRenderer(FrameRenderer):
         return sum(counts) + sum(len(each.start) for each in description.drawn)
 
     def _world_of(self, moment: Moment) -> StageWorld:
-        """Return the world of a moment; of those before it, what is still the same is kept."""
+        """Return the world of a moment; parts of earlier worlds that are still the same are used again."""
         for world in self._worlds:
             if world.description is moment.scene:
                 return world
@@ -288,7 +289,7 @@ class StageRenderer(FrameRenderer):
         return StageLighting(world)
 
     def simulated(self, number: int) -> Simulated:
-        """Return what light leaves in pass `number`."""
+        """Return the beams and photons of pass `number`."""
         settings, times, between = self.settings, self._times(number), self._between(number)
         worlds = [self._world_of(moment) for moment in self._shutter.ends(times[0], times[-1])]
         sets, hits = self._simulation.simulated(worlds, number, between.scene.looks(), self.statistics.step)
@@ -326,7 +327,7 @@ class StageRenderer(FrameRenderer):
         )
 
     def _warn_of_turn(self, cameras: list[scene.Camera]) -> None:
-        """Warn once of a camera that turns so far within a pass that a straight line is no picture of its way."""
+        """Warn once if a camera turns so far within a pass that linear interpolation does not show its motion."""
         angle = turn(cameras[0], cameras[-1])
         if angle > _WIDEST_TURN and not self._turned:
             self._turned = True
@@ -349,5 +350,5 @@ def _primary(rays: CameraRays, far: Any = None) -> PrimaryRays:
 
 
 def _pieces(light: scene.Light) -> int:
-    """Return how many beams a light's guides make of one."""
+    """Return how many beams a light's guides make from one."""
     return pieces_along(known_guides(light.guides)) + 2 if light.guides else 1

@@ -1,4 +1,4 @@
-"""The lamps of a stage: as camera paths see them, and as they light surfaces.
+"""The lamps of a stage, as camera paths see them and as they light surfaces.
 
 Direct light takes one sample of each lamp, and one sample of the BSDF for all lamps, combined by multiple importance
 sampling (power heuristic, Veach 1997). Lamps occlude what is behind them from the camera, and cast no shadows.
@@ -24,7 +24,7 @@ mi = mitsuba()
 
 _BSDF, _LIGHT, _DOME = 2, 3, 4  # streams of samples
 
-# Fraction of the distance by which shadow rays end before their light, which may lie on a surface.
+# Fraction of the distance by which shadow rays end before the light, because the light may lie on a surface.
 _SHORTENED = 1e-4
 
 
@@ -35,12 +35,12 @@ class StageLighting:
         self._world = world
 
     def lamp(self, origin: Array3f, direction: Array3f, flown: Float) -> NearestLamp | None:
-        """Return the nearest lamp along rays that have `flown` so far already, of those that emit toward them."""
+        """Return the nearest lamp that emits toward rays which have come the distance `flown`."""
         packed = [lamps for lamps in self._world.lamps if lamps.seen]
         single = [lamp for lamp, links in self._world.mesh_lamps if bare(lamp).seen and (links is None or links.seen)]
         if not packed and not single:
             return None
-        # Images on portals tint the light that passed them before the ray began, too.
+        # Images on portals also tint light that passed them before the ray's segment begins.
         straight_from = origin - flown * direction
 
         def nearer(light: Any, _: UInt32, state: tuple[Any, ...]) -> tuple[Any, ...]:
@@ -59,7 +59,7 @@ class StageLighting:
         return NearestLamp(*state)
 
     def emission(self, hit: Any, origin: Array3f, direction: Array3f, active: Bool) -> Array3f:
-        """Return the emitted radiance of surfaces, on both sides, and the background's where rays meet nothing."""
+        """Return the radiance that surfaces emit, on both sides, or of the background where rays meet nothing."""
         met = hit.is_valid()
         glow = self._glow(hit, active & met)
         return glow + dr.select(active & ~met, self._background(origin, direction), 0)
@@ -102,18 +102,18 @@ class StageLighting:
 
 
 def _each(lamps: Lamps, state: tuple[Any, ...], body: Any) -> tuple[Any, ...]:
-    """Return `state` after body(light, number, state) for each light of a kind, as a loop in the kernel."""
+    """Return the `state` after body(light, number, state) for each light of a kind, as a loop in the kernel."""
 
     def step(number: UInt32, *state: Any) -> tuple[Any, ...]:
         return (number + 1, *body(lamps.light(number), number, state))
 
-    # The counter is as wide as the rest, for loops want one width.
+    # The counter is as wide as the other variables, because a loop has one width.
     start = dr.zeros(UInt32, dr.width(state))
     return dr.while_loop((start, *state), lambda number, *_: number < lamps.count, step, label=lamps.kind.__name__)[1:]
 
 
 class _Lit(Protocol):
-    """Points that scatter light toward the camera, on surfaces or in media, and one sample of a direction each."""
+    """Points that scatter light toward the camera, on surfaces or in media, each with one sample of a direction."""
 
     point: Any
     place: Array3f
@@ -128,13 +128,13 @@ class _Lit(Protocol):
         """Return the origins of rays that leave the points."""
 
     def sees(self, world: StageWorld, met: Bool, distance: Float) -> Bool:
-        """Return which samples that meet a light, at a distance, are not blocked."""
+        """Return which samples that meet a light, at this distance, are not blocked."""
 
     def left(self, free: Bool, lit: Bool) -> Array3f:
-        """Return the factor on light that nothing blocks (`free`) or that is blocked, of the points that are lit."""
+        """Return the factor on light: 1 where nothing blocks it (`free`), else the shadow at points that are `lit`."""
 
     def evaluate(self, direction: Array3f) -> tuple[Array3f, Float]:
-        """Return the factor on light from a direction, and the pdf of sampling that direction."""
+        """Return the factor on light from a direction, and the pdf with which that direction is sampled."""
 
 
 class _Reflection:
@@ -145,7 +145,7 @@ class _Reflection:
         self.point, self.hit, self.active = point, hit, active
         self.bsdf = hit.bsdf()
         self.context = mi.BSDFContext()
-        # A cut-out surface was already sampled as opaque: undo the factor of opacity of Mitsuba's `mask`.
+        # A cut-out surface was already sampled as opaque: undo the opacity factor of Mitsuba's `mask`.
         self.opacity = world.opacity(hit, active)
         lobe = point.samples.single(point.order, _BSDF, point.step)
         u = point.samples.pair(point.order, _BSDF, point.step)
@@ -187,7 +187,7 @@ class _Reflection:
         return result
 
     def left(self, free: Bool, lit: Bool) -> Array3f:
-        """Return the factor on light that nothing blocks (`free`) or that is blocked, of the paths that are lit."""
+        """Return the factor on light: 1 where nothing blocks it (`free`), else the shadow at paths that are `lit`."""
         return dr.select(free, Array3f(1), 0 if self.shadow is None else dr.select(lit, self.shadow, 0))
 
     def evaluate(self, direction: Array3f) -> tuple[Array3f, Float]:
@@ -200,7 +200,7 @@ class _Reflection:
 def _adding(
     world: StageWorld, reflection: _Reflection, links: Links | None, kind: int
 ) -> Callable[..., tuple[Any, ...]]:
-    """Return what adds a light of a kind to the radiance, in a loop over them."""
+    """Return the body of a loop over the lights of one kind, which adds a light to the radiance."""
     stopping, reflection = _linked(world, reflection, links)
 
     def add(light: Any, number: UInt32, state: tuple[Any, ...]) -> tuple[Any, ...]:
@@ -210,12 +210,12 @@ def _adding(
 
 
 def _linked(world: StageWorld, reflection: _Reflection, links: Links | None) -> tuple[StageWorld, _Reflection]:
-    """Return the surfaces that stop lights with these links, and the hits that they light."""
+    """Return the surfaces that block lights with these links, and the hits that these lights light."""
     return (world, reflection) if links is None else (links.world, reflection.of_lights(links))
 
 
 def scattered(world: StageWorld, reflection: _Lit, light: Any, names: tuple[Any, ...]) -> Array3f:
-    """Return the radiance of one light that is scattered: a light sample and the sample of a direction, weighted."""
+    """Return the scattered radiance of one light: a sample of the light and the sample of a direction, weighted."""
     point, place = reflection.point, reflection.place
     medium = point.medium
     stream = (*names, point.step)

@@ -1,8 +1,8 @@
-"""Sums over the passes of a view, the same bits whoever added which passes, and in whatever order.
+"""Sums over the passes of a view, with the same bits whichever machine adds which passes, in whatever order.
 
 Floating-point addition is not associative, so the order of additions is fixed: neighbouring passes are added in pairs,
 pairs in fours, and so on up to blocks, and the sums of blocks are added from the first one on. Ranges of passes from
-several machines thus join to the sums of one. NumPy adds them, for Dr.Jit may round denormal numbers to 0.
+several machines thus join to the sums of one. NumPy adds them, because Dr.Jit may round denormal numbers to 0.
 """
 
 from __future__ import annotations
@@ -14,26 +14,26 @@ import numpy as np
 
 from ..scene import SceneError
 
-#: Passes in a block: in larger ones, more memory would hold partial sums; of smaller ones, more sums would be sent.
+#: Passes in a block. With larger blocks partial sums take more memory; with smaller ones more sums are sent.
 BLOCK = 16
 
 #: Pictures by name, each (pixels,) or (3, pixels), float32.
 Pictures = Mapping[str, np.ndarray]
 
-_MOST_PIXELS = 1 << 18  # whose errors are looked at
+_MOST_PIXELS = 1 << 18  # pixels from which the error is estimated
 
 _MOST_PASSES = 2**31
 
 # Pictures of the first pass, to which nothing is added.
 DEPTH, NORMAL = "depth", "normal"
 
-# What denoisers are guided by: means over all samples, where `NORMAL` is that of one ray.
+# The guides of denoisers: means over all samples, while `NORMAL` is the normal along one ray.
 ALBEDO, MEAN_NORMAL = "albedo", "mean normal"
 
-#: What the names of layers begin with that are kept as they were before they were denoised.
+#: Prefix of the names of layers that are kept as they were before denoising.
 NOISY = "noisy_"
 
-# The light of pixels, and its squares by passes; "light/surface" is that of the layer `surface` alone.
+# The light of pixels, and the squares of it in each pass; "light/surface" is for the layer `surface` alone.
 LIGHT, SQUARES = "light", "squares"
 
 
@@ -41,25 +41,25 @@ class PassSums:
     """Sums of pictures over passes. A picture that a pass lacks is black in it."""
 
     def __init__(self) -> None:
-        self._blocks: Pictures = {}  # the sums of the first blocks, as far as there is no gap
+        self._blocks: Pictures = {}  # the sums of the first blocks, up to the first gap
         self._whole = 0  # passes in these
-        self._parts: dict[tuple[int, int], Pictures] = {}  # others, by their first pass and their number
+        self._parts: dict[tuple[int, int], Pictures] = {}  # other sums, by first pass and number of passes
 
     def __len__(self) -> int:
         """Return the number of passes."""
         return self._whole + sum(count for _, count in self._parts)
 
     def add(self, number: int, pictures: Pictures) -> None:
-        """Add pass `number`, whose arrays must not be changed afterwards."""
+        """Add pass `number`; its arrays must not be changed afterwards."""
         self._insert(number, 1, pictures)
 
     def join(self, other: PassSums) -> None:
-        """Add all passes of `other`, whose arrays are taken over; SceneError where some are here, too."""
+        """Add all passes of `other`, and take over its arrays; raise SceneError if some passes are here already."""
         for (first, count), pictures in other._all():
             self._insert(first, count, pictures)
 
     def ranges(self) -> list[range]:
-        """Return the passes as ranges with gaps between them, in order."""
+        """Return the passes as ranges, in order, with gaps between them."""
         result: list[range] = []
         for (first, count), _ in self._all():
             begin = result.pop().start if result and result[-1].stop == first else first
@@ -67,34 +67,34 @@ class PassSums:
         return result
 
     def total(self, names: Collection[str] | None = None) -> dict[str, np.ndarray]:
-        """Return the sums over all passes, of the pictures of these names alone or of all."""
+        """Return the sums over all passes, of the pictures with these `names` or (None) of all."""
         result: Pictures = {}
         for _, pictures in self._all():
             result = _added(result, {name: pictures[name] for name in names or pictures if name in pictures})
         return dict(result)
 
     def error(self) -> float:
-        """Return the relative standard error of a film's mean: half of the light is in pixels that have less.
+        """Return the relative standard error of a film's mean: half of the light is in pixels with a smaller error.
 
-        From the passes' own differences, as if they were independent; they continue low-discrepancy sequences, so it
-        tends to be less. NaN before there are two passes.
+        The estimate takes the differences between passes as independent. But the passes continue low-discrepancy
+        sequences, so the true error tends to be smaller. NaN before there are two passes.
         """
         if len(self) < 2:
             return float("nan")
         total = self.total((LIGHT, SQUARES))
-        step = ceil(total[LIGHT].size / _MOST_PIXELS) | 1  # odd: not the same columns of every row
+        step = ceil(total[LIGHT].size / _MOST_PIXELS) | 1  # odd, so that rows have different columns
         mean, squares = (total[name][::step] / len(self) for name in (LIGHT, SQUARES))
         lit = mean > 0
         if not lit.any():
             return 0.0
         relative = np.sqrt(np.maximum(squares - mean * mean, 0)[lit] / (len(self) - 1)) / mean[lit]
         order = np.argsort(relative)
-        # Of many pixels that hardly any light reaches, the plain median would speak of these alone.
+        # With the plain median, many pixels that hardly any light reaches would decide alone.
         light = np.cumsum(mean[lit][order], dtype=np.float64)
         return float(relative[order][np.searchsorted(light, 0.5 * light[-1])])
 
     def variance(self, layer: str) -> np.ndarray | None:
-        """Return the variance of a layer's mean light by pixels, as `error` does; None where it is not known."""
+        """Return the variance of a layer's mean light by pixels, estimated as in `error`; None if it is not known."""
         names = f"{LIGHT}/{layer}", f"{SQUARES}/{layer}"
         total = self.total(names)
         if len(self) < 2 or not total:
@@ -103,12 +103,12 @@ class PassSums:
         return np.maximum(squares - mean * mean, 0) / (len(self) - 1)
 
     def state(self) -> dict[str, np.ndarray]:
-        """Return the partial sums by names from which `restored` makes the same sums."""
+        """Return the partial sums by name; `restored` makes the same sums from them."""
         return {f"{first}+{count}/{name}": each for (first, count), own in self._all() for name, each in own.items()}
 
     @classmethod
     def restored(cls, state: Mapping[str, np.ndarray]) -> PassSums:
-        """Return the sums whose state this is; ValueError where it is none."""
+        """Return the sums with this `state`; raise ValueError if it is not valid."""
         parts: dict[tuple[int, int], dict[str, np.ndarray]] = {}
         for name, each in state.items():
             place, _, picture = name.partition("/")
@@ -145,23 +145,23 @@ class PassSums:
             self._whole += block[1]
 
     def _leading(self) -> tuple[int, int] | None:
-        """Return the part that goes on where the first blocks end, if that is one of whole blocks."""
+        """Return the part that continues where the first blocks end, if it consists of whole blocks."""
         return next((part for part in self._parts if part[0] == self._whole and part[1] % BLOCK == 0), None)
 
 
 def _check_pictures(pictures: Pictures) -> None:
-    """Raise ValueError for pictures that no pass has: of several sizes, or of what is no finite number."""
+    """Raise ValueError for pictures that no pass can have: of different sizes, or with numbers that are not finite."""
     for name, each in pictures.items():
         if each.dtype != np.float32 or each.shape[-1:] != next(iter(pictures.values())).shape[-1:]:
             raise ValueError(f"{name} has another type or size")
-        # Nothing is infinitely far away, and squares of the brightest light are beyond single precision.
+        # The background is infinitely far away, and squares of the brightest light overflow single precision.
         wrong = np.isnan(each) if name == DEPTH or name.startswith(SQUARES) else ~np.isfinite(each)
         if wrong.any():
             raise ValueError(f"{name} has values that are not finite numbers")
 
 
 def _added(first: Pictures, second: Pictures, own: bool = False) -> Pictures:
-    """Return the sums of pictures; those of one side alone are as they are. With `own`, they may replace the first."""
+    """Return the sums of pictures; one that only one side has stays as it is. `own` allows to overwrite the first."""
     result = {**second, **first}
     for name in first.keys() & second.keys() - {DEPTH, NORMAL}:
         replaced = first[name] if own and first[name].flags.writeable else None

@@ -1,10 +1,10 @@
-"""Walks: camera paths that go on after they are scattered, as a path tracer's do, for the light of some emitters.
+"""Walks: camera paths that continue after they are scattered, as in a path tracer, for the light of some emitters.
 
-Light of large lamps and of the sky comes to every point of a cloud from everywhere: there a walk from the camera finds
-it more surely than a beam finds the camera. Each emitter's light is either traced into beams and photons or met by
-walks, never both; what the camera sees of emitters themselves, and their direct light on the first surface, is
-`camera_paths`' for all of them. A walk takes, at each vertex, one sample of an emitter and one of the phase function or
-BSDF, combined by the power heuristic (Veach 1997), as Mitsuba's `volpath` does.
+Light of large lamps and of the sky comes to every point of a cloud from everywhere: there a walk from the camera is
+more likely to find the light than a beam is to find the camera. Each emitter's light is either traced into beams and
+photons or met by walks, never both. For all emitters, `camera_paths` handles what the camera sees of the emitters
+themselves, and their direct light on the first surface. At each vertex a walk takes one sample of an emitter and one of
+the phase function or BSDF, combined by the power heuristic (Veach 1997), as in Mitsuba's `volpath`.
 """
 
 from __future__ import annotations
@@ -38,10 +38,10 @@ mi = mitsuba()
 # Streams of samples.
 _FLIGHT, _WHICH, _EMITTER, _LOBE, _TURN, _WAY, _ROULETTE = 401, 402, 403, 404, 405, 406, 407
 
-# The part of samples that goes to all emitters alike: a weak one may be near.
+# The fraction of samples that is spread evenly over all emitters: a weak one may be near.
 _EVENLY = 0.25
 
-# Steps after which walks end that nothing else ends, as in a box of mirrors.
+# Steps after which walks end if nothing else ends them, as in a box of mirrors.
 _STEPS = 1024
 
 
@@ -51,22 +51,22 @@ class Walk(Struct):
     Attributes
     ----------
     origin, direction, medium
-        The rays on which walks are, and the media in which these begin.
+        The current rays of walks, and the media in which these begin.
     first, length
-        Whether a walk is still on the camera's own segment, which it leaves by being scattered before `length`, or
-        ends.
+        Whether a walk is still on the camera's own segment. It ends there unless it is scattered before `length`.
     throughput, initial
-        That of the path, and its largest channel when it was scattered first: of the surely scattered, a small part.
+        The path's throughput, and its largest channel after the first scattering event. Where that event is certain,
+        the latter is small.
     depth
         How often the path was scattered.
     counts
-        Whether emitters that the ray meets count: not after the first surface, whose direct light is counted already.
+        Whether emitters that the ray meets count: not after the first surface, whose direct light is counted elsewhere.
     place, pdf
-        Where the walk was scattered last, and the density of the direction by solid angle, 0 after ideal lobes.
+        Where the walk was last scattered, and the density of its direction per solid angle, 0 after ideal lobes.
     order, pixel, branch
         The pixel's place in the sample sequences, the pixel, and the branch of its camera paths.
     name
-        That of the camera vertex at which it began.
+        The name of the camera vertex at which the walk began.
     """
 
     origin: Array3f
@@ -87,18 +87,18 @@ class Walk(Struct):
 
 
 class WalkedEmitters:
-    """The emitters of a Mitsuba scene whose light walks meet, which choose them the more often the more they emit.
+    """The emitters of a Mitsuba scene that walks meet; their samples choose an emitter mostly by its power.
 
     Parameters
     ----------
     world
         The scene.
     numbers
-        Their numbers in it, at least one.
+        The numbers of the emitters in the scene, at least one.
     power
         The power of each.
     sharp
-        Those whose caustics are left to photons and beams.
+        Emitters whose caustics are left to photons and beams.
     """
 
     def __init__(
@@ -129,7 +129,7 @@ class WalkedEmitters:
         return self._size
 
     def behind(self, portal: EnvironmentPortal | None) -> WalkedEmitters:
-        """Return the same with a portal before the scene's environment, or with none."""
+        """Return the same emitters with a portal before the scene's environment, or with none."""
         result = copy(self)
         result._portal = portal
         return result
@@ -146,9 +146,9 @@ class WalkedEmitters:
         return self._portal.sampled(Array3f(reference.p), light, brought, aim, probability)
 
     def met(self, hit: Any, place: Array3f, ideal: Bool, active: Bool) -> tuple[Array3f, Float]:
-        """Return the radiance of those of the emitters that rays meet, and the density that `sample` has for them.
+        """Return the radiance of these emitters where rays meet them, and the density with which `sample` chooses it.
 
-        `ideal` are rays that come from mirrors or glass.
+        `ideal` says which rays come from mirrors or glass.
         """
         if not self._visible:
             return dr.zeros(Array3f, dr.width(place)), dr.zeros(Float, dr.width(place))
@@ -168,7 +168,7 @@ class WalkedEmitters:
 
 @dataclass(frozen=True)
 class Walking:
-    """How walks are followed: the emitters, and depths as in `CameraTracing`."""
+    """How walks are followed: the emitters that they meet, and depths as in `CameraTracing`."""
 
     emitters: WalkedEmitters
     max_depth: int | None
@@ -177,7 +177,7 @@ class Walking:
     def add(
         self, paths: CameraPaths, vertex: CameraVertex, samples: Samples, scattered: Array3f, reflected: Array3f
     ) -> None:
-        """Add the radiance of walks from one step of camera paths to pixels: scattered by media, or by surfaces."""
+        """Add the radiance of walks from one step of camera paths, to `scattered` from media, else to `reflected`."""
         for target, walks in zip((scattered, reflected), self._begun(paths, vertex), strict=True):
             if walks is not None:
                 found = self.radiance(walks, samples)
@@ -186,9 +186,9 @@ class Walking:
                 add_to_pixels(target, found, walks.pixel, walks.branch)
 
     def _begun(self, paths: CameraPaths, vertex: CameraVertex) -> tuple[Walk | None, Walk | None]:
-        """Return the walks of a step of camera paths, in media and from surfaces; None where there are none.
+        """Return the walks of a step of camera paths, those in media and those from surfaces; None if there are none.
 
-        From surfaces they begin only where these are shaded.
+        Walks begin at surfaces only if these are shaded.
         """
         media, zeros = self.emitters.world.media, dr.zeros(Float, dr.width(paths.pixel))
         inside = paths.alive & (dr.max(media.scattering(paths.medium)) > 0) & (vertex.end > paths.near)
@@ -216,7 +216,7 @@ class Walking:
         return Bool(True) if self.max_depth is None else depth + more <= dr.opaque(UInt32, self.max_depth)
 
     def radiance(self, walks: Walk, samples: Samples) -> Array3f:
-        """Return the radiance that walks bring, by their lanes."""
+        """Return the radiance that each walk brings."""
 
         def further(walk: Walk, going: Bool, number: UInt32, found: Array3f) -> tuple[Any, ...]:
             brought, following, goes = self._step(walk, going, samples, (walk.name, number))
@@ -246,7 +246,7 @@ class Walking:
         result += throughput * self._direct(vertex, samples, name)
         following, weight, goes = self._onward(vertex, samples, name)
         following.throughput = throughput * weight
-        # What changes the colour alone goes on straight.
+        # After a null collision, which only changes the colour, a walk continues straight.
         for each, same in {"direction": walk.direction, "depth": walk.depth, "counts": walk.counts, "pdf": walk.pdf,
                            "place": walk.place, "first": walk.first, "medium": walk.medium,
                            "throughput": throughput}.items():  # fmt: skip
@@ -262,7 +262,7 @@ class Walking:
     def _flown(
         self, walk: Walk, length: Float, going: Bool, samples: Samples, name: tuple[Any, ...]
     ) -> tuple[Any, ...]:
-        """Return free flights: their distances and weights, whether light is scattered there, or tinted alone."""
+        """Return free flights: their distances and weights, and whether they end with scattering or a tint alone."""
         media = self.emitters.world.media
         fractions = walk.throughput * dr.rcp(dr.maximum(dr.sum(walk.throughput), 1e-30))
         varying, colored = media.varying(walk.medium)
@@ -281,7 +281,7 @@ class Walking:
         return dr.minimum(distance, length), weight, scattered, tinted
 
     def _direct(self, vertex: _Vertex, samples: Samples, name: tuple[Any, ...]) -> Array3f:
-        """Return the light of a sample of the emitters that vertices scatter along the path, over its density."""
+        """Return the light of one sample of the emitters that vertices scatter along the path, over its density."""
         walk, hit, world = vertex.walk, vertex.hit, self.emitters.world
         smooth = vertex.on_surface & mi.has_flag(hit.bsdf().flags(), mi.BSDFFlags.Smooth)
         active = (vertex.scattered | smooth) & self.within(walk.depth, 2)
@@ -305,7 +305,7 @@ class Walking:
         return dr.select(lit, value * passed, 0)
 
     def _onward(self, vertex: _Vertex, samples: Samples, name: tuple[Any, ...]) -> tuple[Walk, Array3f, Bool]:
-        """Return the walks after their vertices, the weights of their new directions, and which go on."""
+        """Return the walks after their vertices, the weights of their new directions, and which walks continue."""
         walk, hit, media = vertex.walk, vertex.hit, self.emitters.world.media
         lobe, turn = samples.single(walk.order, _LOBE, *name), mi.Point2f(samples.pair(walk.order, _TURN, *name))
         turned, own, pdf = vertex.phase().sample(
@@ -332,7 +332,7 @@ class Walking:
         return following, dr.select(good, factor, 0), good
 
     def _roulette(self, walk: Walk, going: Bool, samples: Samples, name: tuple[Any, ...]) -> Bool:
-        """Return which walks go on, by Russian roulette; their throughput grows by as much as others end."""
+        """Return which walks continue, by Russian roulette; their throughput makes up for the walks that end."""
         most = dr.max(walk.throughput)
         surviving: Any = survival(most * dr.rcp(dr.maximum(walk.initial, 1e-30)), walk.depth)
         tried = going & (walk.depth >= dr.opaque(UInt32, self.rr_depth))
