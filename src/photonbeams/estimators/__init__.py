@@ -1,4 +1,4 @@
-"""What a camera ray sees of beams: billboard (1D), frustum (2D), and their blend, for any rays and for whole images."""
+"""The radiance of beams along camera rays: billboard (1D), frustum (2D) and their blend, for rays and images."""
 
 from .estimate import ESTIMATORS, estimate
 

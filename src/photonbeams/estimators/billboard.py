@@ -2,8 +2,8 @@
 
     L = Φ · angle(θ) / sin θ · k1(u, R(s)) · along(s) · eye(t)
 
-One evaluation a beam and ray: cheap, and right from beside. It is singular as θ → 0 and meaningless with the camera
-inside; `auto` leaves those to the frustum.
+One evaluation for each beam and ray: cheap, and accurate from beside. It is singular as θ → 0 and meaningless with the
+camera inside; `auto` leaves these cases to the frustum.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ def _cosine(at: Approach) -> Any:
 
 
 def _light(beam: Record, at: Approach, rho2: Any, look: BoundLook, ray: Rays) -> Any:
-    """Return the factors at the closest approach, as they are at the distance ρ from the axis."""
+    """Return the factors at the closest approach, for the squared distance ρ² from the axis in radii."""
     distance = at.along + beam.offset
     where = look.at(
         distance=distance, depth=beam.depth(distance), from_light=distance, fraction=beam.fraction(distance),
@@ -53,7 +53,8 @@ def _light(beam: Record, at: Approach, rho2: Any, look: BoundLook, ray: Rays) ->
 def _projected(beam: Record, at: Approach, x: Any, look: BoundLook, ray: Rays, points: Points) -> Any:
     """Return 2 ∫_0^1 density · light dv with ρ² = x + (1 − x) v²: the line projection of all that changes with ρ.
 
-    In pieces, between the rings where it has corners, and no longer than the look stays the same: dρ/dv is 1 at most.
+    The integral is split at the rings where the integrand has corners, and into pieces over which the look hardly
+    changes: dρ/dv is at most 1.
     """
     longest = dr.clip(look.change * dr.rcp(dr.maximum(look.rate_radius, 1e-20)), dr.rcp(look.cuts), 1)
     wide = dr.maximum(1 - x, 1e-6)
@@ -98,9 +99,9 @@ def billboard(
     blended: bool,
     span: Any = None,
 ) -> tuple[Any, Any]:
-    """Return `radiance` and a beam's toward a ray, and of `auto` whether the frustum contributes to that too.
+    """Return `radiance` plus a beam's radiance toward a ray and, for `auto`, whether the frustum contributes too.
 
-    With `span`, a pair, only where the ray parameter of closest approach, t, has span[0] ≤ t < span[1].
+    With `span`, a pair, the beam counts only if span[0] ≤ t < span[1] for the ray parameter t of closest approach.
     """
     marked = Bool(False)
     passage = passing(beam, ray.origin, ray.direction)
@@ -110,24 +111,24 @@ def billboard(
         inside = in_range(beam, at, ray.t_min, ray.t_max, ray.origin, ray.direction)
         here = inside
         if dr.hint(span is not None, mode="scalar"):
-            # t, but from the place on the axis: as near to the beam as s is right, where lines are nearly parallel.
+            # t computed from the place on the axis: if the lines are nearly parallel, it is as accurate as s.
             foot = dr.fma(passage.cosine, at.s, passage.along)
             here = inside & (foot >= span[0]) & (foot < span[1])
         if dr.hint(blended, mode="scalar"):
             boundary, change = need(beam, at, radius, look, ray.t_min, ray.t_max, ray.origin, ray.direction)
             weight = 1 - frustum_weight(boundary, change)
             if here & (radius > 0) & (weight > 0):
-                # The distance that is R where the ray leaves the cone. At u = R itself a tapered beam's chord is not
-                # yet empty, and a hard rim would hand over with a step.
+                # A distance that equals R where the ray leaves the cone. At u = R itself the chord of a tapered beam is
+                # not yet empty, and a hard rim would cause a step in the blend.
                 u2 = at.u2 * (1 - dr.square(at.taper(beam) * at.inv_sine))
                 radiance = radiance + value(beam, at, u2, radius, look, ray, points) * weight
-            # An empty ray, as beyond the picture's edge, lies at its own boundary.
+            # An empty ray, as beyond the picture's edge, has t_min ≥ t_max: its boundary is everywhere.
             marked = touched(boundary, change, inside) & (ray.t_min < ray.t_max)
         else:
             hit = here & (radius > 0) & (at.u2 < dr.square(radius))  # a surface may cut a cone beyond its tip
             radiance = radiance + dr.select(hit, value(beam, at, at.u2, radius, look, ray, points), 0)
     if dr.hint(span is not None, mode="scalar"):
-        # Along the axis rounding may take the ray past the cone; no neighbour's ray sends this one to the frustum.
+        # Along the axis rounding may make the ray miss the cone, and here no neighbouring ray marks the beam for it.
         marked |= passage.sin2 < NARROW
     return radiance, marked
 
@@ -146,18 +147,18 @@ def billboard_sum(
 ) -> list[Any]:
     """Return the radiance of the beams `number(first)` … `number(stop − 1)` toward each of the lane's rays.
 
-    Every lane carries several rays, so that one gather of a beam serves them all: gathers bound this loop.
+    Every lane carries several rays, so that one gather of a beam serves them all: gathers limit the speed of this loop.
 
     Parameters
     ----------
     rays
-        The K rays of each lane, origins relative to the packed origin; of one time.
+        The K rays of each lane, of one time; origins are relative to the packed origin.
     points
         Quadrature over the cross-section, for looks that change with the distance from the axis.
     blended
-        Whether to leave out what the frustum does better (`auto`), or to take everything (`billboard`).
+        Whether to leave out what the frustum estimates better (`auto`), or to take everything (`billboard`).
     flags
-        For `auto`: a UInt32 array in which the entries that the frustum has to visit are marked.
+        For `auto`, a UInt32 array in which the entries are marked that the frustum has to visit.
     """
     radiance = [Array3f(0) for _ in range(len(rays))]
     i = UInt32(first)

@@ -1,9 +1,9 @@
-"""Which estimate, where: the weight of the frustum against the billboard (theory, section 3, "Which one, where").
+"""The blend of the two estimates: the weight of the frustum against the billboard (theory, "Two estimates").
 
-The billboard takes the factors at one point and knows neither where the beam ends nor where the camera is. It equals
-the frustum where the chord, of half length h about the closest approach, lies free inside the beam, the ray and the
-medium, and the factors vary little over it. Two numbers tell: h over the distance to the nearest boundary, and the
-factors' relative change over h, whose square is the billboard's error.
+The billboard evaluates the factors at one point, whatever the beam's ends and the camera's place. It equals the frustum
+if the chord, of half length h about the closest approach, lies free inside the beam, the ray and the medium, and the
+factors vary little over it. Two numbers decide: h over the distance to the nearest boundary, and the relative change of
+the factors over h, whose square is the billboard's error.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from ..looks import BoundLook
 from .geometry import Approach, Course
 from .records import Record
 
-# The chord may come this near to a boundary, in half chords, before the frustum has to take over.
+# The frustum takes over where the chord comes nearer to a boundary than this, in half chords.
 _CLEARANCE = 1.2
 # Relative change of the factors over half a chord that leaves the billboard an error of about (0.1)²/6.
 _CHANGE = 0.1
@@ -28,12 +28,12 @@ _BEGIN = 0.7
 
 def need(beam: Record, at: Approach, radius: Any, look: BoundLook, t_min: Any, t_max: Any, origin: Any, direction: Any
          ) -> tuple[Any, Any]:  # fmt: skip
-    """Return how much a ray needs the frustum at this beam, 1 being entirely, by the boundaries and by the factors."""
+    """Return how much a ray needs the frustum for this beam (1: entirely), because of boundaries and of the factors."""
     sine = at.sin2 * at.inv_sine
     taper = dr.abs(at.taper(beam))
     opening = dr.fma(-taper, taper, at.sin2)
-    # Farthest that the chord through the axis reaches from the closest approach; endless along the cone's wall.
-    # Steeper than the cone opens, a ray's closest approach may lie beyond the apex, where the radius is negative.
+    # Farthest that the chord through the axis reaches from the closest approach; infinite along the cone's wall. If the
+    # ray is steeper than the cone opens, the closest approach may lie beyond the apex, where the radius is negative.
     reach = dr.abs(radius) if beam.bend is None else beam.widest
     half = reach * (taper + sine) * dr.rcp(dr.maximum(opening, 1e-6))
     c = dr.abs(at.cosine)
@@ -53,7 +53,7 @@ def need(beam: Record, at: Approach, radius: Any, look: BoundLook, t_min: Any, t
 
 
 def change_rate(beam: Record, cosine: Any, look: BoundLook) -> Any:
-    """Return how fast the factors change along a ray: largest slope over largest value; `cosine` is not negative."""
+    """Return how fast the factors change along a ray: largest slope over largest value; `cosine` must be ≥ 0."""
     return dr.fma(cosine, look.rate_along + look.rate_fraction * beam.inv_total, look.rate_eye + look.rate_place)
 
 
@@ -66,11 +66,11 @@ def _to_joints(course: Course, both: bool) -> Any:
 
 
 def frustum_weight(boundary: Any, change: Any) -> Any:
-    """Return the frustum's weight, smooth in everything that moves: 0 is the billboard alone, 1 the frustum alone."""
+    """Return the frustum's weight, a smooth function: 0 is the billboard alone, 1 the frustum alone."""
     x = dr.clip((dr.maximum(boundary, change) - _BEGIN) * (1 / (1 - _BEGIN)), 0, 1)
     return x * x * dr.fma(-2, x, 3)
 
 
 def touched(boundary: Any, change: Any, inside: Any) -> Any:
-    """Return whether the frustum contributes to a ray: where it has weight, and its chord can overlap the beam."""
+    """Return whether the frustum contributes to a ray: it has weight, and the chord can overlap the beam."""
     return ((boundary > _BEGIN) | inside) & (dr.maximum(boundary, change) > _BEGIN)

@@ -1,8 +1,8 @@
 """A uniform grid of cubes in the world, and lists of what lies in each of them.
 
-The lists are sorted by cell with a radix sort of two digits: each of a fixed number of lanes walks its own share of
-the items in turn and counts in counters of its own, of which there are lanes × 2048, however many cells there are. So
-the order in a list depends on nothing but the items.
+The lists are sorted by cell with a radix sort of two digits. Each of a fixed number of lanes walks its own part of the
+items in turn, and counts in counters of its own; there are lanes × 2048 counters, however many cells there are. So the
+order in a list depends on nothing but the items.
 """
 
 from __future__ import annotations
@@ -18,20 +18,20 @@ import numpy.typing as npt
 from ..numerics.arrays import opaque
 from ..runtime.device import Float, Int32, UInt32
 
-#: Most cells of a grid, and most along an axis: float32 still holds a place within a cell to 1/8192 of it.
+#: Most cells of a grid, and most along an axis: float32 still resolves 1/8192 of a cell.
 MOST_CELLS, MOST_ALONG = 1 << 21, 1 << 10
 
-# Places round to 2⁻²⁴ of the largest number that went into them, some of them a few times, and the cells' own
-# boundaries
-#: to 2⁻¹⁴ of a cell: items are enlarged by this fraction of those numbers, and this much of a cell.
+#: Places are rounded, a few times, to 2⁻²⁴ of the largest number that they are computed from, and the boundaries of
+#: cells to 2⁻¹⁴ of a cell. Items are enlarged by the first of these as a fraction of that number, and by the second as
+#: a fraction of a cell.
 ROUNDING, BORDER = 2.0**-19, 1e-3
 
-# Lanes that sort, and the bits of a cell's number that are sorted by at once: 2 × 11 hold all cells.
+# Lanes that sort, and the bits of a cell's number that make a digit: two digits of 11 bits hold all cells.
 _LANES = 1024
 _DIGIT = 11
 _BUCKETS = 1 << _DIGIT
 
-#: Entries of lists at a time: 64 MiB for each of the five arrays that sorting them takes.
+#: Most entries of lists at a time: sorting takes five arrays, which are then of 64 MiB each.
 ENTRIES = 1 << 24
 
 L = TypeVar("L", covariant=True)
@@ -46,13 +46,13 @@ class CellGrid:
     inv: Any
     counts: tuple[Any, ...]  # cells along each axis (Int32)
     cells: int
-    margin: Any  # by how much more than they are things are listed, in cells
+    margin: Any  # by how much items are enlarged for the lists, in cells
 
     @classmethod
     def of(cls, low: npt.NDArray[np.float64], high: npt.NDArray[np.float64], size: float, rounding: float) -> CellGrid:
-        """Return the grid of cells of this size, or somewhat larger, from one corner to the other at least.
+        """Return a grid of cells of at least this size that reaches from one corner to the other or beyond.
 
-        `rounding` is how far a place may be from where it is meant.
+        `rounding` is the largest error of a place.
         """
         size, counts = fitting(high - low, size)
         return cls(
@@ -66,12 +66,12 @@ class CellGrid:
         return (point - self.low) * self.inv
 
     def index(self, place: Any, axis: int) -> Any:
-        """Return the number along an axis of the cell at a place in units of cells, the nearest one of the grid."""
-        # Clipped as a float first: what is far does not fit an integer.
+        """Return the number along an axis of the cell at a place in units of cells, or of the nearest cell."""
+        # Clip as a float first: a far place does not fit into an integer.
         return Int32(dr.floor(dr.clip(place, 0, Float(self.counts[axis] - 1))))
 
     def span(self, low: Any, high: Any, axis: int) -> tuple[Any, Any]:
-        """Return the first cell along an axis between two places in units of cells, and the last; reversed if none."""
+        """Return the first and the last cell along an axis between two places in units of cells; reversed if none."""
         count = Float(self.counts[axis])
         return (
             dr.maximum(Int32(dr.floor(dr.clip(low, -1, count))), 0),
@@ -84,7 +84,7 @@ class CellGrid:
 
 
 def fitting(extent: npt.NDArray[np.float64], size: float) -> tuple[float, npt.NDArray[np.int64]]:
-    """Return the size of cells and their numbers along the axes of a box: no more than may be."""
+    """Return a size of cells, `size` or larger, and their numbers along the axes of a box, within the limits."""
     size = max(size, float(extent.max()) / (MOST_ALONG - 1), 1e-30)
     while True:
         counts = np.maximum(np.ceil(extent / size), 1)
@@ -106,19 +106,19 @@ class CellLists:
         return dr.gather(UInt32, self.first, cell, active), dr.gather(UInt32, self.first, cell + 1, active)
 
 
-#: `entry(cell, item, lane, active)` counts or lists an item in a cell; `visit(item, lane, entry)`, in a kernel, calls
-#: it for the cells that the item may lie in.
+#: `entry(cell, item, lane, active)` counts or lists an item in a cell. `visit(item, lane, entry)` calls it, in a
+#: kernel, for the cells in which the item may lie.
 Entry = Callable[[Any, Any, Any, Any], None]
 Visit = Callable[[Any, Any, Entry], None]
 
 
 class Sorting:
-    """The lists of one range of items: counted first (`entries`), made by `lists`.
+    """The lists of one range of items: they are counted first (`entries`), and made by `lists`.
 
     Parameters
     ----------
     visit
-        What tells the cells of an item.
+        Calls its third argument for each cell of an item.
     begin, stop
         The range of items.
     """
@@ -149,7 +149,7 @@ class Sorting:
 
     def _count(self, cell: Any, item: Any, lane: Any, active: Any) -> None:
         dr.scatter_inc(self.counter, _bucket(cell, lane), active)
-        # Where sums are few, Dr.Jit's choice is a copy for each thread, which makes their number a part of the kernel.
+        # For few sums, Dr.Jit would choose a copy for each thread, which makes their number a part of the kernel.
         dr.scatter_reduce(dr.ReduceOp.Add, self.sums, UInt32(1), cell, active, dr.ReduceMode.Local)
 
     def _put(self, cell: Any, item: Any, lane: Any, active: Any) -> None:
@@ -189,7 +189,7 @@ def _walk(begin: Any, stop: Any, visit: Visit, entry: Entry) -> None:
 
 @dr.syntax
 def _place(keys: Any, items: Any, portion: Any, entries: Any, counter: Any, base: Any, out: Any) -> None:
-    """Count each lane's entries by their second digit, or put them where they belong: neighbours stay in order."""
+    """Count each lane's entries by their second digit, or write them to their places, in an order that is stable."""
     lane = dr.arange(UInt32, _LANES) + dr.opaque(UInt32, 0)
     i = lane * portion
     stop = dr.minimum(i + portion, entries)
@@ -202,7 +202,7 @@ def _place(keys: Any, items: Any, portion: Any, entries: Any, counter: Any, base
 
 
 class Counted(Protocol[L]):
-    """Items of which it is known how long their lists are, and not yet what is in them."""
+    """Items whose lists have a known length, but no contents yet."""
 
     entries: int
 
@@ -211,9 +211,9 @@ class Counted(Protocol[L]):
 
 
 def batches(sort: Callable[[int, int], Counted[L]], count: int) -> Iterator[L]:
-    """Yield the lists of all items, in as many parts as keep each part's lists within memory.
+    """Yield the lists of all `count` items, in as many parts as are needed to bound the memory of the lists.
 
-    `sort(begin, stop)` is told of a range of the items.
+    `sort(begin, stop)` returns a range of the items, counted.
     """
     whole = sort(0, count)
     parts = min(-(-whole.entries // ENTRIES), count)

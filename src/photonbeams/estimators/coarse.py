@@ -1,10 +1,10 @@
-"""Fewer rays than pixels: the picture of many wide beams is smooth, and every second pixel can stand for all.
+"""Fewer rays than pixels: the picture of many wide beams is smooth, so every second pixel can stand for all.
 
-Beams are divided by their width on the screen, tile by tile, into levels: those of level k are at least so wide that no
-stroke slips through the rays of every 2ᵏ-th pixel. From the coarsest level on, the sum of all beams so far is looked at
-along the rays of the next finer level, either by interpolation between four of the coarser ones, or along the ray
-itself: where what four of them say has not been foretold by those twice as far apart, and where a ray does not reach as
-far as its neighbours say, at the edges of things.
+Beams are divided into levels by their width on the screen, tile by tile. Beams of level k are so wide that no stroke
+slips through the rays of every 2ᵏ-th pixel. From the coarsest level on, the sum of all beams so far is found for the
+rays of the next finer level, either by interpolation between four of the coarser rays, or by gathering along the ray
+itself. The latter is done where rays twice as far apart did not predict the coarser rays well, and at the edges of
+objects, where a ray does not reach as far as its neighbours predict.
 """
 
 from __future__ import annotations
@@ -20,28 +20,29 @@ from ..runtime.device import Array2f, Array3f, Bool, Float, Int32, UInt32
 from .lanes import NO_MARGIN, Margin, PixelRays, pixels_of, tiles_of
 from .tiles import TILE, Projection, Widths
 
-# The least half width of beams in pixels of their level: rays of every 2ᵏ-th pixel pass over a stroke three times.
+# The least half width of beams in pixels of their level: three rays of every 2ᵏ-th pixel pass across a stroke.
 _HALF_WIDTH = 1.5
-# What is allowed of the difference between rays and what those twice as far apart foretell, and of that between the
-# end of a ray and where its neighbours' lie, in relative errors: of what is smooth, half as far apart, a quarter is
-# left of the one; of the light along a ray, no more than its even share lies between the others.
+# Allowed differences, in units of the relative error: between rays and what rays twice as far apart predict, and
+# between the end of a ray and what the ends of its neighbours predict. For the first, at half the spacing a quarter of
+# the difference is left if the picture is smooth. For the second, a difference in length changes the light along a ray
+# in about the same proportion.
 _FORETOLD, _ENDS = 8.0, 0.25
-# Of the mean of a picture: what is dimmer may have larger relative errors.
+# Fraction of the mean of a picture: dimmer pixels may have larger relative errors.
 _DIM = 0.05
 
 
 @dataclass
 class Level:
-    """The rays of every 2ᵏ-th pixel along x and y of the whole picture, as a picture of its own; of level 0 all rays.
+    """The rays of every 2ᵏ-th pixel along x and y of the whole picture, as a picture of its own; level 0 has all rays.
 
     Attributes
     ----------
     number
         k.
     view
-        Its projection, with a margin up to where tiles of the whole picture's coarsest level begin.
+        The level's projection, with a margin up to a corner of tiles of the whole picture's coarsest level.
     margin
-        How many pixels without rays it has left and above.
+        Number of pixels without rays at the left and at the top.
     rays
         The rays: PixelRays of `across` × `down` pixels.
     first
@@ -65,13 +66,13 @@ class Level:
         return self.view.height - self.margin[1]
 
     def widths(self, levels: int) -> Widths:
-        """Return which beams are of this level, of so many levels."""
+        """Return the widths of the beams of this level, out of so many `levels`."""
         own = _HALF_WIDTH if self.number else 0.0
         coarser = 2 * _HALF_WIDTH if self.number + 1 < levels else float("inf")
         return Widths(dr.opaque(Float, own), dr.opaque(Float, coarser))
 
     def of_coarser(self, some: Any, farthest: Any) -> tuple[Any, Widths]:
-        """Return what lists of beams of all coarser levels go by, for `some` rays (a mask): depths, and widths."""
+        """Return depths of tiles and widths for lists of all coarser levels' beams, for `some` rays (a mask)."""
         own = dr.full(Float, -1, self.view.tiles)
         tile = tiles_of(self.view, self.rays, self.margin)
         dr.scatter(own, dr.gather(Float, farthest, tile), tile, some)
@@ -79,7 +80,7 @@ class Level:
         return own, Widths(None, dr.opaque(Float, 2 * _HALF_WIDTH))
 
     def inverse_depths(self) -> Array2f:
-        """Return the inverse planar depths at which rays begin and end: of planes these are linear on the screen."""
+        """Return the inverse planar depths at which rays begin and end: for planes they are linear on the screen."""
         rays = self.rays
         return Array2f(*(dr.rcp(dr.maximum(each * rays.facing, 1e-20)) for each in (rays.t_min, rays.t_max)))
 
@@ -123,17 +124,17 @@ def depths(levels: Sequence[Level], farthest: Any) -> list[Any]:
 
 
 def dim_of(radiance: Any) -> Any:
-    """Return what is so dim, in a picture of this radiance, that errors are as large there as they may be of this."""
+    """Return the radiance below which errors may be as large as at this radiance: a fraction of the picture's mean."""
     result = dr.opaque(Float, _DIM) * dr.max(dr.mean(radiance, axis=1))
     dr.eval(result)
     return result
 
 
 def foretold(level: Level, radiance: Any, dim: Any, tolerance: float) -> Any:
-    """Return in which cells between four rays of a level all may be interpolated.
+    """Return in which cells between four rays of a level other rays may be interpolated.
 
-    A block of 3 × 3 rays, whose corners are rays of the next coarser level, tells: the five others against what the
-    corners say of them.
+    A block of 3 × 3 rays decides, whose corners are rays of the next coarser level: the five others are compared with
+    what the corners predict for them.
     """
     across, down = (dr.opaque(UInt32, each) for each in (level.across, level.down))
     lattice = level.rays.lattice
@@ -159,7 +160,7 @@ def foretold(level: Level, radiance: Any, dim: Any, tolerance: float) -> Any:
 
 
 def corners_foretell(found: Mapping[tuple[int, int], Array3f], least: Float, tolerance: float) -> Any:
-    """Return whether the corners of blocks of 3 × 3 rays foretell the five others; errors are of `least` at least."""
+    """Return whether the corners of blocks of 3 × 3 rays predict the five others, relative to `least` at least."""
     a, b, c, d = found[0, 0], found[2, 0], found[0, 2], found[2, 2]
     sides = {(1, 0): (a + b) / 2, (0, 1): (a + c) / 2, (2, 1): (b + d) / 2, (1, 2): (c + d) / 2}
     difference, most = Float(0), least
@@ -171,16 +172,16 @@ def corners_foretell(found: Mapping[tuple[int, int], Array3f], least: Float, tol
 
 
 def bilinear(corners: Sequence[Any], u: Float, v: Float) -> Any:
-    """Return what lies at (u, v) between four corners: those of the first row, then those of the second."""
+    """Return the value at (u, v) between four corners: the two of the first row, then the two of the second."""
     a, b, c, d = corners
     return dr.lerp(dr.lerp(a, b, u), dr.lerp(c, d, u), v)
 
 
 def interpolated(level: Level, coarser: Level, radiance: Any, good: Any, tolerance: float) -> tuple[Any, Any]:
-    """Return the radiance along the rays of a level, interpolated from the next coarser one's, and where it may be.
+    """Return where the rays of a level may be interpolated from the next coarser level, and the radiance there.
 
-    `good` are the cells of the coarser level as `foretold` returns them. Where a ray ends or begins elsewhere than a
-    plane through its neighbours' ends would have it, there is an edge.
+    `good` are the cells of the coarser level, as `foretold` returns them. There is an edge where a ray begins or ends
+    off the plane through its neighbours' ends.
     """
     (x, y), known = _place(level, coarser)
     across, down = coarser.across, coarser.down
@@ -200,16 +201,16 @@ def interpolated(level: Level, coarser: Level, radiance: Any, good: Any, toleran
 
     told, own = between(Array2f, coarser.inverse_depths()), level.inverse_depths()
     near = dr.abs(told - own) <= dr.opaque(Float, _ENDS * tolerance) * dr.minimum(told, own)
-    # Further rays of a pixel are there for an edge in it.
+    # Extra rays of a pixel are there because it has an edge.
     known &= dr.arange(UInt32, dr.width(x)) < dr.opaque(UInt32, level.across * level.down)
-    # Rays of pixels beside the first or the last ones in step may lie a little beyond these.
+    # Rays of pixels beside the first or last pixels of the lattice may lie a little beyond these.
     usable, result = known & near.x & near.y, dr.maximum(between(Array3f, radiance), 0)
     dr.eval(usable, result)
     return usable, result
 
 
 def _place(level: Level, coarser: Level) -> tuple[tuple[Float, Float], Bool]:
-    """Return where rays of a level lie among those of the coarser one, in its pixels, and whether amid these."""
+    """Return where rays of a level lie among those of the coarser level, in its pixels, and whether between them."""
     index, columns = pixels_of(level.rays, level.across * level.down), dr.opaque(UInt32, level.across)
     begin = [dr.opaque(Int32, each) for each in coarser.first]
     own = [dr.opaque(Int32, each) for each in level.first]

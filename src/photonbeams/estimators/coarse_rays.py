@@ -1,8 +1,8 @@
-"""Fewer rays behind mirrors and glass: what neighbouring pixels see by the same way is a picture of its own.
+"""Fewer rays behind mirrors and glass: what neighbouring pixels see by the same route is a picture of its own.
 
-The rays of every second pixel are evenly spaced (`lanes.Lattice`). Those of every 2ᵏ-th pixel are looked along first;
-others in between are interpolated where four of these say so: where they have been foretold by those twice as far
-apart, and where the ray lies and ends among its neighbours as on a smooth mirror. All others are looked along.
+The rays of every second pixel are evenly spaced (`lanes.Lattice`). Beams are gathered along the rays of every 2ᵏ-th
+pixel first. A ray in between is interpolated from four of these if rays twice as far apart predicted them well, and if
+the ray lies and ends among its neighbours as on a smooth mirror. Beams are gathered along all other rays.
 """
 
 from __future__ import annotations
@@ -20,16 +20,16 @@ from .coarse import bilinear, corners_foretell
 from .geometry import Rays
 from .lanes import Lattice
 
-# Every 2ᵏ-th pixel at most, and the number of rays below which all are looked along.
+# The largest k of every 2ᵏ-th pixel, and the number of rays below which beams are gathered along all of them.
 _LEVELS, _FEW = 3, 4096
-# The least part of pixels that a picture of its own has rays for, and most entries of all pictures.
+# The least fraction of pixels for which a picture has rays, and the most entries of all pictures together.
 _PART, _MOST = 1 / 256, 1 << 26
-# As in `coarse`, but of lengths more: mirrors and glass bend.
+# As in `coarse`, but larger for lengths, because mirrors and glass bend.
 _ENDS = 1.0
 _NONE = 0xFFFFFFFF
 _FAR = 1e18
 
-#: Returns the radiance along the rays of some indices.
+#: Returns the radiance along the rays with the given indices.
 Evaluate = Callable[[Any], Any]
 
 
@@ -40,17 +40,17 @@ class RayImages:
     Attributes
     ----------
     lattice
-        Which pixels' rays are evenly spaced.
+        The pixels whose rays are evenly spaced.
     size
         Width and height of the pictures in pixels.
     image
-        The number of each ray's picture, which has one ray of a pixel at most.
+        The number of each ray's picture; a picture has at most one ray of a pixel.
     pixel, film
         Each ray's pixel, and where its camera ray passes the film, in pixels.
     least
-        Radiance below which errors are as large as they may be of this, ray by ray.
+        For each ray, the radiance below which errors may be as large as at this radiance.
     tolerance
-        The relative error that is allowed.
+        The allowed relative error.
     """
 
     lattice: Lattice
@@ -68,7 +68,7 @@ class RayImages:
         return replace(self, **own)
 
     def radiance(self, rays: Rays, evaluate: Evaluate) -> Any:
-        """Return the radiance along all rays, of which `evaluate` is asked for as few as will do."""
+        """Return the radiance along all rays; `evaluate` is called for as few of them as possible."""
         count = dr.width(self.pixel)
         result, waiting = dr.zeros(Array3f, count), dr.full(Bool, True, count)
         picture = self._pictures(rays) if count >= _FEW else None
@@ -85,7 +85,7 @@ class RayImages:
         return result
 
     def _pictures(self, rays: Rays) -> _Pictures | None:
-        """Return the pictures that have rays enough; None where there are none."""
+        """Return the pictures that have enough rays, or None."""
         image = self.image.numpy()
         counts = np.bincount(image)
         pixels = self.size[0] * self.size[1]
@@ -98,7 +98,7 @@ class RayImages:
 
 
 class _Pictures:
-    """The pixels in step of pictures: `table` tells their rays, `good` whether the cell right below may be filled."""
+    """The lattice pixels of pictures: the table of their rays, and whether the cells below right may be interpolated."""
 
     def __init__(self, images: RayImages, rays: Rays, number: Any, count: int) -> None:
         self._images, self._rays, self._number = images, rays, number
@@ -109,7 +109,7 @@ class _Pictures:
         left, top = (dr.opaque(UInt32, each) for each in first)
         self._even = (number != _NONE) & (x >= left) & (y >= top) & ((x - left) % 2 == 0) & ((y - top) % 2 == 0)
         self._column, self._row = (x - left) // 2, (y - top) // 2
-        # Where rays of every second pixel pass the film, from the first of them on, in their spacings.
+        # Places of rays on the film, from the first ray of the lattice on, in units of the lattice's spacing.
         place = Array2f(images.lattice.place)
         self._at = (images.film - Array2f(Float(left), Float(top)) - place) * 0.5
         size = count * self._across * self._down
@@ -123,14 +123,14 @@ class _Pictures:
         return (self._number * down + row) * across + column
 
     def in_step(self, level: int) -> Any:
-        """Return which rays are of every 2ᵏ-th pixel, k = level, from the first pixel in step on."""
+        """Return which rays belong to every 2ᵏ-th pixel, k = level, from the first pixel of the lattice on."""
         step = dr.opaque(UInt32, 1 << (level - 1))
         return self._even & (self._column % step == 0) & (self._row % step == 0)
 
     def judge(self, level: int, radiance: Any) -> None:
-        """Find out in which cells between four rays of a level others may be interpolated.
+        """Find the cells between four rays of a level in which other rays may be interpolated.
 
-        As `coarse.foretold` does: a block of 3 × 3 rays tells, whose corners are rays of the next coarser level.
+        As in `coarse.foretold`, a block of 3 × 3 rays decides, whose corners are rays of the next coarser level.
         """
         step = dr.opaque(UInt32, 1 << (level - 1))
         here = self.in_step(level)
@@ -149,10 +149,11 @@ class _Pictures:
         dr.eval(self._good)
 
     def interpolated(self, level: int, radiance: Any, some: Any) -> Any:
-        """Set the radiance of `some` rays (a mask) that may be interpolated between those of a level; return the rest.
+        """Interpolate those of `some` rays (a mask) for which that is possible from a level's rays; return the others.
 
-        A ray may be where it lies and ends among its four neighbours as on a smooth mirror. What it is off, in the
-        distances between them, is what it may be wrong by, in the differences between theirs.
+        A ray may be interpolated if it lies and ends among its four neighbours as on a smooth mirror. Its offset from
+        there, in units of the distances between them, is an estimate of its error, in units of the differences between
+        their radiances.
         """
         step, fine = dr.opaque(UInt32, 1 << (level - 1)), dr.opaque(Float, 1 / (1 << (level - 1)))
         place = self._at * fine
@@ -183,7 +184,7 @@ class _Pictures:
         spread = dr.max(dr.maximum(dr.maximum(values[0], values[1]), dr.maximum(values[2], values[3]))
                         - dr.minimum(dr.minimum(values[0], values[1]), dr.minimum(values[2], values[3])))  # fmt: skip
         allowed = dr.opaque(Float, self._images.tolerance) * dr.maximum(dr.max(told), self._images.least)
-        # Where rays end, beams end: what is missing there is no difference between neighbours.
+        # Beams end where rays end: light that is missing there does not show in the differences between neighbours.
         length = rays.t_max - rays.t_min
         ends = dr.abs(bilinear(at(length), u, v) - length) <= dr.opaque(Float, _ENDS * self._images.tolerance) * length
         known &= ends & (off * spread <= allowed * apart)
@@ -195,7 +196,7 @@ class _Pictures:
 
 
 def _look(radiance: Any, some: Any, evaluate: Evaluate) -> None:
-    """Set the radiance of `some` rays (a mask) by looking along them."""
+    """Set the radiance of `some` rays (a mask) by `evaluate`."""
     index: Any = dr.compress(some)
     if len(index):
         dr.scatter(radiance, evaluate(index), index)

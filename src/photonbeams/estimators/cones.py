@@ -1,4 +1,4 @@
-"""Truncated cones that hold beams with all that reaches past their ends: what lists of beams are made by."""
+"""Truncated cones that enclose beams with all that reaches past their ends, for lists of beams."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from ..beams import Beams
 
 
 class Cone(NamedTuple):
-    """Beams at one time of the shutter, in some space."""
+    """Cones of beams at one time of the shutter interval, in some space."""
 
     start: Any
     end: Any
@@ -19,7 +19,7 @@ class Cone(NamedTuple):
 
 
 def around(beams: Beams, start: Any, end: Any) -> Cone:
-    """Return what holds beams, their starts and ends given in a space that is no larger or smaller than the world."""
+    """Return cones that enclose beams; `start` and `end` are in a space with the scale of the world."""
     r0, r1 = beams.radius_start, beams.radius_end
     if beams.start_tangent is not None:
         return _around_joints(beams, start, end)
@@ -31,11 +31,11 @@ def around(beams: Beams, start: Any, end: Any) -> Cone:
 
 
 def _around_joints(beams: Beams, start: Any, end: Any) -> Cone:
-    """Return what holds pieces of curves: their rims may reach past both ends, by a radius at most."""
+    """Return cones that enclose pieces of curves: their rims may reach past both ends, by at most a radius."""
     axis = dr.normalize(beams.end - beams.start)
     here = dr.normalize(end - start)
     radius = dr.maximum(beams.radius_start, beams.radius_end)
-    if beams.end_normal is not None:  # up to a surface's plane a piece goes on to grow, see `Course.fraction`
+    if beams.end_normal is not None:  # a piece keeps growing up to the surface's plane, see `Course.fraction`
         radius = dr.maximum(radius, 2 * beams.radius_end - beams.radius_start)
     reaches = []
     last = beams.end_tangent if beams.end_normal is None else beams.end_normal
@@ -43,7 +43,7 @@ def _around_joints(beams: Beams, start: Any, end: Any) -> Cone:
     for normal, own in ((beams.start_tangent, beams.radius_start), (last, beams.radius_end)):
         cosine2 = dr.square(dr.dot(axis, normal)) * dr.rcp(dr.maximum(dr.squared_norm(normal), 1e-20))
         slant = dr.sqrt(dr.maximum(1 - cosine2, 0) * dr.rcp(dr.maximum(cosine2, 1e-6)))
-        # Somewhat more than now: between shutter open and shutter close planes turn against their beams.
+        # Somewhat more than at this time: between shutter open and close, planes turn relative to their beams.
         reaches.append(dr.minimum(own, radius * dr.fma(1.5, slant, 0.05)))
     return Cone(start - here * reaches[0], end + here * reaches[1], radius, radius)
 
@@ -51,7 +51,7 @@ def _around_joints(beams: Beams, start: Any, end: Any) -> Cone:
 def half_line(rate: Any, value: Any) -> tuple[Any, Any]:
     """Return the part of [0, 1] where value + rate · λ ≤ 0; an empty one is returned reversed.
 
-    The radius of a cone is linear along its axis, and so is its box: the part of it before a boundary is such an
+    The radius of a cone is linear along its axis, and so is its box, so the part of a cone before a boundary is such an
     interval.
     """
     flat = dr.abs(rate) < 1e-12

@@ -1,12 +1,12 @@
-"""How many points the chord integral takes: error against n, Gauss beside Riemann, over every built-in factor.
+"""How many points the chord integral takes: error against n, for Gauss and Riemann rules and all built-in factors.
 
 The integral is the renderer's for a ray whose camera is inside the beam (estimators/frustum.py; Talk, section 3),
 
     ∫_0^b across(r/R) / R² · along(s) · eye(t) dt,
 
-split at the same corners, so n is the number of points on each smooth piece. It is evaluated in float64, that the
-quadrature's own error can be seen: chords and profiles by NumPy, falloffs by the code that the kernels are made of.
-Some of those read tables with linear interpolation; such a table is then the function that is integrated.
+split at the same corners, so n is the number of points on each smooth piece. It is evaluated in float64, so that the
+quadrature's own error is visible: chords and profiles with NumPy, falloffs with the code from which kernels are made.
+Some falloffs read tables with linear interpolation; such a table is then the function that is integrated.
 """
 
 from __future__ import annotations
@@ -56,23 +56,23 @@ __all__ = [
 Array = npt.NDArray[np.float64]
 Case = tuple[str, Across, Factor]
 
-#: "A good estimate" (Talk, section 3) is taken to mean 1 %, on every ray; the points are those that Tangled needed.
+#: "A good estimate" (Talk, section 3) is taken as an error of 1 % on every ray; and the points that Tangled needed.
 ACCURACY, GAUSS_POINTS = 0.01, 6
 
-# A shaft that opens to three times its width, in a fog that swallows 60 % (red) to 92 % (blue) of it over its length.
+# A shaft that opens to three times its width, in a fog that takes 60 % (red) to 92 % (blue) of it over its length.
 _LENGTH, _RADIUS, _SLOPE = 4.0, 0.3, 0.15
 _MEDIUM = Medium(scattering=(0.2, 0.35, 0.6), absorption=(0.03, 0.03, 0.03))
 
-_BLOCK = 64  # rays at a time, so that memory does not grow with their number
-# Enough for 1e-9 and better on smooth pieces, and to see through a table's thousand small corners.
+_BLOCK = 64  # rays at a time, so that memory does not grow with the number of rays
+# Accurate to 1e-9 or better on smooth pieces, and fine enough for the thousand small corners of a table.
 _CONVERGED, _PANELS = gauss_legendre(16), 64
-# Counts of Riemann points that are tried: all at first, then in steps of 6 %.
+# Numbers of Riemann points that are tried: all of the small ones, then in steps of 6 %.
 _RIEMANN_COUNTS = sorted({*range(1, 33), *np.geomspace(33, MOST_POINTS, 36).astype(int).tolist()})
 
 
 @dataclass(frozen=True)
 class Chords:
-    """Camera rays from inside the beam, (N, 3) each, the beam's axis being +z from the origin; all in float64."""
+    """Camera rays from inside the beam, (N, 3) each, in float64; the beam's axis is +z from the origin."""
 
     origin: Array
     direction: Array
@@ -106,7 +106,7 @@ class Chords:
         return np.hypot(x, y)
 
     def rings(self, rho: float) -> tuple[Array, Array]:
-        """Return both t at which the ray crosses the cone r = ρ R; NaN where it does not."""
+        """Return the two t at which the ray crosses the cone r = ρ R; NaN where it does not cross it."""
         o, d, taper = self.origin[:, :2], self.direction[:, :2], rho * _SLOPE * self.direction[:, 2]
         radius = rho * self.radius(0.0)
         A, B, C = (d * d).sum(1) - taper**2, (o * d).sum(1) - taper * radius, (o * o).sum(1) - radius**2
@@ -136,7 +136,7 @@ class Chords:
 
 @dataclass(frozen=True)
 class Curve:
-    """Relative error against n for one profile or falloff: median and worst over the rays, by number of points.
+    """Relative error against n for one profile or falloff: median and worst over the rays, by the number of points.
 
     The error of a ray is that of its worst channel, relative to its brightest. `pieces` is the mean number of smooth
     pieces of a chord.
@@ -156,12 +156,12 @@ class Curve:
         return _needed(self.riemann, ACCURACY)
 
     def riemann_equal(self) -> int | None:
-        """Return how many Riemann points make the worst error no larger than six Gauss points do."""
+        """Return how many Riemann points have a worst error no larger than that of six Gauss points."""
         return _needed(self.riemann, self.gauss[GAUSS_POINTS][1])
 
 
 def _needed(errors: dict[int, tuple[float, float]], limit: float) -> int | None:
-    """Return the smallest n from which on no worst error exceeds the limit; None if there is none."""
+    """Return the smallest n from which on no worst error exceeds the `limit`; None if there is none."""
     above = [n for n, (_, worst) in errors.items() if worst > limit]
     return min((n for n in errors if n > max(above, default=0)), default=None)
 
@@ -239,7 +239,7 @@ def chord_integral(chords: Chords, across: Across, along: Factor, rule: Rule) ->
 
 
 def chord_integrals(chords: Chords, across: Across, along: Factor, rules: Sequence[tuple[Rule, int]]) -> list[Array]:
-    """Return the chord integrals, (3, N), by rules, each on so many equal panels of each smooth piece.
+    """Return the chord integrals, (3, N), by each rule, on its number of equal panels of each smooth piece.
 
     This is `rule.integrate` (Talk, eq. 2) with the points of all rules in one array: one kernel, launched once.
     """
@@ -257,7 +257,7 @@ def chord_integrals(chords: Chords, across: Across, along: Factor, rules: Sequen
 
 
 def _placed(edges: Array, rule: Rule, panels: int) -> tuple[Array, Array]:
-    """Return where a rule evaluates the pieces between edges, (n, pieces, N), and half of their lengths."""
+    """Return the points of a rule on the pieces between edges, (n, pieces, N), and half of the pieces' lengths."""
     if panels > 1:
         steps = np.arange(panels)[:, None] / panels
         fine = edges[:-1, None] + steps * np.diff(edges, axis=0)[:, None]  # (pieces, panels, N)
@@ -275,7 +275,7 @@ def _rest(chords: Chords, across: Across, t: Array) -> Array:
 
 
 def _values(along: Factor, s: Array) -> Array:
-    """Return a falloff's values, (3, N) float64, from the code that kernels are made of."""
+    """Return a falloff's values, (3, N) float64, from the code from which kernels are made."""
     float64 = import_module(f"drjit.{device.backend()}.ad").Float64
     distance: Any = float64(s)
     at = ShadingContext(distance=distance, depth=distance, fraction=distance * (1 / _LENGTH), fog=Fog(_MEDIUM))

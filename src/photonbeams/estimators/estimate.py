@@ -34,10 +34,11 @@ ESTIMATORS: tuple[str, ...] = get_args(Estimator)
 #: Points that a production needed at most (Talk, section 3).
 DEFAULT_RULE = gauss_legendre(6)
 
-#: Beams times rays up to which trying all is no slower: on two cores a grid of few beams takes 10 ms, 3 million tests.
+#: Pairs of beams and rays up to which testing all pairs is as fast as a grid. On two cores a grid of few beams takes
+#: 10 ms, the time of 3 million tests.
 MOST_PAIRS = 3_000_000
 
-# Stands for a ray without end; its square is still a float32.
+# The end of an endless ray; its square still fits into a float32.
 ENDLESS = 1e18
 
 
@@ -133,10 +134,11 @@ def estimate_rays(
     context: LightContext | None = None,
     images: RayImages | None = None,
 ) -> Any:
-    """Return the radiance of beams toward rays, (N,) each, of which each has its own origin, t_min and t_max.
+    """Return the radiance of beams toward N rays, each with its own origin, t_min and t_max.
 
-    By a grid, unless there are few of either: the same numbers, to float32 rounding. As rays of `images`, beams of
-    smooth looks are seen along fewer rays. Where beams, fog or look are attached to the AD graph, so is the result.
+    A grid is used unless there are few beams or rays; the result is the same, to float32 rounding. With `images`, beams
+    with smooth looks are gathered along fewer rays. If beams, fog or look are attached to the AD graph, the result is
+    attached, too.
     """
     check_estimator(estimator)
     check_motion(beams, close, rays.time)
@@ -205,7 +207,7 @@ def check_motion(beams: Beams, close: Beams | None, time: Any) -> None:
 
 
 def reach(beams: Beams, close: Beams | None = None) -> float:
-    """Return the greatest length of a light path, over which the look's variation is judged."""
+    """Return the greatest length of a light path, over which the look's variation is measured."""
     length = dr.norm(beams.end - beams.start)
     if beams.offset is not None:
         length = length + beams.offset
@@ -214,7 +216,7 @@ def reach(beams: Beams, close: Beams | None = None) -> float:
 
 
 def _rays(origin: Any, direction: Any, t_min: Any, t_max: Any, time: Any) -> tuple[Rays | None, tuple[int, ...]]:
-    """Return rays, None where there are none, and the shape that they are broadcast to."""
+    """Return the rays (None if there are none) and the shape to which they are broadcast."""
     given = (
         _lanes(origin, "origin", 3),
         _lanes(direction, "direction", 3),
@@ -269,7 +271,7 @@ def _lanes(value: Any, name: str, size: int = 1) -> tuple[Any, tuple[int, ...]]:
 
 
 def _spread(value: Any, own: tuple[int, ...], shape: tuple[int, ...]) -> Any:
-    """Return the entries of an array of the shape `own` as it is broadcast to `shape`; one for all stays one."""
+    """Return the entries of an array of the shape `own`, broadcast to `shape`; a single entry stays single."""
     count = int(np.prod(own))
     if own == shape or count == 1:
         return value

@@ -2,9 +2,9 @@
 
     L = Φ · angle(θ) · ∫_a^b k2(r(t)/R(s(t)), R(s(t))) · along(s(t)) · eye(t) dt
 
-No 1/sin θ and no singularity: valid with the camera inside the cone and along the axis. The interval [a, b] is the
-ray's chord through the cone, split where the profile or a colour ramp has a corner; the rule's points serve each
-smooth piece.
+There is no 1/sin θ and no singularity, so it holds with the camera inside the cone and along the axis. The interval [a,
+b] is the ray's chord through the cone, split where the profile or a colour ramp has a corner; the rule is applied to
+each smooth piece.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ from .geometry import Chord, Rays, chord, closest_approach
 from .points import Points
 from .records import Packed, Record, load
 
-# Change of the radius, as a ratio, that one piece of a chord may hold: six points then err by 1e-6 on 1/R². For the
-# change of the factors see `BoundLook.change`; the look limits how often a chord is cut too (`BoundLook.cuts`), for one
-# with jumps changes endlessly fast, and a pointed cone endlessly often.
+# Most change of the radius, as a ratio, over one piece of a chord: six points then err by 1e-6 on 1/R². For the change
+# of the factors see `BoundLook.change`. The look also limits how often a chord is cut (`BoundLook.cuts`): the rate of
+# change is infinite at a jump, and a pointed cone would be cut without end.
 _RATIO = 3.0
 
 
@@ -56,7 +56,7 @@ def corners(beam: Record, ray: Chord, look: BoundLook) -> list[Any]:
 
 
 def integrand(beam: Record, ray: Chord, tau: Any, look: BoundLook, camera: Rays) -> Any:
-    """Return k2 times all factors that change along the ray, at τ, and of power and angle what changes there."""
+    """Return k2 times all factors that change along the ray, at τ, including power and angle if they change."""
     s = ray.along(tau)
     radius = dr.maximum(dr.fma(beam.slope, s, beam.radius), 1e-12)
     inv = dr.rcp(radius * radius)
@@ -78,7 +78,7 @@ def integrand(beam: Record, ray: Chord, tau: Any, look: BoundLook, camera: Rays)
 
 
 def unchanging(beam: Record, ray: Chord, look: BoundLook) -> Any:
-    """Return Φ · angle, or what of it does not change along the beam."""
+    """Return Φ · angle, or the part of it that does not change along the beam."""
     power = beam.power if beam.gain is None else Array3f(1)
     return power if ray.course is not None else power * look.turned(-ray.cosine, beam)
 
@@ -99,8 +99,8 @@ def chord_integral(beam: Record, ray: Chord, look: BoundLook, points: Points, ca
         inv_radius = dr.rcp(dr.maximum(radius, 1e-12))
         steady = look.change * dr.rcp(dr.maximum(dr.fma(rate_across, inv_radius, rate), 1e-20))
         longest = dr.maximum(dr.minimum(steady, spread * radius), shortest)
-        # A piece of almost the whole rest takes all of it: rounding would leave a sliver. One too short to be told from
-        # `low` would never end.
+        # A piece of almost all the rest takes the whole rest, or rounding would leave a sliver. If the piece is so
+        # short that `cut` rounds to `low`, it takes the rest as well, or the loop would never end.
         cut = low + longest
         high = dr.select((end - low > 1.01 * longest) & (cut > low), cut, end)
         for place in breaks:
@@ -125,9 +125,9 @@ def frustum(
     blended: bool,
     span: Any = None,
 ) -> Any:
-    """Return `radiance` and a beam's toward a ray.
+    """Return `radiance` plus a beam's radiance toward a ray.
 
-    With `span`, a pair, only where the ray parameter of the chord's middle, t, has span[0] ≤ t < span[1].
+    With `span`, a pair, the beam counts only if span[0] ≤ t < span[1] for the ray parameter t of the chord's middle.
     """
     part = chord(beam, ray.origin, ray.direction, ray.t_min, ray.t_max)
     weight = dr.select(part.valid, Float(1), Float(0))
@@ -158,7 +158,7 @@ def frustum_sum(
 ) -> Any:
     """Return the radiance of the beams `number(first)` … `number(stop − 1)` toward each lane's ray.
 
-    With `blended` each beam counts by the frustum's weight, the billboard's complement (`auto`).
+    With `blended` (`auto`), each beam is multiplied by the frustum's weight, the complement of the billboard's.
     """
     radiance = Array3f(0)
     i = UInt32(first)

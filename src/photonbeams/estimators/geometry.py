@@ -1,4 +1,4 @@
-"""Geometry of a camera ray and a beam: closest approach, ray ∩ truncated cone (theory, "Geometry").
+"""Geometry of a camera ray and a beam: closest approach, ray ∩ truncated cone.
 
 With unit ray direction d, unit axis w, c = d·w and e = start − o:
 
@@ -9,13 +9,13 @@ Inside the cone R(s) = r0 + k s, measured from the ray parameter t0, with e⊥ t
 
     A τ² + 2B τ + C ≤ 0,  A = sin² − k²c²,  B = e⊥·d − k c R(s0),  C = |e⊥|² − R(s0)²
 
-A piece of a curve lies between two planes, across the light's directions T0 and T1 at its ends, which it shares with
-the pieces before and behind it. A point x at p = x − start has these distances from them, along the axis:
+A piece of a curve lies between two planes, perpendicular to the light's directions T0 and T1 at its ends, which it
+shares with the pieces before and after it. A point x at p = x − start has these distances from them, along the axis:
 
     a = p·T0 / (w·T0),  b = length − p·T1 / (w·T1)
 
-and u = a / (a + b), 0 on the one plane and 1 on the other, takes the place of s / length in radius, falloff, power and
-direction: on the plane between two pieces both have the same of everything, so that no joint shows.
+and u = a / (a + b), which is 0 on the first plane and 1 on the second, replaces s / length in radius, falloff, power
+and direction. On the plane between two pieces all of these agree, so that no joint is visible.
 """
 
 from __future__ import annotations
@@ -32,11 +32,11 @@ from .records import Record
 
 @dataclass
 class Rays:
-    """Camera rays o + t d with d of unit length, seen for t from t_min to t_max.
+    """Camera rays o + t d with d of unit length, for t from t_min to t_max.
 
-    `shared_origin` says that all rays have one origin (a pinhole): what depends on beam and origin alone is then
-    computed once a beam. `t_min` is also where the medium begins; the eye factor counts from there. `time` is 0 at
-    shutter open and 1 at shutter close, for beams that move.
+    `shared_origin` says that all rays have one origin (a pinhole): what depends only on beam and origin is then
+    computed once for each beam. The medium begins at `t_min`, from which the eye factor counts. `time` is 0 at shutter
+    open and 1 at shutter close, for beams that move.
     """
 
     origin: Any  # (N, 3)
@@ -45,8 +45,8 @@ class Rays:
     t_min: Any = None  # (N,), None: 0
     shared_origin: bool = False
     time: Any = None  # (N,)
-    base: Any = None  # the packed origin: that of all rays, or what `origin` is relative to; None: the world's
-    index: Any = None  # (N,) numbers of the rays, for looks that know something of each
+    base: Any = None  # the packed origin: that of all rays, or the one that `origin` is relative to; None: the world's
+    index: Any = None  # (N,) numbers of the rays, for looks with data for each ray
 
     def point(self, t: Any) -> Any:
         """Return the position in world space at t."""
@@ -65,7 +65,7 @@ class Rays:
 
 @dataclass
 class Passing:
-    """How a ray passes a beam's axis, as far as it takes no division: enough to tell whether they meet."""
+    """How a ray passes a beam's axis, computed without a division: enough to decide whether they meet."""
 
     cosine: Any  # c = d·w
     sin2: Any
@@ -75,9 +75,10 @@ class Passing:
     u2_sin2: Any  # u² sin²
 
     def meets(self, beam: Record) -> Any:
-        """Return whether the ray, endless both ways, meets the endless cone that the beam is cut from.
+        """Return whether the ray, endless both ways, meets the endless cone of which the beam is a part.
 
-        Exactly: u² (sin² − k²c²) < sin² R(s)², here times sin². Of a piece of a curve: the cylinder around it.
+        The exact condition is u² (sin² − k²c²) < sin² R(s)², here multiplied by sin². A piece of a curve is replaced by
+        the cylinder around it.
         """
         if beam.bend is not None:
             return self.u2_sin2 < self.sin2 * dr.square(beam.reaching)
@@ -111,7 +112,7 @@ class Approach:
 
     @property
     def along(self) -> Any:
-        """Distance from the beam's start on which radius and falloff depend."""
+        """Distance from the beam's start that determines radius and falloff."""
         return self.s if self.course is None else self.course.along(Float(0))
 
     def taper(self, beam: Record) -> Any:
@@ -133,7 +134,7 @@ class Course:
     twist: Any  # 1 − T0·T1
 
     def fraction(self, tau: Any) -> Any:
-        """Return u at τ, meant from the first plane on to the last one or, where that is farther, to a surface."""
+        """Return u at τ, valid from the first plane to the last one or, if it is farther, to a surface."""
         a, b = self.at(tau)
         return dr.clip(a * dr.rcp(self._span(a + b)), 0, 2)
 
@@ -142,7 +143,7 @@ class Course:
         return dr.fma(self.a_rate, tau, self.a), dr.fma(self.b_rate, tau, self.b)
 
     def _span(self, span: Any) -> Any:
-        # Beyond the line where the planes meet, in a bend that is tighter than the beam is wide, there is no beam.
+        # If a bend is tighter than the beam is wide, there is no beam beyond the line where the planes meet.
         return dr.maximum(span, 1e-6 * self.length)
 
     def along(self, tau: Any) -> Any:
@@ -150,12 +151,12 @@ class Course:
         return self.fraction(tau) * self.length
 
     def rate(self) -> Any:
-        """Return how fast that changes at τ = 0."""
+        """Return how fast `along` changes at τ = 0."""
         span = self._span(self.a + self.b)
         return self.length * dr.fma(self.a_rate, self.b, -(self.a * self.b_rate)) * dr.rcp(dr.square(span))
 
     def where(self, distance: Any) -> Any:
-        """Return the τ at which the distance from the start is this one."""
+        """Return the τ at which `along` has this value."""
         rate = dr.fma(self.length, self.a_rate, -distance * (self.a_rate + self.b_rate))
         rest = dr.fma(distance, self.a + self.b, -self.length * self.a)
         return rest * dr.rcp(dr.select(dr.abs(rate) < 1e-6 * self.length, 1e-6 * self.length, rate))
@@ -176,12 +177,12 @@ def course(beam: Record, point: Any, direction: Any) -> Course:
     return Course(a, first * bend.first_inv, b, -last * bend.last_inv, beam.length, first, last, bend.twist)
 
 
-# Lines count as inclined by this sin² at least: along the axis the rounded cosine passes 1.
+# The least sin² between lines: along the axis, rounding may take the cosine beyond 1.
 _PARALLEL = 1e-7
 
 
 def passing(beam: Record, origin: Any, direction: Any) -> Passing:
-    """Return how a ray passes a beam; `origin` is relative to the packed origin, or None where that is shared."""
+    """Return how a ray passes a beam; `origin` is relative to the packed origin, or None if that is shared."""
     if beam.moment is not None:
         relative, moment, reach = beam.start, beam.moment, beam.reach
     else:
@@ -210,7 +211,7 @@ class Chord:
     sin2: Any
     offset2: Any  # |e⊥|² at τ = 0
     drift: Any  # e⊥·d at τ = 0
-    radius: Any  # R at τ = 0, and its change with τ: of a piece of a curve, of the cone that fits the chord
+    radius: Any  # R at τ = 0, and its change with τ; for a piece of a curve, of the cone that fits the chord
     growth: Any
     course: Any = None  # of a piece of a curve
 
@@ -229,9 +230,9 @@ _HUGE = 1e30
 def chord(beam: Record, origin: Any, direction: Any, t_min: Any, t_max: Any) -> Chord:
     """Intersect a ray with a truncated cone.
 
-    Valid from everywhere: beside the beam, inside it, behind its ends, on its axis and along it either way. The cone
-    is intersected from a point of the ray near the beam, where all numbers are of the beam's size, not from the
-    camera, where float32 would cancel.
+    This is valid from everywhere: beside the beam, inside it, behind its ends, on its axis and along it in either
+    direction. The cone is intersected from a point of the ray near the beam, where all numbers are of the beam's size,
+    not from the camera, where float32 would cancel.
     """
     relative = beam.start if origin is None else beam.start - origin
     c = dr.dot(direction, beam.axis)
@@ -263,13 +264,14 @@ def chord(beam: Record, origin: Any, direction: Any, t_min: Any, t_max: Any) -> 
     return Chord((a < b) & (low < high), a, b, t, s, c, sin2, offset2, drift, radius, slope_c, bend)
 
 
-# Along a ray, the radius of a tapered piece of a curve is not linear, and its wall no cone. The chord is that of the
-# cone which has its radii at both of its ends: from one guess to the next the error is squared, as a secant's is.
+# Along a ray, the radius of a tapered piece of a curve is not linear, and its wall is not a cone. The chord is that of
+# the cone with the piece's radii at both ends of the chord. It is found by secant steps, each of which squares the
+# error.
 _REFINEMENTS = 3
 
 
 def _secant(beam: Record, bend: Course, a: Any, b: Any, radius: Any, growth: Any) -> tuple[Any, Any]:
-    """Return radius at τ = 0 and growth of the cone through a chord's ends; of what is no chord, as they were."""
+    """Return radius at τ = 0 and growth of the cone through a chord's ends; unchanged if the chord is empty."""
     at_a, at_b = (dr.fma(beam.slope, bend.along(each), beam.radius) for each in (a, b))
     wide = b - a > 1e-6 * beam.length
     found = (at_b - at_a) * dr.rcp(dr.select(wide, b - a, 1))
@@ -310,8 +312,8 @@ def between(rate: Any, low: Any, high: Any) -> tuple[Any, Any]:
 def _inside_cone(A: Any, B: Any, C: Any, slope_c: Any) -> tuple[Any, Any]:
     """Return the interval of A τ² + 2B τ + C ≤ 0 on the nappe of positive radius.
 
-    With A < 0 the ray runs along the axis within the cone's opening; the inside is then the outer interval, and of
-    its two halves the one toward which the radius grows. The stable form of the roots lets A → 0 send one to infinity.
+    With A < 0 the ray runs along the axis within the cone's opening; the inside is then outside of the two roots, on
+    the side toward which the radius grows. In the stable form of the roots, A → 0 sends one of them to infinity.
     """
     disc = dr.fma(B, B, -A * C)
     q = -(B + dr.copysign(dr.sqrt(dr.maximum(disc, 0)), B))

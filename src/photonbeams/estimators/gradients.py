@@ -1,8 +1,9 @@
-"""Derivatives of beams' radiance along rays by positions, radii and power of beams, by the fog and by looks.
+"""Derivatives of beams' radiance along rays, by positions, radii and power of beams, by the fog and by looks.
 
-The estimators' loops are for speed and hold no derivatives. Where something is attached to Dr.Jit's AD graph, the pairs
-of rays and beams that meet are listed, and the frustum's integral is taken once more for each, as a graph without
-loops: the chord's ends follow the beam, and the rule's points follow the ends (Leibniz's rule, by the chain rule).
+The estimators' loops are made for speed and have no derivatives. If something is attached to Dr.Jit's AD graph, the
+pairs of rays and beams that meet are listed, and the frustum's integral is computed once more for each pair, as a graph
+without loops: the chord's ends depend on the beam, and the rule's points on the ends (Leibniz's rule, by the chain
+rule).
 """
 
 from __future__ import annotations
@@ -19,11 +20,11 @@ from .frustum import integrand, unchanging
 from .geometry import Rays, chord
 from .records import Packed, load
 
-# Pairs at most: kernels of derivatives hold a few hundred bytes of each.
+# Most pairs: kernels of derivatives hold a few hundred bytes for each.
 MOST_PAIRS = 1 << 24
 
-# Pieces of a chord, and points in each: derivatives are as smooth as the factors, but for knots of a ramp. Where the
-# look has corners by the radius, or changes in space, the pieces are finer.
+# Pieces of a chord, and the rule for each: derivatives are as smooth as the factors, except at knots of a ramp. If the
+# look has corners in the radius, or changes in space, there are more pieces.
 _PIECES, _FINE_PIECES, _RULE = 2, 12, gauss_legendre(6)
 
 
@@ -33,7 +34,7 @@ def radiance(packed: Packed, rays: Rays, look: BoundLook, count: int) -> Any:
     Raises
     ------
     SceneError
-        More pairs of rays and beams meet than fit into memory.
+        If more pairs of rays and beams meet than fit into memory.
     """
     pieces = _FINE_PIECES if look.rings or look.of_places else _PIECES
     with dr.suspend_grad():
@@ -49,7 +50,7 @@ def radiance(packed: Packed, rays: Rays, look: BoundLook, count: int) -> Any:
 
 
 def _pairs(packed: Packed, rays: Rays, count: int, most: int) -> tuple[UInt32, UInt32]:
-    """Return the numbers of the rays and of the beams that meet, pair by pair."""
+    """Return the numbers of the rays and of the beams that meet, for each pair."""
     counter = dr.zeros(UInt32, count)
     _meet(packed, rays, counter, None, None, None)
     dr.eval(counter)
@@ -82,7 +83,7 @@ def _meet(packed: Packed, rays: Rays, counter: Any, base: Any, out_ray: Any, out
 
 
 def _of(kind: Any, value: Any, index: Any) -> Any:
-    """Return the entries of an array, of which there may be one for all."""
+    """Return the entries of an array; a single entry serves all."""
     if value is None:
         return None
     return kind(value) if dr.width(value) == 1 else dr.gather(kind, value, index)
@@ -96,7 +97,7 @@ def _taken(rays: Rays, index: Any) -> Rays:
 
 
 def _integral(beam: Any, ray: Rays, look: BoundLook, rule: Rule, pieces: int) -> Any:
-    """Return a beam's radiance by the rule, over one of so many equal pieces of the chord: lane after lane the next."""
+    """Return a beam's radiance over one of `pieces` equal pieces of the chord; neighbouring lanes have the next ones."""
     part = chord(beam, ray.origin, ray.direction, ray.t_min, ray.t_max)
     half = (part.b - part.a) * (0.5 / pieces)
     number = dr.arange(UInt32, dr.width(ray.index)) % pieces

@@ -1,13 +1,15 @@
-"""Radiance of beams toward any rays by a grid in the world: for what camera rays see through glass and in mirrors.
+"""Radiance of beams toward any rays by a grid in the world, for what camera rays see through glass and in mirrors.
 
 Each cell lists the beams that may lie in it. A ray walks the cells (Amanatides & Woo 1987, "A Fast Voxel Traversal
-Algorithm for Ray Tracing") and visits their lists. A beam lies in several of a ray's cells and counts in one: its
-billboard where the ray comes closest to its axis, its frustum at the middle of the chord. Both are a function of beam
-and ray alone, a ray parameter t, and belong to a cell if t_enter ≤ t < t_exit there. One cell's t_exit is the next
-one's t_enter, the same number; the first cell's t_enter and the last one's t_exit are without end. So every t belongs
-to one cell of the ray, whatever rounds, and the beam is listed there, for it is listed somewhat wider than it is.
+Algorithm for Ray Tracing") and visits their lists. A beam lies in several cells of a ray but counts in only one: the
+billboard where the ray comes closest to the axis, the frustum at the middle of the chord. Either place is a ray
+parameter t that depends only on beam and ray; it belongs to the cell with t_enter ≤ t < t_exit. The t_exit of a cell
+and the t_enter of the next are the same number; the first t_enter and the last t_exit are infinite. So every t belongs
+to one cell of the ray, in spite of rounding; and the beam is in that cell's list, because beams are enlarged for the
+lists.
 
-No part of a beam that a ray can meet lies outside of the grid: its box holds all rays' segments in the beams' box.
+No part of a beam that a ray can meet lies outside of the grid: its box holds the segments of all rays in the beams'
+box.
 """
 
 from __future__ import annotations
@@ -33,13 +35,13 @@ from .geometry import Rays, between
 from .points import Points
 from .records import SHORTEST, Packed, load
 
-# A billboard of `auto` reaches to 1/√(1 − 0.1²) radii (see blend), and a radius is rounded.
+# A billboard of `auto` reaches out to 1/√(1 − 0.1²) radii (see blend), and a radius is rounded.
 _WIDER = 1.006
 
 _FAR = 1e30
 
-# What one step of a ray to the next cell takes, and one entry of the lists, in tests of a beam. Measured on two
-# AVX-512 cores; a factor of two either way changes the whole by a few per cent.
+# The cost of a ray's step to the next cell, and of an entry of the lists, in tests of a beam. Measured on two AVX-512
+# cores; a factor of two either way changes the total time by a few per cent.
 _STEP, _ENTRY = 0.5, 10.0
 
 
@@ -47,9 +49,9 @@ def sum_over_grid(
     beams: Beams, close: Beams | None, packed: Packed, rays: Rays, look: BoundLook, estimator: str, points: Points,
     images: RayImages | None = None,
 ) -> Any:  # fmt: skip
-    """Return the radiance of all beams toward all rays; the same numbers as of `sum_over_all`, in another order.
+    """Return the radiance of all beams toward all rays: the sum of `sum_over_all`, added in another order.
 
-    But along rays of `images` some of it is interpolated.
+    With `images`, the radiance along some rays is interpolated.
     """
     radiance = dr.zeros(Array3f, dr.width(rays.direction))
     built = build(beams, close, rays)
@@ -78,10 +80,10 @@ def sum_over_grid(
 
 @dataclass
 class Marks:
-    """Bounds of each beam over the shutter interval: boxes around its two ends' discs, and a rounder shape.
+    """Bounds of each beam over the shutter interval: boxes around the discs at its two ends, and a cone.
 
-    Four packets of four a beam: centre of the first end's box and radius, those of the last, half extents of both.
-    Within the radii, from one to the other, it lies about the line between the centres.
+    There are four packets of four numbers for each beam: centre of the first end's box and a radius, the same for the
+    last end, and the half extents of both boxes. The beam lies within these radii about the line between the centres.
     """
 
     data: Any
@@ -104,7 +106,7 @@ class Marks:
         return dr.gather(Array4f, self.data, dr.arange(UInt32, count) * 4 + dr.opaque(UInt32, number))
 
     def sizes(self, low: Any, high: Any) -> tuple[float, float, float, int]:
-        """Return the beams' volume, surface, length plus π radii, and number, of what lies in a box."""
+        """Return the volume, surface, length plus π radii, and number of the parts of beams in a box."""
         first, last = self._packet(0), self._packet(1)
         span = last.xyz - first.xyz
         radius = 0.5 * (first.w + last.w)
@@ -127,7 +129,7 @@ class Marks:
 def marks_of(beams: Beams, close: Beams | None) -> Marks:
     """Return the bounds of beams over the shutter interval.
 
-    At any time a beam's ends are convex combinations of those at shutter open and at shutter close.
+    At any time the ends of a beam are convex combinations of those at shutter open and at shutter close.
     """
     cones = [around(each, each.start, each.end) for each in (beams, close) if each is not None]
     packets = []
@@ -138,16 +140,16 @@ def marks_of(beams: Beams, close: Beams | None) -> Marks:
             axis = axis * dr.rcp(dr.maximum(dr.norm(axis), 1e-20))
             packets.append((places[0], radii[0], dr.sqrt(dr.maximum(1 - axis * axis, 0)) * radii[0]))
             continue
-        # Discs turn as the beam moves: each is taken for a ball.
+        # Discs turn as the beam moves, so each is replaced by a ball.
         widest = dr.maximum(radii[0], radii[1])
         half = 0.5 * dr.abs(places[1] - places[0])
         packets.append((0.5 * (places[0] + places[1]), widest + dr.norm(half), half + widest))
-    if close is not None:  # a moving beam's discs do not stand across the line between the boxes
+    if close is not None:  # the discs of a moving beam are not perpendicular to the line between the boxes
         radius = dr.maximum(packets[0][1], packets[1][1])
         packets = [(place, radius, half) for place, _, half in packets]
     data = dr.zeros(Float, len(beams) * 16)
     number = dr.arange(UInt32, len(beams)) * 4
-    # A beam without a length has no axis, and no light: it lies nowhere.
+    # A beam without length has no axis and no light, and is listed nowhere.
     there = dr.isfinite(sum(dr.sum(place) + radius + dr.sum(half) for place, radius, half in packets))
     longest = dr.norm(beams.end - beams.start)
     if close is not None:
@@ -168,8 +170,8 @@ def marks_of(beams: Beams, close: Beams | None) -> Marks:
 def _cells_of(item: Any, lane: Any, data: Any, grid: Any, entry: Any) -> None:
     """Visit the cells that a beam may lie in: layer by layer, row by row, from the first cell to the last.
 
-    The boxes of a beam's discs change linearly from its start to its end. So what of it lies in a layer, in a row,
-    follows from linear inequalities; and of the cells in the boxes those count that come near the axis.
+    The boxes of a beam's discs change linearly from its start to its end. So the part of the beam in a layer or a row
+    follows from linear inequalities. Of the cells in the boxes, only those near the axis count.
     """
     ends = [dr.gather(Array4f, data, item * 4 + end) for end in range(4)]
     first, last = grid.local(ends[0].xyz), grid.local(ends[1].xyz)
@@ -178,12 +180,12 @@ def _cells_of(item: Any, lane: Any, data: Any, grid: Any, entry: Any) -> None:
     radius, growth = ends[0].w * grid.inv, (ends[1].w - ends[0].w) * grid.inv
     length2 = dr.squared_norm(axis)
     inv_length2 = dr.rcp(dr.maximum(length2, 1e-20))
-    # A cell's centre lies half a diagonal from any of its points at most, and the radius there differs by the slope.
+    # Points of a cell are at most half a diagonal from its centre, and the radius there differs by the slope.
     diagonal = 0.8661
     more = diagonal + grid.margin + dr.minimum(dr.abs(growth), dr.abs(growth) * diagonal * dr.sqrt(inv_length2))
     low, high = dr.minimum(first - half, last - half - grown), dr.maximum(first + half, last + half + grown)
     z, last_z = grid.span(low.z, high.z, 2)
-    last_z = dr.select(low.z <= high.z, last_z, -1)  # else it lies nowhere
+    last_z = dr.select(low.z <= high.z, last_z, -1)  # an empty box: the beam is listed nowhere
     while z <= last_z:
         in_layer = _part(axis.z, grown.z, first.z, half.z, Float(z), Float(0), Float(1))
         low_y, high_y = _reach(axis.y, grown.y, first.y, half.y, *in_layer)
@@ -271,12 +273,12 @@ def _least(points: Any) -> npt.NDArray[np.float64]:
 def _best(
     extent: npt.NDArray[np.float64], rays: int, path: float, volume: float, surface: float, length: float, count: int
 ) -> float:
-    """Return the size of cells that costs least.
+    """Return the size of cells with the least cost.
 
     Convex bodies of random orientation touch about V/h³ + ¾ S/h² + 3/2 (L + π R)/h + 1 cells of size h (Steiner's
-    formula: the volume of the body's sum with a cube), E in all. A segment of length l passes 3/2 l/h + 1 of N cells,
-    each with E/N beams. Small cells cost steps and entries, large ones tests of beams that are not near. What fat beams
-    cost, which are tested again in each of a ray's cells in them, is in E.
+    formula: the volume of the body's sum with a cube); their total is E. A segment of length l passes 3/2 l/h + 1 of N
+    cells, each with E/N beams. Small cells cost steps and entries, large ones tests of beams that are not near. E
+    includes the cost of wide beams, which are tested again in each of a ray's cells inside them.
     """
     best, least = float(extent.max()), np.inf
     for size in float(extent.max()) * 2.0 ** (-np.arange(41) / 4):
@@ -308,7 +310,7 @@ class _CellVisitor:
 def _added(
     radiance: Any, beam: Any, ray: Rays, look: BoundLook, points: Points, estimator: str, span: tuple[Any, Any]
 ) -> Any:
-    """Return `radiance` and a beam's where its closest approach, and its chord's middle, lie in a span of the ray."""
+    """Return `radiance` plus a beam's, if closest approach or the chord's middle lies in a span of the ray."""
     if dr.hint(estimator == "frustum", mode="scalar"):
         radiance = frustum(radiance, beam, ray, look, points, False, span)
     else:
@@ -336,7 +338,7 @@ class _GridWalk:
     def beyond(self, cell: tuple[Any, Any, Any]) -> tuple[Any, tuple[Any, Any, Any], Any]:
         """Return the t at which the ray leaves a cell, the cell beyond, and whether there is none.
 
-        Borders are counted from the grid's corner, not from cell to cell: t never decreases from one to the next.
+        Boundaries are computed from the grid's corner, not from cell to cell, so that t never decreases.
         """
         grid, ray = self._grid, self._ray
         leaves = []
@@ -359,8 +361,8 @@ class _GridWalk:
 def walk(ray: Rays, span: tuple[Any, Any], grid: CellGrid, lists: CellLists, visit: Any, total: Any = None) -> Any:
     """Return what `visit(total, ray, beam, (t_enter, t_exit))` makes of `total`, cell by cell, beam by beam.
 
-    One loop, in which each turn takes a ray to the next cell if it is through with its list, and to the next beam:
-    rays of a vector do not wait for each other's lists.
+    There is one loop. Each turn takes a ray to the next beam, and to the next cell when its list is done, so that rays
+    of a vector do not wait for each other's lists.
     """
     if dr.hint(total is None, mode="scalar"):
         total = Array3f(0)

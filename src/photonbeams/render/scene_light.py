@@ -92,7 +92,7 @@ class EmitterSettings:
 
     @property
     def named(self) -> bool:
-        """Whether beams carry the names that looks and programs may read."""
+        """Whether beams carry the data that only looks and programs read."""
         first = self.sources[0]
         return len(self.sources) > 1 or first.look is not None or first.beam_scale != 1
 

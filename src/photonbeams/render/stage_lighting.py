@@ -162,7 +162,7 @@ class _Reflection:
         self.open = self._open(world)
 
     def _open(self, world: StageWorld) -> Bool:
-        """Return whether the sample meets no surface that casts a shadow: tested in half the time of the nearest."""
+        """Return whether no surface blocks the sample: this takes half the time of finding the nearest surface."""
         alive = self.active & (dr.max(self.weight) > 0)
         return alive & ~world.blocked(self.origin, self.direction, self.shadow_reach, alive, self.seed)
 
