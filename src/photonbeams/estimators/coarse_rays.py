@@ -98,7 +98,7 @@ class RayImages:
 
 
 class _Pictures:
-    """The lattice pixels of pictures: the table of their rays, and whether the cells below right may be interpolated."""
+    """The lattice pixels of pictures: the table of their rays, and the cells in which rays may be interpolated."""
 
     def __init__(self, images: RayImages, rays: Rays, number: Any, count: int) -> None:
         self._images, self._rays, self._number = images, rays, number

@@ -97,7 +97,7 @@ def _taken(rays: Rays, index: Any) -> Rays:
 
 
 def _integral(beam: Any, ray: Rays, look: BoundLook, rule: Rule, pieces: int) -> Any:
-    """Return a beam's radiance over one of `pieces` equal pieces of the chord; neighbouring lanes have the next ones."""
+    """Return a beam's radiance over one of `pieces` equal pieces of the chord; the next lane has the next piece."""
     part = chord(beam, ray.origin, ray.direction, ray.t_min, ray.t_max)
     half = (part.b - part.a) * (0.5 / pieces)
     number = dr.arange(UInt32, dr.width(ray.index)) % pieces

@@ -1,7 +1,7 @@
-"""Radiance of beams toward all pixels of a picture: the estimators behind each tile's list of candidates.
+"""Radiance of beams toward all pixels of a picture: each tile has a list of candidate beams for the estimators.
 
-Two kernels. The billboard's carries eight pixels a lane and visits every candidate; for `auto` it also marks the
-entries of the lists in which some pixel needs the frustum. The frustum's kernel then visits those alone.
+There are two kernels. The billboard's carries eight pixels in each lane and visits every candidate; for `auto` it also
+marks the entries of the lists for which some pixel needs the frustum. The frustum's kernel then visits only those.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from .tiles import Bins, Projection, TileLists, footprints
 
 @dataclass
 class Estimate:
-    """Radiance of all rays, (N, 3), and how many ray–beam tests the billboard's kernel has made, and the frustum's."""
+    """Radiance of all rays, (N, 3), and the numbers of ray–beam tests in the kernels of the billboard and the frustum."""
 
     radiance: Any
     billboard_tests: int = 0
@@ -51,10 +51,10 @@ def estimate_image(
     context: LightContext | None = None,
     tolerance: float = 0.0,
 ) -> Estimate:
-    """Return the radiance of beams along the rays; the same numbers as `estimate`, to float32 rounding.
+    """Return the radiance of beams along the rays: the same as `estimate`, to float32 rounding.
 
-    With a `tolerance` beams of smooth looks are seen along fewer rays where these are of one origin and have a lattice:
-    along as few as leave about that relative error (see `coarse`).
+    With a `tolerance`, beams with smooth looks are gathered along fewer rays, so few that the relative error is about
+    that (see `coarse`); the rays must have one origin and a lattice.
     """
     check_estimator(estimator)
     check_motion(beams, close, rays.lanes)
@@ -71,7 +71,7 @@ def estimate_image(
 
 
 class _Binned:
-    """A range of the beams, counted in the cells of all levels."""
+    """A range of the beams, counted in the tiles of all levels."""
 
     def __init__(self, bins: Sequence[Bins], beams: range) -> None:
         self._bins, self.beams, self.entries = bins, beams, sum(each.entries for each in bins)
@@ -93,7 +93,7 @@ class _ImageGather:
     beams, close
         The beams, and where they are at shutter close.
     look, points, estimator, tolerance
-        As for `estimate_image`, the look bound.
+        As for `estimate_image`; the look is bound.
     """
 
     def __init__(
@@ -110,7 +110,7 @@ class _ImageGather:
         self.result = Estimate(dr.zeros(Array3f, dr.width(first.rays.direction)))
 
     def binned(self, begin: int, stop: int) -> _Binned:
-        """Return the cells that a range of the beams is counted in."""
+        """Return a range of the beams, counted in the tiles of all levels."""
         bins = []
         for level, marks, depth in zip(self._levels, self._marks, self._depth, strict=True):
             widths = level.widths(len(self._levels)) if self._levels[1:] else None
@@ -155,7 +155,7 @@ class _ImageGather:
             rays = [_lane_rays(level, *ray, lane.group) for ray in lane.rays]
             self.result.billboard_tests += _tests(lists, lane)
             values = billboard_sum(rays, *self._seen(lists, lane), blended=flags is not None, flags=flags)
-            # One kernel for all rays of a lane: left to the scatters, the loop would run once for each.
+            # Evaluate all rays of a lane in one kernel: otherwise each scatter would run the loop again.
             dr.eval(values, flags)
             _add(radiance, lane, values)
         if flags is not None:
@@ -167,14 +167,14 @@ class _ImageGather:
         _add(radiance, lane, [frustum_sum(ray, *self._seen(lists, lane), blended=flags is not None)])
 
     def _seen(self, lists: TileLists, lane: Lanes) -> tuple[Any, Any, Callable[[Any], Any], Packed, BoundLook, Points]:
-        """Return what kernels have to know of listed beams."""
+        """Return the arguments of kernels for listed beams: where lists begin and stop, and what is in them."""
         tile = lane.tile
         first, stop = dr.gather(UInt32, lists.first, tile), dr.gather(UInt32, lists.stop, tile)
         return first, stop, lambda i: dr.gather(UInt32, lists.beams, i), self._packed, self._look, self._points
 
 
 def _add(radiance: Any, lane: Lanes, values: Sequence[Any]) -> None:
-    """Add radiance to that of the rays of lanes, of which none is named twice."""
+    """Add radiance to that of the rays of lanes; no ray occurs twice."""
     for (ray, exists), value in zip(lane.rays, values, strict=True):
         here = exists & dr.full(Bool, True, dr.width(lane.tile))
         dr.scatter_add(radiance, value, ray, here, dr.ReduceMode.NoConflicts)
@@ -197,14 +197,14 @@ def tile_depth(view: Projection, rays: PixelRays, margin: Margin = NO_MARGIN) ->
 
 
 def _lane_rays(level: Level, pixel: Any, inside: Any, group: Any) -> Rays:
-    """Return the ray of an index, of a group of pixels."""
+    """Return the rays with these indices, of their groups of pixels."""
     rays, view = level.rays, level.view
     origin, time = None, None
     if rays.lanes is not None:
         origin, time = dr.gather(Array3f, rays.lanes[0], group), dr.gather(Float, rays.lanes[1], group)
     if view.orthographic:
         origin = dr.gather(Array3f, rays.origin, pixel, inside)
-    # Outside of the picture t_max = 0: such a ray meets nothing.
+    # Outside of the picture t_max is 0: such a ray meets nothing.
     return Rays(
         None if rays.shared_origin else origin - view.origin,
         dr.gather(Array3f, rays.direction, pixel, inside),
@@ -213,5 +213,5 @@ def _lane_rays(level: Level, pixel: Any, inside: Any, group: Any) -> Rays:
         rays.shared_origin,
         time,
         rays.origin if rays.shared_origin else view.origin,
-        dr.select(inside, pixel, 0),  # factors look up what belongs to a ray, and beside the picture there is nothing
+        dr.select(inside, pixel, 0),  # factors look up data by this number, and beside the picture there is none
     )

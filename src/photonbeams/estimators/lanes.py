@@ -1,4 +1,4 @@
-"""Rays by tiles of the screen, and which of them a lane of a kernel carries."""
+"""Rays by tiles of the screen, and which rays a lane of a kernel carries."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ from ..numerics.arrays import joined, taken
 from ..runtime.device import Bool, Float, UInt32
 from .tiles import TILE, Projection
 
-#: Pixels a lane of the billboard's kernel. A beam is gathered once for all of them: of 1, 4 and 8 pixels, 8 are the
+#: Pixels in a lane of the billboard's kernel. A beam is gathered once for all of them. Of 1, 4 and 8 pixels, 8 are the
 #: fastest on two AVX-512 cores.
 PIXELS = 8
 
-# Neighbouring lanes carry neighbouring pixels, so that a vector of lanes sees a small block of the picture: a beam
-# passes most blocks by, and what no lane needs is skipped.
+# Neighbouring lanes carry neighbouring pixels, so that a vector of lanes sees a small block of the picture. A beam
+# misses most blocks, and code that no lane needs is skipped.
 _BLOCK_WIDTH, _BLOCK_HEIGHT = 4, 4
 _BLOCK = _BLOCK_WIDTH * _BLOCK_HEIGHT
 _BLOCKS_ACROSS = TILE // _BLOCK_WIDTH
 
-# How often every second ray may stand for all, at most, and how wide a picture has to be at least with these alone.
+# Most levels at which every second ray stands for all, and the least width of a picture with the coarsest rays alone.
 _LEVELS, _COARSEST = 4, 192
 
-#: How many pixels without rays a picture has left and above, so that tiles are those of the whole picture.
+#: Numbers of pixels without rays at the left and at the top of a picture, so that tiles are those of the whole picture.
 Margin = tuple[int, int]
 NO_MARGIN: Margin = (0, 0)
 
@@ -34,13 +34,13 @@ _GROUPS = TILE * TILE // PIXELS
 
 @dataclass(frozen=True)
 class MoreSamples:
-    """Which rays there are behind one a pixel: `each` of every pixel in `pixels`, the first ones of all come first."""
+    """The rays that follow those of all pixels: `each` more for every pixel in `pixels`, the first of all come first."""
 
     pixels: Any
     each: int
 
     def shares(self, count: int) -> Any:
-        """Return what part of its pixel each ray is, of one for each of `count` pixels and of those behind them."""
+        """Return the weight of each ray in its pixel, for one ray of each of `count` pixels and then the further rays."""
         part, result = dr.opaque(Float, 1 / (self.each + 1)), dr.ones(Float, count)
         dr.scatter(result, part, self.pixels)
         return joined([result, part + dr.zeros(Float, self.each * dr.width(self.pixels))])
@@ -48,7 +48,7 @@ class MoreSamples:
 
 @dataclass(frozen=True)
 class Lattice:
-    """Pixels whose rays are evenly spaced: every second one along x and y of the whole picture, where others jitter.
+    """Pixels with evenly spaced rays: every second pixel along x and y of the whole picture; other rays are jittered.
 
     Attributes
     ----------
@@ -57,7 +57,7 @@ class Lattice:
     place
         The place in [0, 1)² at which rays pass these pixels.
     levels
-        How many times every second of them may stand for all.
+        Number of levels; at each, every second ray of the level before stands for all.
     """
 
     corner: tuple[int, int]
@@ -72,13 +72,13 @@ class Lattice:
 
 @dataclass
 class PixelRays:
-    """One ray a pixel, row by row from the top left: `origin` is one point for all, or (W · H, 3).
+    """One ray for each pixel, row by row from the top left: `origin` is one point for all, or (W · H, 3).
 
-    `lanes` are origins and times (0 to 1 over the shutter) that groups of pixels share, (lanes(view), 3) and
-    (lanes(view),), where the lens is wide or anything moves; `lane_of` tells a pixel's group. `origin` repeats them.
+    If the lens is wide or anything moves, `lanes` are the origins, (lanes(view), 3), and times from 0 to 1 over the
+    shutter, (lanes(view),), that groups of pixels share; `lane_of` returns a pixel's group. `origin` repeats them.
 
-    Behind the W · H rays there may be more of some pixels, where rays share their origin or have no lanes. `lattice`
-    tells which of them are evenly spaced, if any are.
+    After the W · H rays there may be `more` rays of some pixels, if rays share their origin or have no lanes. `lattice`
+    tells which rays are evenly spaced, if any are.
     """
 
     origin: Any
@@ -96,14 +96,14 @@ class PixelRays:
         return dr.width(self.origin) == 1 and self.lanes is None
 
     def taken(self, index: Any) -> PixelRays:
-        """Return some of the rays, which have one origin; further ones of a pixel are left out."""
+        """Return some of the rays, which must have one origin; further rays of a pixel are left out."""
         own = {name: taken(getattr(self, name), index) for name in ("direction", "facing", "t_max", "t_min")}
         dr.eval(own)
         return replace(self, **own, more=None)
 
 
 class Lanes(NamedTuple):
-    """What lanes carry: the tile and the group of each, and the indices of its rays, each with whether there is one."""
+    """What lanes carry: the tile and the group of each, and indices of its rays, each with whether the ray exists."""
 
     tile: Any
     group: Any
@@ -111,7 +111,7 @@ class Lanes(NamedTuple):
 
     @classmethod
     def joined(cls, first: Lanes, second: Lanes) -> Lanes:
-        """Return the lanes of two."""
+        """Return the lanes of both."""
         pairs = zip(first.rays, second.rays, strict=True)
         rays = [(joined([a, b]), joined([own, other])) for (a, own), (b, other) in pairs]
         result = cls(joined([first.tile, second.tile]), joined([first.group, second.group]), rays)
@@ -122,8 +122,8 @@ class Lanes(NamedTuple):
 def lanes_of_pixels(view: Projection, rays: PixelRays, count: int, margin: Margin = NO_MARGIN) -> Lanes:
     """Return lanes of `count` pixels each: tile after tile, block after block within a tile.
 
-    Behind these, lanes carry further rays of one pixel each. `margin` tells how many pixels have no rays, left and
-    above.
+    After these come lanes with further rays, of one pixel each. `margin` are the numbers of pixels without rays, at the
+    left and at the top.
     """
     per_tile = TILE * TILE // count
     lane = dr.arange(UInt32, view.tiles * per_tile)
@@ -143,7 +143,7 @@ def lanes_of_more(view: Projection, more: MoreSamples, count: int, margin: Margi
     lane = dr.arange(UInt32, edges * -(-more.each // count))
     edge, sample = lane // for_pixel, lane % for_pixel * count
     width, height = (dr.opaque(UInt32, each) for each in _size(view, margin))
-    # Of two and more: a gather from one is a broadcast, hence another kernel.
+    # Two entries more, because a gather from one entry is a broadcast, hence another kernel.
     pixel = dr.gather(UInt32, joined([more.pixels, dr.zeros(UInt32, 2)]), edge)
     each, step, first = dr.opaque(UInt32, more.each), dr.opaque(UInt32, edges), width * height
     carried = [(first + edge + (sample + number) * step, sample + number < each) for number in range(count)]
@@ -153,9 +153,9 @@ def lanes_of_more(view: Projection, more: MoreSamples, count: int, margin: Margi
 
 
 def lanes_of_some(view: Projection, rays: PixelRays, some: Any, count: int, margin: Margin = NO_MARGIN) -> Lanes | None:
-    """Return lanes of `count` pixels each, of one tile, for the pixels that the mask `some` tells; None for none.
+    """Return lanes of `count` pixels each, of one tile, for the pixels in the mask `some`; None if there are none.
 
-    Behind these, lanes carry all further rays of one pixel each.
+    After these come lanes with all further rays, of one pixel each.
     """
     further = None if rays.more is None else lanes_of_more(view, rays.more, count, margin)
     slot = dr.arange(UInt32, view.tiles * TILE * TILE)
@@ -175,10 +175,10 @@ def lanes_of_some(view: Projection, rays: PixelRays, some: Any, count: int, marg
     end = dr.cumsum(needed)
     lanes = int(end[dr.width(end) - 1])
     own = dr.gather(UInt32, tile, chosen)
-    # At least one: beyond the last of them vectors of lanes would divide by 0.
+    # At least 1, because unused lanes of a vector would divide by 0.
     of_tile = dr.maximum(dr.gather(UInt32, needed, own), 1)
     rank = dr.arange(UInt32, len(chosen)) - dr.gather(UInt32, begin, own)
-    # Neighbours lie in neighbouring lanes.
+    # Neighbouring pixels are in neighbouring lanes.
     lane, place = dr.gather(UInt32, end, own) - of_tile + rank % of_tile, rank // of_tile
     tiles = dr.zeros(UInt32, lanes)
     carried, there = dr.zeros(UInt32, lanes * count), dr.full(Bool, False, lanes * count)
@@ -201,7 +201,7 @@ def _pixel(view: Projection, margin: Margin, column: Any, row: Any, block: Any, 
     width, height, left, top = (dr.opaque(UInt32, each) for each in (*_size(view, margin), *margin))
     x = column * TILE + block % _BLOCKS_ACROSS * _BLOCK_WIDTH + place % _BLOCK_WIDTH - left
     y = row * TILE + block // _BLOCKS_ACROSS * _BLOCK_HEIGHT + place // _BLOCK_WIDTH - top
-    return y * width + x, (x < width) & (y < height)  # in the margin these are numbers beyond
+    return y * width + x, (x < width) & (y < height)  # unsigned: in the margin x or y wraps to a large number
 
 
 def _size(view: Projection, margin: Margin) -> tuple[int, int]:
@@ -235,8 +235,8 @@ def _group(tile: Any, block: Any, place: Any) -> Any:
 def whole_group(group: Any, columns: Any, left: Any, top: Any, whole: Any) -> Any:
     """Return the number in the whole picture, `whole` tiles wide, of a group in a crop window `columns` tiles wide.
 
-    The window begins in tile `left`, `top` of the picture; where it begins on that tile's corner, the groups are those
-    of the whole picture.
+    The window begins in the tile (`left`, `top`) of the picture; if it begins at that tile's corner, the groups are
+    those of the whole picture.
     """
     tile = group // _GROUPS
     return ((tile // columns + top) * whole + tile % columns + left) * _GROUPS + group % _GROUPS
@@ -250,7 +250,7 @@ def lanes(view: Projection) -> int:
 def lane_of(x: Any, y: Any, columns: Any) -> Any:
     """Return the group of the pixel (x, y), in a picture that is `columns` tiles wide.
 
-    The pixels of a group lie four apart: of 4 × 4 neighbours each belongs to another.
+    The pixels of a group lie four apart: of 4 × 4 neighbours, each belongs to another group.
     """
     block = y % TILE // _BLOCK_HEIGHT * _BLOCKS_ACROSS + x % TILE // _BLOCK_WIDTH
     place = y % _BLOCK_HEIGHT * _BLOCK_WIDTH + x % _BLOCK_WIDTH

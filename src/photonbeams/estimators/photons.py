@@ -2,8 +2,8 @@
 
     L = Σ Φ · f(ω) · k2(r/R, R),   k2 of Epanechnikov's profile (`looks.across`), ∫ k2 over the disc = 1
 
-Each photon has a radius of its own: a point asks which photons' discs it lies in, not for its nearest ones. So the
-lists are of discs, in the cells that they touch, and a point looks in its own cell alone.
+Each photon has a radius of its own: a point looks for the photons in whose discs it lies, not for its nearest photons.
+So cells list the discs that touch them, and a point needs only the list of its own cell.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from ..looks.across import Epanechnikov
 from ..runtime.device import Array3f, Array4f, Bool, Float, Int32, UInt32
 from .cells import ENTRIES, ROUNDING, CellGrid, CellLists, Sorting
 
-#: A disc's half thickness, in radii, and the least cosine between its normal and that of a point that it lights: what
-#: is farther off, or turned more, is another surface.
+#: A disc's half thickness, in radii, and the least cosine between its normal and that of a point that it lights: a
+#: point that is farther off, or turned more, belongs to another surface.
 THICKNESS, FACING = 0.25, 0.7
 
 
@@ -33,11 +33,11 @@ class Photons:
     position, radius
         (N, 3) and (N,) the discs' centres and radii.
     normal
-        (N, 3) of unit length, on the side that the light came from.
+        (N, 3) unit normals, on the side from which the light came.
     direction
-        (N, 3) of unit length, in which the light went.
+        (N, 3) unit vectors in the direction of the light.
     power
-        (N, 3) flux.
+        (N, 3) flux of the photons.
     """
 
     position: Any
@@ -74,17 +74,17 @@ class PhotonMap:
         _cells_of(item, lane, self._data, self._grid, entry)
 
     def radiance(self, position: Any, normal: Any, reflect: Callable[[Any], Any], active: Any = True) -> Any:
-        """Return what points reflect of the photons whose discs they lie in, (M, 3).
+        """Return the radiance that points reflect of the photons in whose discs they lie, (M, 3).
 
         Parameters
         ----------
         position, normal
-            (M, 3) the points, and the surface's normals there, of unit length.
+            (M, 3) the points, and the unit normals of the surface there.
         reflect
-            Returns the fraction of light (Array3f) that is reflected, for the direction that it comes from (unit
-            length, away from the surface): a BSDF's value without the cosine. It is traced into the kernel.
+            Returns the fraction of light (Array3f) that is reflected, for the direction from which it comes (a unit
+            vector away from the surface): a BSDF's value without the cosine. It is traced into the kernel.
         active
-            (M,) which points ask at all.
+            (M,) the points for which radiance is computed.
         """
         count = dr.width(position)
         if self._lists is None:
@@ -101,9 +101,9 @@ class PhotonMap:
 def _grid(photons: Photons) -> CellGrid:
     """Return the grid for the photons.
 
-    In cells of two radii a disc lies in four to eight; a point then tests (2 + 2)² / π discs for each that it lies in.
-    Half of that size doubles the entries and halves the tests: but entries cost more, and photons are no fewer than
-    points.
+    With cells of two radii, a disc lies in four to eight cells, and a point tests (2 + 2)² / π discs for each disc in
+    which it lies. Half of that size would double the entries and halve the tests; but entries cost more, and there are
+    at least as many photons as points.
     """
     low, high = (
         np.array([float(value(axis)[0]) for axis in photons.position + sign * photons.radius])
@@ -114,7 +114,7 @@ def _grid(photons: Photons) -> CellGrid:
     sums = [float(dr.sum(photons.radius**power)[0]) for power in range(4)]
     count = len(photons)
     size = max(2 * np.sqrt(sums[2] / count), 8 * rounding)
-    # Cells that a disc touches: as for beams, by its volume, its surface and its width.
+    # The number of cells that a disc touches follows from its volume, surface and width, as for beams.
     while (
         2 * np.pi * THICKNESS * sums[3] / size**3
         + 1.5 * np.pi * (1 + 2 * THICKNESS) * sums[2] / size**2
@@ -127,16 +127,16 @@ def _grid(photons: Photons) -> CellGrid:
 
 @dr.syntax
 def _cells_of(item: Any, lane: Any, data: Any, grid: CellGrid, entry: Any) -> None:
-    """Visit the cells that a photon's disc may lie in: of those around it the ones near its centre and its plane."""
+    """Visit the cells in which a photon's disc may lie: those around it that are near its centre and its plane."""
     place, normal = dr.gather(Array4f, data, item * 4), dr.gather(Array4f, data, item * 4 + 1).xyz
     centre, radius = grid.local(place.xyz), place.w * grid.inv
-    # A disc of this thickness lies in its ball, and in the box of its rim and its thickness.
+    # A disc with this thickness lies in a ball around its centre, and in a box around its rim and its thickness.
     flat = dr.sqrt(dr.maximum(1 - normal * normal, 0)) + THICKNESS * dr.abs(normal)
     half = dr.minimum(flat, 1) * radius + grid.margin
     x0, last_x = grid.span(centre.x - half.x, centre.x + half.x, 0)
     y0, last_y = grid.span(centre.y - half.y, centre.y + half.y, 1)
     z, last_z = grid.span(centre.z - half.z, centre.z + half.z, 2)
-    # Half of a cell's extent along the normal.
+    # The last term is half of a cell's extent along the normal.
     above = dr.fma(radius, THICKNESS, grid.margin) + 0.5 * dr.sum(dr.abs(normal))
     reach2 = dr.square(radius + grid.margin)
     while z <= last_z:
@@ -157,7 +157,7 @@ def _cells_of(item: Any, lane: Any, data: Any, grid: CellGrid, entry: Any) -> No
 def _sum(
     first: Any, stop: Any, items: Any, data: Any, profile: Epanechnikov, position: Any, normal: Any, reflect: Any
 ) -> Any:
-    """Return the sum over the photons of each lane's list, of those whose discs the lane's point lies in."""
+    """Return the sum over the photons of each lane's list in whose discs the lane's point lies."""
     radiance = Array3f(0)
     i = UInt32(first)
     while i < stop:

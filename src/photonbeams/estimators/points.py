@@ -20,5 +20,5 @@ class Points:
         self.count = dr.opaque(UInt32, len(rule.points))
 
     def __call__(self, number: Any) -> Any:
-        """Return point and weight of this number."""
+        """Return the point and the weight with this number."""
         return dr.gather(Array2f, self._data, number)

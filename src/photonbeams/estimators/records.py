@@ -1,6 +1,6 @@
 """Beams packed for gathering in kernels, and loaded from there.
 
-A beam is one record of packets of four floats: gathers, not arithmetic, bound the estimators' loops.
+A beam is a record of packets of four floats: the speed of the estimators' loops is limited by gathers, not arithmetic.
 """
 
 from __future__ import annotations
@@ -13,20 +13,22 @@ import drjit as dr
 from ..beams import Beams
 from ..runtime.device import Array3f, Array4f, Float, UInt32
 
-#: Shorter beams have no direction that float32 could hold; they carry no visible light.
+#: Beams shorter than this have no direction that float32 could hold; they carry no visible light.
 SHORTEST = 1e-12
 
 
 @dataclass
 class Packed:
-    """Beams packed for gathering: `groups` packets of four floats a beam, relative to the point `origin`.
+    """Beams packed for gathering: `groups` packets of four floats for each beam, relative to the point `origin`.
 
-    Beams at rest: 0: axis, radius at the start · 1: start, slope k of the radius · 2: power, length · then, where
-    present, (w × e, w·e) for a shared ray origin · (end normal, its distance from the origin) · (offset, total, entry,
-    0) · (T0, its plane's distance from the origin) and (T1, likewise) · (power at the end, 0). Beams that move, at
-    shutter open, and again at shutter close: start, radius · end, radius · power, 0 · then, where present, (end normal,
-    0) · (offset, total, entry, 0) · (T0, 0) and (T1, 0) · (power at the end, 0). At last, where asked for, (random
-    number, number, generation, 0).
+    Beams at rest: (axis, radius at the start) · (start, slope k of the radius) · (power, length) · then, if present,
+    (w × e, w·e) for a shared ray origin · (end normal, its plane's distance from the origin) · (offset, total, entry,
+    0) · (T0, its plane's distance from the origin) and (T1, likewise) · (power at the end, 0).
+
+    Moving beams, first at shutter open and then at shutter close: (start, radius) · (end, radius) · (power, 0) · then,
+    if present, (end normal, 0) · (offset, total, entry, 0) · (T0, 0) and (T1, 0) · (power at the end, 0).
+
+    Last, if asked for: (random number, number, generation, 0).
     """
 
     data: Any
@@ -43,15 +45,15 @@ class Packed:
 
 
 def pack(beams: Beams, origin: Any, shared: bool, close: Beams | None = None, identity: bool = False) -> Packed:
-    """Pack beams relative to `origin`, which is the origin of all rays where `shared` is true.
+    """Pack beams relative to `origin`, which is the origin of all rays if `shared` is true.
 
-    `close` are the same beams at shutter close, where they move; of what they have, both have it. With `identity` their
-    random number, number and generation go along, for looks that ask for them.
+    `close` are the same beams at shutter close, if they move; both have the same optional fields. With `identity`, the
+    beams' random number, number and generation are packed too, for looks that use them.
     """
     caps = beams.end_normal is not None
     path = any(value is not None for value in (beams.offset, beams.total, beams.entry))
     packets = _at_rest(beams, origin, shared) if close is None else _ends(beams, origin) + _ends(close, origin)
-    if identity:  # the last: it is the same at all times
+    if identity:  # last, once: it is the same at all times
         packets.append((beams.identity(), dr.zeros(Float, len(beams))))
     count, groups = len(beams), len(packets)
     data = dr.zeros(Float, count * groups * 4)
@@ -105,7 +107,7 @@ def _power_end(beams: Beams) -> list[tuple[Any, Any]]:
 
 
 def _unit(tangent: Any, axis: Any) -> Any:
-    """Return tangents of unit length; one of none is the axis."""
+    """Return tangents with unit length; a tangent without length becomes the axis."""
     squared = dr.squared_norm(tangent)
     return dr.select(squared > SHORTEST, tangent * dr.rsqrt(dr.maximum(squared, SHORTEST)), axis)
 
@@ -122,7 +124,7 @@ def _path(beams: Beams, length: Any) -> list[tuple[Any, Any]]:
 
 @dataclass
 class Bend:
-    """The planes that a piece of a curve lies between, and the light's directions there."""
+    """The planes between which a piece of a curve lies, and the light's directions there."""
 
     first: Any  # T0
     last: Any  # T1
@@ -135,7 +137,7 @@ class Bend:
 
 @dataclass
 class Record:
-    """One beam a lane, loaded in a kernel; vectors relative to the packed origin."""
+    """One beam for each lane, loaded in a kernel; vectors are relative to the packed origin."""
 
     axis: Any
     radius: Any  # at the start
@@ -164,11 +166,11 @@ class Record:
         return self.length if self.path is None else self.path.y
 
     def depth(self, distance: Any) -> Any:
-        """Return the part of a distance from the light that lies in the medium."""
+        """Return the part of a `distance` from the light that lies in the medium."""
         return dr.maximum(distance - self.entry, 0)
 
     def fraction(self, distance: Any) -> Any:
-        """Return a distance from the light as a fraction of the whole light path."""
+        """Return a `distance` from the light as a fraction of the whole light path."""
         return dr.clip(distance * self.inv_total, 0, 1)
 
     @property
@@ -178,10 +180,11 @@ class Record:
 
     @property
     def stop(self) -> Any:
-        """Distance from the start that no part of the beam passes.
+        """Distance from the start beyond which there is no part of the beam.
 
-        A beam that ends on a surface is cut by its plane. Where it meets that at a slant the cone's rim reaches past
-        the axis' end, but by a radius at most: farther out the plane is a poor picture of the surface.
+        A beam that ends on a surface is cut by the surface's plane. If it meets the plane at a slant, the cone's rim
+        reaches past the end of the axis, but at most by a radius: farther out the plane is a poor approximation of the
+        surface.
         """
         if self.cap is None and self.bend is None:
             return self.length
@@ -189,7 +192,7 @@ class Record:
 
     @property
     def begin(self) -> Any:
-        """Distance from the start that no part of the beam lies before: a joint's rim may reach back by a radius."""
+        """Distance from the start before which there is no part of the beam: a joint's rim may reach back by a radius."""
         return 0 if self.bend is None else -self.radius
 
     @property
@@ -199,7 +202,7 @@ class Record:
 
     @property
     def reaching(self) -> Any:
-        """The greatest radius anywhere: a piece of a curve that grows does so past its end, up to a surface's plane."""
+        """The greatest radius anywhere: a widening piece of a curve keeps growing past its end, up to a surface's plane."""
         if self.cap is None:
             return self.widest
         return dr.maximum(self.radius, dr.fma(2 * self.slope, self.length, self.radius))
@@ -212,13 +215,13 @@ class Record:
 
 
 def load(packed: Packed, number: Any, time: Any = None) -> Record:
-    """Gather the beams of these numbers, as they are at a time of the shutter."""
+    """Gather the beams with these numbers, as they are at a `time` of the shutter interval."""
     base = number * packed.groups
     packets = [dr.gather(Array4f, packed.data, base + group) for group in range(packed.groups)]
     identity = packets.pop().xyz if packed.identity else None
     record = _moved(packets, packed, time) if packed.moving else _loaded(packets, packed)
     record.identity = identity
-    record.inv_total = dr.rcp(record.total)  # once a beam, not once a ray
+    record.inv_total = dr.rcp(record.total)  # once for each beam, not for each ray
     return record
 
 
@@ -252,7 +255,7 @@ def _moved(packets: list[Any], packed: Packed, time: Any) -> Record:
 
 
 def _bend(axis: Any, first: Any, last: Any, first_height: Any, last_height: Any) -> Bend:
-    # A plane along the axis would cut nothing: curves have no such joints, see chains.tangents.
+    # A plane along the axis would cut nothing; curves have no such joints, see `beams.curves.tangents`.
     first_inv, last_inv = (dr.rcp(dr.maximum(dr.dot(axis, each), 0.05)) for each in (first, last))
     return Bend(first, last, first_height, last_height, first_inv, last_inv, 1 - dr.dot(first, last))
 

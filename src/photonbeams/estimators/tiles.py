@@ -1,11 +1,12 @@
 """Which beams can touch which screen tile: projected footprints, walked row by row, into a list of beams per tile.
 
-The projection of a cone is the hull of two discs, its half extent R/z linear along the projected axis (both R and 1
-are, over z). So the columns that a row of tiles has to visit follow from linear inequalities. A beam that contains
-the camera or nearly does has no such footprint: every tile lists it, as the Talk puts a quad over the whole screen.
+The projection of a cone is the hull of two discs. Its half extent R/z is linear along the projected axis, because both
+R/z and 1/z are linear on the screen. So the columns that a row of tiles has to visit follow from linear inequalities. A
+beam that contains the camera, or nearly does, has no such footprint: every tile lists it, as the Talk puts a quad over
+the whole screen.
 
-The lists are in an order that depends on nothing but the beams: each lane walks its own portion of them in turn and
-counts in its own cells, so that no two threads race for a slot.
+The order of a list depends on nothing but the beams: each lane walks its own part of the beams in turn and counts in
+its own cells, so that no two threads race for a slot.
 """
 
 from __future__ import annotations
@@ -22,21 +23,21 @@ from .cones import Cone, around, half_line
 #: Width and height of a tile in pixels.
 TILE = 16
 
-# Lanes that bin, and the most cells that they count in, four bytes each: one a lane and a tile.
+# Lanes that count, and the most cells (of four bytes) in which they count; there is a cell for each lane and tile.
 _LANES, _MOST_CELLS = 1024, 1 << 25
 
 _FAR = 1e30
 
-# Beams are clipped this many radii before the camera plane, where a disc's picture is still an ellipse.
+# Beams are clipped this many radii in front of the camera plane, where a disc's picture is still an ellipse.
 _CLIP = 1.25
-# Of beams around the camera that part has a width on the screen which is this many radii before it: what is nearer
-# reaches over a quarter of a radian.
+# Of beams around the camera, the part that is farther than this many radii has a width on the screen: anything nearer
+# covers more than a quarter of a radian.
 _WIDE = 4.0
 
 
 @dataclass
 class Pose:
-    """Where a camera is: its position and its unit vectors, world space (Dr.Jit, opaque)."""
+    """Where a camera is: its position and its unit vectors in world space (Dr.Jit, opaque)."""
 
     origin: Any
     right: Any
@@ -44,7 +45,7 @@ class Pose:
     forward: Any
 
     def to_camera(self, point: Any) -> Any:
-        """Return x right, y up, z forward of a world point."""
+        """Return a world point in camera space: x right, y up, z forward."""
         q = point - self.origin
         return Array3f(dr.dot(q, self.right), dr.dot(q, self.up), dr.dot(q, self.forward))
 
@@ -56,7 +57,7 @@ class Projection:
     Attributes
     ----------
     poses
-        Where the camera is: once, or at shutter open and at shutter close. In between what is at rest moves linearly
+        Where the camera is: once, or at shutter open and at shutter close. In between, objects at rest move linearly
         through camera space.
     scale
         Pixels per unit of slope (perspective), or per scene unit (orthographic), along x and along y.
@@ -65,7 +66,7 @@ class Projection:
     width, height
         Image size in pixels.
     edge_x, edge_y
-        Greatest |x/z| and |y/z| in the picture (perspective), opaque: each lens and crop has others.
+        Greatest |x/z| and |y/z| in the picture (perspective); opaque, because each lens and crop has its own.
     lens
         Radius of the lens and the distance at which it is in focus (opaque); None for a pinhole.
     """
@@ -101,7 +102,7 @@ class Projection:
         return self.columns * self.rows
 
     def reduced(self, level: int, margin: tuple[int, int]) -> Projection:
-        """Return the projection with pixels 2^`level` as wide, and a margin of so many of its pixels left and above."""
+        """Return the projection with pixels 2^`level` as wide, after adding a `margin` of pixels at the left and top."""
         factor = dr.opaque(Float, 1 / (1 << level))
         (sx, sy), (cx, cy) = self.scale, self.center
         width, height = (-(-(size + own) >> level) for size, own in zip((self.width, self.height), margin, strict=True))
@@ -115,8 +116,8 @@ class Projection:
 class Widths(NamedTuple):
     """Which beams a tile lists, by their least half width there on the screen, in pixels.
 
-    Those of at least `own` that have less than `coarser` in the square of four tiles around it (opaque); or, where
-    `own` is None, those that have not.
+    A tile lists beams of at least `own` that are narrower than `coarser` in the square of four tiles around it. If
+    `own` is None, it lists beams that are at least as wide as `coarser` there. Both numbers are opaque.
     """
 
     own: Any
@@ -134,9 +135,9 @@ class Footprints:
 def footprints(beams: Beams, view: Projection, close: Beams | None = None) -> Footprints:
     """Project beams to the screen, widened by the lens and by all motion over the shutter.
 
-    At any time a beam's two ends are convex combinations of where they are in camera space with the camera and the
-    beams at shutter open and at shutter close. So the box around an end's discs at those times, and the hull of both
-    ends' boxes, hold the beam at all times.
+    At any time, each end of a beam is in camera space a convex combination of its places with camera and beam at
+    shutter open and at shutter close. So the box around an end's discs at those times holds this end, and the hull of
+    both ends' boxes holds the beam, at all times.
     """
     cones = [_posed(each, pose) for pose in view.poses for each in (beams, close) if each is not None]
     near, visible, limit = _nearness(cones, view)
@@ -164,11 +165,11 @@ def _posed(beams: Beams, pose: Pose) -> Cone:
 
 
 def _nearness(cones: list[Cone], view: Projection) -> tuple[Any, Any, Any]:
-    """Return which beams are near, which can be seen at all, and the z at which each is clipped.
+    """Return which beams are near the camera, which can be seen at all, and the z at which each is clipped.
 
     A disc of radius R about a point c behind the clip plane z = ε is seen, in a picture whose corner lies at the angle
-    e, only if √(|c|² − ε²) cos e − ε sin e < R. Beams that come so near are seen everywhere. For what moves, and for
-    rays from all over a lens, R is of a beam at rest that holds all of it.
+    e, only if √(|c|² − ε²) cos e − ε sin e < R. Beams that come so near count as seen everywhere. For moving beams, and
+    for rays from all over a lens, R is that of a beam at rest that holds all of them.
     """
     first = cones[0]
     largest, moved = dr.maximum(first.radius_start, first.radius_end), Float(0)
@@ -194,15 +195,16 @@ def _nearness(cones: list[Cone], view: Projection) -> tuple[Any, Any, Any]:
 
 
 def _edges(view: Projection) -> tuple[Any, Any]:
-    """Return the greatest |x/z| and |y/z| of rays: from the lens' rim they lean farther out than through a pinhole."""
+    """Return the greatest |x/z| and |y/z| of rays: from the rim of a lens they lean farther out than from a pinhole."""
     lean = view.lens[0] / view.lens[1] if view.lens is not None else Float(0)
     return view.edge_x + lean, view.edge_y + lean
 
 
 def _clipped(cones: list[Cone], limit: Any, view: Projection) -> list[tuple[Any, Any, Any]]:
-    """Return centre, radius and validity of the discs whose hull holds the cones' starts, before the clip plane.
+    """Return centre, radius and validity of the discs whose hull holds the cones' starts, in front of the clip plane.
 
-    A start behind that plane is replaced by where the lines from it to all other corners of the hull pass the plane.
+    A start behind the plane is replaced by the points where the lines from it to all other corners of the hull pass the
+    plane.
     """
     if view.orthographic:
         return [(cone.start, cone.radius_start, Bool(True)) for cone in cones]
@@ -232,7 +234,7 @@ class _Box(NamedTuple):
 
     @classmethod
     def around(cls, discs: list[tuple[Any, Any, Any]], view: Projection) -> _Box:
-        """Return the box of all valid discs; of a beam that has none, which is not seen, it means nothing."""
+        """Return the box of all valid discs; without any, the beam is not seen and the box has no meaning."""
         low, high, key = Array2f(_FAR), Array2f(-_FAR), Float(-_FAR)
         for place, radius, valid in discs:
             center, half = _disc(place, radius, view)
@@ -244,13 +246,13 @@ class _Box(NamedTuple):
 
 
 def _disc(place: Any, radius: Any, view: Projection) -> tuple[Any, Any]:
-    """Return centre and half extents in pixels of a disc, out of focus as it may be."""
+    """Return centre and half extents in pixels of a disc, with its blur where it is out of focus."""
     (sx, sy), (cx, cy) = view.scale, view.center
     z = Float(1) if view.orthographic else dr.rcp(place.z)
     center = Array2f(cx + sx * place.x * z, cy - sy * place.y * z)
     if view.orthographic:
         return center, Array2f(dr.abs(sx) * radius, dr.abs(sy) * radius)
-    # A sphere's picture is wider than R/z by this at most, inside a picture with this greatest slope.
+    # In a picture with this greatest slope, a sphere's picture is at most this much wider than R/z.
     edge_x, edge_y = _edges(view)
     half = Array2f(dr.sqrt(1 + edge_x * edge_x), dr.sqrt(1 + edge_y * edge_y)) * (radius * z)
     if view.lens is not None:
@@ -259,7 +261,7 @@ def _disc(place: Any, radius: Any, view: Projection) -> tuple[Any, Any]:
 
 
 def _key(z: Any, view: Projection) -> Any:
-    # Depth is compared by a number that is linear on the screen: 1/z in perspective, −z in parallel projection.
+    # Depths are compared by a number that is linear on the screen: 1/z in perspective, −z in parallel projection.
     return -z if view.orthographic else dr.rcp(z)
 
 
@@ -271,7 +273,7 @@ def _walk(
     """Visit the tiles under each lane's beams, begin + lane, begin + lane + lanes, …; count them or list the beams.
 
     counter
-        Cell (tile, lane) counts what the lane has put into the tile.
+        Cell (tile, lane) counts the beams that the lane has put into the tile.
     widths
         `Widths`, or None.
     base, out
@@ -319,7 +321,7 @@ def _walk(
 
 
 def _may_be(reach: Any, widths: Widths | None) -> Any:
-    """Return whether any tile may list a beam, given the half extents of its ends."""
+    """Return whether any tile can list a beam, given the half extents of its ends."""
     if widths is None:
         return Bool(True)
     most = -_least(-reach)
@@ -327,7 +329,7 @@ def _may_be(reach: Any, widths: Widths | None) -> Any:
 
 
 def _is_of(ends: Any, reach: Any, column: Any, row: Any, widths: Widths | None) -> Any:
-    """Return whether a beam has the width of those that a tile lists."""
+    """Return whether a beam has the width of the beams that a tile lists."""
     if widths is None:
         return Bool(True)
     around = Float((column >> 1) * (2 * TILE)), Float((row >> 1) * (2 * TILE))
@@ -343,7 +345,7 @@ def _least(packet: Any) -> Any:
 
 
 def _half_width(ends: Any, reach: Any, left: Any, top: Any, side: int) -> Any:
-    """Return the least half width, in pixels, of a beam where it crosses a square: endless where its axis does not."""
+    """Return the least half width, in pixels, of a beam in a square; infinite if the axis does not cross the square."""
     dx, dy, drx, dry = ends.z - ends.x, ends.w - ends.y, reach.z - reach.x, reach.w - reach.y
     bounds = (
         half_line(dx - drx, ends.x - reach.x - (left + side)), half_line(-(dx + drx), left - (ends.x + reach.x)),
@@ -362,7 +364,7 @@ def _hidden(depth: Any, radius: Any, view: Projection) -> Any:
 
 
 def _tile(pixel: Any, count: Any) -> Any:
-    # Clipped as a float first: a far pixel position does not fit an integer.
+    # Clip as a float first: a far pixel position does not fit into an integer.
     return Int32(dr.floor(dr.clip(pixel * (1 / TILE), -1, Float(count))))
 
 
@@ -380,7 +382,7 @@ class TileLists:
     entries: int
 
     def keep(self, flags: Any) -> TileLists:
-        """Return the lists with the flagged entries alone, in their order."""
+        """Return the lists with only the flagged entries, in their order."""
         index: Any = dr.compress(flags > 0)
         before = dr.prefix_sum(flags)
         total, entries = dr.opaque(UInt32, dr.width(index)), dr.opaque(UInt32, self.entries)
@@ -395,14 +397,15 @@ class TileLists:
 
 
 class Bins:
-    """The cells that one view's beams are counted in, for the beams `begin` … `stop` − 1.
+    """The cells in which one view's beams are counted, for the beams `begin` … `stop` − 1.
 
     Parameters
     ----------
     depth
-        (tiles,) planar depth of each tile's farthest surface; beams wholly behind it are not listed. Below 0: none is.
+        (tiles,) planar depth of each tile's farthest surface; beams wholly behind it are not listed. A tile with a
+        depth below 0 lists no beams.
     widths
-        Which beams are listed by how wide they are; None: all.
+        Widths of the beams that are listed; None: all beams.
     """
 
     def __init__(
