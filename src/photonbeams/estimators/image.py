@@ -31,7 +31,7 @@ from .tiles import Bins, Projection, TileLists, footprints
 
 @dataclass
 class Estimate:
-    """Radiance of all rays, (N, 3), and the numbers of ray–beam tests in the kernels of the billboard and the frustum."""
+    """Radiance of all rays, (N, 3), and the numbers of ray–beam tests in the two kernels."""
 
     radiance: Any
     billboard_tests: int = 0

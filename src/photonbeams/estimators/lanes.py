@@ -24,7 +24,7 @@ _BLOCKS_ACROSS = TILE // _BLOCK_WIDTH
 # Most levels at which every second ray stands for all, and the least width of a picture with the coarsest rays alone.
 _LEVELS, _COARSEST = 4, 192
 
-#: Numbers of pixels without rays at the left and at the top of a picture, so that tiles are those of the whole picture.
+#: Numbers of pixels without rays at the left and at the top of a picture; with them, tiles are the whole picture's.
 Margin = tuple[int, int]
 NO_MARGIN: Margin = (0, 0)
 
@@ -34,13 +34,13 @@ _GROUPS = TILE * TILE // PIXELS
 
 @dataclass(frozen=True)
 class MoreSamples:
-    """The rays that follow those of all pixels: `each` more for every pixel in `pixels`, the first of all come first."""
+    """The rays after those of all pixels: `each` more for every pixel in `pixels`, the first ones of all come first."""
 
     pixels: Any
     each: int
 
     def shares(self, count: int) -> Any:
-        """Return the weight of each ray in its pixel, for one ray of each of `count` pixels and then the further rays."""
+        """Return the weight of each ray in its pixel, first for `count` pixels with a ray each, then for further rays."""
         part, result = dr.opaque(Float, 1 / (self.each + 1)), dr.ones(Float, count)
         dr.scatter(result, part, self.pixels)
         return joined([result, part + dr.zeros(Float, self.each * dr.width(self.pixels))])

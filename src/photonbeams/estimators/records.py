@@ -192,7 +192,7 @@ class Record:
 
     @property
     def begin(self) -> Any:
-        """Distance from the start before which there is no part of the beam: a joint's rim may reach back by a radius."""
+        """Distance from the start before which there is no part of the beam: a joint's rim may reach back a radius."""
         return 0 if self.bend is None else -self.radius
 
     @property
@@ -202,7 +202,7 @@ class Record:
 
     @property
     def reaching(self) -> Any:
-        """The greatest radius anywhere: a widening piece of a curve keeps growing past its end, up to a surface's plane."""
+        """The greatest radius: a widening piece of a curve keeps growing past its end, up to a surface's plane."""
         if self.cap is None:
             return self.widest
         return dr.maximum(self.radius, dr.fma(2 * self.slope, self.length, self.radius))

@@ -1,9 +1,9 @@
 """Which beams can touch which screen tile: projected footprints, walked row by row, into a list of beams per tile.
 
-The projection of a cone is the hull of two discs. Its half extent R/z is linear along the projected axis, because both
-R/z and 1/z are linear on the screen. So the columns that a row of tiles has to visit follow from linear inequalities. A
-beam that contains the camera, or nearly does, has no such footprint: every tile lists it, as the Talk puts a quad over
-the whole screen.
+The projection of a cone is the hull of two discs. Its half extent R/z is linear along the projected axis: numbers that
+are linear along the axis, as R and 1, are linear on the screen once they are divided by z. So the columns that a row of
+tiles has to visit follow from linear inequalities. A beam that contains the camera, or nearly does, has no such
+footprint: every tile lists it, as the Talk puts a quad over the whole screen.
 
 The order of a list depends on nothing but the beams: each lane walks its own part of the beams in turn and counts in
 its own cells, so that no two threads race for a slot.
@@ -102,7 +102,7 @@ class Projection:
         return self.columns * self.rows
 
     def reduced(self, level: int, margin: tuple[int, int]) -> Projection:
-        """Return the projection with pixels 2^`level` as wide, after adding a `margin` of pixels at the left and top."""
+        """Return the projection with pixels 2^`level` as wide, after adding a `margin` of pixels at left and top."""
         factor = dr.opaque(Float, 1 / (1 << level))
         (sx, sy), (cx, cy) = self.scale, self.center
         width, height = (-(-(size + own) >> level) for size, own in zip((self.width, self.height), margin, strict=True))

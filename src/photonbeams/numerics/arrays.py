@@ -1,7 +1,7 @@
-"""Dr.Jit arrays from NumPy's, in memory of their own, and back; compress and join arrays and structs of them.
+"""Dr.Jit arrays from NumPy arrays, in memory of their own, and back; compress and join arrays and structs of them.
 
-Dr.Jit wraps NumPy's memory as it is, and whether an input is aligned is part of a kernel: kernels would be compiled
-again depending on an address.
+The memory is aligned, because Dr.Jit uses NumPy's memory as it is, and a kernel depends on whether its inputs are
+aligned: kernels would be compiled again depending on an address.
 """
 
 from __future__ import annotations
@@ -36,7 +36,8 @@ def to_vectors(numbers: npt.ArrayLike) -> Any:
 def to_numpy(parts: Iterable[Any]) -> npt.NDArray[Any]:
     """Return the components of a vector, or several arrays, as rows (C, N).
 
-    Not by the vector's own `numpy()`, whose kernel has the number of entries in it: every pass has others.
+    The vector's own `numpy()` is not used, because its kernel contains the number of entries, which differs from pass
+    to pass.
     """
     rows = [*parts]
     dr.eval(rows)
@@ -61,14 +62,14 @@ def _aligned(numbers: npt.ArrayLike, kind: type) -> npt.NDArray[Any]:
 
 
 def taken(value: Any, index: Any) -> Any:
-    """Return the entries of these numbers of an array, or of all arrays in a struct; None stays None."""
+    """Return the entries at `index` of an array, or of all arrays in a struct; None stays None."""
     return _each(lambda array: dr.gather(type(array), array, index), value)
 
 
 def compressed(keep: Any, *values: Any) -> list[Any]:
-    """Return the entries of arrays and structs where `keep`, in order; an empty list if there is none.
+    """Return the entries of arrays and structs where `keep` is true, in order; an empty list if there are none.
 
-    Everything is made opaque, also what happens to be constant: kernels would differ between frames.
+    Everything is made opaque, even values that happen to be constant; otherwise kernels would differ between frames.
     """
     dr.make_opaque(keep, values)
     index: Any = dr.compress(keep)
@@ -78,14 +79,14 @@ def compressed(keep: Any, *values: Any) -> list[Any]:
 def joined(pieces: list[Any]) -> Any:
     """Return all arrays, or structs of them, as one, in order.
 
-    Not by `dr.concat`, which makes the lengths a part of its kernels: every pass has others.
+    `dr.concat` is not used, because its kernels contain the lengths, which differ from pass to pass.
     """
     if len(pieces) == 1:
         return pieces[0]
     result = _each(lambda *arrays: dr.zeros(type(arrays[0]), sum(map(dr.width, arrays))), *pieces)
     targets = [(array, 0) for array in _arrays(result)]
-    # Piece by piece, so that one kernel copies all arrays of a piece: Dr.Jit launches what waits before it scatters to
-    # the same array again.
+    # Piece by piece, so that one kernel copies all arrays of a piece: before a second scatter to an array, Dr.Jit
+    # launches everything that is pending.
     for piece in pieces:
         for at, ((target, first), array) in enumerate(zip(targets, _arrays(piece), strict=True)):
             width = dr.width(array)

@@ -1,7 +1,7 @@
-"""Numbers that a user gives, whose gradients may be enabled: checked in NumPy, and attached to Dr.Jit's AD graph.
+"""Numbers that a user gives, possibly with gradients enabled: checked in NumPy, and attached to Dr.Jit's AD graph.
 
 Kernels take the plain number as an opaque input, whatever it was computed from, so that a step of an optimiser compiles
-none. What an attached number was computed from hangs on that input by `drjit.replace_grad` alone.
+no kernel. Only `drjit.replace_grad` connects that input to the graph from which an attached number was computed.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ Number: TypeAlias = Union[float, "Float"]
 #: Numbers or vectors, (M,) or (M, 3), as NumPy takes them, or a Dr.Jit array of them, whose gradients may be enabled.
 Numbers: TypeAlias = Union[npt.ArrayLike, "Float", "Array3f", "TensorXf"]
 
-#: Of a number that single precision holds, and the least that can be divided by.
+#: The largest number for single precision, and the smallest number by which it can divide.
 LARGEST, SMALLEST = 1e38, 1e-37
 
-# Central differences in double precision over this step, relative to the number, err by some 1e-10.
+# Step of central differences in double precision, relative to the number: they err by some 1e-10.
 _STEP = 1e-6
 
 
@@ -34,13 +34,13 @@ if TYPE_CHECKING:
 
 
 class Given(NamedTuple):
-    """Numbers in NumPy and, where gradients are enabled, the same as one attached Float, row by row (else None)."""
+    """Numbers in NumPy and, if gradients are enabled, the same as one attached Float, row by row (else None)."""
 
     plain: npt.NDArray[np.float64]
     attached: Any = None
 
     def at_least(self, axes: int) -> Given:
-        """Return the numbers with axes of one entry before their own, so that they have so many."""
+        """Return the numbers with at least this many `axes`; axes of one entry are added in front."""
         return Given(np.array(self.plain, ndmin=axes), self.attached)
 
     @property
@@ -61,7 +61,7 @@ class Given(NamedTuple):
 
     @property
     def value(self) -> Any:
-        """The number as a Float, or the three as an Array3f, opaque, and attached where the numbers are."""
+        """One number as a Float, or three as an Array3f; opaque, and attached if the numbers are."""
         value = opaque(self.plain)
         if self.attached is None:
             return value
@@ -70,14 +70,14 @@ class Given(NamedTuple):
 
 
 def given(value: Any, name: str, expected: str) -> Given:
-    """Return the numbers that a user gave; SceneError says what was `expected` of `name` where they are none."""
+    """Return the numbers that a user gave; if `value` is not numbers, SceneError says what was `expected` of `name`."""
     attached = has_gradients(value)
     plain = numbers(dr.detach(value) if attached else value, name, expected)
     return Given(plain.astype(np.float64), _flat(value) if attached else None)
 
 
 def given_number(value: Any, name: str, expected: str, low: float = -LARGEST, high: float = LARGEST) -> Given:
-    """Return one number from `low` to `high`; SceneError says what was `expected`."""
+    """Return one number from `low` to `high`; else SceneError says what was `expected` of `name`."""
     found = given(value, name, expected)
     if found.plain.size != 1 or not low <= float(found.plain.ravel()[0]) <= high:
         raise SceneError(f"{name} is {shown(value)}: expected {expected}")
@@ -85,7 +85,7 @@ def given_number(value: Any, name: str, expected: str, low: float = -LARGEST, hi
 
 
 def given_color(value: Any, name: str, expected: str, low: float = -LARGEST) -> Given:
-    """Return one number or three, none below `low`; SceneError says what was `expected`."""
+    """Return one number or three, none below `low`; else SceneError says what was `expected` of `name`."""
     found = given(value, name, expected)
     plain = found.plain.reshape(()) if found.plain.size == 1 else found.plain
     if plain.shape not in ((), (3,)) or not np.all((plain >= low) & (plain <= LARGEST)):
@@ -105,9 +105,9 @@ def _flat(value: Any) -> Any:
 
 
 def derived(function: Callable[..., Any], *parts: Given, color: bool = False) -> Any:
-    """Return a function of numbers as an input of kernels: a Float or an Array3f, attached where one of them is.
+    """Return a function of numbers as an input of kernels: a Float or an Array3f, attached if one of them is.
 
-    The function takes NumPy's numbers and Dr.Jit's alike. With `color` one number stands for three.
+    The function must take NumPy's and Dr.Jit's numbers. With `color`, a single number is repeated three times.
     """
     plain = np.asarray(function(*(each.plain for each in parts)))
     value = opaque(np.broadcast_to(plain.reshape(-1), (3,)) if color else plain)
@@ -117,9 +117,9 @@ def derived(function: Callable[..., Any], *parts: Given, color: bool = False) ->
 
 
 def table(function: Callable[..., npt.NDArray[np.float64]], *parts: Given) -> Any:
-    """Return a NumPy function of numbers, (K,) or (K, 3), as it is, or as a Float or an Array3f that is attached.
+    """Return the result of a NumPy function of numbers, (K,) or (K, 3), or an attached Float or Array3f of it.
 
-    Its derivatives by each number whose gradients are enabled are central differences in double precision.
+    Its derivatives by the numbers with gradients are central differences in double precision.
     """
     plain = [each.plain for each in parts]
     values = function(*plain)

@@ -1,4 +1,4 @@
-"""Hashes of integers in kernels, and the random numbers that they make."""
+"""Hashes of integers in kernels, and random numbers made from them."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from ..runtime.device import Float, UInt32
 
 
 def hash32(*values: UInt32) -> UInt32:
-    """Return a hash of integers (the finaliser of "lowbias32", Wellons 2018, applied value by value)."""
+    """Return a hash of integers (the finalizer of "lowbias32", Wellons 2018, applied value by value)."""
     state = UInt32(0x9E3779B9)
     for value in values:
         state = (state ^ value) * 0x85EBCA6B + 0x68BC21EB
@@ -26,5 +26,5 @@ def unit_float(bits: UInt32) -> Float:
 
 
 def key_of(*names: int | str) -> int:
-    """Return a number of 32 bits that names a stream of samples, the same in every process."""
+    """Return a 32-bit number for the stream of samples with these names, the same in every process."""
     return zlib.crc32(repr(names).encode())

@@ -11,21 +11,21 @@ from .arrays import joined
 from .hashing import hash32, unit_float
 from .sampling import pixel_sample
 
-# Of the 32 bits of a place in a sequence these are of the pass, the others of the pixel.
+# Of the 32 bits of a place in a sequence, this many are for the pass, the others for the pixel.
 BITS = 16
 
 
 class Samples:
-    """Samples of one pass, by the numbers of pixels (or of anything else) and by names of what they are used for.
+    """Samples of one pass, by the numbers of pixels (or of anything else) and by the names of streams.
 
-    Passes of a pixel stand next to each other in one sequence, in a block of 2^`bits`, and the blocks in the order of
-    the pixels: where these are along a Z-order curve, samples are well distributed in each pixel and over each square
-    of pixels, and what noise is left is fine-grained (Ahmed and Wonka 2020, "Screen-space blue-noise diffusion of Monte
-    Carlo sampling error"). More passes, or more pixels than 2^(32 − `bits`), begin other sequences. All numbers are
+    The passes of a pixel are neighbours in one sequence, in a block of 2^`bits`, and the blocks are in the order of the
+    pixels. If this is the order of a Z-order curve, samples are well distributed in each pixel and over each square of
+    pixels, and the remaining noise is fine-grained (Ahmed and Wonka 2020, "Screen-space blue-noise diffusion of Monte
+    Carlo sampling error"). Further passes, and pixels beyond 2^(32 − `bits`), begin other sequences. All numbers are
     opaque.
 
-    Those of 2^`together` passes from `number` on, of one sequence, are had at once: `indices` are then those of pixels
-    in each of them.
+    With `together`, the object has the samples of 2^`together` passes from `number` on, all of one sequence; `indices`
+    returns the indices of pixels in all of these passes.
     """
 
     def __init__(self, seed: int, number: int, bits: int = BITS, together: int = 0) -> None:
@@ -35,7 +35,7 @@ class Samples:
         self._together, self._which = dr.opaque(UInt32, together), dr.opaque(UInt32, (1 << together) - 1)
 
     def indices(self, pixels: UInt32) -> UInt32:
-        """Return the indices of pixels in all passes, those of the first pass first."""
+        """Return the indices of `pixels` in all passes, those of the first pass first."""
         which = range(int(self._which[0]) + 1)
         result: UInt32 = joined([(pixels << self._together) + dr.opaque(UInt32, each) for each in which])
         return result

@@ -1,8 +1,8 @@
 """Points in the unit square and the measure-preserving maps that carry them to discs, cones and spheres.
 
-All maps keep neighbours together, so that what is stratified in the square stays stratified on the light: a beam's
-footprint is the size of its cell. Sources: Shirley and Chiu 1997 (square to disc), Clarberg 2008 (square to sphere),
-Joe and Kuo 2008 (Sobol), Burley 2020, "Practical hash-based Owen scrambling" (samples of a pixel).
+All maps keep neighbours together, so that points which are stratified in the square are stratified on the light: a
+beam's footprint has the size of its cell. Sources: Shirley and Chiu 1997 (square to disc), Clarberg 2008 (square to
+sphere), Joe and Kuo 2008 (Sobol), Burley 2020, "Practical hash-based Owen scrambling" (samples of a pixel).
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from .hashing import hash32, unit_float
 
 # Joe and Kuo's polynomials and initial numbers of the second to fourth dimension.
 _SOBOL = ((1, 0, (1,)), (2, 1, (1, 3)), (3, 1, (1, 3, 1)))
-_HASH = (0x6C50B47C, 0xB82F1E52, 0xC7AFE638, 0x8D22F6E6)  # Burley 2020: the bits above each bit decide on its flip
+_HASH = (0x6C50B47C, 0xB82F1E52, 0xC7AFE638, 0x8D22F6E6)  # Burley 2020: each bit is flipped by the bits above it
 
 
 def _direction_numbers() -> npt.NDArray[np.uint32]:
@@ -31,7 +31,7 @@ def _direction_numbers() -> npt.NDArray[np.uint32]:
                 value ^= ((polynomial >> (degree - 1 - i)) & 1) * (m[k - i] << i)
             m.append(value)
         rows.append(m)
-    # Number k is a fraction of 2^(k + 1): its digits are k + 1 bits, the first of them on top.
+    # Number k is a numerator over 2^(k + 1): its digits are k + 1 bits, the first digit is the highest bit.
     reversed_rows = [[int(f"{value:b}".zfill(k + 1)[::-1], 2) for k, value in enumerate(row)] for row in rows]
     return np.array(reversed_rows, dtype=np.uint32)
 
@@ -40,7 +40,7 @@ _DIRECTIONS = _direction_numbers()
 
 
 def sobol_points(count: int, block: int, key: tuple[int, ...]) -> npt.NDArray[np.float32]:
-    """Return points [block·count, (block + 1)·count) of the scrambled 4D Sobol sequence that `key` names, (count, 4).
+    """Return points [block·count, (block + 1)·count) of the 4D Sobol sequence scrambled by `key`, (count, 4).
 
     Consecutive blocks continue one sequence, so passes stratify each other.
     """
@@ -54,7 +54,7 @@ def sobol_points(count: int, block: int, key: tuple[int, ...]) -> npt.NDArray[np
 def sobol_digits(first: int, count: int) -> npt.NDArray[np.uint32]:
     """Return points from number `first` on before they are scrambled, (4, count): binary digits, the first in bit 0.
 
-    SciPy has this sequence, too, but takes longer to import than all else that a render needs.
+    SciPy has this sequence, too, but takes longer to import than everything else that a render needs.
     """
     low = (count - 1).bit_length()
     digits = np.zeros((4, 1), dtype=np.uint32)
@@ -78,7 +78,7 @@ def _reversed(bits: npt.NDArray[np.uint32]) -> npt.NDArray[np.uint32]:
 
 
 def sobol_block(count: int, block: int, key: tuple[int, ...]) -> tuple[Array2f, Array2f]:
-    """Return such points as two pairs."""
+    """Return `sobol_points` as two pairs."""
     return pairs(sobol_points(count, block, key))
 
 
@@ -91,8 +91,8 @@ def pairs(points: npt.NDArray[np.float32]) -> tuple[Array2f, Array2f]:
 def pixel_sample(index: UInt32, seed: UInt32) -> Array2f:
     """Return point number `index` of the 2D Sobol sequence, scrambled by `seed`.
 
-    A different seed gives an independent sequence, one per use, each well distributed over aligned blocks of indices.
-    The indices are shuffled too (Burley 2020, section 4), or two uses would march in step over the passes.
+    Each seed gives an independent sequence, for one use, which is well distributed over aligned blocks of indices. The
+    indices are shuffled, too (Burley 2020, section 4); otherwise two uses would be correlated over the passes.
     """
     shuffled = _scramble(index, hash32(seed, UInt32(1)))
     x = _scramble(dr.brev(shuffled), hash32(seed, UInt32(2)))
@@ -101,7 +101,7 @@ def pixel_sample(index: UInt32, seed: UInt32) -> Array2f:
 
 
 def power_heuristic(own: Float, other: Float) -> Float:
-    """Return own² / (own² + other²) (Veach 1997); of the ratio, for the squares may overflow."""
+    """Return own² / (own² + other²) (Veach 1997), computed from the ratio, because the squares may overflow."""
     return dr.rcp(1 + dr.square(other / dr.maximum(own, 1e-20)))
 
 

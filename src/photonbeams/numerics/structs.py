@@ -8,7 +8,7 @@ from typing import Any, ClassVar, get_type_hints
 class Struct:
     """Base of structs: the annotated attributes of a subclass are its fields, each a Dr.Jit type or a struct.
 
-    Values may be given in the order of the fields; Dr.Jit makes structs without any.
+    The constructor takes values in the order of the fields; Dr.Jit calls it without values.
     """
 
     DRJIT_STRUCT: ClassVar[dict[str, Any]] = {}

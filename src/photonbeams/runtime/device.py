@@ -1,11 +1,11 @@
-"""Which processor the kernels run on: a libLLVM that works, or CUDA, chosen before Dr.Jit is first imported.
+"""The processor that runs the kernels: a working libLLVM, or CUDA, chosen before Dr.Jit is first imported.
 
-Dr.Jit loads libLLVM while it is imported and takes what it finds. Version 14 it refuses; with 15 and 16 it aborts the
-process on AVX-512 machines ("Cannot select: fmaximum"). So `prepare`, which `import photonbeams` calls, looks for the
-newest library that works and names it in DRJIT_LIBLLVM_PATH. A value that the user has set wins.
+Dr.Jit loads libLLVM while it is imported, and takes the library that it finds. It refuses version 14, and versions 15
+and 16 abort the process on AVX-512 machines ("Cannot select: fmaximum"). So `prepare`, which `import photonbeams`
+calls, looks for the newest working library and sets DRJIT_LIBLLVM_PATH to it. A value that the user has set is kept.
 
 The array types `Float`, `UInt32`, `Int32`, `UInt64`, `Bool`, `Array2f`, `Array3f` and `Array4f` of the chosen backend
-are attributes of this module. The first use of one starts the backend; call `select` before to choose which.
+are attributes of this module. The first use of one of them starts the backend; call `select` earlier to choose it.
 """
 
 from __future__ import annotations
@@ -38,12 +38,12 @@ _PACKAGES = ("photonbeams", "mitsuba", "drjit", "usd-core", "OpenEXR", "OpenImag
 
 
 class DeviceError(RuntimeError):
-    """The machine cannot run the kernels as asked; the text is one sentence for the user."""
+    """The machine cannot run the kernels as requested; the message is one sentence for the user."""
 
 
 @dataclass(frozen=True)
 class Description:
-    """What `photonbeams doctor` prints. `problem` says why this machine cannot render, or is None."""
+    """The data that `photonbeams doctor` prints; `problem` says why this machine cannot render, or is None."""
 
     python: str
     platform: str
@@ -64,10 +64,10 @@ class Description:
 
 @dataclass
 class _State:
-    """The device of the process; Dr.Jit can be started only once."""
+    """The device of this process; Dr.Jit can be started only once."""
 
     backend: str | None = None
-    library: str | None = None  # what prepare() put into DRJIT_LIBLLVM_PATH
+    library: str | None = None  # the value that prepare() has given to DRJIT_LIBLLVM_PATH
     types: dict[str, Any] = field(default_factory=dict)
 
 
@@ -75,7 +75,7 @@ _state = _State()
 
 
 def prepare() -> None:
-    """Name the newest libLLVM that works in DRJIT_LIBLLVM_PATH, unless the user has or Dr.Jit is imported already."""
+    """Set DRJIT_LIBLLVM_PATH to the newest working libLLVM, unless it is set or Dr.Jit is imported already."""
     if "drjit" in sys.modules or os.environ.get("DRJIT_LIBLLVM_PATH"):
         return
     library = libllvm.newest()
@@ -85,7 +85,7 @@ def prepare() -> None:
 
 @cache
 def _cuda_problem() -> str | None:
-    """Return why CUDA cannot be used, or None; rays against meshes need OptiX, which a driver may come without."""
+    """Return why CUDA cannot be used, or None. Ray tracing of meshes needs OptiX, which some drivers lack."""
     windows = sys.platform == "win32"
     try:
         driver = ctypes.CDLL(os.environ.get("DRJIT_LIBCUDA_PATH") or ("nvcuda.dll" if windows else "libcuda.so.1"))
@@ -104,7 +104,7 @@ def _cuda_problem() -> str | None:
 
 
 def _wanted(name: str | None) -> str | None:
-    """Return "llvm" or "cuda" for a device's name, or None for "auto"."""
+    """Return "llvm" or "cuda" for the name of a device, or None for "auto"."""
     if name in (None, "auto"):
         name = os.environ.get("PHOTONBEAMS_DEVICE") or "auto"
     backends = {"auto": None, "cpu": "llvm", "cuda": "cuda"}
@@ -114,7 +114,7 @@ def _wanted(name: str | None) -> str | None:
 
 
 def _automatic() -> str:
-    """Return what Mitsuba already runs on in this process; else CUDA where it is usable, else LLVM."""
+    """Return the backend on which Mitsuba already runs in this process; else CUDA if it is usable, else LLVM."""
     mitsuba_module = sys.modules.get("mitsuba")
     variant = str(mitsuba_module.variant()) if mitsuba_module else ""
     if variant.startswith(("llvm_", "cuda_")):
@@ -128,13 +128,13 @@ def select(name: str | None = None) -> None:
     Parameters
     ----------
     name
-        "cpu" (LLVM), "cuda", or "auto": what the environment variable PHOTONBEAMS_DEVICE says, else CUDA where a
-        usable NVIDIA driver exists, else LLVM. Once a device is started, "auto" is that one.
+        "cpu" (LLVM), "cuda", or "auto": the device in the environment variable PHOTONBEAMS_DEVICE, else CUDA if there
+        is a usable NVIDIA driver, else LLVM. Once a device is started, "auto" stands for that device.
 
     Raises
     ------
     DeviceError
-        If the device is not there, or another one has been started in this process.
+        If the device does not exist, or another device has been started in this process.
     """
     wanted = _wanted(name)
     if _state.backend is None:
@@ -168,7 +168,7 @@ def _start(name: str) -> None:
 
 
 def _import_drjit() -> Any:
-    """Return the module `drjit`; its wheel links a library that a small Debian lacks."""
+    """Return the module `drjit`; its wheel links libatomic, which small Debian systems lack."""
     try:
         return import_module("drjit")
     except (ImportError, NameError) as error:  # a NameError, raised while it handles the ImportError
@@ -179,13 +179,13 @@ def _import_drjit() -> Any:
 
 
 def _no_library() -> str:
-    """Return the sentence for a machine without a libLLVM that works."""
+    """Return the message for a machine without a working libLLVM."""
     found = "; ".join(f"{candidate.path}: {candidate.problem}" for candidate in libllvm.candidates())
     return f"no working libLLVM was found{f' ({found})' if found else ''}: {libllvm.INSTALL_HINT}"
 
 
 def _no_backend(name: str) -> str:
-    """Return the sentence for a backend that Dr.Jit could not start."""
+    """Return the message for a backend that Dr.Jit could not start."""
     if name == "cuda":
         return "device is cuda, but Dr.Jit could not start CUDA: the NVIDIA driver may be too old for it"
     path = os.environ.get("DRJIT_LIBLLVM_PATH")
@@ -195,7 +195,7 @@ def _no_backend(name: str) -> str:
 
 
 def __getattr__(name: str) -> Any:
-    """Return an array type of the backend, which starts with the first one."""
+    """Return an array type of the backend, which is started for the first of them."""
     if name not in _ARRAY_TYPES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     if _state.backend is None:
@@ -204,7 +204,7 @@ def __getattr__(name: str) -> Any:
 
 
 def backend() -> str:
-    """Return "llvm" or "cuda", starting the default device if none is."""
+    """Return "llvm" or "cuda"; start the default device if none is started."""
     if _state.backend is None:
         select()
     assert _state.backend is not None
@@ -217,7 +217,7 @@ def mitsuba_variant() -> str:
 
 
 def mitsuba(color: bool = False) -> Any:
-    """Return the module `mitsuba` with `mitsuba_variant` set, or, unless `color` is wanted, the one of its two."""
+    """Return the module `mitsuba` with `mitsuba_variant` set; without `color`, its monochrome twin may stay set."""
     variant = mitsuba_variant()
     import mitsuba as module
 
@@ -227,7 +227,7 @@ def mitsuba(color: bool = False) -> Any:
 
 
 def set_threads(count: int) -> None:
-    """Let kernels on the CPU run on `count` threads; 0 means one for every processor."""
+    """Run kernels on the CPU with `count` threads; 0 means one for each processor."""
     if count < 0:
         raise DeviceError(f"threads is {count}: expected 0 (all processors) or more")
     backend()
@@ -238,9 +238,9 @@ def set_threads(count: int) -> None:
 
 @contextmanager
 def helping_thread() -> Iterator[None]:
-    """Let Mitsuba read and write files within the context: of OpenEXR it leaves parts to other threads.
+    """Have a second thread within the context, in which Mitsuba reads or writes files.
 
-    Where there is none, it waits for ever.
+    Mitsuba leaves parts of OpenEXR files to other threads, and waits forever if there are none.
     """
     import drjit
 
@@ -256,14 +256,14 @@ def helping_thread() -> Iterator[None]:
 
 
 def processors() -> int:
-    """Return how many processors this process may use."""
+    """Return the number of processors that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def describe(start: bool = True) -> Description:
     """Return what this machine has to render with, and what it lacks.
 
-    With `start` the default device is started; without, what only a running Dr.Jit knows is left out.
+    With `start` the default device is started; otherwise the fields that only a running Dr.Jit knows are left out.
     """
     import platform
 
@@ -303,7 +303,7 @@ def _running() -> dict[str, Any]:
 
 
 def _vector_width(drjit: Any) -> int | None:
-    """Return how many floats a vector register holds; Dr.Jit tells it only in C++, under the mangled name."""
+    """Return how many floats a vector register holds; Dr.Jit has only a C++ function for it, with a mangled name."""
     try:
         core = ctypes.CDLL(str(next(Path(drjit.__file__).parent.glob("libdrjit-core.*"))))
         return int(core._Z21jit_llvm_vector_widthv())
@@ -312,12 +312,12 @@ def _vector_width(drjit: Any) -> int | None:
 
 
 def memory() -> int | None:
-    """Return the machine's memory in bytes, or None where the system does not say."""
+    """Return the machine's memory in bytes, or None if the system does not tell."""
     return _memory("SC_PHYS_PAGES")
 
 
 def _memory(name: str) -> int | None:
-    """Return an amount of memory in bytes, or None where the system does not say."""
+    """Return an amount of memory in bytes, or None if the system does not tell."""
     try:
         return os.sysconf(name) * os.sysconf("SC_PAGE_SIZE")
     except (AttributeError, ValueError, OSError):

@@ -1,7 +1,7 @@
-"""Hashes of values by their content, the same in another process and on another machine.
+"""Hashes of values by their content, the same in every process and on every machine.
 
-Numbers, text, arrays, what holds them, objects by their fields, and functions by their source text and the values that
-this names. Dr.Jit's arrays count as NumPy's.
+Values may be numbers, text, arrays, containers of these, objects (hashed by their fields), and functions (hashed by
+their source text and the values that it names). Dr.Jit's arrays are hashed like NumPy's.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ class _Feed:
         if id(value) in self._known:
             self._put("again", self._known[id(value)][0])
             return
-        self._known[id(value)] = len(self._known), value  # kept, so that no other one has its number
+        self._known[id(value)] = len(self._known), value  # kept alive, so that no other value gets its id
         self._add_large(value)
 
     def _add_large(self, value: Any) -> None:
@@ -91,7 +91,7 @@ class _Feed:
 
     def _add_function(self, function: FunctionType) -> None:
         self._put("function", function.__qualname__, _source(function))
-        if function.__name__ == "<lambda>":  # of which there may be several in the same lines
+        if function.__name__ == "<lambda>":  # the same source lines may have several
             self._put(_text(function.__code__))
         self.add((function.__defaults__, function.__kwdefaults__))
         self.add([_content(cell) for cell in function.__closure__ or ()])
@@ -99,13 +99,13 @@ class _Feed:
             value = function.__globals__[name]
             self._put(name)
             if isinstance(value, FunctionType | type) and value.__module__ != function.__module__:
-                self._put(value.__module__, value.__qualname__)  # a library's, whose text is not looked at
+                self._put(value.__module__, value.__qualname__)  # of a library: its source is not hashed
             else:
                 self.add(_source(value) if isinstance(value, type) else value)
 
 
 def _fields(value: Any) -> dict[str, Any]:
-    """Return an object's attributes, but for properties that are computed once, which they may not be yet."""
+    """Return an object's attributes without cached properties, which may not have been computed yet."""
     kinds = [vars(each) for each in type(value).__mro__]
     slots = {name for each in kinds for name in _names_of_slots(each.get("__slots__", ()))}
     fields = {**getattr(value, "__dict__", {}), **{name: getattr(value, name, None) for name in slots}}
@@ -121,18 +121,18 @@ def _names_of_slots(given: str | Iterable[str]) -> list[str]:
 def _content(cell: Any) -> Any:
     try:
         return cell.cell_contents
-    except ValueError:  # not yet filled
+    except ValueError:  # the cell is still empty
         return None
 
 
 def _names(code: CodeType) -> set[str]:
-    """Return the names that a function and those within it look up."""
+    """Return the names that a function and its inner functions look up."""
     inner = (each for each in code.co_consts if isinstance(each, CodeType))
     return {*code.co_names}.union(*map(_names, inner))
 
 
 def _source(value: Any) -> str:
-    """Return the text of a function or a class, or the code that it is compiled to where there is none."""
+    """Return the source text of a function or a class or, if there is none, its compiled code."""
     try:
         return inspect.getsource(value)
     except (OSError, TypeError):

@@ -1,8 +1,8 @@
-"""Files that are written whole or not at all, and those that can be read.
+"""Write files completely or not at all, and check whether files can be read.
 
-A file grows beside its target under a hidden name of its own and is renamed once it is whole and on the disk, so that
-neither a full disk nor a second writer leaves half of one. What goes wrong on the way is an `OSError` that names the
-target. What a process leaves that was killed while it wrote, the next writer in the same folder removes.
+A file is written beside its target, under a hidden name of its own, and renamed once it is complete and on the disk. So
+neither a full disk nor a second writer leaves half a file. If something goes wrong, an `OSError` names the target. If a
+process is killed while it writes, the next writer in the same folder removes the leftover file.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ PathLike = str | os.PathLike[str]
 
 
 def _processes() -> str:
-    """Return a name of the set of processes that this one can tell alive from dead."""
+    """Return a name for the processes that this one can test for being alive: those of the same machine and boot."""
     parts = [platform.node()]
     for path in ("/proc/sys/kernel/random/boot_id", "/proc/self/ns/pid"):
         with suppress(OSError):
@@ -32,7 +32,7 @@ def _processes() -> str:
 
 
 _HOST = _processes()
-_STALE = 86400.0  # seconds: nobody writes one file for so long
+_STALE = 86400.0  # seconds; no process writes one file for so long
 _CLEARED: set[str] = set()  # folders from which this process has removed leftovers
 
 
@@ -46,9 +46,9 @@ _KINDS = (
 
 
 def why_unreadable(path: PathLike) -> str:
-    """Return what keeps a path from being read as a file, "a named pipe", say; "" where nothing does.
+    """Return why a path cannot be read as a file, such as "it is a named pipe"; "" if it can be.
 
-    Pipes and devices may have no end, and to open one may block for ever: ask before a file of a user's is opened.
+    Pipes and devices may have no end, and opening one may block forever: call this before a user's file is opened.
     """
     try:
         mode = os.stat(path).st_mode
@@ -59,18 +59,18 @@ def why_unreadable(path: PathLike) -> str:
 
 @contextmanager
 def atomic_path(path: PathLike) -> Iterator[Path]:
-    """Give a path beside `path`, with its suffix, to write to; rename it to `path` at the end, remove it on failure.
+    """Yield a path beside `path`, with the same suffix, to write to; rename it to `path` at the end, or remove it.
 
-    Makes the folder if there is none. Where `path` is a symbolic link, the file that it names is written.
+    The folder is made if it does not exist. If `path` is a symbolic link, the file to which it points is written.
 
     Raises
     ------
     OSError
-        What kept the file from being written, with `path` as its file name.
+        If the file cannot be written; its file name is `path`.
     """
     path = Path(path)
     target = Path(os.path.realpath(path))
-    # Short enough for any name that is allowed itself, and never the name of a picture that someone globs for.
+    # Short enough for every allowed name, and hidden, so that no pattern for pictures matches it.
     own = f".{path.stem[:40]}.{_HOST}-{os.getpid()}-"
     beside = target.parent / f"{own}{secrets.token_hex(6)}.tmp{path.suffix}"
     try:
@@ -78,9 +78,9 @@ def atomic_path(path: PathLike) -> Iterator[Path]:
         _remove_leftovers(str(target.parent))
         if path.is_dir():
             raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
-        if path.exists() and not path.is_file():  # a rename would take a device or a pipe away
+        if path.exists() and not path.is_file():  # a rename would replace a device or a pipe
             raise OSError(errno.EINVAL, "it is a device or a pipe: expected a file", str(path))
-        # Mode 666 under the user's umask, which a temporary file would not have.
+        # Mode 666 with the user's umask; files of `tempfile` have mode 600.
         os.close(os.open(beside, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666))
         yield beside
         _flush(beside)
@@ -88,8 +88,8 @@ def atomic_path(path: PathLike) -> Iterator[Path]:
     except OSError as error:
         ours = (beside, path, path.parent, target, target.parent)
         if error.filename is not None and Path(os.fsdecode(error.filename)) not in ours:
-            raise  # some other file, that the writer needed
-        if isinstance(error, FileExistsError):  # what `mkdir` says where a file has the folder's name
+            raise  # some other file that the writer needed
+        if isinstance(error, FileExistsError):  # raised by `mkdir` if a file has the folder's name
             error = NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR))
         raise OSError(error.errno or errno.EIO, error.strerror or str(error), str(path)) from error
     finally:
@@ -98,12 +98,12 @@ def atomic_path(path: PathLike) -> Iterator[Path]:
 
 
 def try_path(path: PathLike) -> None:
-    """Raise what `atomic_path` would raise, before hours of work; the trial leaves no trace.
+    """Raise the error that `atomic_path` would raise, before hours of work; the trial leaves no trace.
 
     Raises
     ------
     OSError
-        The folder cannot be made or written to, or a folder bears the file's name.
+        If the folder cannot be made or written to, or a folder has the file's name.
     """
     missing = [folder for folder in Path(path).parents if not folder.exists()]
     try:
@@ -116,7 +116,7 @@ def try_path(path: PathLike) -> None:
 
 
 def _remove_leftovers(folder: str) -> None:
-    """Remove what killed processes left in a folder, once; of other machines and boots, what is a day old."""
+    """Remove files of killed processes from a folder, once; those of other machines and boots if they are a day old."""
     if folder in _CLEARED or os.name != "posix":
         return
     _CLEARED.add(folder)
@@ -142,12 +142,12 @@ def _alive(process: int) -> bool:
     return True
 
 
-class _Undone(Exception):  # noqa: N818 (no error: it takes back a trial)
+class _Undone(Exception):  # noqa: N818 (not an error: it ends a trial)
     pass
 
 
 def _flush(path: Path) -> None:
-    """Wait until a file is on the disk: a full network disk tells only then."""
+    """Wait until a file is on the disk: a full network disk reports it only then."""
     file = os.open(path, os.O_RDWR)
     try:
         os.fsync(file)

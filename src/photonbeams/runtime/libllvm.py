@@ -1,6 +1,6 @@
-"""Find a libLLVM that Dr.Jit works with, without importing Dr.Jit.
+"""Find a libLLVM that works with Dr.Jit, without importing Dr.Jit.
 
-Dr.Jit refuses LLVM 14 as too old; 15 and 16 abort the process on AVX-512 machines ("Cannot select: fmaximum").
+Dr.Jit refuses LLVM 14 as too old; versions 15 and 16 abort the process on AVX-512 machines ("Cannot select: fmaximum").
 """
 
 from __future__ import annotations
@@ -32,11 +32,11 @@ class Candidate:
     Attributes
     ----------
     path
-        Where it is, without symbolic links.
+        Path of the library, without symbolic links.
     version
-        From its name, or from the library itself; empty where neither tells.
+        Version from the name or from the library itself; empty if neither tells it.
     problem
-        Why it is refused, or None.
+        Why the library is refused, or None.
     """
 
     path: str
@@ -45,7 +45,7 @@ class Candidate:
 
 
 def _library_folders() -> list[str]:
-    """Return patterns of the folders where distributions, virtual environments, conda and Homebrew keep libraries."""
+    """Return patterns of the library folders of distributions, virtual environments, conda and Homebrew."""
     prefixes = {sys.prefix, os.environ.get("VIRTUAL_ENV"), os.environ.get("CONDA_PREFIX")} - {None}
     return [
         "/usr/lib/*-linux-gnu", "/usr/lib64", "/usr/lib", "/usr/local/lib",
@@ -56,7 +56,7 @@ def _library_folders() -> list[str]:
 
 
 def _library_paths() -> Iterator[str]:
-    """Yield every path that may be a libLLVM, in no order and with repetitions."""
+    """Yield every path that may be a libLLVM, in no particular order and with repetitions."""
     for folder in _library_folders():
         yield from glob(f"{folder}/libLLVM*")
     ldconfig = shutil.which("ldconfig", path=f"{os.environ.get('PATH', '')}:/sbin:/usr/sbin")
@@ -66,7 +66,7 @@ def _library_paths() -> Iterator[str]:
 
 
 def _version_in_name(path: str) -> Version | None:
-    """Return the version in a file name, () where there is none, or None where it is no libLLVM's name.
+    """Return the version in a file name, () if it has none, or None if it is not the name of a libLLVM.
 
     >>> _version_in_name("libLLVM-17.so.1"), _version_in_name("libLLVM.so.22.1"), _version_in_name("libLLVM.dylib")
     ((17,), (22, 1), ())
@@ -88,8 +88,8 @@ print(*(number.value for number in version))
 
 
 def _probe(path: str) -> Candidate:
-    """Load a library in a child process, since a truncated one kills its process with SIGBUS, and read its version."""
-    # Inside Blender or Houdini sys.executable is the application, which must not be started a second time.
+    """Load a library in a child process and read its version: a truncated library kills its process with SIGBUS."""
+    # In Blender or Houdini, sys.executable is the application, which must not be started a second time.
     python = sys.executable if Path(sys.executable or "").name.startswith("python") else shutil.which("python3")
     if python is None:
         return Candidate(path, _version_in_name(path) or ())
@@ -101,7 +101,7 @@ def _probe(path: str) -> Candidate:
 
 
 def _judged(candidate: Candidate) -> Candidate:
-    """Return the candidate with its problem, if its version is one."""
+    """Return the candidate, with a problem if its version is too old."""
     if not candidate.version or candidate.version[0] >= OLDEST:
         return candidate
     problem = "too old for Dr.Jit" if candidate.version[0] < 15 else "aborts on AVX-512 machines"
@@ -110,7 +110,7 @@ def _judged(candidate: Candidate) -> Candidate:
 
 @cache
 def candidates() -> tuple[Candidate, ...]:
-    """Return every libLLVM of this machine, newest first; only the first without a problem is known to load."""
+    """Return all libLLVMs of this machine, newest first; only the first without a problem is known to load."""
     found: dict[str, Version] = {}
     for path in _library_paths():
         real = os.path.realpath(path)
@@ -128,5 +128,5 @@ def candidates() -> tuple[Candidate, ...]:
 
 
 def newest() -> str | None:
-    """Return the newest libLLVM that works, or None."""
+    """Return the path of the newest working libLLVM, or None."""
     return next((candidate.path for candidate in candidates() if candidate.problem is None), None)

@@ -1,15 +1,15 @@
-"""Limits that the system sets to a process: libraries crash or hang beyond them, instead of saying so."""
+"""Limits that the system sets for a process: beyond them, libraries crash or hang instead of raising an error."""
 
 from __future__ import annotations
 
 import errno
 
-# Addresses that the libraries take, most of them for code and for the stacks of threads; measured: 2.0 GiB.
+# Bytes of addresses that the libraries take, mostly for code and for the stacks of threads; measured: 2.0 GiB.
 _LIBRARIES = 9 << 28
 
 
 def check_address_space(more: int = 0) -> None:
-    """Raise OSError where the limit of virtual memory leaves no room for the libraries and `more` bytes."""
+    """Raise OSError if the limit of virtual memory leaves no room for the libraries and `more` bytes."""
     try:
         import resource
     except ImportError:  # Windows
