@@ -40,7 +40,7 @@ class MoreSamples:
     each: int
 
     def shares(self, count: int) -> Any:
-        """Return the weight of each ray in its pixel, first for one ray of `count` pixels each, then for further rays."""
+        """Return the weight of each ray in its pixel: of the rays of `count` pixels, and then of the further rays."""
         part, result = dr.opaque(Float, 1 / (self.each + 1)), dr.ones(Float, count)
         dr.scatter(result, part, self.pixels)
         return joined([result, part + dr.zeros(Float, self.each * dr.width(self.pixels))])
