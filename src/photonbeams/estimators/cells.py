@@ -1,4 +1,4 @@
-"""A uniform grid of cubes in the world, and lists of what lies in each of them.
+"""A uniform grid of cubes in the world, and lists of the items in each cube.
 
 The lists are sorted by cell with a radix sort of two digits. Each of a fixed number of lanes walks its own part of the
 items in turn, and counts in counters of its own; there are lanes × 2048 counters, however many cells there are. So the

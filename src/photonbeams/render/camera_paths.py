@@ -84,7 +84,7 @@ class CameraVertex(Struct):
 
 
 class NearestLamp(Struct):
-    """The nearest lamp that is not a surface: its `distance` (infinite where there is none) and `radiance`."""
+    """The nearest lamp that is not a surface: its `distance` (infinite if there is none) and `radiance`."""
 
     distance: Float
     radiance: Array3f

@@ -132,7 +132,7 @@ class SceneLight:
     world, own
         The scene, and the settings of its emitters.
     walked, dark
-        The numbers of the emitters that walks meet, and of those that have no light here.
+        The numbers of the emitters that walks meet, and of the emitters without light here.
     settings, tuning, max_depth, findings
         As in `light_of`.
     """

@@ -161,7 +161,7 @@ def _check_pictures(pictures: Pictures) -> None:
 
 
 def _added(first: Pictures, second: Pictures, own: bool = False) -> Pictures:
-    """Return the sums of pictures; one that only one side has stays as it is. `own` allows to overwrite the first."""
+    """Return the sums of pictures; one that only one side has stays as it is. With `own`, the first is overwritten."""
     result = {**second, **first}
     for name in first.keys() & second.keys() - {DEPTH, NORMAL}:
         replaced = first[name] if own and first[name].flags.writeable else None
