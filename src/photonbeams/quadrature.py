@@ -1,4 +1,4 @@
-"""Quadrature rules on [−1, 1] and their use on [a, b], for NumPy and Dr.Jit values alike.
+"""Quadrature rules on [−1, 1], and their use on [a, b] with NumPy or Dr.Jit values.
 
 Johnson, Lacewell, Selle, Jarosz, "Gaussian Quadrature for Photon Beams in Tangled" (2011), equations 1 and 2: on [a, b]
 the points are (b − a)/2 · x_i + (a + b)/2, and the sum is scaled by (b − a)/2.
@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 __all__ = ["MOST_POINTS", "Rule", "gauss_legendre", "riemann"]
 
-#: A rule is unrolled into the kernel that uses it, so its size is bounded; 64 Gauss points already count as converged.
+#: A rule is unrolled into the kernel that uses it, so its size is limited; 64 Gauss points already count as converged.
 MOST_POINTS = 256
 
 
@@ -30,14 +30,33 @@ class Rule:
     Attributes
     ----------
     name
-        What messages and tables call it.
-    points, weights
-        (n,) float64, in [−1, 1], and with the sum 2; read-only.
+        Name of the rule in messages and tables.
+    points
+        (n,) positions in [−1, 1]. They are kept as a read-only float64 array.
+    weights
+        (n,) weights, whose sum is 2. They are kept as a read-only float64 array.
 
     Raises
     ------
     ValueError
-        If points and weights are no such arrays.
+        If points and weights are not two rows of equally many finite numbers, if a point is outside of [−1, 1], or if
+        the weights do not sum to 2.
+
+    Notes
+    -----
+    `len(rule)` is the number of points n.
+
+    References
+    ----------
+    Johnson, Lacewell, Selle, Jarosz, "Gaussian Quadrature for Photon Beams in Tangled" (2011), equations 1 and 2.
+
+    Examples
+    --------
+    Simpson's rule integrates cubic polynomials exactly:
+
+    >>> simpson = pb.Rule("simpson", [-1, 0, 1], [1 / 3, 4 / 3, 1 / 3])
+    >>> round(simpson.integrate(lambda x: x**3, 0.0, 2.0), 12)
+    4.0
     """
 
     name: str
@@ -54,7 +73,7 @@ class Rule:
         if self.points.shape != self.weights.shape:
             raise ValueError(
                 f"the rule {self.name} has {len(self.points)} points and {len(self.weights)} weights: "
-                "expected as many of the one as of the other"
+                "expected as many weights as points"
             )
         if np.any(np.abs(self.points) > 1):
             raise ValueError(f"points of the rule {self.name}: expected numbers between -1 and 1")
@@ -68,30 +87,35 @@ class Rule:
         return f"{self.name}({len(self)})"
 
     def integrate(self, f: Callable[[Any], Any], a: Any, b: Any, breaks: Iterable[Any] = ()) -> Any:
-        """Return the integral of `f` from `a` to `b` (Talk, eq. 2).
+        """Return the integral of `f` from `a` to `b` (Johnson et al. 2011, equation 2).
 
         Parameters
         ----------
         f
-            Takes a value shaped like the bounds, and returns anything that can be scaled and added: a number, an
-            array, an `Array3f`. It is called n times for each piece.
+            Function of a value shaped like the bounds. It returns anything that can be scaled and added: a number, an
+            array, an `Array3f`. It is called n times for each piece of the interval.
         a, b
-            Numbers, NumPy arrays or Dr.Jit arrays. Swapping them changes the sign.
+            Bounds: numbers, NumPy arrays or Dr.Jit arrays. Swapping them changes the sign.
         breaks
-            Where `f` has kinks, each a number or an array as the bounds are, in any order. The rule is used on each
-            piece between them, since across a kink no rule converges faster than its square. A break outside the
+            Positions of the kinks of `f`, in any order, each a number or an array like the bounds. The rule is applied
+            to each piece between them, because no rule converges faster than n⁻² across a kink. A break outside the
             interval has no effect.
 
         Returns
         -------
-        The integral, of the type that `f` returns. The rule's points and weights are the only literals that it brings
-        into a kernel: bounds and breaks stay data.
+        The integral, of the type that `f` returns. Only the rule's points and weights become literals of a kernel;
+        bounds and breaks remain data.
+
+        Raises
+        ------
+        TypeError
+            If a bound or a break is not a number or an array, or if `breaks` is not a sequence.
 
         Examples
         --------
-        >>> round(gauss_legendre(2).integrate(lambda x: x**3, 0.0, 2.0), 12)
+        >>> round(pb.gauss_legendre(2).integrate(lambda x: x**3, 0.0, 2.0), 12)
         4.0
-        >>> round(gauss_legendre(2).integrate(abs, -1.0, 3.0, breaks=[0.0]), 12)
+        >>> round(pb.gauss_legendre(2).integrate(abs, -1.0, 3.0, breaks=[0.0]), 12)
         5.0
         """
         a, b = _bound(a), _bound(b)
@@ -104,7 +128,7 @@ class Rule:
         return total * _sign(a, b)
 
     def _piece(self, f: Callable[[Any], Any], a: Any, b: Any) -> Any:
-        """Return the integral over [a, b], on which `f` has no kink."""
+        """Return the integral over [a, b], where `f` has no kink."""
         half, middle = (b - a) * 0.5, (a + b) * 0.5
         # tolist(): a NumPy scalar times a Dr.Jit array would be a NumPy array.
         nodes = zip(self.points.tolist(), self.weights.tolist(), strict=True)
@@ -112,38 +136,58 @@ class Rule:
 
 
 def gauss_legendre(n: int) -> Rule:
-    """Return the Gauss–Legendre rule with `n` points, exact for polynomials of degree 2n − 1 (Talk, eq. 1).
+    """Return the Gauss–Legendre rule with `n` points, which is exact for polynomials up to degree 2n − 1.
+
+    Parameters
+    ----------
+    n
+        Number of points, 1 to 256.
 
     Raises
     ------
     ValueError
-        If `n` is no whole number from 1 to 256.
+        If `n` is not a whole number from 1 to 256.
+
+    References
+    ----------
+    Johnson, Lacewell, Selle, Jarosz, "Gaussian Quadrature for Photon Beams in Tangled" (2011), equation 1.
 
     Examples
     --------
-    >>> gauss_legendre(2).points.round(4).tolist(), gauss_legendre(2).weights.round(4).tolist()
+    >>> rule = pb.gauss_legendre(2)
+    >>> rule.points.round(4).tolist(), rule.weights.round(4).tolist()
     ([-0.5774, 0.5774], [1.0, 1.0])
     """
     return _gauss_legendre(_point_count(n))
 
 
 def riemann(n: int) -> Rule:
-    """Return the Riemann sum of `n` equal steps, each sampled in its middle; the error falls as n⁻².
+    """Return the Riemann sum of `n` equal steps, each sampled at its middle.
+
+    Parameters
+    ----------
+    n
+        Number of steps, 1 to 256.
 
     Raises
     ------
     ValueError
-        If `n` is no whole number from 1 to 256.
+        If `n` is not a whole number from 1 to 256.
+
+    Notes
+    -----
+    This is the midpoint rule; the error falls as n⁻².
 
     Examples
     --------
-    >>> riemann(4).points.tolist(), riemann(4).weights.tolist()
+    >>> rule = pb.riemann(4)
+    >>> rule.points.tolist(), rule.weights.tolist()
     ([-0.75, -0.25, 0.25, 0.75], [0.5, 0.5, 0.5, 0.5])
     """
     return _riemann(_point_count(n))
 
 
-# A cached rule is one object, so that rules may be compared and used as keys.
+# The cache makes equal rules one object, so that rules may be compared and used as keys.
 @cache
 def _gauss_legendre(n: int) -> Rule:
     return Rule("gauss_legendre", *np.polynomial.legendre.leggauss(n))
@@ -155,7 +199,7 @@ def _riemann(n: int) -> Rule:
 
 
 def _point_count(n: Any) -> int:
-    """Return `n` if a rule can have so many points."""
+    """Return `n` as an int, or raise ValueError if no rule can have that many points."""
     try:
         count = operator.index(n)
     except TypeError:
@@ -166,7 +210,7 @@ def _point_count(n: Any) -> int:
 
 
 def _bound(value: Any) -> Any:
-    """Return a bound as a Python float, a float array of NumPy, or the Dr.Jit array that it is."""
+    """Return a bound as a Python float or a NumPy float array; Dr.Jit arrays are returned unchanged."""
     if _is_drjit(value):
         return value
     array = np.asarray(value)
@@ -185,7 +229,10 @@ def _inner(breaks: Iterable[Any]) -> list[Any]:
 
 
 def _sorted(values: list[Any]) -> list[Any]:
-    """Return the values in ascending order, element by element; min/max pairs, since arrays have no one order."""
+    """Return the values in ascending order, element by element.
+
+    Arrays have no single order, so this is a bubble sort of min/max pairs.
+    """
     values = list(values)
     for stop in range(len(values) - 1, 0, -1):
         for i in range(stop):
@@ -194,28 +241,31 @@ def _sorted(values: list[Any]) -> list[Any]:
 
 
 def _is_drjit(value: Any) -> bool:
-    """Tell whether `value` is a Dr.Jit array, without importing Dr.Jit for those who only use NumPy."""
+    """Return whether `value` is a Dr.Jit array, without importing Dr.Jit where only NumPy is used."""
     drjit = sys.modules.get("drjit")
     return drjit is not None and bool(drjit.is_array_v(value))
 
 
 def _library(*values: Any) -> Any:
-    """Return the module whose `minimum` and `maximum` take these values."""
+    """Return the module, NumPy or Dr.Jit, whose `minimum` and `maximum` accept these values."""
     return sys.modules["drjit"] if any(map(_is_drjit, values)) else np
 
 
 def _minimum(a: Any, b: Any) -> Any:
-    """Return the smaller of two values; of two floats a float, for a NumPy scalar would swallow Dr.Jit arrays."""
+    """Return the smaller of two values.
+
+    Two floats give a Python float: a NumPy scalar times a Dr.Jit array would be a NumPy array.
+    """
     return min(a, b) if isinstance(a, float) and isinstance(b, float) else _library(a, b).minimum(a, b)
 
 
 def _maximum(a: Any, b: Any) -> Any:
-    """Return the larger of two values."""
+    """Return the larger of two values; two floats give a Python float."""
     return max(a, b) if isinstance(a, float) and isinstance(b, float) else _library(a, b).maximum(a, b)
 
 
 def _sign(a: Any, b: Any) -> Any:
-    """Return −1 where the bounds are swapped, else 1."""
+    """Return −1 where the bounds are swapped, and 1 elsewhere."""
     if isinstance(a, float) and isinstance(b, float):
         return -1.0 if b < a else 1.0
     library = _library(a, b)
