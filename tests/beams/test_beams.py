@@ -110,8 +110,8 @@ GIVEN = {"start": [[0, 0, 0]] * 2, "end": [[0, 0, 1]] * 2, "radius_start": 0.1, 
         (r"power of beam 0 is not finite", {"power": [[np.inf, 1, 1], [1, 1, 1]]}),
         (r"offset of beam 1 is not finite", {"offset": [0, np.nan]}),
         (r"one of start_tangent and end_tangent is given: expected both", {"start_tangent": (0, 0, 1)}),
-        (r"radii that are not negative", {"radius_start": -0.1}),
-        (r"not both of a beam zero", {"radius_start": [0.1, 0], "radius_end": [0.1, 0]}),
+        (r"a radius is negative", {"radius_start": -0.1}),
+        (r"both of a beam are 0", {"radius_start": [0.1, 0], "radius_end": [0.1, 0]}),
     ],
 )
 def test_bad_beams_are_told_in_a_sentence(message, given):

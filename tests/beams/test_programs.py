@@ -264,7 +264,7 @@ def broken(beams, **given):
         (r"beams whose power is not finite", lambda b, c: broken(b, power=b.power / 0)),
         (r"beams whose end is not finite", lambda b, c: broken(b, end=b.end * float("nan"))),
         (r"beams of negative power", lambda b, c: broken(b, power=-b.power)),
-        (r"expected radii that are not negative", lambda b, c: broken(b, radius_end=-b.radius_end)),
+        (r"a radius is negative, or both of a beam are 0", lambda b, c: broken(b, radius_end=-b.radius_end)),
         (r"radius_end has 3 entries: expected 50", lambda b, c: broken(b, radius_end=Float([1, 2, 3]))),
         (r"radius_end is not given", lambda b, c: broken(b, radius_end=None)),
     ],

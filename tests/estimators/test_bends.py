@@ -236,8 +236,8 @@ def test_power_at_points_goes_on_from_piece_to_piece():
 @pytest.mark.parametrize(
     ("message", "given"),
     [
-        (r"at least 2 points a curve", {"counts": [1, 2]}),
-        (r"M the sum of the counts", {"counts": [2]}),
+        (r"at least 2 points for each curve", {"counts": [1, 2]}),
+        (r"where M is the sum of the counts", {"counts": [2]}),
         (r"radius has shape \(2,\): expected \(3,\), or one for all", {"radius": [1, 2]}),
         (r"power has shape", {"power": np.ones((2, 3))}),
     ],

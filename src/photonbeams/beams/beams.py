@@ -1,8 +1,8 @@
 """The primitive: a photon beam is a truncated cone of light (Talk, section 1; theory of Jarosz et al. 2011).
 
-A beam is the whole path of a photon between two scattering events: two ends, a radius at each, and a power Φ (RGB,
-flux). It is the Talk's linear RiCurves with two control points. `Beams` holds many of them as a Dr.Jit struct of
-arrays.
+A beam is the whole path of a photon between two scattering events. It has two ends, a radius at each end, and a power Φ
+(RGB flux). In the Talk it is a linear RiCurves primitive with two control points. `Beams` holds many beams as a Dr.Jit
+struct of arrays.
 """
 
 from __future__ import annotations
@@ -28,63 +28,85 @@ _REQUIRED = ("start", "end", "radius_start", "radius_end", "power")
 _OPTIONAL = (
     "offset", "total", "entry", "end_normal", "start_tangent", "end_tangent", "power_end", "random", "id", "generation"
 )  # fmt: skip
-#: Which beams: a number, a slice, or an array of numbers or of truth values, of NumPy or Dr.Jit, or a list.
+#: An index of beams: a number, a slice, a list, or a NumPy or Dr.Jit array of numbers or truth values.
 Index: TypeAlias = Union[int, slice, npt.ArrayLike, "UInt32"]
 
 _VECTORS = (*_COLOR, "end_normal", "start_tangent", "end_tangent", "power_end")
 
 
 class Beams:
-    """N photon beams.
+    """N photon beams: truncated cones of light, each with a power.
 
     Parameters
     ----------
     start, end
-        (N, 3) positions of the two ends, scene units.
+        (N, 3) positions of the two ends, in scene units. Required.
     radius_start, radius_end
-        (N,) radii at the two ends, not negative; a number serves all beams. One may be zero, never both.
+        (N,) radii at the two ends in scene units, 0 or more, or one number for all beams. Required. One radius of a
+        beam may be zero, but not both.
     power
-        (N, 3) flux Φ, or one colour for all beams.
+        (N, 3) RGB flux Φ, or one colour for all beams. Required.
     offset
-        (N,) distance from the light at which the beam starts: falloffs along a light path that was cut in pieces go
-        on over the cut. Default 0.
+        (N,) distance along the light path from the light to the beam's start, in scene units. With it, falloffs
+        continue across the pieces of one light path. Default: 0.
     total
-        (N,) length of the whole light path, to which fractions along the beam refer. Default: the end of this beam.
+        (N,) length of the whole light path in scene units. Fractions along the beam refer to it. Default: `offset` plus
+        the beam's length.
     entry
-        (N,) distance from the light at which the medium begins. Default: at the light.
+        (N,) distance along the light path from the light to the point where the medium begins, in scene units.
+        Default: 0.
     end_normal
-        (N, 3) normal of the surface that stopped the beam: the beam is cut by that plane, not straight across, and
-        does not poke through walls that it meets at a slant. Default: cut straight across.
-    random, id, generation
-        (N,) what looks may ask of a beam: a random number from 0 to 1, a number that names it from frame to frame, and
-        how often its light was scattered before. Default: a hash of the number, its place here, 0.
+        (N, 3) normal of the surface that stopped the beam. The beam is cut by that plane, so that it does not poke
+        through a wall that it meets at a slant. Default: the beam is cut straight across.
+    random
+        (N,) a random number from 0 to 1 for looks. Default: a hash of `id`.
+    id
+        (N,) a number that identifies the beam from frame to frame. Pieces of one light path share it. Default: the
+        beam's index.
+    generation
+        (N,) number of times that the beam's light was scattered before. Default: 0.
     start_tangent, end_tangent
-        (N, 3) directions of the light at the two ends of a piece of a curve, in which `chains.tangents` joins pieces.
-        The piece is cut by the planes across them, through `start` and `end` (an `end_normal` takes the place of the
-        latter), and radius, falloff, power and direction change smoothly from the one plane to the other: two pieces
-        that share an end, its radius and its tangent are one beam there, without a seam. Given both, or neither: then
-        the beam is straight.
+        (N, 3) directions of the light at the two ends of a piece of a curve; give both or neither. The piece is cut by
+        the planes across these directions, through `start` and `end` (an `end_normal` replaces the plane at the end).
+        Radius, falloff, power and direction change smoothly from one plane to the other. Two pieces that share an end,
+        its radius and its tangent are therefore one beam there, without a seam. Default: the beam is straight.
     power_end
-        (N, 3) power at the end, where it changes along the beam, linearly. Default: that of the start.
-
-    Arrays may be lists, NumPy's, or Dr.Jit's: an `Array3f`, or a tensor (N, 3). Gradients stay enabled. The attributes
-    are Dr.Jit arrays as kernels hold them, component by component; `arrays()` returns them as NumPy's, (N, 3).
-
-    Beams are indexed as rows: `beams[3]` and `beams[-1]` are beams of one, `beams[10:20]`, `beams[[1, 5]]` and
-    `beams[mask]` of several. A beam keeps its number. `beams + more` are both.
+        (N, 3) RGB flux at the end; the power changes linearly along the beam. Default: `power`.
 
     Raises
     ------
     SceneError
-        Arguments that are no numbers, shapes that do not agree, numbers that are not finite, negative radii; no beam of
-        an index (which is an IndexError, too).
+        If an argument is not numeric or not finite, if shapes do not agree, if a radius is negative or both radii of a
+        beam are zero, if only one of the tangents is given, or if an index is out of range (this error is also an
+        IndexError).
+
+    See Also
+    --------
+    curved : makes the beams of curves, joined without a seam.
+
+    Notes
+    -----
+    Arrays may be lists, NumPy arrays, or Dr.Jit arrays (an `Array3f`, or a tensor of shape (N, 3)); enabled gradients
+    stay enabled. The attributes are Dr.Jit arrays, component by component, as kernels use them; optional ones that were
+    not given are None. `arrays` returns NumPy arrays of shape (N, 3) instead.
+
+    Beams are indexed like rows: `beams[3]` and `beams[-1]` hold one beam, `beams[10:20]`, `beams[[1, 5]]` and
+    `beams[mask]` hold several. A beam keeps its `id`. `beams + more` holds the beams of both.
+
+    References
+    ----------
+    Jarosz, Nowrouzezahrai, Sadeghi, Jensen, "A Comprehensive Theory of Volumetric Radiance Estimation using Photon
+    Points and Beams" (2011).
 
     Examples
     --------
-    >>> import photonbeams as pb
-    >>> beams = pb.Beams([[0, 0, 0]], [[0, 0, 1]], 0.1, 0.2, [[1, 1, 1]])
-    >>> len(beams)
-    1
+    >>> beams = pb.Beams([[0, 0, 0], [1, 0, 0]], [[0, 0, 4], [1, 0, 4]], 0.1, 0.5, power=[9, 9, 9])
+    >>> beams
+    Beams(2)
+    >>> beams[1].arrays()["end"].tolist()
+    [[1.0, 0.0, 4.0]]
+    >>> len(beams + beams[:1])
+    3
     """
 
     DRJIT_STRUCT: ClassVar[dict[str, Any]] = {
@@ -133,7 +155,7 @@ class Beams:
             "random": random, "id": id, "generation": generation,
             "start_tangent": start_tangent, "end_tangent": end_tangent, "power_end": power_end,
         }  # fmt: skip
-        if all(value is None for value in given.values()):  # as Dr.Jit makes a struct before it fills it
+        if all(value is None for value in given.values()):  # Dr.Jit creates a struct before it fills it
             for name in _OPTIONAL:
                 setattr(self, name, None)
             return
@@ -155,7 +177,7 @@ class Beams:
         return f"Beams({len(self):,}{' with ' if own else ''}{', '.join(own)})"
 
     def __getitem__(self, index: Index) -> Beams:
-        """Return the beams of a number, a slice, or an array of numbers or truth values."""
+        """Return the beams at an index: a number, a slice, or an array of numbers or truth values."""
         result = self.take(to_uint(_places(index, len(self))))
         if self.id is None:
             result.id = Float(_places(index, len(self)))
@@ -166,15 +188,24 @@ class Beams:
 
     @classmethod
     def join(cls, parts: Iterable[Beams]) -> Beams:
-        """Return all beams of several as one, in order.
+        """Return the beams of all `parts`, in order.
 
-        What some of them have and others have not is filled by its default: see the parameters of `Beams`. A beam
-        without a number is named by its place in the whole.
+        Parameters
+        ----------
+        parts
+            One or more `Beams`. An optional array that only some of them have gets its default in the others: see the
+            parameters of `Beams`. The default of `id` is the beam's index in the result.
 
         Raises
         ------
         SceneError
-            What is no list of Beams, or an empty one.
+            If there are no parts, or if one of them is not `Beams`.
+
+        Examples
+        --------
+        >>> one = pb.Beams([[0, 0, 0]], [[0, 0, 1]], 0.1, 0.2, [1, 1, 1])
+        >>> pb.Beams.join([one, one, one])
+        Beams(3)
         """
         listed = list(parts) if isinstance(parts, Iterable) and not isinstance(parts, Beams | str) else [parts]
         wrong = [each for each in listed if not isinstance(each, Beams)]
@@ -190,7 +221,7 @@ class Beams:
         return result
 
     def _filled(self, names: set[str], first: int) -> Beams:
-        """Return the beams with all optional numbers of these names; `first` is the first one's place in the whole."""
+        """Return the beams with all optional arrays of these names; `first` is the first beam's index in the whole."""
         result = Beams()
         for name in self.DRJIT_STRUCT:
             value = getattr(self, name)
@@ -199,7 +230,7 @@ class Beams:
         return result
 
     def _default(self, name: str, first: int) -> Any:
-        """Return what an optional number is where it is not given."""
+        """Return the default of an optional array."""
         count = len(self)
         nothing = dr.zeros(Float, count)
         axis = self.end - self.start
@@ -216,7 +247,7 @@ class Beams:
         }[name]  # fmt: skip
 
     def arrays(self) -> dict[str, npt.NDArray[np.float32]]:
-        """Return all values that are set as NumPy arrays, (N, 3) or (N,), by the names of the constructor."""
+        """Return all arrays that are set as NumPy arrays, (N, 3) or (N,), keyed by the constructor's names."""
         present = {name: getattr(self, name) for name in (*_REQUIRED, *_OPTIONAL)}
         return {
             name: np.ascontiguousarray(value.numpy().T) if dr.depth_v(value) == 2 else value.numpy()
@@ -225,35 +256,65 @@ class Beams:
         }
 
     def numbers(self) -> UInt32:
-        """Return the number of each light path, (N,), that all its pieces share; without any, a beam's place here."""
+        """Return the number of each beam's light path, (N,), which all pieces of a path share; without `id`, the index.
+
+        Numbers are whole and not negative: |`id`|, without its fractional part.
+        """
         return dr.arange(UInt32, len(self)) if self.id is None else UInt32(dr.abs(self.id))
 
     def identity(self) -> Array3f:
-        """Return random number, number and generation of each beam, (N, 3)."""
+        """Return each beam's `random`, `id` and `generation`, or their defaults, as (N, 3)."""
         nothing = dr.zeros(Float, len(self))
         number = Float(self.numbers()) if self.id is None else self.id
         random = unit_float(hash32(self.numbers())) if self.random is None else self.random
         return Array3f(random, number, nothing if self.generation is None else self.generation)
 
     def take(self, index: UInt32) -> Beams:
-        """Return the beams of these numbers (a Dr.Jit UInt32 array)."""
+        """Return the beams at these indices; `index` is a Dr.Jit UInt32 array, which is not checked."""
         result: Beams = taken(self, index)
         return result
 
     def save(self, path: PathLike) -> None:
-        """Write the beams as a NumPy archive (.npz), whole or not at all; makes the folder if there is none.
+        """Write the beams to a NumPy archive.
+
+        Parameters
+        ----------
+        path
+            File to write, usually with the suffix .npz. Missing folders are created. If writing fails, no partial file
+            is left.
 
         Raises
         ------
         OSError
-            As `files.atomic_path`.
+            If the file cannot be written.
+
+        Examples
+        --------
+        >>> import tempfile
+        >>> beams = pb.Beams([[0, 0, 0]], [[0, 0, 1]], 0.1, 0.2, [1, 1, 1])
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     beams.save(f"{folder}/beams.npz")
+        ...     again = pb.Beams.load(f"{folder}/beams.npz")
+        >>> again
+        Beams(1)
         """
         with atomic_path(path) as beside, beside.open("wb") as file:
             np.savez_compressed(file, **self.arrays())  # type: ignore[arg-type]
 
     @classmethod
     def load(cls, path: PathLike) -> Beams:
-        """Read beams that `save` wrote; raises SceneError where the file is none of that."""
+        """Return the beams that `save` wrote to a file.
+
+        Parameters
+        ----------
+        path
+            The NumPy archive (.npz).
+
+        Raises
+        ------
+        SceneError
+            If there is no such file, or if it does not hold beams.
+        """
         try:
             with Path(path).open("rb") as file, np.load(file, allow_pickle=False) as archive:
                 return cls(**{name: archive[name] for name in (*_REQUIRED, *_OPTIONAL) if name in archive})
@@ -272,12 +333,12 @@ def _count(start: Any) -> int:
 
 
 def _said(name: str) -> tuple[str, str]:
-    """Return the name of an argument in messages, and its expected value."""
+    """Return the name of an argument in messages, and what is expected of it."""
     return f"Beams: {name}", f"numbers of shape {'(N, 3)' if name in _VECTORS else '(N,)'}"
 
 
 def _array(value: Any, name: str, count: int) -> Any:
-    """Return `value` as Float or Array3f of width `count`, checked where it comes from outside."""
+    """Return `value` as a Float or an Array3f of width `count`; only host values are checked to be finite."""
     vector = name in _VECTORS
     if value is None:
         raise SceneError(f"Beams: {name} is not given: expected {_said(name)[1]}")
@@ -296,7 +357,7 @@ def _array(value: Any, name: str, count: int) -> Any:
 
 
 def _of_device(value: Any, name: str) -> Any:
-    """Return a Dr.Jit array or tensor as Float or Array3f, attached as it is."""
+    """Return a Dr.Jit array or tensor as a Float or an Array3f that stays attached to the AD graph."""
     vector, shape = name in _VECTORS, tuple(value.shape)
     if dr.is_tensor_v(value):
         if vector and len(shape) in (1, 2) and shape[-1] == 3:
@@ -309,7 +370,7 @@ def _of_device(value: Any, name: str) -> Any:
 
 
 def _broadcast(value: Any, name: str, count: int) -> Any:
-    if dr.width(value) == 1 and count > 1:  # a number for all: broadcast, so that it can be gathered
+    if dr.width(value) == 1 and count > 1:  # one number for all beams: broadcast, so that it can be gathered
         value = value + dr.zeros(Float, count)
     if dr.width(value) != count:
         raise SceneError(f"Beams: {name} has {dr.width(value)} entries: expected {count}, as start has")
@@ -317,17 +378,17 @@ def _broadcast(value: Any, name: str, count: int) -> Any:
 
 
 class _NoSuchBeamError(SceneError, IndexError):
-    """No beam has this index: an IndexError, by which Python ends loops."""
+    """No beam has this index. Python's iteration over `beams[i]` ends at an IndexError."""
 
 
 def _whole(index: Any) -> Array:
-    """Return an index as an array; an empty list is one of no numbers."""
+    """Return an index as an array; an empty list is an array of no indices, not of no floats."""
     found = np.asarray(index)
     return found.astype(np.int64) if not found.size and found.ndim == 1 else found
 
 
 def _places(index: Any, count: int) -> Array:
-    """Return the places of the beams of an index, (M,)."""
+    """Return the positions, (M,), of the beams that an index selects."""
     if index is not None and dr.is_jit_v(index):
         index = index.numpy()
     try:
@@ -344,4 +405,4 @@ def _check_radii(beams: Beams) -> None:
     if len(beams) and bool(
         dr.any((beams.radius_start < 0) | (beams.radius_end < 0) | (beams.radius_start + beams.radius_end <= 0))
     ):
-        raise SceneError("Beams: expected radii that are not negative, and not both of a beam zero")
+        raise SceneError("Beams: a radius is negative, or both of a beam are 0: expected 0 or more, and not both 0")

@@ -1,6 +1,6 @@
-"""Bend straight beams into curved ones, pieces along a vector field or along guide curves.
+"""Bend straight beams into pieces of curves, along a vector field or along guide curves.
 
-What bends is the path, not the light's transport: it keeps its radii and its power, falloffs run along it as it is now,
+This bends the path and not the light transport: a beam keeps its radii and its power, falloffs run along the bent path,
 and surfaces on the bent path do not stop it.
 """
 
@@ -19,14 +19,14 @@ _SHORTEST = 1e-6
 
 
 class BeamPaths:
-    """Straight beams as whole light paths, from the light on.
+    """Straight beams as whole light paths that begin at the light.
 
     Attributes
     ----------
     origin, direction
-        Where the light path of each beam begins, and where it goes.
+        Origin and unit direction of each beam's light path, (N, 3); the direction of a beam without length is 0.
     offset, length
-        Where on it the beam begins, and how long the beam is.
+        Distance along the path at which the beam begins, and the beam's length, (N,), in scene units.
     """
 
     def __init__(self, beams: Beams, user: str) -> None:
@@ -43,16 +43,22 @@ class BeamPaths:
 def pieces(
     beams: Beams, paths: BeamPaths, points: Any, places: Any, ends: tuple[Any, Any], before: Any, steps: int
 ) -> Beams:
-    """Return beams in so many pieces each, path after path.
+    """Return beams cut into pieces that follow bent paths, path after path.
 
     Parameters
     ----------
-    points, places
-        (N · (steps + 1),) where the nodes of each path are, and how far from the beam's start they were on it.
+    beams, paths
+        The straight beams, and their light paths.
+    points
+        (N · (steps + 1), 3) bent positions of each path's nodes.
+    places
+        (N · (steps + 1),) distance of each node from its beam's start, on the straight path.
     ends
-        (N,) directions at the beams' starts and ends.
+        Directions at the beams' starts and at their ends, (N, 3) each, on the bent path.
     before
-        (N,) how long the bent path is from the light to the beam's start.
+        (N,) length of the bent path from the light to the beam's start.
+    steps
+        Number of pieces of each beam.
     """
     count, each = dr.opaque(UInt32, steps), len(beams)
     lane = dr.arange(UInt32, each * steps)
@@ -64,7 +70,7 @@ def pieces(
 
     start, end = node(first), node(first + 1)
     axis = _unit(end - start)
-    # Of the neighbours at a path's ends there is none: its own direction there takes the place of a bisector.
+    # A path's ends have no neighbour: the path's own direction replaces the bisector there.
     back = _unit(start - node(dr.select(number > 0, first - 1, first)))
     ahead = _unit(node(dr.select(number + 1 < count, first + 2, first + 1)) - end)
     begin, stop = (dr.gather(Array3f, value, path) for value in ends)
@@ -84,7 +90,7 @@ def pieces(
 
     result.radius_start = dr.maximum(along(beams.radius_start, beams.radius_end, low), 0)
     result.radius_end = dr.maximum(along(beams.radius_start, beams.radius_end, high), 0)
-    # Beams without any width are none, whatever their power.
+    # Beams need a width: one of the radii has to be above 0.
     result.radius_end = dr.maximum(result.radius_end, dr.select(result.radius_start > 0, 0, 1e-9 * length + 1e-20))
     last_power = beams.power if beams.power_end is None else beams.power_end
     result.power = dr.select(there, along(beams.power, last_power, low), 0)
@@ -92,10 +98,10 @@ def pieces(
     for name in ("random", "id", "generation"):
         value = getattr(beams, name)
         setattr(result, name, None if value is None else dr.gather(Float, value, path))
-    if beams.id is None:  # a path is one beam, whatever its pieces
+    if beams.id is None:  # all pieces of a path are one beam
         result.id = Float(path)
     if beams.end_normal is not None:
-        # What stops a path turns with it; within the path it is the plane that two pieces share.
+        # The surface that stops a path turns with it. Within the path, the normal is that of the plane between pieces.
         wall = dr.gather(Array3f, _turned(beams.end_normal, paths.direction, ends[1]), path)
         result.end_normal = dr.select(number + 1 < count, -result.end_tangent, wall)
     along_path = lengths(points, each, steps, before)
@@ -104,7 +110,8 @@ def pieces(
     beyond = 0 if beams.total is None else dr.gather(Float, beams.total - paths.offset - paths.length, path)
     result.total = whole + beyond
     if beams.entry is not None:
-        # As far into the bent path as it was into the straight one: where the beam begins, for what fog has cut.
+        # The medium begins at the same fraction of the bent path before the beam as of the straight one. Where a
+        # medium's boundary has cut the beam, that is the beam's start.
         factor = dr.select(paths.offset > 0, before / dr.maximum(paths.offset, 1e-20), 1)
         result.entry = dr.gather(Float, beams.entry * factor, path)
     dr.eval(result)
@@ -112,14 +119,14 @@ def pieces(
 
 
 def bent_length(points: Any, count: int, steps: int) -> Any:
-    """Return (N,) how long the paths through these nodes are."""
+    """Return the lengths, (N,), of the paths through these nodes."""
     nodes = dr.opaque(UInt32, steps + 1)
     last = dr.arange(UInt32, count) * nodes + (nodes - 1)
     return dr.gather(Float, lengths(points, count, steps, dr.zeros(Float, count)), last)
 
 
 def lengths(points: Any, count: int, steps: int, before: Any) -> Any:
-    """Return (N · (steps + 1),) how far along its path each node is, where the first is `before`."""
+    """Return the distance of each node along its path, (N · (steps + 1),); that of a path's first node is `before`."""
     result, nodes = dr.zeros(Float, count * (steps + 1)), dr.opaque(UInt32, steps + 1)
     first = dr.arange(UInt32, count) * nodes
     place = dr.gather(Array3f, points, first)
@@ -138,7 +145,7 @@ def lengths(points: Any, count: int, steps: int, before: Any) -> Any:
 
 
 def _turned(vector: Any, old: Any, new: Any) -> Any:
-    """Return a vector turned as the shortest way from one direction to another turns it (Rodrigues)."""
+    """Return a vector, rotated by the shortest rotation from one unit direction to another (Rodrigues)."""
     cosine, axis = dr.dot(old, new), dr.cross(old, new)
     turned = cosine * vector + dr.cross(axis, vector) + axis * (dr.dot(axis, vector) / dr.maximum(1 + cosine, 1e-6))
     return dr.select(cosine > -0.99, turned, -new)
@@ -149,7 +156,10 @@ def _unit(vector: Any) -> Any:
 
 
 def _halfway(one: Any, other: Any) -> Any:
-    """Return the direction between two; the second, where they are opposed or the first is none."""
+    """Return the bisector of two unit directions.
+
+    If they nearly oppose each other, return the second; if one of them is zero, return the other one.
+    """
     both = one + other
     usable = (dr.squared_norm(both) > 0.25) & (dr.squared_norm(one) > 0) & (dr.squared_norm(other) > 0)
     return dr.select(usable, _unit(both), dr.select(dr.squared_norm(other) > 0, other, one))

@@ -1,10 +1,10 @@
 """Beams led along guide curves.
 
-A guide bends the space along the line that it leaves its first point on. A place at the distance s along that line,
-and u and v beside it, comes to lie at the guide's point at the arc length s, u and v beside it, in a frame that goes
-with the guide without turning about it (parallel transport; Bishop 1975, by the double reflection of Wang et al. 2008).
-So a parallel bundle becomes a bent tube, and a straight guide changes nothing. Before its first point nothing is bent;
-beyond its last it goes straight on.
+A guide bends space along the line on which it leaves its first point. A point at the distance s along that line, and u
+and v beside it, moves to the guide's point at the arc length s, and u and v beside that. The frame of u and v follows
+the guide without turning about it (parallel transport; Bishop 1975, by the double reflection of Wang et al. 2008).
+So a parallel bundle becomes a bent tube, and a straight guide changes nothing. Space before the guide's first point is
+not bent; beyond its last point the guide continues straight.
 """
 
 from __future__ import annotations
@@ -26,14 +26,23 @@ from . import Beams
 from .bending import BeamPaths, bent_length, pieces
 
 _ROWS = 512  # of a guide's table
-_SMOOTH = float(np.cos(np.radians(10)))  # a polyline that turns less, half of it at a point, is a smooth curve
-# Pieces of a beam along a guide: one for each of these degrees of the guide's turns, but no more than so many.
+# A polyline is a smooth curve where its edges deviate by less than this from the bisector between them (half the turn).
+_SMOOTH = float(np.cos(np.radians(10)))
+# Degrees that a guide turns for each piece of a beam along it, and the greatest number of pieces.
 _DEGREES, _MOST_PIECES = 4.0, 96
 
 
 @dataclass(frozen=True)
 class Guide:
-    """A guide as tables over its arc length, which are (ROWS, 3): its points, and the frame that goes with it."""
+    """A guide as tables over its arc length, (_ROWS, 3) each: its points, and the frame that follows it.
+
+    Attributes
+    ----------
+    points, tangents, sides
+        Points, unit tangents, and unit vectors across the tangents.
+    length
+        Arc length in scene units.
+    """
 
     points: Array
     tangents: Array
@@ -42,16 +51,16 @@ class Guide:
 
     @classmethod
     def through(cls, points: npt.ArrayLike) -> Guide:
-        """Return the guide through points (M, 3) of a smooth curve, in order; SceneError where it has no length."""
+        """Return the guide through `points` (M, 3) of a smooth curve; raise SceneError if it has no length."""
         given = np.asarray(points, dtype=np.float64).reshape(-1, 3)
         given = given[np.append(True, np.any(np.diff(given, axis=0) != 0, axis=1))]
         if len(given) < 2:
-            raise SceneError("a guide has fewer than two different points: expected a curve with a length")
+            raise SceneError("a guide has fewer than two different points: expected a curve with a length above 0")
         at = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(given, axis=0), axis=1)))
         s = np.linspace(0, at[-1], _ROWS)
         table = np.stack([np.interp(s, at, axis) for axis in given.T], axis=1)
         edges = np.diff(given, axis=0) / np.diff(at)[:, None]
-        # The polyline's direction at its points is that between its edges, and linear from point to point.
+        # At a point, the polyline's direction is the bisector of its edges; between points it is interpolated.
         between = unit(edges[1:] + edges[:-1])
         directions = np.concatenate([_at_end(edges[:1], between[:1]), between, _at_end(edges[-1:], between[-1:])])
         tangents = unit(np.stack([np.interp(s, at, axis) for axis in directions.T], axis=1))
@@ -59,15 +68,15 @@ class Guide:
 
     @property
     def turn(self) -> float:
-        """How far it turns altogether, in degrees."""
+        """Total angle by which the guide turns, in degrees."""
         cosine = np.clip(np.sum(self.tangents[1:] * self.tangents[:-1], axis=1), -1, 1)
         return float(np.degrees(np.arccos(cosine)).sum())
 
 
 def _at_end(edge: Array, inner: Array) -> Array:
-    """Return a curve's direction at its end, from its last edge and its direction before that.
+    """Return a curve's direction at its end, (1, 3), from its last edge and its direction at the point before.
 
-    It turns on as it did; but where it has a corner, the edge is meant.
+    A smooth curve continues to turn over its last edge as it did before; after a corner, the last edge is straight.
     """
     if len(inner) and float(edge[0] @ inner[0]) > _SMOOTH:
         return 2 * (edge @ inner.T) * edge - inner
@@ -75,7 +84,12 @@ def _at_end(edge: Array, inner: Array) -> Array:
 
 
 def _transported(points: Array, tangents: Array) -> Array:
-    """Return a direction across each tangent, carried along without turning about it, by double reflection."""
+    """Return a direction across each tangent, carried along without turning about it, by double reflection.
+
+    References
+    ----------
+    Wang, Jüttler, Zheng, Liu, "Computation of Rotation Minimizing Frames" (2008).
+    """
     first = tangents[0]
     side = np.eye(3)[np.argmin(np.abs(first))]
     sides = [unit(side - side @ first * first)]
@@ -103,14 +117,14 @@ def _known(points: bytes) -> Guide:
 
 
 def known_guides(curves: Sequence[Array]) -> list[Guide]:
-    """Return the guides through the points of curves, which are not made again for each pass."""
+    """Return the guides through the points of curves, from a cache, so that passes share them."""
     return [_known(np.ascontiguousarray(points, dtype=np.float64).tobytes()) for points in curves]
 
 
 def led(beams: Beams, guides: Sequence[Guide], inner: int | None = None) -> Beams:
-    """Return beams bent along guides: each light path along the one whose first point is nearest to its beginning.
+    """Return beams bent along guides. A light path follows the guide whose first point is nearest to the path's origin.
 
-    `inner` is the number of pieces beside the guide, `pieces_along` unless given.
+    `inner` is the number of pieces beside the guide; the default is `pieces_along(guides)`.
     """
     if not guides or not len(beams):
         return beams
@@ -129,9 +143,10 @@ def led(beams: Beams, guides: Sequence[Guide], inner: int | None = None) -> Beam
 
 
 def _nodes(table: _GuideTable, paths: BeamPaths, begin: Any, length: Any, inner: int) -> tuple[Any, Any]:
-    """Return the bent nodes of paths, and their distances from `begin` before; for a part of length `length`.
+    """Return the bent nodes of a part of each path, and their distances from its beginning before bending.
 
-    The first and the last are its ends; the others are spread over what of it lies beside the guide.
+    The part begins at the distance `begin` along the path and has the length `length`. The first and the last node are
+    its ends; the others are spread over what lies beside the guide.
     """
     count, each = dr.opaque(UInt32, inner + 2), dr.width(length)
     node = dr.arange(UInt32, each * (inner + 3))
@@ -148,7 +163,7 @@ def _nodes(table: _GuideTable, paths: BeamPaths, begin: Any, length: Any, inner:
 
 
 class _GuideTable:
-    """The guides' tables one after the other in device memory, and which of them each path follows."""
+    """The guides' tables, one after the other in device memory, and the index of the guide that each path follows."""
 
     def __init__(self, guides: Sequence[Guide], origin: Array3f) -> None:
         columns = [
@@ -165,7 +180,7 @@ class _GuideTable:
         dr.eval(self.chosen)
 
     def of_paths(self, path: UInt32) -> _GuideTable:
-        """Return the tables for lanes of these paths."""
+        """Return the same tables with a lane for each of these path indices."""
         result = object.__new__(_GuideTable)
         result._rows, result._lengths = self._rows, self._lengths
         result.chosen = dr.gather(UInt32, self.chosen, path)
@@ -175,7 +190,10 @@ class _GuideTable:
         return dr.gather(Array3f, self._rows[column], self.chosen * _ROWS + row)
 
     def within(self, paths: BeamPaths, begin: Any, length: Any) -> tuple[Float, Float]:
-        """Return the parts of paths beside their guide, within `length` from `begin` on, as distances from `begin`."""
+        """Return where the parts of paths that lie beside their guide begin and end, as distances from `begin`.
+
+        Both are within 0 and `length`.
+        """
         start, axis = self._row(0, UInt32(0)), self._row(1, UInt32(0))
         rate: Any = dr.dot(paths.direction, axis)
         here = dr.dot(paths.origin - start, axis) + begin * rate
@@ -187,7 +205,7 @@ class _GuideTable:
         return low, high
 
     def bent(self, point: Array3f, direction: Array3f) -> tuple[Array3f, Array3f]:
-        """Return a point and a direction as the guide bends them."""
+        """Return a point and a direction, bent by the guide."""
         start, axis, side = (self._row(column, UInt32(0)) for column in range(3))
         other = dr.cross(axis, side)
         apart = point - start

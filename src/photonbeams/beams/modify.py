@@ -1,4 +1,4 @@
-"""Ready-made functions that change beams: each returns a modifier, and `chain` makes one of several.
+"""Ready-made modifiers: functions that change beams. `chain` combines several of them into one.
 
 shot = pb.Shot.open("shot.usda", simulate=pb.chain(pb.aim((0, 1, 0), 0.5), pb.thin(0.25)))
 """
@@ -23,29 +23,42 @@ from .bending import BeamPaths, bent_length, pieces
 from .guides import Guide, led
 from .programs import Modifier, PassContext
 
-# k1 on the axis of the default profile (Epanechnikov), times the radius.
+# Radius times the line projection k1 of the default profile (Epanechnikov) on the axis.
 _PEAK = 8 / (3 * np.pi)
 
 
 @scene.arguments
 def aim(target: npt.ArrayLike, amount: float = 1.0) -> Modifier:
-    """Turn light paths toward a point.
+    """Return a modifier that turns light paths toward a point.
 
     Parameters
     ----------
     target
-        The point, in world space.
+        (3,) the point in world space.
     amount
-        0 leaves the paths as they are, at 1 all of them pass the target.
+        From 0, which leaves the paths unchanged, to 1, at which all paths go through the target. Default: 1.
+
+    Returns
+    -------
+    Modifier
+        A function of `Beams` and a `PassContext`, for `Shot.open(simulate=...)`.
 
     Raises
     ------
     SceneError
-        A target that is not three finite numbers, an amount that is not 0 to 1.
+        If the target is not three finite numbers, if the amount is not 0 to 1, or, once it is applied, if beams are
+        bent already.
 
     Notes
     -----
-    A path turns about its beginning and keeps its length. Surfaces on its new path do not stop it.
+    A path turns about its origin and keeps its length. Surfaces on the new path do not stop it.
+
+    Examples
+    --------
+    >>> beams = pb.Beams([[0, 0, 0]], [[0, 0, 4]], 0.1, 0.5, power=[9, 9, 9])
+    >>> aimed = pb.aim((8, 0, 0))(beams, pb.PassContext())
+    >>> aimed.arrays()["end"].tolist()
+    [[4.0, 0.0, 0.0]]
     """
     place = _numbers(target, 3, "aim: target")
     amount = scene.number(amount, "aim: amount", 0, 1)
@@ -68,25 +81,46 @@ def aim(target: npt.ArrayLike, amount: float = 1.0) -> Modifier:
 
 @scene.arguments
 def bend(field: Callable[[Any], Any] | Sequence[npt.ArrayLike], steps: int = 32) -> Modifier:
-    """Bend beams by a vector field, or along guide curves.
+    """Return a modifier that bends straight beams by a vector field, or along guide curves.
 
     Parameters
     ----------
     field
-        A function of positions (an `Array3f`) that returns how much beams curve there, as a vector: they turn toward
-        it, and its length across the beam is the curvature, 1 / the radius of the bend in scene units. Zero is
-        straight. Or guides, as (M, 3) points each: see `beams.guides`.
+        A function of positions (an `Array3f`) that returns curvature vectors (an `Array3f`): beams turn toward the
+        vector, and the length of its component across the beam is the curvature, 1 / the radius of the bend in scene
+        units. At zero, beams are straight. Or a sequence of guides, each (M, 3) points: a light path follows the guide
+        whose first point is nearest to the path's origin.
     steps
-        Pieces of each beam, by a field; guides need as many as they turn.
+        Number of pieces of each beam in a field, 1 to 4096. Guides set their own number, by how far they turn.
+        Default: 32.
+
+    Returns
+    -------
+    Modifier
+        A function of `Beams` and a `PassContext`, for `Shot.open(simulate=...)`.
 
     Raises
     ------
     SceneError
-        Steps that are not 1 to 4096, or guides that are no lines of points.
+        If steps is not 1 to 4096, if a guide does not have two different points, or, once it is applied, if beams are
+        bent already.
 
     Notes
     -----
-    Each path keeps its power and radii, falloffs run along it. Surfaces on its new path do not stop it.
+    A path keeps its power and radii, and falloffs run along it. Surfaces on the new path do not stop it. The field is
+    followed by the midpoint rule. A guide bends space along the line on which it leaves its first point, without
+    turning about it (parallel transport): a parallel bundle becomes a bent tube.
+
+    Examples
+    --------
+    A beam of length π/2 that curves toward −x, with the radius 1:
+
+    >>> from photonbeams.runtime.device import Array3f
+    >>> beams = pb.Beams([[1, 0, 0]], [[1, np.pi / 2, 0]], 0.1, 0.1, power=[9, 9, 9])
+    >>> toward_center = lambda position: -Array3f(position.x, position.y, 0)
+    >>> bent = pb.bend(toward_center, steps=16)(beams, pb.PassContext())
+    >>> len(bent), bent.arrays()["end"][-1].round(2).tolist()
+    (16, [0.0, 1.0, 0.0])
     """
     if callable(field):
         steps = int(scene.number(steps, "bend: steps", 1, 4096))
@@ -99,7 +133,7 @@ def bend(field: Callable[[Any], Any] | Sequence[npt.ArrayLike], steps: int = 32)
 
 
 def _along_field(beams: Beams, field: Callable[[Any], Any], steps: int) -> Beams:
-    """Return beams that follow ds: x' = d, d' = the field's part across d; by the midpoint rule."""
+    """Return beams that follow x' = d, d' = the field's component across d, by the midpoint rule."""
     paths = BeamPaths(beams, "bend")
     count, width = dr.opaque(UInt32, steps), len(beams)
     inv = dr.rcp(Float(count))
@@ -129,7 +163,7 @@ def _along_field(beams: Beams, field: Callable[[Any], Any], steps: int) -> Beams
         dr.eval(points, position, direction)
         return points, position, direction
 
-    # From the light on, so that what passes a portal is bent alike on both sides of it.
+    # Bending begins at the light, so that a path through a portal is bent alike on both sides of it.
     way, start, begin = walked(paths.origin, paths.direction, paths.offset)
     points, _, stop = walked(start, begin, paths.length)
     node = dr.arange(UInt32, width * (steps + 1))
@@ -139,19 +173,35 @@ def _along_field(beams: Beams, field: Callable[[Any], Any], steps: int) -> Beams
 
 @scene.arguments
 def thin(fraction: float, keep_light: bool = True) -> Modifier:
-    """Keep a fraction of the beams, the same ones in each frame.
+    """Return a modifier that keeps a fraction of the beams, the same ones in each frame.
 
     Parameters
     ----------
     fraction
-        Which part, above 0 and up to 1.
+        Fraction of the beams to keep, above 0 and up to 1. Beams are chosen at random by their `id`.
     keep_light
-        Whether those that are left take over the power of the others, so that the picture keeps its brightness.
+        Whether the power of the kept beams is divided by `fraction`, so that the picture keeps its brightness on
+        average. Default: True.
+
+    Returns
+    -------
+    Modifier
+        A function of `Beams` and a `PassContext`, for `Shot.open(simulate=...)`.
 
     Raises
     ------
     SceneError
-        A fraction that is not above 0 and up to 1.
+        If the fraction is not above 0 and up to 1.
+
+    Examples
+    --------
+    >>> start = np.random.default_rng(0).normal(size=(1000, 3))
+    >>> beams = pb.Beams(start, start + [0, 0, 4], 0.1, 0.5, power=[1, 1, 1])
+    >>> thinned = pb.thin(0.5)(beams, pb.PassContext())
+    >>> 450 < len(thinned) < 550
+    True
+    >>> thinned[0].arrays()["power"].tolist()
+    [[2.0, 2.0, 2.0]]
     """
     fraction = scene.number(fraction, "thin: fraction", 0, 1)
     if fraction == 0:
@@ -169,17 +219,29 @@ def thin(fraction: float, keep_light: bool = True) -> Modifier:
 
 @scene.arguments
 def recolor(color: npt.ArrayLike | Callable[[Beams], Any]) -> Modifier:
-    """Give beams another colour: the mean of their power's channels times `color`.
+    """Return a modifier that gives beams another colour: the mean of their power's channels times `color`.
 
     Parameters
     ----------
     color
-        One colour for all, or a function of `Beams` that returns one for each (an `Array3f`).
+        One colour (RGB) for all beams, or a function of `Beams` that returns one for each (an `Array3f`).
+
+    Returns
+    -------
+    Modifier
+        A function of `Beams` and a `PassContext`, for `Shot.open(simulate=...)`.
 
     Raises
     ------
     SceneError
-        A colour that is not three finite numbers.
+        If the colour is not three finite numbers.
+
+    Examples
+    --------
+    >>> beams = pb.Beams([[0, 0, 0]], [[0, 0, 4]], 0.1, 0.5, power=[3, 6, 9])
+    >>> warm = pb.recolor((1, 0.5, 0.25))(beams, pb.PassContext())
+    >>> warm.arrays()["power"].round(3).tolist()
+    [[6.0, 3.0, 1.5]]
     """
     fixed = None if callable(color) else _numbers(color, 3, "recolor: color")
 
@@ -195,26 +257,43 @@ def recolor(color: npt.ArrayLike | Callable[[Beams], Any]) -> Modifier:
 
 
 def _mean(colour: Any) -> Any:
-    # Not by dr.mean, which makes the number of beams a part of its kernel.
+    # dr.mean would make the number of beams a part of its kernel.
     return (colour.x + colour.y + colour.z) * (1 / 3)
 
 
 @scene.arguments
 def clamp(power: float | None = None, radiance: float | None = None) -> Modifier:
-    """Dim the brightest beams, in their own colour, to no more than a limit.
+    """Return a modifier that dims the brightest beams to a limit, in their own colour.
 
     Parameters
     ----------
     power
-        Greatest power of any channel.
+        Greatest power (flux) of any channel, 0 or more. Default: no limit.
     radiance
-        Greatest brightness of any channel: that of a beam seen from beside, through its axis in its middle, before fog
-        and shading; 8 / (3π) of its power over its radius there.
+        Greatest brightness of any channel, 0 or more: that of a beam seen square from the side, through its axis at
+        the middle of the beam, before fog and shading. Default: no limit.
+
+    Returns
+    -------
+    Modifier
+        A function of `Beams` and a `PassContext`, for `Shot.open(simulate=...)`.
 
     Raises
     ------
     SceneError
-        No limit at all, or a negative one.
+        If there is no limit, or if a limit is negative.
+
+    Notes
+    -----
+    The brightness is 8 / (3π) · power / radius, with the radius at the middle of the beam: the line projection of the
+    default profile, `looks.Epanechnikov`, on the axis.
+
+    Examples
+    --------
+    >>> beams = pb.Beams([[0, 0, 0]], [[0, 0, 4]], 0.1, 0.5, power=[3, 6, 9])
+    >>> dimmed = pb.clamp(power=3)(beams, pb.PassContext())
+    >>> dimmed.arrays()["power"].round(3).tolist()
+    [[1.0, 2.0, 3.0]]
     """
     most = None if power is None else scene.number(power, "clamp: power", 0)
     brightest = None if radiance is None else scene.number(radiance, "clamp: radiance", 0)

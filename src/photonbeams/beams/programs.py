@@ -1,8 +1,8 @@
-"""Simulation, programmed: a Python function changes the beams of each pass (Art, "programmable simulation").
+"""Programmed simulation: a Python function changes the beams of each pass (Art, "programmable simulation").
 
-The function is given the beams of one light, or of one set of drawn beams, and returns beams. Where anything moves it
-is called for shutter open and for shutter close, and must do the same at both: what it chooses at random, it chooses by
-`PassContext.seed` and the number of the beam, not by the time.
+The function takes the beams of one light, or of one set of drawn beams, and returns beams. If anything moves, it is
+called for shutter open and for shutter close, and has to make the same choices at both: random choices depend on
+`PassContext.seed` and on the beam's number, not on the time.
 """
 
 from __future__ import annotations
@@ -20,26 +20,43 @@ from .sets import BeamSet
 
 @dataclass(frozen=True)
 class PassContext:
-    """The context of a function of beams.
+    """The context in which a function changes or makes beams: the light, the pass and the time.
 
     Attributes
     ----------
     name
-        Path of the light, or of the curves, that the beams are of; "" for beams from nothing.
+        Path of the light, or of the drawn curves, whose beams these are; "" for a function that makes beams from
+        nothing.
     group
-        Its light group, or "".
+        Light group of these beams; "" if there is none.
     pass_index
-        Number of the pass, from 0. Each pass has other beams of a light, and the same of what is drawn.
+        Number of the pass, from 0. A light has other beams in each pass; drawn beams are the same in all passes.
     seed
         Seed of the render's samples.
     frame
-        The frame that is rendered; None: the stage's default time.
+        The frame that is rendered; None is the stage's default time.
     time
-        Time code of the moment at which the beams are what they are: while the shutter is open, later than the frame.
+        Time code of these beams. Within the shutter interval it differs from the frame.
     medium
         The fog, or None.
     bounds
-        Centre and radius of a sphere around everything in the shot.
+        Centre (x, y, z) and radius of a sphere around everything in the shot, in scene units.
+
+    Notes
+    -----
+    The shot makes a context for each light and pass. If anything moves, a function is called for shutter open and for
+    shutter close, and has to make the same choices at both: let random choices depend on `seed` and on the beams' `id`,
+    not on `time`.
+
+    Examples
+    --------
+    >>> def flicker(beams, context):
+    ...     if context.frame == 7:
+    ...         beams.power = beams.power * 0.5
+    ...     return beams
+    >>> beams = pb.Beams([[0, 0, 0]], [[0, 0, 4]], 0.1, 0.5, power=[9, 9, 9])
+    >>> flicker(beams, pb.PassContext("/World/Lamp", frame=7)).arrays()["power"].tolist()
+    [[4.5, 4.5, 4.5]]
     """
 
     name: str = ""
@@ -52,20 +69,32 @@ class PassContext:
     bounds: tuple[tuple[float, float, float], float] = ((0.0, 0.0, 0.0), 1.0)
 
 
-#: A function that changes beams.
+#: A function that changes beams: it takes `Beams` and a `PassContext`, and returns `Beams`.
 Modifier = Callable[[Beams, PassContext], Beams]
 
-#: A function that makes beams from nothing.
+#: A function that makes beams from nothing: it takes a `PassContext`.
 Emitter = Callable[[PassContext], "DrawnBeams | Beams | Sequence[DrawnBeams | Beams]"]
 
 
 def chain(*modifiers: Modifier) -> Modifier:
-    """Return the modifier that applies these, the first one first.
+    """Return a modifier that applies several modifiers in order.
+
+    Parameters
+    ----------
+    *modifiers
+        Functions of `Beams` and a `PassContext` that return `Beams`. The first one is applied first.
+
+    Returns
+    -------
+    Modifier
+        A function of `Beams` and a `PassContext`, for `Shot.open(simulate=...)`.
 
     Examples
     --------
-    >>> import photonbeams as pb
-    >>> softer = pb.chain(pb.thin(0.5), pb.recolor((1, 0.8, 0.5)))
+    >>> warmer = pb.chain(pb.recolor((1, 0.8, 0.5)), pb.clamp(power=3))
+    >>> beams = pb.Beams([[0, 0, 0]], [[0, 0, 4]], 0.1, 0.5, power=[9, 9, 9])
+    >>> warmer(beams, pb.PassContext()).arrays()["power"].round(3).tolist()
+    [[3.0, 2.4, 1.5]]
     """
 
     def all_of_them(beams: Beams, context: PassContext) -> Beams:
@@ -78,16 +107,16 @@ def chain(*modifiers: Modifier) -> Modifier:
 
 @dataclass(frozen=True)
 class Program:
-    """A modifier with the context that the shot provides.
+    """A modifier, with what the shot knows of its context.
 
     Attributes
     ----------
     modifier
         The function.
     frame
-        The frame that is rendered.
+        The frame that is rendered; None is the stage's default time.
     code
-        Returns the time code of a fraction of the shutter.
+        Returns the time code of a fraction of the shutter interval.
     """
 
     modifier: Modifier
@@ -103,12 +132,20 @@ class Program:
         medium: Medium | None,
         bounds: tuple[tuple[float, float, float], float],
     ) -> list[BeamSet]:
-        """Return the sets of a pass, changed; `times` are fractions of the shutter at which the pass opens and closes.
+        """Return the changed beam sets of a pass.
+
+        Parameters
+        ----------
+        sets, pass_index, seed, medium, bounds
+            The beam sets, and the values of their `PassContext`.
+        times
+            Fractions of the shutter interval at which the pass opens and closes.
 
         Raises
         ------
         SceneError
-            A function that returns no beams, beams that are no numbers, or other beams at shutter close.
+            If the function does not return beams, if their numbers are not finite, or if the beams at shutter close are
+            not those at shutter open.
         """
         result = []
         for each in sets:
@@ -131,7 +168,7 @@ class Program:
 
 
 def checked(found: Any, place: str) -> Beams:
-    """Return a function's beams; raise SceneError, beginning with `place`, for anything but finite beams."""
+    """Return the beams that a function returned; raise SceneError, beginning with `place`, unless they are finite."""
     if not isinstance(found, Beams):
         raise SceneError(f"{place} {_kind(found)}: expected Beams")
     fields = {name: getattr(found, name, None) for name in Beams.DRJIT_STRUCT}
@@ -144,12 +181,12 @@ def checked(found: Any, place: str) -> Beams:
         if value is not None and not bool(dr.all(dr.isfinite(numbers), axis=None)):
             raise SceneError(f"{place} beams whose {name} is not finite: expected finite numbers")
     if not bool(dr.all(result.power >= 0, axis=None)):
-        raise SceneError(f"{place} beams of negative power: expected none below 0")
+        raise SceneError(f"{place} beams of negative power: expected power of 0 or more")
     return result
 
 
 def emitted(emitter: Emitter, context: PassContext) -> list[DrawnBeams]:
-    """Return the beams that a function makes from nothing, named after it where they have no name."""
+    """Return the beams that a function makes from nothing; beams without a name are named after the function."""
     found = emitter(context)
     several = list(found) if isinstance(found, Sequence) else [found]
     result = []

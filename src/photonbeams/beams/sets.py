@@ -1,4 +1,4 @@
-"""Beams that share a light group and a look."""
+"""Sets of beams that share a light group and a look."""
 
 from __future__ import annotations
 
@@ -11,11 +11,28 @@ if TYPE_CHECKING:
 
 
 class BeamSet(NamedTuple):
-    """Beams that share a light group and a look (None: the physical one), and where they move, at shutter close.
+    """Beams of one light, or of drawn curves, that share a light group and a look.
 
-    `light` is the light's number, `to_world` the transform from its space, (4, 4), for looks; `name` is the path of the
-    light, or of the curves, that they are of. `medium` is the number of the medium that they are in, `depth` how often
-    the light of each was scattered before, if any was.
+    Attributes
+    ----------
+    group
+        The light group.
+    look
+        The look; None is the physical look.
+    beams
+        The beams, at shutter open where they move.
+    close
+        The same beams at shutter close, or None if they do not move.
+    name
+        Path of the light, or of the curves.
+    light
+        Number of the light, for looks.
+    to_world
+        (4, 4) transform from the light's space to world space, for looks.
+    medium
+        Number of the medium that the beams are in.
+    depth
+        (N,) number of times that each beam's light was scattered before, or None if none was.
     """
 
     group: str
