@@ -57,7 +57,7 @@ def test_a_slot_says_what_it_expects(slot):
         said = attempt(lambda name=name: pb.Look(**{slot: WRONG[name]}))
         assert said is not None and said.startswith(slot) and "expected" in said
     said = attempt(lambda: pb.Look(**{slot: looks.Noise}))
-    assert said == f"{slot} is the class Noise: expected one of it, Noise(...)"
+    assert said == f"{slot} is the class Noise: expected an instance, Noise(...)"
 
 
 @pytest.mark.parametrize("number", ["none", "object", "NaN", "ragged", "complex", "beams", "bytes", "huge"])

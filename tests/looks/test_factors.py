@@ -272,7 +272,7 @@ NAN = float("nan")
         ("exponent", lambda: pb.looks.Power(NAN)),
         ("finite coefficients", lambda: pb.looks.Polynomial([])),
         ("finite coefficients", lambda: pb.looks.Polynomial([1, NAN])),
-        ("from 1 to 0: expected its end behind its begin", lambda: pb.looks.Polynomial([1], 1, 0)),
+        ("from 1 to 0: expected an end beyond its begin", lambda: pb.looks.Polynomial([1], 1, 0)),
         (
             "space is 'time': expected one of fraction, distance, radius, angle",
             lambda: pb.looks.Polynomial([1], space="time"),

@@ -270,7 +270,7 @@ def test_a_function_that_goes_wrong_is_told_in_a_sentence():
         pb.Look(along=lambda s, speed: s)
     with pytest.raises(ValueError, match='expression "1 - x", column 5'):
         pb.Look(along="1 - x")
-    with pytest.raises(ValueError, match=r"clamped to 1 to 0: expected a range that ascends"):
+    with pytest.raises(ValueError, match=r"clamped to 1 to 0: expected low to be at most high"):
         pb.looks.Constant(1).clamp(1, 0)
 
 

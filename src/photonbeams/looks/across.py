@@ -1,13 +1,13 @@
-"""Across the beam: the profile over the cross-section, and its line projection.
+"""Profiles across the beam: the profile over the cross-section, and its line projection.
 
-A profile is a disc kernel k2(ρ, R) = density(ρ²) / R² with ∫ density · 2πρ dρ = 1 over [0, 1]. Seen as a flat
-billboard a beam has the kernel k1 of *the same* profile, its Abel transform (theory of Jarosz et al. 2011, checked in
-the tests), or the picture would pop where one estimate hands over to the other:
+A profile is a disc kernel k2(ρ, R) = density(ρ²) / R² with ∫ density · 2πρ dρ = 1 over [0, 1]. As a flat billboard, a
+beam has the kernel k1 of *the same* profile, its Abel transform (theory of Jarosz et al. 2011, checked in the tests);
+otherwise the picture would pop where one estimate hands over to the other:
 
     k1(u, R) = (2/R) ∫_{u/R}^1 density ρ / √(ρ² − (u/R)²) dρ = √(1 − x) line(x) / R,   x = (u/R)²
     line(x) = 2 ∫_0^1 density(x + (1 − x) v²) dv                    (ρ² = x + (1 − x) v²)
 
-The square root holds all of k1's singular slope at the rim, so `line` is smooth and a table of it is exact enough.
+The square root contains all of k1's singular slope at the rim, so `line` is smooth and a table of it is exact enough.
 """
 
 from __future__ import annotations
@@ -33,19 +33,45 @@ from .table import Table
 _SAMPLES = 1024  # entries of a tabulated profile and of its line projection
 _RULE = gauss_legendre(32)
 
-# Profiles are tabulated over ρ², which costs no square root; shapes are smooth in ρ², or have declared corners.
+# Profiles are tabulated over ρ², which needs no square root; shapes are smooth in ρ² or declare their corners.
 _RADII = np.sqrt(np.linspace(0, 1, _SAMPLES))
 
 
 class Across(Described):
-    """A profile. Subclasses answer `shape`, of any scale; this class normalises and projects it.
+    """Base of the profiles across the beam. Subclasses implement `shape`, at any scale; this class normalises it.
 
     Attributes
     ----------
     corners
         Values of ρ in [0, 1) where the profile is not smooth: quadrature splits its interval there.
     attached
-        Whether the profile is attached to the AD graph. Its projection never is: derivatives are the frustum's.
+        Whether the profile is attached to the AD graph. Its line projection never is, because derivatives are those of
+        the frustum estimator.
+
+    Notes
+    -----
+    ρ is the distance from the axis in radii. A profile may be multiplied by a factor, a number, a colour, an expression
+    or a function; this gives a `Modulated` profile.
+
+    The disc kernel is density(ρ²) / R² with ∫ density · 2πρ dρ = 1 over [0, 1], where R is the beam's radius. The
+    billboard estimator uses its line projection (Abel transform) √(1 − x) line(x) / R, x = (u/R)², where u is the
+    distance between ray and axis.
+
+    References
+    ----------
+    Jarosz, Nowrouzezahrai, Sadeghi, Jensen, "A Comprehensive Theory of Volumetric Radiance Estimation using Photon
+    Points and Beams" (2011).
+
+    Examples
+    --------
+    A profile of one's own:
+
+    >>> class Cone(pb.looks.Across):
+    ...     def shape(self, rho):
+    ...         return 1 - rho
+    >>> look = pb.Look(across=Cone())
+    >>> round(look.across.scale, 3)  # 3/π
+    0.955
     """
 
     is_profile = True
@@ -55,7 +81,7 @@ class Across(Described):
     __array_ufunc__ = None  # NumPy's arrays leave the product to the profile
 
     def shape(self, rho: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-        """Return the profile at ρ (float64 NumPy), before it is normalised."""
+        """Return the profile before it is normalised, at `rho` from 0 to 1 (a float64 NumPy array)."""
         raise NotImplementedError
 
     @cached_property
@@ -92,16 +118,16 @@ class Across(Described):
     __rmul__ = __mul__
 
     def density(self, rho2: Any) -> Any:
-        """Return the normalised disc kernel times R² at ρ² in [0, 1]."""
+        """Return the normalised disc kernel times R², at `rho2` = ρ² from 0 to 1."""
         return self._density(rho2)
 
     def line(self, x: Any) -> Any:
-        """Return k1 · R / √(1 − x) at x = (u/R)²."""
+        """Return the line projection k1 · R / √(1 − x), at `x` = (u/R)² from 0 to 1."""
         return self._line(x)
 
 
 class _Bump(Across):
-    """(n + 1)/π (1 − ρ²)^n, whose line projection is again such a power: no table is needed."""
+    """A profile (n + 1)/π (1 − ρ²)^n. Its line projection has the same form, so it needs no table."""
 
     _power = 0
 
@@ -111,7 +137,7 @@ class _Bump(Across):
 
     @cached_property
     def _line_scale(self) -> float:
-        # 2 (n + 1)/π ∫_0^1 (1 − v²)^n dv, a polynomial, so the rule is exact
+        # 2 (n + 1)/π ∫_0^1 (1 − v²)^n dv; the integrand is a polynomial, so the rule is exact
         return 2 * (self._power + 1) / np.pi * float(_RULE.integrate(lambda v: (1 - v * v) ** self._power, 0.0, 1.0))
 
     def density(self, rho2: Any) -> Any:
@@ -119,7 +145,7 @@ class _Bump(Across):
         return self._bump(rho2) * ((self._power + 1) / np.pi)
 
     def line(self, x: Any) -> Any:
-        """Return the line projection's smooth part."""
+        """Return the smooth part of the line projection."""
         return self._bump(x) * self._line_scale
 
     def _bump(self, x: Any) -> Any:
@@ -131,29 +157,50 @@ class _Bump(Across):
 
 
 class Uniform(_Bump):
-    """The constant disc 1/π, with a hard rim."""
+    """A flat profile 1/π with a hard rim.
+
+    Examples
+    --------
+    >>> look = pb.Look(across=pb.looks.Uniform())
+    >>> look.across.shape(np.array([0.0, 0.5, 1.0])).tolist()
+    [1.0, 1.0, 1.0]
+    """
 
 
 class Epanechnikov(_Bump):
-    """2/π (1 − ρ²): smooth inside, a corner at the rim."""
+    """The default profile 2/π (1 − ρ²): smooth inside, with a corner at the rim.
+
+    Examples
+    --------
+    >>> look = pb.Look(across=pb.looks.Epanechnikov())
+    >>> look.across.shape(np.array([0.0, 0.5, 1.0])).tolist()
+    [1.0, 0.75, 0.0]
+    """
 
     _power = 1
 
 
 class Biweight(_Bump):
-    """3/π (1 − ρ²)²: smooth at the rim too."""
+    """A profile 3/π (1 − ρ²)², which is smooth at the rim, too.
+
+    Examples
+    --------
+    >>> look = pb.Look(across=pb.looks.Biweight())
+    >>> look.across.shape(np.array([0.0, 0.5, 1.0])).tolist()
+    [1.0, 0.5625, 0.0]
+    """
 
     _power = 2
 
 
 class _Shaped(Across):
-    """A profile of numbers whose gradients may be enabled. Subclasses answer `_shape`."""
+    """A profile with numbers whose gradients may be enabled. Subclasses implement `_shape`."""
 
     def _attach(self, *numbers: Given) -> None:
-        """Keep the numbers; where they are attached, so is the profile's table."""
+        """Keep the numbers. If they are attached to the AD graph, so is the profile's table."""
         self._numbers = numbers
         self.attached = any(each.attached is not None for each in numbers)
-        if self.attached:  # now: estimates suspend gradients while they gather
+        if self.attached:  # not later: estimates suspend gradients while they gather
             self._density = Table(table(self._scaled, *numbers))
 
     def shape(self, rho: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
@@ -174,12 +221,23 @@ class _Shaped(Across):
 
 
 class Gaussian(_Shaped):
-    """exp(−ρ²/2w²), lowered so that it reaches zero at the rim; `width` w is its standard deviation in radii.
+    """A Gaussian profile exp(−ρ²/2w²), lowered so that it is zero at the rim.
+
+    Parameters
+    ----------
+    width
+        Standard deviation w in radii, 0.02 to 10. Default: 0.35.
 
     Raises
     ------
     SceneError
-        A width that is not 0.02 to 10 radii.
+        If the width is not 0.02 to 10.
+
+    Examples
+    --------
+    >>> look = pb.Look(across=pb.looks.Gaussian(width=0.5))
+    >>> look.across.shape(np.array([0.0, 0.5, 1.0])).round(3).tolist()
+    [0.865, 0.471, 0.0]
     """
 
     @constructor
@@ -193,12 +251,23 @@ class Gaussian(_Shaped):
 
 
 class Smoothstep(_Shaped):
-    """1 up to ρ = hardness, then down by 1 − 3t² + 2t³ to zero at the rim; hardness 1 is a hard rim.
+    """A flat profile with a soft edge: 1 up to ρ = hardness, then eased to zero at the rim by 1 − 3t² + 2t³.
+
+    Parameters
+    ----------
+    hardness
+        Position ρ where the edge begins, 0 to 1; 1 is a hard rim. Default: 0.
 
     Raises
     ------
     SceneError
-        A hardness that is not 0 to 1.
+        If the hardness is not 0 to 1.
+
+    Examples
+    --------
+    >>> look = pb.Look(across=pb.looks.Smoothstep(hardness=0.5))
+    >>> look.across.shape(np.array([0.0, 0.5, 0.75, 1.0])).tolist()
+    [1.0, 1.0, 0.5, 0.0]
     """
 
     @constructor
@@ -220,14 +289,26 @@ def _inner(hardness: Any) -> float:
 
 
 class Hollow(_Shaped):
-    """A hollow shaft: nothing up to ρ = inner, light between there and the rim.
+    """The profile of a hollow shaft: no light up to ρ = inner, and a wall of light from there to the rim.
 
-    It rises and falls by 3t² − 2t³, each over half of `softness`, a fraction of the wall's thickness.
+    Parameters
+    ----------
+    inner
+        Inner radius of the wall as a fraction of the beam's radius, 0 to 0.99. Default: 0.5.
+    softness
+        Fraction of the wall's thickness that is soft edge, 0.01 to 1; half of it lies on each side. The edges rise and
+        fall by 3t² − 2t³. Default: 1.
 
     Raises
     ------
     SceneError
-        An inner radius that is not 0 to 0.99, a softness that is not 0.01 to 1.
+        If the inner radius is not 0 to 0.99, or if the softness is not 0.01 to 1.
+
+    Examples
+    --------
+    >>> look = pb.Look(across=pb.looks.Hollow(inner=0.5))
+    >>> look.across.shape(np.array([0.0, 0.5, 0.75, 1.0])).tolist()
+    [0.0, 0.0, 1.0, 0.0]
     """
 
     @constructor
@@ -248,12 +329,23 @@ class Hollow(_Shaped):
 
 
 class Tabulated(_Shaped):
-    """A curve: `values` (M,) at equidistant ρ from the axis to the rim, linear between them.
+    """A profile that is given as a curve, linear between its values.
+
+    Parameters
+    ----------
+    values
+        (M,) values of 0 or more at equal steps of ρ from the axis to the rim, M ≥ 2, at any scale.
 
     Raises
     ------
     SceneError
-        Fewer than two values, or values that are negative or not finite.
+        If there are fewer than two values, or if a value is negative or not finite.
+
+    Examples
+    --------
+    >>> look = pb.Look(across=pb.looks.Tabulated([0.1, 0.2, 1.0, 0.6, 0.0]))
+    >>> look.across.shape(np.array([0.0, 0.5, 0.875])).round(3).tolist()
+    [0.1, 1.0, 0.3]
     """
 
     @constructor
@@ -276,7 +368,7 @@ class Tabulated(_Shaped):
 
 
 class AcrossFunction(Across):
-    """Any Python function of ρ (a Dr.Jit array): tabulated once, normalised, and projected like the others."""
+    """A profile from a Python function of ρ (a Dr.Jit array), which is tabulated once."""
 
     def __init__(self, function: Callable[[Any], Any], written: Factor | None = None) -> None:
         self._function = Function(function, "radius")
@@ -285,7 +377,10 @@ class AcrossFunction(Across):
         found = dr.zeros(Float, len(grid)) + self._function.called(to_float(grid))
         values = np.asarray(dr.detach(found), dtype=np.float64)
         if values.shape != grid.shape or not np.all(np.isfinite(values)) or np.any(values < 0):
-            raise SceneError("a profile function expects finite values of at least 0 for ρ from 0 to 1")
+            raise SceneError(
+                "a profile function is negative, not finite, or a colour: expected finite values of at least 0 "
+                "for ρ from 0 to 1"
+            )
         self._grid, self._values = grid, values
         self.corners = (0.0,)
         self.attached = has_gradients(found)
@@ -300,7 +395,7 @@ class AcrossFunction(Across):
         return np.interp(rho, self._grid, self._values)
 
     def _attached_density(self, function: Callable[[Any], Any]) -> Table:
-        """Return the table of the normalised function, attached as its values are."""
+        """Return the table of the normalised function, attached to the AD graph like its values."""
         total = Float(0)
         edges = np.linspace(0, 1, 17)
         for low, high in pairwise(edges):
@@ -312,9 +407,32 @@ class AcrossFunction(Across):
 
 
 class Modulated(Described):
-    """A profile, and a factor that changes it from place to place: colours by radius, noise, an expression.
+    """A profile times a factor that changes it from place to place, such as colours by radius, noise or an expression.
 
-    The profile is normalised, what the factor makes of it is not: where the factor is 1 the profile is as it was.
+    Parameters
+    ----------
+    profile
+        The profile, which is normalised.
+    factor
+        The factor. Its product with the profile is not normalised: where the factor is 1, the profile is unchanged.
+
+    Raises
+    ------
+    SceneError
+        If `profile` is not an `Across`, or if `factor` is not a `Factor`.
+
+    Notes
+    -----
+    Usually written as a product, `profile * factor`.
+
+    Examples
+    --------
+    White inside, violet at the rim:
+
+    >>> ramp = pb.looks.ColorRamp([0, 1], [[1, 1, 1], [0.5, 0.2, 1]], space="radius")
+    >>> look = pb.Look(across=pb.looks.Biweight() * ramp)
+    >>> look.across, look.modulation is ramp
+    (Biweight(), True)
     """
 
     is_profile = True
@@ -336,15 +454,15 @@ class Modulated(Described):
         return f"{self.profile} * {described(self.factor)}"
 
 
-#: What stands for a profile: a profile, a list of values, a function of ρ, an expression, or a factor.
+#: Anything that can be used as a profile: a profile, a list of values, a function of ρ, an expression, or a factor.
 AcrossLike: TypeAlias = Across | Modulated | FactorLike
 
 
 def across(value: AcrossLike) -> Across | Modulated:
-    """Return `value` as a profile: an Across, a list of values, a Python function of ρ, an expression, or a factor.
+    """Return a profile, a list of values, a Python function, an expression, or a factor as a profile.
 
-    A function or an expression of ρ alone is a profile, normalised like the others. A factor, or what asks for more,
-    modulates the constant disc.
+    A function or an expression of ρ alone becomes a profile, which is normalised. A factor, and a function or an
+    expression of other inputs, modulates the flat profile.
     """
     if isinstance(value, Across | Modulated):
         return value
@@ -353,7 +471,7 @@ def across(value: AcrossLike) -> Across | Modulated:
     if isinstance(value, str):
         return _written(factor(value))
     if isinstance(value, type):
-        raise SceneError(f"across is the class {value.__name__}: expected one of it, {value.__name__}(...)")
+        raise SceneError(f"across is the class {value.__name__}: expected an instance, {value.__name__}(...)")
     if not callable(value):
         given(value, "across", "a profile, values from the axis to the rim, an expression, a function or a factor")
         return Tabulated(value)

@@ -1,6 +1,6 @@
-"""Along the beam: its colour from the light to its end, and its change toward the camera (`eye`).
+"""Factors along the beam: its colour from the light to its end, and its change toward the camera (`eye`).
 
-The physical falloff is exp(−σt s) (Art, table 1; theory of Jarosz et al. 2011). Everything else is the artist's.
+The physical falloff is exp(−σt s) (Art, table 1; theory of Jarosz et al. 2011). All other factors are artistic.
 """
 
 from __future__ import annotations
@@ -20,26 +20,57 @@ from .factors import Corner, Decay, Factor, Number, Numbers, Value
 from .ramp import RESOLUTION, Interpolation, check_ramp, ramp_ends, ramp_table
 from .table import Table
 
-#: What a ramp, a texture or a polynomial runs over: fractions of the beam, scene units along the factor's own axis,
-#: radii from the axis, or degrees from the view into the light.
+#: The input of a ramp, a texture or a polynomial: the fraction of the light path, the factor's own distance in scene
+#: units, the distance from the axis in radii, or the angle in degrees between the light's direction and that to the
+#: camera.
 Space = Literal["fraction", "distance", "radius", "angle"]
 
 
 class Attenuation(Decay):
-    """Physical attenuation exp(−σt x), x the distance in the medium; for along and for eye."""
+    """Physical attenuation exp(−σt x), where x is the distance in the medium; the default of along and of eye.
+
+    Notes
+    -----
+    It needs a medium: `estimate` raises SceneError without one.
+
+    References
+    ----------
+    Nowrouzezahrai et al., "A Programmable System for Artistic Volumetric Lighting" (2011), table 1.
+
+    Examples
+    --------
+    A beam that the fog dims, but that looks equally bright from any distance:
+
+    >>> look = pb.Look(along=pb.looks.Attenuation(), eye=1.0)
+    >>> bound = look.bind(pb.Medium(scattering=0.25), reach=4.0)
+    >>> round(bound.along(distance=2.0, depth=2.0, fraction=0.5)[0][0], 3)  # exp(−0.25 · 2)
+    0.607
+    """
 
     def exponent(self, at: ShadingContext) -> Value:
-        """Return minus the optical depth, per channel."""
+        """Return the negative optical depth, per channel."""
         return -at.medium.extinction * at.depth
 
 
 class Exponential(Decay):
-    """exp(−x / length): an exponential falloff of the artist's own length, one or one per channel (scene units).
+    """An exponential falloff exp(−x / length), whatever the medium; x is the distance from the light, or to the camera.
+
+    Parameters
+    ----------
+    length
+        Distance over which the light falls to 1/e, in scene units: one number, or one for each channel.
 
     Raises
     ------
     SceneError
-        A length that is not positive.
+        If a length is not positive.
+
+    Examples
+    --------
+    >>> falloff = pb.looks.Exponential([4.0, 2.0, 1.0])  # blue fades first
+    >>> value = falloff.evaluate(pb.looks.ShadingContext(distance=2.0))
+    >>> [round(channel[0], 3) for channel in value]
+    [0.607, 0.368, 0.135]
     """
 
     @constructor
@@ -48,17 +79,34 @@ class Exponential(Decay):
         self._rate = derived(lambda each: 1 / each, lengths, color=True)
 
     def exponent(self, at: ShadingContext) -> Value:
-        """Return minus the distance in lengths, per channel."""
+        """Return −x / length, per channel."""
         return -self._rate * at.distance
 
 
 class Power(Factor):
-    """(1 + x / length)^(−exponent): a power falloff without the singularity at the light.
+    """A power falloff (1 + x / length)^(−exponent), without the singularity of x^(−exponent) at the light.
+
+    Parameters
+    ----------
+    exponent
+        Exponent of the falloff. Default: 2.
+    length
+        Distance at which the falloff is 2^(−exponent), in scene units. Default: 1.
 
     Raises
     ------
     SceneError
-        An exponent that is not finite, a length that is not positive.
+        If the exponent is not finite, or if the length is not positive.
+
+    Notes
+    -----
+    x is the distance from the light (along) or to the camera (eye); a negative x counts as 0.
+
+    Examples
+    --------
+    >>> falloff = pb.looks.Power(exponent=2.0, length=1.0)
+    >>> round(falloff.evaluate(pb.looks.ShadingContext(distance=3.0))[0], 4)
+    0.0625
     """
 
     @constructor
@@ -73,20 +121,28 @@ class Power(Factor):
 
 
 class Polynomial(Factor):
-    """Σ c_i x^i, not below zero, of x = 0 at `begin` to 1 at `end` (clamped outside).
+    """A polynomial Σ c_i x^i, clamped to 0 or more; x goes from 0 at `begin` to 1 at `end` and is constant outside.
 
     Parameters
     ----------
     coefficients
-        (M,) or (M, 3), from the constant term up.
-    begin, end, space
-        Where x is 0 and 1, in the units of `space`: "fraction" of the beam, "distance" in scene units, "radius" in
-        radii from the axis, "angle" in degrees.
+        (M,) numbers or (M, 3) colours, from the constant term up.
+    begin, end
+        Positions of x = 0 and x = 1, in the units of `space`. Default: 0 and 1.
+    space
+        Input that x runs over: "fraction" of the light path (the default), "distance" in scene units from the light
+        or, for the eye, to the camera, "radius" in radii from the axis, or "angle" in degrees.
 
     Raises
     ------
     SceneError
-        Coefficients of another shape or not finite, an end that is not behind its begin.
+        If coefficients have another shape or are not finite, or if `end` is not greater than `begin`.
+
+    Examples
+    --------
+    >>> falloff = pb.looks.Polynomial([1, 0, -1])  # 1 − x²: the beam ends softly
+    >>> round(falloff.evaluate(pb.looks.ShadingContext(fraction=0.5))[0][0], 3)
+    0.75
     """
 
     @constructor
@@ -112,23 +168,45 @@ class Polynomial(Factor):
 
 
 class ColorRamp(Factor):
-    """Colours at knots, interpolated: the Talk's colour change as the beams extinguish.
+    """A colour ramp: colours at knots, interpolated between them and constant outside.
 
     Parameters
     ----------
-    knots, colors
-        (M,) ascending positions and (M, 3) colours, M ≥ 1.
+    knots
+        (M,) ascending positions, M ≥ 1; 0 lies at `begin` and 1 at `end`.
+    colors
+        (M, 3) scene-linear colours at the knots.
     interpolation
-        "none" (steps), "linear", "smooth", "catmull-rom" or "monotone".
-    begin, end, space
-        Where knot position 0 and 1 lie: fractions of the light's path ("fraction"), scene units from the light or, for
-        the eye, to the camera ("distance"), radii from the axis ("radius"), or degrees ("angle").
+        "none" (steps), "linear" (the default), "smooth" (eased by 3t² − 2t³ at each knot), "catmull-rom" (may
+        overshoot, but not below 0) or "monotone" (never overshoots; Fritsch and Carlson 1980).
+    begin, end
+        Positions of knot 0 and knot 1, in the units of `space`. Default: 0 and 1.
+    space
+        Input that the ramp runs over: "fraction" of the light path (the default), "distance" in scene units from the
+        light or, for the eye, to the camera, "radius" in radii from the axis, or "angle" in degrees.
 
     Raises
     ------
     SceneError
-        Knots that do not ascend, shapes that do not agree, numbers that are not finite. Places of steps ("none") whose
-        gradients are enabled: a step has no derivative by its place.
+        If knots do not ascend, if shapes do not agree, if numbers are not finite, if `end` is not greater than `begin`,
+        or if the positions of steps ("none") have gradients enabled: a step has no derivative with respect to its
+        position.
+
+    Notes
+    -----
+    A kernel reads the ramp from a table of 1024 entries.
+
+    References
+    ----------
+    Johnson, Lacewell, Selle, Jarosz, "Gaussian Quadrature for Photon Beams in Tangled" (2011): a colour change as the
+    beams extinguish, `ColorRamp(...) * Attenuation()`.
+
+    Examples
+    --------
+    >>> ramp = pb.looks.ColorRamp([0, 1], [[1.0, 1.0, 1.0], [1.0, 0.5, 0.0]])  # white to orange
+    >>> value = ramp.evaluate(pb.looks.ShadingContext(fraction=0.5))
+    >>> [round(channel[0], 3) for channel in value]
+    [1.0, 0.75, 0.5]
     """
 
     @constructor
@@ -146,12 +224,12 @@ class ColorRamp(Factor):
         places, shades = places.at_least(1), shades.at_least(2)
         check_ramp(places.plain, shades.plain, interpolation)
         if interpolation == "none" and has_gradients((knots, begin, end)):
-            text = "a ramp of steps has gradients enabled for their places: expected plain numbers, or another"
-            raise SceneError(f"{text} interpolation than none, for a step has no derivative by its place")
+            text = "a ramp of steps has gradients enabled for their positions: expected plain numbers, or another"
+            raise SceneError(f"{text} interpolation than none, since a step has no derivative by its position")
         self._interval = _Interval(begin, end, space, ramp_ends(places))
         self._table = Table(table(lambda x, y: ramp_table(x, y, interpolation), places, shades))
         inside = (places.plain - places.plain[0]) / (places.plain[-1] - places.plain[0] or 1.0)
-        if interpolation == "none":  # in the table a step is a line between two entries: a corner at each
+        if interpolation == "none":  # in the table, a step is a line between two entries, with a corner at each
             entries = np.ceil(inside[1:] * (RESOLUTION - 1))
             inside = np.sort(np.concatenate([entries - 1, entries])) / (RESOLUTION - 1)
         if interpolation in ("none", "linear"):
@@ -163,12 +241,28 @@ class ColorRamp(Factor):
 
 
 class Fade(ColorRamp):
-    """1 up to the inner distance, then to 0 at the outer one: scene units from the light, unless `space` says else.
+    """A fade from 1, up to the inner distance, to 0, from the outer distance on.
+
+    Parameters
+    ----------
+    inner, outer
+        Positions where the fade begins and ends, in the units of `space`.
+    interpolation
+        Shape of the fade, as in `ColorRamp`. Default: "smooth".
+    space
+        Input that the fade runs over: "distance" in scene units from the light or, for the eye, to the camera (the
+        default), "fraction" of the light path, "radius" in radii from the axis, or "angle" in degrees.
 
     Raises
     ------
     SceneError
-        An outer distance that is not beyond the inner one.
+        If `outer` is not greater than `inner`.
+
+    Examples
+    --------
+    >>> fade = pb.looks.Fade(inner=1.0, outer=3.0)
+    >>> [round(fade.evaluate(pb.looks.ShadingContext(distance=s))[0][0], 3) for s in (0.5, 2.0, 4.0)]
+    [1.0, 0.5, 0.0]
     """
 
     @constructor
@@ -179,14 +273,31 @@ class Fade(ColorRamp):
 
 
 class Texture(Factor):
-    """A one-dimensional colour texture along the beam: `pixels` (M, 3), or an image (H, W, 3) whose rows are averaged.
+    """A one-dimensional colour texture along the beam, interpolated linearly.
 
-    The first column lies at `begin`, the last at `end`. Pixels may have gradients enabled, (M, 3) of them.
+    Parameters
+    ----------
+    pixels
+        (M, 3) scene-linear colours, or an image (H, W, 3) whose rows are averaged. The first column lies at `begin`,
+        the last at `end`. Pixels of shape (M, 3) may have gradients enabled.
+    begin, end
+        Positions of the first and the last column, in the units of `space`. Default: 0 and 1.
+    space
+        Input that the texture runs over: "fraction" of the light path (the default), "distance" in scene units from
+        the light or, for the eye, to the camera, "radius" in radii from the axis, or "angle" in degrees.
 
     Raises
     ------
     SceneError
-        Pixels of another shape or not finite, an end that is not behind its begin.
+        If pixels have another shape or are not finite, if `end` is not greater than `begin`, or if an image (H, W, 3)
+        has gradients enabled.
+
+    Examples
+    --------
+    >>> texture = pb.looks.Texture([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    >>> value = texture.evaluate(pb.looks.ShadingContext(fraction=0.25))
+    >>> [round(channel[0], 3) for channel in value]
+    [0.75, 0.0, 0.25]
     """
 
     @constructor
@@ -211,13 +322,13 @@ class Texture(Factor):
 
 
 class _Interval:
-    """The map from an input to [0, 1]."""
+    """The linear map from an input to [0, 1]."""
 
     def __init__(self, begin: Number, end: Number, space: Space, knots: Given | None = None) -> None:
         choice(space, "space", get_args(Space))
         ends = [given_number(each, "a falloff's begin or end", "a number") for each in (begin, end)]
         if not ends[0].plain < ends[1].plain:
-            raise SceneError(f"a falloff goes from {shown(begin)} to {shown(end)}: expected its end behind its begin")
+            raise SceneError(f"a falloff goes from {shown(begin)} to {shown(end)}: expected an end beyond its begin")
         ends += [] if knots is None else [knots.rows[0], knots.rows[-1]]
         low, high = (float(each) for each in _ends(*(each.plain for each in ends)))
         self._begin, self._width, self._space = low, high - low, space
@@ -228,14 +339,14 @@ class _Interval:
         return dr.clip((getattr(at, self._space) - self._offset) * self._scale, 0, 1)
 
     def corners(self, inside: Sequence[float]) -> tuple[Corner, ...]:
-        """Return corners at these parameters; the angle is one for all of a ray."""
+        """Return corners at these parameters; none over the angle, which is the same along all of a ray."""
         if self._space == "angle":
             return ()
         return tuple((self._space, self._begin + float(x) * self._width) for x in inside)
 
 
 def _ends(begin: Any, end: Any, first: Any = None, last: Any = None) -> tuple[Any, Any]:
-    """Return where an interval begins and ends; of a ramp, whose first and last knot lie elsewhere in it, these."""
+    """Return the ends of an interval, or the positions in it of a ramp's `first` and `last` knot."""
     if first is None:
         return begin, end
     width = end - begin

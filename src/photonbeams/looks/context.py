@@ -1,4 +1,4 @@
-"""The shading context of looks: everything that their factors may ask for."""
+"""The shading context of looks: all inputs that factors may read."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from ..scene import Array, Medium, SceneError, arguments, color, number, numbers
 from .described import Described, constructor
 from .vocabulary import NAMES
 
-#: The inputs by the names that expressions and Python functions use: attributes of `ShadingContext`.
+#: The inputs of expressions and Python functions: from their names there to attributes of `ShadingContext`.
 INPUTS = {name: each.attribute for name, each in NAMES.items()}
 
-#: Attributes that differ between beams, between places in space, and with the distance from the axis.
+#: Attributes that differ between beams, between positions in space, and with the distance from the axis.
 OF_BEAMS = frozenset({"random", "id", "generation"})
 OF_PLACES = frozenset({"position", "local"})
 OF_RADII = frozenset({"radius", "rho2"})
@@ -29,24 +29,35 @@ OF_RADII = frozenset({"radius", "rho2"})
 class Fog(Described):
     """The coefficients of a homogeneous medium as Dr.Jit values, whose gradients may be enabled.
 
+    Parameters
+    ----------
+    medium
+        The medium whose coefficients are taken. See `Fog.of` for coefficients that have gradients enabled already.
+
     Attributes
     ----------
     extinction, scattering
-        Coefficients σt and σs per channel and scene unit.
+        Coefficients σt and σs per channel and scene unit, an Array3f.
     anisotropy
-        Mean cosine of the phase function.
+        Mean cosine g of the phase function, a Float.
 
     Raises
     ------
     SceneError
-        What is no `Medium`.
+        If the argument is not a `Medium`.
 
     Examples
     --------
+    How does the radiance change with the extinction of the fog?
+
     >>> import drjit as dr
-    >>> import photonbeams as pb
-    >>> fog = pb.looks.Fog(pb.Medium(0.1, 0.02))
+    >>> beams = pb.Beams([[0, 0, 0]], [[0, 0, 4]], 0.1, 0.5, power=[9, 9, 9])
+    >>> fog = pb.looks.Fog(pb.Medium(scattering=0.1))
     >>> dr.enable_grad(fog.extinction)
+    >>> radiance = pb.estimate(beams, [-3, 0, 2], [1, 0, 0], medium=fog)
+    >>> dr.backward(radiance)
+    >>> bool(dr.all(dr.grad(fog.extinction) < 0, axis=None))
+    True
     """
 
     extinction: Array3f
@@ -64,19 +75,26 @@ class Fog(Described):
     @classmethod
     @arguments
     def of(cls, scattering: Numbers, absorption: Numbers = 0.0, anisotropy: Number = 0.0) -> Fog:
-        """Return the fog of these coefficients, attached to the AD graph where they are; σt is their sum.
+        """Return a fog with these coefficients, attached to the AD graph where they are. σt is their sum.
 
         Parameters
         ----------
         scattering, absorption
-            One number for all channels, or three, not negative.
+            Coefficients σs and σa per scene unit, 0 or more: one number for all channels, or three. Default of the
+            absorption: 0.
         anisotropy
-            From −0.99 to 0.99.
+            Mean cosine g of the phase function, −0.99 to 0.99. Default: 0.
 
         Raises
         ------
         SceneError
-            Numbers out of range.
+            If a number is out of range.
+
+        Examples
+        --------
+        >>> fog = pb.looks.Fog.of(scattering=0.1, absorption=[0.0, 0.1, 0.3])
+        >>> [round(channel[0], 3) for channel in fog.extinction]
+        [0.1, 0.2, 0.4]
         """
         expected = "one or three finite numbers of at least 0"
         scattered = given_color(scattering, "a fog's scattering", expected, 0.0)
@@ -90,21 +108,40 @@ class Fog(Described):
 
 
 class LightContext(Described):
-    """What all beams of a light have in common: the time, the light's number and its space; opaque.
+    """The inputs of looks that all beams of a light share: the time, and the light's number and space.
 
     Parameters
     ----------
-    frame, time
-        Frame number, and seconds.
+    frame
+        Frame number. Default: 0.
+    time
+        Time in seconds. Default: 0.
     light
-        Number of the light.
+        Number of the light. Default: 0.
     to_world
-        (4, 4) from the light's space to the world's, for column vectors.
+        (4, 4) transform from the light's space to world space, for column vectors. Default: the identity.
 
     Raises
     ------
     SceneError
-        What is no number, or no matrix that has an inverse.
+        If a value is not a number, or if `to_world` is not a finite matrix that has an inverse.
+
+    Notes
+    -----
+    The values are opaque to kernels: the frames of a sequence share their kernels.
+
+    Examples
+    --------
+    A look that flickers, at 0.5 seconds:
+
+    >>> beams = pb.Beams([[0, 0, 0]], [[0, 0, 4]], 0.1, 0.5, power=[9, 9, 9])
+    >>> look = pb.Look(along="pulse(2 * time)", eye=1.0, angle=1.0)
+    >>> bright, dark = (
+    ...     pb.estimate(beams, [-3, 0, 2], [1, 0, 0], look=look, context=pb.looks.LightContext(time=time)).numpy()
+    ...     for time in (0.5, 0.75)
+    ... )
+    >>> bool(np.all(bright > 0)), bool(np.all(dark > 0))
+    (True, False)
     """
 
     frame: Float
@@ -124,7 +161,7 @@ class LightContext(Described):
         self._shift = opaque(matrix[:3, 3])
 
     def to_local(self, point: Any) -> Any:
-        """Return a point of the world in the light's space."""
+        """Return a `point` of world space in the light's space."""
         turned = [dr.dot(row, point) for row in self._rows]
         return type(point)(*turned) + self._shift
 
@@ -139,30 +176,44 @@ def _inverse(to_world: npt.ArrayLike) -> Array:
 
 @dataclass(frozen=True)
 class ShadingContext:
-    """Where a factor is evaluated. All values are Dr.Jit arrays of one width, or numbers.
+    """The inputs of a factor at a shading point: Dr.Jit arrays of one width, or numbers.
 
     Attributes
     ----------
     distance
-        The factor's own distance, in scene units: from the light (along), or to the camera (eye).
+        The factor's own distance in scene units: from the light (along) or to the camera (eye). Default: 0.
     depth
-        The part of `distance` that lies in the medium.
+        The part of `distance` that is in the medium. Default: 0.
     fraction
-        Distance from the light over the length of the light's whole path, 0 to 1.
+        Distance from the light as a fraction of the whole light path, 0 to 1. Default: 0.
     from_light, to_camera
-        Both distances, whichever the factor.
+        Distances from the light and to the camera in scene units, for all factors. Default: 0.
     cosine
-        Cosine between the direction of the light and the direction toward the camera: 1 is straight into the lens.
+        Cosine of the angle between the light's direction and the direction to the camera; 1 is straight into the
+        lens. Default: 0.
     rho2
-        Squared distance from the beam's axis in radii, 0 to 1.
+        Squared distance from the beam's axis in radii, 0 to 1. Default: 0.
     place
-        Returns the position in world space, (3,).
+        Function that returns the position in world space, an Array3f. Default: None, the origin.
     beam
-        The beam, with `identity`: its random number, its number, its generation.
+        The beam; its attribute `identity` holds `random`, `id` and `generation`. Default: None, all of them 0.
     ray
-        The number of the ray, where rays have numbers.
-    fog, context
-        The medium, or None where there is none; what the light's beams have in common.
+        Number of the ray, or None if rays are not numbered.
+    fog
+        The medium, or None if there is none.
+    context
+        The inputs that all beams of a light share, or None for time 0 and light 0 in world space.
+
+    Notes
+    -----
+    A factor of one's own reads these attributes and properties in its method `evaluate`; a `looks.Function` takes them
+    by the names of `looks.INPUTS`. Those that a look does not read are not computed.
+
+    Examples
+    --------
+    >>> at = pb.looks.ShadingContext(distance=2.0, fraction=0.5)
+    >>> round(pb.looks.Expression("1 - s ** 2").evaluate(at)[0], 3)
+    0.75
     """
 
     distance: Any = 0.0
@@ -179,12 +230,12 @@ class ShadingContext:
     context: LightContext | None = None
 
     def own(self, distance: Any, depth: Any) -> ShadingContext:
-        """Return this for a factor whose own distance is another one."""
+        """Return the context of a factor whose own distance and depth are `distance` and `depth`."""
         return replace(self, distance=distance, depth=depth)
 
     @property
     def medium(self) -> Fog:
-        """The fog; raises SceneError where a physical factor meets no medium."""
+        """The fog; raises SceneError if there is none, because a physical factor needs it."""
         if self.fog is None:
             raise SceneError("this look has a physical factor: give estimate() a medium, or set along, eye and angle")
         return self.fog
@@ -196,7 +247,7 @@ class ShadingContext:
 
     @property
     def angle(self) -> Any:
-        """Degrees between the light's direction and that toward the camera: 0 is straight into the lens."""
+        """Angle between the light's direction and that to the camera, in degrees: 0 is straight into the lens."""
         return dr.rad2deg(dr.acos(dr.clip(self.cosine, -1, 1)))
 
     @property
@@ -206,12 +257,12 @@ class ShadingContext:
 
     @property
     def local(self) -> Any:
-        """Position in the light's space: the light looks along −Z."""
+        """Position in the light's space, in which the light looks along −Z."""
         return self.position if self.context is None else self.context.to_local(self.position)
 
     @property
     def time(self) -> Any:
-        """Seconds."""
+        """Time in seconds."""
         return Float(0) if self.context is None else self.context.time
 
     @property
@@ -226,7 +277,7 @@ class ShadingContext:
 
     @property
     def random(self) -> Any:
-        """The beam's random number, 0 to 1: the same in every frame."""
+        """The beam's random number from 0 to 1, the same in every frame."""
         return Float(0) if self.beam is None else self.beam.identity.x
 
     @property
@@ -236,12 +287,12 @@ class ShadingContext:
 
     @property
     def generation(self) -> Any:
-        """How often the light was scattered before: 0 straight from the light."""
+        """Number of times that the light was scattered before; 0 is straight from the light."""
         return Float(0) if self.beam is None else self.beam.identity.z
 
 
 class _Watched:
-    """Stands in for a ShadingContext and remembers which attributes are read."""
+    """A stand-in for a ShadingContext that remembers which attributes are read."""
 
     def __init__(self, at: ShadingContext) -> None:
         self._at, self.asked = at, set[str]()
@@ -252,7 +303,7 @@ class _Watched:
 
 
 def inputs_of(evaluate: Callable[[Any], Any], at: ShadingContext) -> frozenset[str]:
-    """Return the names of the attributes of a ShadingContext that a factor reads."""
+    """Return the names of the `ShadingContext` attributes that a factor reads."""
     watched = _Watched(at)
     evaluate(watched)
     return frozenset(watched.asked)

@@ -1,4 +1,4 @@
-"""Base of everything that looks are built of: arguments are checked, and the repr is the call that made it."""
+"""Base class of factors, profiles and contexts: arguments are checked, and the repr is the constructor's call."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from ..scene import arguments
 
 P = ParamSpec("P")
 
-_MOST_NUMBERS = 12  # of an array that is written out
+_MOST_NUMBERS = 12  # of an array that a repr writes out
 
 
 class Described:
-    """An object whose repr is the call that made it, with its arguments."""
+    """An object whose repr is the call of its constructor, with its arguments."""
 
     _arguments: Mapping[str, Any] = {}
 
@@ -31,7 +31,7 @@ class Described:
 
 
 def constructor(initialize: Callable[P, None]) -> Callable[P, None]:
-    """Decorate the `__init__` of a Described: check its arguments, and keep them for the repr."""
+    """Decorate the `__init__` of a `Described`, so that it checks its arguments and keeps them for the repr."""
     checked, signature = arguments(initialize), inspect.signature(initialize)
 
     @wraps(initialize)
@@ -46,7 +46,7 @@ def constructor(initialize: Callable[P, None]) -> Callable[P, None]:
 
 
 def described(value: Any) -> str:
-    """Return an argument as text, numbers to six digits and long arrays by their shape."""
+    """Return an argument as text: numbers with six digits, long arrays as their shape."""
     if callable(value) and hasattr(value, "__name__"):
         return f"<function {value.__name__}>"
     if isinstance(value, str | Described) or value is None:

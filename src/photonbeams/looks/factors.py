@@ -2,8 +2,8 @@
 
     contribution = power · along(s) · across(ρ) · eye(t) · angle(θ)
 
-A factor takes a `ShadingContext` and returns a number or a colour. Everything is written for Dr.Jit arrays of any
-precision; parameters are opaque, so that changing one does not compile a kernel anew.
+A factor takes a `ShadingContext` and returns a number or a colour. Factors work on Dr.Jit arrays of any precision.
+Their parameters are opaque, so that changing one does not recompile a kernel.
 """
 
 from __future__ import annotations
@@ -21,48 +21,77 @@ from ..scene import SceneError, arguments, shown
 from .context import INPUTS, ShadingContext
 from .described import Described, constructor, described
 
-#: Where the integrand has a corner: the name of an input ("fraction", "distance", "eye", "radius") and its value there.
+#: A corner of the integrand: the name of an input ("fraction", "distance", "eye", "radius") and its value there.
 Corner: TypeAlias = tuple[str, float]
 
-#: What kernels compute: a Dr.Jit number, or a colour, for each lane.
+#: The value of a factor in a kernel: a number or a colour for each lane.
 Value: TypeAlias = Union["Float", "Array3f"]
-#: What stands for a factor: a factor, a number or a colour, an expression's text, or a Python function.
+#: Anything that can be used as a factor: a factor, a number, a colour, an expression's text, or a Python function.
 FactorLike: TypeAlias = Union["Factor", Numbers, str, Callable[..., Any]]
 
 
 class Factor(Described):
-    """One of along, eye and angle, or what modulates a profile. Subclasses answer `evaluate`.
+    """Base of the factors of a look: along, eye, angle, or a factor of a profile. Subclasses implement `evaluate`.
 
-    Factors multiply and add, with each other, with numbers and with colours; see `mix` and `clamp`. Of a Dr.Jit array
-    and a factor the factor comes first.
+    Attributes
+    ----------
+    corners
+        Corners of the factor, as (input, value) pairs: quadrature splits its interval there.
+    rough
+        Whether the factor may have corners that are not in `corners`: quadrature then takes finer steps.
+    wild
+        Whether the factor may be negative or not finite: such values are clamped to light.
+    of_rays
+        Whether the factor depends on which ray is evaluated, as through samples along it.
+
+    Notes
+    -----
+    Factors multiply (`*`) and add (`+`) with each other, with numbers, colours, expressions and functions. See also
+    `mix` and `clamp`. In a product of a factor and a Dr.Jit array, the factor comes first.
+
+    References
+    ----------
+    Nowrouzezahrai, Johnson, Selle, Lacewell, Kaschalk, Jarosz, "A Programmable System for Artistic Volumetric Lighting"
+    (2011).
+
+    Examples
+    --------
+    A factor of one's own:
+
+    >>> class Twinkle(pb.looks.Factor):
+    ...     rough = True
+    ...
+    ...     def evaluate(self, at):
+    ...         return 1 - 0.5 * at.random
+    >>> look = pb.Look(along=Twinkle() * pb.looks.Attenuation())
     """
 
-    # NumPy's arrays leave the product to the factor, rather than make one of each of their entries.
+    # NumPy arrays leave the product to the factor, instead of making one product for each entry.
     __array_ufunc__ = None
 
     #: Where the factor has corners: quadrature splits its interval there.
     corners: tuple[Corner, ...] = ()
-    #: Whether nobody knows its corners: quadrature takes finer steps.
+    #: Whether it may have unknown corners: quadrature takes finer steps.
     rough: bool = False
     #: Whether it may be negative or not finite.
     wild: bool = False
-    #: Whether it knows of each ray what others do not, as what was sampled along it.
+    #: Whether it depends on which ray is evaluated, as through samples along it.
     of_rays: bool = False
 
     def evaluate(self, at: ShadingContext) -> Value:
-        """Return the factor's value: a Float, or an Array3f."""
+        """Return the factor's value, a Float or an Array3f, for the inputs of a shading context `at`."""
         raise NotImplementedError
 
     def split(self, at: ShadingContext) -> tuple[Any, Any]:
-        """Return (value, exponent) with the factor equal to value · exp(exponent).
+        """Return (value, exponent), so that the factor `at` a shading context is value · exp(exponent).
 
-        The exponents of a look are summed before one exponential is taken of them: it is the dearest step of all.
+        The exponents of a look are summed, so that only one exponential is needed, the most expensive operation.
         """
         return self.evaluate(at), 0.0
 
     def __mul__(self, other: FactorLike) -> Factor:
         if getattr(other, "is_profile", False):
-            return NotImplemented  # for the profile's own product
+            return NotImplemented  # the profile has its own product
         return Product((self, factor(other)))
 
     __rmul__ = __mul__
@@ -73,16 +102,56 @@ class Factor(Described):
     __radd__ = __add__
 
     def mix(self, other: FactorLike, amount: FactorLike = 0.5) -> Factor:
-        """Return self · (1 − amount) + other · amount; the amount is a number or a factor itself."""
+        """Return the factor self · (1 − amount) + other · amount.
+
+        Parameters
+        ----------
+        other
+            A factor, or anything that can be used as one.
+        amount
+            A number, or anything that can be used as a factor. Default: 0.5.
+
+        Examples
+        --------
+        >>> warm, cold = pb.looks.Constant([1, 0.7, 0.4]), pb.looks.Constant([0.3, 0.5, 1])
+        >>> along = warm.mix(cold, "smoothstep(0.3, 0.6, s)")
+        """
         return Mix(self, factor(other), factor(amount))
 
     def clamp(self, low: Number = 0.0, high: Number = 1.0) -> Factor:
-        """Return the factor with its values clamped to [low, high]."""
+        """Return the factor with its values clamped to [`low`, `high`], by default to [0, 1]."""
         return Clamp(self, low, high)
 
 
 class Product(Factor):
-    """The product of factors, as the Talk multiplies a colour texture by physical attenuation."""
+    """A product of factors.
+
+    Parameters
+    ----------
+    factors
+        A list or tuple of one or more factors, or of anything that can be used as one.
+
+    Raises
+    ------
+    SceneError
+        If the list is empty, or if a part cannot be used as a factor.
+
+    Notes
+    -----
+    Usually written with `*`.
+
+    References
+    ----------
+    Johnson, Lacewell, Selle, Jarosz, "Gaussian Quadrature for Photon Beams in Tangled" (2011), which multiplies a
+    colour texture by physical attenuation.
+
+    Examples
+    --------
+    >>> product = pb.looks.Power(exponent=1.0) * [1.0, 0.5, 0.25]
+    >>> value = product.evaluate(pb.looks.ShadingContext(distance=1.0))
+    >>> [round(channel[0], 3) for channel in value]
+    [0.5, 0.25, 0.125]
+    """
 
     @arguments
     def __init__(self, factors: Sequence[FactorLike]) -> None:
@@ -109,7 +178,30 @@ class Product(Factor):
 
 
 class Sum(Factor):
-    """The sum of factors."""
+    """A sum of factors.
+
+    Parameters
+    ----------
+    factors
+        A list or tuple of one or more factors, or of anything that can be used as one.
+
+    Raises
+    ------
+    SceneError
+        If the list is empty, or if a part cannot be used as a factor.
+
+    Notes
+    -----
+    Usually written with `+`.
+
+    Examples
+    --------
+    A falloff that does not go to zero:
+
+    >>> total = 0.8 * pb.looks.Power(exponent=2.0) + 0.2
+    >>> round(total.evaluate(pb.looks.ShadingContext(distance=1.0))[0], 3)
+    0.4
+    """
 
     @arguments
     def __init__(self, factors: Sequence[FactorLike]) -> None:
@@ -128,7 +220,32 @@ class Sum(Factor):
 
 
 class Mix(Factor):
-    """first · (1 − amount) + second · amount."""
+    """A mixture of two factors: first · (1 − amount) + second · amount.
+
+    Parameters
+    ----------
+    first, second
+        Factors, or anything that can be used as one.
+    amount
+        A number, or anything that can be used as a factor. Default: 0.5.
+
+    Raises
+    ------
+    SceneError
+        If an argument cannot be used as a factor.
+
+    Notes
+    -----
+    Usually written `first.mix(second, amount)`. An amount outside of 0 to 1 extrapolates; a look clamps negative light
+    to 0.
+
+    Examples
+    --------
+    >>> mixture = pb.looks.Mix([1.0, 0.7, 0.4], [0.3, 0.5, 1.0], amount="s")  # warm at the light, cold at the end
+    >>> value = mixture.evaluate(pb.looks.ShadingContext(fraction=0.5))
+    >>> [round(channel[0], 3) for channel in value]
+    [0.65, 0.6, 0.7]
+    """
 
     @constructor
     def __init__(self, first: FactorLike, second: FactorLike, amount: FactorLike = 0.5) -> None:
@@ -143,19 +260,36 @@ class Mix(Factor):
 
 
 class Clamp(Factor):
-    """A factor's values, clamped to [low, high].
+    """A factor whose values are clamped to [low, high].
+
+    Parameters
+    ----------
+    inner
+        A factor, or anything that can be used as one.
+    low, high
+        Limits. Default: 0 and 1.
 
     Raises
     ------
     SceneError
-        A range that does not ascend.
+        If `low` is greater than `high`, or if `inner` cannot be used as a factor.
+
+    Notes
+    -----
+    Usually written `factor.clamp(low, high)`.
+
+    Examples
+    --------
+    >>> clamped = pb.looks.Clamp("2 * s", high=1.5)
+    >>> round(clamped.evaluate(pb.looks.ShadingContext(fraction=0.9))[0], 3)
+    1.5
     """
 
     @constructor
     def __init__(self, inner: FactorLike, low: Number = 0.0, high: Number = 1.0) -> None:
         least, most = (given_number(each, "a clamp's limit", "a number") for each in (low, high))
         if not least.plain <= most.plain:
-            text = f"a factor is clamped to {shown(low)} to {shown(high)}: expected a range that ascends"
+            text = f"a factor is clamped to {shown(low)} to {shown(high)}: expected low to be at most high"
             raise SceneError(text)
         self._inner, self._low, self._high = factor(inner), least.value, most.value
         _inherit(self, (self._inner,))
@@ -167,10 +301,10 @@ class Clamp(Factor):
 
 
 class Decay(Factor):
-    """A factor exp(exponent). Subclasses answer `exponent`."""
+    """A factor exp(exponent). Subclasses implement `exponent`."""
 
     def exponent(self, at: ShadingContext) -> Value:
-        """Return the exponent, not above 0 in what is not an artist's whim."""
+        """Return the exponent, which is usually 0 or less."""
         raise NotImplementedError
 
     def evaluate(self, at: ShadingContext) -> Value:
@@ -183,12 +317,23 @@ class Decay(Factor):
 
 
 class Constant(Factor):
-    """The same value everywhere: a number or a colour.
+    """A constant number or colour.
+
+    Parameters
+    ----------
+    value
+        One number, or three for a scene-linear colour. Default: 1.
 
     Raises
     ------
     SceneError
-        No number, nor three, or one that is not finite.
+        If the value is neither one nor three finite numbers.
+
+    Examples
+    --------
+    >>> look = pb.Look(along=pb.looks.Constant([1, 0.8, 0.5]) * pb.looks.Attenuation())
+    >>> look.along
+    Constant(value=[1, 0.8, 0.5]) * Attenuation()
     """
 
     @constructor
@@ -203,12 +348,37 @@ class Constant(Factor):
 
 
 class Function(Factor):
-    """Any Python function of Dr.Jit arrays, traced into the kernel.
+    """A factor from a Python function of Dr.Jit arrays, which is traced into the kernel.
 
-    A function of one parameter gets the factor's own input, `argument`; one of several gets the inputs that its
-    parameters name (`INPUTS`: s, distance, r, t, angle, cosine, P, Pl, time, frame, random, id, light, generation); a
-    parameter of the name `at` gets the `ShadingContext` itself. Numbers that the function closes over become part of
-    the kernel: make them `drjit.opaque(...)` values where they change from frame to frame.
+    Parameters
+    ----------
+    function
+        Returns a number or a colour (a Float, an Array3f or a Python number). Its parameters name the inputs that it
+        takes: s, distance, r, t, angle, cosine, P, Pl, time, frame, random, id, light, generation; a parameter `at`
+        takes the `ShadingContext`. A single parameter of any other name, and a single s, r or t, takes the input
+        `argument`.
+    argument
+        Attribute of `ShadingContext` that a function of one parameter takes. Default: "distance".
+
+    Raises
+    ------
+    SceneError
+        If it is not a function, or if one of several parameters is not an input. When the factor is evaluated: if the
+        function fails, or if it returns neither a number nor a colour.
+
+    Notes
+    -----
+    Numbers that the function closes over become part of the kernel: make them `drjit.opaque(...)` values if they change
+    from frame to frame.
+
+    Examples
+    --------
+    >>> import drjit as dr
+    >>> bands = pb.looks.Function(lambda distance: 0.6 + 0.4 * dr.cos(12 * distance))
+    >>> round(bands.evaluate(pb.looks.ShadingContext(distance=0.0)), 3)
+    1.0
+    >>> torn = pb.looks.Function(lambda r, random: dr.select(r < random, 1.0, 0.0))
+    >>> look = pb.Look(across=pb.looks.Uniform() * torn)
     """
 
     rough = wild = True
@@ -229,7 +399,7 @@ class Function(Factor):
         return self.called(*(at if each == "at" else getattr(at, each) for each in self.arguments))
 
     def called(self, *given: Any) -> Any:
-        """Return the function's value for these inputs; SceneError where it fails, or returns no colour."""
+        """Return the function's value for the inputs `given`; raise SceneError if it fails or returns no colour."""
         name = getattr(self._function, "__name__", "function")
         try:
             value = self._function(*given)
@@ -243,7 +413,7 @@ class Function(Factor):
             text = f"returns {dr.width(value)} values for {count}: expected one for each, or one"
             raise SceneError(f"the look's function {name} {text}")
         double = [dr.type_v(each) == dr.VarType.Float64 for each in (value, *given) if dr.is_array_v(each)]
-        if any(double) and dr.is_array_v(value) and not all(double):  # loops keep one precision
+        if any(double) and dr.is_array_v(value) and not all(double):  # loop states must keep one precision
             return Array3f(value) if dr.size_v(value) == 3 else Float(value)
         return value
 
@@ -254,15 +424,15 @@ def _is_colour(value: Any) -> bool:
     return isinstance(value, int | float | np.number)
 
 
-# Inputs that give their name to a function's only parameter; s, r and t are taken for any name of the factor's own.
+# Inputs that a function's only parameter takes by its name; s, r and t are common names for the factor's own input.
 _SPEAKING = frozenset(INPUTS) - {"s", "r", "t"}
 
 
 def _arguments(function: Callable[..., Any], own: str) -> list[str]:
-    """Return the attributes of a ShadingContext that a function's parameters name."""
+    """Return the attributes of `ShadingContext` that a function's parameters name."""
     try:
         parameters = inspect.signature(function).parameters.values()
-    except (TypeError, ValueError):  # as of some built-in functions
+    except (TypeError, ValueError):  # some built-in functions have no signature
         return [own]
     names = [
         p.name for p in parameters if p.default is p.empty and p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD)
@@ -278,19 +448,19 @@ def _arguments(function: Callable[..., Any], own: str) -> list[str]:
 
 
 def factor(value: FactorLike, argument: str = "distance", name: str = "a factor") -> Factor:
-    """Return `value` as a factor: a Factor, a number, a colour, an expression's text, or a Python function."""
+    """Return a factor, a number, a colour, an expression's text, or a Python function as a factor."""
     if isinstance(value, Factor):
         return value
     if isinstance(value, type):
-        raise SceneError(f"{name} is the class {value.__name__}: expected one of it, {value.__name__}(...)")
+        raise SceneError(f"{name} is the class {value.__name__}: expected an instance, {value.__name__}(...)")
     if isinstance(value, str):
-        from .patterns import Expression  # which is a factor itself
+        from .patterns import Expression  # a factor itself, whose module imports this one
 
         return Expression(value)
     if callable(value):
         return Function(value, argument)
     if getattr(value, "is_profile", False):
-        raise SceneError(f"{name} is a profile, {shown(value)}: expected a factor, for profiles belong across the beam")
+        raise SceneError(f"{name} is a profile, {shown(value)}: expected a factor; profiles belong across the beam")
     expected = "a factor, a number, a colour, an expression or a function"
     given(value, name, expected)
     return Constant(value)
@@ -299,7 +469,7 @@ def factor(value: FactorLike, argument: str = "distance", name: str = "a factor"
 def _factors(values: Sequence[FactorLike], name: str) -> tuple[Factor, ...]:
     """Return the parts of a sum or a product as factors."""
     if not isinstance(values, list | tuple) or not values:
-        raise SceneError(f"{name} of factors is {shown(values)}: expected a list or a tuple of one or more")
+        raise SceneError(f"{name} of factors is {shown(values)}: expected a list or tuple of one or more")
     return tuple(factor(each, name=f"a part of {name}") for each in values)
 
 

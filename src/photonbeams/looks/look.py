@@ -1,4 +1,4 @@
-"""A look: the four factors together, and bound to a medium so that estimators can call it."""
+"""A look: the four factors of a beam, and their form that is bound to a medium, which estimators evaluate."""
 
 from __future__ import annotations
 
@@ -17,61 +17,78 @@ from .angle import Scattering
 from .context import OF_BEAMS, OF_PLACES, OF_RADII, Fog, LightContext, ShadingContext, inputs_of
 from .factors import Constant, Corner, Factor, FactorLike, factor
 
-#: Two corners of a space.
+#: Two opposite corners of a box.
 Box = tuple[Any, Any]
 
 # Lines over which the factors' rates of change are measured, and samples on each.
 _LINES, _SAMPLES = 8, 512
 
-# Fraction of a line's samples whose curvature counts, and curvature below which it is rounding: float32 holds values to
+# Quantile of a line's curvatures that counts, and the curvature below which it is rounding: float32 holds values to
 # 6e-8, and second differences over 1/511 multiply that by a million.
 _BENT, _ROUNDING = 0.97, 1.0
 
-# How much the factors may change, in units of their largest value, over a piece of a chord, and in how many pieces it
-# is cut for that. On an exponential six points err by 1e-5 over a change of 8. What changes in space goes up and down:
-# a wave of amplitude a changes by 4 within 4/√a radians, on which six points err by less than 1e-3.
+# How much the factors may change over a piece of a chord, in units of their largest value, and the greatest number of
+# pieces. On an exponential, six points err by 1e-5 over a change of 8. Factors of space go up and down: a wave of
+# amplitude a changes by 4 within 4/√a radians, over which six points err by less than 1e-3.
 _CHANGE, _CUTS = 8.0, 4
 _CHANGE_OF_PLACES, _CUTS_OF_PLACES = 2.0, 64
 
-#: A look with more corners than this is taken for a smooth curve: each costs every chord a comparison.
+#: A look with more corners than this is treated as a smooth curve, since each corner costs every chord a comparison.
 MOST_CORNERS = 12
 
-# Products of more leave float32, once they are multiplied by a beam's power and its kernel.
+# Larger products leave float32's range once they are multiplied by a beam's power and its kernel.
 _MOST = 1e18
 
-# Inputs that are the same along a ray's chord in a beam.
+# Inputs that are constant along a ray's chord in a beam.
 _OF_RAYS = OF_BEAMS | {"cosine", "angle", "medium", "fog", "context", "time", "frame", "light", "beam"}
 
 
 class Look:
-    """How beams look: a product of four factors, each physical unless given.
+    """The appearance of beams: a product of four factors, each of them physical unless it is given.
 
     Parameters
     ----------
     along
-        Colour along the beam. Physical: `Attenuation()`. Factors multiply: `ColorRamp(...) * Attenuation()`.
+        Colour along the beam, from the light to its end. Factors multiply: `ColorRamp(...) * Attenuation()`.
+        Default: `looks.Attenuation()`.
     across
-        Profile over the cross-section, default `Epanechnikov()`; what is multiplied to it may depend on everything.
+        Profile over the cross-section. A factor that is multiplied to it may depend on any input.
+        Default: `looks.Epanechnikov()`.
     eye
-        Change toward the camera. Physical: `Attenuation()`.
+        Change toward the camera. Default: `looks.Attenuation()`.
     angle
-        View-angle shading. Physical: `Scattering()`, σs times the phase function.
-
-    Each may be a factor of this package, a number or colour, an expression's text, or a Python function of Dr.Jit
-    arrays: of the distance from the light (along), of ρ (across), of the distance to the camera (eye), of the
-    scattering angle's cosine (angle), or of the inputs that its parameters name (`Function`).
-
-    Numbers may be Dr.Jit arrays with gradients enabled: what `estimate` returns is then attached to them.
+        View-angle shading. Default: `looks.Scattering()`, the scattering coefficient times the phase function.
 
     Raises
     ------
     SceneError
-        What stands for no factor, or for no profile.
+        If an argument cannot be used as a factor or as a profile, or if the profile has no light.
+
+    Notes
+    -----
+    A beam contributes power · along(s) · across(ρ) · eye(t) · angle(θ), where s is the distance from the light, ρ the
+    distance from the axis in radii, t the distance to the camera, and θ the angle between the light's direction and
+    that to the camera.
+
+    Each factor may be a factor of `photonbeams.looks`, a number, a colour, the text of an expression, or a Python
+    function of Dr.Jit arrays. A function of one parameter takes the distance from the light (along), ρ (across), the
+    distance to the camera (eye) or the cosine of θ (angle); a function of several parameters takes the inputs that they
+    name: see `looks.Function`.
+
+    Numbers may be Dr.Jit arrays with gradients enabled; the result of `estimate` is then attached to them.
+
+    References
+    ----------
+    Nowrouzezahrai, Johnson, Selle, Lacewell, Kaschalk, Jarosz, "A Programmable System for Artistic Volumetric Lighting"
+    (2011).
 
     Examples
     --------
-    >>> import photonbeams as pb
-    >>> look = pb.Look(along=pb.looks.ColorRamp([0, 1], [[1, 0.9, 0.6], [0.8, 0.1, 0]]) * pb.looks.Attenuation())
+    >>> ramp = pb.looks.ColorRamp([0, 1], [[1, 0.9, 0.6], [0.8, 0.1, 0]])
+    >>> pb.Look(along=ramp * pb.looks.Attenuation(), across=pb.looks.Gaussian(0.4)).across
+    Gaussian(width=0.4)
+    >>> pb.Look(along="1 - s", eye=1.0)
+    Look(along=Expression(text='1 - s'), across=Epanechnikov(), eye=Constant(value=1), angle=Scattering())
     """
 
     @arguments
@@ -85,7 +102,7 @@ class Look:
         self.along: Factor = Attenuation() if along is None else factor(along, name="along")
         profile = _profile(across)
         self.across: Across = profile.profile if isinstance(profile, Modulated) else profile
-        _ = self.across.scale  # a profile without a sum is an error now, not in a kernel
+        _ = self.across.scale  # raises the error of a profile without light now, not in a kernel
         self.modulation: Factor | None = profile.factor if isinstance(profile, Modulated) else None
         self.eye: Factor = Attenuation() if eye is None else factor(eye, "to_camera", "eye")
         self.angle: Factor = Scattering() if angle is None else factor(angle, "cosine", "angle")
@@ -101,14 +118,31 @@ class Look:
         context: LightContext | None = None,
         box: Box = ((-1.0,) * 3, (1.0,) * 3),
     ) -> BoundLook:
-        """Return the look in this medium, for beams and rays of at most `reach` scene units.
+        """Return the look in a medium, in the form that estimators evaluate.
 
-        `context` is what the beams of a light have in common, `box` two corners of the space that they are in.
+        Parameters
+        ----------
+        medium
+            The fog, or None if no factor needs one.
+        reach
+            Greatest length of the light paths, in scene units.
+        context
+            What the beams of a light have in common: time, number and space of the light. Default: frame 0, light 0 in
+            world space.
+        box
+            Two opposite corners of the box that contains the beams, in world space. Default: from −1 to 1.
 
         Raises
         ------
         SceneError
-            A factor that is not a number or a colour, or is not finite somewhere.
+            If a factor needs a medium and there is none, if it is neither a number nor a colour, or if it is not finite
+            somewhere.
+
+        Examples
+        --------
+        >>> bound = pb.Look(along="1 - s").bind(pb.Medium(0.1), reach=4.0)
+        >>> round(bound.along(distance=1.0, depth=1.0, fraction=0.25)[0], 3)
+        0.75
         """
         if medium is not None and not isinstance(medium, Medium | Fog):
             raise SceneError(f"medium is {shown(medium)}: expected a Medium, a looks.Fog or None")
@@ -123,30 +157,59 @@ def _profile(value: AcrossLike | None) -> Across | Modulated:
 
 
 class BoundLook:
-    """A look in a medium: what estimators evaluate.
+    """A look in a medium, in the form that estimators evaluate. `Look.bind` makes it.
+
+    Parameters
+    ----------
+    look
+        The look.
+    fog
+        The medium, or None if no factor needs one.
+    reach
+        Greatest length of the light paths, in scene units.
+    context
+        What the beams of a light have in common, or None for the defaults.
+    box
+        Two opposite corners of the box that contains the beams, in world space.
 
     Attributes
     ----------
     profile
         The profile across the beam.
     uses
-        What the factors ask of `ShadingContext`, save for distances.
+        Names of the `ShadingContext` attributes that the factors read.
     by_radius
-        Whether factors change with ρ: the billboard has to project them with the profile.
+        Whether factors change with ρ; if so, the billboard has to project them together with the profile.
     of_beams
-        Whether they ask for a beam's number, random number or generation.
+        Whether factors read a beam's `random`, `id` or `generation`.
+    of_places
+        Whether factors read positions.
     rate_along, rate_fraction, rate_eye, rate_place, rate_radius
-        How fast the factors change: largest slope over largest value, per scene unit of beam, per fraction of the
-        beam, per scene unit of ray, per scene unit of space, and per radius. The billboard replaces a factor by its
-        value at one point, but for the radius; these tell over which chords it may.
+        How fast the factors change: the largest slope over the largest value, per scene unit along the beam, per
+        fraction of the beam, per scene unit along the ray, per scene unit of space, and per radius. The billboard
+        replaces a factor by its value at one point (except over the radius); the rates say for which chords it may.
     change, cuts
-        How much they may change over a piece of a chord, and in how many pieces it may be cut for that.
+        How much the factors may change over a piece of a chord, and the greatest number of pieces of a chord.
     corners
-        Where the integrand has corners.
+        Names of inputs, and their values at which the integrand has corners.
     smooth
-        Whether all factors are smooth: none is noise, an expression, or changes in space or with ρ.
+        Whether all factors are smooth: none of them is noise or an expression, or changes in space or with ρ.
     attached
         Whether factors or the profile are attached to the AD graph.
+
+    Raises
+    ------
+    SceneError
+        If a factor needs a medium and there is none, if it is neither a number nor a colour, or if it is not finite
+        somewhere.
+
+    Examples
+    --------
+    >>> bound = pb.Look(eye="1 - 0.1 * t").bind(pb.Medium(0.1), reach=4.0)
+    >>> round(bound.eye(distance=2.0, depth=2.0)[0], 3)
+    0.8
+    >>> bound.smooth  # an expression may have steps
+    False
     """
 
     def __init__(self, look: Look, fog: Fog | None, reach: float, context: LightContext | None, box: Box) -> None:
@@ -162,7 +225,7 @@ class BoundLook:
                 dr.grad_enabled(each.evaluate(probe)) for each in self._factors().values()
             )
         asked = {slot: inputs_of(each.evaluate, probe) for slot, each in self._factors().items()}
-        self._turning = not asked["angle"] <= _OF_RAYS  # the angle's factor changes along a ray
+        self._turning = not asked["angle"] <= _OF_RAYS  # whether the angle's factor changes along a ray
         self.uses = frozenset().union(*asked.values())
         self.by_radius, self.of_beams = bool(self.uses & OF_RADII), bool(self.uses & OF_BEAMS)
         self.of_places = bool(self.uses & OF_PLACES)
@@ -176,7 +239,7 @@ class BoundLook:
 
     @property
     def rings(self) -> tuple[float, ...]:
-        """The ρ below 1 at which the profile or a factor has a corner."""
+        """Values of ρ below 1 at which the profile or a factor has a corner."""
         own = [place for name, place in self.corners if name == "radius" and 0 < place < 1]
         return (*self.profile.corners, *own[:MOST_CORNERS])
 
@@ -185,13 +248,22 @@ class BoundLook:
         return {"along": look.along, "across": self._modulation, "eye": look.eye, "angle": look.angle}
 
     def at(self, **where: Any) -> ShadingContext:
-        """Return a shading context in this medium and light context."""
+        """Return a shading context in this medium and light context; `where` are the other attributes."""
         return ShadingContext(fog=self._fog, context=self._context, **where)
 
     def light(self, at: ShadingContext, reach_depth: Any) -> Any:
-        """Return all factors that may change along a ray, but the profile; `reach_depth` is the depth toward the eye.
+        """Return the product of all factors that may change along a ray, except for the profile.
 
-        `at` has the light's distance and depth as its own. Light is neither negative nor endless.
+        Parameters
+        ----------
+        at
+            The shading context, whose own distance and depth are those from the light.
+        reach_depth
+            Distance in the medium toward the camera.
+
+        Returns
+        -------
+        The product, a Float or an Array3f: finite, and not negative.
         """
         light = self._light(at, reach_depth)
         return _tamed(light) if self._wild else light
@@ -209,9 +281,10 @@ class BoundLook:
         return light * dr.exp(fading + dimming)
 
     def turned(self, cosine: Any, beam: Any = None) -> Any:
-        """Return the view-angle shading for the cosine between the light's direction and that to the camera.
+        """Return the view-angle shading where it is constant along a ray, else 1: then `light` includes it.
 
-        1 where it changes along a ray: `light` has it then.
+        `cosine` is that of the angle between the light's direction and the direction to the camera; `beam` is the beam,
+        for factors that read its `identity`.
         """
         if self._turning:
             return Float(1)
@@ -219,29 +292,47 @@ class BoundLook:
         return _tamed(value) if self._look.angle.wild else value
 
     def factor(self, slot: str, at: ShadingContext, **where: Any) -> Any:
-        """Return one factor ("along", "across", "eye", "angle") at a place; of "across" what modulates the profile."""
+        """Return one factor at a shading context.
+
+        Parameters
+        ----------
+        slot
+            "along", "across", "eye" or "angle"; for "across", the factor that modulates the profile.
+        at
+            The shading context.
+        **where
+            Attributes of the context to replace.
+        """
         return self._factors()[slot].evaluate(replace(at, **where))
 
     def along(self, distance: Any, depth: Any, fraction: Any) -> Any:
-        """Return the colour at a distance from the light, `depth` of it in the medium."""
+        """Return the factor along the beam.
+
+        Parameters
+        ----------
+        distance, depth
+            Distance from the light, and the part of it in the medium, in scene units.
+        fraction
+            Distance from the light as a fraction of the whole light path.
+        """
         return self._look.along.evaluate(
             self.at(distance=distance, depth=depth, from_light=distance, fraction=fraction)
         )
 
     def eye(self, distance: Any, depth: Any) -> Any:
-        """Return the change over a distance to the camera, `depth` of it in the medium."""
+        """Return the factor over a `distance` to the camera, of which `depth` is in the medium (scene units)."""
         return self._look.eye.evaluate(self.at(distance=distance, depth=depth, to_camera=distance))
 
     def angle(self, cosine: Any) -> Any:
-        """Return the view-angle shading for the cosine between the light's direction and that to the camera."""
+        """Return the view-angle shading for the `cosine` between the light's direction and that to the camera."""
         return self._look.angle.evaluate(self.at(cosine=cosine))
 
     # -- How fast it changes ------------------------------------------------------------------------------------------
 
     def _probe(self, width: int, box: Box) -> ShadingContext:
-        """Return a place for each of _LINES lines, `width` times, at the light and at the camera.
+        """Return a shading context for each of _LINES lines, `width` times, with all distances 0.
 
-        Fractions and all that does not change along a ray are spread over what they can be.
+        Fractions, and the inputs that are constant along a ray, are spread over their ranges.
         """
         spread = (np.arange(_LINES) + 0.5) / _LINES
         rng = np.random.default_rng(0)
@@ -260,7 +351,7 @@ class BoundLook:
         )  # fmt: skip
 
     def _measure(self, reach: float, box: Box) -> None:
-        """Measure the rates, and check that all factors are colours everywhere."""
+        """Measure the rates, and check that all factors are finite everywhere."""
         probe = self._probe(_SAMPLES, box)
         steps = np.tile(np.linspace(0, 1, _SAMPLES), _LINES)
         distances, unit = to_float(steps * reach), to_float(steps)
@@ -283,17 +374,19 @@ class BoundLook:
             size = max(float(np.linalg.norm(high - low)), 1e-6)
             axes = np.repeat(np.random.default_rng(1).normal(size=(_LINES, 3)), _SAMPLES, axis=0)
             axes /= np.linalg.norm(axes, axis=1, keepdims=True)
-            # Steps as fine as noise needs, wherever in the box: one that is smaller than these changes endlessly fast.
+            # Lines cross the box in any direction. Noise that is finer than their steps counts as changing at the rate
+            # of one step.
             offset = to_vectors(axes * (steps[:, None] - 0.5) * size)
             start = probe.position
             moved = replace(probe, place=lambda: start + offset)
             self.rate_place = dr.opaque(Float, self._rate(moved, Float(0)) / size)
 
     def _rate(self, at: ShadingContext, reach_depth: Any) -> float:
-        """Return the look's rate of change over the unit interval: its slope, or the root of its curvature.
+        """Return the look's rate of change over the unit interval: its slope or the square root of its curvature.
 
-        Both relative to the largest value, and equal for an exponential. A faint wave has little slope; what the
-        billboard errs by is its curvature. Corners, of which there are few, are left to the slope.
+        Both are relative to the largest value, and equal for an exponential. A faint wave has little slope, but the
+        billboard's error depends on its curvature. The curvature of corners, of which there are few, is ignored in
+        favour of the slope.
         """
         width = _LINES * _SAMPLES
         values = np.asarray(dr.zeros(Float, width) + self._light(at, reach_depth) * Array3f(1), dtype=np.float64)
@@ -310,7 +403,7 @@ class BoundLook:
         return float(max(slope, np.sqrt(bends) if bends > _ROUNDING else 0.0))
 
     def _complain(self, at: ShadingContext, reach_depth: Any) -> None:
-        """Raise SceneError for the factor that is not finite."""
+        """Raise SceneError with the name of the factor that is not finite, or say that their product is too large."""
         for slot, each in self._factors().items():
             here = at.own(at.to_camera, reach_depth) if slot == "eye" else at
             if not bool(dr.all(dr.isfinite(dr.sum(each.evaluate(here) * Array3f(1))))):
@@ -319,12 +412,12 @@ class BoundLook:
 
 
 def _tamed(value: Any) -> Any:
-    """Return a value clamped to light: not negative, and finite."""
+    """Return a value, 0 where it is negative or not finite."""
     return dr.select(dr.isfinite(value), dr.maximum(value, 0), 0)
 
 
 class _Sample:
-    """Stands for a beam where the rates are measured."""
+    """Stands in for a beam while the rates are measured."""
 
     def __init__(self, identity: Any) -> None:
         self.identity = identity

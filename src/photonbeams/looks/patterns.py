@@ -18,10 +18,33 @@ NoiseSpace = Literal["world", "light"]
 
 
 class Expression(Factor):
-    """An artist's expression, such as `smoothstep(0, 1, s) * (0.6 + 0.4 * noise(4 * P + time))`.
+    """A factor from an expression, such as `smoothstep(0, 1, s) * (0.6 + 0.4 * noise(4 * P + time))`.
 
-    Its value is not below 0, and finite whatever the line says. `looks.expression` tells the language, and raises
-    ExpressionError, a SceneError that names the column, for what is no expression.
+    Parameters
+    ----------
+    text
+        The expression. It may use numbers, operators, comparisons, `a if c else b`, vectors `[x, y, z]`, the inputs
+        s, distance, r, t, angle, cosine, P, Pl, time, frame, random, id, light and generation, and functions such as
+        mix, smoothstep, pulse, noise and fbm.
+
+    Raises
+    ------
+    ExpressionError
+        If the text is not an expression; the message names the column. It is a SceneError.
+
+    Notes
+    -----
+    The value is finite, and not below 0, for any text and any inputs. The text is never run as Python. The functions
+    are those of SeExpr and GLSL; `photonbeams.looks.expression.describe()` lists inputs and functions.
+
+    Wherever a factor is expected, the text alone is enough: `pb.Look(along="1 - s")`.
+
+    Examples
+    --------
+    >>> glow = pb.looks.Expression("[1, 0.8, 0.5] * (1 - s)")
+    >>> value = glow.evaluate(pb.looks.ShadingContext(fraction=0.5))
+    >>> [round(channel[0], 3) for channel in value]
+    [0.5, 0.4, 0.25]
     """
 
     rough = True
@@ -38,29 +61,47 @@ class Expression(Factor):
 
 
 class Noise(Factor):
-    """Dust and wisps: 1 + amount · contrast · (2 fbm − 1), not below 0; about 1 in the mean.
+    """Dust and wisps in space: 1 + amount · contrast · (2 fbm − 1), clamped to 0 or more; the mean is about 1.
 
     Parameters
     ----------
     amount
-        How much of it, 0 to 1.
+        Strength of the noise, 0 to 1. Default: 1.
     scale
-        Size of the largest wisps in scene units.
+        Size of the largest wisps in scene units. Default: 1.
     octaves
-        How often there are finer ones in them, 1 to 8; their number is part of the kernel.
+        Number of octaves, 1 to 8; each has finer wisps than the one before. Default: 4.
     contrast
-        From soft to torn: at 2 a tenth of the space is dark.
+        Contrast of the wisps, 0 or more, from soft to torn: at 2, a tenth of the space is dark. Default: 2.
     drift
-        How the wisps move, scene units a second.
+        (3,) velocity of the wisps in scene units per second. Default: none.
     evolution
-        How often they change into others within a second.
+        How many times per second the wisps change into others. Default: 0.
     space
-        Whether they stand in the "world" or go with the "light".
+        "world" if the wisps stay in the world (the default), "light" if they move with the light.
 
     Raises
     ------
     SceneError
-        A number outside of its range, or not finite; an unknown space.
+        If a number is out of range or not finite, or if the space is unknown.
+
+    Notes
+    -----
+    fbm is fractional Brownian motion: a sum over octaves of gradient noise after Perlin. The number of octaves is part
+    of a kernel; all other numbers are not.
+
+    References
+    ----------
+    Perlin, "Improving Noise" (2002).
+
+    Examples
+    --------
+    >>> import drjit as dr
+    >>> from photonbeams.runtime.device import Array3f
+    >>> points = Array3f(np.random.default_rng(0).uniform(0, 10, (3, 10000)))
+    >>> dust = pb.looks.Noise(scale=0.5).evaluate(pb.looks.ShadingContext(place=lambda: points))
+    >>> abs(dr.mean(dust)[0] - 1) < 0.1, dr.min(dust)[0]
+    (True, 0.0)
     """
 
     @constructor
@@ -95,18 +136,35 @@ class Noise(Factor):
         """Return the noise."""
         point = at.local if self._space == "light" else at.position
         moved = (point - self._drift * at.time) * self._rate
-        # The fourth dimension doubles the work, so noise that only drifts has three.
+        # The fourth dimension doubles the work, so noise that does not evolve has three.
         time = None if self._still else self._evolution * at.time
         return dr.maximum(dr.fma(self._gain, 2 * fbm(moved, self._octaves, time=time) - 1, 1), 0)
 
 
 class Variation(Factor):
-    """Variation of brightness between beams: 1 + amount · (2 random − 1), each beam the same in all frames.
+    """Variation of brightness between beams: 1 + amount · (2 random − 1), the same for a beam in all frames.
+
+    Parameters
+    ----------
+    amount
+        Greatest relative change of a beam's brightness, 0 to 1. Default: 0.5.
 
     Raises
     ------
     SceneError
-        An amount that is not 0 to 1.
+        If the amount is not 0 to 1.
+
+    Examples
+    --------
+    Two beams, one dimmed by 40 % and one brightened by 40 %:
+
+    >>> beams = pb.Beams([[0, 0, 0]] * 2, [[0, 0, 4]] * 2, 0.1, 0.5, power=[9, 9, 9], random=[0, 1])
+    >>> look = pb.Look(along=pb.looks.Variation(0.4), eye=1.0, angle=1.0)
+    >>> dim, bright = (
+    ...     pb.estimate(beam, [-3, 0, 2], [1, 0, 0], look=look).numpy()[0] for beam in (beams[0], beams[1])
+    ... )
+    >>> round(float(bright / dim), 3)  # 1.4 / 0.6
+    2.333
     """
 
     @constructor

@@ -1,4 +1,4 @@
-"""Texts of expressions as Python's trees: refused before Python reads them where no expression can look like that."""
+"""Expressions as Python syntax trees. Texts that cannot be expressions are refused before Python's parser sees them."""
 
 from __future__ import annotations
 
@@ -12,16 +12,24 @@ DEEPEST = 64  # parts within parts
 
 
 class ExpressionError(SceneError):
-    """An expression that cannot be read. As text it is one sentence for the artist.
+    """An expression is wrong. The error's text is one sentence for the artist. It is a `SceneError`.
 
     Attributes
     ----------
     text
         The expression.
     column
-        Where, counted from 1.
+        Column of the mistake, counted from 1.
     reason
         What is wrong there, and what was expected.
+
+    Examples
+    --------
+    >>> try:
+    ...     pb.looks.Expression("1 - rr")
+    ... except pb.looks.ExpressionError as error:
+    ...     print(f"column {error.column}: {error.reason.split(':')[0]}")
+    column 5: rr is not a name
     """
 
     def __init__(self, text: str, column: int, reason: str) -> None:
@@ -41,7 +49,7 @@ def excerpt(text: str, column: int, width: int = 60) -> str:
 
 _PUNCTUATION = frozenset("_+-*/%.,()[]<>=! ")
 EXPECTED = "expected numbers, names, operators and functions"
-#: What other languages write, and what is expected here.
+#: Characters of other languages, and what is expected instead.
 _FOREIGN = {
     "^": "expected ** for powers",
     "&": "expected and",
@@ -55,8 +63,8 @@ _FOREIGN = {
     "\r": "expected a single line",
     "\t": "expected spaces",
     "#": "expected no comments",
-    "'": "expected numbers, for there are no strings",
-    '"': "expected numbers, for there are no strings",
+    "'": "expected numbers, since there are no strings",
+    '"': "expected numbers, since there are no strings",
     "{": "expected round or square brackets",
     "}": "expected round or square brackets",
 }
@@ -64,7 +72,7 @@ _CLOSING = {")": "(", "]": "["}
 
 
 def _check_characters(text: str) -> None:
-    """Refuse what no expression holds before Python's parser sees it: its bounds are not an artist's."""
+    """Refuse texts that cannot be expressions before Python's parser sees them, since its limits are others."""
     if not text:
         raise ExpressionError(text, 1, "there is nothing: expected an expression, such as 1 - s")
     if len(text) > LONGEST:
@@ -88,7 +96,7 @@ def _check_characters(text: str) -> None:
 
 
 def tree(text: str) -> ast.expr:
-    """Return Python's reading of the text; raises ExpressionError where it is no expression."""
+    """Return the syntax tree of a text; raise ExpressionError if it is not an expression."""
     _check_characters(text)
     try:
         with warnings.catch_warnings():
@@ -107,5 +115,5 @@ def tree(text: str) -> ast.expr:
 
 
 def too_deep() -> str:
-    """Return what is wrong with parts within parts within parts."""
+    """Return the reason of the error for too many levels of nesting."""
     return f"parts are nested too deep: expected at most {DEEPEST} within each other"
