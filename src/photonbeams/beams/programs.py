@@ -91,10 +91,10 @@ def chain(*modifiers: Modifier) -> Modifier:
 
     Examples
     --------
-    >>> warmer = pb.chain(pb.recolor((1, 0.8, 0.5)), pb.clamp(power=3))
+    >>> warmer = pb.chain(pb.recolor((1, 0.75, 0.5)), pb.clamp(power=3))
     >>> beams = pb.Beams([[0, 0, 0]], [[0, 0, 4]], 0.1, 0.5, power=[9, 9, 9])
     >>> warmer(beams, pb.PassContext()).arrays()["power"].round(3).tolist()
-    [[3.0, 2.4, 1.5]]
+    [[3.0, 2.25, 1.5]]
     """
 
     def all_of_them(beams: Beams, context: PassContext) -> Beams:

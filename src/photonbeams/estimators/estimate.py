@@ -63,43 +63,66 @@ def estimate(
     Parameters
     ----------
     beams
-        The beams.
-    origin, direction
-        (..., 3), of any leading shape, such as (N, 3) or (H, W, 3); directions need not be of unit length, distances
-        are in scene units.
-    t_max, t_min
-        (...) distance to the first surface, and to where the medium begins. Default: no surface, 0.
-    look, medium
-        Default look: physical. A medium is needed where the look has a physical factor.
+        The beams. Where they move, the beams at shutter open.
+    origin
+        (..., 3) origins of the rays in scene units, of any leading shape, such as (N, 3) or (H, W, 3).
+    direction
+        (..., 3) directions of the rays, toward the scene, of any length above 0.
+    t_max
+        (...) distance along each ray to the first surface, in scene units. Default: there is no surface.
+    look
+        The look of all beams. Default: `Look()`, which is physical.
+    medium
+        The fog; needed if the look has a physical factor. Default: None.
     estimator
-        "billboard" (Beam × Beam 1D), "frustum" (2D) or "auto", their blend.
+        "billboard" (beam × beam 1D), "frustum" (beam × beam 2D), or "auto", which blends both: the frustum takes over
+        near a beam's wall and ends, and where factors or radius vary over the ray's chord. Default: "auto".
     rule
-        Quadrature of the frustum, `gauss_legendre(6)` unless given.
-    close, time
-        Where beams move: the same beams at shutter close (`beams` being those at shutter open), and (...) times of the
-        rays, 0 at shutter open and 1 at shutter close. In between all numbers of a beam are interpolated linearly.
+        Quadrature of the frustum. Default: `gauss_legendre(6)`.
+    t_min
+        (...) distance along each ray to the point where the medium begins, in scene units. Default: 0.
+    close
+        The same beams at shutter close, if they move; all numbers of a beam are interpolated linearly over time.
+        Default: beams do not move.
+    time
+        (...) times of the rays, from 0 at shutter open to 1 at shutter close; needed with `close`.
     context
-        For looks that ask for it: the time, and the number and the space of the beams' light.
+        Time, number and space of the beams' light, for looks that read them. Default: time 0 and light 0 in world
+        space.
 
     Returns
     -------
     TensorXf
         (..., 3) radiances, a Dr.Jit tensor: `.numpy()` or `numpy.asarray` make a NumPy array of it. Leading shapes are
-        broadcast as NumPy does. It has derivatives where numbers of the beams, of a `looks.Fog`, of the look or of
+        broadcast as in NumPy. The result has derivatives if numbers of the beams, of a `looks.Fog`, of the look or of
         the rays have gradients enabled.
 
     Raises
     ------
     SceneError
-        What is no beams, look, medium or rule; an unknown estimator; numbers or shapes that rays cannot have; a
-        physical look without a medium.
+        If an argument has the wrong type, if the estimator is unknown, if rays have numbers or shapes that do not fit,
+        if `close` does not match `beams`, if a physical look has no medium, or if derivatives need more pairs of rays
+        and beams than the memory holds (16 million, or fewer for looks that change in space or over the radius).
+
+    Notes
+    -----
+    The estimators are those of Jarosz et al.; the frustum's integral along a ray's chord is computed by Gauss–Legendre
+    quadrature (Johnson et al., equations 1 and 2). Derivatives are those of the frustum, by twelve points over each
+    chord or more, whatever the estimator.
+
+    References
+    ----------
+    Johnson, Lacewell, Selle, Jarosz, "Gaussian Quadrature for Photon Beams in Tangled" (2011). Jarosz, Nowrouzezahrai,
+    Sadeghi, Jensen, "A Comprehensive Theory of Volumetric Radiance Estimation using Photon Points and Beams" (2011).
 
     Examples
     --------
-    >>> import photonbeams as pb
-    >>> beams = pb.Beams([[0, 0, 0]], [[0, 0, 4]], 0.1, 0.5, [[9, 9, 9]])
-    >>> pb.estimate(beams, [-3, 0, 2], [1, 0, 0], medium=pb.Medium(0.1)).shape
-    (3,)
+    One ray through the axis of a beam, and one beside it:
+
+    >>> beams = pb.Beams([[0, 0, 0]], [[0, 0, 4]], 0.1, 0.5, power=[9, 9, 9])
+    >>> radiance = pb.estimate(beams, [[-3, 0, 2], [-3, 1, 2]], [1, 0, 0], medium=pb.Medium(scattering=0.1))
+    >>> np.asarray(radiance, dtype=float).round(3).tolist()
+    [[0.123, 0.123, 0.123], [0.0, 0.0, 0.0]]
     """
     for value, name, kinds in (
         (beams, "beams", (Beams,)),

@@ -13,11 +13,46 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class DrawnBeams:
-    """Beams that are given, not traced: `start` and `end` (N, 3), `radius_start` and `radius_end` (N,), `power` (N, 3).
+    """Beams of a scene that are given and not traced from a light, such as drawn curves.
 
-    The other arrays are as `Beams` has them, or None: pieces of curves have `offset` and `total` (N,), by which
-    falloffs run over the whole curve, `start_tangent` and `end_tangent` (N, 3), by which they are joined, and one `id`,
-    the number of their curve.
+    Attributes
+    ----------
+    name
+        Path of the curves, or any other name.
+    start, end
+        (N, 3) positions of the two ends in scene units.
+    radius_start, radius_end
+        (N,) radii at the two ends in scene units.
+    power
+        (N, 3) RGB flux.
+    group
+        Light group, or "" (the default).
+    look
+        The look of the beams. Default: None, the physical look.
+    offset, total
+        (N,) distance along the whole curve at which each beam begins, and the length of the whole curve, in scene
+        units: falloffs run over the whole curve.
+    entry
+        (N,) distance along the light path to the point where the medium begins, in scene units.
+    end_normal
+        (N, 3) normals of the surfaces that stopped the beams.
+    start_tangent, end_tangent
+        (N, 3) directions of the light at the two ends, by which pieces of a curve are joined.
+    power_end
+        (N, 3) RGB flux at the end, where the power changes along a beam.
+    random, id, generation
+        (N,) inputs of looks: a random number, a number for each curve, and how often the light was scattered before.
+
+    Notes
+    -----
+    Arrays that are None have the defaults of `Beams`.
+
+    Examples
+    --------
+    >>> points = np.array([[0, 0, 0], [0, 1, 0], [1, 1, 0]])
+    >>> drawn = pb.DrawnBeams(name="/Corner", group="lines", **pb.curved(points, 0.05, (1, 1, 1)).arrays())
+    >>> len(drawn.start), drawn.total.tolist()
+    (2, [2.0, 2.0])
     """
 
     name: str
@@ -40,7 +75,7 @@ class DrawnBeams:
     generation: Array | None = None
 
     def arrays(self) -> dict[str, Array]:
-        """Return all arrays that are set, by the names that `Beams` takes."""
+        """Return all arrays that are set, keyed by the parameters of `Beams`."""
         named = {each.name: getattr(self, each.name) for each in fields(self)}
         others = ("name", "group", "look")
         return {key: value for key, value in named.items() if key not in others and value is not None}

@@ -54,37 +54,59 @@ class DensityGrid:
 
 @dataclass(frozen=True)
 class Medium:
-    """A homogeneous fog, or one whose density is on a grid.
+    """A participating medium (fog): homogeneous, or with its density on a grid.
 
     Attributes
     ----------
-    scattering, absorption
-        Coefficients σs and σa, per channel and scene unit; of a grid, those of density 1.
+    scattering
+        Scattering coefficient σs per scene unit, one number or one for each channel; on a grid, at density 1.
+    absorption
+        Absorption coefficient σa per scene unit, one number or one for each channel; on a grid, at density 1.
+        Default: 0.
     anisotropy
-        Mean cosine g of the Henyey–Greenstein phase function, from −0.99 to 0.99.
+        Mean cosine g of the Henyey–Greenstein phase function, −0.99 to 0.99. Default: 0.
     mesh
-        The closed surface that the fog fills, or None where it fills the whole space, or a grid.
+        The closed surface that the medium fills. Default: None, it fills the whole space, or its grid.
     surfaces
-        Whether it dims surfaces that are seen through it, and light on its way to them; if not, beams alone feel it.
+        Whether the medium dims surfaces that are seen through it, and light on its way to them. If not, it affects
+        beams alone. Default: True.
     name
-        Prim path.
+        Prim path, for messages. Default: "".
     grid
-        The density, or None: it is 1.
+        The density. Default: None, density 1 everywhere.
     bounces
-        How often light is scattered in it before it is scattered toward the camera; None: the renderer's choice.
+        Number of times that light is scattered in the medium before it is scattered toward the camera. Default: None,
+        the renderer's choice.
     scattering_color
-        Of a medium on a grid: factors of its scattering, from 0 to 1; what is not scattered is absorbed. None: 1.
+        For a medium on a grid: factors of its scattering, from 0 to 1; light that they take away is absorbed.
+        Default: None, 1 everywhere.
     emission
-        Of a medium on a grid: the radiance that it emits along a scene unit, or None.
+        For a medium on a grid: the radiance that it emits per scene unit. Default: None, no emission.
     lit_by_domes
-        Whether domes that make no beams light it: see `DomeLight.lights_media`.
+        Whether dome lights that make no beams light the medium: see `scene.DomeLight.lights_media`. Default: False.
 
     Raises
     ------
     SceneError
-        Coefficients that are negative, not finite, or neither one number nor three; an anisotropy beyond ±0.99;
-        a negative number of bounces; both a mesh and a grid; colours or emission without a grid; numbers whose
-        gradients are enabled: a `looks.Fog` has those.
+        If a coefficient is negative, not finite, or neither one number nor three; if the anisotropy is beyond ±0.99; if
+        the number of bounces is negative; if there are both a mesh and a grid; if there are colours or emission without
+        a grid; or if numbers have gradients enabled: use `looks.Fog` for those.
+
+    Notes
+    -----
+    The extinction coefficient is σt = σs + σa: light falls by exp(−σt s) over s scene units.
+
+    References
+    ----------
+    Henyey, Greenstein, "Diffuse Radiation in the Galaxy" (1941).
+
+    Examples
+    --------
+    A fog that swallows blue light first:
+
+    >>> fog = pb.Medium(scattering=0.05, absorption=(0.0, 0.01, 0.03), anisotropy=0.4)
+    >>> [round(channel, 3) for channel in fog.extinction]
+    [0.05, 0.06, 0.08]
     """
 
     scattering: Color

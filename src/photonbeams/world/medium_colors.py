@@ -44,40 +44,61 @@ def medium_of_colors(
     anisotropy: float = 0.0,
     across: Across | None = None,
 ) -> tuple[Medium, Color]:
-    """Return the fog and the power with which a beam shows two colours.
+    """Return the fog and the power with which a beam shows two given colours.
 
     Parameters
     ----------
     near, far
-        Scene-linear radiances, one number or three, of the beam's middle where it begins and `far_distance` along it.
-        Each channel of `far` is taken to be between 0.1 and 0.999 of `near`. A channel in which `near` is black tells
-        nothing of the fog, which has the mean extinction of the others there; the beam has no power in it.
+        Scene-linear radiances, one number or three, of the beam's axis at its beginning and at `far_distance` from
+        there. Each channel of `far` is clamped to 0.1 to 0.999 of `near`. In a channel where `near` is black, the fog
+        has the mean extinction of the other channels, and the beam has no power.
     albedo
-        The part of the light lost that is scattered, σs / σt, above 0 and no more than 1.
+        Fraction of the lost light that is scattered, σs / σt, above 0 and up to 1; one number or three. Default: 1.
     distance
-        Scene units of fog between the beam and the eye.
+        Scene units of fog between the beam and the camera. Default: 0.
     far_distance
-        Scene units from the beam's beginning to where it is `far`.
-    radius, across
-        The beam's radius in scene units, and its profile (None: that of the default look). For a shaft of many parallel
-        beams of a light give the shaft's radius and `Uniform()`.
+        Distance along the beam from its beginning to the point where it is `far`, in scene units. Default: 1.
+    radius
+        Radius of the beam in scene units. For a shaft of many parallel beams, give the shaft's radius and the profile
+        `looks.Uniform()`. Default: 1.
     anisotropy
-        The fog's, −0.99 to 0.99.
+        Mean cosine g of the fog's phase function, −0.99 to 0.99. Default: 0.
+    across
+        Profile of the beam. Default: that of the default look, `looks.Epanechnikov()`.
 
     Returns
     -------
-    medium, power
-        The fog, and the beam's flux Φ (RGB).
+    medium
+        The fog.
+    power
+        The beam's RGB flux Φ.
 
     Raises
     ------
     SceneError
-        Numbers out of range; `near` all black; a distance through which no power that can be rendered is seen.
+        If a number is out of range, if `near` is black, if `across` depends on more than the radius, or if the fog over
+        `distance` is so dense that the power would be too large to render.
+
+    Notes
+    -----
+    With C0 = near, C1 = far and D = distance (Nowrouzezahrai et al.), for a far distance of 1:
+
+        σt = ln(C0 / C1),   σs = albedo · σt,   Φ = C0 (C0 / C1)^D / σs · 1 / (p k1)
+
+    The published formula ends before the last factor. With it, the colours are radiances of the picture: those of a
+    beam with the physical look, seen square from the side (θ = 90°). p is the phase function at 90°, and k1 the
+    profile's line projection, 8 / (3π radius) for the default profile.
+
+    References
+    ----------
+    Nowrouzezahrai, Johnson, Selle, Lacewell, Kaschalk, Jarosz, "A Programmable System for Artistic Volumetric Lighting"
+    (2011).
 
     Examples
     --------
-    >>> import photonbeams as pb
     >>> medium, power = pb.medium_of_colors((1.0, 0.8, 0.5), (0.6, 0.4, 0.2), albedo=0.9, distance=3.0, radius=0.1)
+    >>> [round(channel, 3) for channel in medium.extinction]  # ln(near / far)
+    [0.511, 0.693, 0.916]
     >>> near, far = pb.colors_of_medium(medium, power, distance=3.0, radius=0.1)
     >>> [round(channel, 3) for channel in far]
     [0.6, 0.4, 0.2]
@@ -103,19 +124,49 @@ def colors_of_medium(
     radius: float = 1.0,
     across: Across | None = None,
 ) -> tuple[Color, Color]:
-    """Return the colours of a beam of this power in this fog, near and far: the inverse of `medium_of_colors`.
+    """Return the two colours of a beam in a fog: the inverse of `medium_of_colors`.
 
     Parameters
     ----------
-    medium, power
-        The fog, and the beam's flux, one number or three.
-    distance, far_distance, radius, across
-        As `medium_of_colors` has them.
+    medium
+        The fog.
+    power
+        The beam's flux Φ, one number or three.
+    distance
+        Scene units of fog between the beam and the camera. Default: 0.
+    far_distance
+        Distance along the beam from its beginning to the point of the second colour, in scene units. Default: 1.
+    radius
+        Radius of the beam in scene units. Default: 1.
+    across
+        Profile of the beam. Default: that of the default look, `looks.Epanechnikov()`.
+
+    Returns
+    -------
+    near, far
+        Scene-linear radiances of the beam's axis at its beginning and at `far_distance` from there, seen square from
+        the side with the physical look.
 
     Raises
     ------
     SceneError
-        Numbers out of range.
+        If a number is out of range, or if `across` depends on more than the radius.
+
+    Notes
+    -----
+    near = Φ σs p k1 exp(−σt · distance) and far = near · exp(−σt · far_distance), with the phase function p at 90° and
+    the profile's line projection k1: see `medium_of_colors`.
+
+    References
+    ----------
+    Nowrouzezahrai, Johnson, Selle, Lacewell, Kaschalk, Jarosz, "A Programmable System for Artistic Volumetric Lighting"
+    (2011).
+
+    Examples
+    --------
+    >>> near, far = pb.colors_of_medium(pb.Medium(scattering=0.2), power=9.0, radius=0.1)
+    >>> round(near[0], 3), round(far[0], 3)
+    (1.216, 0.995)
     """
     number(distance, "distance", minimum=0.0)
     number(far_distance, "far distance", minimum=0.0)
