@@ -1,8 +1,8 @@
 """Volumetric light as photon beams, with programmable looks and Gaussian quadrature.
 
 The public names are imported on first use, so that `import photonbeams` is quick and the device can still be chosen.
-Factors, profiles and all else that a look is made of are in `photonbeams.looks`, and what a scene is made of (lights,
-meshes, media, cameras) in `photonbeams.scene`.
+The parts of a look (factors and profiles) are in `photonbeams.looks`, and the parts of a scene (lights, meshes, media
+and cameras) in `photonbeams.scene`.
 """
 
 from importlib import import_module as _import_module
@@ -58,10 +58,10 @@ __all__ = [
     "thin",
 ]
 
-# Dr.Jit loads libLLVM while it is imported, so the library is chosen now: the user's next line may import Mitsuba.
+# Dr.Jit loads libLLVM when it is imported, so the library is chosen now: the user's next line may import Mitsuba.
 _device.prepare()
 
-# Mitsuba is told of the plug-in `photon_beams` as soon as it is there.
+# The plug-in `photon_beams` is registered as soon as Mitsuba is imported.
 _wrapt.when_imported("mitsuba")(_integrator.announce)
 
 _HOMES = {

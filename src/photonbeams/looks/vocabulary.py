@@ -1,8 +1,7 @@
-"""What artists' expressions may name: inputs, constants and functions, each with a line for the manual.
+"""The vocabulary of expressions: inputs, constants and functions, each with a line for the manual.
 
 The functions have the names and meanings of SeExpr, the expression language of the film, and of GLSL. Where these two
-disagree GLSL's order of arguments holds: the edges of `linearstep`, `smoothstep` and `gaussstep` come before what is
-stepped.
+disagree, arguments have GLSL's order: `linearstep`, `smoothstep` and `gaussstep` take their edges before x.
 """
 
 from __future__ import annotations
@@ -31,37 +30,37 @@ __all__ = [
 
 Kind = Literal["scalar", "vector"]
 
-#: How many parts of an expression an octave of noise is worth, by what it costs.
+#: Number of an expression's parts that an octave of noise counts as, by its cost.
 NOISE_PARTS = 10
 
 
 class Input(NamedTuple):
-    """An input: a scalar or a vector, the attribute of `ShadingContext` that holds it, and what it means."""
+    """An input: its kind, the attribute of `ShadingContext` that holds it, and its meaning."""
 
     kind: Kind
     attribute: str
     doc: str
 
 
-#: The inputs of expressions. Which of them are known depends on where the expression stands.
+#: The inputs of expressions.
 NAMES: dict[str, Input] = {
-    "s": Input("scalar", "fraction", "fraction along the beam: 0 at the light, 1 at the end of its path"),
+    "s": Input("scalar", "fraction", "fraction of the light path: 0 at the light, 1 at its end"),
     "distance": Input("scalar", "from_light", "distance from the light, in scene units"),
     "r": Input("scalar", "radius", "fraction of the beam's radius: 0 on the axis, 1 at the rim"),
     "t": Input("scalar", "to_camera", "distance to the camera, in scene units"),
     "angle": Input(
-        "scalar", "angle", "degrees between the light's direction and that to the camera: 0 straight into the lens"
+        "scalar", "angle", "degrees between the light's direction and that to the camera: 0 is straight into the lens"
     ),
     "cosine": Input("scalar", "cosine", "cosine of `angle`"),
     "P": Input("vector", "position", "position in the world"),
     "Pl": Input("vector", "local", "position in the light's own space"),
     "time": Input("scalar", "time", "seconds"),
-    "frame": Input("scalar", "frame", "the frame's number, with its part within the shutter"),
-    "random": Input("scalar", "random", "a random number from 0 to 1, another for each beam"),
+    "frame": Input("scalar", "frame", "frame number, with a fraction within the shutter interval"),
+    "random": Input("scalar", "random", "a random number from 0 to 1, different for each beam"),
     "id": Input("scalar", "id", "the beam's number"),
     "light": Input("scalar", "light", "the number of the beam's light"),
     "generation": Input(
-        "scalar", "generation", "how often the beam's light was scattered before: 0 straight from the light"
+        "scalar", "generation", "how many times the beam's light was scattered before: 0 is straight from the light"
     ),
 }
 
@@ -74,15 +73,15 @@ class Parameter(NamedTuple):
     Attributes
     ----------
     name
-        What messages call it, and what an optional parameter is given by.
+        Its name in messages, and the keyword of an optional parameter.
     kind
         "scalar", "vector", "any" of these two, or "whole": a whole number that is written out.
     optional
         Whether it may be left out.
     default
-        What it then is; None: nothing.
-    most, least
-        The range of a whole number.
+        Value of an optional parameter that is left out; None: there is none.
+    least, most
+        Range of a whole number.
     """
 
     name: str
@@ -104,14 +103,16 @@ class ExpressionFunction:
 
     Attributes
     ----------
-    name, parameters, doc
-        As artists call it, and one line on what it answers.
+    name, parameters
+        The function's name, and its parameters in order.
     result
-        "scalar", "vector", or "any": a vector where an argument of the kind "any" is one.
+        "scalar", "vector", or "any": a vector if an argument of the kind "any" is a vector.
+    doc
+        One line on the value, for the manual.
     compute
-        Takes Dr.Jit values in the parameters' order.
+        Function of Dr.Jit values in the parameters' order.
     parts
-        How many parts a call is worth; those of an octave, where `octaves` is a parameter.
+        Number of parts that a call counts as; if `octaves` is a parameter, the number for each octave.
     """
 
     name: str
@@ -123,12 +124,12 @@ class ExpressionFunction:
 
     @property
     def arity(self) -> tuple[int, int]:
-        """The least and the most arguments that it takes."""
+        """The smallest and the largest number of arguments."""
         return sum(not each.optional for each in self.parameters), len(self.parameters)
 
     @property
     def signature(self) -> str:
-        """How it is called: `fbm(p, octaves=6, lacunarity=2, gain=0.5, [time])`."""
+        """The signature as text: `fbm(p, octaves=6, lacunarity=2, gain=0.5, [time])`."""
         return f"{self.name}({', '.join(map(str, self.parameters))})"
 
 
@@ -141,7 +142,7 @@ def _clamp(x: Any, low: Any, high: Any) -> Any:
 
 
 def _linearstep(low: Any, high: Any, x: Any) -> Any:
-    # Equal edges are one step there; edges that descend give a step downward.
+    # Equal edges give a step there; descending edges give a step downward.
     return dr.select(low == high, truth(x >= low, x), dr.clip(divided(x - low, high - low), 0, 1))
 
 
@@ -150,7 +151,7 @@ def _eased(t: Any) -> Any:
 
 
 def _bell(t: Any) -> Any:
-    """Return SeExpr's Gaussian step of t in [0, 1]: a bell's flank, cut off where it is 1/256."""
+    """Return SeExpr's Gaussian step of t in [0, 1]: the flank of a Gaussian, cut off where it is 1/256."""
     return dr.select(t > 0, dr.exp2(-8 * dr.square(1 - t)), 0)
 
 
@@ -194,7 +195,7 @@ def _vector(x: Any, y: Any, z: Any) -> Any:
 
 
 def _hsv(hue: Any, saturation: Any, value: Any) -> Any:
-    """Return the colour of a hue (a turn is 1), by the distance of each channel's sextant."""
+    """Return the colour of a hue (1 is a full turn), by each channel's distance in sextants."""
 
     def channel(offset: int) -> Any:
         sextant = 6 * fraction(fraction(hue) + offset / 6)
@@ -217,9 +218,10 @@ def _triangle(t: Any) -> Any:
 
 
 def _parameter(text: str) -> Parameter:
-    """Return the parameter that `name`, `name:kind` or `name:kind=default` stands for.
+    """Return the parameter that is written as `name`, `name:kind` or `name:kind=default`.
 
-    The kind of whole numbers is their range, `1-8`; an empty default is none.
+    The kind of a whole number is its range, such as `1-8`; an empty default means that the parameter is optional and
+    has no default.
     """
     declared, equals, default = text.partition("=")
     name, _, kind = declared.partition(":")
@@ -240,46 +242,46 @@ def _functions() -> dict[str, ExpressionFunction]:
             table[name] = ExpressionFunction(name, listed, result, doc, compute, parts)
 
     add("abs", "x", "any", dr.abs, "x without its sign")
-    add("sign", "x", "any", guarded.sign, "-1, 0 or 1 by the sign of x")
-    add("floor", "x", "any", dr.floor, "the whole number below x")
-    add("ceil", "x", "any", dr.ceil, "the whole number above x")
-    add("round", "x", "any", dr.round, "the nearest whole number, of two the even one")
+    add("sign", "x", "any", guarded.sign, "-1, 0 or 1: the sign of x")
+    add("floor", "x", "any", dr.floor, "the whole number at or below x")
+    add("ceil", "x", "any", dr.ceil, "the whole number at or above x")
+    add("round", "x", "any", dr.round, "the nearest whole number; halfway between two, the even one")
     add("fract frac", "x", "any", fraction, "x - floor(x)")
     add("mod", "a b", "any", guarded.remainder, "a % b, with the sign of b; 0 where b is 0")
     add("min", "a b", "any", dr.minimum, "the smaller of two")
     add("max", "a b", "any", dr.maximum, "the larger of two")
-    add("clamp", "x low high", "any", _clamp, "x kept from low to high")
+    add("clamp", "x low high", "any", _clamp, "x clamped to [low, high]")
     add("mix lerp", "a b amount", "any", _mix, "a where amount is 0, b where it is 1, linear between and beyond")
     add("select", "condition:scalar a b", "any", _select, "a where the condition is not 0, else b")
 
-    add("step", "edge x", "any", lambda edge, x: truth(x >= edge, x), "0 below the edge, 1 from it on")
+    add("step", "edge x", "any", lambda edge, x: truth(x >= edge, x), "0 below the edge, 1 from the edge on")
     add("boxstep", "x edge", "any", lambda x, edge: truth(x >= edge, x), "step with SeExpr's order of arguments")
     add("linearstep", "low high x", "any", _linearstep, "0 below low, 1 above high, linear between")
     add("smoothstep", "low high x", "any", _shaped_step(_eased), "0 below low, 1 above high, smooth between")
-    add("gaussstep", "low high x", "any", _shaped_step(_bell), "0 below low, 1 above high, a bell's flank between")
-    add("remap", "x source range falloff interpolation:0-2", "any", _remap, "1 where x is within range of source, to 0"
-        " over falloff: 0 linear, 1 smooth, 2 a bell's flank (SeExpr)")  # fmt: skip
-    add("fit", "x a1 b1 a2 b2", "any", _fit, "x from [a1, b1] to [a2, b2], linear, not clamped")
-    add("bias", "x b", "any", _bias, "x ** (log(b) / log(0.5)): b above 0.5 raises the middle, below lowers it")
-    add("contrast gain", "x amount", "any", _contrast, "an S over [0, 1]: amount above 0.5 steepens it, below flattens")
+    add("gaussstep", "low high x", "any", _shaped_step(_bell), "0 below low, 1 above high, a Gaussian's flank between")
+    add("remap", "x source range falloff interpolation:0-2", "any", _remap, "1 where x is within range of source,"
+        " falling to 0 over falloff: 0 linear, 1 smooth, 2 Gaussian (SeExpr)")  # fmt: skip
+    add("fit", "x a1 b1 a2 b2", "any", _fit, "x mapped from [a1, b1] to [a2, b2], linear, not clamped")
+    add("bias", "x b", "any", _bias, "x ** (log(b) / log(0.5)): b above 0.5 raises the middle, b below 0.5 lowers it")
+    add("contrast gain", "x amount", "any", _contrast, "an S over [0, 1], steeper for amounts above 0.5, flatter below")
     add("gamma", "x g", "any", _gamma, "x ** (1 / g); 0 for negative x")
 
     add("pow", "x y", "any", power, "x ** y")
     add("exp", "x", "any", guarded.exponential, "e ** x")
-    add("log", "x", "any", guarded.logarithm, "natural logarithm, of at least 1e-18")
+    add("log", "x", "any", guarded.logarithm, "natural logarithm of x; below 1e-18, that of 1e-18")
     add("sqrt", "x", "any", guarded.root, "square root; 0 for negative x")
-    add("sin", "x", "any", guarded.sine, "sine of radians")
-    add("cos", "x", "any", guarded.cosine, "cosine of radians")
-    add("tan", "x", "any", guarded.tangent, "tangent of radians")
-    add("asin", "x", "any", guarded.arcsine, "radians of a sine; beyond -1 to 1 as at its ends")
-    add("acos", "x", "any", guarded.arccosine, "radians of a cosine; beyond -1 to 1 as at its ends")
-    add("atan", "x", "any", dr.atan, "radians of a tangent")
-    add("atan2", "y x", "any", dr.atan2, "radians from the x axis to (x, y)")
-    add("radians", "x", "any", lambda x: x * (math.pi / 180), "degrees as radians")
-    add("degrees", "x", "any", lambda x: saturated(x * (180 / math.pi)), "radians as degrees")
+    add("sin", "x", "any", guarded.sine, "sine of x radians")
+    add("cos", "x", "any", guarded.cosine, "cosine of x radians")
+    add("tan", "x", "any", guarded.tangent, "tangent of x radians")
+    add("asin", "x", "any", guarded.arcsine, "angle in radians whose sine is x, with x clamped to -1 to 1")
+    add("acos", "x", "any", guarded.arccosine, "angle in radians whose cosine is x, with x clamped to -1 to 1")
+    add("atan", "x", "any", dr.atan, "angle in radians whose tangent is x")
+    add("atan2", "y x", "any", dr.atan2, "angle in radians from the x axis to (x, y)")
+    add("radians", "x", "any", lambda x: x * (math.pi / 180), "x degrees in radians")
+    add("degrees", "x", "any", lambda x: saturated(x * (180 / math.pi)), "x radians in degrees")
 
     add("pulse", "t duty:scalar=0.5", "any", lambda t, duty: truth(fraction(t) < duty, t), "1 over the first part"
-        " `duty` of each whole t, else 0")  # fmt: skip
+        " `duty` of each unit of t, else 0")  # fmt: skip
     add("triangle", "t", "any", _triangle, "0 at whole t, 1 halfway, linear between")
     add("wave", "t", "any", _wave, "0 at whole t, 1 halfway, a cosine between")
 
@@ -288,10 +290,10 @@ def _functions() -> dict[str, ExpressionFunction]:
     add("length", "v:vector", "scalar", guarded.length, "length of a vector")
     add("dot", "a:vector b:vector", "scalar", guarded.dot, "scalar product")
     add("cross", "a:vector b:vector", "vector", guarded.cross, "vector product")
-    add("normalize norm", "v:vector", "vector", guarded.normalized, "the vector at length 1; 0 stays 0")
-    add("luminance", "c:vector", "scalar", _luminance, "Rec.709 luminance of a colour")
-    add("hsv", "h:scalar s:scalar v:scalar", "vector", _hsv, "colour of hue (a turn is 1), saturation and value")
-    add("hsvtorgb", "c:vector", "vector", lambda c: _hsv(c.x, c.y, c.z), "colour of a vector of hue, saturation, value")
+    add("normalize norm", "v:vector", "vector", guarded.normalized, "the vector scaled to length 1; 0 stays 0")
+    add("luminance", "c:vector", "scalar", _luminance, "Rec. 709 luminance of a colour")
+    add("hsv", "h:scalar s:scalar v:scalar", "vector", _hsv, "colour from hue (1 is a full turn), saturation and value")
+    add("hsvtorgb", "c:vector", "vector", lambda c: _hsv(c.x, c.y, c.z), "colour from a vector [h, s, v], as of hsv")
 
     add("hash rand", "x seed:scalar=0", "scalar", noise.random, "a random number from 0 to 1 for each x and seed")
     add("cellnoise", "p time:scalar=", "scalar", noise.cellnoise, "a random number from 0 to 1 in each unit cell")
@@ -299,8 +301,8 @@ def _functions() -> dict[str, ExpressionFunction]:
     add("snoise", "p time:scalar=", "scalar", noise.snoise, "smooth noise from -1 to 1", NOISE_PARTS)
     add("vnoise", "p time:scalar=", "vector", noise.vnoise, "three smooth noises from -1 to 1", 3 * NOISE_PARTS)
     sums = f"p octaves:1-{noise.MOST_OCTAVES}=6 lacunarity:scalar=2 gain:scalar=0.5 time:scalar="
-    add("fbm", sums, "scalar", noise.fbm, "octaves of noise about 0.5, rarely beyond 0 to 1", NOISE_PARTS)
-    add("turbulence", sums, "scalar", noise.turbulence, "octaves of creased noise, from 0.5 up", NOISE_PARTS)
+    add("fbm", sums, "scalar", noise.fbm, "a sum of octaves of noise around 0.5, rarely outside of 0 to 1", NOISE_PARTS)
+    add("turbulence", sums, "scalar", noise.turbulence, "a sum of octaves of creased noise, 0.5 or more", NOISE_PARTS)
     return table
 
 
