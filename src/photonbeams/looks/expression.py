@@ -1,18 +1,19 @@
 """One-line expressions of artists, such as `smoothstep(0, 0.2, s) * fbm(3 * P, time=time)`, as Dr.Jit values.
 
-Python's `ast` reads the text, and a walk over its tree passes what is known here; nothing of it is ever run. Allowed:
+Python's `ast` parses the text, and a walk over the syntax tree accepts only known nodes; the text is never run. The
+language has:
 
 - Numbers, and the inputs, constants and functions of `vocabulary`.
-- `+ - * / % **`, comparisons (chained too), `and`, `or`, `not`, `a if condition else b`. What is true counts as 1, what
-  is false as 0, and every number but 0 is true. `%` has the sign of its right side.
-- Vectors and colours `[x, y, z]`; components `.x .y .z`, `.r .g .b`, `[0] [1] [2]`. A scalar beside a vector stands for
-  three of it.
+- `+ - * / % **`, comparisons (also chained), `and`, `or`, `not`, `a if condition else b`. True is 1, false is 0, and
+  every number except 0 is true. `%` has the sign of its right side.
+- Vectors and colours `[x, y, z]`; components `.x .y .z`, `.r .g .b`, `[0] [1] [2]`. A scalar beside a vector counts as
+  a vector of three equal components.
 
 Whether a value is a scalar or a vector is checked when the text is parsed. Every number of the text is an opaque Dr.Jit
-value, so that changing it compiles no kernel; how many octaves a noise has is part of the kernel.
+value, so that changing it does not recompile a kernel; the number of octaves of a noise is part of the kernel.
 
-No expression answers anything but finite numbers: the rules are those of `guarded`. Inputs that are not finite count as
-the largest number, 10¹⁸, or as 0.
+The value of an expression is always finite, by the rules of `guarded`. Infinite inputs count as the largest number,
+±10¹⁸, and inputs that are not a number count as 0.
 """
 
 from __future__ import annotations
@@ -45,35 +46,35 @@ __all__ = [
     "parse",
 ]  # fmt: skip
 
-MOST_PARTS = 1000  # numbers, names, operators and calls; an octave of noise is worth `NOISE_PARTS` of them
+MOST_PARTS = 1000  # numbers, names, operators and calls; an octave of noise counts as `NOISE_PARTS` of them
 
 
 class _Operands(NamedTuple):
-    """What the parts of an expression are computed from, all of one precision."""
+    """Values from which the parts of an expression are computed, all of one precision."""
 
     inputs: dict[str, Any]
-    numbers: tuple[Any, ...]  # of the text, in its order
+    numbers: tuple[Any, ...]  # of the text, in order
 
 
 class _Node(NamedTuple):
-    """A part of an expression, checked."""
+    """A checked part of an expression."""
 
     kind: Kind
     compute: Callable[[_Operands], Any]
-    varies: bool = False  # whether an input is in it
+    varies: bool = False  # whether it depends on an input
 
 
 class ParsedExpression:
-    """An expression that has been parsed; `parse` makes it. Expressions of equal text are equal.
+    """A parsed expression; `parse` makes it. Expressions of equal text are equal.
 
     Attributes
     ----------
     text
-        What was parsed, without the white space around it.
+        The text, without white space around it.
     kind
-        "scalar" or "vector": what it evaluates to.
+        Kind of the value, "scalar" or "vector".
     names
-        The inputs that it uses.
+        Names of the inputs that it uses.
     """
 
     __slots__ = ("_compute", "_double", "_single", "kind", "names", "text")
@@ -86,13 +87,13 @@ class ParsedExpression:
         self._double = tuple(dr.opaque(double, number) for number in numbers)
 
     def evaluate(self, lookup: Callable[[str], Any]) -> Any:
-        """Return the expression's value: a Float or an Array3f, or of double precision where an input is.
+        """Return the expression's value: a Float or an Array3f, in double precision if an input is.
 
         Parameters
         ----------
         lookup
-            Returns an input's value by its name, called once for each of `names`: a Dr.Jit float (a vector of three for
-            a vector), or an integer. A Python number becomes opaque.
+            Returns an input's value by its name: a Dr.Jit float, a vector of three, or an integer. It is called once
+            for each of `names`. A Python number becomes opaque.
         """
         found = {name: _opaque(lookup(name)) for name in sorted(self.names)}
         double = any(dr.type_v(value) == dr.VarType.Float64 for value in found.values())
@@ -121,12 +122,12 @@ def _opaque(value: Any) -> Any:
 
 
 def parse(text: str) -> ParsedExpression:
-    """Return a text as an expression.
+    """Return the expression that a text holds.
 
     Raises
     ------
     ExpressionError
-        A text that is none, with the column and what was expected there.
+        If the text is not an expression; the error names the column, and what was expected there.
     """
     stripped = text.strip()
     parser = _Parser(stripped)
@@ -155,7 +156,7 @@ _STEPS = ("linearstep", "smoothstep", "gaussstep")
 
 
 class _Parser:
-    """One walk over a tree, which checks every node and answers a part for it."""
+    """One walk over a syntax tree, which checks every node and returns a part for it."""
 
     def __init__(self, text: str) -> None:
         self._text = text
@@ -164,7 +165,7 @@ class _Parser:
         self.numbers: list[float] = []
 
     def part(self, node: ast.expr, depth: int) -> _Node:
-        """Return the checked part for a node, `depth` levels down."""
+        """Return the checked part of a node, which is `depth` levels down."""
         if depth > DEEPEST:
             self._refuse(node, too_deep())
         self._count(node, 1)
@@ -208,11 +209,11 @@ class _Parser:
 
     def _number(self, node: ast.Constant, depth: int) -> _Node:
         if type(node.value) not in (int, float):
-            self._refuse(node, f"{node.value!r} is no number: {EXPECTED}")
+            self._refuse(node, f"{node.value!r} is not a number: {EXPECTED}")
         return self._literal(node, node.value)
 
     def _literal(self, node: Any, value: Any) -> _Node:
-        # An integer of many digits is compared as such: it may be beyond every float.
+        # Compared before it becomes a float: an integer of many digits may be beyond every float.
         if value > guarded.LARGEST:
             self._refuse(node, f"this number is too large: expected at most {guarded.LARGEST:g}")
         index = len(self.numbers)
@@ -232,7 +233,7 @@ class _Parser:
 
     def _sign(self, node: ast.UnaryOp, depth: int) -> _Node:
         if isinstance(node.op, ast.Not):
-            operand = self._scalar(node.operand, depth + 1, "what stands after not")
+            operand = self._scalar(node.operand, depth + 1, "the operand of not")
             return _Node("scalar", lambda values: _not(operand.compute(values)), operand.varies)
         if not isinstance(node.op, (ast.USub, ast.UAdd)):
             self._refuse(node, f"this operator has no meaning here: {EXPECTED}")
@@ -245,7 +246,7 @@ class _Parser:
         function = _OPERATORS.get(type(node.op))
         if function is None:
             hint = "expected floor(a / b)" if isinstance(node.op, ast.FloorDiv) else "expected + - * / % or **"
-            self._refuse(node, f"this has an operator without a meaning here: {hint}")
+            self._refuse(node, f"this operator has no meaning here: {hint}")
         return _applied(function, [self.part(node.left, depth + 1), self.part(node.right, depth + 1)])
 
     def _comparison(self, node: ast.Compare, depth: int) -> _Node:
@@ -286,27 +287,27 @@ class _Parser:
 
     def _component(self, node: ast.Attribute, depth: int) -> _Node:
         if node.attr not in _COMPONENTS:
-            self._refuse(node, f".{node.attr} is no component: expected .x, .y, .z, .r, .g or .b")
+            self._refuse(node, f".{node.attr} is not a component: expected .x, .y, .z, .r, .g or .b")
         return self._indexed(node.value, depth, _COMPONENTS[node.attr])
 
     def _subscript(self, node: ast.Subscript, depth: int) -> _Node:
         index = node.slice
         if not (isinstance(index, ast.Constant) and type(index.value) is int and 0 <= index.value <= 2):
-            self._refuse(index, "this is no component's number: expected [0], [1] or [2]")
+            self._refuse(index, "this is not the number of a component: expected [0], [1] or [2]")
         return self._indexed(node.value, depth, index.value)
 
     def _indexed(self, node: ast.expr, depth: int, index: int) -> _Node:
         part = self.part(node, depth + 1)
         if part.kind == "scalar":
-            self._refuse(node, "a scalar has no components: expected a vector before them")
+            self._refuse(node, "a scalar has no components: expected a vector here")
         return _Node("scalar", lambda values: part.compute(values)[index], part.varies)
 
     def _call(self, node: ast.Call, depth: int) -> _Node:
         if not isinstance(node.func, ast.Name):
-            self._refuse(node, "what is called is no function's name: expected a call such as clamp(s, 0, 1)")
+            self._refuse(node, "this is not the name of a function: expected a call such as clamp(s, 0, 1)")
         name = node.func.id
         if name in NAMES or name in CONSTANTS:
-            self._refuse(node, f"{name} is no function: expected {name} without brackets after it")
+            self._refuse(node, f"{name} is not a function: expected {name} without brackets after it")
         if name not in FUNCTIONS:
             self._refuse(node, _unknown(name, "a function", list(FUNCTIONS), NAMES))
         function = FUNCTIONS[name]
@@ -318,11 +319,11 @@ class _Parser:
         octaves = [value for value, each in zip(arguments, function.parameters, strict=True) if each.name == "octaves"]
         self._count(node, function.parts * (octaves[0] if octaves else 1) - 1)
         if name in _STEPS and [each.varies for each in arguments] == [True, False, False]:
-            self._refuse(node, f"{name} has what varies first: expected its edges first, {function.signature}")
+            self._refuse(node, f"{name} has its varying argument first: expected its edges first, {function.signature}")
         return _call(function, arguments)
 
     def _arguments(self, node: ast.Call, function: ExpressionFunction) -> list[ast.expr | None]:
-        """Return the arguments' nodes in the order of the parameters; None: left out."""
+        """Return the arguments' nodes in the order of the parameters; None for those that are left out."""
         least, most = function.arity
         names = [each.name for each in function.parameters]
         given: dict[str, ast.expr] = dict(zip(names, node.args, strict=False))
@@ -342,7 +343,7 @@ class _Parser:
         return [given.get(name) for name in names]
 
     def _argument(self, function: ExpressionFunction, parameter: Parameter, node: ast.expr | None, depth: int) -> Any:
-        """Return an argument as a part; a whole number as it is, and None where there is none."""
+        """Return an argument: a part, an int for a whole number, or None if it is left out and has no default."""
         default = parameter.default
         if parameter.kind == "whole":
             return self._whole(parameter, node) if node is not None else int(default or 0)
@@ -366,7 +367,7 @@ class _Parser:
 
 
 def _call(function: ExpressionFunction, arguments: list[Any]) -> _Node:
-    """Return a call with arguments that are checked: parts, whole numbers, and None."""
+    """Return the part of a call with checked arguments: parts, whole numbers, and None."""
     mixed = function.result == "any"
     broadcast = [k for k, each in enumerate(function.parameters) if each.kind == "any" and mixed]
     vector = any(arguments[k].kind == "vector" for k in broadcast)
@@ -383,7 +384,7 @@ def _call(function: ExpressionFunction, arguments: list[Any]) -> _Node:
 
 
 def _applied(function: Callable[..., Any], parts: list[_Node]) -> _Node:
-    """Return an operator between parts, in each component where one of them is a vector."""
+    """Return the part of an operator between parts, component by component if one of them is a vector."""
     parameters = tuple(Parameter(name) for name in "ab")
     return _call(ExpressionFunction("", parameters, "any", "", function), parts)
 
@@ -397,7 +398,7 @@ def _not(value: Any) -> Any:
 
 
 def _unknown(name: str, what: str, expected: list[str], others: Any) -> str:
-    """Return the sentence for a name that is none of those expected, with the nearest one."""
+    """Return the reason of the error for an unknown name, with the most similar known name."""
     by_case = {each.lower(): each for each in (*others, *expected)}
     near = difflib.get_close_matches(name.lower(), by_case, n=1)
     hint = f"; did you mean {by_case[near[0]]}?" if near else ""
