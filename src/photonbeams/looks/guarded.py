@@ -1,12 +1,12 @@
 """Arithmetic for expressions that returns a finite number for all numbers, so that no frame gets a NaN.
 
-Values are Dr.Jit floats and vectors of three, of any precision. Where mathematics has no answer, these rules hold:
+Values are Dr.Jit floats and vectors of three, of any precision. Where a result is undefined, these rules hold:
 
-- The result of every operation that can grow is kept within ±`LARGEST`, 10¹⁸, which leaves room below float32's limit
-  for sums, squares and what a beam multiplies on. Nothing is ever infinite.
+- The result of every operation that can grow is clamped to ±`LARGEST`, 10¹⁸, which leaves room below float32's limit
+  for sums, squares and the factors of a beam. Nothing is ever infinite.
 - x / 0, x % 0 and the normalised zero vector are 0. So is the square root of a negative number.
-- log(x) is that of `SMALLEST`, 10⁻¹⁸, for x below it. asin and acos take what is beyond ±1 as ±1.
-- x ** y for negative x is real for whole y, and 0 for others; 0 ** 0 is 1, and 0 to a negative power 0.
+- log(x) of x below `SMALLEST`, 10⁻¹⁸, is that of `SMALLEST`. asin and acos clamp their arguments to ±1.
+- x ** y for negative x is real for whole y, and 0 for other y; 0 ** 0 is 1, and 0 to a negative power is 0.
 """
 
 from __future__ import annotations
@@ -21,23 +21,23 @@ from ..runtime.device import Array3f
 LARGEST = 1e18
 SMALLEST = 1e-18
 
-_TINY = 1e-30  # below it a length counts as none: float32's numbers end at 1e-38
+_TINY = 1e-30  # a shorter length counts as zero: float32's numbers end at 1e-38
 _TURN = 2 * math.pi
-_EXACT_TURNS = 8192.0  # up to which float32's sine reduces its argument exactly
+_EXACT_TURNS = 8192.0  # the angle up to which float32's sine reduces its argument exactly
 
 
 def vector_type(like: Any) -> Any:
-    """Return the type of vectors of three for floats of the type of `like`, or for such a type."""
+    """Return the type of vectors of three that matches a float, or a type of floats."""
     return dr.float64_array_t(Array3f) if dr.type_v(like) == dr.VarType.Float64 else Array3f
 
 
 def saturated(x: Any) -> Any:
-    """Return x, kept within ±LARGEST."""
+    """Return x, clamped to ±LARGEST."""
     return dr.clip(x, -LARGEST, LARGEST)
 
 
 def finite(x: Any) -> Any:
-    """Return x, kept within ±LARGEST, and 0 for what is not a number."""
+    """Return x, clamped to ±LARGEST, and 0 for a NaN."""
     return dr.select(dr.isnan(x), 0, saturated(x))
 
 
@@ -57,7 +57,7 @@ def divided(a: Any, b: Any) -> Any:
 
 
 def remainder(a: Any, b: Any) -> Any:
-    """Return what is left of a by whole multiples of b, with the sign of b; 0 where b is 0."""
+    """Return the remainder of a by b, with the sign of b; 0 where b is 0."""
     return dr.select(b == 0, 0, saturated(a - b * dr.floor(divided(a, b))))
 
 
@@ -90,7 +90,7 @@ def sign(x: Any) -> Any:
 
 
 def fraction(x: Any) -> Any:
-    """Return x less the whole number below it."""
+    """Return x minus floor(x)."""
     return x - dr.floor(x)
 
 
@@ -110,7 +110,7 @@ def tangent(x: Any) -> Any:
 
 
 def _turned(x: Any) -> Any:
-    """Return an angle without its whole turns where they are many: beyond, the device's sine is infinite."""
+    """Return an angle, without its whole turns where it is large: there, the device's sine may be infinite."""
     rest = dr.clip(x - _TURN * dr.round(x / _TURN), -_TURN, _TURN)
     return dr.select(dr.abs(x) <= _EXACT_TURNS, x, rest)
 
@@ -140,7 +140,7 @@ def cross(a: Any, b: Any) -> Any:
 
 
 def length(v: Any) -> Any:
-    """Return the length of a vector, whose squares may leave float32's range."""
+    """Return the length of a vector; its squares may leave float32's range."""
     largest = _largest(v)
     return saturated(largest * dr.norm(v / largest))
 
@@ -153,5 +153,5 @@ def normalized(v: Any) -> Any:
 
 
 def _largest(v: Any) -> Any:
-    """Return the largest component's size, not quite 0."""
+    """Return the magnitude of the largest component, at least _TINY."""
     return dr.maximum(dr.maximum(dr.abs(v.x), dr.maximum(dr.abs(v.y), dr.abs(v.z))), _TINY)

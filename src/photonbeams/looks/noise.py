@@ -1,18 +1,19 @@
 """Procedural noise of a point, for dust, drift and grain in beams.
 
 Gradient noise after Perlin ("Improving Noise", SIGGRAPH 2002): every point of the integer lattice has a random
-gradient, and between points their planes are blended by 6x⁵ − 15x⁴ + 10x³, whose first two derivatives vanish at both
-ends. Unlike the paper's, gradients come from a hash of 32-bit coordinates by arithmetic alone, without tables or
-gathers, so that there is no period; they fill the cube [−1, 1]^n, so that noise does not die along the lattice's lines;
-and noise has the same deviation in one to four dimensions, so that animating it does not change its contrast.
+gradient, and between the points, the gradients' planes are blended by 6x⁵ − 15x⁴ + 10x³, whose first two derivatives
+are zero at both ends. Three things differ from the paper. Gradients come from a hash of 32-bit coordinates, by
+arithmetic alone, without tables or gathers, so that there is no period. They fill the cube [−1, 1]^n, so that the noise
+does not vanish along the lattice's lines. And the noise has the same deviation in one to four dimensions, so that
+animating it does not change its contrast.
 
-The functions have the meanings of SeExpr, the expression language of the film: `noise` from 0 to 1, `snoise` from −1 to
-1, `vnoise` three of the latter, `fbm` and `turbulence` sums over octaves, `cellnoise` constant in each cell.
+The functions have the meanings of SeExpr, the expression language of the film: `noise` is from 0 to 1, `snoise` from −1
+to 1, `vnoise` is a vector of three of the latter, `fbm` and `turbulence` are sums over octaves, and `cellnoise` is
+constant in each cell.
 
-A point `p` is a Dr.Jit float array (one dimension) or a vector of two or three of them, of any precision. `time`, where
-given, is one dimension more. All values are Dr.Jit arrays: a Python number becomes part of the kernel. Whole
-coordinates beyond ±2³¹ all count as the same. The hash is the same on all devices; floats agree as far as their
-rounding does.
+A point `p` is a Dr.Jit float array (one dimension) or a vector of two or three of them, of any precision. `time` adds
+one dimension. All values are Dr.Jit arrays; a Python number becomes part of the kernel. All whole coordinates beyond
+±2³¹ count as the same. The hash is the same on all devices; floats agree up to rounding.
 """
 
 from __future__ import annotations
@@ -30,13 +31,13 @@ __all__ = ["MOST_OCTAVES", "cellnoise", "fbm", "noise", "random", "snoise", "tur
 #: Octaves are unrolled into the kernel; the eighth is finer than a hundredth of the first.
 MOST_OCTAVES = 8
 
-#: Standard deviation of `snoise`: a quarter of its range, so that few values have to be kept inside of it.
+#: Standard deviation of `snoise`: a quarter of its bound, so that few values have to be bent into its range.
 DEVIATION = 0.25
 
 _ROUNDED = 0.75  # magnitude from which `snoise` bends toward 1
 _BITS = {1: 24, 2: 16, 3: 10, 4: 8}  # of a hash, for each component of a gradient, by dimension
 _VECTOR_SEEDS, _OCTAVE_SEED, _CELL_SEED = (1, 2, 3), 4, 100
-_OCTAVE_SHIFT = (0.37, 0.61, 0.17, 0.83)  # or all octaves would vanish together at the origin
+_OCTAVE_SHIFT = (0.37, 0.61, 0.17, 0.83)  # without it, all octaves would vanish together at the origin
 
 
 def snoise(p: Any, time: Any = None) -> Any:
@@ -50,7 +51,7 @@ def noise(p: Any, time: Any = None) -> Any:
 
 
 def vnoise(p: Any, time: Any = None) -> Any:
-    """Return a vector of three independent signed noises, as for distorting positions."""
+    """Return a vector of three independent signed noises, for example to distort positions."""
     axes = _axes(p, time)
     return vector_type(axes[0])(*(_gradient_noise(axes, seed) for seed in _VECTOR_SEEDS))
 
@@ -58,27 +59,27 @@ def vnoise(p: Any, time: Any = None) -> Any:
 def fbm(p: Any, octaves: int = 6, lacunarity: Any = 2.0, gain: Any = 0.5, time: Any = None) -> Any:
     """Return fractional Brownian motion: ½ + ½ Σ gain^k · snoise(lacunarity^k · p), k below `octaves`.
 
-    With the default gain it stays in [0, 1] but for rare peaks; it is not clamped.
+    With the default gain it stays in [0, 1] except for rare peaks; it is not clamped.
 
     Parameters
     ----------
     p, time
-        Point and time; time is scaled from octave to octave like the point, so that what is fine moves fast.
+        Point and time. Time is scaled from octave to octave like the point, so that fine details move fast.
     octaves
-        A Python integer from 1 to `MOST_OCTAVES`: it is part of the kernel.
+        A Python integer from 1 to `MOST_OCTAVES`. It is part of the kernel.
     lacunarity, gain
-        Ratio of the frequencies, and of the amplitudes, of an octave and the one before it.
+        Ratios of the frequency and of the amplitude of an octave to those of the octave before it.
 
     Raises
     ------
     ValueError
-        A number of octaves out of range.
+        If the number of octaves is out of range.
     """
     return dr.fma(_octaves(_axes(p, time), octaves, lacunarity, gain, lambda value: value), 0.5, 0.5)
 
 
 def turbulence(p: Any, octaves: int = 6, lacunarity: Any = 2.0, gain: Any = 0.5, time: Any = None) -> Any:
-    """Return turbulence: ½ + ½ Σ gain^k · |snoise(lacunarity^k · p)|, of creases and billows; from ½ up.
+    """Return turbulence, with creases and billows: ½ + ½ Σ gain^k · |snoise(lacunarity^k · p)|, at least ½.
 
     Parameters and errors are those of `fbm`.
     """
@@ -95,9 +96,9 @@ def cellnoise(p: Any, time: Any = None) -> Any:
 
 
 def random(x: Any, seed: Any = 0.0) -> Any:
-    """Return a random number in [0, 1) for each value of x, a float or a vector, and of `seed`.
+    """Return a random number in [0, 1) for each value of x (a float or a vector) and of `seed`.
 
-    Values are told apart as float32, whatever their precision, so that float64 gives the same numbers.
+    Values are rounded to float32 before they are hashed, so that float64 gives the same numbers.
     """
     numbers = [*_axes(x, None), seed]
     single: Any = dr.float32_array_t(type(numbers[0]))
@@ -111,7 +112,7 @@ def random(x: Any, seed: Any = 0.0) -> Any:
 
 
 def _axes(p: Any, time: Any) -> list[Any]:
-    """Return a point's coordinates, time the last, all of one type."""
+    """Return a point's coordinates, and time as the last, all of one type."""
     axes = [p[i] for i in range(len(p))] if dr.depth_v(p) > 1 else [p]
     if time is None:
         return axes
@@ -140,7 +141,7 @@ def _gradient_noise(axes: list[Any], seed: int) -> Any:
     fades = [x * x * x * dr.fma(dr.fma(x, 6, -15), x, 10) for x in offsets]
 
     def blended(state: Any, toward: list[Any]) -> Any:
-        """Return the noise in the lattice's slice that `state` has hashed, at `toward` from its first point."""
+        """Return the noise in the slice of the lattice whose hash is `state`, at `toward` from its first corner."""
         k = len(toward)
         if k == len(axes):
             return _plane(state, toward)
@@ -152,7 +153,7 @@ def _gradient_noise(axes: list[Any], seed: int) -> Any:
 
 
 def _plane(state: Any, offset: list[Any]) -> Any:
-    """Return gradient · offset, the gradient's components evenly spread over [−1, 1] by the bits of a hash."""
+    """Return gradient · offset; the gradient's components are uniform over [−1, 1], from the bits of a hash."""
     bits = _BITS[len(offset)]
     most = (1 << bits) - 1
     kind: Any = type(offset[0])
@@ -164,7 +165,7 @@ def _plane(state: Any, offset: list[Any]) -> Any:
 
 
 def _kept_inside(value: Any) -> Any:
-    """Return value, from ±`_ROUNDED` on bent into ±1 by a parabola without a kink."""
+    """Return a value, bent into ±1 by a parabola beyond ±`_ROUNDED`, without a kink."""
     room = 1 - _ROUNDED
     size = dr.minimum(dr.abs(value), 1 + room)
     above = dr.maximum(size - _ROUNDED, 0)
@@ -172,12 +173,12 @@ def _kept_inside(value: Any) -> Any:
 
 
 def _start(like: Any, seed: int) -> Any:
-    """Return the hash of a seed, in 32 bits beside floats of the type of `like`."""
+    """Return the initial hash for a seed, as 32-bit integers that match the float type of `like`."""
     return dr.uint32_array_t(type(like))((seed * 0x9E3779B9 + 0x7F4A7C15) & 0xFFFFFFFF)
 
 
 def _cell(x: Any) -> Any:
-    """Return floor(x) as 32 bits; what lies beyond them is kept at the last that a float holds."""
+    """Return floor(x) as 32 bits, clamped to the range of floats that fit into them."""
     whole = dr.clip(dr.floor(x), -(2.0**31), 2.0**31 - 128)
     return dr.uint32_array_t(type(x))(dr.int32_array_t(type(x))(whole))
 
@@ -190,12 +191,12 @@ def _mixed(state: Any) -> Any:
 
 
 def _fraction(state: Any, kind: Any) -> Any:
-    """Return the upper 24 bits, which a float32 holds, as a number in [0, 1)."""
+    """Return the upper 24 bits, which fit into a float32, as a number in [0, 1)."""
     return kind(state >> 8) * 2.0**-24
 
 
 def _scales() -> dict[int, float]:
-    """Return for each dimension the factor that normalizes the noise's deviation.
+    """Return for each number of dimensions the factor that gives the noise its standard deviation.
 
     A corner's weight is a product of (1 − fade) or fade, and its gradient's components have the variance ⅓. Corners are
     independent, so the n-dimensional mean of the variance is n/3 · A · B^(n−1): A = 2 ∫ x² (1 − fade)² along the

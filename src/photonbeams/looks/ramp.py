@@ -13,7 +13,7 @@ from ..scene import SceneError, choice, shown
 
 Interpolation = Literal["none", "linear", "smooth", "catmull-rom", "monotone"]
 
-# A kernel reads the ramp from a table; at 1024 points a corner moves by at most half a thousandth of the ramp.
+# A kernel reads the ramp from a table. With 1024 points, a corner moves by at most half a thousandth of the ramp.
 RESOLUTION = 1024
 
 
@@ -48,7 +48,7 @@ def interpolate(
 
 
 def check_ramp(knots: npt.NDArray[np.float64], colors: npt.NDArray[np.float64], interpolation: Interpolation) -> None:
-    """Raise SceneError for what is no ramp."""
+    """Raise SceneError unless these arrays are a ramp."""
     choice(interpolation, "interpolation", get_args(Interpolation))
     if knots.ndim != 1 or not len(knots) or colors.shape != (len(knots), 3):
         raise SceneError(f"a ramp has knots {knots.shape} and colours {colors.shape}: expected (M,) and (M, 3)")
@@ -59,7 +59,7 @@ def check_ramp(knots: npt.NDArray[np.float64], colors: npt.NDArray[np.float64], 
 
 
 def ramp_ends(knots: Given) -> Given:
-    """Return the positions of a ramp's two ends; one knot alone is constant, over any interval."""
+    """Return the positions of a ramp's knots; a single knot, whose ramp is constant, gets an interval of length 1."""
     if len(knots.plain) > 1:
         return knots
     (only,) = knots.rows
@@ -71,5 +71,5 @@ def ramp_table(
 ) -> npt.NDArray[np.float64]:
     """Return a ramp's table, (RESOLUTION, 3), from its first knot to its last."""
     places = np.linspace(knots[0], knots[-1], RESOLUTION)
-    # Catmull–Rom may undershoot: light is not negative.
+    # Catmull–Rom may undershoot, but light is not negative.
     return np.maximum(interpolate(knots, colors, interpolation, places), 0.0)

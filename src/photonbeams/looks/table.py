@@ -1,4 +1,4 @@
-"""A function on [0, 1] as a table with linear interpolation: what ramps, textures and profiles become in a kernel."""
+"""A function on [0, 1] as a table with linear interpolation: the form of ramps, textures and profiles in a kernel."""
 
 from __future__ import annotations
 
@@ -13,14 +13,26 @@ from ..scene import SceneError
 
 
 class Table:
-    """`values` (M,) or (M, 3) at M ≥ 2 equidistant points of [0, 1], or a Float or Array3f of them; clamped outside.
+    """A table of M ≥ 2 values at equal steps of [0, 1], clamped outside.
 
-    One look-up is one gather of a packet that holds both neighbours' (scalar table) or two packets (colour table),
-    since gathers, not arithmetic, bound the estimators' loops.
+    Parameters
+    ----------
+    values
+        (M,) numbers or (M, 3) colours; a Float or an Array3f stays attached to the AD graph.
+
+    Raises
+    ------
+    SceneError
+        If there are fewer than two values, or if they have another shape.
+
+    Notes
+    -----
+    A look-up gathers one packet with both neighbours (numbers) or two packets (colours), since gathers, not arithmetic,
+    limit the speed of the estimators' loops.
     """
 
     def __init__(self, values: Any) -> None:
-        if dr.is_jit_v(values):  # stays attached to the AD graph, if it is
+        if dr.is_jit_v(values):  # Dr.Jit arrays stay attached to the AD graph
             self._attach(values)
             return
         numbers = np.asarray(values, dtype=np.float32)
@@ -50,9 +62,9 @@ class Table:
         self._last = last
 
     def __call__(self, x: Any) -> Any:
-        """Interpolate at x (any width); returns a Float, or an Array3f for a colour table."""
+        """Return the interpolated value at x (of any width): a Float, or an Array3f for a table of colours."""
         place = dr.clip(x, 0, 1) * type(x)(self._last)
-        # A NaN would become an arbitrary index; `minimum` keeps the gather inside the table whatever x is.
+        # A NaN becomes an arbitrary index; `minimum` keeps the gather inside of the table.
         index = dr.minimum(UInt32(place), self._last - 1)
         weight = place - type(x)(index)
         if self.colour:
