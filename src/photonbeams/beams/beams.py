@@ -258,7 +258,7 @@ class Beams:
     def numbers(self) -> UInt32:
         """Return the number of each beam's light path, (N,), which all pieces of a path share; without `id`, the index.
 
-        Numbers are whole and not negative: |`id`|, without its fractional part.
+        Numbers are whole and not negative: the magnitude of `id`, without its fractional part.
         """
         return dr.arange(UInt32, len(self)) if self.id is None else UInt32(dr.abs(self.id))
 

@@ -263,7 +263,7 @@ class BoundLook:
 
         Returns
         -------
-        The product, a Float or an Array3f: finite, and not negative.
+        The product, a Float or an Array3f, which is finite and not negative.
         """
         light = self._light(at, reach_depth)
         return _tamed(light) if self._wild else light
