@@ -366,8 +366,8 @@ def test_the_tables_tell_all_that_there_is():
 
 NESTED = "(" * 1000 + "s" + ")" * 1000
 ERRORS = {
-    "": (1, "there is nothing: expected an expression"),
-    "  \n ": (1, "there is nothing"),
+    "": (1, "the expression is empty: expected an expression"),
+    "  \n ": (1, "the expression is empty"),
     "smoothstap(0, 1, s)": (1, r"smoothstap is not a function: expected one of abs, .*; did you mean smoothstep\?"),
     "1 + foo": (5, "foo is not a name: expected one of s, distance, r, t"),
     "p": (1, r"p is not a name: .*; did you mean P\?"),

@@ -352,7 +352,9 @@ def _array(value: Any, name: str, count: int) -> Any:
     except ValueError:
         raise SceneError(f"Beams: {name} has shape {found.shape}: expected {shape}") from None
     if not np.all(np.isfinite(wide)):
-        raise SceneError(f"Beams: {name} of beam {int(np.argwhere(~np.isfinite(wide))[0][0])} is not finite")
+        raise SceneError(
+            f"Beams: {name} of beam {int(np.argwhere(~np.isfinite(wide))[0][0])} is not finite: expected finite numbers"
+        )
     return to_vectors(wide) if vector else to_float(wide)
 
 
@@ -396,7 +398,7 @@ def _places(index: Any, count: int) -> Array:
     except (IndexError, ValueError, TypeError):
         found = np.zeros((0, 0))
     if found.ndim > 1 or isinstance(index, tuple):
-        text = f"{count:,} beams are indexed by {shown(index)}: expected a slice, truth values for each, or numbers"
+        text = f"{count:,} beams are indexed by {shown(index)}: expected a slice, one truth value for each, or numbers"
         raise _NoSuchBeamError(f"{text} from {-count} to {count - 1}")
     return np.atleast_1d(found)
 

@@ -74,7 +74,7 @@ _CLOSING = {")": "(", "]": "["}
 def _check_characters(text: str) -> None:
     """Refuse texts that cannot be expressions before Python's parser sees them, since its limits are others."""
     if not text:
-        raise ExpressionError(text, 1, "there is nothing: expected an expression, such as 1 - s")
+        raise ExpressionError(text, 1, "the expression is empty: expected an expression, such as 1 - s")
     if len(text) > LONGEST:
         reason = f"the expression has {len(text)} characters: expected at most {LONGEST}"
         raise ExpressionError(text, LONGEST + 1, reason)
