@@ -102,8 +102,8 @@ def estimate(
     SceneError
         If an argument has the wrong type, if the estimator is unknown, if rays have numbers or shapes that do not fit,
         if `close` does not match `beams`, if a physical look has no medium, or if derivatives need more pairs of rays
-        and beams than the memory holds (16 million, or a sixth of that for looks that change in space or have corners over
-        the radius).
+        and beams than the memory holds (16 million, or a sixth of that for looks that change in space or have corners
+        over the radius).
 
     Notes
     -----
