@@ -233,7 +233,7 @@ def test_what_cannot_carry_a_gradient_says_so():
         (lambda: pb.Medium(colour), "scattering has gradients enabled, which would be lost"),
         (lambda: pb.Medium(1.0, 0.0, number), "anisotropy has gradients enabled"),
         (lambda: looks.ColorRamp(rows, COLOURS, "none"), "ramp of steps has gradients enabled for their positions"),
-        (lambda: looks.ColorRamp([0, 0.5, 1], COLOURS, "none", number), "a step has no derivative by its place"),
+        (lambda: looks.ColorRamp([0, 0.5, 1], COLOURS, "none", number), "a step has no derivative by its position"),
         (lambda: pb.aim(colour, 0.5), "target has gradients enabled"),
         (lambda: pb.thin(number), "fraction has gradients enabled"),
         (lambda: pb.recolor(colour), "colour has gradients enabled"),
