@@ -236,7 +236,7 @@ def test_what_cannot_carry_a_gradient_says_so():
         (lambda: looks.ColorRamp([0, 0.5, 1], COLOURS, "none", number), "a step has no derivative by its position"),
         (lambda: pb.aim(colour, 0.5), "target has gradients enabled"),
         (lambda: pb.thin(number), "fraction has gradients enabled"),
-        (lambda: pb.recolor(colour), "colour has gradients enabled"),
+        (lambda: pb.recolor(colour), "color has gradients enabled"),
         (lambda: pb.curved(np.eye(3), number, (1, 1, 1)), "radius has gradients enabled"),
         (lambda: looks.LightContext(time=number), "time has gradients enabled"),
         (lambda: pb.medium_of_colors(colour, (0.1, 0.1, 0.1)), "near has gradients enabled"),
