@@ -1,4 +1,4 @@
-"""docs/matrix.md, written from the rows: `python -m tests.matrix.page`."""
+"""Write docs/matrix.md from the rows of the matrix: `python -m tests.matrix.page`."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ FILE = Path(__file__).parents[2] / "docs" / "matrix.md"
 
 HEAD = f"""# What each door renders
 
-A USD stage and a Mitsuba scene are two doors of one renderer. Each feature stands on this page with what its pictures
-are held to: the mean of a picture is that of Mitsuba's `volpath` within {100 * BIAS:g} %, beside four standard errors,
-and a Z-test finds no block of 4 x 4 pixels that differs by more than {100 * BLOCK_BIAS:g} %, beside six. The two doors
-are held to each other in the same way.
+A USD stage and a Mitsuba scene are two doors of one renderer. This page lists features that are tested through both
+doors. The test is the same for each: the mean of a picture must agree with that of Mitsuba's `volpath` to within
+{100 * BIAS:g} % plus four standard errors, and in a Z-test no block of 4 x 4 pixels may differ by more than
+{100 * BLOCK_BIAS:g} % plus six standard errors. The two doors are compared with each other in the same way.
 
-The scenes are in [`tests/matrix`](../tests/matrix): a box of fog in the dark with a lamp above it. Where a Mitsuba
-scene is not written by hand, it is what [`photonbeams export`](guide.md#a-stage-as-a-mitsuba-scene) makes of the stage.
-`volpath` had {{samples}} samples a pixel or more.
+The scenes are in [`tests/matrix`](../tests/matrix): a box of fog in the dark with a lamp above it. A Mitsuba scene that
+is not written by hand is what [`photonbeams export`](guide.md#a-stage-as-a-mitsuba-scene) makes of the stage. `volpath`
+had {{samples}} samples per pixel or more.
 
 | feature | stage | Mitsuba scene |
 |---|---|---|
@@ -25,7 +25,7 @@ scene is not written by hand, it is what [`photonbeams export`](guide.md#a-stage
 
 
 def page() -> str:
-    """Return the page."""
+    """Return the text of the page."""
     from .references import SEEDS
 
     head = HEAD.format(samples=f"{SEEDS * min(row.samples for row in MATRIX):,}")
