@@ -164,7 +164,7 @@ def test_info_shows_the_stage_under_session_layers_and_no_image(call, files):
     assert stderr.startswith("Error: --session-layer is of a stage")
     code, _, stderr = call("info", files / "bare.usda", "--session-layer", files / "nothing.usda")
     assert code == 1
-    assert "nothing.usda: expected a USD stage, there is no such file" in stderr
+    assert "nothing.usda: expected a USD stage, but there is no such file" in stderr
 
 
 @pytest.mark.parametrize("flag", ["--holdout", "--over"])

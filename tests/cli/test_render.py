@@ -416,7 +416,7 @@ def lamp(body):
         ((FOG, CAMERA, LAMP, 'def Cone "C" {\n    uniform token axis = "W"\n}\n'), ("/C.axis is 'W'", "X, Y, Z")),
         (
             (FOG, CAMERA, LAMP, 'def Xform "X" {\n    uniform token[] xformOpOrder = ["xformOp:nope"]\n}\n'),
-            ("/X.xformOpOrder names what is no transform", "expected xformOps"),
+            ("/X.xformOpOrder has an entry that is not a transform", "expected xformOps"),
         ),
         ((FOG, CAMERA, LAMP, with_(FLOOR, "[4]", "[4, 4]")), ("/Floor.faceVertexIndices has 4", "expected 8")),
         ((FOG, CAMERA, LAMP, with_(FLOOR, "[4]", "[5, -1]")), ("/Floor.faceVertexCounts holds -1",)),
@@ -430,7 +430,7 @@ def lamp(body):
         ((FOG, with_(CAMERA, "= 32", "= -1"), LAMP), ("/Camera.horizontalAperture is -1", "at least 0")),
         ((FOG, with_(CAMERA, "(0, 0, 5)", "(0, 0, nan)"), LAMP), ("/Camera", "transform that is not finite")),
         ((FOG, with_(CAMERA, "(0, 0, 5)", "(0, 0, 1e300)"), LAMP), ("/Camera reaches 1e+300 units",)),
-        ((FOG, CAMERA.replace("translate", "scale"), LAMP), ("/Camera is scaled to nothing",)),
+        ((FOG, CAMERA.replace("translate", "scale"), LAMP), ("/Camera is scaled to zero",)),
         (
             (FOG, with_(CAMERA, "float focal", "float2 clippingRange = (9, 1)\n    float focal"), LAMP),
             ("/Camera.clippingRange is (9, 1)", "near distance before a far one"),
@@ -487,7 +487,7 @@ def test_a_layer_that_is_not_there_is_named(render, stage, out):
             (FOG, CAMERA, lamp("rel photonbeams:portal = </Portal>"), PORTAL, with_(FLOOR, "[4]", "[5]")),
             "subLayers = [@./gone.usda@]",
             [
-                "gone.usda@, which is not there; the layer is without it",
+                "gone.usda@, which is not there; it is left out",
                 "/Portal has 1 faces without area",
                 "/Lamp.photonbeams:portal names /Portal, which has no area: expected a surface; the light has no "
                 "portal",
@@ -527,7 +527,7 @@ def test_domes_make_beams_where_that_is_asked_for(render, stage, out):
         ),
         ((FOG, CAMERA, LAMP, 'def Cube "Dot" {\n    double size = 0\n}\n'), "/Dot has 6 faces without area"),
         ((FOG, CAMERA, LAMP, 'def DistantLight "Sun" {\n    double3 xformOp:scale = (0, 0, 0)\n'
-          '    uniform token[] xformOpOrder = ["xformOp:scale"]\n}\n'), "/Sun is scaled to nothing: it is skipped"),
+          '    uniform token[] xformOpOrder = ["xformOp:scale"]\n}\n'), "/Sun is scaled to zero: it is skipped"),
         ((FOG, CAMERA, LAMP, TEXTURED.split('def Material')[0]), "/Wall.material:binding names /Wood"),
     ],
 )  # fmt: skip

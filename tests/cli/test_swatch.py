@@ -96,7 +96,7 @@ def test_the_library_is_drawn(capsys, tmp_path):
             1,
             "along:expression is wrong: ",
         ),
-        (("nothing.usda", "-o", "a.png"), 1, "nothing.usda: expected a USD stage, there is no such file"),
+        (("nothing.usda", "-o", "a.png"), 1, "nothing.usda: expected a USD stage, but there is no such file"),
     ],
 )
 def test_what_cannot_be_drawn_is_told(capsys, stage, tmp_path, monkeypatch, arguments, code, message):

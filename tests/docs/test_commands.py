@@ -213,7 +213,7 @@ PROVOKED = {
     ),
     "no channel that is called a depth": ((), [*GOOD, "--holdout", "examples/blender/textures/color_4C72FF.exr"]),
     "of a prim that is not there": (('over "Attic"', 'over "Attics"'), STRICT),
-    "is no attribute of a": (("photonbeams:intensity", "photonbeams:intensty"), STRICT),
+    "is not an attribute of a": (("photonbeams:intensity", "photonbeams:intensty"), STRICT),
     "has no render settings": ((), [*GOOD, "--render-settings", "/Render/Settings"]),
 }
 

@@ -86,7 +86,7 @@ def test_a_free_pair_stands_where_its_middle_is_put(stage):
 @pytest.mark.parametrize(
     "changes, message",
     [({"stereo": Stereo(100.0, 0.1)}, "expected a convergence of at least"), ({"stereo": 3}, "expected a Stereo"),
-     ({"camera": "/World/Left", "stereo": Stereo()}, "expected two eyes with the same")],
+     ({"camera": "/World/Left", "stereo": Stereo()}, "expected the same for both eyes")],
 )  # fmt: skip
 def test_eyes_that_cannot_be_are_refused_and_nothing_is_changed(tmp_path, changes, message):
     path = tmp_path / "shot.usda"

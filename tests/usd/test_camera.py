@@ -84,7 +84,7 @@ def test_a_black_exposure_and_a_wrong_projection_are_warned_of_once(usd, caplog)
     told = [message.partition("stage.usda: ")[2] for message in caplog.messages]
     assert told == [
         "/C.projection is 'fisheye': expected one of perspective, orthographic; perspective is used",
-        "/C.exposure:iso multiplies all light with 0: the picture is black",
+        "/C.exposure:iso multiplies all light by 0: the picture is black",
     ]
 
 
@@ -150,7 +150,7 @@ def test_the_render_settings_name_the_camera(usd):
     }"""
     metadata = 'renderSettingsPrimPath = "/Render/S"'
     assert read_camera(usd(TWO + settings % "/B/side", metadata)).name == "/B/side"
-    with pytest.raises(SceneError, match="the render settings name /B/gone, which is no camera: /A/cam is used"):
+    with pytest.raises(SceneError, match="the render settings name /B/gone, which is not a camera: /A/cam is used"):
         read_camera(usd(TWO + settings % "/B/gone", metadata), warnings=Warnings(strict=True))
     assert read_camera(usd(TWO + settings % "/B/gone", metadata)).name == "/A/cam"
 
@@ -172,7 +172,7 @@ def test_the_render_settings_name_the_camera(usd):
         (
             camera('float3 xformOp:scale = (0, 0, 0)\nuniform token[] xformOpOrder = ["xformOp:scale"]'),
             None,
-            "/C is scaled to nothing",
+            "/C is scaled to zero",
         ),
     ],
 )

@@ -247,7 +247,7 @@ def test_transforms_reach_curves(scene):
         (
             "[1, 3]",
             "float[] widths = [0.1]",
-            r"curveVertexCounts has curve 0 of other numbers of points than 2 or more",
+            r"curveVertexCounts has curve 0 whose number of points is not 2 or more",
         ),
         ("[2, 2]", "float[] widths = [0, 0, 0.1, 0.1]", r"/B\.widths has curve 0 without width: skipped"),
         ("[2, 2]", 'float[] widths = [0, 0.1] (interpolation = "uniform")', r"/B\.widths has curve 0 without width"),
@@ -262,7 +262,7 @@ def test_a_curve_that_cannot_be_rendered_is_skipped_and_the_others_are_not(scene
 def test_many_bad_curves_are_named_in_one_sentence(scene, caplog):
     points = str([(k, 0, 0) for k in range(8)])
     assert scene(curves("float[] widths = [0.1]", str([1] * 8), points=points)).drawn == ()
-    assert "has curves 0, 1, 2 and 5 more of other numbers of points than 2 or more: skipped" in caplog.text
+    assert "has curves 0, 1, 2 and 5 more whose number of points is not 2 or more: skipped" in caplog.text
 
 
 def test_a_piece_without_width_within_a_curve_is_skipped(scene, caplog):
@@ -344,10 +344,10 @@ def test_segments_without_length_and_empty_curves_are_skipped_with_a_warning(sce
     ("text", "message"),
     [
         (curves("float[] widths = [0.1]", "[2, 3]"), r"/B\.curveVertexCounts sums to 5: expected .* 4"),
-        (curves("float[] widths = [0.1]", "[-1, 5]"), r"/B\.curveVertexCounts sums to 4: .* and none below 0"),
-        (curves(""), r"/B\.widths is empty: beams expect the diameters of the curves"),
+        (curves("float[] widths = [0.1]", "[-1, 5]"), r"/B\.curveVertexCounts sums to 4: .* and no negative counts"),
+        (curves(""), r"/B\.widths is empty: expected the diameters of the beams"),
         (curves("float[] widths = [0.1, 0.2, 0.3]"), r"/B\.widths has 3 values .*: expected 1, 2 or 4"),
-        (curves("float[] widths = [0.1, -0.2]"), r"/B\.widths holds -0\.2: expected diameters of at least 0"),
+        (curves("float[] widths = [0.1, -0.2]"), r"/B\.widths holds -0\.2: expected diameters of 0 or more"),
         (curves("float[] widths = [nan]"), r"/B\.widths\[0\] is nan: expected finite numbers"),
         (
             curves("float[] widths = [0.1]\ncolor3f[] photonbeams:power = [(1, 1, 1), (1, 1, 1), (1, 1, 1)]"),

@@ -102,5 +102,5 @@ def test_a_light_reads_its_profile_and_shines_without_one_that_is_not_there(scen
     good, bad, none = (light.shaping.profile for light in scene(text).lights)
     assert good.angle_scale == 0.5
     assert (bad, none) == (None, None)
-    assert "bad.ies, which is no IES profile (it has no line TILT=): the light shines without it" in caplog.text
+    assert "bad.ies, which is not an IES profile (it has no line TILT=): the light shines without it" in caplog.text
     assert "none.ies, which is not there: the light shines without its IES profile" in caplog.text

@@ -116,5 +116,5 @@ def Material "M" {{
     assert texture_limit(stage) == 4
     read_scene(stage)
     (record,) = caplog.records  # images of lights have twice the limit
-    expected = "/M/T.inputs:file names a.png of 8 x 2 pixels: it is scaled down to 4 x 1, for the texture limit is 4"
+    expected = "/M/T.inputs:file names a.png of 8 x 2 pixels: it is scaled down to 4 x 1, as the texture limit is 4"
     assert expected in record.getMessage()

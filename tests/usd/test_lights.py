@@ -170,13 +170,13 @@ def test_hidden_lights_and_lights_scaled_to_nothing_do_not_shine(scene, caplog):
     assert not caplog.text
     body = 'float3 xformOp:scale = (0, 0, 0)\nuniform token[] xformOpOrder = ["xformOp:scale"]'
     assert scene(light("RectLight", body)).lights == ()
-    assert "/L is scaled to nothing: it is skipped" in caplog.text
+    assert "/L is scaled to zero: it is skipped" in caplog.text
 
 
 @pytest.mark.parametrize(
     ("kind", "message"),
     [
-        ("PluginLight", "is a light of a renderer's own kind, which is not rendered: it is skipped"),
+        ("PluginLight", "is a light of one renderer only, which is not rendered: it is skipped"),
         ("GeometryLight", "is deprecated and not rendered: expected MeshLightAPI on the geometry; it is skipped"),
         ("PortalLight", "is skipped: the light of a dome is sampled by its brightness, without portals"),
         ("PxrEnvDayLight", "is a light of kind PxrEnvDayLight, which is not rendered: it is skipped"),
@@ -189,7 +189,7 @@ def test_a_light_of_another_kind_is_skipped_with_a_warning(scene, caplog, kind, 
 
 def test_a_volume_light_is_named(scene, caplog):
     assert scene(light("Volume", extra='(prepend apiSchemas = ["VolumeLightAPI"])')).lights == ()
-    assert "/L is a light by VolumeLightAPI, which is not rendered: it does not shine" in caplog.text
+    assert "/L is a volume light (VolumeLightAPI), which is not rendered: it does not shine" in caplog.text
 
 
 def test_what_is_not_rendered_of_a_light_is_named(scene, caplog):
@@ -203,10 +203,10 @@ def test_what_is_not_rendered_of_a_light_is_named(scene, caplog):
     assert (found.shadow_distance, found.surface_scale) == (3, 1)
     for text in (
         "light:filters are not rendered: the light shines without them",
-        "inputs:shadow:color is of the shadows on surfaces alone: beams end where a surface stops them",
+        "inputs:shadow:color applies to shadows on surfaces only: beams end where a surface stops them",
         "inputs:shadow:falloff is not rendered: shadows have the same strength everywhere",
-        "inputs:shadow:distance is of the shadows on surfaces alone: beams end where a surface stops them",
-        "inputs:specular is 0, inputs:diffuse 1: surfaces take the latter for both",
+        "inputs:shadow:distance applies to shadows on surfaces only: beams end where a surface stops them",
+        "inputs:specular is 0 but inputs:diffuse is 1: surfaces use the latter for both",
     ):
         assert f"/L.{text}" in caplog.text
 
@@ -288,7 +288,7 @@ def test_a_glowing_mesh_makes_beams_where_asked(scene, caplog):
     asked = only(scene(mesh_light("bool photonbeams:enabled = 1", api="GeomModelAPI")))
     assert (asked.radiance, asked.surface, asked.emits_beams) == ((0.5, 1, 2), True, True)
     assert scene(mesh_light("bool photonbeams:enabled = 1", api="GeomModelAPI", bound=False)).lights == ()
-    assert "/L.photonbeams:enabled is asked for beams, and its material emits no light: it makes none" in caplog.text
+    assert "/L.photonbeams:enabled is to make beams, but its material emits no light: it makes none" in caplog.text
 
 
 def test_a_light_that_lights_everything_gives_no_warning(scene, caplog):
@@ -553,7 +553,7 @@ def test_images_that_do_nothing_are_warned_of(scene, image, caplog):
         + light("DomeLight", f"asset photonbeams:gobo = @{black}@").replace('"L"', '"Dome"')
     )
     assert found.lights[0].gobo is not None
-    assert "/L.photonbeams:gobo is black: no light passes it" in caplog.text
+    assert "/L.photonbeams:gobo is black: no light passes through it" in caplog.text
     assert "/L.photonbeams:portal:gobo is not rendered: expected a photonbeams:portal" in caplog.text
     assert "/Dome.photonbeams:gobo is not rendered on a dome light" in caplog.text
 

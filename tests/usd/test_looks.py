@@ -195,7 +195,7 @@ def test_lights_and_curves_share_a_look(scene):
 
 def test_a_misspelt_attribute_is_named(read, caplog):
     read("float photonbeams:along:lenght = 3")
-    assert "/Look.photonbeams:along:lenght is no attribute of a PhotonBeamsLook" in caplog.text
+    assert "/Look.photonbeams:along:lenght is not an attribute of a PhotonBeamsLook" in caplog.text
 
 
 @pytest.mark.parametrize(

@@ -308,7 +308,7 @@ def test_a_material_bound_to_a_parent_is_inherited(scene):
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        (None, "names gone.png: expected an image file, there is none"),
+        (None, "names gone.png: expected an image file, but there is none"),
         (b"no picture", "expected an image that can be read"),
         ("pipe", "expected an image that can be read (it is a named pipe)"),
     ],
@@ -340,10 +340,10 @@ def test_a_texture_that_cannot_be_read_gives_its_fallback(usd, tmp_path, caplog,
             "color3f inputs:emissiveColor = (-1, 0, 2)",
             "emissive",
             (0, 0, 2),
-            "/Mat has for its emissive -1, 0, 2: expec",
+            "/Mat has the emissive -1, 0, 2: expec",
         ),
-        ("float inputs:roughness = -0.5", "roughness", 0, "/Mat has for its roughness -0.5: expected 0 to 1"),
-        ("float inputs:opacity = 2", "opacity", 1, "/Mat has for its opacity 2: expected 0 to 1"),
+        ("float inputs:roughness = -0.5", "roughness", 0, "/Mat has the roughness -0.5: expected 0 to 1"),
+        ("float inputs:opacity = 2", "opacity", 1, "/Mat has the opacity 2: expected 0 to 1"),
         (
             "float inputs:metallic.connect = </Mat/No.outputs:r>",
             "metallic",

@@ -58,7 +58,7 @@ def test_all_media_are_read(scene, caplog):
 def test_of_two_media_of_the_whole_space_the_first_is_kept(scene, caplog):
     (medium,) = scene(f'def Scope "F" {API} {{\n{FOG}\n}}\ndef Scope "G" {API} {{\n}}').media
     assert medium.name == "/F"
-    assert "/G is a medium of the whole space, as /F is: expected one such medium" in caplog.text
+    assert "/G fills the whole space, as /F does: expected one such medium" in caplog.text
 
 
 def test_a_medium_may_say_how_often_light_is_scattered(scene):

@@ -224,8 +224,11 @@ def test_velocities_carry_points_as_usd_has_it(usd):
 @pytest.mark.parametrize(
     ("body", "expected"),
     [
-        (FALLING.replace("3:", "4:"), "a time sample at each one of points"),
-        ("vector3f[] velocities = [(0, 0, 1), (0, 0, 1), (0, 0, 1), (0, 0, 1)]", "a time sample at each one of points"),
+        (FALLING.replace("3:", "4:"), "the same time samples as those of points"),
+        (
+            "vector3f[] velocities = [(0, 0, 1), (0, 0, 1), (0, 0, 1), (0, 0, 1)]",
+            "the same time samples as those of points",
+        ),
         ("vector3f[] velocities.timeSamples = { 1: [(0, 0, 1)], 3: [] }", "4 values, as points has at time 1"),
     ],
 )
@@ -288,7 +291,7 @@ def test_a_subset_has_those_of_its_faces_that_are_there(scene, caplog):
             int[] indices = [7, 0]
         }}"""
     assert [each.name for each in scene(mesh(body)).meshes] == ["/M/S"]
-    assert "/M/S.indices name face 7: expected faces from 0 to 0; the others are used" in caplog.text
+    assert "/M/S.indices names face 7: expected faces from 0 to 0; the others are used" in caplog.text
 
 
 @pytest.mark.parametrize(
@@ -296,7 +299,7 @@ def test_a_subset_has_those_of_its_faces_that_are_there(scene, caplog):
     [
         (
             QUAD.replace("[0, 1, 2, 3]", "[0, 1, 2, 9]"),
-            r"/M\.faceVertexIndices name point 9: expected points from 0 to 3",
+            r"/M\.faceVertexIndices names point 9: expected points from 0 to 3",
         ),
         (QUAD.replace("[0, 1, 2, 3]", "[0, 1, 2, -1]"), r"/M\.faceVertexIndices name point -1"),
         (QUAD.replace("[4]", "[5]"), r"/M\.faceVertexIndices has 4 values: expected 5"),
@@ -487,7 +490,7 @@ def test_hidden_point_instances_are_not_there(usd):
 def test_instances_of_a_prototype_that_is_not_there_are_skipped(scene, caplog):
     meshes = scene((INSTANCER % "").replace("[0, 1, 0, 1]", "[0, 1, 0, 2]")).meshes
     assert [each.name for each in meshes] == ["/I[0]", "/I[1]", "/I[2]"]
-    assert "/I.protoIndices name prototype 2, which is not there: 1 of 4 instances are skipped" in caplog.text
+    assert "/I.protoIndices names prototype 2, which is not there: 1 of 4 instances are skipped" in caplog.text
     meshes = scene((INSTANCER % "").replace("</I/P/Cube>", "</I/P/Gone>")).meshes
     assert [each.name for each in meshes] == ["/I[1]", "/I[3]"]
 
@@ -496,7 +499,7 @@ def test_instances_of_a_prototype_that_is_not_there_are_skipped(scene, caplog):
 def test_point_instances_that_are_complete_are_where_they_are_without_the_others(scene, caplog, positions, count):
     whole = scene(INSTANCER % "").meshes
     meshes = scene((INSTANCER % "").replace("(15, 0, 0)]", positions)).meshes
-    assert f"values: expected 4, as protoIndices; {count} instances are rendered" in caplog.text
+    assert f"values: expected 4, as many as protoIndices; {count} are rendered" in caplog.text
     assert [each.name for each in meshes] == [each.name for each in whole[:count]]
     # The same matrices by another way: to the rounding of USD's half and single precision.
     assert all(np.allclose(a.points, b.points, atol=1e-5) for a, b in zip(meshes, whole, strict=False))
@@ -517,4 +520,4 @@ def test_an_instancer_within_its_own_prototypes_ends(usd, caplog):
         }
     }"""
     assert len(read_scene(usd(text)).meshes) == 2
-    assert "/I.prototypes hold the instancer itself: expected prims that do not; it is skipped" in caplog.text
+    assert "/I.prototypes contains the instancer itself: expected prims that do not; it is skipped" in caplog.text

@@ -45,7 +45,7 @@ def test_what_a_layer_over_an_export_does_not_say_is_the_exports(opened):
     assert (stage.GetStartTimeCode(), stage.GetEndTimeCode()) == (1, 48)
     assert (UsdGeom.GetStageMetersPerUnit(stage), UsdGeom.GetStageUpAxis(stage)) == (1, "Z")
     said = "metersPerUnit, upAxis, timeCodesPerSecond, framesPerSecond, startTimeCode, endTimeCode"
-    assert told == [f"has no {said}: as in its sublayer export.usda"]
+    assert told == [f"has no {said}: taken from its sublayer export.usda"]
 
 
 def test_what_it_says_stays(opened):
@@ -64,5 +64,5 @@ def test_what_it_says_stays(opened):
 def test_keys_of_its_own_are_not_moved_and_those_of_the_export_are_warned_of(opened, given):
     stage, times, told = opened(**given)
     assert times[1] == pytest.approx(19.2 + (10 if "offset" in given else 0)) and stage.GetTimeCodesPerSecond() == 24
-    assert told[0].startswith("has no timeCodesPerSecond, and its sublayer export.usda 30: keys of that are moved")
-    assert told[1:] == ["has no metersPerUnit, upAxis: as in its sublayer export.usda"]
+    assert told[0].startswith("has no timeCodesPerSecond, but its sublayer export.usda has 30: its keys are moved")
+    assert told[1:] == ["has no metersPerUnit, upAxis: taken from its sublayer export.usda"]

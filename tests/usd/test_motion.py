@@ -464,7 +464,7 @@ def test_a_pair_of_prims_needs_no_numbers(shot):
 @pytest.mark.parametrize(
     ("message", "overrides"),
     [
-        (r"/Camera\.shutter:close is -1 and shutter:open 0: expected a shutter", ["/Camera.shutter:close=-1"]),
+        (r"/Camera\.shutter:close is -1 but shutter:open is 0: expected a shutter", ["/Camera.shutter:close=-1"]),
         (r"/Camera\.shutter:open=nan': expected a finite number", ["/Camera.shutter:open=nan"]),
     ],
 )
@@ -476,7 +476,7 @@ def test_bad_cameras_are_told_in_a_sentence(shot, message, overrides):
 @pytest.mark.parametrize(
     ("message", "overrides"),
     [
-        ("/Camera.focusDistance is 0 and fStop 2", ["/Camera.fStop=2", "/Camera.focusDistance=0"]),
+        ("/Camera.focusDistance is 0 but fStop is 2", ["/Camera.fStop=2", "/Camera.focusDistance=0"]),
         ("/Camera.fStop is -1", ["/Camera.fStop=-1"]),
     ],
 )
@@ -493,24 +493,24 @@ def test_bad_eyes_are_told_in_a_sentence(shot):
         Stereo(convergence=0)
     with pytest.raises(SceneError, match="view is 'middle': expected one of left, right"):
         shot(stereo=Stereo()).render(1, view="middle", **SMALL)
-    with pytest.raises(SceneError, match="view is 'left': expected none, for the shot has one camera"):
+    with pytest.raises(SceneError, match="view is 'left': expected none, because the shot has one camera"):
         shot().render(1, view="left", **SMALL)
     alone = STAGE.replace('def Camera "Camera"\n{', 'def Camera "Camera"\n{\n    uniform token stereoRole = "left"')
     with pytest.raises(SceneError, match="/Camera is one of two eyes: expected one camera with stereoRole 'right'"):
         shot(text=alone, stereo=Stereo())
     other = STAGE[STAGE.index('def Camera "Camera"') :].replace("horizontalAperture = 12", "horizontalAperture = 13")
     other = other.replace('def Camera "Camera"\n{', 'def Camera "Other"\n{\n    uniform token stereoRole = "right"')
-    with pytest.raises(SceneError, match=r"/Camera\.horizontalAperture is 12 and that of /Other 13: expected two eyes"):
+    with pytest.raises(SceneError, match=r"/Camera\.horizontalAperture is 12 but that of /Other is 13: expected the"):
         shot(text=alone + other, camera="/Camera", stereo=Stereo())
 
 
 @pytest.mark.parametrize(
     ("override", "message"),
     [
-        ("focalLength=11", r"/Left\.focalLength is 10 and that of /Right 11: expected two eyes with the same"),
+        ("focalLength=11", r"/Left\.focalLength is 10 but that of /Right is 11: expected the same for both eyes"),
         ("projection=orthographic", r"/Left\.projection is perspective and that of /Right orthographic: expected two"),
-        ("shutter:close=0.5", r"/Left\.shutter:close is 0 and that of /Right 0\.5: expected two eyes with the same"),
-        ("exposure=1", r"/Left\.exposure is 0 and that of /Right 1: expected two eyes with the same"),
+        ("shutter:close=0.5", r"/Left\.shutter:close is 0 but that of /Right is 0\.5: expected the same for both eyes"),
+        ("exposure=1", r"/Left\.exposure is 0 but that of /Right is 1: expected the same for both eyes"),
     ],
 )
 @pytest.mark.parametrize("camera", ["Left", "Right"])

@@ -122,7 +122,7 @@ def test_another_shader_is_named_and_read_by_its_usual_names(scene, caplog, kind
     assert found.meshes[0].material.diffuse == pytest.approx((1, 0.5, 0))
     assert found.meshes[0].material.roughness == 0.25
     (record,) = caplog.records
-    assert f"/Mat/S is a '{kind}': it is rendered as the UsdPreviewSurface that is nearest" in record.getMessage()
+    assert f"/Mat/S is a '{kind}': it is rendered as the nearest UsdPreviewSurface" in record.getMessage()
 
 
 @pytest.mark.parametrize(
@@ -276,7 +276,7 @@ def test_blenders_opaque_glass_is_named(usd, caplog):
     for before, after in (("/Mat", "/ClearGlass"), ('"Mat"', '"ClearGlass"')):
         text = text.replace(before, after)
     read_scene(usd(text, 'doc = "Blender v5.0.1"'))
-    assert "/ClearGlass is opaque: Blender writes no transmission" in caplog.text
+    assert "/ClearGlass is opaque, because Blender writes no transmission" in caplog.text
 
 
 def test_nvidias_shaders_have_their_textures_as_inputs(usd, image):

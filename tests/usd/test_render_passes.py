@@ -59,7 +59,7 @@ def test_what_a_pass_says_and_is_not_done_is_warned_of(usd, caplog):
         )
     )
     assert apply_pass(stage, "/Pass") is None
-    assert [message.partition(" is not done")[0].rpartition(": ")[2] for message in caplog.messages] == [
+    assert [message.partition(" is not supported")[0].rpartition(": ")[2] for message in caplog.messages] == [
         "/Pass.collection:matte", "/Pass.collection:cameraVisibility",
     ]  # fmt: skip
 

@@ -117,7 +117,7 @@ def test_what_is_not_done_is_warned_of_once(usd, warnings, body, warning):
 def test_metadata_that_names_no_settings_is_ignored_with_a_warning(usd, warnings):
     assert read_settings(usd(CAMERAS, 'renderSettingsPrimPath = "/A"')) == RenderSettings()
     assert len(warnings.messages) == 1
-    assert "renderSettingsPrimPath is /A, which is no RenderSettings" in warnings.messages[0]
+    assert "renderSettingsPrimPath is /A, which is not a RenderSettings prim" in warnings.messages[0]
 
 
 @pytest.mark.parametrize("path", ["/A", "/Gone", "S", "/S.camera", "no path", "/"])

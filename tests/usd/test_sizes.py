@@ -34,10 +34,10 @@ def test_instancers_are_thinned_out_to_what_memory_holds(usd, monkeypatch, caplo
     stage = usd(CUBES)
     monkeypatch.setattr(contents, "room", lambda: 4 * (sizes.MESH + 6))
     assert [mesh.name for mesh in read_scene(stage).meshes] == [f"/Copies[{index}]" for index in (0, 2, 4, 6)]
-    assert "/Copies.protoIndices has 8 instances: one of 2 is rendered, to bound memory" in caplog.text
+    assert "/Copies.protoIndices has 8 instances: one in 2 is rendered, to limit memory" in caplog.text
     monkeypatch.setattr(meshes, "room", lambda: 5)
     assert len(read_scene(stage).meshes) == 2
-    assert "more triangles than memory holds" in caplog.text
+    assert "more triangles than fit into memory" in caplog.text
     monkeypatch.setattr(contents, "MOST_INSTANCES", 7)
     assert not read_scene(stage).meshes
     assert "has 8 values: expected no more than 7" in caplog.text
@@ -64,5 +64,5 @@ def test_endless_instances_of_a_stage_are_refused(usd):
             f'def "P{part}" (instanceable = true\nreferences = </A{level - 1}>) {{}}' for part in range(10)
         )
         text += f'class "A{level}" {{\n{parts}\n}}\n'
-    with pytest.raises(SceneError, match="prims in instances: expected no more than 10,000,000; a mask chooses a part"):
+    with pytest.raises(SceneError, match="prims in instances: expected no more than 10,000,000; a mask can select"):
         usd(text + 'def "World" (instanceable = true\nreferences = </A8>) {}')

@@ -170,4 +170,4 @@ def test_a_single_quad_stays_one(scene):
 def test_wrong_creases_are_left_out_with_a_warning(scene, caplog):
     more = "int[] creaseIndices = [4, 5, 7]\nint[] creaseLengths = [5]\nfloat[] creaseSharpnesses = [10]"
     assert len(scene(body("catmullClark", more)).meshes[0].faces) == 192
-    assert "/M.creaseLengths sum to 5: expected 3, as creaseIndices has; creases are left out" in caplog.text
+    assert "/M.creaseLengths sums to 5: expected 3, as many as creaseIndices; creases are left out" in caplog.text

@@ -38,14 +38,14 @@ def told(usd, caplog):
 )
 def test_a_misspelt_attribute_is_told(told, kind, line, expected):
     name = line.split()[1]
-    assert told(f'def {kind} "A" {{\n    {line}\n}}\n') == [f"/A.{name} is no attribute of a {expected}"]
+    assert told(f'def {kind} "A" {{\n    {line}\n}}\n') == [f"/A.{name} is not an attribute of a {expected}"]
 
 
 def test_an_over_of_what_is_not_there_is_told(told):
     text = 'over "Attic" {\n over "Spt" (prepend apiSchemas = ["PhotonBeamsLightAPI"]) {\n}\n over "SomethingElse" {\n'
     text += " float photonbeams:count = 3\n}\n}\n"
     attic = f'def Xform "Attic" {{\n{prim("SphereLight", "Spot", (0, 0, 0))}}}\n'
-    told_of = "is an `over` of a prim that is not there: what it says is ignored"
+    told_of = "is an `over` of a prim that is not there: its values are ignored"
     assert told(attic, text.replace("Attic", "Atic")) == [
         f"/Atic/Spt {told_of}; expected /Attic/Spot", f"/Atic/SomethingElse {told_of}",
     ]  # fmt: skip

@@ -67,7 +67,7 @@ HEADER = struct.pack("<3sB5i6f", b"VOL", 3, 1, 1, 1, 1, 1, 0, 0, 0, 1, 1, 1)
 @pytest.mark.parametrize(
     ("data", "message"),
     [
-        (None, r"/F/D\.filePath names .*smoke\.vol: expected a \.vdb or \.vol file, there is none"),
+        (None, r"/F/D\.filePath names .*smoke\.vol: expected a \.vdb or \.vol file, but there is none"),
         (b"VOL", r"expected a grid that can be read \(it has 3 bytes\)"),
         (b"LOV" + HEADER[3:], r"its header is not that of float32 data"),
         (HEADER, r"it ends before its 1 values"),
@@ -268,7 +268,7 @@ def test_a_volume_of_a_sequence_that_is_empty_at_first_is_a_medium(scene, tmp_pa
     ("change", "message"),
     [
         (('fieldName = "density"', 'fieldName = "fuel"'), r"it has no grid fuel, but density"),
-        (('fieldName = "density"', 'fieldName = "density"\nint fieldIndex = 1'), "no grid density of the fieldIndex 1"),
+        (('fieldName = "density"', 'fieldName = "density"\nint fieldIndex = 1'), "no grid density with fieldIndex 1"),
         (("smoke.vdb", "smoke.f3d"), r"/V/density\.filePath names .*: expected a \.vdb or \.vol file"),
     ],
 )

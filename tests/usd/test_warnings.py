@@ -59,11 +59,11 @@ def test_what_fails_in_a_way_that_nobody_thought_of_is_left_out(usd, caplog):
 @pytest.mark.parametrize(
     ("prim", "warning"),
     [
-        ("references = @ok.usda@</Nope>", "/A has a reference to @ok.usda@</Nope>, where no such prim is;"),
+        ("references = @ok.usda@</Nope>", "/A has a reference to @ok.usda@</Nope>, which has no such prim;"),
         ("references = @plain.usda@", "/A has a reference to @plain.usda@, which names no default prim;"),
         ("payload = @broken.usda@", "/A has a payload to @broken.usda@, which cannot be read (line 3: "),
-        ("references = </A/B>", "/A refers to itself, directly or by others;"),
-        ("references = @picture.jpg@", "/A has a reference to @picture.jpg@, and OpenUSD reads no files like *.jpg"),
+        ("references = </A/B>", "/A refers to itself, directly or through others;"),
+        ("references = @picture.jpg@", "/A has a reference to @picture.jpg@, but OpenUSD reads no *.jpg files"),
     ],
 )
 def test_what_cannot_be_composed_is_left_out_in_a_sentence_of_our_own(tmp_path, caplog, capfd, prim, warning):

@@ -47,7 +47,7 @@ def read_shutter(stage: Usd.Stage, name: str | None = None, time: Any = None) ->
     prim = chosen_camera(stage, name)
     begin, end = (reading.number(prim, f"shutter:{which}", 0.0) for which in ("open", "close"))
     if end < begin:
-        text = f"is {end:g} and shutter:open {begin:g}: expected a shutter that does not close before it opens"
+        text = f"is {end:g} but shutter:open is {begin:g}: expected a shutter that does not close before it opens"
         raise reading.fail(prim, "shutter:close", text)
     return begin, end
 
@@ -61,7 +61,7 @@ def chosen_camera(stage: Usd.Stage, name: str | None, warnings: Warnings | None 
         path = _settings_camera(stage)
         if path and path not in paths:
             if warnings is not None:
-                text = f"the render settings name {path}, which is no camera: {paths[0]} is used"
+                text = f"the render settings name {path}, which is not a camera: {paths[0]} is used"
                 warnings.give(text, file_of(stage))
             path = ""
         if not path and len(paths) > 1:
@@ -126,7 +126,7 @@ def _lens(reading: Reading, prim: Usd.Prim) -> tuple[float, float]:
     if stop == 0:
         return 0.0, focus
     if focus == 0:
-        raise reading.fail(prim, "focusDistance", f"is 0 and fStop {stop:g}: expected a positive distance of the focus")
+        raise reading.fail(prim, "focusDistance", f"is 0 but fStop is {stop:g}: expected a positive focus distance")
     return _TENTH * reading.number(prim, "focalLength", 50.0) / (2 * stop), focus
 
 
@@ -141,9 +141,9 @@ def _exposure_scale(reading: Reading, prim: Usd.Prim) -> float:
     if scale == 0:
         dark = [name for name in ("iso", "time", "responsivity") if reading.value(prim, f"exposure:{name}") == 0]
         name = f"exposure:{dark[0]}" if dark else "exposure"
-        reading.warn(prim, "multiplies all light with 0: the picture is black", name)
+        reading.warn(prim, "multiplies all light by 0: the picture is black", name)
     if not scale <= _BRIGHTEST:
-        text = f"with exposure:iso and the others multiplies light with {scale:g}: expected at most {_BRIGHTEST:g}"
+        text = f"and the other exposure attributes multiply light by {scale:g}: expected at most {_BRIGHTEST:g}"
         raise reading.fail(prim, "exposure", text)
     return scale
 
@@ -157,7 +157,7 @@ def _check_proportions(reading: Reading, prim: Usd.Prim, camera: Camera) -> None
     offsets = {"horizontalApertureOffset": camera.horizontal_offset, "verticalApertureOffset": camera.vertical_offset}
     for name, value in (sizes | offsets).items():
         if abs(value) > _RATIO * wide or (name in sizes and value * _RATIO < wide):
-            text = f"is {value / _TENTH:g} and horizontalAperture {wide / _TENTH:g}: expected a ratio below {_RATIO:g}"
+            text = f"is {value / _TENTH:g} with horizontalAperture {wide / _TENTH:g}: expected a ratio below {_RATIO:g}"
             raise reading.fail(prim, name, text)
 
 
@@ -167,7 +167,7 @@ def _rigid(reading: Reading, prim: Usd.Prim) -> Array:
     back = unit(matrix[:3, 2])
     right = unit(np.cross(matrix[:3, 1], back))
     if not np.any(back) or not np.any(right):
-        raise SceneError(f"{reading.place(prim)} is scaled to nothing: expected a transform that can be undone")
+        raise SceneError(f"{reading.place(prim)} is scaled to zero: expected a transform that can be inverted")
     result = np.eye(4)
     result[:3, :3] = np.stack([right, np.cross(back, right), back], axis=1)
     result[:3, 3] = matrix[:3, 3]

@@ -33,20 +33,20 @@ def _sentence(error: Any) -> str:
     text = " ".join(str(error).split()).removesuffix("; skipping.").rstrip(". ")
     if found := _ARC.match(text):
         asset, kind, prim, reason = found.groups()
-        return f"{prim} has a {kind} to @{asset}@, {_unread(asset, reason)}; the prim is without it"
+        return f"{prim} has a {kind} to @{asset}@, {_unread(asset, reason)}; it is left out"
     if found := _TARGET.match(text):
         kind, asset, target, prim = found.groups()
         if target == "defaultPrim":
-            return f"{prim} has a {kind} to @{asset}@, which names no default prim; the prim is without it"
-        return f"{prim} has a {kind} to @{asset}@<{target}>, where no such prim is; the prim is without it"
+            return f"{prim} has a {kind} to @{asset}@, which names no default prim; it is left out"
+        return f"{prim} has a {kind} to @{asset}@<{target}>, which has no such prim; it is left out"
     if found := _SUBLAYER.match(text):
         asset, layer, reason = found.groups()
-        return f"@{layer}@ has a sublayer @{asset}@, {_unread(asset, reason)}; the layer is without it"
+        return f"@{layer}@ has a sublayer @{asset}@, {_unread(asset, reason)}; it is left out"
     if found := _CYCLE.match(text):
-        return f"{found[1]} refers to itself, directly or by others; the prim is without that"
+        return f"{found[1]} refers to itself, directly or through others; that reference is left out"
     if found := _SUBLAYER_CYCLE.search(text):
         return f"@{found[1]}@ is among its own sublayers; it is used once"
-    return f"{_SITE.sub('', text)}; the stage is without that"
+    return f"{_SITE.sub('', text)}; the stage is composed without it"
 
 
 def _unread(asset: str, reason: str | None) -> str:
@@ -55,6 +55,6 @@ def _unread(asset: str, reason: str | None) -> str:
     if not reason or not os.path.exists(asset):
         return "which is not there"
     if not Sdf.FileFormat.FindByExtension(asset):
-        return f"and OpenUSD reads no files like *{suffix} here"
+        return f"but OpenUSD reads no *{suffix} files here"
     line = re.fullmatch(r".*?:(\d+):\d+: (.*)", reason)
     return f"which cannot be read (line {line[1]}: {line[2]})" if line else "which cannot be read"

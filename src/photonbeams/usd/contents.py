@@ -167,7 +167,7 @@ def _keep_one_filling(reading: Reading, contents: _Contents) -> None:
             kept.append((prim, medium))
             first = first if medium.bounded else prim
         else:
-            text = f"is a medium of the whole space, as {first.GetPath()} is: expected one such medium, the others on "
+            text = f"fills the whole space, as {first.GetPath()} does: expected one such medium, and the others on "
             reading.warn(prim, f"{text}closed gprims; it is skipped")
     contents.media = kept
 
@@ -253,7 +253,7 @@ def _expanded(reading: Reading, item: _Item, within: tuple[Sdf.Path, ...] = ()) 
 def _instances(reading: Reading, item: _Item, within: tuple[Sdf.Path, ...]) -> Iterator[_Item]:
     prim = item.prim
     if prim.GetPath() in within:
-        raise reading.fail(prim, "prototypes", "hold the instancer itself: expected prims that do not")
+        raise reading.fail(prim, "prototypes", "contains the instancer itself: expected prims that do not")
     if not is_relationship(prim, "prototypes"):
         raise reading.fail(prim, "prototypes", "is an attribute: expected a relationship, rel")
     within = (*within, prim.GetPath())
@@ -271,7 +271,7 @@ def _instances(reading: Reading, item: _Item, within: tuple[Sdf.Path, ...]) -> I
     parts = [list(_prototype_items(reading, root)) if root and root.IsActive() else None for root in prototypes]
     lost = [index for index in indices if not 0 <= index < len(parts) or parts[index] is None]
     if lost:
-        text = f"name prototype {lost[0]}, which is not there: {len(lost)} of {len(indices)} instances are skipped"
+        text = f"names prototype {lost[0]}, which is not there: {len(lost)} of {len(indices)} instances are skipped"
         reading.warn(prim, text, "protoIndices")
     step = _step(reading, prim, indices, parts, within)
     for index, (number, matrix) in enumerate(zip(indices, transforms, strict=False)):
@@ -295,7 +295,7 @@ def _step(
     reading.expected += total // step
     if step > 1:
         reading.warn(
-            prim, f"has {len(indices):,} instances: one of {step} is rendered, to bound memory", "protoIndices"
+            prim, f"has {len(indices):,} instances: one in {step} is rendered, to limit memory", "protoIndices"
         )
     return step
 
@@ -337,14 +337,14 @@ def _instance_transforms(
     prim, count = instancer.GetPrim(), len(indices)
     there = 0 if positions is None else len(positions)
     if there != count:
-        text = f"has {there} values: expected {count}, as protoIndices; {min(there, count)} instances are rendered"
+        text = f"has {there} values: expected {count}, as many as protoIndices; {min(there, count)} are rendered"
         reading.warn(prim, text, "positions")
     for name in ("orientations", "scales", "ids"):
         values = sample.value(prim, name, ())
         if not hasattr(values, "__len__"):
             raise reading.fail(prim, name, f"is {values}: expected a list of values")
         if len(values) not in (0, count):
-            text = f"has {len(values)} values: expected {count}, as protoIndices; none of them is used"
+            text = f"has {len(values)} values: expected {count}, as many as protoIndices; none of them is used"
             reading.warn(prim, text, name)
     # Velocities would carry instances to the earliest of all times, which is infinitely long ago.
     time = sample.time if reading.time.IsEarliestTime() else reading.time

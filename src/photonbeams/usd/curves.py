@@ -166,7 +166,7 @@ class _CurvesPrim:
         """Return (curves,) whether each has as many points as its basis takes; warn of those that have not."""
         found: Array = span_counts(self.counts, self.kind, self.wrap) > 0
         expected = expected_points(self.kind, self.wrap)
-        self.warn_of(np.flatnonzero(~found), f"of other numbers of points than {expected}", "curveVertexCounts")
+        self.warn_of(np.flatnonzero(~found), f"whose number of points is not {expected}", "curveVertexCounts")
         return found
 
     def warn_of(self, curves: Array, text: str, name: str) -> None:
@@ -197,9 +197,9 @@ class _CurvesPrim:
         flat = primvar.ComputeFlattened(reading.time) if name != "widths" else None
         widths = reading.array(prim, name, 1, flat)
         if widths is None:
-            raise reading.fail(prim, "widths", "is empty: beams expect the diameters of the curves")
+            raise reading.fail(prim, "widths", "is empty: expected the diameters of the beams")
         if np.any(widths < 0):
-            raise reading.fail(prim, name, f"holds {widths.min():g}: expected diameters of at least 0")
+            raise reading.fail(prim, name, f"holds {widths.min():g}: expected diameters of 0 or more")
         declared = primvar.GetInterpolation() if name != "widths" else UsdGeom.Curves(prim).GetWidthsInterpolation()
         return self._values(widths, str(declared), name)
 

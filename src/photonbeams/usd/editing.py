@@ -145,7 +145,7 @@ class EditLayer:
                     spec = Sdf.CreatePrimInLayer(self._layer, each)
                     spec.specifier, spec.typeName = Sdf.SpecifierDef, kind if each == known else "Scope"
         if not self._stage.GetPrimAtPath(known):
-            raise SceneError(f"cannot define {path}: {file_of(self._stage)} has no place for it, or does not show it")
+            raise SceneError(f"cannot define {path}: {file_of(self._stage)} cannot have one there, or does not show it")
 
     def _found(self, path: str) -> tuple[Usd.Prim, str]:
         """Return the prim and the name of a property that may be edited."""
@@ -196,7 +196,7 @@ class EditLayer:
         except Tf.ErrorException:
             done = False
         if not done:
-            raise SceneError("the text is no USD layer")
+            raise SceneError("the text is not a USD layer")
 
     def load(self, path: Path) -> None:
         """Take the content of a file; SceneError where it is no USD layer."""
@@ -239,7 +239,7 @@ def _converted(value: Any, kind: Sdf.ValueTypeName, path: str) -> Any:
     if isinstance(default, str):
         if isinstance(value, str):
             return value
-        raise SceneError(f"{path} is {value!r}: expected a text")
+        raise SceneError(f"{path} is {value!r}: expected text")
     if isinstance(default, Sdf.AssetPath):
         if isinstance(value, str):
             return Sdf.AssetPath(value)
@@ -254,7 +254,7 @@ def _converted(value: Any, kind: Sdf.ValueTypeName, path: str) -> Any:
         if isinstance(value, list) and len(value) == len(default):
             return type(default)(*(_number(each, path) for each in value))
         raise SceneError(f"{path} is {value!r}: expected {len(default)} numbers")
-    raise SceneError(f"{path} is of type {kind}: expected numbers, texts or files, which can be edited here")
+    raise SceneError(f"{path} is of type {kind}: expected one of numbers, text or files, which can be edited here")
 
 
 def _number(value: Any, path: str) -> float:

@@ -20,7 +20,7 @@ LARGEST = 1e9
 _DIGITS = 9  # after the point: what strides such as 0.1 add up to is rounded, so that files and duplicates are found
 _NUMBER = r"[+-]?(\d+\.?\d*|\.\d+)"
 _RANGE = re.compile(f"{_NUMBER}(:{_NUMBER}(x{_NUMBER})?)?", re.ASCII)
-_EXPECTED = "expected frames such as 101, 101:105, 105:101 or 101:109x2, or several with commas between"
+_EXPECTED = "expected frames such as 101, 101:105, 105:101 or 101:109x2, or several separated by commas"
 
 
 def parse_frames(text: str) -> list[float]:

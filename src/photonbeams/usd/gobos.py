@@ -26,7 +26,7 @@ def read_gobo(reading: Reading, prim: Usd.Prim) -> Gobo | None:
     if image is None:
         return None
     if kind.startswith("DomeLight"):
-        reading.warn(prim, "is not rendered on a dome light: expected its texture", name)
+        reading.warn(prim, "is not rendered on a dome light: expected inputs:texture:file instead", name)
         return None
     wrap = str(reading.value(prim, f"{name}:wrap", _WRAPS[0]))
     if wrap not in _WRAPS:
@@ -53,7 +53,7 @@ def read_portal_gobo(reading: Reading, prim: Usd.Prim, portal: Mesh | str | None
     if image is None:
         return None
     if portal is None:
-        reading.warn(prim, "is not rendered: expected a photonbeams:portal that it lies on", name)
+        reading.warn(prim, "is not rendered: expected a photonbeams:portal for it to lie on", name)
         return None
     if isinstance(portal, str):
         return Gobo(image, up=_up(reading, np.zeros(3)))
@@ -76,7 +76,7 @@ def _width(reading: Reading, prim: Usd.Prim) -> float:
     name = "photonbeams:gobo:width"
     width = _positive(reading, prim, name, np.inf)
     if width is None and prim.GetTypeName() == "DistantLight":
-        raise reading.fail(prim, name, "is not given: expected the image's width in scene units, of a distant light")
+        raise reading.fail(prim, name, "is not given: expected the image's width in scene units, for a distant light")
     return width or 1.0
 
 
@@ -98,7 +98,7 @@ def _image(reading: Reading, prim: Usd.Prim, name: str) -> Array | None:
         return None
     colors = image[..., :3] if image.shape[2] >= 3 else image[..., :1]  # the rest is alpha
     if np.min(colors) < 0:
-        raise reading.fail(prim, name, f"has a pixel of {np.min(colors):g}: expected numbers of at least 0")
+        raise reading.fail(prim, name, f"has a pixel of {np.min(colors):g}: expected 0 or more")
     if not np.any(colors):
-        reading.warn(prim, "is black: no light passes it", name)
+        reading.warn(prim, "is black: no light passes through it", name)
     return image

@@ -36,7 +36,7 @@ def read_profile(reading: Reading, prim: Usd.Prim) -> Profile | None:
     try:
         return _profile(path, stamp(path), scale, normalize)
     except ValueError as error:
-        text = f"names {path}, which is no IES profile ({error}): the light shines without it"
+        text = f"names {path}, which is not an IES profile ({error}): the light shines without it"
         reading.warn(prim, text, _NAME)
         return None
 

@@ -39,13 +39,13 @@ def on_surfaces(reading: Reading, prim: Usd.Prim, beams: bool) -> dict[str, Any]
     """Return how strongly a light shines on surfaces, and what its shadows are; `beams` is whether it makes some."""
     diffuse, specular = (reading.number(prim, f"inputs:{key}", 1.0, minimum=0.0) for key in ("diffuse", "specular"))
     if diffuse != specular:
-        text = f"is {specular:g}, inputs:diffuse {diffuse:g}: surfaces take the latter for both"
+        text = f"is {specular:g} but inputs:diffuse is {diffuse:g}: surfaces use the latter for both"
         reading.warn(prim, text, "inputs:specular")
     distance = reading.number(prim, "inputs:shadow:distance", -1.0)
     color = reading.color(prim, "inputs:shadow:color", (0, 0, 0))
     for name, given in (("distance", distance > 0), ("color", max(color) > 0)):
         if given and beams:
-            text = "is of the shadows on surfaces alone: beams end where a surface stops them"
+            text = "applies to shadows on surfaces only: beams end where a surface stops them"
             reading.warn(prim, text, f"inputs:shadow:{name}")
     return {
         "surface_scale": diffuse,

@@ -84,7 +84,7 @@ def read_light(
         reading.warn(prim, why)
         return None
     if kind not in _DOMES and abs(np.linalg.det(to_world[:3, :3])) < 1e-30:
-        reading.warn(prim, "is scaled to nothing: it is skipped")
+        reading.warn(prim, "is scaled to zero: it is skipped")
         return None
     warn_of_what_is_left_out(reading, prim)
     portal = reading.attempt(prim, partial(read_portal, reading, prim), None, "the light has no portal")
@@ -355,9 +355,9 @@ def read_portal(reading: Reading, prim: Usd.Prim) -> Mesh | None:
 _DOMES = ("DomeLight", "DomeLight_1")
 _UNRENDERED = {
     "PortalLight": "is skipped: the light of a dome is sampled by its brightness, without portals",
-    "PluginLight": "is a light of a renderer's own kind, which is not rendered: it is skipped",
+    "PluginLight": "is a light of one renderer only, which is not rendered: it is skipped",
     "GeometryLight": "is deprecated and not rendered: expected MeshLightAPI on the geometry; it is skipped",
-    "Volume": "is a light by VolumeLightAPI, which is not rendered: it does not shine",
+    "Volume": "is a volume light (VolumeLightAPI), which is not rendered: it does not shine",
 }
 _READERS: dict[str, Callable[[Reading, Usd.Prim, Array, dict[str, Any]], Light]] = {
     "SphereLight": _sphere,

@@ -287,10 +287,10 @@ def _curve(source: _LookAttributes, slot: str, span: Span) -> CurveSpec:
     """Return what is set of a factor's ramp, texture and expression."""
     knots, colors = source.numbers(f"{slot}:ramp:knots"), source.colors(f"{slot}:ramp:colors")
     if len(knots) != len(colors):
-        text = f"has {len(knots)} values and {slot}:ramp:colors {len(colors)}: expected as many of each"
+        text = f"has {len(knots)} values but {slot}:ramp:colors has {len(colors)}: expected as many of each"
         raise source.fail(f"{slot}:ramp:knots", text)
     if any(b <= a for a, b in pairwise(knots)):
-        raise source.fail(f"{slot}:ramp:knots", f"is {list(knots)}: expected positions that ascend")
+        raise source.fail(f"{slot}:ramp:knots", f"is {list(knots)}: expected ascending positions")
     interpolation = source.choice(f"{slot}:ramp:interpolation", CurveSpec.interpolation, _INTERPOLATIONS)
     expression = str(source.reading.value(source.prim, f"photonbeams:{slot}:expression", CurveSpec.expression)).strip()
     if expression:
@@ -337,7 +337,7 @@ def _texture(source: _LookAttributes, slot: str) -> Array | None:
         return None
     row = rgb(pixels.mean(axis=0, dtype=np.float64))  # a 1D texture may be painted several pixels high
     if np.any(row < 0):
-        raise source.fail(name, "has negative pixels: expected colours of at least 0")
+        raise source.fail(name, "has negative pixels: expected colours of 0 or more")
     return row
 
 

@@ -90,10 +90,10 @@ def _read_volume(reading: Reading, prim: Usd.Prim, to_world: Array, name: str) -
 def _read_filled(reading: Reading, prim: Usd.Prim, to_world: Array, name: str) -> Medium:
     """Return the medium of a gprim whose material is a volume: the same everywhere in it."""
     if not is_closed(reading, prim):
-        raise SceneError(f"{reading.place(prim)} has a material that is a volume: expected a closed mesh around it")
+        raise SceneError(f"{reading.place(prim)} has a volume material: expected a closed mesh")
     shading = read_shading(reading, prim)
     if shading.emission is not None and not shading.emission.kelvin:
-        reading.warn(prim, "has a volume that emits light without a field, which is not rendered: it is ignored")
+        reading.warn(prim, "emits light without a field, which is not rendered: the emission is ignored")
     return Medium(
         scattering=shading.scattering,
         absorption=shading.absorption,
@@ -119,7 +119,7 @@ def _glow(reading: Reading, prim: Usd.Prim, to_world: Array, shading: VolumeShad
     if shading.emission is None or field is None:
         return None
     result = _emitted(read_field(reading, prim, field, to_world), shading.emission)
-    reading.warn(prim, "emits light, which cameras see: it lights no surfaces, and makes no beams")
+    reading.warn(prim, "emits light that only cameras see: it lights no surfaces and makes no beams")
     return result
 
 
@@ -141,7 +141,7 @@ def read_bounces(reading: Reading, prim: Usd.Prim) -> int | None:
     if value is None:
         return None
     if not isinstance(value, int) or value < 0:
-        raise reading.fail(prim, "photonbeams:bounces", f"is {value}: expected a whole number from 0 on")
+        raise reading.fail(prim, "photonbeams:bounces", f"is {value}: expected a whole number, 0 or more")
     return int(value)
 
 
@@ -154,7 +154,7 @@ def _coefficients(reading: Reading, prim: Usd.Prim) -> tuple[Color, Color]:
         return reading.color(prim, physical[0], 0.0), reading.color(prim, physical[1], 0.0)
     if not all(given):
         missing, there = names[given.index(False)], names[given.index(True)]
-        raise reading.fail(prim, missing, f"is not given: expected a colour, for there is {there}")
+        raise reading.fail(prim, missing, f"is not given: expected a colour, to go with {there}")
     if any(prim.GetAttribute(name).HasAuthoredValue() for name in physical):
         reading.warn(prim, "and farColor make the fog: scattering and absorption are not used", names[0])
     near, far = (reading.color(prim, name, 0.0) for name in names)

@@ -52,7 +52,7 @@ def read_glow(reading: Reading, prim: Usd.Prim, meshes: Sequence[Mesh]) -> MeshG
             prim, "light:materialSyncMode", f"is '{mode}': expected {_TINTED}, {_INDEPENDENT} or {_ALONE}"
         )
     if is_asked(prim) and not glowing:
-        reading.warn(prim, "is asked for beams, and its material emits no light: it makes none", "photonbeams:enabled")
+        reading.warn(prim, "is to make beams, but its material emits no light: it makes none", "photonbeams:enabled")
         return None
     if mode != _TINTED or not glowing:
         return MeshGlow(_joined(own), (1.0, 1.0, 1.0), None, mode != _ALONE)

@@ -103,7 +103,7 @@ def _placed(reading: Reading, prim: Usd.Prim, surface: _Surface, to_world: Array
     """Return a surface in world space: the same object as at another time where nothing of it has changed."""
     reading.triangles += len(surface.triangles.faces)
     if reading.triangles > room():
-        text = f"would be of more triangles than memory holds, with those before it: expected up to {room():,}"
+        text = f"has more triangles than fit into memory, with those before it: expected a total of at most {room():,}"
         raise SceneError(f"{reading.place(prim)} {text}")
     name += surface.suffix
     known = reading.lasting.get(("placed", name))
@@ -130,9 +130,9 @@ def _warn_of_lost_volume(reading: Reading, prim: Usd.Prim) -> None:
     """Warn of a material without shaders that may have been a volume, and say how the mesh becomes its fog."""
     material = bound_to(reading, prim)
     if material and wrote_material(material.GetPrim()) and not material.GetPrim().GetAllChildren():
-        text = f"is {material.GetPath()}, which Blender wrote without its shaders, as it does with volumes: it is grey"
+        text = f"is {material.GetPath()}, which Blender wrote without shaders, as it does with volumes: it is grey"
         flag = f"--set '{prim.GetPath()}.photonbeams:scattering=0.1'"
-        reading.warn(prim, f"{text}; for fog in it: {flag}", "material:binding")
+        reading.warn(prim, f"{text}; for fog in it, use {flag}", "material:binding")
 
 
 def read_solid(reading: Reading, prim: Usd.Prim, to_world: Array) -> Mesh:
@@ -171,7 +171,7 @@ def _parts(reading: Reading, prim: Usd.Prim) -> list[tuple[Bound, str, Array | N
         there = (faces >= 0) & (faces < count)
         if not there.all():
             bad = faces[~there][0]
-            reading.warn(own, f"name face {bad}: expected faces from 0 to {count - 1}; the others are used", "indices")
+            reading.warn(own, f"names face {bad}: expected faces from 0 to {count - 1}; the others are used", "indices")
         faces = faces[there]
         faces = faces[free[faces]]
         free[faces] = False
@@ -236,7 +236,7 @@ def _refined(reading: Reading, prim: Usd.Prim, polygons: Polygons) -> Polygons:
 
     fitting = lowered(level, len(polygons.indices), room() - reading.triangles)
     if fitting < level:
-        text = f"is refined {fitting} times instead of {level}, to bound memory"
+        text = f"is refined {fitting} times instead of {level}, to limit memory"
         reading.warn(prim, text, "subdivisionScheme")
     if not fitting:
         return polygons
@@ -287,7 +287,7 @@ def _cage(reading: Reading, prim: Usd.Prim, moved: Carried | None) -> Polygons:
     if points is None:
         return Polygons(np.zeros((0, 3)), counts[:0], indices[:0])
     if np.any(counts < 0):
-        raise reading.fail(prim, "faceVertexCounts", f"holds {counts.min()}: expected numbers of at least 0")
+        raise reading.fail(prim, "faceVertexCounts", f"holds {counts.min()}: expected 0 or more")
     if counts.sum() != len(indices):
         raise reading.fail(
             prim,
@@ -296,7 +296,7 @@ def _cage(reading: Reading, prim: Usd.Prim, moved: Carried | None) -> Polygons:
         )
     if len(indices) and not (indices.min() >= 0 and indices.max() < len(points)):
         bad = indices[(indices < 0) | (indices >= len(points))][0]
-        raise reading.fail(prim, "faceVertexIndices", f"name point {bad}: expected points from 0 to {len(points) - 1}")
+        raise reading.fail(prim, "faceVertexIndices", f"names point {bad}: expected points from 0 to {len(points) - 1}")
     scheme = reading.value(prim, "subdivisionScheme", "catmullClark")
     polygons = Polygons(
         points,

@@ -28,14 +28,14 @@ def complete_metadata(stage: Usd.Stage, warnings: Warnings) -> None:
             continue
         value = source.pseudoRoot.GetInfo(name)
         if name in _RATES and value != stage.GetMetadata(name) and _has_times(root):
-            moved = f"and its sublayer {source.GetDisplayName()} {value:g}: keys of that are moved"
+            moved = f"but its sublayer {source.GetDisplayName()} has {value:g}: its keys are moved"
             warnings.give(f"{file_of(stage)}: has no {name}, {moved}; expected {value:g} here, too")
             break
         if value != stage.GetMetadata(name):
             taken.setdefault(source.GetDisplayName(), []).append(name)
         session.pseudoRoot.SetInfo(name, value)
     for display, names in taken.items():
-        warnings.give(f"{file_of(stage)}: has no {', '.join(names)}: as in its sublayer {display}")
+        warnings.give(f"{file_of(stage)}: has no {', '.join(names)}: taken from its sublayer {display}")
 
 
 def _has_times(layer: Sdf.Layer) -> bool:

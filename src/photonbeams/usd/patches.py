@@ -26,7 +26,7 @@ def read_patch(reading: Reading, prim: Usd.Prim) -> Tessellation | None:
         text = f"has {len(points)} values: expected {rows.shape[1] * columns.shape[1]}, uVertexCount times vVertexCount"
         raise reading.fail(prim, "points", text)
     if len(reading.value(prim, "trimCurve:counts", ())):
-        reading.warn(prim, "is not rendered: the whole patch is", "trimCurve:counts")
+        reading.warn(prim, "is not rendered: the patch is rendered without trimming", "trimCurve:counts")
     weights = floats(reading, prim, "pointWeights")
     weights = weights if len(weights) == len(points) and np.all(weights > 0) else np.ones(len(points))
     matrix = sparse.kron(rows, columns, format="csr")  # points go by rows of v, u first
@@ -86,7 +86,7 @@ def read_tetrahedra(reading: Reading, prim: Usd.Prim) -> Tessellation | None:
         _, first, count = np.unique(np.sort(all_faces, axis=1), axis=0, return_index=True, return_counts=True)
         faces = all_faces[first[count == 1]]
     if len(faces) and not (faces.min() >= 0 and faces.max() < len(points)):
-        text = f"name point {faces.max()}: expected points from 0 to {len(points) - 1}"
+        text = f"names point {faces.max()}: expected points from 0 to {len(points) - 1}"
         raise reading.fail(prim, "tetVertexIndices", text)
     left_handed = reading.value(prim, "orientation") == "leftHanded"
     polygons = Polygons(points, np.full(len(faces), 3), faces.reshape(-1), left_handed=left_handed)

@@ -212,7 +212,7 @@ def apply_preset(stage: Usd.Stage, layer: EditLayer, preset: Preset, path: str, 
         if (authored and enabled.Get() is False) or (is_dome(prim) and not authored):
             layer.set(f"{path}.photonbeams:enabled", True)
     else:
-        raise SceneError(f"{file_of(stage)} has no light or look {path}, to which a preset could be applied")
+        raise SceneError(f"{file_of(stage)} has no light or look {path} to apply a preset to")
     values = preset.attributes(unit)
     for name in _attributes(preset.factor):
         if name in values:

@@ -73,7 +73,7 @@ def flattened(reading: Reading, prim: Usd.Prim, primvar: UsdGeom.Primvar, column
         indices = np.asarray(primvar.GetIndices(reading.time) or (), dtype=np.int64)
         wrong = indices[(indices < 0) | (indices >= len(numbers))]
         if len(wrong):
-            text = f"name value {wrong[0]}: expected values from 0 to {len(numbers) - 1}; {name} is left out"
+            text = f"names value {wrong[0]}: expected values from 0 to {len(numbers) - 1}; {name} is left out"
             reading.warn(prim, text, f"{name}:indices")
             return None
         numbers = numbers[indices]

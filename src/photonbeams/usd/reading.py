@@ -136,7 +136,7 @@ class Reading:
         near = get_close_matches(name.removeprefix("photonbeams:"), short, 1, 0.7)
         meant = "".join(f"; expected {short[each]}" for each in near)
         kind = prim.GetTypeName() or "prim without a type"
-        self.warn(prim, f"is no attribute of a {kind}: it is ignored{meant}", name)
+        self.warn(prim, f"is not an attribute of a {kind}: it is ignored{meant}", name)
 
     def value(self, prim: Usd.Prim, name: str, default: Any = None) -> Any:
         """Return an attribute's value or fallback at the time, or `default` where it has none."""
@@ -220,7 +220,7 @@ class Reading:
         try:
             return self.matrix(prim, self.xforms.GetLocalToWorldTransform(prim))
         except Tf.ErrorException:  # of the prim, or of one above it
-            raise self.fail(prim, "xformOpOrder", "names what is no transform: expected xformOps") from None
+            raise self.fail(prim, "xformOpOrder", "has an entry that is not a transform: expected xformOps") from None
 
     def matrix(self, prim: Usd.Prim, matrix: Gf.Matrix4d) -> Array:
         """Return USD's row-vector matrix as a finite (4, 4) for column vectors."""

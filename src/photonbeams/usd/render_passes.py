@@ -50,7 +50,7 @@ def _hide(reading: Reading, prim: Usd.Prim) -> None:
     with Usd.EditContext(reading.stage, reading.stage.GetSessionLayer()):
         for each in hidden:
             if each.IsInstanceProxy():
-                reading.warn(prim, f"leaves out {each.GetPath()}, which is inside an instance: it is rendered")
+                reading.warn(prim, f"leaves out {each.GetPath()}, which is inside an instance: it is rendered anyway")
             else:
                 UsdGeom.Imageable(each).CreateVisibilityAttr().Set("invisible")
 
@@ -66,7 +66,7 @@ def _warn(reading: Reading, prim: Usd.Prim) -> None:
     """Warn of what a pass says that is not done."""
     matte = Usd.CollectionAPI(prim, "matte")
     if matte.GetIncludesRel().GetTargets() or matte.GetIncludeRootAttr().Get():
-        reading.warn(prim, "is not done: its prims are seen as they are", "collection:matte")
+        reading.warn(prim, "is not supported: its prims are seen as they are", "collection:matte")
     camera = Usd.CollectionAPI(prim, "cameraVisibility")
     if camera.GetExcludesRel().GetTargets() or not camera.GetIncludeRootAttr().Get():
-        reading.warn(prim, "is not done: the camera sees all that is rendered", "collection:cameraVisibility")
+        reading.warn(prim, "is not supported: the camera sees all that is rendered", "collection:cameraVisibility")

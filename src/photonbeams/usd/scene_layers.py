@@ -63,7 +63,7 @@ class SceneLayers:
                 name = _named(reading, prim, emitters, "emitter")
                 for each in said:
                     if each.split(":")[1] not in _SUPPORTED:
-                        reading.warn(prim, "is not rendered: emitters of Mitsuba scenes have none", each)
+                        reading.warn(prim, "is not rendered: emitters of Mitsuba scenes do not have it", each)
                 result[name] = read_beam_settings(reading, prim, _portal(reading, prim, shapes))
         return result
 
@@ -73,7 +73,7 @@ def _named(reading: Reading, prim: Usd.Prim, ids: Collection[str], kind: str) ->
     known = {Tf.MakeValidIdentifier(each): each for each in ids if each}
     if prim.GetName() not in known:
         expected = ", ".join(known.values()) or "none"
-        text = f"is named like no {kind} of the scene: expected one of {expected}"
+        text = f"has no {kind} of its name in the scene: expected one of {expected}"
         raise reading.fail(prim, "", text)
     return known[prim.GetName()]
 

@@ -161,7 +161,7 @@ def _settings(reading: Reading, path: str | None) -> UsdRender.Settings | None:
         settings = UsdRender.Settings.GetStageRenderSettings(stage)
         if path and not settings:
             reading.warnings.give(
-                f"renderSettingsPrimPath is {path}, which is no RenderSettings: ignored", file_of(stage)
+                f"renderSettingsPrimPath is {path}, which is not a RenderSettings prim: it is ignored", file_of(stage)
             )
         return settings if settings else None
     valid = Sdf.Path.IsValidPathString(path) and Sdf.Path(path).IsAbsoluteRootOrPrimPath()
@@ -183,7 +183,7 @@ def _rasters(reading: Reading, settings: Usd.Prim) -> list[Usd.Prim]:
         if kind == "raster":
             rasters.append(prim)
         else:
-            reading.warn(prim, f"is '{kind}': it is skipped, for rasters alone are rendered", "productType")
+            reading.warn(prim, f"is '{kind}': it is skipped, because only rasters are rendered", "productType")
     return rasters
 
 
@@ -244,7 +244,7 @@ def _data_window(reading: Reading, prim: Usd.Prim) -> Window:
     text = f"is ({', '.join(f'{each:g}' for each in window)})"
     inside = (max(x0, 0.0), max(y0, 0.0), min(x1, 1.0), min(y1, 1.0))
     if not (all(map(isfinite, window)) and inside[0] < inside[2] and inside[1] < inside[3]):
-        raise reading.fail(prim, "dataWindowNDC", f"{text}: expected x0 < x1 and y0 < y1, and a part of the picture")
+        raise reading.fail(prim, "dataWindowNDC", f"{text}: expected x0 < x1 and y0 < y1, overlapping the picture")
     if inside != window:
         reading.warn(prim, f"{text}: what is outside the picture is not rendered", "dataWindowNDC")
     return inside
@@ -287,7 +287,7 @@ def _variables(reading: Reading, product: Usd.Prim) -> tuple[str, ...]:
         kind = str(reading.value(prim, "sourceType", "raw"))
         name = _ALIASES.get((name if kind == "raw" else f"{kind}:{name}").lower(), name if kind == "raw" else "")
         if not name:
-            text = f"is '{kind}': it is left out, for layers alone are written, such as beams or depth"
+            text = f"is '{kind}': it is left out, because only layers are written, such as beams or depth"
             reading.warn(prim, text, "sourceType")
             continue
         names.append(name.lower() if name.lower() in _LAYERS else name)

@@ -36,7 +36,7 @@ def check_prims(stage: Usd.Stage) -> None:
 
     total = size(stage.GetPseudoRoot()) if stage.GetPrototypes() else 0
     if total > MOST_PRIMS:
-        text = f"has {total:,} prims in instances: expected no more than {MOST_PRIMS:,}; a mask chooses a part of them"
+        text = f"has {total:,} prims in instances: expected no more than {MOST_PRIMS:,}; a mask can select some of them"
         raise SceneError(f"{file_of(stage)} {text}")
 
 

@@ -35,7 +35,7 @@ def expected_points(kind: str, wrap: str) -> str:
     if kind == "linear":
         return "3 or more" if wrap == "periodic" else "2 or more"
     if kind == "bezier":
-        return "3, 6, 9 or so on" if wrap == "periodic" else "4, 7, 10 or so on"
+        return "3, 6, 9 and so on" if wrap == "periodic" else "4, 7, 10 and so on"
     return {"pinned": "2 or more", "periodic": "3 or more"}.get(wrap, "4 or more")
 
 

@@ -187,12 +187,12 @@ def _layer(path: str) -> Sdf.Layer:
     except UnicodeEncodeError:
         raise SceneError(f"{path!r} cannot be read: expected a name in UTF-8") from None
     if not resolved or not os.path.exists(Ar.SplitPackageRelativePathOuter(resolved)[0]):
-        raise SceneError(f"{path}: expected a USD stage, there is no such file")
+        raise SceneError(f"{path}: expected a USD stage, but there is no such file")
     problem = why_unreadable(Ar.SplitPackageRelativePathOuter(resolved)[0])
     if problem and not os.path.isdir(resolved):  # to look into a pipe may take for ever
         raise SceneError(f"{path} cannot be read: expected a USD stage, {problem}")
     if os.path.isdir(resolved) or not Usd.Stage.IsSupportedFile(resolved):
-        raise SceneError(f"{path} is no USD stage: expected a .usd, .usda, .usdc or .usdz file")
+        raise SceneError(f"{path} is not a USD stage: expected a .usd, .usda, .usdc or .usdz file")
     try:
         layer = Sdf.Layer.FindOrOpen(path)
     except Tf.ErrorException as error:
@@ -208,7 +208,7 @@ def check_not_read(stage: Usd.Stage, path: str | os.PathLike[str]) -> None:
     """Raise SceneError for an output that would replace a file that the stage is made of."""
     mine = os.path.realpath(path)
     if any(layer.realPath and os.path.realpath(layer.realPath) == mine for layer in stage.GetUsedLayers()):
-        raise SceneError(f"{path} is what the stage is read from: expected another file to write to")
+        raise SceneError(f"{path} is a file that the stage is read from: expected another file to write to")
 
 
 def _reason(error: Any) -> str:

@@ -86,7 +86,7 @@ def read_eyes(
     other = _partner(stage, prim, EYES[1 - EYES.index(role)])
     if stereo != Stereo():
         reading = Reading(stage, None, warnings or Warnings())
-        reading.warn(prim, "is one of a pair, which stand where they stand: interaxial and convergence are ignored")
+        reading.warn(prim, "is one of a pair, whose places are fixed: interaxial and convergence are ignored")
     pair = {role: str(prim.GetPath()), EYES[1 - EYES.index(role)]: str(other.GetPath())}
     left, right = (read_camera(stage, pair[eye], time, warnings) for eye in EYES)
     _check_pair(Reading(stage, time), *(stage.GetPrimAtPath(pair[eye]) for eye in EYES))
@@ -116,7 +116,7 @@ def views_of(stereo: Stereo | None, view: str | None) -> list[str]:
         A view that is none of theirs.
     """
     if view is not None and (stereo is None or view not in EYES):
-        expected = f"one of {', '.join(EYES)}" if stereo is not None else "none, for the shot has one camera"
+        expected = f"one of {', '.join(EYES)}" if stereo is not None else "none, because the shot has one camera"
         raise SceneError(f"view is '{view}': expected {expected}")
     return [view] if view is not None else list(EYES) if stereo is not None else [""]
 
@@ -127,7 +127,7 @@ def _check_pair(reading: Reading, left: Usd.Prim, right: Usd.Prim) -> None:
         a, b = (reading.value(prim, name) for prim in (left, right))
         if a != b:
             first, second = (each if isinstance(each, str) else f"{each:g}" for each in (a, b))
-            text = f"is {first} and that of {right.GetPath()} {second}: expected two eyes with the same"
+            text = f"is {first} but that of {right.GetPath()} is {second}: expected the same for both eyes"
             raise reading.fail(left, name, text)
 
 
@@ -166,7 +166,7 @@ def split(camera: Camera, stereo: Stereo, meters_per_unit: float, name: str) -> 
         where = f"{convergence:g}" if stereo.convergence else f"its focusDistance, {convergence:g}"
         raise SceneError(
             f"{name} has eyes {2 * half:g} apart that converge at {where}: expected a convergence of at least "
-            f"{least:.4g} scene units, or eyes nearer to each other"
+            f"{least:.4g} scene units, or eyes closer together"
         )
     return tuple(  # type: ignore[return-value]
         replace(

@@ -68,7 +68,7 @@ def read_strands(reading: Reading, prim: Usd.Prim, most: int) -> Strands | None:
     kind, wrap = basis_of(reading, prim)
     chosen = span_counts(counts, kind, wrap) > 0
     if not chosen.all():
-        text = f"has {np.count_nonzero(~chosen)} curves of other numbers of points than {expected_points(kind, wrap)}"
+        text = f"has {np.count_nonzero(~chosen)} curves whose number of points is not {expected_points(kind, wrap)}"
         reading.warn(prim, f"{text}: they are skipped", "curveVertexCounts")
     return _basis(points, counts, _thinned(reading, prim, counts, chosen, most), kind, wrap, most)
 
@@ -89,7 +89,7 @@ def read_points(reading: Reading, prim: Usd.Prim) -> tuple[Reading, Array, Array
         reading.warn(prim, "has no points: it is skipped")
         return None
     if counts.sum() != len(points) or np.any(counts < 0):
-        text = f"sums to {counts.sum()}: expected the number of points, {len(points)}, and none below 0"
+        text = f"sums to {counts.sum()}: expected {len(points)}, the number of points, and no negative counts"
         raise reading.fail(prim, "curveVertexCounts", text)
     return sample, points, counts
 
@@ -99,7 +99,7 @@ def _thinned(reading: Reading, prim: Usd.Prim, counts: Array, chosen: Array, mos
     step = -(-int(counts[chosen].sum()) // most)
     if step < 2:
         return chosen
-    reading.warn(prim, f"has {len(counts)} curves: one of {step} is rendered, to bound memory", "curveVertexCounts")
+    reading.warn(prim, f"has {len(counts)} curves: one in {step} is rendered, to limit memory", "curveVertexCounts")
     return chosen & (np.arange(len(counts)) % step == 0)
 
 
@@ -135,7 +135,7 @@ def _hermite(reading: Reading, prim: Usd.Prim, points: Array, counts: Array, mos
     directions = reading.array(prim, "tangents", 3)
     if directions is None or len(directions) != len(points):
         count = 0 if directions is None else len(directions)
-        raise reading.fail(prim, "tangents", f"has {count} values: expected {len(points)}, as points")
+        raise reading.fail(prim, "tangents", f"has {count} values: expected {len(points)}, as many as points")
     controls = np.stack([points - directions / 3, points, points + directions / 3], axis=1).reshape(-1, 3)
     last = np.cumsum(counts)
     ends = np.concatenate([3 * (last - counts), 3 * last - 1])
@@ -158,7 +158,7 @@ def _nurbs(reading: Reading, prim: Usd.Prim, points: Array, counts: Array) -> St
     orders = np.broadcast_to(orders, (len(counts),))
     knots = floats(reading, prim, "knots")
     if len(knots) != (counts + orders).sum() or np.any(orders < 2):
-        text = f"has {len(knots)} values: expected {(counts + orders).sum()}, the points and the order of each curve"
+        text = f"has {len(knots)} values: expected {(counts + orders).sum()}, the sum of all points and orders"
         raise reading.fail(prim, "knots", text)
     weights = floats(reading, prim, "pointWeights")
     weights = weights if len(weights) == len(points) and np.all(weights > 0) else np.ones(len(points))
@@ -175,7 +175,7 @@ def _nurbs(reading: Reading, prim: Usd.Prim, points: Array, counts: Array) -> St
         number_of_samples = (1 if order == 2 else 8) * (count - order + 1) + 1
         samples = np.linspace(first, last, number_of_samples if ordered else 0)
         if not ordered:
-            reading.warn(prim, f"has curve {number} without a range: it is skipped", "knots")
+            reading.warn(prim, f"gives curve {number} no range: it is skipped", "knots")
         blocks.append(BSpline.design_matrix(samples, own, order - 1) if ordered else sparse.csr_array((0, count)))
         curve.append(np.full(len(samples), number))
     matrix = sparse.block_diag(blocks, format="csr") if blocks else sparse.csr_array((0, len(points)))

@@ -26,7 +26,7 @@ def subdivided(reading: Reading, prim: Usd.Prim, polygons: Polygons, scheme: str
     Polygons that no rule changes, such as single quads, are returned as they are, and so are meshes that are dense.
     """
     if scheme == "loop" and np.any(polygons.counts != 3):
-        reading.warn(prim, "is 'loop': expected triangles alone; the mesh is not subdivided", "subdivisionScheme")
+        reading.warn(prim, "is 'loop': expected only triangles; the mesh is not subdivided", "subdivisionScheme")
         return polygons
     cage = polygons.chosen(polygons.counts >= 3)
     if not len(cage.counts) or _repeats(cage):
@@ -82,7 +82,7 @@ def _creases(reading: Reading, prim: Usd.Prim, flat: Topology) -> Array:
     if not len(lengths):
         return result
     if np.any(lengths < 2) or lengths.sum() != len(indices):
-        text = f"sum to {lengths.sum()}: expected {len(indices)}, as creaseIndices has; creases are left out"
+        text = f"sums to {lengths.sum()}: expected {len(indices)}, as many as creaseIndices; creases are left out"
         reading.warn(prim, text, "creaseLengths")
         return result
     # A crease of n points has n − 1 edges; it has one sharpness, or one for each of them.

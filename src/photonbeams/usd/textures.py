@@ -51,7 +51,7 @@ def find_image(
         return None, ""
     path = resolved(reading, asset)
     if not path:
-        return None, f"names {asset.path}: expected an image file, there is none"
+        return None, f"names {asset.path}: expected an image file, but there is none"
     known = known_space(reading, prim, name, space)
     return image_at(reading, prim, name, path, known, limit)
 
@@ -83,7 +83,7 @@ def image_at(
         height, width = found.pixels.shape[:2]
         if (width, height) != (found.width, found.height):
             text = f"names {Path(path).name} of {found.width} x {found.height} pixels: it is scaled down to"
-            reading.warn(prim, f"{text} {width} x {height}, for the texture limit is {most}", name)
+            reading.warn(prim, f"{text} {width} x {height}, as the texture limit is {most}", name)
         reading.cache[key] = found.pixels
     return reading.cache[key], ""
 

@@ -57,7 +57,7 @@ def read_spheres(reading: Reading, prim: Usd.Prim) -> Tessellation | None:
     )
     step = max(1, -(-8 * total // _MOST_TRIANGLES))
     if step > 1:
-        reading.warn(prim, f"has {total} values: one of {step} is rendered, to bound memory", "points")
+        reading.warn(prim, f"has {total} values: one in {step} is rendered, to limit memory", "points")
     chosen = np.flatnonzero(radii > 0)[::step]
     normals = _normals(reading, prim, lengths)
     if normals is None:
@@ -94,7 +94,7 @@ def _widths(reading: Reading, prim: Usd.Prim, points: Array, lengths: dict[str, 
     if found is not None:
         return Values(np.maximum(found.values, 0), found.interpolation)
     width = _THINNEST * float(np.linalg.norm(np.ptp(points, axis=0)))
-    reading.warn(prim, f"is not given: {width:.3g} is used, a part of the extent", "widths")
+    reading.warn(prim, f"is not given: {width:.3g} is used, a fraction of the extent", "widths")
     return Values(np.array([[width]]), "constant")
 
 

@@ -34,7 +34,7 @@ def _warn(reading: Reading) -> None:
         if not prim.IsDefined():
             prototypes = _prototypes(stage) if prototypes is None else prototypes
             if not any(path in prototypes for path in prim.GetPath().GetPrefixes()):
-                reading.warn(prim, f"is an `over` of a prim that is not there: what it says is ignored{_meant(prim)}")
+                reading.warn(prim, f"is an `over` of a prim that is not there: its values are ignored{_meant(prim)}")
         elif prim.GetTypeName() != "PhotonBeamsLook":  # which tell themselves
             for name in said:
                 if name not in _known(prim):

@@ -35,7 +35,7 @@ def carried(reading: Reading, prim: Usd.Prim, name: str = "points") -> Carried |
         return None
     samples = _samples(prim, name, reading.base)
     if not samples or not _agree(_samples(prim, "velocities", reading.base), samples):
-        reading.warn(prim, f"is not used: expected a time sample at each one of {name}", "velocities")
+        reading.warn(prim, f"is not used: expected the same time samples as those of {name}", "velocities")
         return None
     sample = samples[0]
     at = replace(reading, time=sample)

@@ -116,7 +116,7 @@ class _VolumeNetwork:
         """Return an input that is a colour, from 0 on."""
         found = self._checked(name, default)
         if found.min() < 0:
-            text = f"is {tuple(found.tolist())}: expected numbers from 0 on; those below 0 count as 0"
+            text = f"is {tuple(found.tolist())}: expected 0 or more; numbers below 0 count as 0"
             self.reading.warn(self.shader.GetPrim(), text, f"inputs:{name}")
         return color(np.maximum(found, 0), self.reading.place(self.shader.GetPrim(), f"inputs:{name}"))
 
@@ -157,7 +157,7 @@ class _VolumeNetwork:
             if named is not None:
                 return self._property(node, str(named.Get(self.reading.time)), default, depth)
         if not any(each in kind for each in ("convert", "dot", "swizzle", "extract")):
-            text = f"is a node '{kind}', which is not evaluated: what it makes of its input is left out"
+            text = f"is a node '{kind}', which is not evaluated: its input is used as it is"
             self.reading.warn(node.GetPrim(), text)
         return self._value(node, "in", default, depth)
 

@@ -75,7 +75,7 @@ def read_density(reading: Reading, prim: Usd.Prim, to_world: Array, name: str = 
     if field is None and len(names) == 1:
         field = next(iter(reading.targets(prim, f"{_FIELD}{names[0]}")), None)
     if field is None:
-        known = f" ({', '.join(names)} are there)" if names else ""
+        known = f" (the volume has {', '.join(names)})" if names else ""
         raise reading.fail(prim, f"{_FIELD}{name}", f"names no field: expected a prim with a filePath{known}")
     return read_field(reading, prim, field, to_world)
 
@@ -95,7 +95,7 @@ def read_field(reading: Reading, prim: Usd.Prim, field: Usd.Prim, to_world: Arra
         if voxels.step > 1:
             cells = " x ".join(str(each) for each in voxels.values.shape[2::-1])
             reading.warn(
-                field, f"has too many voxels: {voxels.step} are one along each axis, {cells} in all", "filePath"
+                field, f"has too many voxels: every {voxels.step} along an axis become one, {cells} in all", "filePath"
             )
         local = np.linalg.inv(reading.to_world(prim)) @ reading.to_world(field)
         return DensityGrid(_positive(reading, field, voxels), to_world @ local @ voxels.to_file)
@@ -113,7 +113,7 @@ def _file(reading: Reading, field: Usd.Prim) -> tuple[str, str]:
         raise reading.fail(field, "filePath", f"names {shown}: expected a .vdb or .vol file")
     path = resolved(reading, asset)
     if not path:
-        raise reading.fail(field, "filePath", f"names {shown}: expected a .vdb or .vol file, there is none")
+        raise reading.fail(field, "filePath", f"names {shown}: expected a .vdb or .vol file, but there is none")
     return path, shown
 
 
@@ -143,7 +143,7 @@ def _grid(grids: list[VDBGrid], name: str, index: int) -> VDBGrid:
         known = ", ".join(dict.fromkeys(each.name for each in grids)) or "none at all"
         raise SceneError(f"it has no grid {name or DENSITY}, but {known}")
     if not 0 <= index < len(named):
-        raise SceneError(f"it has no grid {named[0].name} of the fieldIndex {index}: expected 0 to {len(named) - 1}")
+        raise SceneError(f"it has no grid {named[0].name} with fieldIndex {index}: expected 0 to {len(named) - 1}")
     return named[index]
 
 

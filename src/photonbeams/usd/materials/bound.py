@@ -158,7 +158,7 @@ def _surfaces(material: UsdShade.Material) -> Iterator[UsdShade.Shader]:
 
 def _warn_of_glass(reading: Reading, prim: Usd.Prim, material: Material) -> None:
     if isinstance(material.opacity, float | int) and material.opacity == 1:
-        text = "is opaque: Blender writes no transmission; for glass, expected inputs:opacity = 0 on its shader"
+        text = "is opaque, because Blender writes no transmission: for glass, set inputs:opacity = 0 on its shader"
         reading.warn(prim, text)
 
 
@@ -204,7 +204,7 @@ def _in_range(reading: Reading, prim: Usd.Prim, name: str, value: Value) -> Valu
     if isinstance(value, np.ndarray) and not np.allclose(value, constant(result), atol=1e-6):
         shown = ", ".join(f"{each:g}" for each in np.ravel(value))
         expected = "0 to 1" if most == 1 else "0 or more"
-        reading.warn(prim, f"has for its {name} {shown}: expected {expected}; the nearest is used")
+        reading.warn(prim, f"has the {name} {shown}: expected {expected}; the nearest value is used")
     return result
 
 

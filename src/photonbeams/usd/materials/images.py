@@ -166,7 +166,7 @@ def _tiles(reading: Reading, attribute: Usd.Attribute, path: str, space: str) ->
     layer = next((spec.layer for spec in attribute.GetPropertyStack(reading.time) if spec.layer), None)
     files = UsdShade.UdimUtils.ResolveUdimTilePaths(path, layer or reading.stage.GetRootLayer())
     if not files:
-        return None, f"names {path}: expected files with numbers from 1001 on, there are none"
+        return None, f"names {path}: expected files with numbers from 1001 on, but there are none"
     places = {divmod(int(number) - 1001, 10)[::-1]: str(Ar.GetResolver().Resolve(file) or file)
               for file, number in files}  # fmt: skip
     corner = np.min(list(places), axis=0)

@@ -113,7 +113,7 @@ def _set_opacity(
     is_cut, is_clear = np.any(constant(cut) < 1), np.any(constant(clear) > 0)
     surface.presence = bool(is_cut) or bool(network.plain(node, names.thin, False))
     if is_cut and is_clear:
-        network.lose(node, "is not rendered of a surface that is cut out by its opacity: it is opaque", "transmission")
+        network.lose(node, "is not rendered on a surface that is cut out by its opacity: it is opaque", "transmission")
     surface.opacity = cut if is_cut else network.combined(node, lambda part: 1 - part, clear)
     if is_clear and not is_cut:
         surface.tint = network.color(node, "transmission_color", default=1.0)
@@ -121,4 +121,4 @@ def _set_opacity(
             network.lose(node, "is a texture: the surface is clear there, and does not refract", names.transmission)
         depth = network.number(node, "transmission_depth")
         if depth is not None and constant(depth)[0] > 0:
-            network.lose(node, "is not rendered: light is tinted where it passes the surface", "transmission_depth")
+            network.lose(node, "is not rendered: light is tinted where it crosses the surface", "transmission_depth")

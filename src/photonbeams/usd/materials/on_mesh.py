@@ -83,7 +83,7 @@ def _texture(reading: Reading, prim: Usd.Prim, name: str, image: Image, uvs: Arr
     if key not in reading.cache:
         extended, whole = _extended(image, low, np.maximum(high, low + 1))
         if not whole:
-            text = f"repeats a texture {int((high - low).max())} times in one direction: beyond {_MOST_COPIES} it ends"
+            text = f"repeats a texture {int((high - low).max())} times in one direction: only {_MOST_COPIES} are shown"
             reading.warn(prim, text)
         reading.cache[key] = texture_of(name, extended, "clamp"), image
     return reading.cache[key][0]

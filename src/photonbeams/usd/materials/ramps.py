@@ -110,7 +110,7 @@ def _knots(
     kinds = [_JOINED.get(each, LINEAR) if isinstance(each, str) else int(each) for each in joins] or [LINEAR]
     count = min(len(values), len(positions))
     if not count or not (np.all(np.isfinite(values)) and np.all(np.isfinite(positions))):
-        network.lose(node, "has no knots that are finite: it is black", names[0])
+        network.lose(node, "has no finite knots: it is black", names[0])
         return [0.0], [LINEAR], [np.zeros(1)]
     if len(values) != len(positions):
         network.lose(node, f"has {len(positions)} values: expected {len(values)}, as many as {names[1]}", names[0])

@@ -117,7 +117,7 @@ class _ByNames:
 
     def __call__(self, network: Network, node: UsdShade.Shader) -> Surface:
         """Return the surface, noting that another shader was found."""
-        network.lose(node, f"is a '{_label(node)}': it is rendered as the UsdPreviewSurface that is nearest to it")
+        network.lose(node, f"is a '{_label(node)}': it is rendered as the nearest UsdPreviewSurface")
         diffuse, emissive = network.color(node, *self.diffuse), network.color(node, *self.emissive)
         weight, glow = network.number(node, *self.weight), network.number(node, *self.emission)
         if diffuse is not None and weight is not None:
@@ -167,7 +167,7 @@ def _omni(network: Network, node: UsdShade.Shader) -> Surface:
         surface.normal = network.combined(node, lambda a: 2 * rgb(a) - 1, normals)
     if network.plain(node, "enable_emission", False):
         surface.emissive = network.color(node, "emissive_color", default=1.0)
-        network.lose(node, "is not rendered: emissive_color is taken for the radiance", "emissive_intensity")
+        network.lose(node, "is not rendered: emissive_color is used as the radiance", "emissive_intensity")
     if network.plain(node, "enable_opacity", False):
         surface.opacity, surface.presence = network.number(node, "opacity_constant", default=1.0), True
     return surface
@@ -190,7 +190,7 @@ def _first_shader(*names: str) -> Reader:
             inner = UsdShade.Shader(attribute.GetPrim()) if attribute is not None else None
             if inner and inner.GetPrim() != node.GetPrim():
                 if category(node) != "arnold:two_sided":
-                    network.lose(node, f"is a '{_label(node)}': its {name} alone is rendered")
+                    network.lose(node, f"is a '{_label(node)}': only its {name} is rendered")
                 return surface_of(network, inner) or Surface()
         return Surface()
 
@@ -234,7 +234,7 @@ def _materialx_surface(network: Network, node: UsdShade.Shader) -> Surface:
             continue
         surface.diffuse = value
         if category(part) not in ("oren", "burley"):
-            network.lose(part, f"is a '{_label(part)}': its color alone is rendered, as diffuse reflection")
+            network.lose(part, f"is a '{_label(part)}': only its color is rendered, as diffuse reflection")
     return surface
 
 
