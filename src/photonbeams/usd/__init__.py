@@ -1,1 +1,1 @@
-"""USD stages in, beams out, and the schemas."""
+"""Read USD stages, write beams to them, and define the schemas of photonbeams."""

@@ -1,7 +1,7 @@
-"""What Blender's exporter writes differently from UsdLux, found by exporting with Blender 5.0.1.
+"""Corrections for what Blender's exporter writes differently from UsdLux, found by exporting with Blender 5.0.1.
 
-Both corrections hold for lights that a layer of Blender's defines; Blender signs its layers with `doc = "Blender
-v..."`. An intensity or a transform that another layer overrides is taken at its word.
+Both corrections apply to lights that a layer from Blender defines; Blender signs its layers with `doc = "Blender
+v..."`. An intensity or a transform that another layer overrides is used as it is.
 """
 
 from __future__ import annotations
@@ -24,16 +24,16 @@ def _signed(layer: Sdf.Layer) -> bool:
 
 
 def sun(angle: float, value: Array) -> tuple[float, Array]:
-    """Return the angle and intensity that Blender's sun has.
+    """Return the angle and intensity of a sun in Blender, from those that it exports.
 
-    Of a sun of 3 W/m² and 1° Blender writes a normalized DistantLight of intensity 0.75 and angle 0.5; its own
-    importer multiplies by 4 and by 2 again.
+    For a sun of 3 W/m² and 1°, Blender writes a normalized DistantLight of intensity 0.75 and angle 0.5. Its own
+    importer multiplies them by 4 and by 2 again.
     """
     return 2 * angle, 4 * value
 
 
 def lost_world_rotation(prim: Usd.Prim, time: Usd.TimeCode) -> bool:
-    """Return whether a dome light is a Blender world whose orientation was not written.
+    """Return whether a dome light is a Blender world that was exported without its orientation.
 
     Blender turns a DomeLight so that its pole is Z and its middle +X, but 5.0.1 does so only for worlds that have a
     Mapping node, and writes no rotation for the others.
@@ -41,7 +41,7 @@ def lost_world_rotation(prim: Usd.Prim, time: Usd.TimeCode) -> bool:
     if not any(_signed(spec.layer) for spec in prim.GetPrimStack() if spec.specifier == Sdf.SpecifierDef):
         return False
     order = prim.GetAttribute("xformOpOrder").GetPropertyStack()
-    if order and not _signed(order[0].layer):  # someone turned it as it should be
+    if order and not _signed(order[0].layer):  # another layer set the orientation
         return False
     return np.allclose(np.array(UsdGeom.Xformable(prim).GetLocalTransformation(time)), np.eye(4))
 

@@ -1,4 +1,4 @@
-"""The bounds of a shot at all times: beams must not change with what moves elsewhere."""
+"""Bounds of a shot over all times, so that its beams do not change when something moves elsewhere."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from .stage import extent_varies, sample_times
 
 T = TypeVar("T")
 
-# Times of an animated stage at most at which its extent is looked at.
+# The greatest number of times at which the extent of an animated stage is read.
 _MOST_TIMES = 33
 
 
@@ -25,16 +25,16 @@ def bounds_at_all_times(
     read_cameras: Callable[[float | None], tuple[Camera, ...]],
     emits: bool,
 ) -> tuple[Array, float]:
-    """Return centre and radius of a sphere around all that is ever on a stage.
+    """Return the centre and radius of a sphere around everything that is on a stage at any time.
 
     Parameters
     ----------
     content
-        What the stage holds at any time: if nothing changes, that is all.
+        The scene at one time, which is enough if nothing changes.
     read_extent, read_cameras
-        Return how far the scene reaches, and the cameras, at a time code.
+        Functions that return the extent of the scene, and the cameras, at a time code.
     emits
-        Whether a function makes beams, of which only itself knows whether they move.
+        Whether a function makes beams: these may move without the stage showing it.
     """
     from ..world.bounds import bounding_sphere
 
@@ -48,7 +48,7 @@ def bounds_at_all_times(
 
 
 def _sound(read: Callable[[float | None], T], code: float | None) -> T | None:
-    """Return what is there at a time, or None where it cannot be read: rendering it raises the error."""
+    """Return what `read` returns at a time, or None on an error, which rendering that time will raise."""
     with suppress(SceneError):
         return read(code)
     return None

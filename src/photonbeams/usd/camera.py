@@ -1,4 +1,4 @@
-"""UsdGeomCamera as the renderer's camera."""
+"""Read a UsdGeomCamera as the renderer's camera."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from .warnings import Warnings
 
 # UsdGeomCamera: focal length and apertures are in tenths of a scene unit.
 _TENTH = 0.1
-_RATIO = 1e5  # of a camera's lengths to each other
-_BRIGHTEST = 1e12  # that light is multiplied with: sums over passes stay far from the end of single precision
+_RATIO = 1e5  # largest ratio of a camera's lengths to each other
+_BRIGHTEST = 1e12  # largest factor on light: sums over passes stay far below the limit of single precision
 
 
 def list_cameras(stage: Usd.Stage) -> list[str]:
@@ -27,14 +27,14 @@ def list_cameras(stage: Usd.Stage) -> list[str]:
 def read_camera(
     stage: Usd.Stage, name: str | None = None, time: Any = None, warnings: Warnings | None = None
 ) -> Camera:
-    """Return a camera by path or name; by default that of the render settings, else the first.
+    """Return a camera by its path or name; by default the one of the render settings, or else the first.
 
-    `warnings` as in `read_scene`.
+    `warnings` is the same as for `read_scene`.
 
     Raises
     ------
     SceneError
-        No camera, none of that name, or several; and apertures or a lens that make no picture.
+        There is no camera, none or several of that name, or its apertures or lens make no picture.
     """
     reading = Reading(stage, time, warnings or Warnings())
     with quiet():
@@ -42,7 +42,7 @@ def read_camera(
 
 
 def read_shutter(stage: Usd.Stage, name: str | None = None, time: Any = None) -> tuple[float, float]:
-    """Return when a camera's shutter opens and closes, in time codes after the frame's; raises SceneError as above."""
+    """Return when a camera's shutter opens and closes, in time codes relative to the frame; raises SceneError."""
     reading = Reading(stage, time)
     prim = chosen_camera(stage, name)
     begin, end = (reading.number(prim, f"shutter:{which}", 0.0) for which in ("open", "close"))
@@ -112,7 +112,7 @@ def _camera(reading: Reading, prim: Usd.Prim) -> Camera:
 
 
 def _clipping(reading: Reading, prim: Usd.Prim) -> tuple[float, float]:
-    """Return the distances at which a camera's view begins and ends."""
+    """Return the near and the far clipping distance of a camera."""
     near, far = reading.vector(prim, "clippingRange", (1.0, 1e6))
     if not 0 <= near < far < np.inf:
         raise reading.fail(prim, "clippingRange", f"is ({near:g}, {far:g}): expected a near distance before a far one")
@@ -120,7 +120,7 @@ def _clipping(reading: Reading, prim: Usd.Prim) -> tuple[float, float]:
 
 
 def _lens(reading: Reading, prim: Usd.Prim) -> tuple[float, float]:
-    """Return the radius of a camera's lens and the distance of its focus; an fStop of 0 is a pinhole."""
+    """Return the radius of a camera's lens and its focus distance; an fStop of 0 is a pinhole."""
     stop = reading.number(prim, "fStop", 0.0, minimum=0.0)
     focus = reading.number(prim, "focusDistance", 0.0, minimum=0.0)
     if stop == 0:
@@ -131,7 +131,7 @@ def _lens(reading: Reading, prim: Usd.Prim) -> tuple[float, float]:
 
 
 def _exposure_scale(reading: Reading, prim: Usd.Prim) -> float:
-    """Return what a camera's exposure multiplies light with, as UsdGeomCamera has it: 1 where nothing is authored."""
+    """Return the factor of a camera's exposure, as UsdGeomCamera defines it: 1 where nothing is authored."""
     reading.number(prim, "exposure", 0.0, -100.0, 100.0)
     for name in ("iso", "time", "responsivity"):
         reading.number(prim, f"exposure:{name}", 1.0, minimum=0.0)
@@ -149,7 +149,7 @@ def _exposure_scale(reading: Reading, prim: Usd.Prim) -> float:
 
 
 def _check_proportions(reading: Reading, prim: Usd.Prim, camera: Camera) -> None:
-    """Raise SceneError for a lens whose picture is one direction or half the space: single precision cannot tell."""
+    """Raise SceneError for extreme ratios of focal length and apertures, which single precision cannot resolve."""
     wide = camera.horizontal_aperture
     sizes = {"verticalAperture": camera.vertical_aperture}
     if not camera.orthographic:
@@ -162,7 +162,7 @@ def _check_proportions(reading: Reading, prim: Usd.Prim, camera: Camera) -> None
 
 
 def _rigid(reading: Reading, prim: Usd.Prim) -> Array:
-    """Return where a camera stands and looks, without scale, shear and mirroring."""
+    """Return a camera's position and orientation, without scale, shear and mirroring, as a (4, 4) transform."""
     matrix = reading.to_world(prim)
     back = unit(matrix[:3, 2])
     right = unit(np.cross(matrix[:3, 1], back))

@@ -1,4 +1,4 @@
-"""Colour spaces by the names that USD, MaterialX, Arnold and OpenColorIO's configurations have for them."""
+"""Colour spaces, by their names in USD, MaterialX, Arnold and the configurations of OpenColorIO."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ AUTO, RAW = "auto", "raw"
 SRGB = "srgb_rec709_scene"
 _LINEAR = "lin_rec709_scene"
 
-# By names without blanks, dashes, dots and underscores, in lower case.
+# The keys are names in lower case, without blanks, dashes, dots and underscores.
 _NAMES = {
     **dict.fromkeys(("", "auto", "usemetadata"), AUTO),
     **dict.fromkeys(("raw", "none", "data", "noncolor", "identity", "utilityraw", "unknown"), RAW),
@@ -36,7 +36,7 @@ _NAMES = {
 
 
 def color_space(name: str) -> str | None:
-    """Return OpenUSD's name of a colour space, or AUTO or RAW; None of one that is not known."""
+    """Return OpenUSD's name of a colour space, or AUTO or RAW; None if the name is not known."""
     plain = re.sub("[^a-z0-9]", "", name.lower())
     if plain in _NAMES:
         return _NAMES[plain]
@@ -44,7 +44,7 @@ def color_space(name: str) -> str | None:
 
 
 def to_linear(colors: Array, space: str) -> Array:
-    """Return colours (…, 3) of one of OpenUSD's colour spaces as scene-linear Rec.709."""
+    """Convert colours (…, 3) from one of OpenUSD's colour spaces to scene-linear Rec.709."""
     if space in (AUTO, RAW, _LINEAR):
         return colors
     known = Gf.ColorSpace(space)
@@ -55,6 +55,6 @@ def to_linear(colors: Array, space: str) -> Array:
         curved = ((np.maximum(light, 0) + bias) / (1 + bias)) ** gamma
         light = np.where(light <= threshold, light / slope, curved)
     working = Gf.ColorSpace(_LINEAR)
-    # White and black are fixed by every transfer function: the primaries alone give the matrix.
+    # Every transfer function keeps black and white, so the converted primaries are the columns of the matrix.
     columns = [working.Convert(known, Gf.Vec3f(*axis)).GetRGB() for axis in np.eye(3).tolist()]
     return light @ np.array(columns, dtype=np.float64)

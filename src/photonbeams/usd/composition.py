@@ -1,4 +1,4 @@
-"""What OpenUSD could not compose of a stage, in sentences for users: references, payloads and sublayers."""
+"""Warnings about references, payloads and sublayers that OpenUSD could not compose, in sentences for users."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ _SITE = re.compile(r"@([^@]*?)(?:,@anon:[^@]*@)?@?(?=<)")
 
 
 def warn_of_composition(stage: Usd.Stage, warnings: Warnings) -> None:
-    """Warn of what leaves a hole in the stage, which is composed without it."""
+    """Warn about everything that the stage was composed without."""
     file = file_of(stage)
-    # The message begins with the stage's own folder: what lies beside the stage is told without it.
+    # The message begins with the stage's own folder, so files in it are named without the folder.
     folder = os.path.join(os.path.dirname(file), "")
     with warnings.together():
         for error in stage.GetCompositionErrors():
@@ -29,7 +29,7 @@ def warn_of_composition(stage: Usd.Stage, warnings: Warnings) -> None:
 
 
 def _sentence(error: Any) -> str:
-    """Return what is wrong: OpenUSD says it in words alone, which name its own session layer, too."""
+    """Return what is wrong, from the text of OpenUSD's error, which also names its own session layer."""
     text = " ".join(str(error).split()).removesuffix("; skipping.").rstrip(". ")
     if found := _ARC.match(text):
         asset, kind, prim, reason = found.groups()
@@ -50,7 +50,7 @@ def _sentence(error: Any) -> str:
 
 
 def _unread(asset: str, reason: str | None) -> str:
-    """Return why a file is not read, as a clause."""
+    """Return why a file cannot be read, as a clause."""
     suffix = os.path.splitext(asset)[1]
     if not reason or not os.path.exists(asset):
         return "which is not there"

@@ -1,4 +1,4 @@
-"""Read a stage at one time: each prim by the reader of its kind."""
+"""Read a stage at one time, each prim with the reader for its kind."""
 
 from __future__ import annotations
 
@@ -35,26 +35,26 @@ class _Contents:
     lights: list[tuple[Usd.Prim, Light]] = field(default_factory=list)
     drawn: list[DrawnBeams] = field(default_factory=list)
     media: list[tuple[Usd.Prim, Medium]] = field(default_factory=list)
-    outlines: bool = False  # whether surfaces are their outlines
+    outlines: bool = False  # whether only the outlines of surfaces are read
 
 
 class _Role(NamedTuple):
-    """What a prim is: it may be several things at once."""
+    """What a prim is rendered as; it may be several things at once."""
 
     medium: bool
-    beams: bool  # drawn ones
+    beams: bool  # drawn beams
     surface: bool
     light: bool
 
 
 @dataclass(frozen=True)
 class _Item:
-    """A prim at a place: the same prim comes several times where an instancer repeats it."""
+    """A prim with its transform; a prim that an instancer repeats has one item for each copy."""
 
     prim: Usd.Prim
     to_world: Array
     name: str
-    instances: tuple[Instance, ...] = ()  # of the innermost instancer first
+    instances: tuple[Instance, ...] = ()  # innermost instancer first
 
 
 def read_scene(
@@ -65,7 +65,7 @@ def read_scene(
     lasting: dict[Any, Any] | None = None,
     surfaces: dict[Any, Any] | None = None,
 ) -> Scene:
-    """Return meshes, lights, drawn beams and fog of a stage at a time.
+    """Return the meshes, lights, drawn beams and fog of a stage at a time.
 
     What cannot be read or rendered is left out with a warning to the logger "photonbeams".
 
@@ -74,18 +74,18 @@ def read_scene(
     time
         A time code, or a number; None is the default time.
     warnings
-        Warnings that were given already and are not given again; new ones are added. They may be errors.
+        Warnings that were already given, which are not repeated; new ones are added. They may be errors.
     base
-        The frame whose samples velocities carry on, while its shutter is open; None: `time`.
+        The frame from whose time samples velocities move points while the shutter is open; None: `time`.
     lasting
-        What other readings of the stage have found that is the same at all times; more of it is added.
+        Cache of what is the same at all times, shared by all readings of the stage; it is added to.
     surfaces
-        What other readings at this time have found of surfaces, since which none of these has changed.
+        Cache of the surfaces at this time, if no surface has changed since an earlier reading.
 
     Raises
     ------
     SceneError
-        Of what cannot be read, where warnings are errors.
+        Something cannot be read, and warnings are errors.
     """
     reading = Reading(
         stage, time, warnings or Warnings(), base=base, lasting={} if lasting is None else lasting,
@@ -95,10 +95,10 @@ def read_scene(
 
 
 def with_looks(stage: Usd.Stage, time: Any, content: Scene, warnings: Warnings) -> Scene | None:
-    """Return what a stage had at a time, with the looks that its lights and drawn beams have now.
+    """Return an earlier reading of a stage with the looks that its lights and drawn beams have now.
 
-    Parameters are those of `read_scene`, and what that returned. None where instancers repeat lights or beams: from
-    the names of copies nobody knows their prims.
+    The parameters are those of `read_scene`, and `content`, the scene that it returned. Return None if instancers
+    repeat lights or beams, because the names of the copies do not lead to their prims.
     """
     reading = Reading(stage, time, warnings)
     if any("[" in name for name in content.looks()):
@@ -113,15 +113,15 @@ def with_looks(stage: Usd.Stage, time: Any, content: Scene, warnings: Warnings) 
 
 
 def read_extent(stage: Usd.Stage, time: Any, lasting: dict[Any, Any]) -> Scene:
-    """Return how far a stage reaches at a time: a scene whose surfaces are corners of their hulls, without faces.
+    """Return the extent of a stage at a time, as a scene whose surfaces are only the corners of their convex hulls.
 
-    Nothing is warned of: the time may never be rendered. `lasting` is that of `read_scene`.
+    There are no warnings, because the time may never be rendered. `lasting` is the same as for `read_scene`.
     """
     return _read(Reading(stage, time, Warnings(muted=True), lasting=lasting), outlines=True)
 
 
 def _read(reading: Reading, outlines: bool) -> Scene:
-    # Points near the largest float and sums of them are the file's fault; the values are checked where it matters.
+    # Points near the largest float may overflow in sums; the results are checked where it matters.
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"), reading.warnings.together(), quiet():
         return _read_scene(reading, outlines)
 
@@ -159,7 +159,7 @@ def _read_scene(reading: Reading, outlines: bool) -> Scene:
 
 
 def _keep_one_filling(reading: Reading, contents: _Contents) -> None:
-    """Keep the first of the media that fill the whole space, and warn of the others."""
+    """Keep the first of the media that fill the whole space, and warn about the others."""
     kept: list[tuple[Usd.Prim, Medium]] = []
     first = None
     for prim, medium in contents.media:
@@ -173,7 +173,7 @@ def _keep_one_filling(reading: Reading, contents: _Contents) -> None:
 
 
 def _role(reading: Reading, prim: Usd.Prim) -> _Role:
-    """Return as what a prim is rendered: copies of it need not ask again."""
+    """Return what a prim is rendered as, cached for its copies."""
     key = ("role", prim.GetPath())
     if key not in reading.cache:
         beams = prim.IsA(UsdGeom.BasisCurves) and is_drawn(prim)
@@ -213,7 +213,7 @@ def _collect(reading: Reading, item: _Item, contents: _Contents) -> None:
 
 
 def _meshes(reading: Reading, item: _Item) -> list[Mesh]:
-    """Return the meshes of a prim, those that are known of this time where it stands where it stood."""
+    """Return the meshes of a prim: the known ones of this time, if the prim has not moved."""
     known = reading.surfaces.get(item.name)
     if known is not None and np.array_equal(known[0], item.to_world):
         reading.triangles += sum(len(mesh.faces) for mesh in known[1])
@@ -235,13 +235,13 @@ def _items(reading: Reading, root: Usd.Prim) -> Iterator[_Item]:
             continue
         to_world = reading.attempt(prim, partial(reading.to_world, prim), None, _WITH_ALL_BELOW)
         if to_world is None or prim.IsA(UsdGeom.PointInstancer):
-            walk.PruneChildren()  # prototypes are drawn where the instancer puts them, not where they stand
+            walk.PruneChildren()  # prototypes are rendered where the instancer places them, not at their own place
         if to_world is not None:
             yield from _expanded(reading, _Item(prim, to_world, str(prim.GetPath())))
 
 
 def _expanded(reading: Reading, item: _Item, within: tuple[Sdf.Path, ...] = ()) -> list[_Item]:
-    """Return a prim or, of a point instancer, the prims of its prototypes at each of its points.
+    """Return a prim or, for a point instancer, the prims of its prototypes at each of its points.
 
     `within` are the paths of instancers that repeat this one.
     """
@@ -287,9 +287,9 @@ def _instances(reading: Reading, item: _Item, within: tuple[Sdf.Path, ...]) -> I
 def _step(
     reading: Reading, prim: Usd.Prim, indices: Array, parts: list[list[_Item] | None], within: tuple[Sdf.Path, ...]
 ) -> int:
-    """Return of how many instances one is rendered: of as many as memory holds, each."""
+    """Return n if every n-th instance is rendered: 1 if all fit into memory."""
     total = _triangles_of(reading, indices, parts, within)
-    if len(within) > 1:  # of an instancer that another one repeats: it was counted there
+    if len(within) > 1:  # an instancer that another one repeats was counted there
         return step_of(total, room())
     step = step_of(total, room() - reading.expected)
     reading.expected += total // step
@@ -303,14 +303,14 @@ def _step(
 def _triangles_of(
     reading: Reading, indices: Array, parts: list[list[_Item] | None], within: tuple[Sdf.Path, ...]
 ) -> int:
-    """Return about how many triangles an instancer's copies of its prototypes have."""
+    """Estimate how many triangles an instancer's copies of its prototypes have."""
     numbers = np.bincount(indices[(indices >= 0) & (indices < len(parts))], minlength=len(parts))
     sizes = [sum(_triangles_in(reading, each.prim, within) for each in part or ()) for part in parts]
     return sum(int(number) * size for number, size in zip(numbers, sizes, strict=True))
 
 
 def _triangles_in(reading: Reading, prim: Usd.Prim, within: tuple[Sdf.Path, ...]) -> int:
-    """Return about how many triangles a prim of a prototype has, an instancer all of its copies."""
+    """Estimate how many triangles a prim of a prototype has; an instancer counts all of its copies."""
     key = ("about", prim.GetPath())
     if key not in reading.cache:
         size = 0
@@ -346,7 +346,7 @@ def _instance_transforms(
         if len(values) not in (0, count):
             text = f"has {len(values)} values: expected {count}, as many as protoIndices; none of them is used"
             reading.warn(prim, text, name)
-    # Velocities would carry instances to the earliest of all times, which is infinitely long ago.
+    # At the earliest time, which is infinitely long ago, velocities would move instances infinitely far.
     time = sample.time if reading.time.IsEarliestTime() else reading.time
     result: Sequence[Gf.Matrix4d] = instancer.ComputeInstanceTransformsAtTime(
         time,
@@ -360,7 +360,7 @@ def _instance_transforms(
 def _placed(
     sample: Reading, prim: Usd.Prim, indices: Array, positions: Array | None, prototypes: list[Usd.Prim]
 ) -> list[Gf.Matrix4d]:
-    """Return the matrices of the instances that have all values: OpenUSD computes none where one has not.
+    """Return the matrices of the instances that have all values; OpenUSD computes none if one lacks a value.
 
     Angular velocities are left out.
     """
@@ -402,7 +402,7 @@ def _relative(reading: Reading, prim: Usd.Prim, root: Usd.Prim) -> Array:
 
 
 def shown_in_prototype(reading: Reading, prim: Usd.Prim) -> bool:
-    """Return whether a prim of a prototype is to be rendered with it, as far as the prim itself says."""
-    # What hides the prototype where it stands, above its root, does not hide its instances.
+    """Return whether a prim of a prototype is rendered with it, judged by the prim itself."""
+    # An invisible ancestor of the prototype does not hide its instances.
     purpose = reading.value(prim, "purpose", "default")
     return reading.value(prim, "visibility", "inherited") != "invisible" and purpose in rendered_purposes(reading.stage)

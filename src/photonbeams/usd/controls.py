@@ -1,6 +1,6 @@
-"""What of a stage an artist edits: the controls of its lights, media and looks, with their values and documentation.
+"""Controls for editing a stage: those of its lights, media and looks, with their values and documentation.
 
-The names, types, defaults, choices and texts are those of the schemas; ranges are those that readers accept.
+Names, types, defaults, choices and texts come from the schemas; ranges are those that the readers accept.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from .medium import is_medium
 from .openusd import Gf, Sdf, Usd, UsdGeom, UsdLux
 from .reading import Reading, prims_under, target_paths
 
-# Least and greatest values that readers accept, by the ends of names, and where sliders begin and end.
+# Least and greatest values that the readers accept, and the ranges of sliders, by the ends of attribute names.
 _RANGES: Mapping[str, tuple[float | None, float | None]] = {
     "anisotropy": (-0.99, 0.99), "mix": (0, 1), "gain": (0, None), "width": (0, None), "hardness": (0, 1),
     "across:inner": (0, 0.99), "softness": (0.01, 1), "amount": (0, 1), "contrast": (0, 100), "variation": (0, 1),
@@ -40,7 +40,7 @@ _UNITS: Mapping[str, str] = {
 }
 _RAMP = ("knots", "colors", "interpolation")
 
-# What of UsdLux' lights the renderer reads, in the order of the page.
+# The inputs of UsdLux lights that the renderer reads, in the order of the page.
 _LIGHT_INPUTS = (
     "inputs:intensity", "inputs:exposure", "inputs:color", "inputs:enableColorTemperature", "inputs:colorTemperature",
     "inputs:normalize", "inputs:radius", "inputs:width", "inputs:height", "inputs:length", "inputs:angle",
@@ -51,28 +51,28 @@ _LIGHT_INPUTS = (
 
 @dataclass(frozen=True)
 class Control:
-    """One thing that can be edited.
+    """One value that can be edited.
 
     Attributes
     ----------
     path, label, section
-        The path of the attribute or relationship; its name for people, and where it stands among others.
+        The path of the attribute or relationship, its name for people, and the section of the page that it is in.
     kind
-        number, integer, bool, color, numbers, choice, text, expression, asset, paths or ramp.
+        One of number, integer, bool, color, numbers, choice, text, expression, asset, paths or ramp.
     value, default
-        What it is now, as JSON has it, and what it is if nothing is set; None: nothing.
+        The value now, and the value if nothing is set, as in JSON; None: no value.
     authored
         Whether the stage, or an edit, sets it.
     least, most
-        The bounds of a number; None: none.
+        The bounds of a number; None: no bound.
     slider
-        Where a slider begins and ends.
+        The range of a slider.
     choices
-        What it may be: texts, or the paths of prims.
+        The allowed values: texts, or paths of prims.
     unit, doc
         The unit, and a text that explains it.
     parts
-        Of a ramp, the paths of its knots, colors and interpolation.
+        For a ramp, the paths of its knots, colors and interpolation.
     """
 
     path: str
@@ -93,7 +93,7 @@ class Control:
 
 @dataclass(frozen=True)
 class Controls:
-    """The controls of a prim: its path, what it is ("light", "medium" or "look"), its type, and the looks it uses."""
+    """The controls of a prim: its path, kind ("light", "medium" or "look"), type, and the looks that it uses."""
 
     path: str
     kind: str
@@ -158,7 +158,7 @@ def _definition(kind: str) -> Usd.PrimDefinition:
 
 
 def _attribute(prim: Usd.Prim, name: str) -> Any:
-    """Return an attribute of UsdLux' definition that a light has, or would have with the shaping API; else None."""
+    """Return the definition of a UsdLux attribute that a light has, or would have with ShapingAPI; else None."""
     attribute = prim.GetPrimDefinition().GetAttributeDefinition(name)
     if attribute:
         return attribute
@@ -212,7 +212,7 @@ def _defined(
 
 
 def _of_kind(control: Control, prim: Usd.Prim) -> Control:
-    """Return the control of whether a light makes beams: what it does if nothing is set, depends on its kind."""
+    """Return the control of whether a light makes beams, whose default depends on the kind of light."""
     does = not is_dome(prim)
     return replace(control, default=does, value=control.value if control.authored else does)
 
@@ -247,7 +247,7 @@ def _kind_of(kind: Sdf.ValueTypeName, name: str, chosen: bool) -> str:
 
 
 def _slider(name: str, least: float | None, most: float | None, value: Any) -> tuple[float, float]:
-    """Return where a slider begins and ends: where readers do, or at twice the present value."""
+    """Return the range of a slider: the bounds of the value or, without bounds, twice the present value."""
     if (known := _ending(_SLIDERS, name)) is not None:
         return known
     size = max(2 * abs(float(value)), 1.0) if isinstance(value, int | float) else 1.0
@@ -255,13 +255,13 @@ def _slider(name: str, least: float | None, most: float | None, value: Any) -> t
 
 
 def _ending(table: Mapping[str, Any], name: str) -> Any:
-    """Return the entry of the longest end of a name, None where there is none."""
+    """Return the entry of a table for the longest key that the name ends with, or None."""
     ends = [end for end in table if name == end or name.endswith(f":{end}")]
     return table[max(ends, key=len)] if ends else None
 
 
 def _label(name: str) -> str:
-    """Return a name as people write it: "inputs:shaping:cone:angle" is "Shaping cone angle"."""
+    """Return a label for people: "inputs:shaping:cone:angle" is "Shaping cone angle"."""
     words = [word for word in name.split(":") if word not in ("inputs", "photonbeams")]
     if words[0] in ("along", "across", "eye", "angle", "noise") and len(words) > 1:
         words = words[1:]
@@ -270,8 +270,8 @@ def _label(name: str) -> str:
 
 
 def _plain(value: Any) -> Any:
-    """Return a value of USD's as JSON has it."""
-    if isinstance(value, float):  # of 32 bits most: as people wrote it
+    """Return a USD value as JSON represents it."""
+    if isinstance(value, float):  # most are 32-bit floats: show them as they were written
         return float(str(np.float32(value))) if np.float32(value) == value else value
     if value is None or isinstance(value, bool | int):
         return value

@@ -1,4 +1,4 @@
-"""Drawn beams: BasisCurves with `PhotonBeamsCurvesAPI`, read as curved beams."""
+"""Read BasisCurves with `PhotonBeamsCurvesAPI` as drawn, curved beams."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from .reading import Reading, has_photonbeams, target_paths
 from .splines import Spans, expected_points, span_counts, varying_counts
 from .strands import basis_of, read_points
 
-# Time samples of a curve at most at which its curvature is looked at: a curve has as many pieces at all times, or what
-# moves could not be followed from shutter open to shutter close.
+# The most time samples at which a curve's curvature is examined. A curve has the same number of pieces at all times, so
+# that its motion can be followed from shutter open to shutter close.
 _MOST_SHAPES = 9
-_NAMED = 3  # curves that a warning names
+_NAMED = 3  # how many curves a warning names
 
 
 def is_drawn(prim: Usd.Prim) -> bool:
@@ -29,14 +29,14 @@ def is_drawn(prim: Usd.Prim) -> bool:
 
 
 def read_curves(reading: Reading, prim: Usd.Prim, to_world: Array, name: str) -> DrawnBeams | None:
-    """Return curves as beams, in world space, in pieces by their curvature; None where none is visible.
+    """Return curves as beams in world space, in as many pieces as their curvature needs; None if none is visible.
 
     Curves that cannot be rendered are skipped with a warning that names them.
 
     Raises
     ------
     SceneError
-        Counts, widths or powers that contradict each other, or are negative.
+        Counts, widths or powers contradict each other, or are negative.
     """
     found = read_points(reading, prim)
     if found is None:
@@ -69,7 +69,7 @@ def read_curves(reading: Reading, prim: Usd.Prim, to_world: Array, name: str) ->
     return DrawnBeams(name=name, group=group, look=look, **beams)  # type: ignore[arg-type]
 
 
-_GUIDE_POINTS = 33  # of each span of a cubic guide
+_GUIDE_POINTS = 33  # points for each span of a cubic guide
 
 
 def guide_paths(prim: Usd.Prim) -> set[Sdf.Path]:
@@ -78,12 +78,12 @@ def guide_paths(prim: Usd.Prim) -> set[Sdf.Path]:
 
 
 def read_guides(reading: Reading, light: Usd.Prim) -> tuple[Array, ...]:
-    """Return points along each of the curves that lead a light's beams, in world space.
+    """Return points along each curve that guides a light's beams, in world space.
 
     Raises
     ------
     SceneError
-        A target that is no BasisCurves prim, or has no curve that could lead anything.
+        A target is not a BasisCurves prim, or has no curve with a length.
     """
     name, found = "photonbeams:guides", []
     for prim in reading.targets(light, name):
@@ -113,13 +113,13 @@ def _guides(reading: Reading, prim: Usd.Prim) -> list[Array]:
 
 
 def _scale(to_world: Array) -> float:
-    """Return how much a transform scales lengths, in the mean of all directions."""
+    """Return how much a transform scales lengths, as the mean over the three axes."""
     return float(np.linalg.norm(to_world[:3, :3], axis=0).mean())
 
 
 @dataclass(frozen=True)
 class _Primvar:
-    """Values of curves: one for all, one for each ("uniform"), or along them ("varying", "vertex")."""
+    """Values on curves: one for all, one for each ("uniform"), or along them ("varying", "vertex")."""
 
     values: Array  # (V, C)
     interpolation: str
@@ -139,7 +139,7 @@ class _Primvar:
         return self.values[index]
 
     def present(self, counts: Array) -> Array:
-        """Return (curves,) whether a curve has any value that is not zero; of varying ones, that it has is assumed."""
+        """Return (curves,) whether a curve has a value that is not zero; varying values are assumed to."""
         if self.interpolation == "vertex":
             sums = np.concatenate([[0], np.cumsum(self.values[:, 0] > 0)])
             ends = np.cumsum(counts)
@@ -148,13 +148,13 @@ class _Primvar:
         return found if self.interpolation == "uniform" else np.full(len(counts), bool(found.any()))
 
     def warn_of_thin(self, source: _CurvesPrim) -> None:
-        """Warn of curves without width."""
+        """Warn about curves without width."""
         source.warn_of(np.flatnonzero(source.drawable() & ~self.present(source.counts)), "without width", "widths")
 
 
 @dataclass(frozen=True)
 class _CurvesPrim:
-    """Curves on a stage: their prim, points a curve, basis ("linear" too) and wrap."""
+    """Curves on a stage: their prim, the number of points of each, their basis (or "linear") and wrap."""
 
     reading: Reading
     prim: Usd.Prim
@@ -163,14 +163,14 @@ class _CurvesPrim:
     wrap: str
 
     def drawable(self) -> Array:
-        """Return (curves,) whether each has as many points as its basis takes; warn of those that have not."""
+        """Return (curves,) whether each has a number of points that its basis allows; warn about the others."""
         found: Array = span_counts(self.counts, self.kind, self.wrap) > 0
         expected = expected_points(self.kind, self.wrap)
         self.warn_of(np.flatnonzero(~found), f"whose number of points is not {expected}", "curveVertexCounts")
         return found
 
     def warn_of(self, curves: Array, text: str, name: str) -> None:
-        """Warn of curves that are skipped, by their numbers."""
+        """Warn about curves that are skipped, by their numbers."""
         if len(curves):
             named = ", ".join(str(curve) for curve in curves[:_NAMED].tolist())
             more = f" and {len(curves) - _NAMED:,} more" if len(curves) > _NAMED else ""
@@ -178,9 +178,9 @@ class _CurvesPrim:
             self.reading.warn(self.prim, f"has curve{plural} {named}{more} {text}: skipped", name)
 
     def interpolation(self, count: int, declared: str) -> str | None:
-        """Return how so many values are meant, or None.
+        """Return the interpolation that fits a number of values, or None.
 
-        The count decides where it can: exporters leave the interpolation at its fallback, "vertex".
+        The number decides where it can, because exporters leave the interpolation at its fallback, "vertex".
         """
         if count == 1:
             return "constant"
@@ -204,7 +204,7 @@ class _CurvesPrim:
         return self._values(widths, str(declared), name)
 
     def power(self) -> _Primvar:
-        """Return the power: for all curves, for each, or along them."""
+        """Return the power: one for all curves, one for each, or values along them."""
         name = "photonbeams:power"
         power = self.reading.array(self.prim, name, 3)
         if power is None:
@@ -216,7 +216,7 @@ class _CurvesPrim:
         return self._values(power, "", name)
 
     def colour(self) -> _Primvar:
-        """Return the display colour where it changes along the curves: else it is for viewports alone."""
+        """Return the display colour if it changes along the curves, else white: it is then for viewports only."""
         primvar = UsdGeom.PrimvarsAPI(self.prim).GetPrimvar("displayColor")
         if not primvar or primvar.GetInterpolation() not in ("varying", "vertex"):
             return _Primvar(np.ones((1, 3)), "constant")
@@ -235,7 +235,7 @@ class _CurvesPrim:
         return _Primvar(values, found)
 
     def each(self, name: str, columns: int) -> Array | None:
-        """Return (curves, columns) an attribute of each curve, or None where it is not authored."""
+        """Return an attribute of each curve, (curves, columns), or None if it is not authored."""
         values = self.reading.array(self.prim, name, columns)
         if values is None:
             return None
@@ -246,7 +246,7 @@ class _CurvesPrim:
 
 
 def _pieces(source: _CurvesPrim, spans: Spans) -> Array:
-    """Return how many pieces each span takes, at any time."""
+    """Return how many pieces each span needs, the most over all times."""
     if source.kind == "linear" or not len(spans.curve):
         return np.ones(len(spans.curve), dtype=np.int64)
     found = np.ones(len(spans.curve), dtype=np.int64)
@@ -260,7 +260,7 @@ def _pieces(source: _CurvesPrim, spans: Spans) -> Array:
 
 
 def _shapes(source: _CurvesPrim) -> list[Reading]:
-    """Return readings at the times at which the curves' shape is looked at."""
+    """Return readings at the times at which the curves' shape is examined."""
     times = source.prim.GetAttribute("points").GetTimeSamples()
     if len(times) < 2:
         return [source.reading]
@@ -271,7 +271,7 @@ def _shapes(source: _CurvesPrim) -> list[Reading]:
 
 @dataclass(frozen=True)
 class _Nodes:
-    """The points between pieces, curve after curve."""
+    """The points between pieces, one curve after another."""
 
     curve: Array
     points: Array
@@ -279,7 +279,7 @@ class _Nodes:
     power: Array
 
     def without_repetitions(self, reading: Reading, prim: Usd.Prim, closed: bool) -> _Nodes:
-        """Return the nodes without those that repeat the one before, and without curves that are then a point."""
+        """Return the nodes without repetitions of the one before, and without curves that are then only a point."""
         same = np.zeros(len(self.curve), dtype=bool)
         same[1:] = (self.curve[1:] == self.curve[:-1]) & np.all(self.points[1:] == self.points[:-1], axis=1)
         if closed and len(same):
@@ -308,7 +308,7 @@ def _beams(source: _CurvesPrim, nodes: _Nodes, closed: bool, graded: bool, to_wo
     fields: dict[str, Any] = {
         "start": start, "end": end, "radius_start": radius_start, "radius_end": radius_end,
         "power": nodes.power[first], "power_end": nodes.power[last] if graded else None,
-        # What looks ask of a beam, all pieces of a curve answer alike: a curve is one beam.
+        # A curve is one beam, so all of its pieces give looks the same values.
         "id": curve.astype(np.float64),
     }  # fmt: skip
     if chained or any(value is not None for value in given.values()):
@@ -334,7 +334,7 @@ def _beams(source: _CurvesPrim, nodes: _Nodes, closed: bool, graded: bool, to_wo
 
 
 def _turn_ends(source: _CurvesPrim, fields: dict[str, Any], curve: Array, following: Array, to_world: Array) -> None:
-    """Set the directions of the light at the two ends of each curve to those that are authored."""
+    """Set the directions of the light at both ends of each curve to the authored ones."""
     begins = np.ones(len(curve), dtype=bool)
     begins[following[following >= 0]] = False
     for name, field, there in (("start", "start_tangent", begins), ("end", "end_tangent", following < 0)):
@@ -347,7 +347,7 @@ def _turn_ends(source: _CurvesPrim, fields: dict[str, Any], curve: Array, follow
 
 
 def _end_normals(fields: dict[str, Any], normals: Array, following: Array, to_world: Array) -> Array:
-    """Return the normals of the beams' end planes: at a curve's end, that of the surface which stops it."""
+    """Return the normals of the beams' end planes: at a curve's end, that of the surface that stops it."""
     turned = unit(normals @ np.linalg.inv(to_world[:3, :3]))
     straight = -directions(fields["start"], fields["end"])
     inner = -fields["end_tangent"] if "end_tangent" in fields else straight

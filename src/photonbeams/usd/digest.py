@@ -1,4 +1,4 @@
-"""A hash of a stage's content: independent of where its files are, different after any change."""
+"""A hash of a stage's content, which does not depend on where its files are and differs after any change."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from .textures import texture_limit
 
 
 def stage_digest(stage: Usd.Stage) -> str:
-    """Return a hash of a stage as it is composed, session layer included, and of the files that it names."""
+    """Return a hash of the composed stage, including its session layer, and of the files that it names."""
     layer = stage.Flatten(addSourceFileComment=False)
     UsdUtils.ModifyAssetPaths(layer, cache(_file_digest))
     return digest(layer.ExportToString(), texture_limit(stage))
 
 
 def _file_digest(name: str) -> str:
-    """Return a hash of the file of an asset path, or the file's name where there is none."""
+    """Return a hash of the file that an asset path names, or the file's name if there is no file."""
     resolver = Ar.GetResolver()
     resolved = str(resolver.Resolve(name))
     is_file = resolved and not why_unreadable(Ar.SplitPackageRelativePathOuter(resolved)[0])

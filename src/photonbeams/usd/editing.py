@@ -1,4 +1,4 @@
-"""Values over an open stage: those of overrides, written as text, and those of a layer that is edited."""
+"""Change values on an open stage: by overrides, which are written as text, and by a layer that is edited."""
 
 from __future__ import annotations
 
@@ -18,22 +18,22 @@ from .reading import file_of, quiet
 #: An empty layer, as text.
 EMPTY = "#usda 1.0\n"
 
-# Attributes of lights and cameras that change how far the scene reaches.
+# Attributes of lights and cameras that change the extent of the scene.
 _EXTENTS = ("xformOp", "visibility", "inputs:radius", "inputs:width", "inputs:height", "inputs:length")
 
 
 class Extent(IntEnum):
-    """What of a stage a change may have touched; each kind includes those before it."""
+    """What a change of a stage may have affected; each kind includes those before it."""
 
     LOOKS = 0
-    VALUES = 1  # what lights, cameras and media have, but not where they are
-    PLACES = 2  # how far the scene reaches
+    VALUES = 1  # values of lights, cameras and media, except their places
+    PLACES = 2  # the extent of the scene
     SURFACES = 3  # which gprims are surfaces, and which are media
     ALL = 4
 
 
 def extent_of(notice: Any, stage: Usd.Stage) -> Extent:
-    """Return what a notice `Usd.Notice.ObjectsChanged` says of a stage."""
+    """Return what a notice `Usd.Notice.ObjectsChanged` may have affected on a stage."""
     found = Extent.LOOKS
     for path in notice.GetResyncedPaths():
         found = max(found, _extent(stage, path) if path.IsPropertyPath() else _extent_of_prim(stage, path))
@@ -46,7 +46,7 @@ def extent_of(notice: Any, stage: Usd.Stage) -> Extent:
 
 
 def _extent_of_prim(stage: Usd.Stage, path: Sdf.Path) -> Extent:
-    """Return what a prim that is new, or composed anew, may have changed: of looks and their scopes, looks alone."""
+    """Return what a new or recomposed prim may have affected: only looks, if it consists of looks and scopes."""
     prim = stage.GetPrimAtPath(path)
     kinds = {str(each.GetTypeName()) for each in Usd.PrimRange(prim, Usd.PrimAllPrimsPredicate)} if prim else {""}
     return Extent.LOOKS if kinds <= {"Scope", "PhotonBeamsLook"} else Extent.ALL
@@ -71,13 +71,13 @@ class EditLayer:
     Parameters
     ----------
     stage
-        The stage, whose session layer gets this layer as a part.
+        The stage; the layer becomes a sublayer of its session layer.
     """
 
     def __init__(self, stage: Usd.Stage) -> None:
         self._stage, self._layer = stage, Sdf.Layer.CreateAnonymous("edits.usda")
         session = stage.GetSessionLayer()
-        self._below = Sdf.Layer.CreateAnonymous("session.usda")  # overrides, which would be stronger than sublayers
+        self._below = Sdf.Layer.CreateAnonymous("session.usda")  # overrides, which would be stronger than its sublayers
         self._below.TransferContent(session)
         with Sdf.ChangeBlock():
             for prim in list(session.rootPrims):
@@ -85,12 +85,12 @@ class EditLayer:
             session.subLayerPaths = [self._layer.identifier, self._below.identifier]
 
     def set(self, path: str, value: Any) -> None:
-        """Set an attribute, or what a relationship names (a list of paths); None removes the layer's own value.
+        """Set an attribute, or the targets of a relationship (a list of paths); None removes the layer's own value.
 
         Raises
         ------
         SceneError
-            A prim or an attribute that is not there, or a value of another type.
+            There is no such prim or attribute, or the value has another type.
         """
         prim, name = self._found(path)
         if value is None:
@@ -113,12 +113,12 @@ class EditLayer:
             prim.CreateAttribute(name, kind).Set(converted)
 
     def leave(self, path: str) -> None:
-        """Give an attribute its default, whatever the stage says of it.
+        """Set an attribute to its default, whatever the stage says.
 
         Raises
         ------
         SceneError
-            A prim or an attribute that is not there.
+            There is no such prim or attribute.
         """
         prim, name = self._found(path)
         self._remove(Sdf.Path(path))
@@ -128,12 +128,12 @@ class EditLayer:
                 attribute.Block()
 
     def define(self, path: str, kind: str) -> None:
-        """Define a prim of a type, and scopes above it where there is nothing yet.
+        """Define a prim of a type, and scopes above it where there is no prim yet.
 
         Raises
         ------
         SceneError
-            There is a prim already, or the stage cannot have one there.
+            There is a prim already, or the stage cannot have one at that path.
         """
         known = Sdf.Path(path)
         if self._stage.GetPrimAtPath(known):
@@ -160,7 +160,7 @@ class EditLayer:
         return prim, known.name
 
     def _anchored(self, asset: Sdf.AssetPath) -> Sdf.AssetPath:
-        """Return an asset's path from the stage's folder as an absolute one: a layer without a file has no folder."""
+        """Return an asset whose relative path is made absolute, because a layer without a file has no folder."""
         root = Path(self._stage.GetRootLayer().realPath or ".").parent
         given = asset.path
         return asset if not given or Path(given).is_absolute() else Sdf.AssetPath(str((root / given).resolve()))
@@ -174,7 +174,7 @@ class EditLayer:
             self._layer.RemoveInertSceneDescription()
 
     def paths(self) -> list[str]:
-        """Return the paths of the properties that the layer has."""
+        """Return the paths of the properties that the layer sets."""
         found: list[str] = []
 
         def note(path: Sdf.Path) -> None:
@@ -189,7 +189,7 @@ class EditLayer:
         return str(self._layer.ExportToString())
 
     def replace(self, text: str) -> None:
-        """Take the content of another layer, given as .usda; SceneError where it is none, and nothing is changed."""
+        """Replace the content by that of a layer given as .usda text; on a SceneError nothing is changed."""
         try:
             with quiet():
                 done = self._layer.ImportFromString(text)
@@ -199,7 +199,7 @@ class EditLayer:
             raise SceneError("the text is not a USD layer")
 
     def load(self, path: Path) -> None:
-        """Take the content of a file; SceneError where it is no USD layer."""
+        """Replace the content by that of a file; SceneError if it is not a USD layer."""
         try:
             with quiet():
                 layer = Sdf.Layer.OpenAsAnonymous(str(path))
@@ -215,9 +215,9 @@ class EditLayer:
         Raises
         ------
         SceneError
-            A file of another kind.
+            The file has another suffix.
         OSError
-            It cannot be written.
+            The file cannot be written.
         """
         if path.suffix not in (".usd", ".usda", ".usdc"):
             raise SceneError(f"{path}: expected a .usda, .usdc or .usd file")
@@ -226,7 +226,7 @@ class EditLayer:
 
 
 def _converted(value: Any, kind: Sdf.ValueTypeName, path: str) -> Any:
-    """Return a number, a text or a list as USD has it; SceneError for one of another type."""
+    """Return a number, a text or a list as a value of a USD type; SceneError if it has another type."""
     if kind.isArray:
         if not isinstance(value, list):
             raise SceneError(f"{path} is {value!r}: expected a list")
@@ -264,12 +264,12 @@ def _number(value: Any, path: str) -> float:
 
 
 def override(stage: Usd.Stage, text: str) -> None:
-    """Set one attribute, or what a relationship names, in the session layer, by a text "/prim.attribute=value".
+    """Set one attribute, or the targets of a relationship, in the session layer, by a text "/prim.attribute=value".
 
     Raises
     ------
     SceneError
-        A text of another form, a prim or an attribute that is not there, a value of another type.
+        The text has another form, there is no such prim or attribute, or the value has another type.
     """
     target, equals, value = text.partition("=")
     path = Sdf.Path(target.strip()) if Sdf.Path.IsValidPathString(target.strip()) else Sdf.Path()
@@ -292,7 +292,7 @@ def override(stage: Usd.Stage, text: str) -> None:
 
 
 def _instance(prim: Usd.Prim) -> str:
-    """Return the message for setting a value inside an instance, with the prim that all instances repeat."""
+    """Return the message for a value set inside an instance; it names the prim that all instances repeat."""
     root = prim
     while not root.IsInstance():
         root = root.GetParent()
@@ -305,7 +305,7 @@ def _instance(prim: Usd.Prim) -> str:
 
 
 def _type_of(prim: Usd.Prim, name: str) -> Sdf.ValueTypeName | None:
-    """Return an attribute's type, also of photonbeams' own attributes where their schema could be applied."""
+    """Return an attribute's type, including photonbeams' own attributes if their schema could be applied."""
     attribute = prim.GetAttribute(name)
     if attribute:
         return attribute.GetTypeName()
@@ -314,7 +314,7 @@ def _type_of(prim: Usd.Prim, name: str) -> Sdf.ValueTypeName | None:
 
 
 def _is_relationship(prim: Usd.Prim, name: str) -> bool:
-    """Return whether a prim has a relationship, also one of photonbeams' own where their schema could be applied."""
+    """Return whether a prim has a relationship, or a schema of photonbeams that could be applied has it."""
     return prim.HasRelationship(name) or any(each.GetRelationshipDefinition(name) for each in _applicable(prim))
 
 
@@ -329,7 +329,7 @@ def _applicable(prim: Usd.Prim) -> Iterator[Usd.PrimDefinition]:
 
 
 def _targets(value: str, text: str) -> list[Sdf.Path]:
-    """Return the paths, with commas between, that a relationship shall name; none of an empty text."""
+    """Return the paths, separated by commas, that a relationship is to name; none for an empty text."""
     names = [part.strip().removeprefix("<").removesuffix(">") for part in value.split(",")] if value else []
     for name in names:
         if not Sdf.Path.IsValidPathString(name) or not Sdf.Path(name).IsAbsolutePath():
@@ -338,10 +338,10 @@ def _targets(value: str, text: str) -> list[Sdf.Path]:
 
 
 def _parsed(value: str, kind: Sdf.ValueTypeName, text: str) -> Any:
-    """Return a value written in USD's own notation."""
+    """Parse a value written in USD's own notation."""
     if kind in (Sdf.ValueTypeNames.Token, Sdf.ValueTypeNames.String) and not value.startswith(('"', "'")):
         value = f'"{value}"'
-    if kind == Sdf.ValueTypeNames.Int and not re.fullmatch(r"[+-]?\d+", value):  # OpenUSD would cut off what is behind
+    if kind == Sdf.ValueTypeNames.Int and not re.fullmatch(r"[+-]?\d+", value):  # OpenUSD would ignore the rest
         raise SceneError(f"cannot set '{text}': expected a whole number")
     if kind == Sdf.ValueTypeNames.Asset and not value.startswith("@"):
         value = f"@{value}@"

@@ -1,4 +1,4 @@
-"""Write beams as BasisCurves, for usdview, Blender and Houdini, and to be read again."""
+"""Write beams as BasisCurves, for usdview, Blender, Houdini and photonbeams itself."""
 
 from __future__ import annotations
 
@@ -31,18 +31,18 @@ def write_beams(
     Parameters
     ----------
     beams
-        One set, which is then the prim `prim_path`, or several, which are prims below it.
+        One set, which becomes the prim `prim_path`, or several, which become prims below it.
     like
-        The stage that they are of: its up axis, units and rate are written, too.
+        The stage that they come from: its up axis, units and rate are written, too.
     looks
-        Paths of `PhotonBeamsLook` prims on that stage, by the names of sets: they are copied, as they are at `time`.
+        Paths of `PhotonBeamsLook` prims on that stage, by the names of sets; they are copied as they are at `time`.
 
     Raises
     ------
     SceneError
-        A file that cannot be written: of another suffix, or in a folder that is not there or may not be written to.
+        The file cannot be written: its suffix is another, or its folder does not exist or is not writable.
     OSError
-        As `files.atomic_path`: the file is whole or not there.
+        As for `files.atomic_path`: the file is written whole or not at all.
     """
     layer = Sdf.Layer.CreateAnonymous(".usda")
     stage = Usd.Stage.Open(layer)
@@ -87,7 +87,7 @@ def _define(stage: Usd.Stage, beams: DrawnBeams, path: str) -> Usd.Prim:
         interpolation = "vertex"
     brightest = float(power.max(initial=0)) or 1.0
     curves.CreateDisplayColorPrimvar(interpolation).Set(_vectors(power / brightest))
-    if interpolation == "vertex":  # read again, colours along a curve multiply its power
+    if interpolation == "vertex":  # on reading, colours along a curve multiply its power
         power = np.full((1, 3), brightest)
     prim = curves.GetPrim()
     prim.AddAppliedSchema("PhotonBeamsCurvesAPI")
@@ -109,16 +109,16 @@ def _define(stage: Usd.Stage, beams: DrawnBeams, path: str) -> Usd.Prim:
 
 
 def _lit(fields: dict[str, Array]) -> dict[str, Array]:
-    """Return the beams that have any light; pieces without length, beside a guide, have none."""
+    """Return the beams that carry light; pieces without length, beside a guide, carry none."""
     lit = np.any((fields["power"] > 0) | (fields.get("power_end", fields["power"]) > 0), axis=1)
     return {name: value[lit] for name, value in fields.items()}
 
 
 def chains(fields: Mapping[str, Array]) -> tuple[Array, Array, Array]:
-    """Return the curve that each beam is of, and the first and the last beam of each curve.
+    """Return the curve that each beam belongs to, and the first and the last beam of each curve.
 
-    Beams are of one curve where each begins as the one before it ends: at the same place, with the same radius, and cut
-    by the same plane.
+    Consecutive beams belong to one curve if each begins as the one before it ends: at the same place, with the same
+    radius, and cut by the same plane.
     """
     count = len(fields["start"])
     joined: Array = np.zeros(max(count - 1, 0), dtype=bool)
@@ -126,7 +126,7 @@ def chains(fields: Mapping[str, Array]) -> tuple[Array, Array, Array]:
         pairs = (("start", "end"), ("radius_start", "radius_end"), ("start_tangent", "end_tangent"))
         same = [fields[a][1:].reshape(count - 1, -1) == fields[b][:-1].reshape(count - 1, -1) for a, b in pairs]
         joined = np.all(np.concatenate(same, axis=1), axis=1)
-        if "offset" in fields:  # a closed curve's end is no joint of its beginning
+        if "offset" in fields:  # the end of a closed curve does not continue at its beginning
             joined &= fields["offset"][1:] > fields["offset"][:-1]
     begins = np.concatenate([[True], ~joined])[:count]
     first = np.flatnonzero(begins)
@@ -134,7 +134,7 @@ def chains(fields: Mapping[str, Array]) -> tuple[Array, Array, Array]:
 
 
 def _along(start: Array, end: Array, counts: Array, ends: Array, last: Array) -> Array:
-    """Return the values at all points of curves, from those at the starts and the ends of their beams."""
+    """Return the values at all points of curves, from the values at the starts and ends of their beams."""
     result = np.empty((int(counts.sum()), *start.shape[1:]))
     inner = np.ones(len(result), dtype=bool)
     inner[ends] = False
@@ -147,7 +147,7 @@ def _set(prim: Usd.Prim, name: str, kind: Sdf.ValueTypeName, value: object) -> N
 
 
 def _names(paths: Sequence[str], taken: set[str]) -> list[str]:
-    """Return a prim name of its own for each path."""
+    """Return a unique prim name for each path."""
     names: list[str] = []
     for path in paths:
         name = re.sub(r"\W", "_", path.strip("/"), flags=re.ASCII) or "Beams"
@@ -189,7 +189,7 @@ def _numbers(values: Array) -> Vt.FloatArray:
 
 
 def check_path(path: Path) -> None:
-    """Raise SceneError for a name that is no stage's, or a folder that is not there or may not be written to."""
+    """Raise SceneError for a suffix that no stage has, or a folder that does not exist or is not writable."""
     if path.suffix not in SUFFIXES:
         raise SceneError(f"{path}: expected a name that ends in {', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]}")
     if not os.access(path.parent, os.W_OK):

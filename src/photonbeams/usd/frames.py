@@ -1,6 +1,6 @@
-"""Frame specifications as usdrecord takes them, and the frames that a stage has.
+"""Frame specifications in the notation of usdrecord, and the range of frames of a stage.
 
-The grammar is that of `UsdUtils.TimeCodeRange` (FIRST, FIRST:LAST, FIRST:LASTxSTRIDE), several with commas between, as
+The grammar is that of `UsdUtils.TimeCodeRange` (FIRST, FIRST:LAST, FIRST:LASTxSTRIDE), several separated by commas, as
 in usdrecord's `UsdAppUtils.framesArgs`, which usd-core does not have.
 """
 
@@ -17,19 +17,19 @@ from .reading import LOG, file_of, varying_attributes
 
 MOST_FRAMES = 100_000
 LARGEST = 1e9
-_DIGITS = 9  # after the point: what strides such as 0.1 add up to is rounded, so that files and duplicates are found
+_DIGITS = 9  # after the point: sums of strides such as 0.1 are rounded, so that files and duplicates are found
 _NUMBER = r"[+-]?(\d+\.?\d*|\.\d+)"
 _RANGE = re.compile(f"{_NUMBER}(:{_NUMBER}(x{_NUMBER})?)?", re.ASCII)
 _EXPECTED = "expected frames such as 101, 101:105, 105:101 or 101:109x2, or several separated by commas"
 
 
 def parse_frames(text: str) -> list[float]:
-    """Return the frames of a specification in its order, each once.
+    """Return the frames of a specification, in its order, each once.
 
     Raises
     ------
     SceneError
-        What is wrong with the text, without the text.
+        The specification is wrong; the message does not repeat the text.
     """
     frames: dict[float, None] = {}
     for part in text.split(","):
@@ -40,7 +40,7 @@ def parse_frames(text: str) -> list[float]:
 
 
 def _frames(part: str) -> list[float]:
-    if not _RANGE.fullmatch(part):  # OpenUSD 26.11 crashes on some that are wrong, such as "1:"
+    if not _RANGE.fullmatch(part):  # OpenUSD 26.11 crashes on some wrong ones, such as "1:"
         raise SceneError(_EXPECTED)
     try:
         codes = UsdUtils.TimeCodeRange.CreateFromFrameSpec(part)
@@ -50,7 +50,7 @@ def _frames(part: str) -> list[float]:
     first, last = codes.startTimeCode.GetValue(), codes.endTimeCode.GetValue()
     if not (codes.IsValid() and max(abs(first), abs(last)) < LARGEST):
         raise SceneError(f"expected frames between -{LARGEST:g} and {LARGEST:g}")
-    # Iterated by OpenUSD 26.11, 0:0.5x0.1 would end at 0.4.
+    # OpenUSD 26.11 itself would end 0:0.5x0.1 at 0.4.
     steps = (last - first) / codes.stride + 1e-6
     if steps >= MOST_FRAMES:
         raise SceneError(f"expected no more than {MOST_FRAMES:,} frames")
@@ -63,9 +63,9 @@ def decimals(frame: float) -> int:
 
 
 def check_frames(stage: Usd.Stage, frames: Sequence[float]) -> None:
-    """Raise SceneError for frames outside the stage's range; a stage without one has any.
+    """Raise SceneError for frames outside the stage's range; a stage without a range has any frame.
 
-    Warns where there are several frames of a stage on which nothing changes.
+    Warn about several frames of a stage on which nothing changes.
     """
     if len(frames) > 1 and not any(True for _ in varying_attributes(stage)):
         LOG.warning("%s has no time samples: all %d frames are the same", file_of(stage), len(frames))

@@ -13,13 +13,13 @@ _WRAPS = ("black", "repeat")
 
 
 def read_gobo(reading: Reading, prim: Usd.Prim) -> Gobo | None:
-    """Return the image before a light, or None.
+    """Return the image in front of a light, or None.
 
     Raises
     ------
     SceneError
-        An image that cannot be read or has negative pixels, an angle or a width out of range, a distant light's image
-        without a width.
+        An image cannot be read or has negative pixels, an angle or a width is out of range, or a distant light's image
+        has no width.
     """
     name, kind = "photonbeams:gobo", str(prim.GetTypeName())
     image = _image(reading, prim, name)
@@ -41,12 +41,12 @@ def read_texture(reading: Reading, prim: Usd.Prim) -> Gobo | None:
 
 
 def read_portal_gobo(reading: Reading, prim: Usd.Prim, portal: Mesh | str | None) -> Gobo | None:
-    """Return the image over a light's portal (a mesh, or the name of a shape elsewhere), or None.
+    """Return the image on a light's portal (a mesh, or the name of a Mitsuba shape), or None.
 
     Raises
     ------
     SceneError
-        An image that cannot be read or has negative pixels, a portal that is not flat.
+        The image cannot be read or has negative pixels, or the portal is not flat.
     """
     name = "photonbeams:portal:gobo"
     image = _image(reading, prim, name)
@@ -64,7 +64,7 @@ def read_portal_gobo(reading: Reading, prim: Usd.Prim, portal: Mesh | str | None
 
 
 def _up(reading: Reading, normal: Array) -> Array:
-    """Return where an image's upper edge is: at the stage's up axis, on a skylight away from who stands before it."""
+    """Return the direction of an image's upper edge: the stage's up axis or, for a skylight, the back of the stage."""
     up, back = np.array([0.0, 1.0, 0.0]), np.array([0.0, 0.0, -1.0])
     if UsdGeom.GetStageUpAxis(reading.stage) == UsdGeom.Tokens.z:
         up, back = np.array([0.0, 0.0, 1.0]), np.array([0.0, 1.0, 0.0])
@@ -72,7 +72,7 @@ def _up(reading: Reading, normal: Array) -> Array:
 
 
 def _width(reading: Reading, prim: Usd.Prim) -> float:
-    """Return the width of an image in scene units, which a distant light has to give."""
+    """Return the width of an image in scene units, which a distant light must have."""
     name = "photonbeams:gobo:width"
     width = _positive(reading, prim, name, np.inf)
     if width is None and prim.GetTypeName() == "DistantLight":
@@ -81,7 +81,7 @@ def _width(reading: Reading, prim: Usd.Prim) -> float:
 
 
 def _positive(reading: Reading, prim: Usd.Prim, name: str, below: float) -> float | None:
-    """Return a number above 0, or None where it is not authored."""
+    """Return a number above 0, or None if it is not authored."""
     if reading.value(prim, name) is None:
         return None
     value = reading.number(prim, name, 1.0)
@@ -92,7 +92,7 @@ def _positive(reading: Reading, prim: Usd.Prim, name: str, below: float) -> floa
 
 
 def _image(reading: Reading, prim: Usd.Prim, name: str) -> Array | None:
-    """Return an image through which light can pass: no negative pixels, and not all black without a warning."""
+    """Return an image that light passes through: negative pixels are an error, all black gives a warning."""
     image = read_image(reading, prim, name)
     if image is None:
         return None

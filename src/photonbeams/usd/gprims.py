@@ -14,7 +14,7 @@ from .reading import Reading
 
 GPRIMS = ("Cube", "Sphere", "Cylinder", "Cylinder_1", "Cone", "Capsule", "Capsule_1", "Plane")
 
-# 64 facets around: a silhouette is off by 0.12 % of the radius, under a pixel for shapes of up to 1600 pixels.
+# With 64 facets around, a silhouette is off by 0.12 % of the radius, less than a pixel for shapes of up to 1600 pixels.
 _AROUND = 64
 _ARC = 16  # rings from pole to equator
 # Rotations that bring the tessellator's Z axis to X, Y or Z by cycling the axes, so that no shape is mirrored.
@@ -65,9 +65,9 @@ def _plane(width: float, length: float) -> Polygons:
 
 
 def _profile(reading: Reading, prim: Usd.Prim, kind: str) -> list[Array]:
-    """Return the curves that make the shape when revolved, from the bottom up: rows of r, z and the normal in r and z.
+    """Return the curves whose revolution makes the shape, from the bottom up: rows of r, z and the normal in r and z.
 
-    Each curve is smooth in itself; where two meet there is an edge.
+    Each curve is smooth; there is an edge where two curves meet.
     """
     if kind == "Sphere":
         return [_arc(-1.0, 1.0, _size(reading, prim, "radius", 1.0), 0.0)]
@@ -87,10 +87,10 @@ def _profile(reading: Reading, prim: Usd.Prim, kind: str) -> list[Array]:
 
 
 def _arc(begin: float, end: float, radius: float, z: float) -> Array:
-    """Return an arc between latitudes in quarters of a turn."""
+    """Return an arc between two latitudes, which are given in quarter turns."""
     angle = np.linspace(begin, end, round((end - begin) * _ARC) + 1) * (np.pi / 2)
     normal = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    normal[np.abs(np.abs(angle) - np.pi / 2) < 1e-9, 0] = 0.0  # poles are points, exactly
+    normal[np.abs(np.abs(angle) - np.pi / 2) < 1e-9, 0] = 0.0  # poles are exactly points
     return np.hstack([normal * radius + [0.0, z], normal])
 
 
@@ -100,7 +100,7 @@ def _line(begin: tuple[float, float], end: tuple[float, float]) -> Array:
 
 
 def _revolved(curves: list[Array]) -> Polygons:
-    """Return the surface of revolution about Z of curves; neighbouring facets of a curve share normals."""
+    """Return the surface of revolution of curves about Z; neighbouring facets of a curve share normals."""
     pieces: list[dict[str, Any]] = []
     start = 0
     total = sum(len(curve) - 1 for curve in curves)

@@ -1,4 +1,4 @@
-"""The beam sources of a shot at all times, and its light groups: all frames of a film have the same layers."""
+"""The sources of beams of a shot over all times, and its light groups, so that all frames have the same layers."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from .reading import Reading, prims_under, target_paths, visible
 def groups_at_all_times(stage: Usd.Stage) -> frozenset[str]:
     """Return the groups of all lights and drawn curves on a stage that make beams at some time.
 
-    Prims are looked at and not read, which would take long for all times of a film. What hides a prim or switches it
-    off are tokens and flags: they hold from one time sample to the next, and so these times tell all.
+    Prims are only inspected, because reading them at all times of a film would take long. Prims are hidden or switched
+    off by tokens and flags, which hold from one time sample to the next, so the sample times are enough.
     """
     at = cache(partial(Reading, stage))
     first = Reading(stage)
@@ -42,31 +42,31 @@ def makers_at_all_times(stage: Usd.Stage) -> set[str]:
 
 
 def hidden_lights(stage: Usd.Stage, time: Usd.TimeCode) -> list[str]:
-    """Return the paths of the lights on a stage that are not seen at a time."""
+    """Return the paths of the lights on a stage that are hidden at a time."""
     lights = (maker.prim for maker in _makers(stage.GetPseudoRoot()) if maker.instancer is None)
     return [str(prim.GetPath()) for prim in lights if is_light(prim) and not visible(prim, time)]
 
 
 @dataclass(frozen=True)
 class _Maker:
-    """A prim of which beams may come: it is below `root`, a prototype of `instancer` or, without, the whole stage."""
+    """A prim that may make beams, below `root`: a prototype of `instancer`, or the stage's root without one."""
 
     prim: Usd.Prim
     root: Usd.Prim
     instancer: _Maker | None
 
     def repeats(self, prim: Usd.Prim) -> bool:
-        """Return whether this is `prim`, or a part of one of its instances."""
+        """Return whether this is `prim`, or part of one of its instances."""
         return self.prim == prim or (self.instancer is not None and self.instancer.repeats(prim))
 
     def seen(self, reading: Reading) -> bool:
-        """Return whether the prim is to be rendered at a time."""
+        """Return whether the prim is rendered at a time."""
         if self.instancer is None:
             return visible(self.prim, reading.time)
         return self.instancer.seen(reading) and all(shown_in_prototype(reading, each) for each in self._path())
 
     def times(self) -> list[float | None]:
-        """Return the time codes at which it may appear, vanish or change its group; one is enough where it cannot."""
+        """Return the time codes at which the prim may appear, vanish or change its group; only None if it cannot."""
         own = (self.prim.GetAttribute(f"photonbeams:{name}") for name in ("enabled", "lightGroup"))
         attributes = [*own, *self._hiding()]
         return sorted({code for each in attributes if each for code in each.GetTimeSamples()}) or [None]
@@ -87,13 +87,13 @@ class _Maker:
 
 
 def _makers(root: Usd.Prim, instancer: _Maker | None = None) -> Iterator[_Maker]:
-    """Return the lights and drawn curves at and below a prim, those of instancers' prototypes with them."""
+    """Return the lights and drawn curves at and below a prim, including those in instancers' prototypes."""
     predicate = Usd.PrimDefaultPredicate if instancer is None else PROTOTYPE_PRIMS
     walk = iter(Usd.PrimRange(root, Usd.TraverseInstanceProxies(predicate)))
     for prim in walk:
         maker = _Maker(prim, root, instancer)
         if prim.IsA(UsdGeom.PointInstancer):
-            walk.PruneChildren()  # as `contents` does: prototypes are where the instancer puts them
+            walk.PruneChildren()  # as in `contents`: prototypes are rendered where the instancer places them
             if instancer is not None and instancer.repeats(prim):
                 continue
             for path in target_paths(prim, "prototypes"):

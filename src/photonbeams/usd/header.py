@@ -1,4 +1,4 @@
-"""What an EXR's header says of a frame of a stage."""
+"""The header of an EXR for a frame of a stage."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from typing import Any
 
 from .openusd import Usd
 
-_NTSC_ROUNDING = 2e-4  # of a rate of frames with two digits; the next whole number is five times as far
+_NTSC_ROUNDING = 2e-4  # relative error of a frame rate of two decimals; the next whole number is five times as far away
 
 
 _FASTEST_NTSC = 250.0
 
 
 def header(stage: Usd.Stage, time: Usd.TimeCode, duration: float) -> dict[str, Any]:
-    """Return what an EXR's header says of a frame's time; the shutter is open for `duration` time codes."""
+    """Return the header's entries about a frame's time; the shutter is open for `duration` time codes."""
     return {
         **origin(Path(stage.GetRootLayer().identifier).name, None if time.IsDefault() else time.GetValue()),
         "framesPerSecond": frame_rate(stage.GetFramesPerSecond()),
@@ -25,15 +25,15 @@ def header(stage: Usd.Stage, time: Usd.TimeCode, duration: float) -> dict[str, A
 
 
 def origin(scene: str, frame: float | None) -> dict[str, Any]:
-    """Return the program, the name of the scene's file, and the frame's number, if it has one, for an EXR's header."""
+    """Return the header's entries for the program, the scene's file and the frame's number, if it has one."""
     about: dict[str, Any] = {"software": f"photonbeams {version('photonbeams')}", "scene": scene}
     return about if frame is None else {**about, "frame": float(frame)}
 
 
 def frame_rate(rate: float) -> Fraction:
-    """Return a number of frames a second as a header has it, a fraction of two 32-bit integers.
+    """Return a frame rate as a header stores it, a fraction of two 32-bit integers.
 
-    Those of NTSC are multiples of 1000/1001, whatever they were rounded to: 23.976 and 23.98 are 24000/1001.
+    NTSC rates are multiples of 1000/1001, however they were rounded: 23.976 and 23.98 are 24000/1001.
     """
     rate = min(max(rate, 0.0), 1e6)
     ntsc = Fraction(1000 * round(rate * 1.001), 1001)

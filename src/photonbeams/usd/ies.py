@@ -1,8 +1,8 @@
-"""IES files, IESNA LM-63 of all years: the angles and the intensities of a light's profile.
+"""Read IES files (IESNA LM-63 of all years): the angles and intensities of a light's profile.
 
-The file's angles are turned into those of photometric type C, which most files have: vertical angles from straight
-down, horizontal ones around. Types A and B, of headlights and floodlights, have another polar axis; that it becomes the
-light's own axis is how Cycles and hdEmbree read them.
+The angles are converted to photometric type C, which most files have: vertical angles from straight down, and
+horizontal angles around. Types A and B, for headlights and floodlights, have another polar axis; as in Cycles and hdEmbree, that
+axis becomes the light's own.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _TYPE_C, _TYPE_B, _TYPE_A = 1, 2, 3
 
 
 def read_profile(reading: Reading, prim: Usd.Prim) -> Profile | None:
-    """Return a light's IES profile, None (with a warning) where it names a file that cannot be read."""
+    """Return a light's IES profile, or None, with a warning if it names a file that cannot be read."""
     asset = reading.value(prim, _NAME)
     if not isinstance(asset, Sdf.AssetPath) or not asset.path:
         return None
@@ -41,7 +41,7 @@ def read_profile(reading: Reading, prim: Usd.Prim) -> Profile | None:
         return None
 
 
-# One object for all times of a shutter: its table is then on the device once.
+# One object for all times of a shutter, so that its table is on the device only once.
 @lru_cache(maxsize=64)
 def _profile(path: str, _stamp: tuple[int, int], scale: float, normalize: bool) -> Profile:
     asset = Ar.GetResolver().OpenAsset(Ar.ResolvedPath(path))
@@ -55,7 +55,7 @@ def parse(text: str) -> Profile:
     Raises
     ------
     ValueError
-        What is no such text, in one clause.
+        The text is not that of an IES file; the message is one clause.
     """
     lines = text.splitlines()
     tilt = next((number for number, line in enumerate(lines) if line.strip().upper().startswith("TILT=")), None)
@@ -97,7 +97,7 @@ class _Numbers:
         return np.array([float(word) for word in words])
 
     def count(self, what: str) -> int:
-        """Return the next number, which counts something."""
+        """Return the next number, which is a count."""
         value = float(self.take(1)[0])
         if not (value == int(value) and 1 <= value <= _MOST_ANGLES):
             raise ValueError(f"it has {value:g} {what}")
@@ -105,27 +105,27 @@ class _Numbers:
 
 
 def _mirrored(angles: Array, values: Array) -> tuple[Array, Array]:
-    """Return angles that begin at 0, and the values of each, with those below 0 too."""
+    """Mirror angles that begin at 0, and their values, to the angles below 0."""
     if abs(angles[0]) > 1e-4:
         return angles, values
     return np.concatenate([-angles[:0:-1], angles]), np.concatenate([values[:0:-1], values])
 
 
 def _about_horizontal_axis(vertical: Array, horizontal: Array, intensity: Array) -> tuple[Array, Array, Array]:
-    """Return type B as type C: the angles change places, and −90 to 90 degrees become 0 to 180."""
+    """Convert type B to type C: the angles change places, and −90 to 90 degrees become 0 to 180."""
     around, values = _mirrored(vertical, intensity.T)
     down, turned = _mirrored(horizontal, values.T)
     return down + 90, *_dark_beside(around + 90, turned.T)
 
 
 def _about_vertical_axis(vertical: Array, horizontal: Array, intensity: Array) -> tuple[Array, Array, Array]:
-    """Return type A as type C: from −90 to 90 degrees around become from 270 to 90."""
+    """Convert type A to type C: horizontal angles from −90 to 90 degrees become 270 to 90."""
     around, values = _mirrored(horizontal, intensity)
     return vertical + 90, *_dark_beside(180 - around[::-1], values[::-1])
 
 
 def _dark_beside(angles: Array, values: Array) -> tuple[Array, Array]:
-    """Return horizontal angles from 0 to 360, with no light beside those that are given."""
+    """Extend horizontal angles to 0 to 360, without light outside the given ones."""
     step, dark = 1e-3, np.zeros_like(values[:1])
     if angles[0] > step:
         angles, values = np.append([0.0, angles[0] - step], angles), np.concatenate([dark, dark, values])
@@ -135,18 +135,18 @@ def _dark_beside(angles: Array, values: Array) -> tuple[Array, Array]:
 
 
 def _all_around(angles: Array, values: Array) -> tuple[Array, Array]:
-    """Return horizontal angles from 0 to 360 of type C: a quarter, a half or one angle stands for all of them."""
+    """Extend horizontal angles of type C to 0 to 360: the file may have a quarter, a half or a single angle."""
     if len(angles) == 1:
         return np.zeros(1), values
     if np.allclose(angles[[0, -1]], [0, 90]):
         angles, values = np.append(angles, 180 - angles[-2::-1]), np.concatenate([values, values[-2::-1]])
-    if np.allclose(angles[[0, -1]], [90, 270]):  # the two halves beside the plane of 90 and 270 degrees are alike
+    if np.allclose(angles[[0, -1]], [90, 270]):  # symmetric about the plane of 90 and 270 degrees
         angles, values = np.append(angles, 540 - angles[-2::-1]), np.concatenate([values, values[-2::-1]])
         order = np.argsort(np.mod(angles[:-1], 360))
         angles, values = np.mod(angles[:-1], 360)[order], values[:-1][order]
     if np.allclose(angles[[0, -1]], [0, 180]):
         return np.append(angles, 360 - angles[-2::-1]), np.concatenate([values, values[-2::-1]])
-    if angles[-1] < 360 - 1e-3 and angles[0] < 1e-3:  # against the rule, without 360, which is 0
+    if angles[-1] < 360 - 1e-3 and angles[0] < 1e-3:  # against the standard: 360, which equals 0, is missing
         return np.append(angles, 360.0), np.concatenate([values, values[:1]])
     if np.allclose(angles[[0, -1]], [0, 360]):
         return angles, values

@@ -1,4 +1,4 @@
-"""The layers that a stage is made of, before it is composed: files that can be read, and MaterialX documents."""
+"""Prepare the layers of a stage before it is composed: unreadable files and MaterialX documents are replaced."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ from .openusd import Ar, Sdf, Tf
 from .textures import stamp
 from .warnings import Warnings
 
-#: Layers that name a translated document instead of their own: they differ from their files, and are read again.
+#: Layers changed in memory to name other layers: they differ from their files, and have to be read again.
 _CHANGED: set[str] = set()
 
 
 def ready_layers(root: Sdf.Layer, warnings: Warnings) -> list[Sdf.Layer]:
-    """Return a layer and all that it refers to, to be kept until the stage is composed.
+    """Return a layer and all layers that it refers to, to be kept alive until the stage is composed.
 
-    OpenUSD opens whatever a layer names, and would wait for ever on a named pipe: in memory, layers are then without
-    it, with a warning. Of MaterialX it knows the nodes, but in its wheels has no plug-in for the documents: in memory,
-    layers then name a translation.
+    OpenUSD opens whatever a layer names, and would wait for ever on a named pipe; such references are removed in
+    memory, with a warning. OpenUSD's wheels know the nodes of MaterialX, but have no plug-in for its documents; in
+    memory, layers then name a translation.
 
     Raises
     ------
     SceneError
-        Where warnings are errors: a layer that names something that cannot be read.
+        A layer names something that cannot be read, and warnings are errors.
     """
     found = {root.identifier: root}
     waiting = [root]
@@ -47,7 +47,7 @@ def ready_layers(root: Sdf.Layer, warnings: Warnings) -> list[Sdf.Layer]:
                 continue
             try:
                 other = Sdf.Layer.FindOrOpen(path)
-            except Tf.ErrorException:  # composition says so, where it needs this layer
+            except Tf.ErrorException:  # composition reports it, if it needs this layer
                 other = None
             if other:
                 found[path] = other
@@ -56,7 +56,7 @@ def ready_layers(root: Sdf.Layer, warnings: Warnings) -> list[Sdf.Layer]:
 
 
 def forget_changes() -> None:
-    """Read layers from their files again that were changed for a stage before."""
+    """Read those layers again from their files that were changed for an earlier stage."""
     for identifier in list(_CHANGED):
         layer = Sdf.Layer.Find(identifier)
         if layer:
@@ -78,13 +78,13 @@ def _translated(path: str, warnings: Warnings) -> str:
 
 
 def _change(layer: Sdf.Layer, name: str, other: str) -> None:
-    """Let a layer name another one in memory, or none for ""."""
+    """Make a layer name another one, in memory only, or none if `other` is ""."""
     if layer.permissionToEdit:
         layer.UpdateCompositionAssetDependency(name, other)
         _CHANGED.add(layer.identifier)
 
 
-# Layers on other stages may name a document for as long as the process lives.
+# Kept for the life of the process, because layers of other stages may name a translation.
 @cache
 def _document(path: str, _stamp: tuple[int, int]) -> Sdf.Layer:
     return materialx.layer_of(path)

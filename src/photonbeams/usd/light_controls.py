@@ -1,4 +1,4 @@
-"""What UsdLux lets artists control of any light: its shaping, and how it shines on surfaces."""
+"""Read the controls that UsdLux has for all lights: shaping, and light and shadows on surfaces."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from .ies import read_profile
 from .openusd import Usd
 from .reading import Reading, target_paths
 
-# How programs say that the camera does not see a light, for UsdLux has no word for it: Karma and hdEmbree, Omniverse,
-# Arnold, RenderMan.
+# Attributes that hide a light from the camera, for which UsdLux has none: of Karma and hdEmbree, Omniverse, Arnold and
+# RenderMan.
 _SEEN = (
     "inputs:visibility:camera",
     "visibleInPrimaryRay",
@@ -22,7 +22,7 @@ _SEEN = (
 
 
 def read_shaping(reading: Reading, prim: Usd.Prim) -> Shaping | None:
-    """Return a light's cone, focus and profile, None where it has none."""
+    """Return a light's cone, focus and profile, or None if it has none of them."""
     names = [name for name in prim.GetAuthoredPropertyNames() if name.startswith("inputs:shaping:")]
     if not names:
         return None
@@ -36,7 +36,7 @@ def read_shaping(reading: Reading, prim: Usd.Prim) -> Shaping | None:
 
 
 def on_surfaces(reading: Reading, prim: Usd.Prim, beams: bool) -> dict[str, Any]:
-    """Return how strongly a light shines on surfaces, and what its shadows are; `beams` is whether it makes some."""
+    """Return a light's intensity and shadows on surfaces, as fields; `beams` is whether it makes beams."""
     diffuse, specular = (reading.number(prim, f"inputs:{key}", 1.0, minimum=0.0) for key in ("diffuse", "specular"))
     if diffuse != specular:
         text = f"is {specular:g} but inputs:diffuse is {diffuse:g}: surfaces use the latter for both"
@@ -56,7 +56,7 @@ def on_surfaces(reading: Reading, prim: Usd.Prim, beams: bool) -> dict[str, Any]
 
 
 def warn_of_what_is_left_out(reading: Reading, prim: Usd.Prim) -> None:
-    """Warn about a light's filters, and about what else of it is not rendered."""
+    """Warn about a light's filters, and about other settings that are not rendered."""
     if target_paths(prim, "light:filters"):
         reading.warn(prim, "are not rendered: the light shines without them", "light:filters")
     if reading.number(prim, "inputs:shadow:falloff", -1.0) > 0:

@@ -1,9 +1,9 @@
-"""UsdLux lights: radiance, size and place, and what `PhotonBeamsLightAPI` says of their beams.
+"""Read UsdLux lights: radiance, size and place, and the settings of `PhotonBeamsLightAPI` for their beams.
 
 The formulas are those of UsdLuxLightAPI's documentation: radiance = intensity · 2^exposure · color · temperature,
 divided by the light's size in world space where `normalize` is on. Blender's power needs no factor: a point, spot or
 area light of W watts is exported with intensity W/π and normalize on, so that an emitter of area A has radiance
-W/(π A) and flux W; of a sphere the radiant intensity is W/(4π), and it stays so as the radius goes to 0.
+W/(π A) and flux W. A sphere has the radiant intensity W/(4π), also as its radius goes to 0.
 """
 
 from __future__ import annotations
@@ -43,40 +43,40 @@ from .openusd import Sdf, Usd, UsdGeom, UsdLux
 from .reading import Reading, target_paths
 from .textures import read_image
 
-# The black body of UsdLux is normalized to luminance, yet its documentation has 6500 K result in white: without this
-# division every light of Blender's, which writes 6500 K on all of them, would be slightly magenta.
+# UsdLux normalizes its black body to luminance, but documents 6500 K as white. Without a division by its colour at
+# 6500 K, every light from Blender, which writes 6500 K on all of them, would be slightly magenta.
 _WHITE_KELVIN = 6500.0
-# A normalized sphere of a smaller radius is a point: its radiance would exceed single precision.
+# A normalized sphere of a smaller radius is treated as a point, because its radiance would exceed single precision.
 _POINT = 1e-12
-# A line is a cylinder of this radius in units of its length: its light is that of the limit to one part in 10^4.
+# A line is rendered as a cylinder of this radius per length; its light is that of the limit to one part in 10^4.
 _LINE = 1e-4
 
 
-#: What becomes of a light or of drawn beams whose look cannot be read.
+#: What warnings say about a light or drawn beams whose look cannot be read.
 PHYSICAL = "its beams have the physical look"
 
 
 def is_light(prim: Usd.Prim) -> bool:
-    """Return whether a prim is a light, of a supported kind or another."""
+    """Return whether a prim is a light, supported or not."""
     return bool(prim.HasAPI(UsdLux.LightAPI)) or is_asked(prim) or _is_foreign(prim)
 
 
 def is_dome(prim: Usd.Prim) -> bool:
-    """Return whether a light is a dome, of either version."""
+    """Return whether a light is a dome light, of either version of the schema."""
     return str(prim.GetTypeName()) in _DOMES
 
 
 def _is_foreign(prim: Usd.Prim) -> bool:
-    """Return whether a prim is of a type that is not installed here and by its name a light."""
+    """Return whether a prim has a type that is not installed here and whose name ends in Light."""
     return prim.GetTypeName().endswith("Light") and not prim.GetPrimTypeInfo().GetSchemaType()
 
 
 def read_light(
     reading: Reading, prim: Usd.Prim, to_world: Array, name: str, meshes: Sequence[Mesh] = ()
 ) -> Light | None:
-    """Return a light, or None (with a warning) where its kind or its size cannot be rendered.
+    """Return a light, or None, with a warning, if its kind or its size cannot be rendered.
 
-    `meshes` are the surfaces of a gprim, which is a mesh light.
+    `meshes` are the surfaces of a gprim that is a mesh light.
     """
     kind = str(prim.GetTypeName())
     if not (kind in _READERS or is_gprim(prim)):
@@ -99,9 +99,10 @@ def read_light(
 
 
 def makes_beams(reading: Reading, prim: Usd.Prim) -> bool:
-    """Return whether a light makes beams, as far as the light itself says: it is of a kind that can, and switched on.
+    """Return whether a light's own settings let it make beams: its kind can, and it is switched on.
 
-    A dome is off until it is told otherwise: fog lit from everywhere is haze, has no shafts, and costs the most beams.
+    A dome light is off unless it is switched on: fog lit from everywhere is haze without shafts, and costs the most
+    beams.
     """
     kind = str(prim.GetTypeName())
     authored = prim.GetAttribute("photonbeams:enabled").HasAuthoredValue()
@@ -110,12 +111,12 @@ def makes_beams(reading: Reading, prim: Usd.Prim) -> bool:
 
 
 def is_sky(prim: Usd.Prim) -> bool:
-    """Return whether a light is a dome that does not say whether it makes beams: it lights volumes without any."""
+    """Return whether a light is a dome that does not set whether it makes beams; it then lights volumes without."""
     return is_dome(prim) and not prim.GetAttribute("photonbeams:enabled").HasAuthoredValue()
 
 
 def portal_paths(prim: Usd.Prim) -> list[Sdf.Path]:
-    """Return the paths of a light's portals, which are no surfaces."""
+    """Return the paths of a light's portals, which are not surfaces."""
     return target_paths(prim, "photonbeams:portal")
 
 
@@ -146,7 +147,7 @@ def _sphere(reading: Reading, prim: Usd.Prim, to_world: Array, shared: dict[str,
     value = _value(reading, prim)
     normalized = _normalized(reading, prim)
     if reading.flag(prim, "treatAsPoint", False) or radius == 0 or (normalized and radius < _POINT):
-        # π r² times the normalized radiance value/(4π r²), whatever r: the radiant intensity of every such sphere.
+        # π r² times the normalized radiance value/(4π r²): the radiant intensity, for any r.
         radiance, radius = value / 4, 0.0
     else:
         radiance = value / (4 * np.pi * radius**2) if normalized else value
@@ -167,9 +168,9 @@ def _flat(reading: Reading, prim: Usd.Prim, to_world: Array, shared: dict[str, A
     linear = to_world[:3, :3]
     half_x, half_y = linear[:, 0] * half[0], linear[:, 1] * half[1]
     reading.within_reach(prim, [half_x, half_y])
-    # A normal goes by the inverse transpose: it stays square to a sheared light.
+    # Normals transform by the inverse transpose, and so stay perpendicular to a sheared light.
     axis = unit(np.linalg.solve(linear.T, [0.0, 0.0, -1.0]))
-    if np.cross(half_x, half_y) @ axis > 0:  # mirrored: the rectangle is the same with half_x turned round
+    if np.cross(half_x, half_y) @ axis > 0:  # mirrored: the rectangle is the same with half_x reversed
         half_x = -half_x
     light = FlatLight(
         **shared, radiance=(0, 0, 0), center=to_world[:3, 3], half_x=half_x, half_y=half_y, axis=axis, disk=disk
@@ -188,7 +189,7 @@ def _cylinder(reading: Reading, prim: Usd.Prim, to_world: Array, shared: dict[st
     radius = reading.number(prim, "inputs:radius", 0.5, minimum=0.0)
     radius *= float(np.linalg.norm(linear[:, 1:], axis=0).mean())
     reading.within_reach(prim, [*half, radius])
-    # Of no radius there would be no light: a line has that of the normalized cylinder.
+    # Without a radius there would be no light; a line has the light of the normalized cylinder.
     normalized = _normalized(reading, prim) or radius == 0
     radius = max(radius, _LINE * whole) if normalized else radius
     light = CylinderLight(
@@ -243,7 +244,7 @@ def _dome(reading: Reading, prim: Usd.Prim, to_world: Array, shared: dict[str, A
 
 
 def _pole(reading: Reading, prim: Usd.Prim) -> Array:
-    """Return the rotation that takes the image's pole, +Y, to where the light's kind has it."""
+    """Return the rotation from the image's pole, +Y, to the pole of the light's kind."""
     # UsdLuxDomeLight_1: with the pole on Z, the image's middle looks along −Y.
     y_to_z = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
     if prim.GetTypeName() == "DomeLight_1":
@@ -254,9 +255,9 @@ def _pole(reading: Reading, prim: Usd.Prim) -> Array:
 
 
 def _frame(to_world: Array, axis: Array | None) -> Array:
-    """Return a light's frame: along `axis`, where it shines (None: local −Z), and as upright as the light."""
+    """Return a light's frame: −Z is `axis`, where it shines (None: local −Z), and +Y is close to the light's +Y."""
     linear = to_world[:3, :3]
-    if abs(np.linalg.det(linear)) < 1e-30:  # of a dome alone: other lights are skipped
+    if abs(np.linalg.det(linear)) < 1e-30:  # only for a dome: other lights are skipped
         return np.eye(4)
     back = -unit(linear @ [0.0, 0.0, -1.0] if axis is None else axis)
     up = unit(linear[:, 1] - (linear[:, 1] @ back) * back)
@@ -273,9 +274,9 @@ def _rotation(to_world: Array) -> Array:
 
 
 def read_beam_settings(reading: Reading, prim: Usd.Prim, portal: Mesh | str | None) -> dict[str, Any]:
-    """Return the fields of `BeamSettings` that PhotonBeamsLightAPI sets, applied formally or not; looks as specs.
+    """Return the fields of `BeamSettings` that PhotonBeamsLightAPI sets, with looks as specs.
 
-    One that cannot be used has its default.
+    The API need not be applied. A value that cannot be used is replaced by its default, with a warning.
     """
 
     def own(read: Callable[..., Any], *given: Any, default: Any = None, instead: str = "its default is used") -> Any:
@@ -298,7 +299,7 @@ def read_beam_settings(reading: Reading, prim: Usd.Prim, portal: Mesh | str | No
 
 
 def bound_look(reading: Reading, prim: Usd.Prim) -> LookSpec | None:
-    """Return the look that a light or curves name, or None."""
+    """Return the look that a light or a curves prim names, or None."""
     looks = reading.targets(prim, "photonbeams:look")
     return read_look(reading, prim, looks[0]) if looks else None
 
@@ -331,7 +332,7 @@ def check_group(reading: Reading, prim: Usd.Prim, group: str) -> None:
 
 
 def read_portal(reading: Reading, prim: Usd.Prim) -> Mesh | None:
-    """Return the gprims that the light reaches the shot through, as one mesh."""
+    """Return the gprims through which the light reaches the shot, as one mesh."""
     name = "photonbeams:portal"
     meshes = []
     for target in reading.targets(prim, name):

@@ -1,4 +1,4 @@
-"""Light linking: which surfaces a light shines on, and which stop it, by the collections of UsdLuxLightAPI."""
+"""Light linking by the collections of UsdLuxLightAPI: which surfaces a light shines on, and which block it."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from .reading import LOG, Reading
 
 
 def linked(reading: Reading, light: Light, prim: Usd.Prim, meshes: Sequence[Mesh], media: Sequence[Usd.Prim]) -> Light:
-    """Return a light with what its links leave out.
+    """Return a light with the names of the surfaces that its links leave out.
 
-    A light that its light link keeps from all media makes no beams: beams are how media are lit.
+    A light whose light link leaves out all media makes no beams, because beams are how media are lit.
     """
     unlit = _left_out(reading, prim, "lightLink", meshes)
     casts = reading.flag(prim, "inputs:shadow:enable", True)
@@ -29,7 +29,7 @@ def linked(reading: Reading, light: Light, prim: Usd.Prim, meshes: Sequence[Mesh
 
 
 def lights_media(reading: Reading, prim: Usd.Prim, media: Sequence[Usd.Prim]) -> bool:
-    """Return whether a light's link reaches a medium's prim; a medium without a prim is lit by all."""
+    """Return whether a light's link includes a medium's prim; a medium without a prim is lit by all lights."""
     return not media or any(_reaches(reading, prim, "lightLink", [str(each.GetPath()) for each in media]))
 
 
@@ -41,7 +41,7 @@ def _left_out(reading: Reading, prim: Usd.Prim, kind: str, meshes: Sequence[Mesh
 
 
 def _reaches(reading: Reading, prim: Usd.Prim, kind: str, names: Sequence[str]) -> list[bool]:
-    """Return which prims a link reaches; of what an instancer repeats, the instancer decides."""
+    """Return which prims a link includes; for copies, the link to their instancer decides."""
     prefix = f"collection:{kind}"
     named = any(prim.GetRelationship(f"{prefix}:{end}").HasAuthoredTargets() for end in ("includes", "excludes"))
     if not named and reading.value(prim, f"{prefix}:includeRoot", True):

@@ -1,4 +1,4 @@
-"""`PhotonBeamsLook` prims as plain numbers: a LookSpec, from which a look is built."""
+"""Read `PhotonBeamsLook` prims as plain numbers: a LookSpec, from which a look is built."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _PROFILES = ("constant", "epanechnikov", "biweight", "gaussian", "smoothstep", "
 
 @dataclass(frozen=True)
 class Span:
-    """Where a ramp, texture or polynomial has its 0 and 1: fractions of the beam, or scene units along it."""
+    """Where a ramp, texture or polynomial begins and ends: fractions of the beam, or scene units along it."""
 
     space: str = "fraction"  # fraction | distance
     begin: float = 0.0
@@ -37,12 +37,12 @@ class Span:
 
 @dataclass(frozen=True)
 class CurveSpec:
-    """What every factor takes: the product of a ramp, a texture and an expression, of those that are set.
+    """A part that every factor may have: the product of a ramp, a texture and an expression, if set.
 
     Attributes
     ----------
     knots, colors, interpolation
-        A ramp, (M,) and (M, 3), or no knots for none; names as `looks.ColorRamp` has them.
+        A ramp, (M,) and (M, 3), without knots for none; the interpolation is named as in `looks.ColorRamp`.
     texture
         Colours (M, 3) from begin to end, or None.
     span
@@ -68,13 +68,13 @@ class AlongSpec:
     falloff, length, exponent, coefficients
         "physical", "none", "exponential" (length), "power" (length, exponent) or "polynomial" (coefficients).
     physical
-        Multiply by the medium's attenuation too; of no matter where the falloff is physical already.
+        Whether to multiply by the medium's attenuation, too; no effect if the falloff is physical already.
     tint
         A constant colour.
     inner, outer, fade
-        Distances between which the beam fades to nothing, and the interpolation; outer 0: it does not.
+        Distances between which the beam fades out, and the interpolation; outer 0: it does not fade.
     curve
-        Ramp, texture and expression; its span is the polynomial's too.
+        Ramp, texture and expression; its span applies to the polynomial, too.
     """
 
     falloff: str = "physical"
@@ -91,10 +91,10 @@ class AlongSpec:
 
 @dataclass(frozen=True)
 class AcrossSpec:
-    """The profile, and what changes it: ramp and texture run from the axis to the rim.
+    """The profile, and its curve, whose ramp and texture run from the axis to the rim.
 
-    `width` is of the Gaussian, `hardness` of the smoothstep, `inner` and `softness` of the hollow profile, `values` of
-    the table.
+    `width` applies to the Gaussian profile, `hardness` to the smoothstep, `inner` and `softness` to the hollow, and
+    `values` to the tabulated one.
     """
 
     profile: str = "epanechnikov"
@@ -108,7 +108,7 @@ class AcrossSpec:
 
 @dataclass(frozen=True)
 class EyeSpec:
-    """The change toward the camera: "physical", "none" or "exponential" with its `length`; the curve by distance."""
+    """The change toward the camera: "physical", "none" or "exponential" with `length`; the curve is over distance."""
 
     falloff: str = "physical"
     length: float = 1.0
@@ -119,7 +119,7 @@ class EyeSpec:
 class AngleSpec:
     """The view-angle shading: "physical", "constant" (isotropic) or "glow" with `anisotropy`, `mix` and `gain`.
 
-    The curve goes by degrees: 0 looks straight into the light.
+    The curve is over degrees: 0 looks straight into the light.
     """
 
     shading: str = "physical"
@@ -131,7 +131,7 @@ class AngleSpec:
 
 @dataclass(frozen=True)
 class NoiseSpec:
-    """Dust and wisps: see `looks.Noise`."""
+    """Dust and wisps; see `looks.Noise`."""
 
     amount: float = 0.0
     scale: float = 1.0
@@ -144,7 +144,7 @@ class NoiseSpec:
 
 @dataclass(frozen=True)
 class LookSpec:
-    """A look in plain numbers, checked. `name` is the prim's path, `variation` how much beams differ in brightness."""
+    """A checked look in plain numbers. `name` is the prim's path, `variation` how much beams differ in brightness."""
 
     name: str
     along: AlongSpec = AlongSpec()
@@ -156,13 +156,13 @@ class LookSpec:
 
 
 def read_look(reading: Reading, user: Usd.Prim, prim: Usd.Prim) -> LookSpec:
-    """Return the look of a `PhotonBeamsLook` prim, that `user` (a light, curves) names.
+    """Return the look of a `PhotonBeamsLook` prim, which `user` (a light or curves) names.
 
     Raises
     ------
     SceneError
-        A prim of another type; knots that do not ascend, numbers that are not finite or out of range, lists that do
-        not agree in length, a texture that cannot be read.
+        The prim has another type, knots do not ascend, numbers are not finite or out of range, lists do not agree in
+        length, or a texture cannot be read.
     """
     if prim.GetTypeName() != "PhotonBeamsLook":
         kind = prim.GetTypeName() or "prim without a type"
@@ -187,12 +187,12 @@ def find_looks(
     Parameters
     ----------
     names
-        Paths or names of the looks that are wanted; none: all.
+        Paths or names of the wanted looks; empty: all.
 
     Raises
     ------
     SceneError
-        A look that is not there, or that cannot be read.
+        A look does not exist or cannot be read.
     """
     from .stage import default_time, read_scene
 
@@ -207,7 +207,7 @@ def find_looks(
         raise SceneError(f"{file_of(stage)} has no look: expected a PhotonBeamsLook prim")
     chosen = [prim for prim in prims if not names or {str(prim.GetPath()), prim.GetName()} & set(names)]
     medium = None
-    with suppress(SceneError):  # what else is wrong with a stage does not matter to its looks
+    with suppress(SceneError):  # other errors of a stage do not matter to its looks
         medium = read_scene(stage, time).medium
     seconds = frame_number(time) / (stage.GetTimeCodesPerSecond() or 1.0)
     return [read_look(reading, prim, prim) for prim in chosen], medium, seconds
@@ -215,7 +215,7 @@ def find_looks(
 
 @dataclass(frozen=True)
 class _LookAttributes:
-    """A look's attributes, without their common prefix."""
+    """The attributes of a look, named without their common prefix."""
 
     reading: Reading
     prim: Usd.Prim
@@ -252,7 +252,7 @@ class _LookAttributes:
 
 def _warn_of_unknown(source: _LookAttributes) -> None:
     definition = Usd.SchemaRegistry().FindConcretePrimDefinition("PhotonBeamsLook")
-    if not definition:  # schemas that were registered after OpenUSD looked for them, see schemas.register
+    if not definition:  # the schemas were registered after OpenUSD looked for them, see schemas.register
         return
     known = set(definition.GetPropertyNames())
     for name in source.prim.GetAuthoredPropertyNames():
@@ -284,7 +284,7 @@ def _along(source: _LookAttributes) -> AlongSpec:
 
 
 def _curve(source: _LookAttributes, slot: str, span: Span) -> CurveSpec:
-    """Return what is set of a factor's ramp, texture and expression."""
+    """Return the ramp, texture and expression that are set for a factor."""
     knots, colors = source.numbers(f"{slot}:ramp:knots"), source.colors(f"{slot}:ramp:colors")
     if len(knots) != len(colors):
         text = f"has {len(knots)} values but {slot}:ramp:colors has {len(colors)}: expected as many of each"
@@ -335,7 +335,7 @@ def _texture(source: _LookAttributes, slot: str) -> Array | None:
     pixels = read_image(source.reading, source.prim, f"photonbeams:{name}")
     if pixels is None:
         return None
-    row = rgb(pixels.mean(axis=0, dtype=np.float64))  # a 1D texture may be painted several pixels high
+    row = rgb(pixels.mean(axis=0, dtype=np.float64))  # a 1D texture may be several pixels high
     if np.any(row < 0):
         raise source.fail(name, "has negative pixels: expected colours of 0 or more")
     return row

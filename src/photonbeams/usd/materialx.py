@@ -1,4 +1,4 @@
-"""MaterialX documents as layers of USD: surface materials under /MaterialX/Materials, as OpenUSD's plug-in has them."""
+"""Translate MaterialX documents to USD layers: surface materials under /MaterialX/Materials, as OpenUSD's plug-in."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _TYPES = {
 
 
 class _Literal(NamedTuple):
-    """A value as the document has it, with the prefix of its file and its own colour space."""
+    """A value as written in the document, and its own colour space."""
 
     kind: str
     text: str
@@ -54,7 +54,7 @@ def layer_of(path: str) -> Sdf.Layer:
         text = bytes(asset.GetBuffer()).decode()
         folder = MaterialX.FileSearchPath(str(Path(Ar.SplitPackageRelativePathOuter(path)[0]).parent))
         MaterialX.readFromXmlString(document, text, folder)
-        graphs = frozenset(graph.getName() for graph in document.getNodeGraphs())  # and none of the library's
+        graphs = frozenset(graph.getName() for graph in document.getNodeGraphs())  # without those of the library
         document.setDataLibrary(_library())
     except Exception as error:  # MaterialX has a class for each of its errors
         raise SceneError(f"{path} cannot be read: expected a MaterialX document ({error})") from None
@@ -78,7 +78,7 @@ def _library() -> Any:
 
 
 class _Translation:
-    """One material of a document, written to a stage; nodes of graphs and custom definitions stand in their place."""
+    """Writes one material of a document to a stage; node graphs and custom definitions are replaced by their nodes."""
 
     def __init__(self, stage: Usd.Stage, path: str, document: Any, graphs: frozenset[str]) -> None:
         self._stage, self._path, self._document = stage, path, document
@@ -87,7 +87,7 @@ class _Translation:
         self._scopes: dict[Any, _Scope] = {}
 
     def write(self, node: Any) -> None:
-        """Write a material with its surface shader and all that this is connected to."""
+        """Write a material with its surface shader and everything connected to it."""
         material = UsdShade.Material.Define(self._stage, f"/MaterialX/Materials/{_valid(node.getName())}")
         found = node.getInput("surfaceshader")
         value = None if found is None else self._value(found, {}, material.GetPath())
@@ -96,7 +96,7 @@ class _Translation:
             surface.ConnectToSource(value.shader.ConnectableAPI(), value.name)
 
     def _value(self, element: Any, scope: _Scope, parent: Sdf.Path) -> _Literal | _NodeOutput | None:
-        """Return what an input or an output of the document has: a value, or what it is connected to."""
+        """Return the value of an input or an output of the document, or what it is connected to."""
         if element.getInterfaceName():
             return scope.get(element.getInterfaceName())
         if element.getNodeGraphString() in self._own:
@@ -108,7 +108,7 @@ class _Translation:
         if not element.getValueString():
             return None
         space = element.getActiveColorSpace()
-        # The document's own is no word about its files: 8-bit ones without another are sRGB, as elsewhere.
+        # The document's own colour space does not apply to files: 8-bit files are sRGB by default, as elsewhere.
         is_file = element.getType() == "filename" and space == self._document.getColorSpace()
         own = space if element.getType() in ("filename", "color3", "color4") and not is_file else ""
         return _Literal(element.getType(), element.getResolvedValueString(), own)
@@ -116,7 +116,7 @@ class _Translation:
     def _of_graph(
         self, graph: Any, output: str, scope: _Scope, parent: Sdf.Path, inputs: Any
     ) -> _Literal | _NodeOutput | None:
-        """Return an output of a graph, whose interface has the values of these inputs."""
+        """Return an output of a graph, given the inputs with the values of its interface."""
         outputs = graph.getOutputs()
         chosen = graph.getOutput(output) if output else None
         chosen = chosen or (outputs[0] if outputs else None)
@@ -139,7 +139,7 @@ class _Translation:
         key = (node.getNamePath(), id(scope))
         if key not in self._shaders:
             path = parent.AppendChild(_valid(node.getName()))
-            if self._stage.GetPrimAtPath(path):  # of another graph
+            if self._stage.GetPrimAtPath(path):  # from another graph
                 path = path.ReplaceName(f"{path.name}_{len(self._shaders)}")
             self._shaders[key] = shader = UsdShade.Shader.Define(self._stage, path)
             definition = node.getNodeDef()
@@ -166,7 +166,7 @@ class _Translation:
             own.GetAttr().SetColorSpace(value.color_space)
 
     def _converted(self, kind: str, text: str) -> Any:
-        """Return a value of the document as USD's, with the whole path of a file; None of one that is broken."""
+        """Convert a value of the document to USD, with the full path of a file; None if it is broken."""
         if kind == "filename":
             return Sdf.AssetPath(str(Ar.GetResolver().CreateIdentifier(text, Ar.ResolvedPath(self._path))))
         if kind == "string":

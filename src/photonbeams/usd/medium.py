@@ -1,4 +1,4 @@
-"""Media, by `PhotonBeamsMediumAPI`: on closed gprims, on volumes of fields, and of the whole space."""
+"""Read media, by `PhotonBeamsMediumAPI` or materials: in closed gprims, in volumes of fields, and in all of space."""
 
 from __future__ import annotations
 
@@ -15,23 +15,23 @@ from .reading import Reading, has_photonbeams
 from .volume_shaders import VolumeEmission, VolumeShading, read_shading
 from .volumes import field_of, fields_of, read_density, read_field
 
-# Radiance of a black body is this times T⁴, as in Blender's volumes: Stefan and Boltzmann's constant, in 1e6 W / m².
+# A black body has this radiance times T⁴, as in Blender's volumes: the Stefan-Boltzmann constant, in 1e6 W / m², over π.
 _RADIANCE = 5.670374e-14 / np.pi
-_COLDEST, _HOTTEST = 1000, 10000  # kelvin, between which OpenUSD knows the colours
+_COLDEST, _HOTTEST = 1000, 10000  # kelvin: the range for which OpenUSD knows the colours
 
 
 def is_lit_by_domes(reading: Reading, prim: Usd.Prim) -> bool:
-    """Return whether a prim is a medium that domes light without making beams: smoke, of which others know, too."""
+    """Return whether domes light a medium without making beams: smoke, as other renderers know it, too."""
     return is_medium(reading, prim) and (prim.IsA(UsdVol.Volume) or not _has_medium(prim))
 
 
 def is_medium(reading: Reading, prim: Usd.Prim) -> bool:
-    """Return whether a prim describes fog: by our attributes, as a volume of fields, or by its material alone."""
+    """Return whether a prim is fog: by photonbeams' attributes, as a volume of fields, or by its volume material."""
     return _has_medium(prim) or (prim.IsA(UsdVol.Volume) and bool(fields_of(prim))) or _is_filled(reading, prim)
 
 
 def _is_filled(reading: Reading, prim: Usd.Prim) -> bool:
-    """Return whether a gprim has a material that is a volume alone."""
+    """Return whether a gprim has a material with a volume and no surface."""
     material = bound_to(reading, prim) if is_gprim(prim) else None
     if material is None or any(each.HasConnectedSource() for each in material.GetSurfaceOutputs()):
         return False
@@ -43,7 +43,7 @@ def _has_medium(prim: Usd.Prim) -> bool:
 
 
 def read_medium(reading: Reading, prim: Usd.Prim, to_world: Array, name: str) -> Medium:
-    """Return the medium of a prim: it fills a closed gprim or a grid, and of any other prim the whole space."""
+    """Return the medium of a prim, which fills a closed gprim or a grid; that of any other prim fills all of space."""
     if prim.IsA(UsdVol.Volume):
         return _read_volume(reading, prim, to_world, name)
     if not _has_medium(prim):
@@ -68,7 +68,7 @@ def read_medium(reading: Reading, prim: Usd.Prim, to_world: Array, name: str) ->
 
 
 def _read_volume(reading: Reading, prim: Usd.Prim, to_world: Array, name: str) -> Medium:
-    """Return the medium of a volume: by our attributes, or by its material's shader."""
+    """Return the medium of a volume, by photonbeams' attributes or by its material's shader."""
     own = _has_medium(prim)
     shading = VolumeShading(*_coefficients(reading, prim)) if own else read_shading(reading, prim)
     colors = reading.attempt(prim, partial(_colors, reading, prim, to_world, shading), None, "its colour is even")
@@ -88,7 +88,7 @@ def _read_volume(reading: Reading, prim: Usd.Prim, to_world: Array, name: str) -
 
 
 def _read_filled(reading: Reading, prim: Usd.Prim, to_world: Array, name: str) -> Medium:
-    """Return the medium of a gprim whose material is a volume: the same everywhere in it."""
+    """Return the homogeneous medium of a gprim with a volume material."""
     if not is_closed(reading, prim):
         raise SceneError(f"{reading.place(prim)} has a volume material: expected a closed mesh")
     shading = read_shading(reading, prim)
@@ -105,7 +105,7 @@ def _read_filled(reading: Reading, prim: Usd.Prim, to_world: Array, name: str) -
 
 
 def _colors(reading: Reading, prim: Usd.Prim, to_world: Array, shading: VolumeShading) -> DensityGrid | None:
-    """Return the factors of a volume's scattering, of the field that its shader names and the volume may have."""
+    """Return factors on a volume's scattering, from the field that its shader names; None if there is none."""
     field = field_of(reading, prim, shading.color) if shading.color else None
     if field is None:
         return None
@@ -114,7 +114,7 @@ def _colors(reading: Reading, prim: Usd.Prim, to_world: Array, shading: VolumeSh
 
 
 def _glow(reading: Reading, prim: Usd.Prim, to_world: Array, shading: VolumeShading) -> DensityGrid | None:
-    """Return what a volume emits; shaders name temperatures whether or not the volume has any."""
+    """Return what a volume emits, or None; a shader may name a temperature field that the volume lacks."""
     field = None if shading.emission is None else field_of(reading, prim, shading.emission.field)
     if shading.emission is None or field is None:
         return None
@@ -124,7 +124,7 @@ def _glow(reading: Reading, prim: Usd.Prim, to_world: Array, shading: VolumeShad
 
 
 def _emitted(field: DensityGrid, emission: VolumeEmission) -> DensityGrid:
-    """Return the radiance that a volume emits along a scene unit."""
+    """Return the radiance that a volume emits per scene unit."""
     values = field.values if field.values.ndim == 4 else field.values[..., None]
     if emission.kelvin:
         kelvin = values.mean(axis=-1).astype(np.float64) * emission.kelvin
@@ -136,7 +136,7 @@ def _emitted(field: DensityGrid, emission: VolumeEmission) -> DensityGrid:
 
 
 def read_bounces(reading: Reading, prim: Usd.Prim) -> int | None:
-    """Return how often light is scattered, as a medium or a light says; None where it does not."""
+    """Return how often light is scattered, as set on a medium or a light; None if it is not set."""
     value = reading.value(prim, "photonbeams:bounces")
     if value is None:
         return None
@@ -146,7 +146,7 @@ def read_bounces(reading: Reading, prim: Usd.Prim) -> int | None:
 
 
 def _coefficients(reading: Reading, prim: Usd.Prim) -> tuple[Color, Color]:
-    """Return scattering and absorption: as they are given, or those that make the two colours."""
+    """Return scattering and absorption: as given, or computed from the two colours."""
     names = ("photonbeams:nearColor", "photonbeams:farColor")
     given = [reading.value(prim, name) is not None for name in names]
     physical = ("photonbeams:scattering", "photonbeams:absorption")

@@ -1,4 +1,4 @@
-"""Mesh lights: gprims with UsdLuxMeshLightAPI, and glowing ones that are asked for beams."""
+"""Mesh lights: gprims with UsdLuxMeshLightAPI, and glowing gprims that are set to make beams."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _TINTED, _INDEPENDENT, _ALONE = "materialGlowTintsLight", "independent", "noMate
 
 @dataclass(frozen=True)
 class MeshGlow:
-    """What a mesh emits as a light: its outer side, a factor on the light's radiance, perhaps an image."""
+    """What a mesh emits as a light, from its outer side: a factor on the light's radiance, and perhaps an image."""
 
     mesh: Mesh
     tint: Color
@@ -27,7 +27,7 @@ class MeshGlow:
 
 
 def is_asked(prim: Usd.Prim) -> bool:
-    """Return whether a gprim that is no light is told to make beams: of the light that its material emits."""
+    """Return whether a gprim without a light API is set to make beams from the light that its material emits."""
     if prim.HasAPI(UsdLux.LightAPI) or not is_gprim(prim):
         return False
     enabled = prim.GetAttribute("photonbeams:enabled")
@@ -36,10 +36,10 @@ def is_asked(prim: Usd.Prim) -> bool:
 
 
 def read_glow(reading: Reading, prim: Usd.Prim, meshes: Sequence[Mesh]) -> MeshGlow | None:
-    """Return what a gprim with these meshes emits, or None (with a warning) where it cannot emit.
+    """Return what a gprim with these meshes emits, or None, with a warning, if it cannot emit.
 
-    Where `light:materialSyncMode` has the material's glow tint the light, and no material glows, the light's colour
-    stands alone.
+    If `light:materialSyncMode` makes the material's glow tint the light, but no material glows, the light is not
+    tinted.
     """
     own = [mesh for mesh in meshes if len(mesh.faces) and mesh.area > 0]
     if not own:
@@ -81,7 +81,7 @@ def _mean(mesh: Mesh) -> Array:
 
 
 def _joined(meshes: Sequence[Mesh]) -> Mesh:
-    """Return meshes as one, without what only their surfaces need."""
+    """Join meshes into one, without what only surfaces need."""
     starts = np.cumsum([0] + [len(mesh.points) for mesh in meshes[:-1]])
     return Mesh(
         name=meshes[0].name,

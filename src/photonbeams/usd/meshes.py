@@ -1,4 +1,4 @@
-"""UsdGeom meshes and implicit gprims as triangle meshes in world space."""
+"""Read UsdGeom meshes and implicit gprims as triangle meshes in world space."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _SCHEMES = ("catmullClark", "loop")
 
 @dataclass(frozen=True)
 class _Surface:
-    """Triangles in a prim's own space and their material; `lasting` if the triangles are the same at all times."""
+    """Triangles in a prim's own space and their material; `lasting` triangles are the same at all times."""
 
     suffix: str  # of the mesh's name
     triangles: Triangles
@@ -39,12 +39,12 @@ class _Surface:
 
 
 def is_gprim(prim: Usd.Prim) -> bool:
-    """Return whether a prim is a mesh, or a shape that becomes one."""
+    """Return whether a prim is a mesh or an implicit shape."""
     return prim.IsA(UsdGeom.Mesh) or prim.GetTypeName() in GPRIMS
 
 
 def is_surface(prim: Usd.Prim) -> bool:
-    """Return whether a prim has a surface: a gprim of `is_gprim`, or one that is tessellated, closed or not."""
+    """Return whether a prim has a surface: as in `is_gprim`, or any other kind that is tessellated."""
     return is_gprim(prim) or any(prim.IsA(kind) for kind in _TESSELLATED)
 
 
@@ -53,12 +53,12 @@ def read_meshes(
 ) -> list[Mesh]:
     """Return a gprim's surface: a mesh for each material bound to it or to its face subsets.
 
-    `instances` are those of point instancers that repeat the prim, the innermost first: their primvars reach it.
+    `instances` are those of the point instancers that repeat the prim, the innermost first; it inherits their primvars.
 
     Raises
     ------
     SceneError
-        Topology or points that contradict each other.
+        Topology and points contradict each other.
     """
     key = ("surfaces", prim.GetPath(), tuple(each.instancer.GetPath() for each in instances))
     surfaces = reading.cache.get(key)
@@ -71,7 +71,7 @@ def read_meshes(
 
 
 def _surfaces(reading: Reading, prim: Usd.Prim, instances: Sequence[Instance]) -> tuple[list[_Surface], bool]:
-    """Return a prim's triangles by their materials, and whether they are those of all copies of it."""
+    """Return a prim's triangles by material, and whether all copies of the prim share them."""
     result = []
     alike = True
     _warn_of_lost_volume(reading, prim)
@@ -91,7 +91,7 @@ def _surfaces(reading: Reading, prim: Usd.Prim, instances: Sequence[Instance]) -
 
 
 def _chosen(reading: Reading, key: Any, triangles: Triangles, faces: Array) -> Triangles:
-    """Return the triangles of some faces: the same object at all times if they are of the same faces."""
+    """Return the triangles of some faces; the same object at all times if the faces are the same."""
     known = reading.lasting.get(("chosen", key))
     if known is None or known[0] is not triangles or not np.array_equal(known[1], faces):
         known = triangles, faces, triangles.chosen(np.isin(triangles.faces, faces))
@@ -100,7 +100,7 @@ def _chosen(reading: Reading, key: Any, triangles: Triangles, faces: Array) -> T
 
 
 def _placed(reading: Reading, prim: Usd.Prim, surface: _Surface, to_world: Array, name: str) -> Mesh:
-    """Return a surface in world space: the same object as at another time where nothing of it has changed."""
+    """Return a surface in world space; the same object as at another time if nothing has changed."""
     reading.triangles += len(surface.triangles.faces)
     if reading.triangles > room():
         text = f"has more triangles than fit into memory, with those before it: expected a total of at most {room():,}"
@@ -119,15 +119,15 @@ def _placed(reading: Reading, prim: Usd.Prim, surface: _Surface, to_world: Array
 
 
 def _alike(reading: Reading, known: Material, material: Material) -> bool:
-    """Return whether two materials are equal; those of many meshes are compared once."""
+    """Return whether two materials are equal; materials that meshes share are compared once."""
     key = ("alike", id(known), id(material))
     if key not in reading.cache:
-        reading.cache[key] = equal(known, material), known, material  # which keeps both, and so their ids
+        reading.cache[key] = equal(known, material), known, material  # keeps both alive, and so their ids unique
     return bool(reading.cache[key][0])
 
 
 def _warn_of_lost_volume(reading: Reading, prim: Usd.Prim) -> None:
-    """Warn of a material without shaders that may have been a volume, and say how the mesh becomes its fog."""
+    """Warn about a material without shaders that may have been a volume, and say how to make the mesh fog."""
     material = bound_to(reading, prim)
     if material and wrote_material(material.GetPrim()) and not material.GetPrim().GetAllChildren():
         text = f"is {material.GetPath()}, which Blender wrote without shaders, as it does with volumes: it is grey"
@@ -136,14 +136,14 @@ def _warn_of_lost_volume(reading: Reading, prim: Usd.Prim) -> None:
 
 
 def read_solid(reading: Reading, prim: Usd.Prim, to_world: Array) -> Mesh:
-    """Return a gprim's triangles alone, as one mesh: what portals and media need."""
+    """Return only the triangles of a gprim, as one mesh, for portals and media."""
     mesh = _in_world(_triangles(reading, prim, "")[0], to_world, str(prim.GetPath()), Material())
     reading.within_reach(prim, mesh.points)
     return mesh
 
 
 def is_closed(reading: Reading, prim: Usd.Prim) -> bool:
-    """Return whether every edge has a triangle on each side, vertices at the same place counted as one."""
+    """Return whether every edge has a triangle on each side; vertices at the same place count as one."""
     triangles, _ = _triangles(reading, prim, "")
     _, place = np.unique(triangles.points, axis=0, return_inverse=True)
     corners = place.reshape(-1)[triangles.vertices]
@@ -154,7 +154,7 @@ def is_closed(reading: Reading, prim: Usd.Prim) -> bool:
 
 
 def _parts(reading: Reading, prim: Usd.Prim) -> list[tuple[Bound, str, Array | None]]:
-    """Return (material, suffix of the name, faces) of the material subsets, and of the faces that are in none."""
+    """Return (material, suffix of the name, faces) for each material subset, and for the faces in none of them."""
     subsets = UsdShade.MaterialBindingAPI(prim).GetMaterialBindSubsets() if prim.IsA(UsdGeom.Mesh) else []
     if not subsets:
         return [(bound_material(reading, prim), "", None)]
@@ -184,10 +184,10 @@ def _triangles(
 ) -> tuple[Triangles, bool]:
     """Return a gprim's triangles in its own space, and whether they are the same at all times.
 
-    They have what a material takes from primvars; instances share them.
+    They include what a material takes from primvars; instances share them.
     """
     varying = varying or {}
-    # Instances may be deformed by skeletons of their own, and inherit primvars.
+    # Instances may have skeletons of their own, and inherit different primvars.
     skinned = is_skinned(prim)
     uvs = find_primvar(prim, uv_name or "st")
     inherited = {**({} if uvs is None else {"uvs": uvs}), **varying}
@@ -209,10 +209,10 @@ def _triangles(
 
 
 def _polygons(reading: Reading, prim: Usd.Prim, uv_name: str, varying: Mapping[str, UsdGeom.Primvar]) -> Polygons:
-    """Return a prim's surface as polygons, with what its material asks for."""
+    """Return a prim's surface as polygons, with the primvars that its material needs."""
     moved = carried(reading, prim) if prim.IsA(UsdGeom.Mesh) else None
     found = tessellation(reading, prim, moved)
-    # The rest of a mesh is that of the sample which velocities carry on: its topology may be another at each.
+    # The rest of a mesh comes from the sample that velocities start from: topology may differ between samples.
     reading = moved.reading if moved is not None else reading
     if found is None:
         return Polygons(np.zeros((0, 3)), np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64))
@@ -256,7 +256,7 @@ def _tetrahedra(reading: Reading, prim: Usd.Prim) -> Tessellation | None:
 
 
 def tessellation(reading: Reading, prim: Usd.Prim, moved: Carried | None) -> Tessellation | None:
-    """Return the polygons that stand for a prim, a mesh's as velocities have `moved` it; None of one without any."""
+    """Return the polygons of a prim's surface, or None; those of a mesh as velocities have `moved` it."""
     if prim.IsA(UsdGeom.Mesh):
         polygons = _cage(reading, prim, moved)
     elif prim.GetTypeName() in GPRIMS:
@@ -267,17 +267,17 @@ def tessellation(reading: Reading, prim: Usd.Prim, moved: Carried | None) -> Tes
 
 
 def _source(primvar: UsdGeom.Primvar) -> str:
-    """Return the path of a primvar, in the prototype if it is of one."""
+    """Return the path of a primvar, in the prototype if its prim belongs to an instance."""
     return f"{in_prototype(primvar.GetAttr().GetPrim()).GetPath()}.{primvar.GetName()}"
 
 
 def in_prototype(prim: Usd.Prim) -> Usd.Prim:
-    """Return the prim that an instance's prim stands for, or the prim itself."""
+    """Return the prototype's prim for a prim inside an instance, or else the prim itself."""
     return prim.GetPrimInPrototype() if prim.IsInstanceProxy() else prim
 
 
 def _cage(reading: Reading, prim: Usd.Prim, moved: Carried | None) -> Polygons:
-    """Return a mesh's polygons as they are on the stage, deformed, with their normals."""
+    """Return a mesh's polygons before subdivision, deformed, with their normals."""
     reading = moved.reading if moved is not None else reading
     points = moved.points if moved is not None else reading.array(prim, "points", 3)
     bent = None if moved is not None or points is None else deformed(reading, prim, points)
@@ -319,7 +319,7 @@ def _without_holes(polygons: Polygons, holes: Array) -> Polygons:
 
 
 def _normals(reading: Reading, prim: Usd.Prim, polygons: Polygons) -> Values | None:
-    """Return authored normals; primvars:normals win over normals, as UsdGeomMesh has it."""
+    """Return authored normals; as in UsdGeomMesh, primvars:normals override normals."""
     primvar = UsdGeom.PrimvarsAPI(prim).GetPrimvar("normals")
     if primvar and primvar.HasValue():
         return read_primvar(reading, prim, primvar, 3, polygons.lengths)
@@ -328,7 +328,7 @@ def _normals(reading: Reading, prim: Usd.Prim, polygons: Polygons) -> Values | N
 
 
 def _uvs(reading: Reading, prim: Usd.Prim, lengths: Mapping[str, int], uv_name: str) -> Values | None:
-    """Return the texture coordinates that the material asks for, else `st`, else the first that can be used."""
+    """Return the texture coordinates that the material names, else `st`, else the first usable ones."""
     others = [
         each.GetPrimvarName()
         for each in UsdGeom.PrimvarsAPI(prim).GetPrimvarsWithValues()
@@ -350,14 +350,14 @@ def _uvs(reading: Reading, prim: Usd.Prim, lengths: Mapping[str, int], uv_name: 
 def _colors(
     reading: Reading, prim: Usd.Prim, lengths: Mapping[str, int], varying: Mapping[str, UsdGeom.Primvar]
 ) -> dict[str, Values]:
-    """Return what a material takes from primvars that vary."""
+    """Return the varying primvars that a material uses."""
     names = {"diffuse": "colors", "opacity": "opacities"}
     found = {names[field]: read_primvar(reading, prim, primvar, None, lengths) for field, primvar in varying.items()}
     return {name: values for name, values in found.items() if values is not None}
 
 
 def _in_world(triangles: Triangles, to_world: Array, name: str, material: Material) -> Mesh:
-    """Return triangles in world space: wound around the outward normal, also where mirrored."""
+    """Return triangles in world space, wound around the outward normal even if mirrored."""
     vertices = triangles.vertices
     linear = to_world[:3, :3]
     determinant = np.linalg.det(linear)
@@ -365,8 +365,8 @@ def _in_world(triangles: Triangles, to_world: Array, name: str, material: Materi
         vertices = vertices[:, ::-1]
     normals = None
     if triangles.normals is not None:
-        # The cofactor matrix is the inverse transpose up to its scale, and exists where a scale is zero.
-        (x0, y0, z0), (x1, y1, z1), (x2, y2, z2) = linear.tolist()  # thrice as fast as `np.cross`: there may be many
+        # The cofactor matrix is the inverse transpose up to a factor, and exists even if a scale is zero.
+        (x0, y0, z0), (x1, y1, z1), (x2, y2, z2) = linear.tolist()  # three times as fast as `np.cross`; there may be many meshes
         cofactors = np.array(
             [
                 [y1 * z2 - y2 * z1, z1 * x2 - z2 * x1, x1 * y2 - x2 * y1],

@@ -1,7 +1,7 @@
-"""Units, up axis, rates and range of a stage whose root layer leaves them to a sublayer.
+"""Take units, up axis, rates and range from a sublayer if a stage's root layer lacks them.
 
-OpenUSD takes them from the root layer alone: a layer over an export, which has the look and the fog, then puts the
-export's keys of 30 frames a second at other times, and has no range.
+OpenUSD takes them only from the root layer. A layer with looks and fog over an export would then move the export's keys
+of 30 frames a second to other times, and would have no range.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ _UNITS = (UsdGeom.Tokens.metersPerUnit, UsdGeom.Tokens.upAxis)
 
 
 def complete_metadata(stage: Usd.Stage, warnings: Warnings) -> None:
-    """Take what a stage's root layer does not say from the strongest sublayer that says it; warn where that counts."""
+    """Take metadata that a stage's root layer lacks from the strongest sublayer that has it; warn if it matters."""
     root, session = stage.GetRootLayer(), stage.GetSessionLayer()
     timed = any(_says(root, name) for name in (*_RATES, *_RANGE))
     taken: dict[str, list[str]] = {}
@@ -39,7 +39,7 @@ def complete_metadata(stage: Usd.Stage, warnings: Warnings) -> None:
 
 
 def _has_times(layer: Sdf.Layer) -> bool:
-    """Return whether a layer has times of its own, which would be moved where the stage's rate is another one."""
+    """Return whether a layer has times of its own, which another rate of the stage would move."""
     return bool(layer.ListAllTimeSamples()) or any(each != Sdf.LayerOffset() for each in layer.subLayerOffsets)
 
 
@@ -52,7 +52,7 @@ def _sublayers(layer: Sdf.Layer) -> Iterator[Sdf.Layer]:
     for path in layer.subLayerPaths:
         try:
             found = Sdf.Layer.FindOrOpenRelativeToLayer(layer, path)
-        except Tf.ErrorException:  # told with the composition
+        except Tf.ErrorException:  # reported with the composition
             continue
         if found:
             yield found

@@ -1,4 +1,4 @@
-"""The shutter interval of a stage: its scene at any fraction of the interval; objects at rest stay identical."""
+"""The scene of a stage at any fraction of the shutter interval; objects at rest are the identical objects."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
-_ROUNDING = 1e-9  # of float64 positions, between two keys of one value
+_ROUNDING = 1e-9  # relative error of float64 positions between two keys of the same value
 
 
 def followed(first: Scene, later: Scene) -> Scene:
-    """Return a later state of a scene with the prims of the first one, in their order, for beams to be followed.
+    """Return a later state of a scene with the prims of the first one, in their order, so that beams can be followed.
 
-    What is equal is the same object in both, by which the renderer knows what is at rest. A prim that is not there
-    later stays as it was; one that is new is left for the next frame.
+    Equal parts are the same object in both, by which the renderer knows what is at rest. A prim that is missing later
+    stays as it was; a new prim has to wait for the next frame.
     """
     parts: dict[str, Any] = {
         name: _matched(getattr(first, name), getattr(later, name)) for name in ("meshes", "lights", "drawn", "media")
@@ -41,7 +41,7 @@ def _matched(first: Sequence[T], later: Sequence[T]) -> Sequence[T]:
 
 
 def same(first: T, later: T) -> T:
-    """Return the first of two values where they are equal, else the later with what is equal in it from the first."""
+    """Return the first of two equal values, else the later one, with its equal parts taken from the first."""
     if equal(first, later):
         return first
     if is_dataclass(first) and type(first) is type(later):
@@ -51,7 +51,7 @@ def same(first: T, later: T) -> T:
 
 
 def equal(a: Any, b: Any) -> bool:
-    """Return whether two values are equal, to the rounding of interpolated keys; arrays and what holds them too."""
+    """Return whether two values, which may contain arrays, are equal up to the rounding of interpolated keys."""
     if a is b:
         return True
     if is_dataclass(a) and type(a) is type(b):
@@ -63,33 +63,33 @@ def equal(a: Any, b: Any) -> bool:
     return bool(type(a) is type(b) and a == b)
 
 
-# Fractions of the shutter at which a scene is looked at, beside its end and its time samples, to learn whether it
-# moves: between two of its keys something may be as it was at both, but not at these.
+# Fractions of the shutter at which a scene is checked for motion, besides its end and its time samples: something may
+# be the same at two keys and different in between.
 _PROBES = (0.29, 0.71)
 _MOST_PROBES = 16
 
 
 _KEPT = 8
 
-_NEAREST = 1e-9  # time codes before a sample, at which what it changes at once is still as it was
+_NEAREST = 1e-9  # time codes before a sample, where held values are still the old ones
 
 
 class Exposure:
-    """Scene and cameras at fractions of the shutter interval, of which the last few are cached.
+    """Scene and cameras at fractions of the shutter interval; the last few are cached.
 
     Parameters
     ----------
     read_scene, read_cameras
-        Return the scene, and the cameras, at a time code.
+        Functions that return the scene, and the cameras, at a time code.
     start, stop, keys
-        Time codes of shutter open and shutter close, and of time samples after the first and up to the second.
+        Time codes when the shutter opens and closes, and of the time samples after the first and up to the second.
 
     Attributes
     ----------
     duration
-        Time codes that the shutter is open.
+        How long the shutter is open, in time codes.
     moving
-        Whether anything moves meanwhile.
+        Whether anything moves in that time.
     """
 
     def __init__(
@@ -103,24 +103,24 @@ class Exposure:
         self._read_scene, self._read_cameras = read_scene, read_cameras
         self._start, self.duration = start, stop - start
         self._first = read_scene(start), read_cameras(start)
-        self._known = {start: self._first}  # and what was asked for last: a pass asks for three, some of them twice
+        self._known = {start: self._first}  # and the last requests: a pass requests three, some of them twice
         self._keys = np.asarray(keys, dtype=np.float64)
-        # Reading a scene takes long: what stands still at these times is taken to stand still in between.
+        # Reading a scene takes long, so what is at rest at these times is assumed to be at rest in between.
         step = max(1, len(keys) // _MOST_PROBES)
         probes = [*map(self.code, _PROBES), self._closing(1.0), *(key for key in keys[::step] if key < stop)]
         self._still = not self.duration or all(self._scene(each) is self._first[0] for each in probes)
         self.moving = bool(self.duration) and (not self._still or any(self._eyes_moved(each) for each in probes))
 
     def __call__(self, fraction: float) -> tuple[Scene, tuple[Camera, ...]]:
-        """Return scene and cameras at a fraction of the shutter, 0 to 1."""
+        """Return the scene and cameras at a fraction of the shutter interval, 0 to 1."""
         return self._moment(self.code(fraction))
 
     def closing(self, fraction: float) -> tuple[Scene, tuple[Camera, ...]]:
-        """Return scene and cameras at a fraction at which a slice closes.
+        """Return the scene and cameras at the fraction at which a slice closes.
 
-        Values that are held until a time sample there (an asset, a token, a bool, a string) are those before it: a
-        slice is half open, or its beams, which go from one end of it to the other, would include a part of the next
-        slice.
+        If there is a time sample at that time, held values (an asset, a token, a bool, a string) are those before it: a
+        slice is a half-open interval, otherwise its beams, which span it from end to end, would include a part of the
+        next slice.
         """
         return self._moment(self._closing(fraction))
 
@@ -138,7 +138,7 @@ class Exposure:
         return self._known[code]
 
     def shutter(self, eyes: Sequence[int], rate: float = 1.0) -> Shutter:
-        """Return the renderer's shutter, for these of the cameras; `rate` is in time codes a second."""
+        """Return the renderer's shutter for some of the cameras; `rate` is in time codes per second."""
         from ..world.shutter import Moment, Shutter
 
         def seen(moment: tuple[Scene, tuple[Camera, ...]]) -> Moment:
@@ -151,7 +151,7 @@ class Exposure:
         return Shutter(lambda at: seen(self(at)), self.moving, clock, lambda at: seen(self.closing(at)))
 
     def code(self, fraction: float) -> float:
-        """Return the time code of a fraction of the shutter."""
+        """Return the time code of a fraction of the shutter interval."""
         return self._start + fraction * self.duration
 
     def _scene(self, code: float) -> Scene:
