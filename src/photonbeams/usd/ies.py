@@ -1,8 +1,8 @@
 """Read IES files (IESNA LM-63 of all years): the angles and intensities of a light's profile.
 
 The angles are converted to photometric type C, which most files have: vertical angles from straight down, and
-horizontal angles around. Types A and B, for headlights and floodlights, have another polar axis; as in Cycles and hdEmbree, that
-axis becomes the light's own.
+horizontal angles around. Types A and B, for headlights and floodlights, have another polar axis; as in Cycles and
+hdEmbree, that axis becomes the light's own.
 """
 
 from __future__ import annotations

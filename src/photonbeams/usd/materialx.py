@@ -21,7 +21,7 @@ _TYPES = {
 
 
 class _Literal(NamedTuple):
-    """A value as written in the document, and its own colour space."""
+    """A value as in the document (files with their prefix), and its own colour space."""
 
     kind: str
     text: str

@@ -15,7 +15,7 @@ from .reading import Reading, has_photonbeams
 from .volume_shaders import VolumeEmission, VolumeShading, read_shading
 from .volumes import field_of, fields_of, read_density, read_field
 
-# A black body has this radiance times T⁴, as in Blender's volumes: the Stefan-Boltzmann constant, in 1e6 W / m², over π.
+# The radiance of a black body over T⁴, as in Blender's volumes: the Stefan-Boltzmann constant, in 1e6 W / m², over π.
 _RADIANCE = 5.670374e-14 / np.pi
 _COLDEST, _HOTTEST = 1000, 10000  # kelvin: the range for which OpenUSD knows the colours
 

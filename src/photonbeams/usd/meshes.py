@@ -366,7 +366,7 @@ def _in_world(triangles: Triangles, to_world: Array, name: str, material: Materi
     normals = None
     if triangles.normals is not None:
         # The cofactor matrix is the inverse transpose up to a factor, and exists even if a scale is zero.
-        (x0, y0, z0), (x1, y1, z1), (x2, y2, z2) = linear.tolist()  # three times as fast as `np.cross`; there may be many meshes
+        (x0, y0, z0), (x1, y1, z1), (x2, y2, z2) = linear.tolist()  # thrice as fast as `np.cross`; there may be many
         cofactors = np.array(
             [
                 [y1 * z2 - y2 * z1, z1 * x2 - z2 * x1, x1 * y2 - x2 * y1],

@@ -1,7 +1,8 @@
-"""OpenUSD, or what stands in its place where it is not installed.
+"""The modules of OpenUSD, or stand-ins if it is not installed.
 
-Mitsuba scenes, arrays and the plug-in need none of it, but shots and looks know of stages. So its modules come from
-here: `from .openusd import Usd`. Without the package they are stand-ins, which tell on first use what is missing.
+Mitsuba scenes, arrays and the plug-in do not need OpenUSD, but modules for shots and looks import it. They import its
+modules from here: `from .openusd import Usd`. Without the package these are stand-ins, whose first use raises an error
+that says what is missing.
 """
 
 from __future__ import annotations
@@ -12,12 +13,12 @@ from typing import Any
 
 from ..scene.extras import needs
 
-#: Whether OpenUSD is there.
+#: Whether OpenUSD is installed.
 INSTALLED = find_spec("pxr") is not None
 
 
 class _Missing(type):
-    """The class of stand-ins: for a module, for its classes and for what these hold."""
+    """The class of stand-ins for a module, its classes and their attributes."""
 
     def __getattr__(cls, name: str) -> Any:
         if name.startswith("__"):
@@ -25,7 +26,7 @@ class _Missing(type):
         return _stand_in(f"{cls.__name__}.{name}")
 
     def __and__(cls, other: Any) -> Any:
-        """Return a stand-in for flags."""
+        """Return a stand-in for combined flags."""
         return cls
 
     def __call__(cls, *_: Any, **__: Any) -> Any:
@@ -34,7 +35,7 @@ class _Missing(type):
 
 
 def _stand_in(name: str) -> Any:
-    """Return a stand-in; as an exception, so that `except` clauses may name it."""
+    """Return a stand-in, which is an exception class so that `except` clauses may name it."""
     return _Missing(name, (Exception,), {})
 
 

@@ -1,4 +1,4 @@
-"""Outlines of surfaces, for bounds: the corners of their convex hulls, read without faces, materials and primvars."""
+"""Outlines of surfaces, for bounds: corners of their convex hulls, read without faces, materials and primvars."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from .reading import Reading
 from .skinning import is_skinned
 from .velocities import carried
 
-_FEW = 64  # points whose hull would have hardly fewer corners
+_FEW = 64  # so few points have a hull with hardly fewer corners
 
 
 def read_outline(reading: Reading, prim: Usd.Prim, to_world: Array, name: str) -> Mesh:
     """Return the corners of the convex hull of a prim's surface in world space, as a mesh without faces.
 
-    A subdivision surface is inside the hull of its cage.
+    A subdivision surface lies inside the hull of its cage.
     """
     skinned = is_skinned(prim)
     cache = reading.cache if skinned or reading.varies(prim) else reading.lasting
@@ -32,7 +32,7 @@ def read_outline(reading: Reading, prim: Usd.Prim, to_world: Array, name: str) -
 
 
 def hull_corners(points: Array) -> Array:
-    """Return those of points (P, 3) that are corners of their convex hull; of points in a plane or on a line, all."""
+    """Return the points (P, 3) that are corners of their convex hull, or all if they lie in a plane or on a line."""
     if len(points) <= _FEW:
         return points
     from scipy.spatial import ConvexHull, QhullError  # takes long to import

@@ -1,4 +1,4 @@
-"""NURBS patches and tetrahedra as polygons."""
+"""Convert NURBS patches and tetrahedra to polygons."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from .polygons import Polygons, Tessellation, Values
 from .reading import Reading
 from .strands import floats
 
-_PIECES = 8  # of the patch between two knots, each way
+_PIECES = 8  # between two knots, in u and in v
 
 
 def read_patch(reading: Reading, prim: Usd.Prim) -> Tessellation | None:
-    """Return a NurbsPatch evaluated on a grid; None, with a warning, where it has no points. It is not trimmed."""
+    """Return a NurbsPatch evaluated on a grid, without trimming; None, with a warning, if it has no points."""
     points = reading.array(prim, "points", 3)
     if points is None:
         reading.warn(prim, "has no points: it is skipped")
@@ -49,7 +49,7 @@ def read_patch(reading: Reading, prim: Usd.Prim) -> Tessellation | None:
 
 
 def _direction(reading: Reading, prim: Usd.Prim, name: str) -> tuple[sparse.csr_array, Array]:
-    """Return the matrix of the basis functions at places along u or v, and these places from 0 to 1."""
+    """Return the matrix of basis functions at parameters along u or v, and the parameters scaled to 0 to 1."""
     count, order = (int(reading.value(prim, f"{name}{each}", 0)) for each in ("VertexCount", "Order"))
     knots = floats(reading, prim, f"{name}Knots")
     if not 2 <= order <= count:
@@ -74,7 +74,7 @@ def _ends(basis: sparse.csr_array) -> sparse.csr_array:
 
 
 def read_tetrahedra(reading: Reading, prim: Usd.Prim) -> Tessellation | None:
-    """Return the surface of a TetMesh: the faces of one tetrahedron alone, or those that it names."""
+    """Return the surface of a TetMesh: the faces that it names, or those that belong to only one tetrahedron."""
     points = reading.array(prim, "points", 3)
     if points is None:
         reading.warn(prim, "has no points: it is skipped")

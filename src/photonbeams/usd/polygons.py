@@ -1,4 +1,4 @@
-"""Polygons in a prim's own space, and the triangles made of them: the step between USD's meshes and the renderer's."""
+"""Polygons in a prim's own space, and their triangles: the step between USD's meshes and the renderer's."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .triangles import triangulate
 
 @dataclass(frozen=True)
 class Values:
-    """A primvar, flattened: `values` (K, d) by `interpolation`, as UsdGeom names it."""
+    """A flattened primvar: `values` (K, d), and the `interpolation` as UsdGeom names it."""
 
     values: Array
     interpolation: str
@@ -38,7 +38,7 @@ class Values:
 class Polygons:
     """A polygon mesh in local space, faces counter-clockwise around the outward normal unless `left_handed`.
 
-    `origin` (F,) is the face of the stage's mesh that each face is a part of; None: they are the same.
+    `origin` (F,) is the face of the stage's mesh that each face is part of; None: the faces are the stage's.
     """
 
     points: Array  # (P, 3)
@@ -46,10 +46,10 @@ class Polygons:
     indices: Array  # (sum of counts,)
     normals: Values | None = None
     uvs: Values | None = None
-    colors: Values | None = None  # what the material takes from primvars: for its colour
-    opacities: Values | None = None  # and for its opacity
+    colors: Values | None = None  # primvar for the material's colour
+    opacities: Values | None = None  # primvar for the material's opacity
     left_handed: bool = False
-    smooth: bool = False  # normals are to be made, if there are none
+    smooth: bool = False  # whether to compute normals if there are none
     origin: Array | None = None
 
     @property
@@ -62,12 +62,12 @@ class Polygons:
         }  # fmt: skip
 
     def primvars(self) -> list[tuple[str, Values]]:
-        """Return the values that the mesh has, by their fields."""
+        """Return the primvars that the mesh has, with the names of their fields."""
         found = ((each.name, getattr(self, each.name)) for each in fields(self))
         return [(name, value) for name, value in found if isinstance(value, Values)]
 
     def chosen(self, faces: Array) -> Polygons:
-        """Return some of the faces, (F,) bool, which keep their `origin`."""
+        """Return only the chosen faces, (F,) bool, which keep their `origin`."""
         if faces.all():
             return self
         corners = np.repeat(faces, self.counts)
@@ -82,14 +82,14 @@ class Polygons:
 
 @dataclass(frozen=True)
 class Tessellation:
-    """Polygons that stand for a prim.
+    """Polygons that represent a prim.
 
     Attributes
     ----------
     lengths
         How many values a primvar of each interpolation has on the prim.
     spread
-        A function from the values of a primvar of the prim to those of the polygons.
+        A function from a primvar's values on the prim to its values on the polygons.
     """
 
     polygons: Polygons
@@ -103,7 +103,7 @@ class Triangles:
 
     points: Array  # (V, 3)
     vertices: Array  # (T, 3) indices of points
-    faces: Array  # (T,) the stage's polygon that each triangle is of
+    faces: Array  # (T,) the stage's polygon that each triangle belongs to
     normals: Array | None  # (V, 3)
     uvs: Array | None  # (V, 2)
     colors: Array | None = None  # (V, C)
@@ -111,7 +111,7 @@ class Triangles:
     dropped: int = 0  # faces without area
 
     def chosen(self, triangles: Array) -> Triangles:
-        """Return some of the triangles, (T,) bool, and the points that they have."""
+        """Return only the chosen triangles, (T,) bool, with their points."""
         kept, vertices = np.unique(self.vertices[triangles], return_inverse=True)
         at_points: dict[str, Any] = {
             name: None if (values := getattr(self, name)) is None else values[kept]
@@ -121,7 +121,7 @@ class Triangles:
 
 
 def triangles_of(polygons: Polygons) -> Triangles:
-    """Triangulate, look up normals and UVs, and weld what is shared."""
+    """Triangulate polygons, look up normals and UVs, and weld shared vertices."""
     corners, faces, dropped = triangulate(polygons.counts, polygons.indices, polygons.points)
     if polygons.left_handed:
         corners = corners[:, ::-1]
@@ -153,9 +153,9 @@ def triangles_of(polygons: Polygons) -> Triangles:
 
 
 def vertex_normals(points: Array, vertices: Array) -> Array:
-    """Return normals (P, 3): the mean of the triangles at each point; zero where there is none.
+    """Return normals (P, 3): the mean over the triangles at each point, or zero if there are none.
 
-    Weights are the angles at the point (Thürmer and Wüthrich 1998): the mean does not depend on which way the polygons
+    Weights are the angles at the point (Thürmer and Wüthrich 1998), so that the mean does not depend on how the polygons
     were cut.
     """
     corners = points[vertices]  # (T, 3, 3)
@@ -170,7 +170,7 @@ def vertex_normals(points: Array, vertices: Array) -> Array:
 
 
 def _mended(normals: Array, triangles: Array) -> Array:
-    """Return unit normals (T, 3, 3), with the triangle's own where an exporter wrote zero."""
+    """Return unit normals (T, 3, 3), with zero normals, which some exporters write, replaced by the triangle's own."""
     missing = ~np.any(normals, axis=-1)
     if missing.any():
         flat = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
@@ -179,14 +179,14 @@ def _mended(normals: Array, triangles: Array) -> Array:
 
 
 def _welded(positions: Array, values: list[Array]) -> tuple[Array, Array]:
-    """Return new vertex indices (T, 3), and for each new vertex the flat corner that it is taken from.
+    """Return new vertex indices (T, 3), and for each new vertex the flat index of a corner that it is taken from.
 
-    Corners are one vertex if they are of one point and agree in the `values` (T, 3, d) that can differ there.
+    Corners become one vertex if they share a point and agree in all `values` (T, 3, d) that can differ there.
     """
     identity = positions.reshape(-1).astype(np.int64)
     for each in values:
         for column in each.reshape(-1, each.shape[-1]).T:
-            # Ranks of columns, combined two at a time, stay small integers: sorting those is quicker than rows.
+            # Combined two at a time, ranks of columns stay small integers, which sort faster than rows.
             _, rank = np.unique(column, return_inverse=True)
             _, identity = np.unique(identity * (int(rank.max(initial=0)) + 1) + rank, return_inverse=True)
     _, kept, inverse = np.unique(identity, return_index=True, return_inverse=True)

@@ -18,7 +18,7 @@ from .warnings import Warnings
 
 _PREFIX, _TYPE = "photonbeams:", "PhotonBeamsLook"
 
-#: How long the beam is, in scene units, that the lengths of presets are made for: that of `images.swatches`.
+#: Length, in scene units, of the beam that the lengths of presets are made for: the beam of `images.swatches`.
 BEAM = 4.0
 
 _EMBER = {
@@ -45,18 +45,18 @@ _FADING = {"along:falloff": "polynomial", "along:coefficients": [1, 0, -1]}
 
 @dataclass(frozen=True)
 class Preset:
-    """A look, or a factor of one, to start from.
+    """A look, or one factor of a look, to start from.
 
     Attributes
     ----------
     factor
         "look" for a whole look; else "along", "across", "eye", "angle" or "noise".
     label
-        What people call it.
+        The name for people.
     values
-        Attributes by their names without "photonbeams:"; the others of the factor have their defaults.
+        Values of attributes, by names without "photonbeams:"; other attributes of the factor have their defaults.
     lengths
-        Attributes that are lengths, of a beam that is `BEAM` long.
+        Values of attributes that are lengths, for a beam that is `BEAM` long.
     """
 
     factor: str
@@ -70,7 +70,7 @@ class Preset:
         return f"{self.factor}-{self.label.lower().replace(' ', '-')}"
 
     def attributes(self, unit: float = 1.0) -> dict[str, Any]:
-        """Return values by the names of attributes, with lengths in these units, to two digits."""
+        """Return values by the names of attributes, with lengths multiplied by `unit` and rounded to two digits."""
         lengths = {name: _scaled(value, unit) for name, value in self.lengths.items()}
         return {f"{_PREFIX}{name}": value for name, value in {**self.values, **lengths}.items()}
 
@@ -163,7 +163,7 @@ PRESETS = (
 
 
 def preset_of(name: str) -> Preset:
-    """Return the preset of a name; SceneError where there is none."""
+    """Return the preset of a name; SceneError if there is none."""
     found = next((each for each in PRESETS if each.name == name), None)
     if found is None:
         raise SceneError(f"there is no preset {name!r}: expected one such as {PRESETS[1].name}")
@@ -172,7 +172,7 @@ def preset_of(name: str) -> Preset:
 
 @cache
 def preset_look(name: str) -> LookSpec:
-    """Return the look that a preset makes of one without any values, on a beam that is `BEAM` long."""
+    """Return the look of a preset applied to an empty look, for a beam that is `BEAM` long."""
     stage = Usd.Stage.CreateInMemory()
     prim = stage.DefinePrim("/Look", _TYPE)
     layer = EditLayer(stage)
@@ -184,7 +184,7 @@ def preset_look(name: str) -> LookSpec:
 def apply_preset(stage: Usd.Stage, layer: EditLayer, preset: Preset, path: str, unit: float = 1.0) -> str:
     """Apply a preset to a look, or give a light a new look of that kind, and return the look's path.
 
-    A light that makes no beams makes some then. What the stage says of the preset's factor has no effect any more.
+    A light that made no beams makes some then. The stage's own values of the preset's factor lose their effect.
 
     Parameters
     ----------
@@ -193,12 +193,12 @@ def apply_preset(stage: Usd.Stage, layer: EditLayer, preset: Preset, path: str, 
     path
         The path of the look or of the light.
     unit
-        By how much longer the stage's beams are than `BEAM`.
+        How many times longer the stage's beams are than `BEAM`.
 
     Raises
     ------
     SceneError
-        A prim that is neither, or that cannot have a look.
+        The prim is neither, or cannot have a look.
     """
     prim = stage.GetPrimAtPath(path) if Sdf.Path.IsValidPathString(path) else None
     if prim and prim.GetTypeName() == _TYPE:
@@ -229,7 +229,7 @@ def _attributes(factor: str) -> list[str]:
 
 
 def _free_path(stage: Usd.Stage, light: Usd.Prim, preset: Preset) -> Sdf.Path:
-    """Return a path for a new look: beside the looks that there are, or in a scope in the light's own world."""
+    """Return a path for a new look: beside the existing looks, or in a scope under the light's root prim."""
     folder = next(_folders(stage, light))
     name = "".join(each.capitalize() for each in preset.label.split())
     numbers = ("", *map(str, range(1, 10_000)))

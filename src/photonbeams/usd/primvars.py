@@ -1,4 +1,4 @@
-"""Primvars as plain numbers: flattened, of the length that their interpolation asks for, or left out with a warning."""
+"""Read primvars as plain arrays: flattened, and as long as their interpolation needs, or left out with a warning."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ INTERPOLATIONS = ("constant", "uniform", "varying", "vertex", "faceVarying")
 
 @dataclass(frozen=True)
 class Instance:
-    """One of the points of an instancer: its prims have the instancer's primvars at this index."""
+    """One instance of a point instancer: its prims take the instancer's primvars at this index."""
 
     instancer: Usd.Prim
     index: int
 
 
 def find_primvar(prim: Usd.Prim, name: str) -> UsdGeom.Primvar | None:
-    """Return a primvar with a value, of a prim or inherited from an ancestor, or None."""
+    """Return a primvar with a value, of a prim or inherited from an ancestor; or None."""
     primvar = UsdGeom.PrimvarsAPI(prim).FindPrimvarWithInheritance(name)
     return primvar if primvar and primvar.HasValue() else None
 
@@ -38,17 +38,17 @@ def read_primvar(
     lengths: Mapping[str, int],
     any_fitting: bool = False,
 ) -> Values | None:
-    """Return a primvar's values as its interpolation asks for, or None, with a warning, where they cannot be used.
+    """Return as many values of a primvar as its interpolation needs; None, with a warning, if they cannot be used.
 
     Parameters
     ----------
     columns
-        As in `flattened`.
+        The same as for `flattened`.
     lengths
-        How many values each interpolation asks for; what is not listed, the prim cannot have.
+        How many values each interpolation needs; the prim cannot have an interpolation that is not listed.
     any_fitting
-        Whether the number of values decides on the interpolation where it does not fit the declared one: exporters of
-        curves leave that at its fallback.
+        Whether the number of values decides the interpolation if it does not fit the declared one: exporters of curves
+        leave that at its fallback.
     """
     numbers = flattened(reading, prim, primvar, columns)
     if numbers is None:
@@ -58,14 +58,14 @@ def read_primvar(
 
 
 def flattened(reading: Reading, prim: Usd.Prim, primvar: UsdGeom.Primvar, columns: int | None) -> Array | None:
-    """Return a primvar's values with its indices applied, (N, columns), or None, with a warning, where there are none.
+    """Return a primvar's values with its indices applied, (N, columns); None, with a warning, if there are none.
 
-    `elementSize` counts only where single numbers make up vectors, as in other renderers: exporters write it at random.
+    `elementSize` only counts if single numbers make up vectors, as in other renderers; exporters write it arbitrarily.
 
     Parameters
     ----------
     columns
-        Numbers of a value; of longer values the first ones are used. None: as many as there are.
+        Numbers per value; longer values are cut. None: as many as there are.
     """
     name = str(primvar.GetName())
     numbers = _numbers(reading, prim, name, primvar.Get(reading.time), columns, primvar.GetElementSize())
@@ -89,7 +89,7 @@ def read_values(
     lengths: Mapping[str, int],
     any_fitting: bool = False,
 ) -> Values | None:
-    """Return the values of a plain attribute with an interpolation, as `normals` and `widths` are."""
+    """Return the values of a plain attribute that has an interpolation, such as `normals` or `widths`."""
     numbers = _numbers(reading, prim, name, reading.value(prim, name), columns, 1)
     if numbers is None:
         return None
@@ -99,7 +99,7 @@ def read_values(
 def _fitted(
     reading: Reading, prim: Usd.Prim, name: str, values: Values, lengths: Mapping[str, int], any_fitting: bool
 ) -> Values | None:
-    """Return as many values as the interpolation asks for: more are cut, and with fewer the primvar is left out."""
+    """Return as many values as the interpolation needs: more are cut; with fewer, the primvar is left out."""
     if any_fitting and lengths.get(values.interpolation) != len(values.values):
         fitting = [kind for kind, count in lengths.items() if count == len(values.values)]
         values = Values(values.values, fitting[0] if fitting else values.interpolation)
@@ -119,9 +119,9 @@ def _fitted(
 def read_instanced(
     reading: Reading, prim: Usd.Prim, name: str, columns: int, instances: Sequence[Instance]
 ) -> Array | None:
-    """Return a primvar's one value for an instance of a prim, (columns,): of the innermost instancer that has it.
+    """Return a primvar's value for an instance of a prim, (columns,), from the innermost instancer that has it.
 
-    None where no instancer has it, or where the prim, which is below them, has one of its own.
+    Return None if no instancer has it, or if the prim below them has one of its own.
     """
     if find_primvar(prim, name) is not None:
         return None
@@ -136,7 +136,7 @@ def read_instanced(
 
 
 def _of_instances(reading: Reading, instancer: Usd.Prim, name: str, columns: int) -> Values | None:
-    """Return a primvar of an instancer, which has one value for each instance, or one for all."""
+    """Return a primvar of an instancer, with one value for each instance or one for all."""
     primvar = find_primvar(instancer, name)
     if primvar is None:
         return None
@@ -146,14 +146,14 @@ def _of_instances(reading: Reading, instancer: Usd.Prim, name: str, columns: int
 
 
 def _numbers(reading: Reading, prim: Usd.Prim, name: str, raw: Any, columns: int | None, element: int) -> Array | None:
-    """Return raw values as (N, columns) finite numbers, or None where there are none, or none of this kind."""
+    """Return raw values as (N, columns) finite numbers, or None if there are none of this kind."""
     if raw is None:
         return None
     try:
         numbers = np.asarray(raw, dtype=np.float64)
     except (TypeError, ValueError):
         numbers = np.zeros((1, 0))
-    if not type(raw).__module__.endswith(".Vt"):  # one value, no array
+    if not type(raw).__module__.endswith(".Vt"):  # a single value, not an array
         numbers = numbers.reshape(1, -1)
     elif not len(numbers):
         return None

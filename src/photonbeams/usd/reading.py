@@ -1,4 +1,4 @@
-"""One reading of a stage at one time: values, transforms, and messages that name file, prim and attribute."""
+"""Read a stage at one time: values, transforms, and messages that name file, prim and attribute."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ T = TypeVar("T")
 
 @contextmanager
 def quiet() -> Iterator[None]:
-    """Keep what OpenUSD would print on standard error for those who want to see all (-v)."""
+    """Turn what OpenUSD would print on standard error into debug messages, which -v shows."""
     delegate = UsdUtils.CoalescingDiagnosticDelegate()
     try:
         yield
     finally:
         messages = [str(each.commentary) for each in delegate.TakeUncoalescedDiagnostics()]
-        del delegate  # which ends its work
+        del delegate  # ends the redirection
         for message in messages:
             LOG.debug("%s", message)
 
@@ -39,31 +39,31 @@ def file_of(stage: Usd.Stage) -> str:
 
 
 def frame_number(time: Usd.TimeCode) -> float:
-    """Return the number of the frame at a time code, as file names have it: 0 at the default time."""
+    """Return the frame number of a time code, as used in file names: 0 at the default time."""
     return 0.0 if time.IsDefault() else float(time.GetValue())
 
 
 @dataclass
 class Reading:
-    """A stage at a time, what was warned about already, and what was read and may be read again.
+    """A stage at a time, the warnings given so far, and caches of what was read.
 
     Attributes
     ----------
     stage, time
-        A time code or its number; None is the default time. At that, attributes that hold only time samples answer
-        with their first.
+        The stage, and a time code or its number; None is the default time, at which attributes that have only time
+        samples return the first.
     warnings
-        The warnings that were given; share them between the frames of a shot, so that each is given once.
+        The warnings given so far; the frames of a shot share them, so that each is given once.
     cache
         Decoded textures, materials and triangulated prototypes by key.
     base
-        The frame whose samples velocities carry on, while its shutter is open; None: `time`.
+        The frame from whose time samples velocities move points while the shutter is open; None: `time`.
     lasting
-        What was read and is the same at all times, by key: readings of a stage share it until the stage is changed.
+        What was read and is the same at all times, by key; readings of a stage share it until the stage changes.
     surfaces
-        The meshes of prims that were read at this time, with their transforms, by name.
+        The meshes of prims read at this time, with their transforms, by name.
     triangles, expected
-        How many triangles have been read, copies counted each, and about how many more copies will have.
+        How many triangles have been read, counting every copy, and an estimate of how many are still to come.
     """
 
     stage: Usd.Stage
@@ -82,31 +82,31 @@ class Reading:
         self.xforms = UsdGeom.XformCache(self.time)
 
     def place(self, prim: Usd.Prim, name: str = "") -> str:
-        """Return "file: /prim.attribute", as messages begin."""
+        """Return "file: /prim.attribute", the beginning of messages."""
         return f"{file_of(self.stage)}: {_path(prim, name)}"
 
     def fail(self, prim: Usd.Prim, name: str, text: str) -> SceneError:
-        """Return (for raising) the error that an attribute `text`: "is 0: expected ..."."""
+        """Return, for raising, an error about an attribute; `text` is such as "is 0: expected ..."."""
         return SceneError(f"{self.place(prim, name)} {text}")
 
     def warn(self, prim: Usd.Prim, text: str, name: str = "") -> None:
-        """Warn once about something that cannot be rendered; SceneError where warnings are errors."""
+        """Warn once about something that cannot be rendered; SceneError if warnings are errors."""
         self.warnings.give(f"{_path(prim, name)} {text}", file_of(self.stage))
 
     def attempt(self, prim: Usd.Prim, read: Callable[[], T], otherwise: T, instead: str) -> T:
-        """Return what `read` returns or, where a part of the stage cannot be used, `otherwise` with a warning.
+        """Return what `read` returns, or `otherwise`, with a warning, if that part of the stage cannot be used.
 
         Parameters
         ----------
         prim
             The prim that is read.
         instead
-            What is done without that part, the end of the warning: "it is skipped".
+            What is done without that part, as the end of the warning: "it is skipped".
 
         Raises
         ------
         SceneError
-            What `read` raises, where warnings are errors.
+            `read` raises it, and warnings are errors.
         """
         file = file_of(self.stage)
         try:
@@ -116,14 +116,14 @@ class Reading:
                 raise
             text = str(error)
             text = text.removeprefix(f"{file}: ") if text.startswith(f"{file}: /") else f"{prim.GetPath()}: {text}"
-        except Exception:  # values of types or sizes that no check has thought of: OpenUSD's and NumPy's own complaints
+        except Exception:  # unforeseen types or sizes of values: errors from OpenUSD and NumPy
             LOG.debug("%s", self.place(prim), exc_info=True)
             text = f"{prim.GetPath()} cannot be read"
         self.warnings.give(text, file, instead)
         return otherwise
 
     def varies(self, prim: Usd.Prim) -> bool:
-        """Return whether an attribute of a prim may change with time, or velocities carry its points."""
+        """Return whether an attribute of a prim may change with time, or velocities move its points."""
         key = ("varies", prim.GetPath())
         if key not in self.lasting:
             moving = prim.GetAttribute("velocities").HasAuthoredValue()
@@ -131,7 +131,7 @@ class Reading:
         return bool(self.lasting[key])
 
     def warn_of_unknown(self, prim: Usd.Prim, name: str, known: Collection[str]) -> None:
-        """Warn of an attribute that prims of this kind do not have; tell the name that was probably meant."""
+        """Warn about an attribute that prims of this kind do not have, and suggest a similar name."""
         short = {each.removeprefix("photonbeams:"): each for each in known}
         near = get_close_matches(name.removeprefix("photonbeams:"), short, 1, 0.7)
         meant = "".join(f"; expected {short[each]}" for each in near)
@@ -139,7 +139,7 @@ class Reading:
         self.warn(prim, f"is not an attribute of a {kind}: it is ignored{meant}", name)
 
     def value(self, prim: Usd.Prim, name: str, default: Any = None) -> Any:
-        """Return an attribute's value or fallback at the time, or `default` where it has none."""
+        """Return an attribute's value or fallback at the time, or `default` if it has none."""
         attribute = prim.GetAttribute(name)
         result = attribute.Get(self.time) if attribute else None
         if isinstance(result, str) and not name.startswith("photonbeams:"):
@@ -147,7 +147,7 @@ class Reading:
         return default if result is None else result
 
     def _token(self, prim: Usd.Prim, attribute: Usd.Attribute, value: str) -> str | None:
-        """Return a value, or the fallback with a warning where the schema has no such token."""
+        """Return a value, or the fallback, with a warning, if the schema does not allow this token."""
         allowed = attribute.GetMetadata("allowedTokens")
         if not allowed or value in allowed:
             return value
@@ -163,7 +163,7 @@ class Reading:
         value = self.value(prim, name, default)
         if not isinstance(value, (int, float)):
             raise self.fail(prim, name, f"is {shown(value)}: expected a number")
-        for bound in (minimum, maximum):  # USD's floats are of single precision: 0.99 is not quite 0.99
+        for bound in (minimum, maximum):  # USD's floats have single precision: 0.99 is not quite 0.99
             value = bound if np.float32(value) == np.float32(bound) else value
         return number(value, self.place(prim, name), minimum, maximum)
 
@@ -179,11 +179,11 @@ class Reading:
         return color(numbers, self.place(prim, name))
 
     def flag(self, prim: Usd.Prim, name: str, default: bool) -> bool:
-        """Return a bool."""
+        """Return an attribute's value as a bool."""
         return bool(self.value(prim, name, default))
 
     def array(self, prim: Usd.Prim, name: str, columns: int, value: Any = None) -> Array | None:
-        """Return an array attribute (or `value` of it) as (N, columns) finite float64, or None where it is empty."""
+        """Return an array attribute (or its given `value`) as (N, columns) finite float64, or None if it is empty."""
         raw = self.value(prim, name) if value is None else value
         if raw is not None and (isinstance(raw, str) or not hasattr(raw, "__len__")):
             raise self.fail(prim, name, f"is {shown(raw)}: expected a list of values")
@@ -208,7 +208,7 @@ class Reading:
             raise self.fail(prim, name, f"is {shown(value)}: expected {len(default)} numbers") from None
 
     def integers(self, prim: Usd.Prim, name: str) -> Array:
-        """Return an array of whole numbers, (N,), empty where there is none."""
+        """Return an array of whole numbers, (N,), empty if there is none."""
         raw = self.value(prim, name, ())
         found = np.asarray(raw) if not isinstance(raw, str) and hasattr(raw, "__len__") else np.asarray(None)
         if len(np.shape(found)) != 1 or (len(found) and found.dtype.kind not in "iu"):
@@ -219,7 +219,7 @@ class Reading:
         """Return a prim's (4, 4) transform to world space, for column vectors."""
         try:
             return self.matrix(prim, self.xforms.GetLocalToWorldTransform(prim))
-        except Tf.ErrorException:  # of the prim, or of one above it
+        except Tf.ErrorException:  # from the prim or an ancestor
             raise self.fail(prim, "xformOpOrder", "has an entry that is not a transform: expected xformOps") from None
 
     def matrix(self, prim: Usd.Prim, matrix: Gf.Matrix4d) -> Array:
@@ -231,7 +231,7 @@ class Reading:
         return result
 
     def within_reach(self, prim: Usd.Prim, values: Any) -> None:
-        """Raise SceneError where a prim's lengths or coordinates in world space are beyond what can be rendered."""
+        """Raise SceneError if a prim's lengths or coordinates in world space are too large to be rendered."""
         farthest = float(np.max(np.abs(values), initial=0.0))
         if not farthest <= FARTHEST:
             text = f"{self.place(prim)} reaches {farthest:g} units from the origin: expected no more than {FARTHEST:g}"
@@ -260,18 +260,18 @@ def _time_code(time: Any) -> Usd.TimeCode:
 
 
 def target_paths(prim: Usd.Prim, name: str) -> list[Sdf.Path]:
-    """Return the paths that a relationship names, of prims that are there or not; none of an attribute of its name."""
+    """Return the paths that a relationship names, whether the prims exist or not; none if it is an attribute."""
     relationship = prim.GetRelationship(name)
     return list(relationship.GetForwardedTargets()) if relationship and is_relationship(prim, name) else []
 
 
 def is_relationship(prim: Usd.Prim, name: str) -> bool:
-    """Return whether nothing on the stage declares a relationship as an attribute, as the prim's schema cannot tell."""
+    """Return whether no layer authors a relationship as an attribute, which the prim's schema does not show."""
     return all(isinstance(spec, Sdf.RelationshipSpec) for spec in prim.GetRelationship(name).GetPropertyStack())
 
 
 def visible(prim: Usd.Prim, time: Usd.TimeCode) -> bool:
-    """Return whether a prim is to be rendered: not invisible, and of a purpose that is rendered."""
+    """Return whether a prim is rendered: it is not invisible, and has a purpose that is rendered."""
     imageable = UsdGeom.Imageable(prim)
     if not imageable:
         return True
@@ -280,7 +280,7 @@ def visible(prim: Usd.Prim, time: Usd.TimeCode) -> bool:
 
 
 def has_photonbeams(prim: Usd.Prim, schema: str, *attributes: str) -> bool:
-    """Return whether an API schema is applied, or one of its attributes authored without it."""
+    """Return whether an API schema is applied, or one of these attributes is authored without it."""
     if schema in prim.GetAppliedSchemas():
         return True
     return any(prim.GetAttribute(f"photonbeams:{name}").HasAuthoredValue() for name in attributes)
@@ -293,6 +293,6 @@ def varying_attributes(stage: Usd.Stage) -> Iterator[Usd.Attribute]:
 
 
 def prims_under(root: Usd.Prim, predicate: Any = None) -> Iterator[Usd.Prim]:
-    """Return the prims at and below `root`, instances entered."""
+    """Return the prims at and below `root`, including those inside instances."""
     chosen = Usd.PrimDefaultPredicate if predicate is None else predicate
     yield from Usd.PrimRange(root, Usd.TraverseInstanceProxies(chosen))

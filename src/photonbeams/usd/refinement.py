@@ -1,9 +1,9 @@
-"""Subdivision surfaces: Catmull and Clark (1978) for polygons, Loop (1987) for triangles, in NumPy.
+"""Subdivision surfaces in NumPy: Catmull and Clark (1978) for polygons, Loop (1987) for triangles.
 
-Edges and vertices may be sharp, for some levels or for all (DeRose, Kass and Truong 1998), by the rules of OpenSubdiv's
-documentation: smooth, crease and corner masks, blended where a sharpness ends between two levels. A level is a sparse
-matrix from the points of one mesh to those of the next: points, their positions at other times, and texture coordinates
-are refined alike.
+Edges and vertices may be sharp, for some or all levels (DeRose, Kass and Truong 1998). The rules are those of
+OpenSubdiv's documentation: smooth, crease and corner masks, blended where a sharpness ends between two levels. A level
+is a sparse matrix from the points of one mesh to those of the next, which refines points, their positions at other
+times, and texture coordinates in the same way.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from scipy.sparse import csgraph
 
 from ..scene import Array
 
-SHARP = np.inf  # a crease or corner at all levels: the boundary
+SHARP = np.inf  # sharpness of a crease or corner that is sharp at all levels, such as the boundary
 
 
 @dataclass(frozen=True)
@@ -28,15 +28,15 @@ class Topology:
     Attributes
     ----------
     counts, indices
-        (F,) vertices per face, at least 3, and (C,) the points that they are, (sum of counts,).
+        (F,) vertices per face, at least 3, and (C,) the point of each face vertex; C is the sum of counts.
     size
         How many points there are.
     edge_sharpness
-        (C,) of the edge from each face vertex to the next one of its face.
+        (C,) sharpness of the edge from each face vertex to the next one of its face.
     point_sharpness
-        (size,).
+        (size,) sharpness of each point.
     loop
-        Whether the faces are triangles of Loop's scheme.
+        Whether the scheme is Loop's, for triangles.
     """
 
     counts: Array
@@ -68,14 +68,14 @@ class Topology:
 
     @cached_property
     def _edges(self) -> tuple[Array, Array, Array]:
-        """The edge of each face vertex (C,), and the edges' ends (E, 2) and numbers of faces (E,)."""
+        """The edge of each face vertex (C,), the ends of each edge (E, 2), and its number of faces (E,)."""
         ends = np.sort(np.stack([self.indices, self.indices[self.following]], axis=1), axis=1)
         keys, edge, count = np.unique(ends[:, 0] * self.size + ends[:, 1], return_inverse=True, return_counts=True)
         return edge, np.stack(np.divmod(keys, self.size), axis=1), count
 
     @cached_property
     def sharpness(self) -> Array:
-        """Sharpness of each edge, (E,): that of the boundary, and of edges with more than two faces, is infinite."""
+        """Sharpness of each edge, (E,): infinite at the boundary and at edges with more than two faces."""
         edge, ends, count = self._edges
         result = np.zeros(len(ends))
         np.maximum.at(result, edge, self.edge_sharpness)
@@ -100,7 +100,7 @@ class Topology:
         return np.bincount(self.indices, minlength=self.size)
 
     def pinched(self) -> Array:
-        """Return whether the faces at a point are not one fan, (size,): it has a corner there, as OpenSubdiv has it."""
+        """Return whether the faces at a point are not one fan, (size,); as in OpenSubdiv, it is then a corner."""
         extra = self._incident(np.ones(len(self._edges[1]), dtype=bool)) - self.face_counts()
         return (extra > 1) | ((extra == 1) != self.boundary) | (extra < 0) | (self.face_counts() == 0)
 
@@ -113,11 +113,11 @@ class Topology:
         return (sharp == 2) & ~corner, corner
 
     def _blended(self) -> list[tuple[Array, Array, Array, Array]]:
-        """Return (weight, crease, corner, sharp edges) of the rules of this level and of the next, for each point."""
+        """Return (weight, crease, corner, sharp edges) for the rules of this level and of the next, for each point."""
         later, later_points = np.maximum(self.sharpness - 1, 0), np.maximum(self.point_sharpness - 1, 0)
         own = self._rules(self.sharpness, self.point_sharpness)
         next_ = self._rules(later, later_points)
-        # Where a sharpness ends before the next level, the two rules are mixed by what is left of it.
+        # Where a sharpness ends before the next level, the two rules are mixed by the remaining sharpness.
         ending = (self.sharpness > 0) & (later == 0)
         ends = self._edges[1]
         total = np.bincount(ends[ending].reshape(-1), np.repeat(self.sharpness[ending], 2), self.size)
@@ -139,7 +139,7 @@ class Topology:
         return sparse.csr_array((np.full(len(rows), 0.5), (rows, ends.reshape(-1))), shape=(len(ends), self.size))
 
     def _opposite(self) -> Any:
-        """Return the matrix of the mean of what lies beyond each edge: face centers, or triangles' third points."""
+        """Return the matrix of the mean beside each edge, of face centers or (Loop) of triangles' third points."""
         edge, ends, count = self._edges
         shape = (len(ends), len(self.counts))
         weight = 1 / count[edge]
@@ -156,18 +156,18 @@ class Topology:
         return _scaled(smooth, 1 - sharp) + _scaled(self._midpoints(), sharp)
 
     def _neighbors(self, chosen: Array | None = None) -> Any:
-        """Return the matrix of sums over the points across the chosen edges."""
+        """Return the matrix of sums over the neighbors of each point along the chosen edges."""
         ends = self._edges[1] if chosen is None else self._edges[1][chosen]
         both = np.concatenate([ends, ends[:, ::-1]])
         return sparse.csr_array((np.ones(len(both)), (both[:, 0], both[:, 1])), shape=(self.size, self.size))
 
     def _around(self, values: Any) -> Any:
-        """Return the matrix of sums of faces' values over the faces at each point."""
+        """Return the matrix of sums of face values over the faces at each point."""
         shape = (self.size, len(self.counts))
         return sparse.csr_array((np.ones(len(self.indices)), (self.indices, self.faces)), shape=shape) @ values
 
     def _vertex_points(self) -> Any:
-        """Return the matrix of the new places of points."""
+        """Return the matrix of the new positions of points."""
         valence = np.maximum(self._incident(np.ones(len(self._edges[1]), dtype=bool)), 1).astype(np.float64)
         if self.loop:
             weight = _loop_weight(valence)
@@ -178,7 +178,7 @@ class Topology:
         return self._mixed(smooth, (6 / 8, 1 / 8))
 
     def _mixed(self, smooth: Any, crease_mask: tuple[float, float]) -> Any:
-        """Return the smooth, the crease and the corner rule, each where it applies."""
+        """Return the matrix of the smooth, crease and corner rules, each where it applies."""
         result = sparse.csr_array((self.size, self.size))
         for weight, crease, corner, sharp in self._blended():
             if not weight.any():
@@ -192,7 +192,7 @@ class Topology:
     # -- refining --------------------------------------------------------------------------------------------------
 
     def refined(self) -> tuple[Topology, Any]:
-        """Return the mesh of the next level, and the matrix from this one's points to its points."""
+        """Return the mesh of the next level, and the matrix from the points of this mesh to its points."""
         blocks = [self._vertex_points(), self._edge_points(), *([] if self.loop else [self._face_points()])]
         return self._split(), sparse.vstack(blocks, format="csr")
 
@@ -202,7 +202,7 @@ class Topology:
         return sparse.vstack(blocks, format="csr")
 
     def parents(self) -> Array:
-        """Return the face that each face of the next level lies in."""
+        """Return the face of this level that contains each face of the next."""
         return np.repeat(np.arange(len(self.counts)), 4) if self.loop else self.faces
 
     def _split(self) -> Topology:
@@ -226,9 +226,9 @@ class Topology:
         )
 
     def limit(self) -> Any:
-        """Return the matrix from the points to where they end after endless levels; faces must be quads or Loop's.
+        """Return the matrix from the points to their limit positions; faces must be quads, or triangles for Loop.
 
-        What is sharp now counts as sharp for ever.
+        Edges and points that are sharp now count as sharp at all further levels.
         """
         lasting = np.where(self.sharpness > 0, SHARP, 0.0)
         crease, corner = self._rules(lasting, self.point_sharpness)
@@ -246,7 +246,7 @@ class Topology:
         return sparse.csr_array(result + _scaled(self._neighbors(lasting > 0), crease / 6))
 
     def smoothing_groups(self) -> Array:
-        """Return a number for each face vertex (C,): the same around a point, up to edges that are sharp."""
+        """Return a group number for each face vertex (C,): the same around a point up to sharp edges."""
         edge = self._edges[0]
         order = np.argsort(edge, kind="stable")
         first = np.flatnonzero(np.diff(edge[order]) == 0)

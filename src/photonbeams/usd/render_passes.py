@@ -1,4 +1,4 @@
-"""Render passes, by UsdRenderPass: which settings a pass has, and what is rendered in it."""
+"""Render passes (UsdRenderPass): the settings of a pass, and what it renders."""
 
 from __future__ import annotations
 
@@ -12,15 +12,16 @@ from .warnings import Warnings
 
 
 def apply_pass(stage: Usd.Stage, path: str, warnings: Warnings | None = None) -> str | None:
-    """Show on a stage what a pass renders, in its session layer; return the path of the pass's settings, if it has any.
+    """Hide what a pass does not render, in the stage's session layer; return the path of its settings, or None.
 
-    Prims of the collection `prune`, and those that `renderVisibility` leaves out, are not rendered. What `matte` and
-    `cameraVisibility` say is warned of: here, what is rendered is seen by all rays. The pass's command is not run.
+    Prims in the collection `prune`, and those that `renderVisibility` leaves out, are not rendered. `matte` and
+    `cameraVisibility` only give a warning, because everything rendered is seen by all rays. The pass's command is not
+    run.
 
     Raises
     ------
     SceneError
-        No pass at that path, or one whose configuration is in another file or is no RenderSettings.
+        There is no pass at that path, or its configuration is in another file or is not a RenderSettings.
     """
     reading = Reading(stage, warnings=warnings or Warnings())
     prim = stage.GetPrimAtPath(path) if Sdf.Path.IsValidPathString(path) and Sdf.Path(path).IsPrimPath() else None
@@ -40,7 +41,7 @@ def apply_pass(stage: Usd.Stage, path: str, warnings: Warnings | None = None) ->
 
 
 def _hide(reading: Reading, prim: Usd.Prim) -> None:
-    """Make invisible what the pass does not render."""
+    """Make everything invisible that the pass does not render."""
     pruned, shown = (Usd.CollectionAPI(prim, name).ComputeMembershipQuery() for name in ("prune", "renderVisibility"))
     hidden = [
         each
@@ -63,7 +64,7 @@ def _rendered(stage: Usd.Stage) -> Iterator[Usd.Prim]:
 
 
 def _warn(reading: Reading, prim: Usd.Prim) -> None:
-    """Warn of what a pass says that is not done."""
+    """Warn about settings of a pass that are not supported."""
     matte = Usd.CollectionAPI(prim, "matte")
     if matte.GetIncludesRel().GetTargets() or matte.GetIncludeRootAttr().Get():
         reading.warn(prim, "is not supported: its prims are seen as they are", "collection:matte")

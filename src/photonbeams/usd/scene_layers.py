@@ -1,4 +1,4 @@
-"""Layers over Mitsuba scenes: prims named by the ids of emitters hold their beam settings, as lights of stages do."""
+"""Layers over Mitsuba scenes: prims named by the ids of emitters hold beam settings, as lights on stages do."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from .reading import Reading
 from .stage import open_stage
 from .warnings import Warnings
 
-# The properties of PhotonBeamsLightAPI that emitters of Mitsuba scenes have, without "photonbeams:".
+# The properties of PhotonBeamsLightAPI that apply to emitters of Mitsuba scenes, without "photonbeams:".
 _SUPPORTED = ("look", "lightGroup", "enabled", "count", "intensity", "seed", "portal", "gobo", "scattered", "bounces")
 
 
@@ -24,12 +24,12 @@ class SceneLayers:
     Parameters
     ----------
     layers
-        USD files, the first the strongest.
+        USD files, the strongest first.
 
     Raises
     ------
     SceneError
-        A file that is none, or cannot be read.
+        A file is not a USD file, or cannot be read.
     """
 
     def __init__(self, layers: Iterable[str | os.PathLike[str]]) -> None:
@@ -40,20 +40,20 @@ class SceneLayers:
     def read(
         self, frame: float | None, emitters: Collection[str], shapes: Collection[str]
     ) -> dict[str, dict[str, Any]]:
-        """Return by the ids of emitters the fields of `BeamSettings` that the layers give; looks are specs.
+        """Return the fields of `BeamSettings` that the layers set, by the ids of emitters; looks are specs.
 
         Parameters
         ----------
         frame
             Frame number, or None.
         emitters, shapes
-            The ids that emitters and shapes of the scene have; in names of prims other characters than letters, digits
-            and _ are _.
+            The ids of the scene's emitters and shapes. Characters other than letters, digits and _ become _ in names of
+            prims.
 
         Raises
         ------
         SceneError
-            A prim that is named like no emitter, a portal that is no shape; what cannot be read, as of lights.
+            A prim has the name of no emitter, a portal is not a shape, or a setting cannot be read.
         """
         reading = Reading(self.stage, frame, self._warnings)
         result = {}
@@ -69,7 +69,7 @@ class SceneLayers:
 
 
 def _named(reading: Reading, prim: Usd.Prim, ids: Collection[str], kind: str) -> str:
-    """Return the id that a prim is named by."""
+    """Return the id that a prim is named after."""
     known = {Tf.MakeValidIdentifier(each): each for each in ids if each}
     if prim.GetName() not in known:
         expected = ", ".join(known.values()) or "none"
@@ -79,7 +79,7 @@ def _named(reading: Reading, prim: Usd.Prim, ids: Collection[str], kind: str) ->
 
 
 def _portal(reading: Reading, prim: Usd.Prim, shapes: Collection[str]) -> Mesh | str | None:
-    """Return the portal that a prim names: gprims of the layers, or a prim that is named by the id of a shape."""
+    """Return the portal that a prim names: gprims of the layers, or the id of a shape."""
     targets = reading.targets(prim, "photonbeams:portal")
     if len(targets) == 1 and not is_gprim(targets[0]):
         return _named(reading, targets[0], shapes, "shape")

@@ -1,4 +1,4 @@
-"""The codeless schemas of the folder `schema/`, known to OpenUSD once this module is imported."""
+"""The codeless schemas in the folder `schema/`; importing this module registers them with OpenUSD."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ FOLDER = Path(__file__).parent / "schema"
 
 
 def register() -> None:
-    """Make the schemas known; once is enough, and more do no harm.
+    """Register the schemas; repeated calls do no harm.
 
-    OpenUSD builds its registry of schemas when the first stage is opened: a program that opens stages of its own
-    before it imports this package reads the attributes all the same, but cannot define a `PhotonBeamsLook` by type.
+    OpenUSD builds its registry of schemas when the first stage is opened. A program that opens a stage before it
+    imports this package can still read the attributes, but cannot define a `PhotonBeamsLook` by type.
     """
     Plug.Registry().RegisterPlugins(str(FOLDER))
 

@@ -1,6 +1,6 @@
-"""What of a stage is rendered, and how finely: population mask, purposes, variants and complexity, as in usdrecord.
+"""Select what of a stage is rendered, and how finely: mask, purposes, variants and complexity, as in usdrecord.
 
-The choice is kept in the stage's session layer, so that every reader of the stage finds it.
+The selection is kept in the stage's session layer, so that every reader of the stage finds it.
 """
 
 from __future__ import annotations
@@ -12,34 +12,34 @@ from dataclasses import dataclass
 from ..scene import SceneError
 from .openusd import Sdf, Usd
 
-#: Levels of subdivision by the names that usdrecord gives them.
+#: Levels of subdivision, by their names in usdrecord.
 COMPLEXITIES = {"low": 0, "medium": 1, "high": 2, "veryhigh": 3}
-_LEVEL = COMPLEXITIES["high"]  # of meshes that are subdivided, without a complexity
-_SAYING = ("subdivisionScheme", "creaseIndices", "cornerIndices")  # attributes by which a mesh says that it is
+_LEVEL = COMPLEXITIES["high"]  # for meshes that ask for subdivision, if no complexity is given
+_SAYING = ("subdivisionScheme", "creaseIndices", "cornerIndices")  # attributes with which a mesh asks for subdivision
 _PURPOSES = ("default", "render", "proxy", "guide")
 _KEY = "photonbeams"  # in customLayerData of the session layer
 
 
 @dataclass(frozen=True)
 class Selection:
-    """What to render of a stage.
+    """What of a stage is rendered.
 
     Attributes
     ----------
     mask
-        Paths of prims: they, what is below and above them, and what they refer to are all of the stage. None: all.
+        Paths of prims: only they, what is below and above them, and what they refer to are rendered. None: everything.
     purposes
-        Purposes that are rendered beside "default"; None: "render".
+        Purposes that are rendered besides "default"; None: "render".
     variants
         Choices of variants, each "/prim{set=choice}".
     complexity
-        How finely subdivision surfaces are refined: a name of COMPLEXITIES. None: those that say of themselves that
-        they are, "high", and meshes without a word of it "low".
+        How finely subdivision surfaces are refined: a name in COMPLEXITIES. None: "high" for meshes that ask for
+        subdivision, and "low" for all others.
 
     Raises
     ------
     SceneError
-        What is none of these, in one sentence.
+        A value is none of these.
     """
 
     mask: tuple[str, ...] | None = None
@@ -69,17 +69,17 @@ class Selection:
         variants: str | Iterable[str] = (),
         complexity: str | None = None,
     ) -> Selection:
-        """Return what a user says: names in one text are separated by commas or spaces, as flags have them."""
+        """Return the selection of a user; names in one text may be separated by commas or spaces, as in flags."""
         chosen = (variants,) if isinstance(variants, str) else tuple(variants)
         return cls(_names(mask), _names(purposes), chosen, complexity)
 
     def open(self, layer: Sdf.Layer, session: Sdf.Layer) -> Usd.Stage:
-        """Return the stage of a layer and a session layer, in which the choice is then kept."""
+        """Return the stage of a layer and a session layer, and keep the selection in the latter."""
         if self.mask is None:
             stage = Usd.Stage.Open(layer, session)
         else:
             stage = Usd.Stage.OpenMasked(layer, session, Usd.StagePopulationMask(self.mask))
-            stage.ExpandPopulationMask()  # materials, portals and so on, wherever they are
+            stage.ExpandPopulationMask()  # adds materials, portals and so on, wherever they are
         purposes = None if self.purposes is None else " ".join(self.purposes)
         kept = {"purposes": purposes, "complexity": self.complexity}
         given = {name: value for name, value in kept.items() if value is not None}
@@ -88,7 +88,7 @@ class Selection:
         return stage
 
     def apply(self, stage: Usd.Stage, name: str) -> None:
-        """Select the variants on a stage of that name; SceneError for prims that are not there."""
+        """Select the variants on a stage, which messages call `name`; SceneError for missing prims."""
         for path in self.mask or ():
             if not stage.GetPrimAtPath(path):
                 raise SceneError(f"the mask names {path}: expected a prim that is on {name}")
@@ -147,8 +147,8 @@ def rendered_purposes(stage: Usd.Stage) -> tuple[str, ...]:
 def refinement_level(prim: Usd.Prim, has_normals: bool) -> int:
     """Return how often a subdivision mesh is refined.
 
-    The fallback of `subdivisionScheme` is catmullClark, but few who leave it there mean to have their boxes rounded:
-    without a complexity, such meshes are polygons with smooth normals, as usdrecord draws them.
+    The fallback of `subdivisionScheme` is catmullClark, but few who leave it there want their boxes rounded. Without a
+    complexity, such meshes are polygons with smooth normals, as usdrecord draws them.
     """
     is_said = any(prim.GetAttribute(name).HasAuthoredValue() for name in _SAYING)
     name = _kept(prim.GetStage(), "complexity")

@@ -1,4 +1,4 @@
-"""Render settings and products, by UsdRender: what a stage says about its pictures."""
+"""Read render settings and products (UsdRender): what a stage sets for its pictures."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from .reading import Reading, file_of, is_relationship, target_paths
 from .warnings import Warnings
 
 SUFFIXES = (".exr", ".png")
-# Names that other renderers' variables have, lower case.
+# Names of other renderers' variables, in lower case.
 _ALIASES = {
     **dict.fromkeys(("color", "beauty", "ci", "c", "rgb", "a", "alpha", "lpe:c.*", "lpe:c.*[lo]"), "rgba"),
     **dict.fromkeys(("z", "lineardepth"), "depth"),
@@ -27,9 +27,9 @@ _ALIASES = {
     **dict.fromkeys(("volume", "volume_direct"), "beams"),
 }
 _LAYERS = ("rgba", "surface", "beams", "transmittance", "depth", "normal", "albedo")
-_EDGE = 1e-4  # of a pixel: dataWindowNDC is in single precision
+_EDGE = 1e-4  # of a pixel: dataWindowNDC has single precision
 
-#: The attribute of settings and products that names a pixel filter, as Mitsuba's plug-ins are called.
+#: The attribute of settings and products that names a pixel filter, by the names of Mitsuba's plug-ins.
 PIXEL_FILTER = "photonbeams:pixelFilter"
 
 Window = tuple[float, float, float, float]
@@ -54,12 +54,12 @@ class RenderSettings:
     camera, resolution
         Path of the camera, and (width, height) in pixels.
     data_window
-        x0, y0, x1, y1 of the part to render, in fractions of the picture from the lower left.
+        x0, y0, x1, y1 of the part to render, as fractions of the picture from the lower left.
     disable_motion_blur, disable_depth_of_field
-        Whether all is to be sharp, as it is at the frame's own time; instantaneousShutter is the old name of the
-        first.
+        Whether to render without motion blur, at the frame's own time (formerly instantaneousShutter), and without
+        depth of field.
     pixel_filter
-        One of `scene.cameras.FILTERS`, by photonbeams:pixelFilter.
+        One of `scene.cameras.FILTERS`, from photonbeams:pixelFilter.
     products
         The raster products.
     """
@@ -74,7 +74,7 @@ class RenderSettings:
     products: tuple[RenderProduct, ...] = ()
 
     def crop(self, width: int, height: int) -> Window | None:
-        """Return the data window from the top left, on the edges of the pixels whose centres it holds; at least one."""
+        """Return the data window from the top left, snapped to the pixels whose centres it contains; at least one."""
         if self.data_window is None:
             return None
         x0, y0, x1, y1 = self.data_window
@@ -84,7 +84,7 @@ class RenderSettings:
 
 
 def _pixels(begin: float, end: float, count: int) -> tuple[float, float]:
-    """Return fractions that name the pixels with centres from `begin` to `end`."""
+    """Return the fractions of the edges around the pixels with centres from `begin` to `end`."""
     first = min(max(ceil(begin * count - 0.5 - _EDGE), 0), count - 1)
     last = min(max(ceil(end * count - 0.5 - _EDGE), first + 1), count)
     return fractions_of(first, last, count)
@@ -93,22 +93,22 @@ def _pixels(begin: float, end: float, count: int) -> tuple[float, float]:
 def read_settings(
     stage: Usd.Stage, path: str | None = None, given: Collection[str] = (), warnings: Warnings | None = None
 ) -> RenderSettings:
-    """Return the render settings at a path, or those that the stage's metadata names; without any, empty ones.
+    """Return the render settings at a path, or those that the stage's metadata names, or else empty ones.
 
     Parameters
     ----------
     stage, path
-        Where to look.
+        The stage, and the path of the settings or None.
     given
-        Names of what is given otherwise, such as "camera", "resolution" or "products": it is not read, so that it may
-        be wrong.
+        Names of what is given otherwise, such as "camera", "resolution" or "products": these are not read, so errors in
+        them do not matter.
     warnings
-        As in `read_scene`.
+        The same as for `read_scene`.
 
     Raises
     ------
     SceneError
-        No settings at that path, products that are none, or values that make no picture.
+        There are no settings at that path, a product is not one, or values make no picture.
     """
     reading = Reading(stage, warnings=warnings or Warnings())
     settings = _settings(reading, path)
@@ -137,12 +137,12 @@ def read_settings(
 
 
 def product_file(stage: Usd.Stage, product: RenderProduct, time: Any = None) -> Path:
-    """Return the file that a product names at a time: names may be animated.
+    """Return the file that a product names at a time, because names may be animated.
 
     Raises
     ------
     SceneError
-        It names none, or one that is no picture.
+        The product names no file, or one that is not a picture.
     """
     reading = Reading(stage, time)
     prim = stage.GetPrimAtPath(product.path)
@@ -190,9 +190,10 @@ def _rasters(reading: Reading, settings: Usd.Prim) -> list[Usd.Prim]:
 def _agreed(
     reading: Reading, settings: Usd.Prim, products: list[Usd.Prim], name: str, read: Callable[[Reading, Usd.Prim], Any]
 ) -> Any:
-    """Return what the first product says, else the settings; warn of products that say otherwise: there is one picture.
+    """Return the value of the first product, or else of the settings.
 
-    A product's opinion is stronger than that of its settings.
+    A product's value is stronger than that of its settings. Warn about products that differ from the first, because
+    only one picture is rendered.
     """
     own = read(reading, settings) if _authored(settings, name) else None
     values = [read(reading, prim) if _authored(prim, name) else own for prim in products] or [own]
@@ -264,7 +265,7 @@ def _pixel_filter(reading: Reading, prim: Usd.Prim) -> str:
 _READERS: dict[str, Callable[[Reading, Usd.Prim], Any]] = {
     "camera": _camera,
     "resolution": _resolution,
-    # These two are read for their errors and warnings alone.
+    # These two are read only for their errors and warnings.
     "pixelAspectRatio": _pixel_aspect_ratio,
     "aspectRatioConformPolicy": _conform_policy,
     "dataWindowNDC": _data_window,
@@ -276,7 +277,7 @@ _READERS: dict[str, Callable[[Reading, Usd.Prim], Any]] = {
 
 
 def _variables(reading: Reading, product: Usd.Prim) -> tuple[str, ...]:
-    """Return the layers that a product's variables mean, by what the renderer is to look for, else by their names."""
+    """Return the layers of a product's variables, by their sourceName or else by their prims' names."""
     names = []
     for path in target_paths(product, "orderedVars"):
         prim = reading.stage.GetPrimAtPath(path)

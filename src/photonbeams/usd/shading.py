@@ -61,7 +61,7 @@ def _alongs(along: AlongSpec) -> list[Factor]:
 
 
 def _curves(curve: CurveSpec) -> list[Factor]:
-    """Return ramp, texture and expression, of those that are set."""
+    """Return the ramp, texture and expression that are set."""
     place: dict[str, Any] = {"space": curve.span.space, "begin": curve.span.begin, "end": curve.span.end}
     parts: list[Factor] = []
     if curve.knots:
@@ -74,7 +74,7 @@ def _curves(curve: CurveSpec) -> list[Factor]:
 
 
 def _noises(spec: LookSpec) -> list[Factor]:
-    """Return noise and variation, of those that are set."""
+    """Return the noise and variation that are set."""
     noise = spec.noise
     parts: list[Factor] = []
     if noise.amount > 0:

@@ -1,4 +1,4 @@
-"""How much of a stage fits into memory: what instancers and subdivision make is counted before it is made."""
+"""Limit a stage to what fits into memory: count what instancers and subdivision make before they make it."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ from ..scene import SceneError
 from .openusd import Usd, UsdGeom
 from .reading import Reading, file_of
 
-#: Prims of a stage at most, those in instances counted each: reading takes about a millisecond for each.
+#: The most prims of a stage, counting those in every instance: reading one takes about a millisecond.
 MOST_PRIMS = 10_000_000
-#: Instances of one instancer at most: OpenUSD makes a matrix of 128 bytes for each.
+#: The most instances of one instancer: OpenUSD makes a matrix of 128 bytes for each.
 MOST_INSTANCES = 10_000_000
-#: Triangles whose memory a mesh takes beside that of its own.
+#: The overhead of a mesh, as the number of triangles that take as much memory.
 MESH = 25
-_BYTES = 800  # for each triangle at the peak: resident memory of a render of 11 million, with what rays meet them by
-_UNKNOWN = 64 * 2**30  # memory, where the system does not say
+_BYTES = 800  # peak resident memory for each triangle of a render of 11 million, including what rays meet them by
+_UNKNOWN = 64 * 2**30  # memory to assume if the system does not tell
 
 
 def room() -> int:
@@ -41,7 +41,7 @@ def check_prims(stage: Usd.Stage) -> None:
 
 
 def triangles_about(reading: Reading, prim: Usd.Prim) -> int:
-    """Return about how many triangles a gprim has, without reading more than the lengths of its arrays."""
+    """Estimate how many triangles a gprim has, reading only the lengths of its arrays."""
 
     def length(name: str) -> int:
         value = reading.value(prim, name, ())
@@ -53,13 +53,13 @@ def triangles_about(reading: Reading, prim: Usd.Prim) -> int:
 
 
 def step_of(total: int, left: int) -> int:
-    """Return of how many parts one is kept, so that no more than `left` are there of a `total`."""
+    """Return n, so that every n-th part of `total` makes no more than `left`."""
     return -(-total // max(left, 1)) if total > left else 1
 
 
 def lowered(level: int, corners: int, left: int) -> int:
-    """Return the highest level of subdivision, up to one, at which faces of so many corners take no more than `left`.
+    """Return the highest level of subdivision, up to `level`, at which there are no more than `left` triangles.
 
-    A corner becomes a quad at the first level, and each of these four at the next.
+    Each of the `corners` becomes a quad at the first level, and each quad becomes four at the next.
     """
     return next((each for each in range(level, 0, -1) if 2 * corners * 4 ** (each - 1) <= left), 0)

@@ -1,4 +1,4 @@
-"""Meshes that a skeleton deforms: blend shapes and skinning by UsdSkel at the time of a reading."""
+"""Deform meshes by skeletons: blend shapes and skinning by UsdSkel, at the time of a reading."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from .reading import Reading
 
 @dataclass(frozen=True)
 class Deformed:
-    """Points (P, 3) of a mesh as they are deformed, and (P, 3, 3) by which its normals turn, as row vectors."""
+    """Deformed points (P, 3) of a mesh, and the matrices (P, 3, 3) that turn its normals, as row vectors."""
 
     points: Array
     normal_offsets: Array
     normal_matrices: Array
 
     def normals(self, values: Values, indices: Array) -> Values:
-        """Return normals as they are deformed; `indices` are the points of the face vertices."""
+        """Return deformed normals; `indices` are the points of the face vertices."""
         if values.interpolation in ("vertex", "varying"):
             point = np.arange(len(self.points))
         elif values.interpolation == "faceVarying":
@@ -41,7 +41,7 @@ def is_skinned(prim: Usd.Prim) -> bool:
 
 
 def deformed(reading: Reading, prim: Usd.Prim, points: Array) -> Deformed | None:
-    """Return a mesh's points in its own space, as its skeleton deforms them, or None where none does."""
+    """Return a mesh's points, deformed by its skeleton, in its own space; None if it has no skeleton."""
     if not is_skinned(prim):
         return None
     root = prim
@@ -60,7 +60,7 @@ def deformed(reading: Reading, prim: Usd.Prim, points: Array) -> Deformed | None
 
 @dataclass(frozen=True)
 class _Skeletons:
-    """UsdSkel's queries below a SkelRoot, which end with their cache, and skeleton and query by the prims' paths."""
+    """UsdSkel's cache below a SkelRoot, which keeps queries alive, and (skeleton, query) by the prims' paths."""
 
     cache: Any
     bound: dict[Any, tuple[Any, Any]]
@@ -120,7 +120,7 @@ def _fit(influences: Any, points: int, joints: int) -> bool:
 
 
 def _normal_matrices(influences: Any, joints: Array, points: int) -> Array:
-    """Return (P, 3, 3) by which normals turn: the joints' inverse transposes, linearly blended as UsdSkel has it."""
+    """Return the matrices (P, 3, 3) that turn normals: inverse transposes of the joints, blended as in UsdSkel."""
     indices, weights = (np.asarray(each).reshape(points, -1) for each in influences)
     turns = _inverse_transposes(joints[:, :3, :3])
     blended = np.zeros((points, 3, 3))
@@ -130,7 +130,7 @@ def _normal_matrices(influences: Any, joints: Array, points: int) -> Array:
 
 
 def _inverse_transposes(matrices: Array) -> Array:
-    """Return the inverse transposes of (N, 3, 3); of matrices that flatten space, those of the same directions."""
+    """Return the inverse transposes of (N, 3, 3), or the cofactors of singular matrices."""
     x, y, z = matrices[:, 0], matrices[:, 1], matrices[:, 2]
     cofactors = np.stack([np.cross(y, z), np.cross(z, x), np.cross(x, y)], axis=1)
     determinants = np.einsum("ni,ni->n", x, cofactors[:, 0])
@@ -138,7 +138,7 @@ def _inverse_transposes(matrices: Array) -> Array:
 
 
 def _row_matrix(reading: Reading, prim: Usd.Prim) -> Array:
-    """Return a prim's transform to world space, for row vectors, as USD has it."""
+    """Return a prim's transform to world space, for row vectors, as in USD."""
     return np.array(reading.xforms.GetLocalToWorldTransform(prim), dtype=np.float64)
 
 
@@ -167,7 +167,7 @@ def _blended(reading: Reading, skeleton_query: Any, query: Any, points: Any) -> 
 
 
 def _added(values: Array, offsets: Any, indices: Any, weight: float) -> Array:
-    """Return values with weighted offsets at some points, or at all of them; offsets that do not fit change nothing."""
+    """Return values with weighted offsets added at some points, or at all; offsets that do not fit are ignored."""
     moves = np.asarray(() if offsets is None else offsets, dtype=np.float64).reshape(-1, 3)
     chosen = np.arange(len(values)) if indices is None else np.asarray(indices, dtype=np.int64)
     fits = len(moves) == len(chosen) and (not len(chosen) or (chosen.min() >= 0 and chosen.max() < len(values)))

@@ -1,4 +1,4 @@
-"""Linear and cubic BasisCurves as spans, and the spans as points along them: as many as their curvature takes.
+"""Linear and cubic BasisCurves as spans, and points along these, as many as their curvature needs.
 
 A span is a polynomial in t from 0 to 1, of control points weighted by the basis (UsdGeomBasisCurves; Catmull and Rom
 1974 for `catmullRom`). Values along a curve follow the same basis (vertex) or are linear from span to span (varying).
@@ -22,16 +22,16 @@ _BASES = {
 BASES = tuple(name for name in _BASES if name != "linear")
 WRAPS = ("nonperiodic", "periodic", "pinned")
 
-# A piece's chord may lie this part of the radius from its curve, and a piece may turn by this angle, in degrees.
+# The greatest distance of a piece's chord from its curve, over the radius, and greatest turn of a piece, in degrees.
 CHORD_ERROR, MOST_TURN = 1 / 200, 4.0
-# Of the widest place on a curve; narrower places, such as tips, are cut as finely as one of this part.
+# Places narrower than this fraction of the curve's widest place, such as tips, are not cut more finely than there.
 _NARROWEST = 1 / 8
 _MOST_PIECES = 256  # of a span
 _SAMPLES = 17  # of a span, for its curvature
 
 
 def expected_points(kind: str, wrap: str) -> str:
-    """Return how many points a curve may have, in words."""
+    """Return in words how many points a curve may have."""
     if kind == "linear":
         return "3 or more" if wrap == "periodic" else "2 or more"
     if kind == "bezier":
@@ -40,7 +40,7 @@ def expected_points(kind: str, wrap: str) -> str:
 
 
 def span_counts(counts: Array, kind: str, wrap: str) -> Array:
-    """Return how many spans curves of so many points have: none of those that may not have so many."""
+    """Return how many spans curves of `counts` points have: 0 if they may not have so many points."""
     closed = wrap == "periodic"
     if kind == "linear":
         return np.where(counts >= (3 if closed else 2), counts - (0 if closed else 1), 0)
@@ -51,7 +51,7 @@ def span_counts(counts: Array, kind: str, wrap: str) -> Array:
 
 
 def varying_counts(counts: Array, kind: str, wrap: str) -> Array:
-    """Return how many varying values curves of so many points have."""
+    """Return how many varying values curves of `counts` points have."""
     return span_counts(counts, kind, wrap) + (0 if wrap == "periodic" else 1)
 
 
@@ -62,15 +62,15 @@ class Spans:
     Attributes
     ----------
     matrix
-        (K, K) of the basis.
+        (K, K) matrix of the basis.
     index
-        (S, K) control points of each span, by number; numbers beyond the points are those of `phantoms`.
+        (S, K) numbers of each span's control points; numbers beyond the points refer to `phantoms`.
     varying
         (S, 2) numbers of the varying values at the two ends of each span.
     phantoms
-        (P, 2) points (a, b) of which 2a − b are control points, too: pinned curves have one before and one behind.
+        (P, 2) points (a, b); 2a − b are control points, too: a pinned curve has one before and one after it.
     curve
-        (S,) the curve that a span is of.
+        (S,) the curve that each span belongs to.
     closed
         Whether curves end where they begin.
     """
@@ -84,7 +84,7 @@ class Spans:
 
     @classmethod
     def of(cls, counts: Array, chosen: Array, kind: str, wrap: str) -> Spans:
-        """Return the spans of the chosen curves, of all that have so many points."""
+        """Return the spans of the chosen curves; `counts` are the points of all curves."""
         pinned, closed = wrap == "pinned" and kind in ("bspline", "catmullRom"), wrap == "periodic"
         size, step = (2, 1) if kind == "linear" else (4, 3 if kind == "bezier" else 1)
         numbers = np.where(chosen, span_counts(counts, kind, wrap), 0)
@@ -107,7 +107,7 @@ class Spans:
         return cls(_BASES[kind], index, varying, phantoms, curve, closed)
 
     def at(self, values: Array, span: Array, t: Array, derivative: int = 0) -> Array:
-        """Return vertex values (V, C), or their derivatives by t, at places t of spans, (N, C)."""
+        """Return vertex values (V, C), or their derivatives by t, at parameters t of spans, (N, C)."""
         extended = np.concatenate([values, 2 * values[self.phantoms[:, 0]] - values[self.phantoms[:, 1]]])
         powers = np.arange(len(self.matrix))
         scale, exponent = np.ones(len(powers)), powers.astype(np.float64)
@@ -117,12 +117,12 @@ class Spans:
         return np.einsum("nk,nkc->nc", weights, extended[self.index[span]])
 
     def linear_at(self, values: Array, span: Array, t: Array) -> Array:
-        """Return varying values (V, C) at places t of spans, (N, C)."""
+        """Return varying values (V, C) at parameters t of spans, (N, C)."""
         first, last = (values[self.varying[span, end]] for end in (0, 1))
         return first + t[:, None] * (last - first)
 
     def pieces(self, points: Array, radii: Array) -> Array:
-        """Return (S,) how many pieces each span takes, for points (V, 3) and radii (S, SAMPLES) at `samples`."""
+        """Return (S,) how many pieces each span needs, for points (V, 3) and radii (S, SAMPLES) at `samples`."""
         if len(self.matrix) == 2:
             return np.ones(len(self.curve), dtype=np.int64)
         span, t = self.samples()
@@ -134,7 +134,7 @@ class Spans:
         widest = np.zeros(int(self.curve.max(initial=-1)) + 1)
         np.maximum.at(widest, self.curve, radii.max(axis=1))
         width = np.maximum(radii, _NARROWEST * widest[self.curve][:, None])
-        # A chord lies h² |P''| / 8 from its curve, where the piece is h of the span.
+        # A chord lies h² |P''| / 8 from its curve, if the piece is the fraction h of the span.
         bow = np.linalg.norm(across, axis=2) / (8 * CHORD_ERROR * np.maximum(width, 1e-30))
         cosine = np.clip(np.sum(direction[:, 1:] * direction[:, :-1], axis=2), -1, 1)
         turn = np.degrees(np.arccos(cosine)).sum(axis=1) / MOST_TURN
@@ -142,7 +142,7 @@ class Spans:
         return np.clip(np.nan_to_num(wanted, nan=1, posinf=_MOST_PIECES), 1, _MOST_PIECES).astype(np.int64)
 
     def samples(self) -> tuple[Array, Array]:
-        """Return the places on all spans at which `pieces` looks: spans and t."""
+        """Return the places on all spans that `pieces` examines: spans and t."""
         count = len(self.curve)
         return np.repeat(np.arange(count), _SAMPLES), np.tile(np.linspace(0, 1, _SAMPLES), count)
 

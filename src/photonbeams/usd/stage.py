@@ -1,4 +1,4 @@
-"""USD stages: opening one, and reading all of a shot at one time."""
+"""Open USD stages, and find their times, up axis and changes."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def open_stage(
     texture_limit: int | None = None,
     selection: Selection = EVERYTHING,
 ) -> Usd.Stage:
-    """Open a stage, with stronger layers and values laid over it.
+    """Open a stage, with stronger layers and values on top of it.
 
     References, payloads and sublayers that cannot be read are left out with a warning.
 
@@ -59,12 +59,12 @@ def open_stage(
     path
         A .usd, .usda, .usdc or .usdz file.
     session_layers
-        Layers over the stage, the first the strongest.
+        Layers over the stage, the strongest first.
     overrides
         Values over those, each "/prim.attribute=value" in USD's own notation ("/Lamp.inputs:intensity=2",
-        "/Dust.photonbeams:scattering=(0.1, 0.1, 0.2)"). A number stands for a colour's three, too.
+        "/Dust.photonbeams:scattering=(0.1, 0.1, 0.2)"). A single number sets all three channels of a colour.
     warnings
-        As in `read_scene`.
+        The same as for `read_scene`.
     texture_limit
         Pixels a side beyond which textures are scaled down; None: 4096.
     selection
@@ -73,10 +73,11 @@ def open_stage(
     Raises
     ------
     SceneError
-        No such file, no stage, or a broken one; where warnings are errors, one that refers to what cannot be read.
+        The file does not exist, is not a stage, or is broken; or it refers to files that cannot be read, and warnings
+        are errors.
     """
     warnings = warnings or Warnings()
-    with quiet():  # what OpenUSD would print is in the errors and warnings below
+    with quiet():  # the errors and warnings below contain what OpenUSD would print
         forget_changes()
         layer = _layer(str(path))
         try:
@@ -85,7 +86,7 @@ def open_stage(
             limit_textures(session, texture_limit)
             kept = [*ready_layers(layer, warnings), *ready_layers(session, warnings)]
             stage = selection.open(layer, session)
-            del kept  # the stage has those that it needs
+            del kept  # the stage keeps those that it needs
             selection.apply(stage, str(path))
         except Tf.ErrorException as error:
             raise SceneError(f"{path} cannot be read: {_reason(error)}") from None
@@ -98,7 +99,7 @@ def open_stage(
 
 
 def check_stage(stage: object) -> None:
-    """Raise SceneError for a value that is not an open stage."""
+    """Raise SceneError if a value is not an open stage."""
     if not isinstance(stage, Usd.Stage):
         raise SceneError(f"stage is {stage!r}: expected a Usd.Stage; Shot.open takes a file")
 
@@ -109,12 +110,12 @@ def up_axis(stage: Usd.Stage) -> Array:
 
 
 def listener(stage: Usd.Stage, changed: Callable[[Any, Usd.Stage], None]) -> Any:
-    """Return a listener that calls `changed` when anything on the stage changes, as long as it exists."""
+    """Return a listener that calls `changed` whenever the stage changes, as long as the listener exists."""
     return Tf.Notice.Register(Usd.Notice.ObjectsChanged, changed, stage)
 
 
 def enable_domes(stage: Usd.Stage) -> None:
-    """Let dome lights make beams, where they do not say whether they do."""
+    """Make dome lights make beams, unless they set whether they do."""
     domes = [prim for prim in prims_under(stage.GetPseudoRoot()) if is_light(prim) and is_dome(prim)]
     with Usd.EditContext(stage, stage.GetSessionLayer()):
         for prim in domes:
@@ -124,21 +125,21 @@ def enable_domes(stage: Usd.Stage) -> None:
 
 
 def time_code(frame: Any) -> Usd.TimeCode:
-    """Return a frame's number as a time code; raises SceneError where it is no finite number."""
+    """Return a frame's number as a time code; SceneError if it is not a finite number."""
     return frame if isinstance(frame, Usd.TimeCode) else Usd.TimeCode(real(frame, "frame"))
 
 
 def default_time(stage: Usd.Stage) -> Usd.TimeCode:
-    """Return the stage's start, if it has one, else the default time."""
+    """Return the stage's start if it has one, else the default time."""
     if stage.HasAuthoredMetadata("startTimeCode") and isfinite(stage.GetStartTimeCode()):
         return Usd.TimeCode(stage.GetStartTimeCode())
     return Usd.TimeCode.Default()
 
 
 def sample_times(stage: Usd.Stage, most: int) -> list[float]:
-    """Return the time codes of all time samples on a stage and some along its splines, in order.
+    """Return the time codes of all time samples on a stage, and of some points on its splines, in order.
 
-    Of more than `most`, evenly some.
+    If there are more than `most`, return an even selection.
     """
     times: set[float] = set()
     for attribute in varying_attributes(stage):
@@ -151,11 +152,11 @@ def sample_times(stage: Usd.Stage, most: int) -> list[float]:
     return [found[round(k * (len(found) - 1) / (most - 1))] for k in range(most)]
 
 
-_BETWEEN = 3  # times between two knots: a curve goes beyond both
+_BETWEEN = 3  # times between two knots: a curve may exceed both
 
 
 def _spline_times(spline: Ts.Spline, stage: Usd.Stage) -> list[float]:
-    """Return times at which a spline has knots, some in between, and the ends of the stage, to which it goes on."""
+    """Return the times of a spline's knots, of the stage's ends, and some in between."""
     ends = [stage.GetStartTimeCode(), stage.GetEndTimeCode()] if stage.HasAuthoredTimeCodeRange() else []
     ends = [code for code in ends if isfinite(code)]
     knots = {float(code) for code in spline.GetKnots().keys()}  # noqa: SIM118 (it is no mapping)
@@ -168,7 +169,7 @@ def _spline_times(spline: Ts.Spline, stage: Usd.Stage) -> list[float]:
 
 
 def extent_varies(stage: Usd.Stage) -> bool:
-    """Return whether anything but cameras may move or change its size with time."""
+    """Return whether anything except cameras may move or change its size with time."""
     sizes = ("inputs:radius", "inputs:width", "inputs:height", "inputs:length")
     for attribute in varying_attributes(stage):
         name = attribute.GetName()
@@ -189,7 +190,7 @@ def _layer(path: str) -> Sdf.Layer:
     if not resolved or not os.path.exists(Ar.SplitPackageRelativePathOuter(resolved)[0]):
         raise SceneError(f"{path}: expected a USD stage, but there is no such file")
     problem = why_unreadable(Ar.SplitPackageRelativePathOuter(resolved)[0])
-    if problem and not os.path.isdir(resolved):  # to look into a pipe may take for ever
+    if problem and not os.path.isdir(resolved):  # reading from a pipe may take for ever
         raise SceneError(f"{path} cannot be read: expected a USD stage, {problem}")
     if os.path.isdir(resolved) or not Usd.Stage.IsSupportedFile(resolved):
         raise SceneError(f"{path} is not a USD stage: expected a .usd, .usda, .usdc or .usdz file")
@@ -200,19 +201,19 @@ def _layer(path: str) -> Sdf.Layer:
     if not layer:
         raise SceneError(f"{path} cannot be read: expected a USD stage")
     if not layer.dirty:
-        layer.Reload()  # OpenUSD keeps what it once read, also of a file that was written again
+        layer.Reload()  # OpenUSD caches layers, also of files that were written again
     return layer
 
 
 def check_not_read(stage: Usd.Stage, path: str | os.PathLike[str]) -> None:
-    """Raise SceneError for an output that would replace a file that the stage is made of."""
+    """Raise SceneError if an output would replace a file that the stage is read from."""
     mine = os.path.realpath(path)
     if any(layer.realPath and os.path.realpath(layer.realPath) == mine for layer in stage.GetUsedLayers()):
         raise SceneError(f"{path} is a file that the stage is read from: expected another file to write to")
 
 
 def _reason(error: Any) -> str:
-    """Return OpenUSD's message, with the line of the file first, without its own source lines."""
+    """Return OpenUSD's message with the file's line number first, and without OpenUSD's own source lines."""
     if old := re.search(
         r"with obsolete version (\S+)\. The oldest version this software supports is ([\d.]*\d)", str(error)
     ):

@@ -15,8 +15,8 @@ from .reading import Reading, file_of
 from .warnings import Warnings
 
 EYES = ("left", "right")
-_EYE_DISTANCE = 0.065  # metres: between the eyes of people
-# What two eyes of a pair must have alike.
+_EYE_DISTANCE = 0.065  # metres, between human eyes
+# Attributes that must be the same for the two eyes of a pair.
 _ALIKE = (
     *("projection", "focalLength", "horizontalAperture", "verticalAperture", "fStop", "focusDistance"),
     *("shutter:open", "shutter:close"),
@@ -26,20 +26,20 @@ _ALIKE = (
 
 @dataclass(frozen=True)
 class Stereo:
-    """How one camera becomes two eyes; a pair of prims needs neither number.
+    """How one camera becomes two eyes; a pair of camera prims needs neither value.
 
     Attributes
     ----------
     interaxial
-        Distance of the eyes in scene units; None: 65 mm.
+        Distance between the eyes in scene units; None: 65 mm.
     convergence
-        Distance at which both eyes see the same place in the middle, scene units; None: the camera's focus distance,
-        and where it has none, infinitely far.
+        Distance in scene units at which both eyes see the same point in the middle of the picture; None: the camera's
+        focus distance, or infinity if it has none.
 
     Raises
     ------
     SceneError
-        An interaxial distance that is negative or beyond 1e12, a convergence that is not above 0.
+        The interaxial distance is negative or beyond 1e12, or the convergence is not above 0.
     """
 
     interaxial: float | None = None
@@ -58,7 +58,7 @@ class Stereo:
 
 
 def check_stereo(stereo: object) -> None:
-    """Raise SceneError for what is neither a `Stereo` nor None."""
+    """Raise SceneError if a value is neither a `Stereo` nor None."""
     if not (stereo is None or isinstance(stereo, Stereo)):
         raise SceneError(f"stereo is {stereo!r}: expected a Stereo, such as Stereo(interaxial=0.065, convergence=3)")
 
@@ -66,17 +66,18 @@ def check_stereo(stereo: object) -> None:
 def read_eyes(
     stage: Usd.Stage, name: str | None, stereo: Stereo, time: Any = None, warnings: Warnings | None = None
 ) -> tuple[Camera, Camera]:
-    """Return the cameras of the left and of the right eye; `warnings` as in `read_scene`.
+    """Return the cameras of the left and the right eye; `warnings` is the same as for `read_scene`.
 
-    A camera with a stereoRole is one of a pair, whose other is the camera with the other role beside it, or the only
-    one on the stage. Any other camera is split: both eyes look along its axis, and their apertures are shifted so that
-    what is at the convergence distance has no disparity. Toed-in eyes would show verticals of different heights.
+    A camera with a stereoRole is one of a pair; its partner is the camera with the other role beside it, or the only
+    such camera on the stage. Any other camera is split: both eyes look along its axis, and their apertures are shifted
+    so that objects at the convergence distance have no disparity. Toed-in eyes would show verticals of different
+    heights.
 
     Raises
     ------
     SceneError
-        A stereoRole without its partner, or partners whose pictures do not fit each other; of a camera that is split,
-        parallel rays, or eyes that converge nearer than they can.
+        A camera with a stereoRole has no partner, or the pictures of partners do not fit each other; a camera to split
+        is orthographic, or its eyes would converge nearer than they can.
     """
     prim = chosen_camera(stage, name, warnings)
     role = _role(prim)
@@ -94,12 +95,12 @@ def read_eyes(
 
 
 def is_eye(stage: Usd.Stage, name: str | None) -> bool:
-    """Return whether a camera says of itself that it is one of two eyes."""
+    """Return whether a camera has the stereoRole of one of two eyes."""
     return _role(chosen_camera(stage, name)) in EYES
 
 
 def usual_interaxial(stage: Usd.Stage) -> float:
-    """Return the distance of people's eyes in scene units."""
+    """Return the distance between human eyes in scene units."""
     return _EYE_DISTANCE / float(UsdGeom.GetStageMetersPerUnit(stage))
 
 
@@ -108,12 +109,12 @@ def _role(prim: Usd.Prim) -> str:
 
 
 def views_of(stereo: Stereo | None, view: str | None) -> list[str]:
-    """Return the views of a frame: both eyes, or the one that is asked for, or "" for a camera that is no eye.
+    """Return the views of a frame: both eyes, or the requested one, or "" for a camera that is not split.
 
     Raises
     ------
     SceneError
-        A view that is none of theirs.
+        There is no such view.
     """
     if view is not None and (stereo is None or view not in EYES):
         expected = f"one of {', '.join(EYES)}" if stereo is not None else "none, because the shot has one camera"
@@ -122,7 +123,7 @@ def views_of(stereo: Stereo | None, view: str | None) -> list[str]:
 
 
 def _check_pair(reading: Reading, left: Usd.Prim, right: Usd.Prim) -> None:
-    """Raise SceneError for two eyes that differ in authored attributes other than their transforms."""
+    """Raise SceneError if two eyes differ in attributes other than their transforms."""
     for name in _ALIKE:
         a, b = (reading.value(prim, name) for prim in (left, right))
         if a != b:
@@ -146,20 +147,20 @@ def _partner(stage: Usd.Stage, prim: Usd.Prim, role: str) -> Usd.Prim:
 
 
 def split(camera: Camera, stereo: Stereo, meters_per_unit: float, name: str) -> tuple[Camera, Camera]:
-    """Return the two eyes that a camera becomes; `name` is what messages call the camera.
+    """Split a camera into two eyes; messages call the camera `name`.
 
     Raises
     ------
     SceneError
-        An orthographic camera; eyes that converge nearer than they can.
+        The camera is orthographic, or the eyes would converge nearer than they can.
     """
     half = 0.5 * (_EYE_DISTANCE / meters_per_unit if stereo.interaxial is None else stereo.interaxial)
-    if camera.orthographic:  # all that an eye's place would change is a shift of the picture, the same at all depths
+    if camera.orthographic:  # another place would only shift its picture, equally at all depths
         raise SceneError(f"{name} is orthographic: expected a perspective camera to be split into two eyes")
     convergence = stereo.convergence or camera.focus_distance or np.inf
-    # The plane of convergence is seen `half` beside the eye's own axis. At a depth z the eyes see intervals of width
-    # w z / f, whose middles are 2 half |z / convergence - 1| apart. With the aperture shifted by its width w or more,
-    # half f / convergence >= w, they have nothing in common from twice the convergence on, nor before two thirds of it.
+    # The middle of the convergence plane is `half` beside each eye's own axis. At a depth z the eyes see intervals of
+    # width w z / f, whose middles are 2 half |z / convergence - 1| apart. If the aperture is shifted by its width w or
+    # more, half f / convergence >= w, the intervals do not overlap beyond twice the convergence or before two thirds.
     shift = half * camera.focal_length / convergence
     if shift > camera.horizontal_aperture:
         least = half * camera.focal_length / camera.horizontal_aperture

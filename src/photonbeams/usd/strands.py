@@ -1,4 +1,4 @@
-"""BasisCurves, NurbsCurves and HermiteCurves as strands: points along each curve, as dense as it bends."""
+"""Read BasisCurves, NurbsCurves and HermiteCurves as strands: points along curves, denser where these bend more."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from .reading import Reading
 from .splines import BASES, WRAPS, Spans, expected_points, span_counts, varying_counts
 from .velocities import carried
 
-_TURN = np.radians(12.0)  # of a piece, at most
+_TURN = np.radians(12.0)  # the most that a piece turns
 _MOST_PIECES = 16  # of a span
 
 
 @dataclass(frozen=True)
 class Strands:
-    """Points (N, 3) along curves, curve after curve, and how their primvars are looked up.
+    """Points (N, 3) along curves, one curve after another, and how their primvars are looked up.
 
     Attributes
     ----------
@@ -53,9 +53,10 @@ class Strands:
 
 
 def read_strands(reading: Reading, prim: Usd.Prim, most: int) -> Strands | None:
-    """Return the curves of a prim in its own space, or None, with a warning, where there are none.
+    """Return the curves of a prim in its own space, or None, with a warning, if there are none.
 
-    `most` is how many points they shall have, about; curves are left out, evenly, only where there are more of them.
+    `most` is about the most points that they may have; an even selection of the curves is left out only if these have
+    more points by themselves.
     """
     found = read_points(reading, prim)
     if found is None:
@@ -74,12 +75,12 @@ def read_strands(reading: Reading, prim: Usd.Prim, most: int) -> Strands | None:
 
 
 def read_points(reading: Reading, prim: Usd.Prim) -> tuple[Reading, Array, Array] | None:
-    """Return the points of curves and how many each has, with the reading of their sample; None, warned, of no points.
+    """Return the reading of the curves' time sample, their points, and how many each has; None without points.
 
     Raises
     ------
     SceneError
-        Counts that are not those of the points.
+        The counts do not sum to the number of points.
     """
     moved = carried(reading, prim)
     sample = moved.reading if moved is not None else reading
@@ -95,7 +96,7 @@ def read_points(reading: Reading, prim: Usd.Prim) -> tuple[Reading, Array, Array
 
 
 def _thinned(reading: Reading, prim: Usd.Prim, counts: Array, chosen: Array, most: int) -> Array:
-    """Return the chosen curves, or every n-th of them where their points alone are too many."""
+    """Return the chosen curves, or every n-th of them if they have too many points."""
     step = -(-int(counts[chosen].sum()) // most)
     if step < 2:
         return chosen
@@ -123,7 +124,7 @@ def _basis(points: Array, counts: Array, chosen: Array, kind: str, wrap: str, mo
 
 
 def _pieces(controls: Array, most: int) -> Array:
-    """Return how many pieces each span takes, from its control points (S, K, 3): a curve turns less than they do."""
+    """Return how many pieces each span needs, from its control points (S, K, 3): a curve turns less than they do."""
     steps = unit(np.diff(controls, axis=1))
     cosines = np.einsum("ski,ski->sk", steps[:, 1:], steps[:, :-1]).clip(-1, 1)
     wanted = np.clip(np.ceil(np.arccos(cosines).sum(axis=1) / _TURN), 1, _MOST_PIECES).astype(np.int64)
@@ -131,7 +132,7 @@ def _pieces(controls: Array, most: int) -> Array:
 
 
 def _hermite(reading: Reading, prim: Usd.Prim, points: Array, counts: Array, most: int) -> Strands | None:
-    """Return Hermite curves, as Bézier curves whose inner control points the tangents give."""
+    """Return Hermite curves as Bézier curves, whose inner control points follow from the tangents."""
     directions = reading.array(prim, "tangents", 3)
     if directions is None or len(directions) != len(points):
         count = 0 if directions is None else len(directions)
@@ -148,7 +149,7 @@ def _hermite(reading: Reading, prim: Usd.Prim, points: Array, counts: Array, mos
 
 
 def _nurbs(reading: Reading, prim: Usd.Prim, points: Array, counts: Array) -> Strands | None:
-    """Return NURBS curves, evaluated between the ends of their ranges."""
+    """Return NURBS curves, evaluated within their ranges."""
     from scipy import sparse  # takes long to import
     from scipy.interpolate import BSpline
 
@@ -191,7 +192,7 @@ def _nurbs(reading: Reading, prim: Usd.Prim, points: Array, counts: Array) -> St
 
 
 def basis_of(reading: Reading, prim: Usd.Prim) -> tuple[str, str]:
-    """Return "linear" or the basis of cubic curves, and how they wrap."""
+    """Return the basis of cubic curves, or "linear", and how the curves wrap."""
     linear = reading.value(prim, "type", "cubic") == "linear"
     basis, wrap = str(reading.value(prim, "basis", "bezier")), str(reading.value(prim, "wrap", "nonperiodic"))
     if not linear and basis not in BASES:
@@ -202,6 +203,6 @@ def basis_of(reading: Reading, prim: Usd.Prim) -> tuple[str, str]:
 
 
 def floats(reading: Reading, prim: Usd.Prim, name: str) -> Array:
-    """Return an array of numbers, (N,), empty where there is none."""
+    """Return an array of numbers, (N,), empty if there is none."""
     found = reading.array(prim, name, 1)
     return np.zeros(0) if found is None else found[:, 0]

@@ -1,4 +1,4 @@
-"""Subdivision meshes of a stage, refined to the limit surface as UsdGeomMesh describes it."""
+"""Refine subdivision meshes of a stage to the limit surface, as UsdGeomMesh describes it."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from .reading import Reading
 from .refinement import SHARP, Topology
 from .strands import floats
 
-# Faces of a mesh after refinement, at most: more would fill memory, and meshes as dense as this are smooth already.
+# The most faces of a mesh after refinement: more would fill memory, and meshes as dense as this are already smooth.
 MOST_FACES = 250_000
-_SHARPEST = 10.0  # from here on a sharpness is infinite, as in OpenSubdiv
+_SHARPEST = 10.0  # a sharpness from here on is infinite, as in OpenSubdiv
 
 
 def subdivided(reading: Reading, prim: Usd.Prim, polygons: Polygons, scheme: str, level: int) -> Polygons:
-    """Return a subdivision mesh refined so often, its points on the limit surface, with normals.
+    """Return a subdivision mesh refined `level` times, with its points on the limit surface, and normals.
 
-    Polygons that no rule changes, such as single quads, are returned as they are, and so are meshes that are dense.
+    Polygons that no rule changes, such as single quads, are returned as they are, and so are dense meshes.
     """
     if scheme == "loop" and np.any(polygons.counts != 3):
         reading.warn(prim, "is 'loop': expected only triangles; the mesh is not subdivided", "subdivisionScheme")
@@ -45,13 +45,13 @@ def subdivided(reading: Reading, prim: Usd.Prim, polygons: Polygons, scheme: str
 
 
 def _connected(reading: Reading, prim: Usd.Prim, topology: Topology) -> bool:
-    """Return whether faces share points, or have corners that are rounded: single faces stay as they are."""
+    """Return whether faces share points or have rounded corners; other faces stay as they are."""
     rounded = reading.value(prim, "interpolateBoundary", "edgeAndCorner") != "edgeAndCorner"
     return rounded or bool(np.any(topology.face_counts() > 1))
 
 
 def _repeats(cage: Polygons) -> bool:
-    """Return whether a face has the same point twice in a row: there, the rules of subdivision do not hold."""
+    """Return whether a face has the same point twice in a row, for which the rules of subdivision do not hold."""
     ends = np.cumsum(cage.counts)
     following = np.roll(cage.indices, -1)
     following[ends - 1] = cage.indices[ends - cage.counts]
@@ -76,7 +76,7 @@ def _topology(reading: Reading, prim: Usd.Prim, cage: Polygons, loop: bool) -> T
 
 
 def _creases(reading: Reading, prim: Usd.Prim, flat: Topology) -> Array:
-    """Return the sharpness of the edge behind each face vertex, (C,)."""
+    """Return the sharpness of the edge from each face vertex to the next, (C,)."""
     result = np.zeros(len(flat.indices))
     indices, lengths = reading.integers(prim, "creaseIndices"), reading.integers(prim, "creaseLengths")
     if not len(lengths):
@@ -104,7 +104,7 @@ def _creases(reading: Reading, prim: Usd.Prim, flat: Topology) -> Array:
 
 
 def _sharpness(reading: Reading, prim: Usd.Prim, name: str, count: int) -> Array | None:
-    """Return so many sharpnesses, or None, with a warning where there are others."""
+    """Return `count` sharpnesses, or None, with a warning if their number is another."""
     if not count:
         return None
     values = floats(reading, prim, name)
@@ -115,17 +115,17 @@ def _sharpness(reading: Reading, prim: Usd.Prim, name: str, count: int) -> Array
 
 
 class _Refined:
-    """A mesh at some level, with its topology, and the face of the cage that each face lies in."""
+    """A mesh at some level, with its topology, and the face of the cage that contains each face."""
 
     def __init__(self, polygons: Polygons, topology: Topology, parents: Array | None = None) -> None:
         self.polygons, self.topology = polygons, topology
         self.parents = np.arange(len(polygons.counts)) if parents is None else parents
 
     def to(self, level: int, channels: str) -> _Refined:
-        """Return the mesh so many levels on, or as many as memory takes, moved to the limit."""
+        """Return the mesh refined `level` times, or as often as memory allows, moved to the limit."""
         if not level or _children(self.topology) > MOST_FACES:
             return self
-        # Normals of the cage say nothing of the surface: UsdGeomMesh has none on subdivision meshes.
+        # Normals of the cage are not those of the surface: UsdGeomMesh ignores them on subdivision meshes.
         refined = _Refined(replace(self.polygons, normals=None), self.topology, self.parents)
         seams = {name: _Seams.of(values, self.topology, channels) for name, values in _face_varying(refined.polygons)}
         while level and _children(refined.topology) <= MOST_FACES:
@@ -160,7 +160,7 @@ class _Refined:
         return _Refined(replace(self.polygons, **changes), self.topology, self.parents)
 
     def smoothed(self) -> Polygons:
-        """Return the polygons, with normals that are split at sharp edges if there are any inside."""
+        """Return the polygons, with normals that are split at sharp inner edges, if there are any."""
         topology, polygons = self.topology, self.polygons
         if polygons.normals is not None or not topology.creased:
             return replace(polygons, smooth=True)
@@ -175,7 +175,7 @@ class _Refined:
 
 
 class _Seams:
-    """Face-varying values as points of a mesh of their own, which is open where values differ between faces."""
+    """Face-varying values as the points of a mesh of their own, which has seams where values differ between faces."""
 
     def __init__(self, values: Array, topology: Topology, linear: bool) -> None:
         self.values, self.topology, self.linear = values, topology, linear

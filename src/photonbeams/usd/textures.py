@@ -1,4 +1,4 @@
-"""Image files of stages as scene-linear pixels; their paths resolved by the stage's asset resolver."""
+"""Read image files of stages as scene-linear pixels; the stage's asset resolver finds the files."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ _LIMIT = "photonbeams:textureLimit"
 
 
 def read_image(reading: Reading, prim: Usd.Prim, name: str, space: str = "auto") -> Array | None:
-    """Return the image that an asset attribute names, (H, W, C) float32, first row on top; None where it names none.
+    """Return the image that an asset attribute names, (H, W, C) float32, first row on top; None if it names none.
 
     Parameters
     ----------
     space
-        A colour space, "raw" (as it is), or "auto": sRGB for 8-bit images of three or four channels, as UsdUVTexture
-        has it. What the attribute says of itself (`colorSpace`) wins over "auto".
+        A colour space, "raw" (unchanged), or "auto": sRGB for 8-bit images of three or four channels, as UsdUVTexture
+        defines it. The attribute's own `colorSpace` overrides "auto".
 
     Raises
     ------
     SceneError
-        An image that is not there or cannot be decoded.
+        The image does not exist or cannot be decoded.
     """
-    # Images of lights go around the whole scene, or are thrown large: they have twice the limit.
+    # Images of lights surround the scene or are projected large, so they have twice the limit.
     pixels, problem = find_image(reading, prim, name, space, 2 * texture_limit(reading.stage))
     if problem:
         raise reading.fail(prim, name, problem)
@@ -42,7 +42,7 @@ def read_image(reading: Reading, prim: Usd.Prim, name: str, space: str = "auto")
 def find_image(
     reading: Reading, prim: Usd.Prim, name: str, space: str = "auto", limit: int | None = None
 ) -> tuple[Array | None, str]:
-    """Return the image as `read_image` does, or None and what is wrong with it: "names …: expected …"."""
+    """Return the image as `read_image` does and "", or None and an error: "names …: expected …"."""
     asset = reading.value(prim, name)
     if asset is not None and not isinstance(asset, Sdf.AssetPath | str):
         return None, f"is {asset}: expected an asset, @image@"
@@ -57,7 +57,7 @@ def find_image(
 
 
 def known_space(reading: Reading, prim: Usd.Prim, name: str, space: str = "auto") -> str:
-    """Return OpenUSD's name of a colour space, AUTO or RAW; with a warning, AUTO instead of one that is not known."""
+    """Return OpenUSD's name of a colour space, AUTO or RAW; for an unknown one AUTO, with a warning."""
     attribute = prim.GetAttribute(name)
     if color_space(space) == AUTO and attribute and attribute.HasColorSpace():
         space = str(attribute.GetColorSpace())
@@ -70,7 +70,7 @@ def known_space(reading: Reading, prim: Usd.Prim, name: str, space: str = "auto"
 def image_at(
     reading: Reading, prim: Usd.Prim, name: str, path: str, space: str, limit: int | None = None
 ) -> tuple[Array | None, str]:
-    """Return the image in a file, or None and what is wrong with it; one beyond the limit is scaled down."""
+    """Return the image in a file and "", or None and an error; an image beyond the limit is scaled down."""
     most = limit or texture_limit(reading.stage)
     key = ("image", path, space, most)
     if key not in reading.cache:
@@ -89,7 +89,7 @@ def image_at(
 
 
 def texture_limit(stage: Usd.Stage) -> int:
-    """Return how many pixels a side a texture may have."""
+    """Return the stage's limit on textures, in pixels a side."""
     session = stage.GetSessionLayer()
     return int(session.customLayerData.get(_LIMIT, TEXTURE_LIMIT)) if session else TEXTURE_LIMIT
 
@@ -101,19 +101,19 @@ def limit_textures(session: Sdf.Layer, limit: int | None) -> None:
 
 
 def stamp(path: str) -> tuple[int, int]:
-    """Return a stamp of a file that changes when it is written again."""
+    """Return a value that changes when a file is written again: its time and size."""
     status = Path(Ar.SplitPackageRelativePathOuter(path)[0]).stat()
     return status.st_mtime_ns, status.st_size
 
 
-# A shutter is read at many times: the images are then the same objects, decoded once.
+# A shutter is read at many times: images are decoded once, and are then the same objects.
 @lru_cache(maxsize=64)
 def _image(path: str, _stamp: tuple[int, int], space: str, limit: int) -> Decoded:
-    """Return a file's image, scene-linear, or the decoder's complaint."""
+    """Return a file's image, scene-linear, or the decoder's error."""
     linearize = partial(_linear, space=space)
     if not Ar.IsPackageRelativePath(path):
         return decoded(path, linearize, limit)
-    # OpenImageIO reads files: what lies in a .usdz is unpacked for it.
+    # OpenImageIO reads only files, so images in a .usdz are unpacked for it.
     asset = Ar.GetResolver().OpenAsset(Ar.ResolvedPath(path))
     if not asset:
         return Decoded(None, error="it is not in the package")
@@ -125,7 +125,7 @@ def _image(path: str, _stamp: tuple[int, int], space: str, limit: int) -> Decode
 
 
 def _linear(pixels: Array, kind: str, space: str) -> Array:
-    """Return stored pixels of a colour space as scene-linear Rec.709."""
+    """Convert stored pixels from a colour space to scene-linear Rec.709."""
     if space in (AUTO, RAW, SRGB):
         return linear(pixels, kind, "sRGB" if space == SRGB else space)
     colors = to_linear(rgb(pixels), space).astype(np.float32)
@@ -133,9 +133,9 @@ def _linear(pixels: Array, kind: str, space: str) -> Array:
 
 
 def resolved(reading: Reading, asset: Sdf.AssetPath) -> str:
-    """Return an asset's path, "" where there is no such file.
+    """Return the path of an asset's file, or "" if there is none.
 
-    One that was given in the session (`--set`) is relative to the stage's own file.
+    An asset that was given in the session (`--set`) is relative to the stage's own file.
     """
     if asset.resolvedPath:
         return str(asset.resolvedPath)

@@ -1,6 +1,6 @@
-"""Polygons to triangles: fans for convex faces, ear clipping (Meisters 1975) for the others.
+"""Triangulate polygons: fans for convex faces, ear clipping (Meisters 1975) for the others.
 
-Triangles are told as corners, that is indices into the mesh's list of face vertices, so that values of every
+Triangles are returned as corners, which are indices into the mesh's list of face vertices, so that values of every
 interpolation can be looked up afterwards.
 """
 
@@ -35,7 +35,7 @@ def triangulate(counts: Array, indices: Array, points: Array) -> tuple[Array, Ar
         own = offsets[chosen][:, None] + np.arange(size)  # (K, size)
         polygons = points[indices[own]] / scale  # (K, size, 3)
         normals = polygon_normals(polygons)
-        # Float32 points of extent 1 are rounded to about 1e-7: an area below 1e-14 is a rounding error squared.
+        # Float32 points of extent 1 are rounded to about 1e-7, so an area below 1e-14 is a rounding error squared.
         solid = np.linalg.norm(normals, axis=1) > 1e-14
         dropped += int(np.count_nonzero(~solid))
         chosen, own, polygons, normals = chosen[solid], own[solid], polygons[solid], normals[solid]
@@ -53,13 +53,13 @@ def triangulate(counts: Array, indices: Array, points: Array) -> tuple[Array, Ar
 
 
 def polygon_normals(polygons: Array) -> Array:
-    """Return Newell normals (K, 3) of polygons (K, N, 3); their length is the polygon's area."""
+    """Return Newell normals (K, 3) of polygons (K, N, 3); their lengths are the polygons' areas."""
     centered = polygons - polygons[:, :1]
     return 0.5 * np.cross(centered, np.roll(centered, -1, axis=1)).sum(axis=1)
 
 
 def _split(polygons: Array, normals: Array) -> tuple[Array, Array]:
-    """Return triangles (T, 3) of polygons of one size, as indices of their vertices, and their polygon (T,)."""
+    """Split polygons of one size; return triangles (T, 3), as indices of vertices, and their polygons (T,)."""
     count, size = polygons.shape[:2]
     fan = np.stack([np.zeros(size - 2, int), np.arange(1, size - 1), np.arange(2, size)], axis=1)  # (size - 2, 3)
     local = np.tile(fan, (count, 1, 1))
@@ -73,7 +73,7 @@ def _split(polygons: Array, normals: Array) -> tuple[Array, Array]:
 
 
 def _flattened(polygon: Array, normal: Array) -> Array:
-    """Return a polygon (N, 3) in the plane of its normal, (N, 2), counter-clockwise."""
+    """Project a polygon (N, 3) onto the plane of its normal: (N, 2), counter-clockwise."""
     axis = normal / np.linalg.norm(normal)
     helper = np.eye(3)[np.argmin(np.abs(axis))]
     right = np.cross(helper, axis)
@@ -82,7 +82,7 @@ def _flattened(polygon: Array, normal: Array) -> Array:
 
 
 def ear_clipped(polygon: Array) -> Array:
-    """Return triangles (N − 2, 3) of a counter-clockwise polygon (N, 2), which may have holes cut in by bridges."""
+    """Return triangles (N − 2, 3) of a counter-clockwise polygon (N, 2), which may have holes connected by bridges."""
     remaining = list(range(len(polygon)))
     triangles = []
     while len(remaining) > 3:
@@ -93,7 +93,7 @@ def ear_clipped(polygon: Array) -> Array:
 
 
 def _ear(polygon: Array, remaining: list[int]) -> int:
-    """Return the position in `remaining` of the vertex to cut off: an ear, of those the best shaped."""
+    """Return the position in `remaining` of the vertex to cut off: the best-shaped ear."""
     ring = polygon[remaining]
     before, after = np.roll(ring, 1, axis=0), np.roll(ring, -1, axis=0)
     turn = _cross(ring - before, after - ring)  # (N,) twice the area of the triangle at each vertex
@@ -105,12 +105,12 @@ def _ear(polygon: Array, remaining: list[int]) -> int:
         triangle = np.stack([before[position], ring[position], after[position]])
         if not _any_inside(triangle, ring):
             return int(position)
-    # The polygon crosses itself, or what remains is flat: any cut ends.
+    # The polygon crosses itself, or the rest is flat: cut anywhere, so that the loop ends.
     return int(np.argmax(turn))
 
 
 def _any_inside(triangle: Array, points: Array) -> bool:
-    """Return whether one of the points lies in a counter-clockwise triangle, its own corners apart."""
+    """Return whether a point other than its corners lies in a counter-clockwise triangle."""
     a, b, c = triangle
     inside = (_cross(b - a, points - a) >= 0) & (_cross(c - b, points - b) >= 0) & (_cross(a - c, points - c) >= 0)
     corner = (points[:, None, :] == triangle[None]).all(axis=2).any(axis=1)

@@ -1,4 +1,4 @@
-"""Curves and points as surfaces: tubes, ribbons, spheres and discs."""
+"""Convert curves and points to surfaces: tubes, ribbons, spheres and discs."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from .reading import Reading
 from .strands import Strands, read_strands
 from .velocities import carried
 
-# Triangles of a prim at most: hair and particles come in millions, each needs few.
+# The most triangles of a prim: hair and particles come in millions, and each needs few.
 _MOST_TRIANGLES = 1_000_000
 _SIDES = (12, 8, 6, 4, 3)  # of a tube
 _SPHERES = (4, 3, 2, 1, 0)  # subdivisions of an octahedron
 _DISC = 8  # corners
-_ALONG = 0.05  # sine of the angle to a curve below which a normal lies along it
-_THINNEST = 1 / 500  # of the extent: the width of curves and points that have none
+_ALONG = 0.05  # a normal is parallel to a curve if the sine of the angle between them is below this
+_THINNEST = 1 / 500  # width of curves and points without widths, as a fraction of the extent
 
 
 def read_tubes(reading: Reading, prim: Usd.Prim) -> Tessellation | None:
-    """Return curves as tubes, or as ribbons where they have normals; None, with a warning, where there are none."""
+    """Return curves as tubes, or as ribbons if they have normals; None, with a warning, if there are none."""
     strands = read_strands(reading, prim, _MOST_TRIANGLES // (2 * _SIDES[-1]))
     if strands is None:
         return None
@@ -43,7 +43,7 @@ def read_tubes(reading: Reading, prim: Usd.Prim) -> Tessellation | None:
 
 
 def read_spheres(reading: Reading, prim: Usd.Prim) -> Tessellation | None:
-    """Return points as spheres, or as discs where they have normals; None, with a warning, where there are none."""
+    """Return points as spheres, or as discs if they have normals; None, with a warning, if there are none."""
     moved = carried(reading, prim)
     points = moved.points if moved is not None else reading.array(prim, "points", 3)
     if points is None:
@@ -83,7 +83,7 @@ def read_spheres(reading: Reading, prim: Usd.Prim) -> Tessellation | None:
 
 
 def _widths(reading: Reading, prim: Usd.Prim, points: Array, lengths: dict[str, int]) -> Values:
-    """Return the widths, which are diameters; where there are none, thin ones, as viewports draw them."""
+    """Return the widths, which are diameters, or thin ones if there are none, as viewports draw them."""
     primvar = UsdGeom.PrimvarsAPI(prim).GetPrimvar("widths")
     if primvar and primvar.HasValue():
         found = read_primvar(reading, prim, primvar, 1, lengths, any_fitting=True)
@@ -107,7 +107,7 @@ def _normals(reading: Reading, prim: Usd.Prim, lengths: dict[str, int]) -> Value
 
 
 def _tubes(strands: Strands, radii: Array, sides: int) -> tuple[Polygons, Array]:
-    """Return triangles around the strands, and the strands' point of each of their points."""
+    """Return triangles around the strands, and the strands' point for each vertex."""
     first, last = _segments(strands.curve, strands.closed)
     tangents = _tangents(strands.points, first, last)
     across = _transported(tangents, strands.curve)
@@ -122,16 +122,16 @@ def _tubes(strands: Strands, radii: Array, sides: int) -> tuple[Polygons, Array]
 
 
 def _sides(strands: Strands, normals: Array) -> Array | None:
-    """Return directions across the curves in which ribbons that face the normals extend, (N, 3).
+    """Return the directions across the curves in which ribbons that face the normals extend, (N, 3).
 
-    None where most normals lie along their curves, as those of hair do that has the normals of the skin under it: they
-    say nothing of how a ribbon faces.
+    Return None if most normals are parallel to their curves, as on hair that carries the normals of the skin: they do
+    not tell how a ribbon faces.
     """
     across = np.cross(_tangents(strands.points, *_segments(strands.curve, strands.closed)), unit(normals))
     known = np.linalg.norm(across, axis=1) > _ALONG
     if np.count_nonzero(known) <= 0.5 * len(known):
         return None
-    # A point whose normal lies along the curve has the direction of the nearest one before it, or after it.
+    # A point whose normal is parallel to the curve takes the direction of the nearest one before it, or after it.
     order = np.arange(len(known))
     before = np.maximum.accumulate(np.where(known, order, -1))
     after = np.minimum.accumulate(np.where(known, order, len(known))[::-1])[::-1].clip(max=len(known) - 1)
@@ -140,7 +140,7 @@ def _sides(strands: Strands, normals: Array) -> Array | None:
 
 
 def _ribbons(strands: Strands, sides: Array, normals: Array) -> tuple[Polygons, Array]:
-    """Return flat bands that face the normals, and the strands' point of each of their points."""
+    """Return flat bands that face the normals, and the strands' point for each vertex."""
     first, last = _segments(strands.curve, strands.closed)
     points = np.stack([strands.points - sides, strands.points + sides], axis=1)
     facing = np.repeat(unit(normals)[:, None], 2, axis=1)
@@ -168,7 +168,7 @@ def _segments(curve: Array, closed: bool) -> tuple[Array, Array]:
 
 
 def _tangents(points: Array, first: Array, last: Array) -> Array:
-    """Return the direction of the curve at each point, (N, 3): the mean of the segments that meet there."""
+    """Return the direction of the curve at each point, (N, 3): the mean of the adjacent segments."""
     directions = unit(points[last] - points[first])
     sums = np.zeros_like(points)
     np.add.at(sums, first, directions)
@@ -179,7 +179,7 @@ def _tangents(points: Array, first: Array, last: Array) -> Array:
 
 
 def _transported(tangents: Array, curve: Array) -> Array:
-    """Return a direction across each tangent that turns as little as it can along the curve."""
+    """Return a direction across each tangent that turns as little as possible along the curve."""
     result = np.cross(tangents, np.eye(3)[np.argmin(np.abs(tangents), axis=1)])
     begins = np.flatnonzero(np.diff(curve, prepend=-1))
     sizes = np.diff(np.append(begins, len(curve)))
@@ -201,7 +201,7 @@ def _copies(points: Array, normals: Array, faces: Array) -> Polygons:
 
 
 def _sphere(level: int) -> tuple[Array, Array]:
-    """Return directions (K, 3) and triangles (T, 3) of an octahedron whose faces are cut into four, level times."""
+    """Return directions (K, 3) and triangles (T, 3) of an octahedron whose faces are quartered `level` times."""
     points = np.concatenate([np.eye(3), -np.eye(3)])
     faces = np.array([[0, 1, 2], [1, 3, 2], [3, 4, 2], [4, 0, 2], [1, 0, 5], [3, 1, 5], [4, 3, 5], [0, 4, 5]])
     for _ in range(level):

@@ -1,4 +1,4 @@
-"""What a stage says to photonbeams and nothing reads: misspelt attributes, and prims that are not there."""
+"""Warn about what a stage sets for photonbeams without effect: misspelt attributes, and missing prims."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from .reading import Reading, prims_under
 from .settings import PIXEL_FILTER
 from .warnings import Warnings
 
-_MOST_PATHS = 10_000  # among which the one that was meant is looked for
+_MOST_PATHS = 10_000  # among which to look for the intended one
 
 
 def warn_of_unread(stage: Usd.Stage, warnings: Warnings) -> None:
-    """Warn of photonbeams' attributes that their prims do not have, and of those of prims that are only `over`."""
+    """Warn about photonbeams' attributes that their prims cannot have, and about `over`s of missing prims."""
     reading = Reading(stage, warnings=warnings)
     with warnings.together():
         _warn(reading)
@@ -35,7 +35,7 @@ def _warn(reading: Reading) -> None:
             prototypes = _prototypes(stage) if prototypes is None else prototypes
             if not any(path in prototypes for path in prim.GetPath().GetPrefixes()):
                 reading.warn(prim, f"is an `over` of a prim that is not there: its values are ignored{_meant(prim)}")
-        elif prim.GetTypeName() != "PhotonBeamsLook":  # which tell themselves
+        elif prim.GetTypeName() != "PhotonBeamsLook":  # looks are checked when they are read
             for name in said:
                 if name not in _known(prim):
                     reading.warn_of_unknown(prim, name, _known(prim))
@@ -65,14 +65,14 @@ def _applied(prim: Usd.Prim) -> bool:
 
 
 def _prototypes(stage: Usd.Stage) -> frozenset[Sdf.Path]:
-    """Return the paths of the prototypes of point instancers, which may be `over`."""
+    """Return the paths of the prototypes of point instancers, which may be `over`s."""
     instancers = (prim for prim in prims_under(stage.GetPseudoRoot()) if prim.IsA(UsdGeom.PointInstancer))
     targets = (prim.GetRelationship("prototypes").GetForwardedTargets() for prim in instancers)
     return frozenset(path for paths in targets for path in paths)
 
 
 def _meant(prim: Usd.Prim) -> str:
-    """Return which prim an `over` was probably meant for, as the end of a sentence."""
+    """Return the prim that an `over` was probably meant for, as the end of a sentence."""
     paths = [str(each.GetPath()) for each in islice(prims_under(prim.GetStage().GetPseudoRoot()), 1, _MOST_PATHS)]
     own, same = str(prim.GetPath()), [path for path in paths if path.rpartition("/")[2] == prim.GetName()]
     near = get_close_matches(own, same, 1, 0) or get_close_matches(own, paths, 1, 0.75)

@@ -1,7 +1,7 @@
-"""Points that velocities carry on from a time sample, as UsdGeomPointBased has them.
+"""Move points by their velocities from a time sample, as UsdGeomPointBased defines it.
 
-Caches whose topology changes from frame to frame have nothing else to blur by. All the time that a shutter is open,
-points then go out from one sample, the last one at or before the frame, and so does all that belongs to its topology.
+Caches whose topology changes from frame to frame can only be blurred by velocities. While a shutter is open, the
+points, and everything that belongs to their topology, come from one sample: the last one at or before the frame.
 """
 
 from __future__ import annotations
@@ -14,21 +14,22 @@ from ..scene import Array
 from .openusd import Usd
 from .reading import Reading
 
-_ROUNDING = 1e-9  # of sample times that went through the offset and the scale of a layer
+_ROUNDING = 1e-9  # error of sample times after the offset and scale of a layer
 
 
 @dataclass(frozen=True)
 class Carried:
-    """The stage at the time of a sample of points, and (N, 3) where velocities have carried these by now."""
+    """The stage at the time of a sample of points, and the points (N, 3) moved by velocities to the present time."""
 
     reading: Reading
     points: Array
 
 
 def carried(reading: Reading, prim: Usd.Prim, name: str = "points") -> Carried | None:
-    """Return the points, or `name`, of a prim with velocities of the same time sample; None where it has none.
+    """Return the points (or `name`) of a prim, moved by its velocities, or None if it has none that can be used.
 
-    There, and where the velocities are of another number than the points, USD interpolates samples of the points.
+    If None is returned, USD interpolates samples of the points. That also happens if there are more or fewer velocities
+    than points.
     """
     velocities = prim.GetAttribute("velocities")
     if not (velocities and velocities.HasAuthoredValue()):
@@ -54,14 +55,14 @@ def carried(reading: Reading, prim: Usd.Prim, name: str = "points") -> Carried |
 
 
 def _seconds(reading: Reading, sample: float) -> float:
-    """Return how long after a sample the reading is; a stage without a start is read at its first one."""
+    """Return the seconds from a sample to the time of the reading; 0 for a stage that is read at its first sample."""
     if reading.time.IsEarliestTime():
         return 0.0
     return (float(reading.time.GetValue()) - sample) / (reading.stage.GetTimeCodesPerSecond() or 1.0)
 
 
 def _samples(prim: Usd.Prim, name: str, base: Usd.TimeCode) -> tuple[float, ...]:
-    """Return the times of an attribute's samples on both sides of a time, the same twice at one; () without any."""
+    """Return the times of the samples around a time, the same time twice if there is one at it; () without any."""
     attribute = prim.GetAttribute(name)
     return tuple(attribute.GetBracketingTimeSamples(base.GetValue())) if attribute else ()
 

@@ -1,4 +1,4 @@
-"""Volume shaders of materials: Arnold's standard_volume, MaterialX's and Karma's volumes, and others in part."""
+"""Read volume shaders: Arnold's standard_volume, MaterialX's and Karma's volumes, and others in part."""
 
 from __future__ import annotations
 
@@ -15,25 +15,25 @@ from .openusd import Usd, UsdGeom, UsdShade
 from .reading import Reading
 from .volumes import DENSITY, field_of
 
-# Renderers of which a material may have a volume shader, beside one for all, "".
+# Renderers for which a material may have a volume shader; "" is for all renderers.
 _CONTEXTS = ("mtlx", "arnold", "kma", "karma", "", "ri", "glslfx")
 _ANISOTROPY = 0.99
-_DEEPEST = 16  # nodes one after the other
+_DEEPEST = 16  # nodes in a chain
 
-# Arnold's and Blender's volumes have this albedo where nobody says otherwise; their extinction is the density.
+# The default albedo of Arnold's and Blender's volumes, whose extinction is the density.
 _ALBEDO = 0.5
 
 
 @dataclass(frozen=True)
 class VolumeEmission:
-    """What a volume emits along a scene unit: a colour, times a field, or that of a black body.
+    """What a volume emits per scene unit: a colour times a field, or the light of a black body.
 
     Attributes
     ----------
     field
-        The field that scales it; of a black body, its temperature.
+        The field that scales the colour or, for a black body, gives its temperature.
     kelvin
-        The temperature where the field is 1, or 0: it is no black body.
+        The temperature where the field is 1; 0: it is not a black body.
     """
 
     color: Color
@@ -43,7 +43,7 @@ class VolumeEmission:
 
 @dataclass(frozen=True)
 class VolumeShading:
-    """What a volume shader says: coefficients at density 1, and which fields it reads."""
+    """The values of a volume shader: coefficients at density 1, and the fields that it reads."""
 
     scattering: Color = (_ALBEDO,) * 3
     absorption: Color = (1 - _ALBEDO,) * 3
@@ -54,7 +54,7 @@ class VolumeShading:
 
 
 def read_shading(reading: Reading, prim: Usd.Prim) -> VolumeShading:
-    """Return what the shader of a volume's material says; without one, extinction 1 and albedo 0.5."""
+    """Return the values of the shader of a volume's material; without one, extinction 1 and albedo 0.5."""
     material = bound_to(reading, prim)
     if material is None:
         return VolumeShading()
@@ -77,12 +77,12 @@ def _reader(shader: UsdShade.Shader) -> Callable[[_VolumeNetwork], VolumeShading
 
 
 class _VolumeNetwork:
-    """A volume shader with what is connected to it, evaluated as products of constants and fields.
+    """A volume shader and the nodes connected to it, evaluated as products of constants and fields.
 
     Attributes
     ----------
     fields
-        The volume's fields that the last value was made of, without the density.
+        The volume's fields in the last value that was read, without the density.
     """
 
     def __init__(self, reading: Reading, prim: Usd.Prim, shader: UsdShade.Shader) -> None:
@@ -90,7 +90,7 @@ class _VolumeNetwork:
         self.fields: list[str] = []
 
     def at(self, shader: UsdShade.Shader) -> _VolumeNetwork:
-        """Return the network from another of its nodes on."""
+        """Return the network that begins at another of its nodes."""
         return _VolumeNetwork(self.reading, self.prim, shader)
 
     def source(self, name: str) -> UsdShade.Shader | None:
@@ -105,7 +105,7 @@ class _VolumeNetwork:
         return value if isinstance(value, str) else default
 
     def number(self, name: str, default: float, minimum: float = 0.0, maximum: float = np.inf) -> float:
-        """Return an input that is a number; one out of range is clipped, with a warning."""
+        """Return a number input; a value out of range is clipped, with a warning."""
         found = float(np.mean(self._checked(name, default)))
         if not minimum <= found <= maximum:
             text = f"is {found:g}: expected at least {minimum:g}{f' and at most {maximum:g}' if maximum < 9e9 else ''}"
@@ -113,7 +113,7 @@ class _VolumeNetwork:
         return float(np.clip(found, minimum, maximum))
 
     def color(self, name: str, default: Any) -> Color:
-        """Return an input that is a colour, from 0 on."""
+        """Return a colour input; negative numbers become 0, with a warning."""
         found = self._checked(name, default)
         if found.min() < 0:
             text = f"is {tuple(found.tolist())}: expected 0 or more; numbers below 0 count as 0"
@@ -146,7 +146,7 @@ class _VolumeNetwork:
             raise self.reading.fail(attribute.GetPrim(), attribute.GetName(), f"is {value}: expected numbers") from None
 
     def _node(self, node: UsdShade.Shader, default: Any, depth: int) -> Array:
-        """Return what a node gives: products of constants, primvars and fields; of any other node its input."""
+        """Evaluate a node: products of constants, primvars and fields; any other node returns its input."""
         kind = str(node.GetShaderId() or "")
         if "multiply" in kind:
             return self._value(node, "in1", 1.0, depth) * self._value(node, "in2", 1.0, depth)
@@ -162,7 +162,7 @@ class _VolumeNetwork:
         return self._value(node, "in", default, depth)
 
     def _property(self, node: UsdShade.Shader, name: str, default: Any, depth: int) -> Array:
-        """Return a primvar of the volume, or 1 for a field, which is then among `fields`."""
+        """Return a primvar of the volume, or 1 for a field, which is added to `fields`."""
         if field_of(self.reading, self.prim, name) is not None:
             self.fields += [name] if name != DENSITY else []
             return np.asarray(1.0)
@@ -175,7 +175,7 @@ class _VolumeNetwork:
 
 
 def _arnold(network: _VolumeNetwork) -> VolumeShading:
-    """Read Arnold's standard_volume: `transparent` is left of light after `transparent_depth` at density 1."""
+    """Read Arnold's standard_volume: `transparent` is the transmittance over `transparent_depth` at density 1."""
     depth = max(network.number("transparent_depth", 1.0), 1e-6)
     transparent = np.clip(network.color("transparent", np.exp(-1.0)), 1e-6, 1)
     extinction = network.number("density", 1.0) * -np.log(transparent) / depth
@@ -206,7 +206,7 @@ def _arnold_emission(network: _VolumeNetwork) -> VolumeEmission | None:
 
 
 def _materialx(network: _VolumeNetwork) -> VolumeShading:
-    """Read MaterialX's `volume`, of a vdf and perhaps an edf."""
+    """Read MaterialX's `volume`, which has a vdf and perhaps an edf."""
     nodes = [network.shader, *(network.source(name) for name in ("vdf", "edf"))]
     coefficients = VolumeShading(BLACK, BLACK)
     emission = None
@@ -224,7 +224,7 @@ def _materialx(network: _VolumeNetwork) -> VolumeShading:
 
 
 def _coefficients(network: _VolumeNetwork) -> VolumeShading:
-    """Read absorption, scattering and anisotropy: MaterialX's vdf, and Karma's volume, which is one with emission."""
+    """Read absorption, scattering and anisotropy of MaterialX's vdf, or of Karma's volume, which adds emission."""
     absorption = network.color("absorption", 0.0)
     scattering = network.color("scattering", 0.0)
     fields = network.fields
@@ -240,7 +240,7 @@ def _emission(network: _VolumeNetwork, name: str) -> VolumeEmission | None:
 
 
 def _other(network: _VolumeNetwork) -> VolumeShading:
-    """Read a shader of another kind: what most have, by the names that most have for it."""
+    """Read a shader of another kind, by the input names that most shaders use."""
     shader, kind = network.shader.GetPrim(), str(network.shader.GetShaderId() or "none")
     text = f"is a volume shader '{kind}', which is not known: its densityScale, albedo and anisotropy are used"
     network.reading.warn(shader, text)

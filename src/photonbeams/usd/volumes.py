@@ -1,4 +1,4 @@
-"""Fields of UsdVol volumes: grids in OpenVDB's .vdb files, or Mitsuba's .vol files."""
+"""Read the fields of UsdVol volumes: grids in OpenVDB's .vdb files, or Mitsuba's .vol files."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from .textures import resolved, stamp
 _FIELD = "field:"
 DENSITY = "density"
 _KINDS = (".vdb", ".vol")
-_KEPT = 1 << 30  # bytes of grids
+_KEPT = 1 << 30  # bytes of grids to keep
 
 
 class _Cache:
-    """Grids that were read last: a shutter is read at many times, and the values are then the same objects."""
+    """The grids read last: a shutter is read at many times, and grids then stay the same objects."""
 
     def __init__(self) -> None:
         self._kept: OrderedDict[Any, Voxels] = OrderedDict()
@@ -51,7 +51,7 @@ def fields_of(prim: Usd.Prim) -> list[str]:
 
 
 def field_of(reading: Reading, prim: Usd.Prim, name: str) -> Usd.Prim | None:
-    """Return the prim of a volume's field: by the name of the relationship, or of the grid that it reads; or None."""
+    """Return the prim of a volume's field, by the name of its relationship or of the grid that it reads; or None."""
     found = [(each, reading.targets(prim, f"{_FIELD}{each}")) for each in fields_of(prim)]
     for own, targets in found:
         if own == name and targets:
@@ -63,12 +63,12 @@ def field_of(reading: Reading, prim: Usd.Prim, name: str) -> Usd.Prim | None:
 
 
 def read_density(reading: Reading, prim: Usd.Prim, to_world: Array, name: str = DENSITY) -> DensityGrid:
-    """Return the density of a volume: its field of this name, or the only one that it has.
+    """Return the density of a volume: its field of this name, or its only field.
 
     Raises
     ------
     SceneError
-        A volume without such a field; a file that is not there or cannot be read; values that are no densities.
+        The volume has no such field, a file does not exist or cannot be read, or the values are not densities.
     """
     field = field_of(reading, prim, name)
     names = fields_of(prim)
@@ -81,12 +81,12 @@ def read_density(reading: Reading, prim: Usd.Prim, to_world: Array, name: str = 
 
 
 def read_field(reading: Reading, prim: Usd.Prim, field: Usd.Prim, to_world: Array) -> DensityGrid:
-    """Return a field of a volume, of one channel or three, from 0 on, in world space.
+    """Return a field of a volume, with one or three channels, 0 or more, in world space.
 
     Raises
     ------
     SceneError
-        As `read_density`.
+        The same as for `read_density`.
     """
     path, shown = _file(reading, field)
     name, index = str(reading.value(field, "fieldName", "") or ""), reading.value(field, "fieldIndex", 0)
@@ -125,7 +125,7 @@ def _read(path: str, name: str, index: int) -> Voxels:
 
 
 def _opened(path: str) -> BinaryIO:
-    """Return a file, which may lie in a package."""
+    """Open a file, which may be in a package."""
     if not Ar.IsPackageRelativePath(path):
         return opened(path)
     asset = Ar.GetResolver().OpenAsset(Ar.ResolvedPath(path))
@@ -135,7 +135,7 @@ def _opened(path: str) -> BinaryIO:
 
 
 def _grid(grids: list[VDBGrid], name: str, index: int) -> VDBGrid:
-    """Return a grid by its name, and its number among those of this name; without a name, that of the density."""
+    """Return a grid by its name, and its index among those of this name; without a name, the density."""
     named = [each for each in grids if each.name == (name or DENSITY)]
     if not named and not name:
         named = grids[:1]
@@ -148,7 +148,7 @@ def _grid(grids: list[VDBGrid], name: str, index: int) -> VDBGrid:
 
 
 def _positive(reading: Reading, field: Usd.Prim, voxels: Voxels) -> Array:
-    """Return values, those below 0 as 0, with a warning: simulations have some where fog thins out."""
+    """Return values with those below 0, which simulations have where fog thins out, set to 0, with a warning."""
     least = float(voxels.values.min())
     if not least < 0:
         return voxels.values

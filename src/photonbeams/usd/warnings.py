@@ -1,4 +1,4 @@
-"""Warnings about a stage: each is given once, many of one kind together, or with `strict` as errors."""
+"""Warnings about a stage: each is given once, those of one kind together; `strict` turns them into errors."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from ..scene.checks import LONGEST, shortened
 
 LOG = logging.getLogger("photonbeams")
 
-_NAMED = 3  # prims of many with the same warning
-_DIFFERING = re.compile(r"(?:/\w+)+|-?\d[\w.+-]*")  # paths and numbers: texts that differ in these alone are of a kind
+_NAMED = 3  # how many prims with the same warning are named
+_DIFFERING = re.compile(r"(?:/\w+)+|-?\d[\w.+-]*")  # paths and numbers: texts that differ only in these are of one kind
 
 
 class Warnings:
@@ -22,13 +22,13 @@ class Warnings:
     Attributes
     ----------
     strict
-        Whether a warning is an error.
+        Whether warnings are errors.
     muted
-        Whether warnings are kept, and not logged.
+        Whether warnings are collected but not logged.
     given
-        The texts that were given: each is logged once.
+        The texts given so far; each is logged once.
     causes
-        Of texts that end with what is done instead, what comes before that.
+        For texts that end with what is done instead, the part before that.
     """
 
     def __init__(self, strict: bool = False, muted: bool = False) -> None:
@@ -39,14 +39,14 @@ class Warnings:
         self._held: dict[tuple[str, ...], list[str]] | None = None
 
     def give(self, text: str, file: str = "", instead: str = "") -> None:
-        """Log a warning that was not given before; SceneError where warnings are errors.
+        """Log a warning, unless it was given before; SceneError if warnings are errors.
 
         Parameters
         ----------
         text, file
-            A sentence; or one that begins with the path of a prim or of its attribute, and their file.
+            A sentence; or one that begins with the path of a prim or of its attribute, and the file of these.
         instead
-            What is done without what cannot be used, the end of the sentence: "it is skipped".
+            What is done without the unusable part, as the end of the sentence: "it is skipped".
         """
         cause = text
         if instead:
@@ -70,7 +70,7 @@ class Warnings:
 
     @contextmanager
     def together(self) -> Iterator[None]:
-        """Log the warnings within this context at its end: those of one kind as one, with the number of prims."""
+        """Log the warnings within this context at its end; those of one kind become one, with the number of prims."""
         if self._held is not None:
             yield
             return
@@ -84,7 +84,7 @@ class Warnings:
 
 
 def _joined(file: str, texts: list[str]) -> str:
-    """Return one warning for several of a kind."""
+    """Return one warning for several of one kind."""
     first, *others = texts
     if not others:
         return shortened(f"{file}: {first}")

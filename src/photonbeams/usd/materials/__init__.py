@@ -1,4 +1,4 @@
-"""Materials of stages: networks of shader nodes as the inputs of a UsdPreviewSurface, `scene.Material`."""
+"""Read materials: convert networks of shader nodes to the inputs of a UsdPreviewSurface, `scene.Material`."""
 
 from .bound import Bound as Bound
 from .bound import bound_material as bound_material

@@ -1,4 +1,4 @@
-"""The material that is bound to a gprim, of whichever surface shaders it has."""
+"""Read the material that is bound to a gprim, whichever surface shaders it has."""
 
 from __future__ import annotations
 
@@ -25,27 +25,27 @@ from .values import Image, PrimvarValue, Value, as_color, as_number, constant, m
 _COLORS = ("diffuse", "emissive")
 _TEXTURED = ("diffuse", "emissive", "roughness", "metallic", "opacity")
 _AT_VERTICES = ("diffuse", "opacity")
-# Fields whose values end at 1; all begin at 0.
+# Fields with values from 0 to 1; all other fields have values from 0 up.
 _PARTS = ("metallic", "opacity", "clearcoat", "clearcoat_roughness", "roughness")
 
-#: Renderers whose networks are preferred, the first most: "" is every renderer's.
+#: Renderers in the order in which their networks are preferred; "" is for all renderers.
 _CONTEXTS = ("mtlx", "", "arnold", "ai", "karma", "ri", "mdl")
 
 
 @dataclass(frozen=True)
 class Bound:
-    """A material as bound to a gprim, with what has to be looked up on the gprim.
+    """A material bound to a gprim, and what has to be looked up on the gprim.
 
     Attributes
     ----------
     material
-        Its constants; where a field is an image or a primvar, the mean or the fallback.
+        The material with constants only: the mean of an image, or the fallback of a primvar.
     images
-        Images by the fields that they are for.
+        Images, by the fields that they are for.
     primvars
-        Primvars of the gprim by the fields that they are for.
+        Primvars of the gprim, by the fields that they are for.
     uv_name
-        Primvar of the texture coordinates; "" where there is no image.
+        Primvar of the texture coordinates; "" if there is no image.
     """
 
     material: Material
@@ -55,7 +55,7 @@ class Bound:
 
 
 def _unbound() -> Bound:
-    """Return what is bound where no material is: a grey that takes `displayColor` and `displayOpacity`."""
+    """Return the default where no material is bound: grey, with `displayColor` and `displayOpacity`."""
     grey = Material()
     primvars = {
         "diffuse": PrimvarValue("displayColor", np.array(grey.diffuse)),
@@ -80,14 +80,14 @@ def _bound_for(reading: Reading, prim: Usd.Prim, purpose: str) -> UsdShade.Mater
     if key not in reading.cache:
         try:
             material, _ = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial(purpose)
-        except Tf.ErrorException:  # of a binding that is an attribute
+        except Tf.ErrorException:  # the binding is an attribute
             material = None
         reading.cache[key] = material or None
     return reading.cache[key]
 
 
 def bound_material(reading: Reading, prim: Usd.Prim) -> Bound:
-    """Return the material bound to a gprim or face subset; without one, a grey that takes `displayColor`."""
+    """Return the material bound to a gprim or face subset; without one, a grey with `displayColor`."""
     material = bound_to(reading, prim, (UsdShade.Tokens.full,))
     if material is None:
         _warn_of_missing(reading, prim)
@@ -101,7 +101,7 @@ def bound_material(reading: Reading, prim: Usd.Prim) -> Bound:
 
 
 def _warn_of_missing(reading: Reading, prim: Usd.Prim) -> None:
-    """Warn where a prim or its nearest ancestor with a binding names a material that is not there."""
+    """Warn if the binding of a prim, or of its nearest ancestor with one, names a missing material."""
     while prim:
         if not is_relationship(prim, "material:binding"):
             text = "is an attribute: expected a relationship, rel; displayColor or grey is used"
@@ -116,7 +116,7 @@ def _warn_of_missing(reading: Reading, prim: Usd.Prim) -> None:
 
 
 def _read(reading: Reading, material: UsdShade.Material) -> Bound:
-    """Return the first of a material's surfaces that loses nothing, else the one that loses least."""
+    """Return the first of a material's surfaces that loses nothing, or else the one that loses least."""
     found: list[tuple[int, Network, Surface]] = []
     unknown = []
     for shader in _surfaces(material):
@@ -143,7 +143,7 @@ def _read(reading: Reading, material: UsdShade.Material) -> Bound:
 
 
 def _surfaces(material: UsdShade.Material) -> Iterator[UsdShade.Shader]:
-    """Yield a material's surface shaders: those of renderers that are preferred first."""
+    """Yield a material's surface shaders, those of preferred renderers first."""
     names = [output.GetBaseName() for output in material.GetSurfaceOutputs()]
     contexts = [str(output.GetFullName()).removeprefix("outputs:").rpartition("surface")[0].strip(":")
                 for output in material.GetSurfaceOutputs()]  # fmt: skip
@@ -163,7 +163,7 @@ def _warn_of_glass(reading: Reading, prim: Usd.Prim, material: Material) -> None
 
 
 def _bound(reading: Reading, material: UsdShade.Material, surface: Surface) -> Bound:
-    """Return a surface's constants, images and primvars by fields of `scene.Material`, in the range of each."""
+    """Return a surface's constants, images and primvars by fields of `scene.Material`, clipped to their ranges."""
     prim = material.GetPrim()
     fields: dict[str, Any] = {"presence": surface.presence}
     images, primvars = {}, {}
@@ -192,13 +192,13 @@ def _bound(reading: Reading, material: UsdShade.Material, surface: Surface) -> B
 
 
 def plain(name: str, value: Array) -> Any:
-    """Return a constant as a field of `scene.Material` has it, a number or a colour."""
+    """Return a constant as a field of `scene.Material`, a number or a colour."""
     numbers = np.asarray(value, dtype=np.float64).tolist()
     return tuple(np.broadcast_to(numbers, 3).tolist()) if name in _COLORS else numbers[0]
 
 
 def _in_range(reading: Reading, prim: Usd.Prim, name: str, value: Value) -> Value:
-    """Return a value in the range of a field; warn of a constant that is outside of it."""
+    """Return a value clipped to the range of a field; warn about a constant outside it."""
     most = 1.0 if name in _PARTS else np.inf
     result = mapped(lambda values: np.clip(values, 0.0, most), value)
     if isinstance(value, np.ndarray) and not np.allclose(value, constant(result), atol=1e-6):
@@ -209,7 +209,7 @@ def _in_range(reading: Reading, prim: Usd.Prim, name: str, value: Value) -> Valu
 
 
 def _uv_name(reading: Reading, prim: Usd.Prim, images: dict[str, Image]) -> str:
-    """Return the primvar of the texture coordinates; a mesh has one set of them."""
+    """Return the primvar of the texture coordinates; a mesh has only one set of these."""
     names = list(dict.fromkeys(each.uv_name for each in images.values()))
     if len(names) > 1:
         others = ", ".join(names[1:])
@@ -218,6 +218,6 @@ def _uv_name(reading: Reading, prim: Usd.Prim, images: dict[str, Image]) -> str:
 
 
 def texture_of(name: str, image: Image, wrap: str) -> UVTexture:
-    """Return an image as a field of `scene.Material` has it; normals are encoded as n / 2 + 1 / 2."""
+    """Return an image as a field of `scene.Material`; normals are encoded as n / 2 + 1 / 2."""
     pixels = image.pixels * 0.5 + 0.5 if name == "normal" else image.pixels
     return UVTexture(np.ascontiguousarray(pixels, dtype=np.float32), wrap, image.transform)

@@ -1,4 +1,4 @@
-"""Normal maps and bumps: what networks tilt a surface's normal with."""
+"""Read normal maps and bumps, which tilt a surface's normal."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from .network import Network, Node, category, is_output
 from .surface import Surface
 from .values import Image, Value, as_number, mapped
 
-# Nodes of heights in scene units: the inputs for heights, and for their scale.
+# Nodes for heights in scene units, with their inputs for the heights and the scale.
 _HEIGHTS = {
     "arnold:bump2d": (("bump_map",), ("bump_height",)),
     "arnold:bump3d": (("bump_map",), ("bump_height",)),
     "PxrBump": (("inputBump",), ("scale",)),
 }
 
-_SOBEL = 1 / 16  # by which MaterialX scales slopes
+_SOBEL = 1 / 16  # MaterialX's factor on slopes
 
 
 def tilt(network: Network, node: UsdShade.Shader, surface: Surface, *names: str) -> None:
-    """Set the normals of a surface, or its heights, to what is connected to the first of these inputs that has it."""
+    """Set the normals or the heights of a surface from the first of these inputs that is connected."""
     for name in names:
         attribute = network.source(node, name)
         if attribute is None or not is_output(attribute):
@@ -43,7 +43,7 @@ def tilt(network: Network, node: UsdShade.Shader, surface: Surface, *names: str)
 
 
 def _normal_map(network: Network, node: UsdShade.Shader, output: str) -> Value | None:
-    """Read normals in tangent space of a picture of them, n / 2 + 1 / 2."""
+    """Read normals in tangent space from an image that encodes them as n / 2 + 1 / 2."""
     picture = network.first(node, "in", "input")
     if picture is None:
         return None
@@ -61,7 +61,7 @@ def _renderman_normal_map(network: Network, node: UsdShade.Shader, output: str) 
 
 
 def _normals_of(network: Network, node: UsdShade.Shader, heights: Value | None, scale: float) -> Value | None:
-    """Return normals in tangent space of an image of heights over UVs, by MaterialX's scale."""
+    """Return normals in tangent space from an image of heights over UVs, scaled as in MaterialX."""
     if not isinstance(heights, Image):
         if heights is not None and not isinstance(heights, np.ndarray):
             network.lose(node, "has no image for its heights: it is ignored")

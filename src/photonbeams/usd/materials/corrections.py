@@ -1,4 +1,4 @@
-"""Nodes that correct colours: hue, saturation, gamma, contrast, exposure; in MaterialX, Arnold and RenderMan."""
+"""Nodes that correct colours (hue, saturation, gamma, contrast, exposure) in MaterialX, Arnold and RenderMan."""
 
 from __future__ import annotations
 
@@ -18,23 +18,23 @@ def luminance(colors: Array) -> Array:
 
 
 def saturated(colors: Array, amount: Any) -> Array:
-    """Return colours between their grey and what is beyond them."""
+    """Return colours with their saturation multiplied: 0 gives their grey, 1 the colours themselves."""
     grey = luminance(colors)
     return grey + amount * (rgb(colors) - grey)
 
 
 def contrasted(colors: Array, amount: Any, pivot: Any) -> Array:
-    """Return colours moved away from the pivot."""
+    """Return colours with their distance from the pivot multiplied."""
     return (colors - pivot) * amount + pivot
 
 
 def gamma_corrected(colors: Array, gamma: Any) -> Array:
-    """Return colours to the power of 1 / gamma; what is below 0 stays."""
+    """Return colours to the power of 1 / gamma; negative numbers do not change."""
     return np.where(colors > 0, np.maximum(colors, 1e-30) ** (1 / np.maximum(gamma, 1e-3)), colors)
 
 
 def to_hsv(colors: Array) -> Array:
-    """Return hue, of one turn, saturation and value (Smith 1978)."""
+    """Return hue, as a fraction of a turn, saturation and value (Smith 1978)."""
     colors = rgb(colors)
     value, least = colors.max(axis=-1), colors.min(axis=-1)
     chroma = value - least
@@ -54,12 +54,12 @@ def from_hsv(colors: Array) -> Array:
 
 
 def hue_shifted(colors: Array, amount: Any) -> Array:
-    """Return colours with their hues turned, by 1 for a whole turn."""
+    """Return colours with their hues turned by `amount`, where 1 is a full turn."""
     return from_hsv(to_hsv(colors) + np.asarray(amount)[..., :1] * np.array([1.0, 0.0, 0.0]))
 
 
 def hsv_adjusted(colors: Array, amount: Array) -> Array:
-    """Return colours with hues turned, and saturations and values multiplied: MaterialX's `hsvadjust`."""
+    """Return the result of MaterialX's `hsvadjust`: hues are turned, saturations and values multiplied."""
     hsv = to_hsv(colors)
     return from_hsv(np.concatenate([hsv[..., :1] + amount[..., :1], hsv[..., 1:] * amount[..., 1:3]], axis=-1))
 
@@ -68,7 +68,7 @@ def arnold_corrected(
     colors: Array, gamma: Any, hue: Any, saturation: Any, contrast: Any, pivot: Any, exposure: Any, factor: Any,
     added: Any, mask: Any,
 ) -> Array:  # fmt: skip
-    """Return Arnold's `color_correct`, whose steps are in the order of its inputs."""
+    """Return the result of Arnold's `color_correct`, whose steps follow the order of its inputs."""
     found = saturated(hue_shifted(gamma_corrected(rgb(colors), gamma), hue), saturation)
     found = contrasted(found, contrast, pivot) * 2.0**exposure * factor + added
     return rgb(colors) + mask * (found - rgb(colors))
@@ -77,12 +77,12 @@ def arnold_corrected(
 def materialx_corrected(
     colors: Array, hue: Any, saturation: Any, gamma: Any, lift: Any, gain: Any, contrast: Any, pivot: Any, exposure: Any
 ) -> Array:
-    """Return MaterialX's `colorcorrect`, by the graph that defines it."""
+    """Return the result of MaterialX's `colorcorrect`, computed as in the graph that defines it."""
     found = gamma_corrected(saturated(hue_shifted(colors, hue), saturation), gamma)
     return contrasted((found * (1 - lift) + lift) * gain, contrast, pivot) * 2.0**exposure
 
 
-#: Functions by MaterialX's names of their nodes, with the inputs of each and their defaults.
+#: Functions by the names of their nodes, with the inputs of each and their defaults.
 CORRECTIONS: dict[str, tuple[Callable[..., Array], tuple[tuple[str, Any], ...]]] = {
     "colorcorrect": (
         materialx_corrected,

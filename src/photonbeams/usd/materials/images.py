@@ -1,4 +1,4 @@
-"""Nodes that are images: files, UDIM tiles and checkerboards, and where they lie on a surface."""
+"""Read nodes that are images: files, UDIM tiles and checkerboards, and their placement on a surface."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ _WRAPS = {
     "repeat": "repeat", "clamp": "clamp", "mirror": "mirror", "black": "black", "useMetadata": "",
     "periodic": "repeat", "constant": "black", "file": "", "missing": "black",
 }  # fmt: skip
-_LONGEST = 16  # transforms of UVs in a chain; loops end there, too
+_LONGEST = 16  # transforms of UVs in a chain, which also ends loops
 _UDIM = re.compile(r"<UDIM>|%\(UDIM\)d|<udim>")
 
 
 def _usd_uv_texture(network: Network, node: UsdShade.Shader, output: str) -> Value | None:
-    """Read a UsdUVTexture: four channels, scaled and biased; its fallback where there is no image."""
+    """Read a UsdUVTexture: four channels, with scale and bias, or its fallback if there is no image."""
     fallback = network.value(node, "fallback")
     pixels = _pixels(network, node, "file", str(network.plain(node, "sourceColorSpace", "auto")), fallback)
     if pixels is None:
@@ -36,10 +36,10 @@ def _usd_uv_texture(network: Network, node: UsdShade.Shader, output: str) -> Val
 
 
 def _materialx_image(network: Network, node: UsdShade.Shader, output: str) -> Value | None:
-    """Read MaterialX's `image`, `tiledimage` and `gltf_colorimage`; numbers and vectors of files are no colours."""
+    """Read MaterialX's `image`, `tiledimage` and `gltf_colorimage`; only files of colours have a colour space."""
     name = str(node.GetShaderId())
     default = network.value(node, "default")
-    # What an 8-bit file of colours holds is sRGB, as Storm and Karma have it, unless it says otherwise.
+    # As in Storm and Karma, 8-bit files of colours are sRGB unless they say otherwise.
     space = "auto" if "color" in name.removeprefix("ND_gltf_color") else "raw"
     pixels = _pixels(network, node, "file", space, default)
     if pixels is None:
@@ -98,7 +98,7 @@ def _renderman_texture(network: Network, node: UsdShade.Shader, output: str) -> 
     return _placed(network, node, pixels, ("repeat", "repeat"), coordinates(network, node, "manifold"))
 
 
-_SQUARE = 64  # pixels of a checkerboard's square: its edges are that sharp
+_SQUARE = 64  # pixels a side of a checkerboard's square, which limits how sharp its edges are
 
 
 def _checkerboard(network: Network, node: UsdShade.Shader, output: str) -> Value | None:
@@ -132,7 +132,7 @@ IMAGES: dict[str, Node] = {
 
 
 def image_input(network: Network, node: UsdShade.Shader, name: str, space: str = "auto") -> Value | None:
-    """Return an image that an input names itself, with the UVs `st`, as NVIDIA's shaders have it."""
+    """Return the image that an input itself names, as in NVIDIA's shaders, with the UVs `st`."""
     pixels = _pixels(network, node, name, space, None)
     if pixels is None:
         return None
@@ -142,7 +142,7 @@ def image_input(network: Network, node: UsdShade.Shader, name: str, space: str =
 def _pixels(
     network: Network, node: UsdShade.Shader, name: str, space: str, fallback: Value | None
 ) -> tuple[Array, Array] | None:
-    """Return pixels with four channels and the transform of UVs to their square, or None with a warning."""
+    """Return pixels with four channels, and the transform of UVs to their square; or None, with a warning."""
     attribute = network.source(node, name)
     asset = None if attribute is None else attribute.Get(network.reading.time)
     if attribute is None or asset is None or is_output(attribute):
@@ -193,7 +193,7 @@ def _tiles(reading: Reading, attribute: Usd.Attribute, path: str, space: str) ->
 
 
 def _four_channels(pixels: Array) -> Array:
-    """Return pixels as RGBA: grey is repeated, and what has no alpha is opaque."""
+    """Return pixels as RGBA: grey is repeated, and a missing alpha is 1."""
     count = pixels.shape[2]
     if count == 4:
         return pixels
@@ -213,7 +213,7 @@ def _placed(
 
 
 def _wraps(network: Network, node: UsdShade.Shader, names: tuple[str, str], default: str, file: str) -> tuple[str, str]:
-    """Return the wrap modes that two inputs name; where they leave it to the file, what that says, else repeat."""
+    """Return the wrap modes that two inputs name; if they leave these to the file, its own modes, or else repeat."""
     found = []
     for name in names:
         value = str(network.plain(node, name, default))
@@ -231,7 +231,7 @@ def _wraps(network: Network, node: UsdShade.Shader, names: tuple[str, str], defa
 
 
 def coordinates(network: Network, node: UsdShade.Shader, name: str) -> tuple[str, Array]:
-    """Return the primvar of an image's UVs, "" where none is named, and their (3, 3) transform."""
+    """Return the primvar of an image's UVs, "" if none is named, and their (3, 3) transform."""
     transform = np.eye(3)
     for _ in range(_LONGEST):
         attribute = network.source(node, name)
@@ -252,14 +252,14 @@ def coordinates(network: Network, node: UsdShade.Shader, name: str) -> tuple[str
 
 
 def _usd_transform_2d(network: Network, node: UsdShade.Shader) -> tuple[str, Array]:
-    """Return UsdTransform2d: scale, then rotate counter-clockwise by degrees, then translate."""
+    """Read a UsdTransform2d: scale, then rotate counter-clockwise by degrees, then translate."""
     turned = rotation(float(network.vector(node, "rotation", (0.0,))[0]))
     scale = network.vector(node, "scale", (1.0, 1.0))
     return "in", affine(turned * scale, network.vector(node, "translation", (0.0, 0.0)))
 
 
 def _place_2d(network: Network, node: UsdShade.Shader) -> tuple[str, Array]:
-    """Return MaterialX's place2d: divide by the scale, rotate clockwise, subtract the offset, all about the pivot."""
+    """Read MaterialX's place2d: divide by the scale, rotate clockwise, subtract the offset, all about the pivot."""
     scale = np.diag(1 / np.where((found := network.vector(node, "scale", (1.0, 1.0))) == 0, 1, found))
     turned = rotation(-float(network.vector(node, "rotate", (0.0,))[0]))
     offset, pivot = network.vector(node, "offset", (0.0, 0.0)), network.vector(node, "pivot", (0.0, 0.0))
@@ -271,7 +271,7 @@ def _place_2d(network: Network, node: UsdShade.Shader) -> tuple[str, Array]:
 
 
 def _arithmetic(network: Network, node: UsdShade.Shader) -> tuple[str, Array]:
-    """Return UVs times, over, plus or minus a constant."""
+    """Read UVs that are multiplied or divided by a constant, or to which one is added or subtracted."""
     kind = category(node)
     by = network.vector(node, "in2", (0.0, 0.0) if kind in ("add", "subtract") else (1.0, 1.0))
     if kind in ("add", "subtract"):
@@ -292,7 +292,7 @@ def rotation(degrees: float) -> Array:
 
 
 def affine(linear: Array, moved: Array) -> Array:
-    """Return a linear transform of UVs, (2, 2), and a translation after it, as (3, 3)."""
+    """Return a linear transform of UVs, (2, 2), followed by a translation, as a (3, 3) matrix."""
     result = np.eye(3)
     result[:2, :2], result[:2, 2] = linear, moved
     return result

@@ -1,4 +1,4 @@
-"""Surfaces in layers: Autodesk's standard surface, as Arnold and MaterialX have it, and OpenPBR."""
+"""Read layered surfaces: Autodesk's standard surface, in Arnold and MaterialX, and OpenPBR."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from .values import Image, Value, as_number, constant
 
 @dataclass(frozen=True)
 class Names:
-    """What a layered surface (Autodesk's standard surface, OpenPBR) calls its inputs; "" where it has none."""
+    """The names of a layered surface's inputs (Autodesk's standard surface, OpenPBR), and some defaults."""
 
     base: str
     metalness: str
@@ -46,7 +46,7 @@ OPEN_PBR = Names(
 
 
 def layered(names: Names) -> Reader:
-    """Return a reader of a surface in layers: base, subsurface, transmission, coat, emission."""
+    """Return a reader of a layered surface: base, subsurface, transmission, coat, emission."""
 
     def read(network: Network, node: UsdShade.Shader) -> Surface:
         def number(name: str, default: float) -> Value:
@@ -93,7 +93,7 @@ def layered(names: Names) -> Reader:
 
 
 def _weighted_ior(network: Network, node: UsdShade.Shader, names: Names) -> Array:
-    """Return the index of refraction whose reflectance at normal incidence is that of the weighted specular layer."""
+    """Return the index of refraction with the same reflectance at normal incidence as the weighted specular layer."""
     ior = network.number(node, names.ior, default=1.5)
     weight = network.number(node, names.specular, default=1.0)
     tint = network.color(node, "specular_color", default=1.0)
@@ -108,7 +108,7 @@ def _weighted_ior(network: Network, node: UsdShade.Shader, names: Names) -> Arra
 def _set_opacity(
     network: Network, node: UsdShade.Shader, surface: Surface, opacity: Value, clear: Value, names: Names
 ) -> None:
-    """Set what is cut out, or else what is clear: glass, or a thin wall, which does not refract."""
+    """Set the opacity of a surface that is cut out, or else clear: glass, or a thin wall, which does not refract."""
     cut = as_number(network.combined(node, lambda values: rgb(values).mean(axis=-1, keepdims=True), opacity))
     is_cut, is_clear = np.any(constant(cut) < 1), np.any(constant(clear) > 0)
     surface.presence = bool(is_cut) or bool(network.plain(node, names.thin, False))

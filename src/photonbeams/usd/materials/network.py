@@ -1,4 +1,4 @@
-"""A network of shader nodes: what the inputs of its nodes are, and what it has that cannot be rendered."""
+"""A network of shader nodes: the values of its nodes' inputs, and notes about what cannot be rendered."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from ..openusd import Sdf, Usd, UsdShade
 from ..reading import Reading
 from .values import Value, as_color, as_number, channels, combinable, mapped
 
-#: Reads a node: what it gives on an output, or None where nothing can be said.
+#: A function that reads a node: it returns the value of an output, or None if there is none.
 Node = Callable[["Network", UsdShade.Shader, str], "Value | None"]
 
-_DEEPEST = 64  # nodes in a chain; loops end there, too
+_DEEPEST = 64  # nodes in a chain, which also ends loops
 _LETTERS = {"r": 0, "g": 1, "b": 2, "a": 3, "x": 0, "y": 1, "z": 2, "w": 3}
 _WHOLE = ("out", "rgb", "rgba", "result", "resultRGB", "resultRGBA", "xyz")
 
@@ -27,7 +27,7 @@ class Network:
     Attributes
     ----------
     losses
-        Warnings about what is not rendered as the network says: prim, text, attribute.
+        Warnings about what is not rendered as the network defines it: prim, text, attribute.
     """
 
     def __init__(self, reading: Reading, nodes: dict[str, Node]) -> None:
@@ -37,24 +37,24 @@ class Network:
         self._depth = 0
 
     def lose(self, node: UsdShade.Shader, text: str, name: str = "") -> None:
-        """Note what is not rendered."""
+        """Note a loss: something that is not rendered."""
         self.losses.append((node.GetPrim(), text, f"inputs:{name}" if name else ""))
 
     def combined(self, node: UsdShade.Shader, function: Callable[..., Array], *values: Value) -> Value:
-        """Return a function of values, and note where they do not go together."""
+        """Apply a function to values, and note a loss if they cannot be combined."""
         if not combinable(values):
             self.lose(node, "combines textures that are placed differently: the mean of the smaller ones is used")
         with np.errstate(all="ignore"):
             return mapped(lambda *arrays: np.nan_to_num(function(*arrays)), *values)
 
     def color(self, node: UsdShade.Shader, *names: str, default: Any = None) -> Value | None:
-        """Return the first of these inputs that is authored as a colour, else the default."""
+        """Return the first of these inputs that is authored, as a colour, or else the default."""
         value = self.first(node, *names)
         value = _numbers(default) if value is None else value
         return None if value is None else as_color(value)
 
     def number(self, node: UsdShade.Shader, *names: str, default: float | None = None) -> Value | None:
-        """Return the first of these inputs that is authored as a number, else the default."""
+        """Return the first of these inputs that is authored, as a number, or else the default."""
         value = self.first(node, *names)
         value = _numbers(default) if value is None else value
         return None if value is None else as_number(value)
@@ -64,13 +64,13 @@ class Network:
         return next((found for name in names if (found := self.value(node, name)) is not None), None)
 
     def plain(self, node: UsdShade.Shader, name: str, default: Any = None) -> Any:
-        """Return an input that is not connected to a node, a token say, through interfaces."""
+        """Return an input that is not connected to a node, such as a token, resolved through interfaces."""
         attribute = self.source(node, name)
         value = None if attribute is None or is_output(attribute) else attribute.Get(self.reading.time)
         return default if value is None else value
 
     def vector(self, node: UsdShade.Shader, name: str, default: tuple[float, ...]) -> Array:
-        """Return an input of constant finite numbers, as many as the default has."""
+        """Return an input of constant finite numbers, as many as the default has, or the default."""
         value = _numbers(self.plain(node, name))
         if value is None or value.size not in (1, len(default)) or not np.all(np.isfinite(value)):
             if value is not None:
@@ -79,7 +79,7 @@ class Network:
         return np.broadcast_to(value, (len(default),))
 
     def source(self, node: UsdShade.Shader, name: str) -> Usd.Attribute | None:
-        """Return the attribute that gives an input its value: an output, or where a constant is authored."""
+        """Return the attribute that gives an input its value: an output, or the attribute of an authored constant."""
         own = node.GetInput(name)
         if not own:
             return None
@@ -90,7 +90,7 @@ class Network:
         return attributes[0] if attributes else own.GetAttr()
 
     def value(self, node: UsdShade.Shader, name: str) -> Value | None:
-        """Return an input's value, or None where nothing gives it one."""
+        """Return an input's value, or None if it has none."""
         attribute = self.source(node, name)
         if attribute is None:
             return None
@@ -105,7 +105,7 @@ class Network:
         return self._in_working_space(attribute, found)
 
     def _in_working_space(self, attribute: Usd.Attribute, value: Array) -> Array:
-        """Return a constant colour as linear Rec.709, where the attribute names another space."""
+        """Return a constant colour, converted to linear Rec.709 if the attribute names another space."""
         if value.size < 3 or not attribute.HasColorSpace():
             return value
         space = color_space(str(attribute.GetColorSpace()))
@@ -118,11 +118,11 @@ class Network:
         return kind in self._nodes
 
     def output(self, node: UsdShade.Shader, name: str) -> Value | None:
-        """Return what a node gives on an output."""
+        """Return the value of a node's output."""
         return self._evaluated(node, name)
 
     def _output(self, attribute: Usd.Attribute) -> Value | None:
-        """Return what another node gives on an output."""
+        """Return the value of a connected node's output, cached."""
         name = attribute.GetName().removeprefix("outputs:")
         key = attribute.GetPath()
         if key in self._known:
@@ -152,7 +152,7 @@ class Network:
 
 
 def shader_id(node: UsdShade.Shader) -> str:
-    """Return a shader's identifier, of MDL its name in the module, of others their file; "" where it has none."""
+    """Return a shader's identifier, its name in an MDL module, or its source file; "" if it has none of these."""
     prim = node.GetPrim()
     for name in ("info:mdl:sourceAsset:subIdentifier", "info:glslfx:sourceAsset", "info:OSL:sourceAsset"):
         value = None if node.GetShaderId() else prim.GetAttribute(name).Get() if prim.HasAttribute(name) else None
@@ -162,7 +162,7 @@ def shader_id(node: UsdShade.Shader) -> str:
 
 
 def category(node: UsdShade.Shader) -> str:
-    """Return what kind of node a shader is, whatever the types of its inputs and whoever defines it."""
+    """Return the kind of a shader node, regardless of the types of its inputs and of who defines it."""
     name = shader_id(node)
     if name.startswith("arnold:"):
         return name
@@ -172,7 +172,7 @@ def category(node: UsdShade.Shader) -> str:
     return name.split("_")[0] if name.startswith(("Usd", "Hw")) else name
 
 
-# MaterialX's names end in the types of a node: these have underscores before.
+# MaterialX's names end in the types of a node; these kinds contain underscores themselves.
 _SEVERAL_WORDS = ("standard_surface", "open_pbr_surface", "surface_unlit", "gltf_pbr", "disney_principled")
 
 
@@ -182,7 +182,7 @@ def is_output(attribute: Usd.Attribute) -> bool:
 
 
 def _numbers(value: Any) -> Array | None:
-    """Return a value as an array (C,), or None of what is no number."""
+    """Return a value as an array (C,), or None if it is not numeric."""
     if value is None or isinstance(value, str | Sdf.AssetPath):
         return None
     try:

@@ -1,4 +1,4 @@
-"""Nodes that compute: constants, primvars, arithmetic, channels, normal maps; in UsdShade, MaterialX and Arnold."""
+"""Read nodes that compute: constants, primvars, arithmetic and channels, in UsdShade, MaterialX and Arnold."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Function = Callable[..., Array]
 
 
 def _primvar(*names: str, fallback: tuple[str, ...] = ("fallback", "default")) -> Node:
-    """Return a reader of nodes that look up a primvar, whose name is in one of these inputs."""
+    """Return a reader of nodes that look up the primvar named by one of these inputs."""
 
     def read(network: Network, node: UsdShade.Shader, output: str) -> Value | None:
         name = next((str(found) for each in names if (found := network.plain(node, each))), "")
@@ -31,7 +31,7 @@ def _primvar(*names: str, fallback: tuple[str, ...] = ("fallback", "default")) -
 
 
 def _function(function: Function, *inputs: tuple[tuple[str, ...], Any]) -> Node:
-    """Return a reader of nodes that are a function of inputs, each with its names and its default."""
+    """Return a reader of nodes that are a function of inputs; each input has names and a default."""
 
     def read(network: Network, node: UsdShade.Shader, output: str) -> Value | None:
         found = [network.first(node, *names) for names, _ in inputs]
@@ -47,12 +47,12 @@ def _function(function: Function, *inputs: tuple[tuple[str, ...], Any]) -> Node:
 
 
 def _passed(*names: str) -> Node:
-    """Return a reader of nodes that give one of their inputs on."""
+    """Return a reader of nodes that pass on one of their inputs."""
     return lambda network, node, output: network.first(node, *names)
 
 
 def _approximated(*names: str) -> Node:
-    """Return a reader of nodes of which nothing but one of their inputs is rendered."""
+    """Return a reader of nodes that are approximated by one of their inputs."""
 
     def read(network: Network, node: UsdShade.Shader, output: str) -> Value | None:
         network.lose(node, f"is a '{node.GetShaderId()}', which is not rendered: its input {names[0]} is used as it is")
@@ -62,7 +62,7 @@ def _approximated(*names: str) -> Node:
 
 
 def _separate(network: Network, node: UsdShade.Shader, output: str) -> Value | None:
-    """Read one channel, by the name of the output."""
+    """Read one channel, named by the output."""
     value = network.value(node, "in")
     letter = output.removeprefix("out").lower()
     index = "rgba".find(letter) if letter in "rgba" else "xyzw".find(letter)
@@ -94,7 +94,7 @@ def _side_by_side(*values: Array) -> Array:
 
 
 def _mean_of(*names: str) -> Node:
-    """Return a reader of noise between two colours, of which the mean is rendered."""
+    """Return a reader of noise between two colours, which is approximated by their mean."""
 
     def read(network: Network, node: UsdShade.Shader, output: str) -> Value | None:
         network.lose(node, f"is a '{node.GetShaderId()}', which is not rendered: the mean of its colours is used")
@@ -116,7 +116,7 @@ def _trigo(network: Network, node: UsdShade.Shader, output: str) -> Value | None
 
 
 def _switched(network: Network, node: UsdShade.Shader, output: str) -> Value | None:
-    """Read a switch between up to twenty inputs, by a number."""
+    """Read a switch that chooses one of up to twenty inputs by a number."""
     index = network.number(node, "index", default=0.0)
     inputs = [network.value(node, f"input{i}") for i in range(20) if node.GetInput(f"input{i}")]
     if index is None or not inputs:
@@ -130,7 +130,7 @@ def _switched(network: Network, node: UsdShade.Shader, output: str) -> Value | N
 
 
 def _converted(network: Network, node: UsdShade.Shader, output: str) -> Value | None:
-    """Read Arnold's change of a colour's model, which is rendered where both are one."""
+    """Read Arnold's conversion between colour models, which is rendered only if both are the same."""
     models = [str(network.plain(node, name, "RGB")).upper() for name in ("from", "to")]
     if models[0] != models[1]:
         network.lose(node, f"is from {models[0]} to {models[1]}, which is not rendered: its input is used as it is")
@@ -151,7 +151,7 @@ _IN = ("in", "input")
 
 
 def _arithmetic() -> dict[str, Node]:
-    """Return nodes of functions by what they are called in MaterialX, and with a prefix in Arnold."""
+    """Return nodes of functions, by their names in MaterialX and, with a prefix, in Arnold."""
     two: dict[str, tuple[Function, float]] = {
         "add": (np.add, 0.0), "subtract": (np.subtract, 0.0), "multiply": (np.multiply, 1.0),
         "divide": (np.divide, 1.0), "power": (lambda a, b: np.maximum(a, 0) ** b, 1.0),

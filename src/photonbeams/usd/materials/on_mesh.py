@@ -1,4 +1,4 @@
-"""A material on one mesh: its images over the mesh's UVs, and what primvars give at the mesh's vertices."""
+"""Apply a material to one mesh: images over the mesh's UVs, and values of primvars at its vertices."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from ..reading import Reading
 from .bound import Bound, plain, texture_of
 from .values import Image, constant
 
-_MOST_COPIES = 16  # of an image, side by side, where it repeats in one direction alone
+_MOST_COPIES = 16  # of an image side by side, if it repeats in only one direction
 
 
 def primvars_of(reading: Reading, prim: Usd.Prim, bound: Bound) -> tuple[dict[str, Array], dict[str, UsdGeom.Primvar]]:
-    """Return what a material takes from primvars of a gprim, by its fields: constants (1, C), and those that vary."""
+    """Return the primvars of a gprim that a material uses, by its fields: constants (1, C), and those that vary."""
     constants, varying = {}, {}
     for name, wanted in bound.primvars.items():
         found = find_primvar(prim, wanted.name)
@@ -38,14 +38,14 @@ def primvars_of(reading: Reading, prim: Usd.Prim, bound: Bound) -> tuple[dict[st
 def on_mesh(
     reading: Reading, prim: Usd.Prim, bound: Bound, uvs: Array | None, primvars: Mapping[str, Array]
 ) -> Material:
-    """Return a bound material with what depends on the mesh filled in.
+    """Return a bound material, completed with what depends on the mesh.
 
     Parameters
     ----------
     uvs
         (V, 2), or None: images are then replaced by their means.
     primvars
-        By the fields of the material that they are for: one value, (1, C), or one at each vertex, (V, C).
+        Values by fields of the material: one value, (1, C), or one for each vertex, (V, C).
     """
     changes: dict[str, Any] = {}
     for name, primvar in bound.primvars.items():
@@ -71,7 +71,7 @@ def on_mesh(
 
 
 def _texture(reading: Reading, prim: Usd.Prim, name: str, image: Image, uvs: Array) -> UVTexture:
-    """Return an image that the mesh's UVs see as its two wrap modes have it; the renderer has one for both."""
+    """Return an image that matches its two wrap modes on the mesh's UVs; the renderer has one mode for both."""
     if image.wrap[0] == image.wrap[1] != "black":
         key = ("texture", name, id(image))
         if key not in reading.cache:
@@ -92,12 +92,12 @@ def _texture(reading: Reading, prim: Usd.Prim, name: str, image: Image, uvs: Arr
 def _extended(image: Image, low: Array, high: Array) -> tuple[Image, bool]:
     """Return an image that covers the squares from `low` to `high`, and whether it covers them all.
 
-    Beyond its own square it is repeated or mirrored; one that is clamped ends there, and one that is black beyond has
-    an edge of what black became in the network.
+    Beyond its own square the image is repeated or mirrored. A clamped image ends there, and one that wraps to black gets
+    an edge with the value that black has after the network.
     """
     pixels, transform, whole = image.pixels, np.eye(3), True
     for axis, wrap in enumerate(image.wrap):
-        direction = 1 - axis  # of the array: v is along its rows, from below
+        direction = 1 - axis  # axis of the array: v goes up along its rows
         if wrap in ("repeat", "mirror"):
             first, count = int(low[axis]), int(high[axis] - low[axis])
             whole &= count <= _MOST_COPIES

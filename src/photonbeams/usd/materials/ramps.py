@@ -1,4 +1,4 @@
-"""Ramps over UVs or over another value, and UVs as values: what nodes give that is a function of u and v."""
+"""Read ramps over UVs or over another value, and UVs as values: nodes that are functions of u and v."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from .images import affine, coordinates, rotation
 from .network import Network, Node
 from .values import Image, Value
 
-#: How knots of a ramp are joined, by the numbers that Arnold has for it.
+#: Interpolations between the knots of a ramp, by Arnold's numbers.
 CONSTANT, LINEAR, CATMULL_ROM, MONOTONE, SMOOTH = range(5)
 _JOINED = {"none": CONSTANT, "constant": CONSTANT, "linear": LINEAR, "catmull-rom": CATMULL_ROM, "bspline": CATMULL_ROM}
 
-_WIDE = 256  # pixels of an image of a function of both coordinates
-_SIZES = {"u": (1, 4 * _WIDE), "v": (4 * _WIDE, 1)}  # and of one
+_WIDE = 256  # pixels a side of an image of a function of both coordinates
+_SIZES = {"u": (1, 4 * _WIDE), "v": (4 * _WIDE, 1)}  # sizes of an image of a function of one coordinate
 
 
 def _angle(u: Array, v: Array) -> Array:
@@ -43,7 +43,7 @@ def over_uvs(
     function: Callable[[Array, Array], Array], placed: tuple[str, Array], wrap: str = "repeat",
     size: tuple[int, int] = (_WIDE, _WIDE),
 ) -> Image:  # fmt: skip
-    """Return a function of u (1, W, 1) and v (H, 1, 1), evaluated in the pixels of the unit square, as an image."""
+    """Return an image of a function of u (1, W, 1) and v (H, 1, 1) in the pixels of the unit square."""
     height, width = size
     u, v = (np.arange(width)[None, :, None] + 0.5) / width, 1 - (np.arange(height)[:, None, None] + 0.5) / height
     pixels = np.asarray(function(u, v), dtype=np.float32)
@@ -52,15 +52,15 @@ def over_uvs(
 
 
 def _direction(name: str, placed: tuple[str, Array], wrap: str = "repeat") -> Image:
-    """Return one of the coordinates that ramps follow, from 0 to 1."""
+    """Return an image of one of the coordinates of ramps, from 0 to 1."""
     return over_uvs(_DIRECTIONS[name], placed, wrap, _SIZES.get(name, (_WIDE, _WIDE)))
 
 
 def ramp(x: Array, positions: Sequence[float], kinds: Sequence[int], values: Sequence[Array]) -> Array:
-    """Return a ramp at x (…, 1), of values (…, C) at sorted positions; each kind counts up to the next position.
+    """Evaluate a ramp of values (…, C) at x (…, 1); positions are sorted, and each kind applies up to the next.
 
-    Cubic ramps are Hermite's with slopes by finite differences (Catmull–Rom), or of Fritsch and Carlson (1980), which
-    do not overshoot.
+    Cubic ramps are Hermite curves with slopes from finite differences (Catmull–Rom), or from Fritsch and Carlson (1980),
+    which do not overshoot.
     """
     result = values[0] + 0 * x
     for i in range(len(values) - 1):
@@ -80,7 +80,7 @@ def ramp(x: Array, positions: Sequence[float], kinds: Sequence[int], values: Seq
 
 
 def _slope(positions: Sequence[float], values: Sequence[Array], at: int, monotone: bool) -> Array:
-    """Return the slope of a cubic ramp at one of its positions, 0 at the ends."""
+    """Return the slope of a cubic ramp at one of its positions; 0 at the ends."""
     if not 0 < at < len(values) - 1:
         return np.zeros(1)
     before, after = positions[at] - positions[at - 1], positions[at + 1] - positions[at]
@@ -97,9 +97,9 @@ def _slope(positions: Sequence[float], values: Sequence[Array], at: int, monoton
 def _knots(
     network: Network, node: UsdShade.Shader, names: tuple[str, str, str]
 ) -> tuple[list[float], list[int], list[Value]]:
-    """Return the sorted positions of a ramp, how each is joined to the next, and the values there.
+    """Return the sorted positions of a ramp, the interpolation after each, and the values.
 
-    A value may be connected, as `inputs:color:i1`.
+    A value may be connected, such as `inputs:color:i1`.
     """
     given, colors, joined = (network.plain(node, name) for name in names)
     values = np.asarray([0.0, 1.0] if colors is None else colors, dtype=np.float64)
@@ -129,7 +129,7 @@ def _on_ramp(network: Network, node: UsdShade.Shader, x: Value, names: tuple[str
 
 
 def _arnold_ramp(values: str) -> Node:
-    """Return a reader of Arnold's ramps, of colours or of numbers."""
+    """Return a reader of Arnold's ramps of colours or numbers."""
 
     def read(network: Network, node: UsdShade.Shader, output: str) -> Value | None:
         kind = str(network.plain(node, "type", "custom"))
@@ -147,7 +147,7 @@ def _arnold_ramp(values: str) -> Node:
 
 
 def _renderman_ramp(network: Network, node: UsdShade.Shader, output: str) -> Value | None:
-    """Read a PxrRamp, whose knots have one name in RenderMan 22, another one since."""
+    """Read a PxrRamp, whose knots have one name in RenderMan 22 and another one since."""
     x = network.value(node, "splineMap")
     if x is None:
         number, names = int(network.plain(node, "rampType", 0)), list(_DIRECTIONS)
@@ -178,7 +178,7 @@ def _materialx_ramp(network: Network, node: UsdShade.Shader, output: str) -> Val
 
 
 def _corners(axes: str, mixed: Callable[..., Array], *names: str) -> Node:
-    """Return a reader of MaterialX's simple ramps and splits: a function of some of u and v, and of values."""
+    """Return a reader of MaterialX's simple ramps and splits: functions of u, v or both, and of values."""
 
     def read(network: Network, node: UsdShade.Shader, output: str) -> Value | None:
         def found(name: str) -> Value:
@@ -213,7 +213,7 @@ def _mixed(a: Array, b: Array, part: Array) -> Array:
 
 
 def _uv_transform(network: Network, node: UsdShade.Shader, output: str) -> Value | None:
-    """Read Arnold's `uv_transform`, which moves what it passes: repeated, turned about a pivot, with an offset."""
+    """Read Arnold's `uv_transform`, which repeats an image, turns it about a pivot, and offsets it."""
     value = network.value(node, "passthrough")
     if not isinstance(value, Image):
         return value

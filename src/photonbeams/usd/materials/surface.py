@@ -1,4 +1,4 @@
-"""A surface as a network has it: the inputs of a UsdPreviewSurface as values."""
+"""A surface as read from a network: the inputs of a UsdPreviewSurface as values."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from .values import Value
 
 @dataclass
 class Surface:
-    """The inputs of a surface, None where nothing is authored; see `scene.Material`."""
+    """The inputs of a surface, None if nothing is authored; see `scene.Material`."""
 
     diffuse: Value | None = None
     emissive: Value | None = None
@@ -36,13 +36,13 @@ Reader = Callable[[Network, UsdShade.Shader], Surface]
 
 
 def ior_of(reflectance: float) -> Array:
-    """Return the index of refraction of a reflectance at normal incidence."""
+    """Return the index of refraction for a reflectance at normal incidence."""
     root = np.sqrt(np.clip(reflectance, 0, 0.99))
     return np.full(1, (1 + root) / (1 - root))
 
 
 def mix(first: Array, second: Array, part: Array) -> Array:
-    """Return values between two others."""
+    """Return the linear mix of two values."""
     return first + part * (second - first)
 
 

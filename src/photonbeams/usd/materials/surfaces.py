@@ -1,4 +1,4 @@
-"""Surface shaders as the inputs of a UsdPreviewSurface: what each of them calls them, and what it has beyond them."""
+"""Convert surface shaders to the inputs of a UsdPreviewSurface, and note what they have beyond these."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def preview(network: Network, node: UsdShade.Shader) -> Surface:
 
 
 def _specular_workflow(network: Network, node: UsdShade.Shader, surface: Surface) -> None:
-    """Take the reflectance at normal incidence from a colour: a dielectric's index of refraction, or a metal."""
+    """Set the index of refraction of a dielectric, or a metal, from the specular colour at normal incidence."""
     color = network.color(node, "specularColor", default=0.0)
     assert color is not None
     diffuse = np.full(3, 0.18) if surface.diffuse is None else surface.diffuse
@@ -51,7 +51,7 @@ def _specular_workflow(network: Network, node: UsdShade.Shader, surface: Surface
         surface.ior = ior_of(float(mean.mean()))
         return
 
-    # As Khronos converts glTF's specular workflow, with a dielectric's 0.04.
+    # The conversion of glTF's specular workflow by Khronos, with a reflectance of dielectrics of 0.04.
     def metallic(colors: Array, speculars: Array) -> Array:
         total, strongest = colors.max(axis=-1, keepdims=True), speculars.max(axis=-1, keepdims=True)
         linear = total * (1 - strongest) / 0.96 + strongest - 0.08
@@ -70,7 +70,7 @@ def _specular_workflow(network: Network, node: UsdShade.Shader, surface: Surface
 
 
 def unlit(*names: str) -> Reader:
-    """Return a reader of surfaces that show a colour whatever lights them."""
+    """Return a reader of surfaces that show a colour regardless of the lights."""
 
     def read(network: Network, node: UsdShade.Shader) -> Surface:
         color = network.color(node, *names, default=1.0)
@@ -88,7 +88,7 @@ def _opacity(network: Network, node: UsdShade.Shader, *names: str) -> Value | No
 
 
 def _diffuse(color: str, weight: str = "", default: float = 0.5, scale: float = 1.0) -> Reader:
-    """Return a reader of surfaces that are diffuse alone."""
+    """Return a reader of surfaces that are only diffuse."""
 
     def read(network: Network, node: UsdShade.Shader) -> Surface:
         found = network.color(node, color, default=default)
@@ -102,7 +102,7 @@ def _diffuse(color: str, weight: str = "", default: float = 0.5, scale: float = 
 
 @dataclass(frozen=True)
 class _ByNames:
-    """What a surface shader calls the inputs of a UsdPreviewSurface, most of them by one name each."""
+    """The names that a surface shader has for the inputs of a UsdPreviewSurface."""
 
     diffuse: tuple[str, ...] = ()
     weight: tuple[str, ...] = ()
@@ -116,7 +116,7 @@ class _ByNames:
     transmission: tuple[str, ...] = ()
 
     def __call__(self, network: Network, node: UsdShade.Shader) -> Surface:
-        """Return the surface, noting that another shader was found."""
+        """Return the surface, and note that the shader is approximated."""
         network.lose(node, f"is a '{_label(node)}': it is rendered as the nearest UsdPreviewSurface")
         diffuse, emissive = network.color(node, *self.diffuse), network.color(node, *self.emissive)
         weight, glow = network.number(node, *self.weight), network.number(node, *self.emission)
@@ -141,7 +141,7 @@ def _label(node: UsdShade.Shader) -> str:
 
 
 def _omni(network: Network, node: UsdShade.Shader) -> Surface:
-    """Read NVIDIA's OmniPBR, whose textures are inputs of the shader itself."""
+    """Read NVIDIA's OmniPBR, whose textures are its own inputs."""
     tint = network.color(node, "diffuse_tint", default=1.0)
     color = image_input(network, node, "diffuse_texture") or network.color(
         node, "diffuse_color_constant", "diffuse_color", "base_color", default=0.2
@@ -182,7 +182,7 @@ def _glass(network: Network, node: UsdShade.Shader) -> Surface:
 
 
 def _first_shader(*names: str) -> Reader:
-    """Return a reader of shaders that stand for one of others: the first that is connected."""
+    """Return a reader of shaders that combine others, of which the first connected one is rendered."""
 
     def read(network: Network, node: UsdShade.Shader) -> Surface:
         for name in names:
@@ -198,26 +198,26 @@ def _first_shader(*names: str) -> Reader:
 
 
 def guessed(network: Network, node: UsdShade.Shader) -> Surface | None:
-    """Read a shader that is not known by the names that most shaders use; None where it has none of them."""
+    """Read an unknown shader by the input names that most shaders use; None if it has none of them."""
     surface = _GUESSED(network, node)
     known = (surface.diffuse, surface.emissive, surface.metallic, surface.roughness)
     return surface if any(each is not None for each in known) else None
 
 
 def surface_of(network: Network, node: UsdShade.Shader) -> Surface | None:
-    """Return what a surface shader says, or None of one that says nothing that can be rendered."""
+    """Return the surface of a shader, or None if nothing in it can be rendered."""
     kind = category(node)
     if kind in SURFACES:
         return SURFACES[kind](network, node)
     if kind.startswith("arnold:") and network.knows(kind):
-        # In Arnold whatever gives a colour may be a surface.
+        # In Arnold any node that returns a colour may be a surface.
         color = network.output(node, "out")
         return None if color is None else Surface(np.zeros(3), color, ior=np.ones(1))
     return guessed(network, node)
 
 
 def _materialx_surface(network: Network, node: UsdShade.Shader) -> Surface:
-    """Read MaterialX's `surface`, put together of a BSDF and an EDF: of a diffuse BSDF alone nothing is lost."""
+    """Read MaterialX's `surface` of a BSDF and an EDF; only a diffuse BSDF is rendered without a loss."""
     surface = Surface(np.zeros(3), ior=np.ones(1), presence=True)
     surface.opacity = network.number(node, "opacity")
     for name in ("bsdf", "edf"):

@@ -1,4 +1,4 @@
-"""Values in a network of shader nodes: constants, images over UVs, and primvars; functions of them."""
+"""Values in a network of shader nodes (constants, images over UVs, primvars), and functions of them."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ...scene import Array, rgb
 
 
 def identity(values: Array) -> Array:
-    """Return values as they are."""
+    """Return values unchanged."""
     return values
 
 
@@ -22,13 +22,13 @@ class Image:
     Attributes
     ----------
     wrap
-        What is beyond the image in u and in v: repeat, clamp, mirror or black.
+        How the image continues beyond its square in u and in v: repeat, clamp, mirror or black.
     transform
         (3, 3), applied to (u, v, 1).
     uv_name
         Primvar of the UVs.
     beyond
-        The value where an image that wraps to black is not, (C,).
+        The value beyond the square of an image that wraps to black, (C,).
     """
 
     pixels: Array
@@ -48,7 +48,7 @@ class Image:
 
 @dataclass(frozen=True)
 class PrimvarValue:
-    """What a primvar of the gprim gives, (N, C), after a function; `fallback` (C,) where there is no such primvar."""
+    """A function of a primvar of the gprim, (N, C); `fallback` (C,) is its result if there is no such primvar."""
 
     name: str
     fallback: Array
@@ -60,11 +60,11 @@ Value = Array | Image | PrimvarValue
 
 
 def mapped(function: Callable[..., Array], *values: Value) -> Value:
-    """Return a function of values, which takes arrays (…, C) with any leading axes.
+    """Apply a function, which takes arrays (…, C) with any leading axes, to values.
 
-    Images are brought to the greatest height and width of those that are placed as the largest is. Where images and
-    primvars meet, or images that are placed differently, the largest image stays what it is, and all others are
-    replaced by their means or fallbacks. Of channels there are as many as the fewest of those that have several.
+    Images that are placed like the largest one are scaled to the greatest height and width among them. If images are
+    combined with primvars, or with images that are placed differently, only the largest image stays an image; all others
+    are replaced by their means or fallbacks. The number of channels is the least among values with several channels.
     """
     several = [count for count in map(_count, values) if count > 1]
     least = min(several, default=1)
@@ -96,21 +96,21 @@ def mapped(function: Callable[..., Array], *values: Value) -> Value:
 
 
 def combinable(values: Sequence[Value]) -> bool:
-    """Return whether `mapped` loses nothing of these values."""
+    """Return whether `mapped` combines these values without loss."""
     images = [each for each in values if isinstance(each, Image)]
     names = {each.name for each in values if isinstance(each, PrimvarValue)}
     return len(names) + bool(images) <= 1 and all(each.placed_as(images[0]) for each in images)
 
 
 def constant(value: Value) -> Array:
-    """Return a value's mean, or its fallback, (C,)."""
+    """Return the mean of an image, the fallback of a primvar, or a constant itself, (C,)."""
     if isinstance(value, Image):
         return value.pixels.mean(axis=(0, 1), dtype=np.float64)
     return value.fallback if isinstance(value, PrimvarValue) else value
 
 
 def channels(value: Value, chosen: list[int]) -> Value:
-    """Return some channels of a value: of one that has a single channel that, of other ones the last for missing."""
+    """Return some channels of a value; a missing channel is replaced by the last."""
     return mapped(lambda values: values[..., [min(each, values.shape[-1] - 1) for each in chosen]], value)
 
 
@@ -134,7 +134,7 @@ def _count(value: Value) -> int:
 
 
 def _cut(value: Value, count: int) -> Value:
-    """Return a value with its first channels alone."""
+    """Return a value with only its first channels."""
     if isinstance(value, Image):
         return replace(value, pixels=value.pixels[..., :count], beyond=value.beyond[:count])
     if isinstance(value, PrimvarValue):
@@ -144,7 +144,7 @@ def _cut(value: Value, count: int) -> Value:
 
 
 def _over(value: Value, image: Image, size: tuple[int, int]) -> Array:
-    """Return a value in pixels of an image's place, (H, W, C), or constant, (C,)."""
+    """Return a value in the pixels of an image, (H, W, C), or its constant, (C,), if it is placed differently."""
     if not isinstance(value, Image) or not value.placed_as(image):
         return constant(value)
     if value.pixels.shape[:2] == size:
