@@ -76,7 +76,7 @@ def look(path):
         | {"value": value, "authored": True},
         control(
             f"{path}.photonbeams:along:expression", "Expression", "Along", "expression", "smoothstep(0, 1, s)",
-            "An expression that is multiplied to the factor, such as smoothstep(0, 1, s) * (0.6 + 0.4 * noise(4 * P)).",
+            "An expression that multiplies the factor, such as smoothstep(0, 1, s) * (0.6 + 0.4 * noise(4 * P)).",
         ),
         control(f"{path}.photonbeams:across:hardness", "Hardness", "Across", "number", 0.0, min=0, max=1, soft=[0, 1]),
     ]  # fmt: skip

@@ -155,8 +155,8 @@ def triangles_of(polygons: Polygons) -> Triangles:
 def vertex_normals(points: Array, vertices: Array) -> Array:
     """Return normals (P, 3): the mean over the triangles at each point, or zero if there are none.
 
-    Weights are the angles at the point (Thürmer and Wüthrich 1998), so that the mean does not depend on how the polygons
-    were cut.
+    Weights are the angles at the point (Thürmer and Wüthrich 1998), so that the mean does not depend on how the
+    polygons were cut.
     """
     corners = points[vertices]  # (T, 3, 3)
     ahead = unit(np.roll(corners, -1, axis=1) - corners)

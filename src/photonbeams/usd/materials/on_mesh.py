@@ -92,8 +92,8 @@ def _texture(reading: Reading, prim: Usd.Prim, name: str, image: Image, uvs: Arr
 def _extended(image: Image, low: Array, high: Array) -> tuple[Image, bool]:
     """Return an image that covers the squares from `low` to `high`, and whether it covers them all.
 
-    Beyond its own square the image is repeated or mirrored. A clamped image ends there, and one that wraps to black gets
-    an edge with the value that black has after the network.
+    Beyond its own square the image is repeated or mirrored. A clamped image ends there, and one that wraps to black
+    gets an edge with the value that black has after the network.
     """
     pixels, transform, whole = image.pixels, np.eye(3), True
     for axis, wrap in enumerate(image.wrap):

@@ -59,8 +59,8 @@ def _direction(name: str, placed: tuple[str, Array], wrap: str = "repeat") -> Im
 def ramp(x: Array, positions: Sequence[float], kinds: Sequence[int], values: Sequence[Array]) -> Array:
     """Evaluate a ramp of values (…, C) at x (…, 1); positions are sorted, and each kind applies up to the next.
 
-    Cubic ramps are Hermite curves with slopes from finite differences (Catmull–Rom), or from Fritsch and Carlson (1980),
-    which do not overshoot.
+    Cubic ramps are Hermite curves with slopes from finite differences (Catmull–Rom), or from Fritsch and Carlson
+    (1980), which do not overshoot.
     """
     result = values[0] + 0 * x
     for i in range(len(values) - 1):

@@ -63,8 +63,8 @@ def mapped(function: Callable[..., Array], *values: Value) -> Value:
     """Apply a function, which takes arrays (…, C) with any leading axes, to values.
 
     Images that are placed like the largest one are scaled to the greatest height and width among them. If images are
-    combined with primvars, or with images that are placed differently, only the largest image stays an image; all others
-    are replaced by their means or fallbacks. The number of channels is the least among values with several channels.
+    combined with primvars, or with images that are placed differently, only the largest image stays an image; all
+    others are replaced by their means or fallbacks. The number of channels is the least among values with several.
     """
     several = [count for count in map(_count, values) if count > 1]
     least = min(several, default=1)
