@@ -239,7 +239,7 @@ def _converted(value: Any, kind: Sdf.ValueTypeName, path: str) -> Any:
     if isinstance(default, str):
         if isinstance(value, str):
             return value
-        raise SceneError(f"{path} is {value!r}: expected text")
+        raise SceneError(f"{path} is {value!r}: expected a text")
     if isinstance(default, Sdf.AssetPath):
         if isinstance(value, str):
             return Sdf.AssetPath(value)
