@@ -106,9 +106,9 @@ def test_a_layer_says_of_beams_what_python_says(lit):
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        ('"key_lamp"', '"lamp"', "/lamp is named like no emitter of the scene: expected one of key-lamp"),
+        ('"key_lamp"', '"lamp"', "/lamp has no emitter of its name in the scene: expected one of key-lamp"),
         ('over "opening"', 'over "door"', "/opening: expected a prim that is on the stage"),
-        ("opening", "door", "/door is named like no shape of the scene: expected one of"),
+        ("opening", "door", "/door has no shape of its name in the scene: expected one of"),
     ],
 )
 def test_a_layer_that_does_not_fit_is_refused_in_a_sentence(lit, tmp_path, old, new, words):

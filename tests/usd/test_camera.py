@@ -165,7 +165,7 @@ def test_the_render_settings_name_the_camera(usd):
         (camera("float horizontalAperture = -1"), None, r"/C\.horizontalAperture is -1.*: expected"),
         (camera("float verticalAperture = nan"), None, r"/C\.verticalAperture is nan: expected a finite number"),
         (camera("float exposure = inf"), None, r"/C\.exposure is inf: expected a finite number"),
-        (camera("float exposure = 90"), None, r"/C\.exposure .* multiplies light with 1\.2.*: expected at most 1e\+12"),
+        (camera("float exposure = 90"), None, r"/C\.exposure .* multiply light by 1\.2.*: expected at most 1e\+12"),
         (camera("float exposure:iso = -100"), None, r"/C\.exposure:iso is -100.*: expected a finite number at least 0"),
         (camera("float exposure:fStop = 0"), None, r"/C\.exposure:fStop is 0: expected a positive number"),
         (camera("float2 clippingRange = (5, 1)"), None, r"/C\.clippingRange is \(5, 1\): expected a near distance"),

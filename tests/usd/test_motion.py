@@ -508,7 +508,7 @@ def test_bad_eyes_are_told_in_a_sentence(shot):
     ("override", "message"),
     [
         ("focalLength=11", r"/Left\.focalLength is 10 but that of /Right is 11: expected the same for both eyes"),
-        ("projection=orthographic", r"/Left\.projection is perspective and that of /Right orthographic: expected two"),
+        ("projection=orthographic", r"/Left\.projection is perspective but that of /Right is orthographic: expected"),
         ("shutter:close=0.5", r"/Left\.shutter:close is 0 but that of /Right is 0\.5: expected the same for both eyes"),
         ("exposure=1", r"/Left\.exposure is 0 but that of /Right is 1: expected the same for both eyes"),
     ],
