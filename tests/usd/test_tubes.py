@@ -152,7 +152,10 @@ def test_the_surface_of_tetrahedra_is_closed(scene):
     [
         ('def Points "P" {}', "/P has no points: it is skipped"),
         ('def BasisCurves "C" {}', "/C has no points: it is skipped"),
-        (curves("(0, 0, 0), (1, 0, 0), (2, 0, 0)", 3, "float[] widths = [1]"), "/C.curveVertexCounts has 1 curves whose"),
+        (
+            curves("(0, 0, 0), (1, 0, 0), (2, 0, 0)", 3, "float[] widths = [1]"),
+            "/C.curveVertexCounts has 1 curves whose number of points",
+        ),
     ],
 )
 def test_what_has_nothing_to_show_is_named(scene, caplog, text, message):
