@@ -577,8 +577,8 @@ def test_a_light_says_what_becomes_of_scattered_light(scene):
     ("attribute", "message"),
     [
         ('token photonbeams:scattered = "some"', r"scattered is 'some': expected physical, look or off"),
-        ("int photonbeams:bounces = -2", r"bounces is -2: expected a whole number from 0 on"),
-        ('string photonbeams:bounces = "many"', r"bounces is many: expected a whole number from 0 on"),
+        ("int photonbeams:bounces = -2", r"bounces is -2: expected a whole number, 0 or more"),
+        ('string photonbeams:bounces = "many"', r"bounces is many: expected a whole number, 0 or more"),
     ],
 )
 def test_what_cannot_be_scattered_light_is_an_error(scene, attribute, message):

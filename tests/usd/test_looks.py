@@ -203,17 +203,17 @@ def test_a_misspelt_attribute_is_named(read, caplog):
     [
         (
             "float[] photonbeams:along:ramp:knots = [0, 1]",
-            r"along:ramp:knots has 2 values and along:ramp:colors 0: expected as many of each",
+            r"along:ramp:knots has 2 values but along:ramp:colors has 0: expected as many of each",
         ),
         (
             "float[] photonbeams:along:ramp:knots = [1, 0]\n"
             "color3f[] photonbeams:along:ramp:colors = [(1, 1, 1), (1, 1, 1)]",
-            r"along:ramp:knots is \[1\.0, 0\.0\]: expected positions that ascend",
+            r"along:ramp:knots is \[1\.0, 0\.0\]: expected ascending positions",
         ),
         (
             "float[] photonbeams:along:ramp:knots = [0.5, 0.5]\n"
             "color3f[] photonbeams:along:ramp:colors = [(1, 1, 1), (1, 1, 1)]",
-            r"along:ramp:knots is \[0\.5, 0\.5\]: expected positions that ascend",
+            r"along:ramp:knots is \[0\.5, 0\.5\]: expected ascending positions",
         ),
         (
             "float[] photonbeams:along:ramp:knots = [nan]\ncolor3f[] photonbeams:along:ramp:colors = [(1, 1, 1)]",

@@ -64,7 +64,7 @@ def test_of_two_media_of_the_whole_space_the_first_is_kept(scene, caplog):
 def test_a_medium_may_say_how_often_light_is_scattered(scene):
     assert scene(f'def Scope "F" {{\n{FOG}\n}}').medium.bounces is None
     assert scene(f'def Scope "F" {{\n{FOG}\nint photonbeams:bounces = 3\n}}').medium.bounces == 3
-    with pytest.raises(SceneError, match=r"stage\.usda: /F\.photonbeams:bounces is -1: expected a whole number from 0"):
+    with pytest.raises(SceneError, match=r"stage\.usda: /F\.photonbeams:bounces is -1: expected a whole number, 0"):
         scene(f'def Scope "F" {{\n{FOG}\nint photonbeams:bounces = -1\n}}')
 
 

@@ -301,7 +301,7 @@ def test_a_subset_has_those_of_its_faces_that_are_there(scene, caplog):
             QUAD.replace("[0, 1, 2, 3]", "[0, 1, 2, 9]"),
             r"/M\.faceVertexIndices names point 9: expected points from 0 to 3",
         ),
-        (QUAD.replace("[0, 1, 2, 3]", "[0, 1, 2, -1]"), r"/M\.faceVertexIndices name point -1"),
+        (QUAD.replace("[0, 1, 2, 3]", "[0, 1, 2, -1]"), r"/M\.faceVertexIndices names point -1"),
         (QUAD.replace("[4]", "[5]"), r"/M\.faceVertexIndices has 4 values: expected 5"),
         (QUAD.replace("(1, 1, 0)", "(1, nan, 0)"), r"/M\.points\[2\] is .*: expected finite numbers"),
     ],

@@ -61,7 +61,7 @@ def test_values_too_many_are_cut(scene, caplog):
         ),
         (
             'texCoord2f[] primvars:st = [(0, 0)] (interpolation = "vertex")\nint[] primvars:st:indices = [0, 5, 0, 0]',
-            "primvars:st:indices name value 5: expected values from 0 to 0; primvars:st is left out",
+            "primvars:st:indices names value 5: expected values from 0 to 0; primvars:st is left out",
         ),
         (
             'int primvars:st = 3 (interpolation = "constant")',
