@@ -118,7 +118,7 @@ def test_an_index_of_no_beam_is_told_in_a_sentence(index):
         ("joined with none: expected Beams", lambda beams: pb.Beams.join([])),
         ("joined with None: expected Beams", lambda beams: pb.Beams.join([beams, None])),
         ("no argument 'strat', did you mean start\\? Expected start, end", lambda beams: pb.Beams(strat=1)),
-        ("given 7 arguments by place: expected up to 5", lambda beams: pb.Beams(*range(7))),
+        ("got 7 positional arguments: expected up to 5", lambda beams: pb.Beams(*range(7))),
         ("start is not given: expected numbers of shape", lambda beams: pb.Beams(end=[[0, 0, 0]])),
         ("start is 'a': expected numbers of shape", lambda beams: pb.Beams("a", "b", 1, 1, 1)),
         ("start is \\[\\[0, 0, 0\\], \\[1\\]\\]: expected", lambda beams: pb.Beams([[0, 0, 0], [1]], 0, 1, 1, 1)),

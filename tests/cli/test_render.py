@@ -494,7 +494,7 @@ def test_a_layer_that_is_not_there_is_named(render, stage, out):
                 "/Floor.faceVertexIndices has 4 values: expected 5, the sum of faceVertexCounts; it is skipped",
             ],
         ),
-        ((CAMERA, FLOOR, 'def DomeLight "Sky" {\n}\n'), "", ["there is no fog, in which beams would be seen"]),
+        ((CAMERA, FLOOR, 'def DomeLight "Sky" {\n}\n'), "", ["there is no fog, so no beams are seen"]),
     ],
 )
 def test_what_cannot_be_rendered_is_left_out_with_one_warning_each(render, stage, out, prims, metadata, warnings):
@@ -661,7 +661,7 @@ def test_a_texture_that_is_cut_off_is_named(render, stage, out, tmp_path):
     [
         (["mine.py:green"], 0, ""),
         (["Lamp=mine.py:green"], 0, ""),
-        (["Lmp=mine.py:green"], 1, "no beams are of Lmp: expected one of "),
+        (["Lmp=mine.py:green"], 1, "no beams are named Lmp: expected one of "),
         (["mine.py:number"], 2, "--look is mine.py:number: expected a photonbeams.Look 'number' in mine.py"),
         (["gone.py:green"], 2, "--look is gone.py:green: expected a file that is there"),
         (["green"], 2, "--look is green: expected FILE.py:NAME"),

@@ -75,7 +75,7 @@ def test_a_wrong_keyword_is_answered_with_the_right_ones():
             lambda: pb.Look(angel=1),
             "Look has no argument 'angel', did you mean angle? Expected along, across, eye, angle",
         ),
-        (lambda: pb.Look(*range(5)), "Look is given 5 arguments by place: expected up to 4, along, across, eye, angle"),
+        (lambda: pb.Look(*range(5)), "Look got 5 positional arguments: expected up to 4, along, across, eye, angle"),
         (lambda: looks.Exponential(), "Exponential lacks length: expected length"),
         (lambda: looks.Glow(mixx=1), "Glow has no argument 'mixx', did you mean mix? Expected anisotropy, mix, gain"),
         (lambda: pb.thin(part=1), "thin has no argument 'part'. Expected fraction, keep_light"),

@@ -196,7 +196,7 @@ def test_through_a_wide_pixel_filter_there_is_a_warning_and_the_noisy_picture_is
     given = {"passes": 2, "crop": (0.25, 0.2, 0.75, 0.8), "pixel_filter": "gaussian", **SMALL}
     frame = shot.render(denoise=True, keep_noisy=True, **given)
     assert [each.message for each in caplog.records] == [
-        "denoise: through the pixel filter gaussian the noise of neighbours is alike, and much stays: expected box"
+        "denoise: the pixel filter gaussian makes noise alike in neighbouring pixels, and much stays: expected box"
     ]
     noisy = shot.render(**given)
     assert all(np.array_equal(frame.layers[f"noisy_{name}"], noisy.layers[name]) for name in ("surface", "beams"))

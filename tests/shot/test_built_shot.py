@@ -80,7 +80,10 @@ def test_it_has_eyes_looks_and_checkpoints_as_stages_have(tmp_path):
         (lambda: scene.Mesh("/M", [[0, 0]], [[0, 0, 0]]), "mesh /M: points have the shape"),
         (lambda: scene.SphereLight("/Lamp", -1), "/Lamp: radiance is -1: expected"),
         (lambda: scene.SphereLight("/Lamp", 1, center=[0, 1]), r"/Lamp: center is \[0, 1\]: expected 3 finite numbers"),
-        (lambda: shot(looks={"Sun": pb.Look()}).render(**SMALL), "the scene: no beams are of Sun: expected one of /La"),
+        (
+            lambda: shot(looks={"Sun": pb.Look()}).render(**SMALL),
+            "the scene: no beams are named Sun: expected one of /La",
+        ),
         (lambda: scene.Camera.look_at([0, 0, 0], [0, 1, 0]), "up across the line"),
     ],
 )

@@ -92,7 +92,7 @@ def broken(_context):
 
 @pytest.mark.parametrize(
     "shot, sentence",
-    [(lambda path: pb.Shot.open(path, looks={"Lampe": pb.Look()}), "no beams are of Lampe: expected one of /Lamp"),
+    [(lambda path: pb.Shot.open(path, looks={"Lampe": pb.Look()}), "no beams are named Lampe: expected one of /Lamp"),
      (lambda path: pb.Shot.open(path.with_name("shot.####.xml")), "no such file"),
      (lambda path: built(height=1, emit=broken), "the beams are out")],
     ids=["look", "file", "function"],

@@ -220,8 +220,8 @@ def test_numbers_of_numpy_are_numbers(shot):
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        ({"looks": [1]}, "looks is [1]: expected a Look, or Looks by the names of lights"),
-        ({"medium": "x"}, "medium is 'x': expected a Medium, or a function of the stage's own"),
+        ({"looks": [1]}, "looks is [1]: expected a Look, or a dict of Looks by the names of lights"),
+        ({"medium": "x"}, "medium is 'x': expected a Medium, or a function of the stage's Medium"),
         ({"emit": "a.py:x"}, "emit is 'a.py:x': expected a function"),
         ({"simulate": 1}, "simulate is 1: expected a function"),
     ],
@@ -321,7 +321,7 @@ def test_a_look_for_beams_that_are_not_there_is_an_error(tmp_path):
     (tmp_path / "a.usda").write_text(LOOKED_AT)
     shot = pb.Shot.open(tmp_path / "a.usda", looks={"Green": GREEN})
     with pytest.raises(
-        pb.SceneError, match=r"no beams are of Green: expected one of /World/Blue, /World/Look, /World/Red"
+        pb.SceneError, match=r"no beams are named Green: expected one of /World/Blue, /World/Look, /World/Red"
     ):
         shot.render(passes=1, width=16, height=9)
 

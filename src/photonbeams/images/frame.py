@@ -1,4 +1,4 @@
-"""A rendered frame with the metadata of its file."""
+"""Rendered frames with the metadata of their files, and parts of pictures: crop windows and tiles."""
 
 from __future__ import annotations
 
@@ -17,24 +17,36 @@ if TYPE_CHECKING:
     from ..render.passes import Statistics
 
 
-_EDGE = 1e-4  # of a pixel, which rounding down does not lose
+_EDGE = 1e-4  # of a pixel: added to edges, so that rounding down gives the right pixel
 
 
 @dataclass(frozen=True)
 class Frame:
-    """A rendered frame.
+    """A rendered frame, as `Shot.render` returns it; notebooks show it as a picture.
 
     Attributes
     ----------
     layers
-        Name to (H, W, C) float32: rgba, surface, beams, beams_<group>, transmittance, depth.
+        (H, W, C) float32 by name: rgba, surface, beams, beams_<group>, transmittance, depth, and others if settings
+        ask for them. Colours are scene-linear; the depth is planar, in scene units.
     metadata
-        What the EXR's header says.
+        What the EXR's header holds: the camera's matrices, seed, passes, frame number.
     statistics
         Passes, beams, seconds by phase, kernels compiled.
     views
-        Of a stereo frame, layers and metadata of each eye, "left" before "right"; `layers` and `metadata` are those of
-        the first.
+        For a stereo frame the layers and metadata of each eye, "left" before "right"; `layers` and `metadata` are then
+        those of the left eye. Empty for a single camera.
+
+    Examples
+    --------
+    >>> content = pb.scene.Scene(lights=pb.scene.SphereLight("/Lamp", 50.0), media=pb.Medium(scattering=0.1))
+    >>> camera = pb.scene.Camera.look_at(origin=(0, 0, 4), target=(0, 0, 0))
+    >>> frame = pb.Shot(content, camera).render(passes=1, width=32)
+    >>> frame
+    Frame(32 x 18 pixels, 1 passes, rgba, surface, beams, ...)
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder:
+    ...     frame.write(f"{folder}/shot.exr")
     """
 
     layers: dict[str, Array]
@@ -44,12 +56,29 @@ class Frame:
 
     @classmethod
     def of(cls, views: dict[str, tuple[dict[str, Array], dict[str, Any]]], statistics: Statistics) -> Frame:
-        """Return the frame of some views: layers and metadata of each, in their order."""
+        """Return the frame of `views`, the layers and metadata of each by its name, with `statistics`."""
         layers, metadata = next(iter(views.values()))
         return cls(layers, metadata, statistics, views if len(views) > 1 else {})
 
     def write(self, path: PathLike, layer: str = "rgba", exposure: float = 0.0) -> None:
-        """Write a layered EXR, or one layer as a tone-mapped PNG, by the suffix; whole or not at all."""
+        """Write a layered EXR, or one layer as a tone-mapped PNG, whole or not at all.
+
+        Parameters
+        ----------
+        path
+            A name that ends in .exr or .png. The folder is made if it does not exist.
+        layer
+            For a PNG: the layer to show.
+        exposure
+            For a PNG: in stops, the colours are multiplied by 2^exposure.
+
+        Raises
+        ------
+        SceneError
+            Another suffix, no such layer, or one that is not a picture, such as `depth`.
+        OSError
+            The file cannot be written.
+        """
         write_frame(path, self.layers, self.metadata, layer=layer, exposure=exposure, views=self.views)
 
     def __repr__(self) -> str:
@@ -58,17 +87,31 @@ class Frame:
         return f"Frame({eyes}{width} x {height} pixels, {self.statistics.passes} passes, {', '.join(self.layers)})"
 
     def _repr_png_(self) -> bytes:
-        """Return the PNG that `write` writes, for notebooks; a large picture is made smaller: see `preview`."""
+        """Return the PNG that `write` writes, for notebooks; large pictures are scaled down: see `preview`."""
         return preview(*(layers["rgba"] for layers, _ in self.views.values() or [(self.layers, {})]))
 
 
 def tile_of(
     crop: Sequence[float] | None, width: int, height: int, tile: tuple[int, int]
 ) -> tuple[float, float, float, float]:
-    """Return the crop window of tile (number from 1, of how many): bands of rows, of a picture or of a crop window.
+    """Return the crop window of one of several tiles, which are bands of rows of a picture or of a crop window.
 
-    Bands begin at tiles of the estimators, in which pixels share places on a lens: they are then the bits of the whole.
-    SceneError where there are more tiles than such bands.
+    Bands begin where tiles of the estimators do, in which pixels share their places on the lens. So a band has the bits
+    that the whole picture would have.
+
+    Parameters
+    ----------
+    crop
+        As for `pixels_of`.
+    width, height
+        Pixels of the whole picture.
+    tile
+        The number of the tile, from 1, and the number of tiles.
+
+    Raises
+    ------
+    SceneError
+        More tiles than there are bands.
     """
     from ..estimators.tiles import TILE
 
@@ -85,12 +128,18 @@ def tile_of(
 
 
 def fractions_of(first: int, last: int, count: int) -> tuple[float, float]:
-    """Return fractions of `count` pixels that `pixels_of` takes for those from `first` to `last`, not included."""
+    """Return the fractions of `count` pixels for which `pixels_of` returns `first` and, not included, `last`."""
     return (first + _EDGE) / count, min((last + _EDGE) / count, 1.0)
 
 
 def pixels_of(crop: Sequence[float] | None, width: int, height: int) -> tuple[int, int, int, int]:
-    """Return the pixels of a crop window, at least one; raise SceneError where it is outside of the picture."""
+    """Return the pixels of a crop window, at least one: left, top, right, bottom, the last two not included.
+
+    Raises
+    ------
+    SceneError
+        A crop window that is not four numbers, is empty, or leaves the picture.
+    """
     if crop is None:
         return (0, 0, width, height)
     if isinstance(crop, str) or np.shape(crop) != (4,):

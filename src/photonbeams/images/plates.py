@@ -1,4 +1,4 @@
-"""Pictures of other renderers: their depth, at which beams end, and the plate that beams are added to."""
+"""Pictures of other renderers: holdouts, whose depth ends the beams, and plates, to which beams are added."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from ..world.cameras import View, Window
 
 KINDS = ("auto", "planar", "distance")
-# From here on a depth means that there is nothing: Blender writes 1e10.
+# Depths from here on mean that there is no surface: Blender writes 1e10.
 NOTHING = 1e10 * (1 - 1e-6)
 _MOST_NAMES = 24
 
@@ -42,11 +42,11 @@ class Depth:
     Attributes
     ----------
     values
-        (H, W) float32, in scene units, infinite where there is nothing.
+        (H, W) float32, in scene units, infinite where there is no surface.
     distance
-        Whether they are distances from the camera, not along its axis.
+        Whether they are distances from the camera, rather than along its axis.
     place
-        Where in each pixel they are, 0 to 1 both ways.
+        Where in each pixel they were measured, from 0 to 1, the same horizontally and vertically.
     """
 
     values: Array
@@ -58,7 +58,7 @@ class Depth:
         from ..render.holdouts import HoldoutDepth
 
         values, place = part_of(self.values, view.window), (self.place, self.place)
-        # A lens, if there is one, is around the camera's place, from which distances are.
+        # Distances are from the camera's position; a lens, if there is one, is centred there.
         return HoldoutDepth(values * view.cosines(place) if self.distance else values, view.window, place)
 
 
@@ -70,19 +70,29 @@ class Holdout:
     ----------
     file
         An image, in whose name a run of # is the frame number and %V the view, "left" or "right"; or the depths
-        themselves, (H, W) of the whole picture, for two eyes (2, H, W).
+        themselves, (H, W) for the whole picture, or (2, H, W) for two eyes.
     channel
-        Name of the channel or of its layer; None: found by its name, such as Z, ViewLayer.Depth.Z or distance.
+        Name of the channel or of its layer. None, the default: it is found by a name such as Z, ViewLayer.Depth.Z or
+        distance.
     kind
-        "planar", along the camera's axis; "distance", from the camera; "auto": planar unless the channel's name says
-        otherwise, as `distance` and Mitsuba's `.T` do.
+        "planar", along the camera's axis; "distance", from the camera; "auto", the default: planar unless the
+        channel's name says otherwise, as `distance` and Mitsuba's `.T` do.
     scale
-        Scene units in one unit of the file.
+        Scene units in one unit of the file. Default 1.
 
     Raises
     ------
     SceneError
         Another kind, or a scale that is not above 0, or beyond 1e12.
+
+    Examples
+    --------
+    >>> depth = np.full((18, 32), 5.0)  # metres, where the scene has centimetres
+    >>> holdout = pb.Holdout(depth, scale=100)
+    >>> float(holdout.read(1, [""], (32, 18), print)[0].values.max())
+    500.0
+
+    `shot.render(holdout=holdout)` ends the beams there; `pb.Holdout("depth.####.exr")` reads a file for each frame.
     """
 
     file: PathLike | Array
@@ -98,15 +108,15 @@ class Holdout:
 
     @classmethod
     def of(cls, given: PathLike | Array | Holdout | None) -> Holdout | None:
-        """Return the holdout that a file's path, planar depths or a holdout describe."""
+        """Return the holdout of what is `given`: a file's path, planar depths, a holdout, or None."""
         return given if given is None or isinstance(given, Holdout) else cls(_path_or_pixels(given))
 
     def size(self, frame: float, views: Sequence[str]) -> Size:
-        """Return width and height of the picture that the depths are of; parameters and errors as in `read`."""
+        """Return the width and height of the depths for `frame` and `views`, which are as for `read`."""
         return _size(self.file, frame, views, axes=2)
 
     def check(self, frame: float, views: Sequence[str], size: Size) -> None:
-        """Raise what `read` would raise, as far as headers tell."""
+        """Raise what `read` would raise for `frame`, `views` and `size`, as far as headers show it."""
         for file, view in image_files(self.file, frame, views):
             _factor(file, file.size, size)
             self._channel(file, file.channels_of(view, views), _in_silence)
@@ -114,20 +124,31 @@ class Holdout:
     def read(self, frame: float, views: Sequence[str], size: Size, warn: Warn) -> list[Depth]:
         """Return the depths of each view.
 
-        There is nothing where the file says 0 or less, NaN, infinity, 1e10 or more, or the largest half.
+        A depth of 0 or less, NaN, infinity, 1e10 or more, or the largest half means that there is no surface.
 
         Parameters
         ----------
-        frame, views, size
-            Number of the frame; its views, one "" for a camera that is none of two eyes; width and height.
+        frame
+            Number of the frame.
+        views
+            Its views: "left", "right" or both, or one "" for a camera that is not split.
+        size
+            Width and height of the picture in pixels.
         warn
             Called with each warning.
 
+        Returns
+        -------
+        list[Depth]
+            One for each view.
+
         Raises
         ------
-        OSError, SceneError
-            No such file; no image; no depth in it, no such channel, or no such view; a size that is neither the
-            picture's nor a whole multiple of it.
+        OSError
+            A file that does not exist or may not be read.
+        SceneError
+            No image; no depth in it, no such channel, or no such view; a size that is neither the picture's nor a whole
+            multiple of it.
         """
         if isinstance(self.file, np.ndarray):
             depths = _arrays(self.file, 2, views, "the holdout", "(H, W)")
@@ -138,7 +159,7 @@ class Holdout:
             distance = self.kind == "distance" or (self.kind == "auto" and says_distance(channel))
             depth = self._depth(file.pixels([channel], np.inf)[..., 0], channel.kind, size, file, distance)
             if not np.isfinite(depth.values).any():
-                warn(f"{file}: {channel.name} holds no depth, and no beam ends: expected some pixels from 0 to 1e10")
+                warn(f"{file}: {channel.name} holds no depth, so no beam ends: expected some pixels between 0 and 1e10")
             result.append(depth)
         return result
 
@@ -153,16 +174,16 @@ class Holdout:
             raise SceneError(f"{file} has {wanted}: expected one of {names}{more}{chosen}")
         if len(found) > 1 and self.channel is None:
             names = ", ".join(each.name for each in found)
-            warn(f"{file} has the depths {names}: the first is taken, --holdout-channel chooses another")
+            warn(f"{file} has the depths {names}: the first is used, --holdout-channel chooses another")
         if found[0].kind not in ("half", "float", "double"):
             text = f"{file} holds {found[0].name} as {found[0].kind}"
             raise SceneError(f"{text}: expected a depth of half or single precision")
         return found[0]
 
     def _depth(self, values: Array, stored: str, size: Size, where: Any, distance: bool) -> Depth:
-        """Return depths of the picture's size in scene units."""
+        """Return depths in scene units, at the picture's size."""
         factor = _factor(where, (values.shape[1], values.shape[0]), size)
-        # One of the pixels that come together, never their mean: between a near and a far surface there is none.
+        # One of the pixels that are merged, not their mean: between a near and a far surface there is no surface.
         middle = factor // 2
         values = np.asarray(values[middle::factor, middle::factor], dtype=np.float64)
         there = (values > 0) & (values < (HALF_MAX if stored == "half" else NOTHING))
@@ -177,10 +198,20 @@ class Plate:
     Attributes
     ----------
     file
-        An image, named as in `Holdout`, sRGB where it has 8 bits and else scene-linear; or its pixels, (H, W, 3 or 4)
-        of the whole picture, for two eyes (2, H, W, 3 or 4).
+        An image, named as in `Holdout`, which is sRGB if it has 8 bits, and scene-linear if not; or scene-linear
+        pixels, (H, W, 3 or 4) for the whole picture, or (2, H, W, 3 or 4) for two eyes.
     fog
-        Whether the fog dims it, too.
+        Whether the fog dims the plate. Default False.
+
+    Examples
+    --------
+    >>> plate = pb.Plate(np.full((18, 32, 3), 0.2), fog=True)
+    >>> pixels = plate.read(1, [""], (32, 18), print)[0]
+    >>> layers = {"beams": np.full((18, 32, 3), 0.05), "transmittance": np.full((18, 32, 3), 0.5)}
+    >>> plate.composite(layers, pixels)[0, 0].round(2)
+    array([0.15, 0.15, 0.15, 1.  ])
+
+    `shot.render(over=plate)` does that for its `rgba`; `pb.Plate("plate.####.exr")` reads a file for each frame.
     """
 
     file: PathLike | Array
@@ -188,21 +219,24 @@ class Plate:
 
     @classmethod
     def of(cls, given: PathLike | Array | Plate | None) -> Plate | None:
-        """Return the plate that a file's path, pixels or a plate describe."""
+        """Return the plate of what is `given`: a file's path, pixels, a plate, or None."""
         return given if given is None or isinstance(given, Plate) else cls(_path_or_pixels(given))
 
     def size(self, frame: float, views: Sequence[str]) -> Size:
-        """Return width and height; parameters and errors as in `Holdout.read`."""
+        """Return the width and height of the plate for `frame` and `views`, which are as for `Holdout.read`."""
         return _size(self.file, frame, views, axes=3)
 
     def check(self, frame: float, views: Sequence[str], size: Size) -> None:
-        """Raise what `read` would raise, as far as headers tell."""
+        """Raise what `read` would raise for `frame`, `views` and `size`, as far as headers show it."""
         for file, view in image_files(self.file, frame, views):
             _factor(file, file.size, size)
             picture_channels(file, file.channels_of(view, views), _in_silence)
 
     def read(self, frame: float, views: Sequence[str], size: Size, warn: Warn) -> list[Array]:
-        """Return for each view the pixels, (H, W, 4) float32, scene-linear; parameters and errors as `Holdout.read`."""
+        """Return the scene-linear pixels of each view, (H, W, 4) float32.
+
+        `frame`, `views`, `size` and `warn`, and what is raised, are as for `Holdout.read`.
+        """
         if isinstance(self.file, np.ndarray):
             plates = _arrays(self.file, 3, views, "the plate", "(H, W, 3) or (H, W, 4)")
             return [_shrunk(each, size, "the plate") for each in plates]
@@ -218,7 +252,10 @@ class Plate:
         return result
 
     def read_whole(self, frame: float, views: Sequence[str], size: Size, warn: Warn) -> list[Array]:
-        """Return what `read` does; of a truncated file nothing, with a warning: beams do not depend on it."""
+        """Return what `read` returns; for a truncated file nothing, with a warning, since beams do not depend on it.
+
+        `frame`, `views`, `size` and `warn` are as for `Holdout.read`.
+        """
         self.check(frame, views, size)
         try:
             return self.read(frame, views, size, warn)
@@ -227,19 +264,27 @@ class Plate:
             return []
 
     def composite(self, layers: dict[str, Array], pixels: Array) -> Array:
-        """Return plate + beams, or plate · transmittance + beams, (H, W, 4), with the plate's alpha."""
+        """Return plate + beams, or plate · transmittance + beams if the fog dims it, with the plate's alpha.
+
+        Parameters
+        ----------
+        layers
+            The layers of a view: `beams` and `transmittance`, (H, W, 3).
+        pixels
+            (H, W, 4) pixels of the plate.
+        """
         color = pixels[..., :3] * layers["transmittance"] if self.fog else pixels[..., :3]
         return np.concatenate([color + layers["beams"], pixels[..., 3:]], axis=2)
 
 
 def part_of(pixels: Array, window: Window) -> Array:
-    """Return the part of a whole picture in a window."""
+    """Return the part of a whole picture that a window shows."""
     x0, y0, x1, y1 = window.crop
     return pixels[y0:y1, x0:x1]
 
 
 def _shrunk(pixels: Array, size: Size, where: Any) -> Array:
-    """Return colours at the picture's size, means of the pixels that come together, with an alpha."""
+    """Return colours with an alpha at the picture's size: means over the pixels that are merged."""
     factor = _factor(where, (pixels.shape[1], pixels.shape[0]), size)
     pixels = np.asarray(pixels, dtype=np.float32)
     if factor > 1:
@@ -258,7 +303,7 @@ def _arrays(pixels: Array, axes: int, views: Sequence[str], what: str, shape: st
 
 
 def _factor(where: Any, found: Size, size: Size) -> int:
-    """Return a file's pixels per pixel of the picture, each way; raise SceneError where it is not whole."""
+    """Return how many pixels of a file, along each side, make one of the picture; SceneError if that is not whole."""
     factor = found[0] // size[0]
     if factor and found == (factor * size[0], factor * size[1]):
         return factor
@@ -282,4 +327,4 @@ def _path_or_pixels(given: Any) -> PathLike | Array:
 
 
 def _in_silence(_: str) -> None:
-    """Ignore a warning: it is given when pixels are read."""
+    """Ignore a warning; it is given again when pixels are read."""

@@ -1,8 +1,8 @@
-"""What a shot contains, in plain numbers: the vocabulary between what reads a scene and what renders it.
+"""What a shot contains, in plain numbers: readers produce these classes, and renderers take them.
 
-Nothing here knows USD, Mitsuba or Dr.Jit. Lengths are scene units, positions and directions are in world space,
-colours are scene-linear Rec.709 unless the stage says otherwise. Every class checks its own numbers, so that what
-reaches a kernel is finite and in range; the messages name the field, and the reader adds file and prim.
+Nothing here depends on USD, Mitsuba or Dr.Jit. Lengths are in scene units, positions and directions in world space;
+colours are scene-linear Rec. 709 unless the stage says otherwise. Every class checks its own numbers, so that what
+reaches a kernel is finite and in range. Messages name the field; the reader adds file and prim.
 """
 
 from .beams import DrawnBeams

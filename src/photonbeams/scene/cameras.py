@@ -1,4 +1,4 @@
-"""Cameras, and the filters of their films."""
+"""Cameras, and the names of pixel filters."""
 
 from __future__ import annotations
 
@@ -10,26 +10,42 @@ import numpy as np
 from .checks import Array, SceneError
 from .vectors import unit
 
-#: Pixel filters, by the names of Mitsuba's plug-ins.
+#: The pixel filters, named as Mitsuba's plug-ins.
 FILTERS = ("box", "tent", "gaussian", "mitchell", "catmullrom", "lanczos")
 
 
 @dataclass(frozen=True)
 class Camera:
-    """A camera as UsdGeom has it, with lengths in scene units.
+    """A camera as UsdGeomCamera describes it, with all lengths in scene units.
 
     Attributes
     ----------
+    name
+        Prim path, for messages and for an EXR's header.
     to_world
         (4, 4) rigid transform for column vectors; the camera looks along its −Z, +Y is up.
-    focal_length, horizontal_aperture, vertical_aperture, horizontal_offset, vertical_offset
-        In scene units. For an orthographic camera the apertures are the view's width and height.
+    focal_length
+        Default 5.
+    horizontal_aperture, vertical_aperture
+        Width and height of the film; for an orthographic camera those of the view. Default 2.0955 and 1.52908.
+    horizontal_offset, vertical_offset
+        Offset of the film from the optical axis. Default 0.
+    orthographic
+        Whether the projection is orthographic. Default False, which is perspective.
     clipping
-        Near and far distance.
+        Near and far distance along the optical axis. Default 1e-3 and 1e6.
     lens_radius, focus_distance
-        Of a thin lens, and where it is in focus, along the optical axis; a radius of 0 is a pinhole.
+        Radius of a thin lens, and the distance along the optical axis at which it is in focus. Default 0, a pinhole.
     exposure_scale
-        What all light that is seen is multiplied with.
+        A factor on all light that the camera sees. Default 1.
+
+    Examples
+    --------
+    >>> camera = pb.scene.Camera.look_at(origin=(0, 1, 5), target=(0, 1, 0), fov=60)
+    >>> camera.to_world[:3, 3]
+    array([0., 1., 5.])
+    >>> round(camera.horizontal_aperture / camera.vertical_aperture, 3)
+    1.778
     """
 
     name: str
@@ -50,22 +66,34 @@ class Camera:
         cls, origin: Sequence[float] | Array, target: Sequence[float] | Array,
         up: Sequence[float] | Array = (0.0, 1.0, 0.0), fov: float = 40.0, aspect: float = 16 / 9, name: str = "camera",
     ) -> Camera:  # fmt: skip
-        """Return a pinhole camera at a point that looks at another one, `fov` degrees wide.
+        """Return a pinhole camera at one point that looks at another.
 
-        `aspect` is its width over its height.
+        Parameters
+        ----------
+        origin, target
+            (3,) positions of the camera, and of what is in the middle of its view.
+        up
+            (3,) direction that is upward in the picture. Default: +Y.
+        fov
+            Horizontal field of view in degrees, more than 0 and less than 180. Default 40.
+        aspect
+            Width of the picture over its height. Default 16 / 9.
+        name
+            The camera's name.
 
         Raises
         ------
         SceneError
-            Points that are the same or not finite, `up` along the line of sight, a width not between 0 and 180 degrees.
+            Points that are equal or not finite, `up` along the line of sight, a field of view or an aspect out of
+            range.
         """
         places = np.array([origin, target, up], dtype=np.float64)
         back = places[0] - places[1]
         side = np.cross(places[2], back)
         if not np.linalg.norm(side) > 0 or not np.isfinite(np.linalg.norm(side)):
-            raise SceneError(f"camera {name}: expected two different points, and up across the line between them")
+            raise SceneError(f"camera {name}: expected two different points, and up not along the line between them")
         if not 0 < fov < 180 or not aspect > 0:
-            raise SceneError(f"camera {name}: fov is {fov}, aspect {aspect}: expected 0 to 180 degrees, and above 0")
+            raise SceneError(f"camera {name}: fov is {fov}, aspect {aspect}: expected 0 < fov < 180 and aspect > 0")
         to_world = np.eye(4)
         to_world[:3] = np.column_stack([unit(side), unit(np.cross(back, side)), unit(back), places[0]])
         width = 2 * cls.focal_length * float(np.tan(np.radians(fov) / 2))

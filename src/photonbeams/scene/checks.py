@@ -20,21 +20,21 @@ Array = npt.NDArray[Any]
 Color = tuple[float, float, float]
 
 
-DEFAULT_BEAMS = 4096  # a pass, of each light that does not say
+DEFAULT_BEAMS = 4096  # per pass, for each light that does not set a number
 
 
-MOST_BEAMS = 100_000_000  # that a light may say
+MOST_BEAMS = 100_000_000  # that a light may ask for
 
 
-MOST_PIXELS = 65536  # of a picture, each way
+MOST_PIXELS = 65536  # of a picture, along each side
 
 
 # In scene units, from the origin. Kernels square distances in single precision, which ends at 1e38.
 FARTHEST = 1e12
 
 
-# How far beyond the bounding sphere, in its radii, light of a lamp goes on that meets no surface. With nothing behind
-# them the beams would otherwise end in view; what is further away adds less than a percent of a beam's light.
+# How far light that meets no surface goes on beyond the bounding sphere, in radii of that sphere. If it ended there,
+# beams with nothing behind them would end in view; what is farther away adds less than a percent of a beam's light.
 ESCAPE = 8.0
 
 
@@ -43,18 +43,29 @@ BLACK: Color = (0.0, 0.0, 0.0)
 WHITE: Color = (1.0, 1.0, 1.0)
 
 
-LONGEST = 300  # characters of a sentence
-_LONGEST_VALUE = 60  # characters of a value in it
+LONGEST = 300  # characters of a message
+_LONGEST_VALUE = 60  # characters of a value in a message
 
 
 def shortened(text: str, less: int = 0) -> str:
-    """Return a sentence, cut where it is longer than one that is read; `less` are characters to come after it."""
+    """Return a message cut to `LONGEST` characters, `less` of which are kept free for what follows it."""
     most = max(LONGEST - less, 1)
     return text if len(text) <= most else f"{text[: most - 1]}…"
 
 
 class SceneError(ValueError):
-    """Something in a scene cannot be rendered; the text is one sentence for the user."""
+    """An error in what the user gave: something that cannot be read or rendered.
+
+    The text is one sentence of at most 300 characters: what is wrong, where, and what was expected.
+
+    Examples
+    --------
+    >>> try:
+    ...     pb.Medium(scattering=-0.1)
+    ... except pb.SceneError as error:
+    ...     print(error)
+    scattering is -0.1: expected one or three finite numbers of at least 0
+    """
 
     def __str__(self) -> str:
         return shortened(super().__str__())
@@ -65,7 +76,7 @@ R = TypeVar("R")
 
 
 def shown(value: Any) -> str:
-    """Return a value as a message shows it: on one line, and short."""
+    """Return a value as text for a message: on one line, of at most 61 characters."""
     try:
         text = " ".join((str(value) if isinstance(value, Real) else repr(value)).split())
     except Exception:
@@ -80,13 +91,20 @@ def has_gradients(value: Any) -> bool:
 
 
 def numbers(value: Any, name: str, expected: str) -> Array:
-    """Return numbers of any shape as a NumPy array; vectors of Dr.Jit arrays are its rows, (N, 3).
+    """Return numbers of any shape as a NumPy array; a Dr.Jit array of vectors becomes (N, 3).
+
+    Parameters
+    ----------
+    value
+        Numbers, lists of them, or arrays of any library.
+    name, expected
+        What the message calls the value, and what it says was expected.
 
     Raises
     ------
     SceneError
-        What holds anything but real numbers, rows of unequal length, and Dr.Jit arrays whose gradients are enabled,
-        since these would be lost. The sentence says what was `expected`.
+        Anything but real numbers, rows of unequal length, and Dr.Jit arrays with gradients enabled: NumPy would lose
+        these.
     """
     if has_gradients(value):
         raise SceneError(f"{name} has gradients enabled, which would be lost: expected {expected}, without them")
@@ -94,7 +112,7 @@ def numbers(value: Any, name: str, expected: str) -> Array:
         found = np.asarray(_rows(value))
         if found.dtype.kind == "O" and all(isinstance(each, Real) for each in found.flat):
             found = found.astype(np.float64)
-    except Exception:  # of any library whose arrays a user may have
+    except Exception:  # of whatever library the user's arrays are from
         found = np.asarray(None)
     if found.dtype.kind not in "buif":
         raise SceneError(f"{name} is {shown(value)}: expected {expected}")
@@ -102,7 +120,7 @@ def numbers(value: Any, name: str, expected: str) -> Array:
 
 
 def choice(value: Any, name: str, choices: Iterable[str]) -> str:
-    """Return `value` where it is one of these words; SceneError names them where it is not."""
+    """Return `value` if it is one of these words, else raise a SceneError that lists them."""
     listed = tuple(choices)
     if not isinstance(value, str) or value not in listed:
         raise SceneError(f"{name} is {shown(value)}: expected one of {', '.join(listed)}")
@@ -110,14 +128,14 @@ def choice(value: Any, name: str, choices: Iterable[str]) -> str:
 
 
 def instance(value: Any, name: str, *kinds: type) -> None:
-    """Raise SceneError for a value of another type than these."""
+    """Raise SceneError if a value is of none of these types."""
     if not isinstance(value, kinds):
         known = " or ".join("None" if each is NoneType else f"a {each.__name__}" for each in kinds)
         raise SceneError(f"{name} is {shown(value)}: expected {known}")
 
 
 def _rows(value: Any) -> Any:
-    """Return Dr.Jit arrays, also those in lists, as NumPy has them: vectors as rows, of one entry that alone."""
+    """Return Dr.Jit arrays, also those in lists, as NumPy arrays: vectors become rows, a single vector one row."""
     drjit = sys.modules.get("drjit")
     if drjit is None:
         return value
@@ -130,7 +148,7 @@ def _rows(value: Any) -> Any:
 
 
 def arguments(function: Callable[P, R]) -> Callable[P, R]:
-    """Decorate a function that users call: a wrong argument is a SceneError that names the right ones.
+    """Decorate a function that users call, so that a wrong argument raises a SceneError that lists the right ones.
 
     Examples
     --------
@@ -156,7 +174,7 @@ def arguments(function: Callable[P, R]) -> Callable[P, R]:
 
 
 def unknown(name: str, key: str, expected: Iterable[str]) -> str:
-    """Return the sentence for an argument that a function does not have, with the nearest one that it has."""
+    """Return the message for an argument that a function does not have; it names the most similar one that exists."""
     listed = list(expected)
     near = difflib.get_close_matches(key.lower(), listed, n=1)
     hint = f", did you mean {near[0]}?" if near else "."
@@ -173,7 +191,7 @@ def _misuse(name: str, signature: inspect.Signature, given: int, named: dict[str
     positional = [key for key, each in parameters.items() if each.kind is not each.KEYWORD_ONLY]
     given -= "self" in signature.parameters
     if given > len(positional):
-        return f"{name} is given {given} arguments by place: expected up to {len(positional)}, {', '.join(positional)}"
+        return f"{name} got {given} positional arguments: expected up to {len(positional)}, {', '.join(positional)}"
     missing = [key for key in needed if key not in named and key not in positional[:given]]
     if missing:
         return f"{name} lacks {', '.join(missing)}: expected {', '.join(parameters)}"[:LONGEST]
@@ -181,7 +199,7 @@ def _misuse(name: str, signature: inspect.Signature, given: int, named: dict[str
 
 
 def color(value: float | Sequence[float] | Array, name: str, minimum: float = 0.0) -> Color:
-    """Return `value`, a number or three of them, as a colour of finite numbers not below `minimum`."""
+    """Return `value`, one number or three, as a colour; SceneError unless they are finite and at least `minimum`."""
     expected = f"one or three finite numbers of at least {minimum:g}"
     found = numbers(value, name, expected).astype(np.float64)
     if found.size not in (1, 3) or not np.all(np.isfinite(found)) or np.any(found < minimum):
@@ -196,7 +214,7 @@ def rgb(pixels: Array) -> Array:
 
 
 def number(value: float, name: str, minimum: float = -np.inf, maximum: float = np.inf) -> float:
-    """Return `value` as a finite float between `minimum` and `maximum`."""
+    """Return `value` as a float; SceneError unless it is finite and from `minimum` to `maximum`."""
     bounds = [
         words
         for words, bound in ((f"at least {minimum:g}", minimum), (f"at most {maximum:g}", maximum))
@@ -210,14 +228,14 @@ def number(value: float, name: str, minimum: float = -np.inf, maximum: float = n
 
 
 def whole(value: Any, name: str, of: str = "") -> int:
-    """Return a whole number, NumPy's too, as an int; SceneError where it is none, as 64.0 and "4" are."""
+    """Return a whole number, also a NumPy one, as an int; SceneError for anything else, such as 64.0 and "4"."""
     if not isinstance(value, Integral):
         raise SceneError(f"{name} is {shown(value)}: expected a whole number{of}")
     return int(value)
 
 
 def real(value: Any, name: str, above: float = -np.inf) -> float:
-    """Return a finite number, NumPy's too, as a float; SceneError where it is none, or not above `above`."""
+    """Return a finite number above `above`, also a NumPy one, as a float; SceneError for anything else."""
     if isinstance(value, Real) and above < float(value) < np.inf:
         return float(value)
     shown = value if isinstance(value, Real) else repr(value)

@@ -1,4 +1,4 @@
-"""Extras: packages that a part of the program needs, and that are not always installed."""
+"""Extras: optional packages, which only a part of the program needs."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from .checks import SceneError
 
 @contextmanager
 def needs(extra: str, purpose: str, package: str) -> Iterator[None]:
-    """Raise SceneError where a package cannot be imported, with the extra that brings it.
+    """Raise a SceneError that names the extra to install if a package cannot be imported within.
 
     Parameters
     ----------
     extra
-        The extra of photonbeams.
+        The extra of photonbeams that installs the package.
     purpose
-        What is wanted, as the subject of a sentence: "a farm".
+        What the package is needed for, as the subject of a sentence: "a farm".
     package
-        The package's own name, as people know it.
+        The name by which people know the package.
     """
     try:
         yield

@@ -1,4 +1,4 @@
-"""Lights, after UsdLux, with the settings of their beams."""
+"""Lights as UsdLux defines them, with the settings of their beams."""
 
 from __future__ import annotations
 
@@ -14,13 +14,34 @@ from .surfaces import Mesh, UVTexture
 if TYPE_CHECKING:
     from ..looks import Look
 
-#: What beams of scattered light may be.
+#: How beams of light that was scattered before may look.
 SCATTERED = ("physical", "look", "off")
 
 
 @dataclass(frozen=True)
 class Shaping:
-    """UsdLuxShapingAPI: a light's cone, its soft edge, its focus and its profile; angles in degrees from its axis."""
+    """A light's cone, focus and angular profile, as UsdLuxShapingAPI defines them.
+
+    Attributes
+    ----------
+    cone_angle
+        Degrees between the light's axis and the edge of its cone, up to 180. Default 90.
+    cone_softness
+        Width of the cone's soft edge, as a fraction of `cone_angle` from 0 (hard, the default) to 1.
+    focus
+        Exponent, 0 or more: radiance is scaled by |cos|^focus of the angle from the axis. Default 0, which is even.
+    focus_tint
+        Colour that the focus fades to away from the axis. Default black.
+    profile
+        A `Profile`, such as one of an IES file. Default: none.
+
+    Examples
+    --------
+    >>> spot = pb.scene.Shaping(cone_angle=20, cone_softness=0.1)
+    >>> lamp = pb.scene.SphereLight("/Lamp", 50.0, shaping=spot)
+    >>> lamp.shaping.cone_angle
+    20
+    """
 
     cone_angle: float = 90.0
     cone_softness: float = 0.0
@@ -36,21 +57,31 @@ class Gobo:
     Attributes
     ----------
     image
-        (H, W, C) scene-linear, first row on top. One channel or two are grey, three or four a colour; a second and a
-        fourth channel are not used.
+        (H, W, C) scene-linear, first row on top. One or two channels are grey, three or four a colour; a second or
+        fourth channel, which is alpha, is not used.
     angle
-        Degrees that its width covers before a point, a spot or a sphere, below 180; None: the light's cone.
+        Degrees that the image's width covers in front of a point, a spot or a sphere light, more than 0 and less than
+        180. None, the default: the light's cone.
     width
-        Its width in scene units, of distant lights.
+        The image's width in scene units, for distant lights. Default 1.
     repeat
-        Whether it goes on for ever, of these and of distant lights; if not, there is no light beside it.
+        Whether the image is repeated without end in front of these lights. False, the default: beside it there is no
+        light.
     up
-        Of an image on a portal: the direction in world space that its upper edge is nearest to.
+        (3,) direction in world space, for an image on a portal: the image's upper edge points this way, as far as the
+        portal's plane allows. Default: +Y.
 
     Raises
     ------
     SceneError
-        An image without pixels or not of three axes, an angle not between 0 and 180, a width not above 0.
+        An image without pixels or without three axes, an angle not between 0 and 180, a width not above 0.
+
+    Examples
+    --------
+    >>> bars = np.tile([[[1.0], [0.0]]], (1, 4, 1))  # eight stripes, a row high
+    >>> gobo = pb.scene.Gobo(bars, angle=30)
+    >>> gobo.colors.shape, gobo.aspect
+    ((1, 8, 3), 0.125)
     """
 
     image: Array
@@ -69,7 +100,7 @@ class Gobo:
 
     @property
     def aspect(self) -> float:
-        """Height over width, of square pixels."""
+        """The image's height over its width; pixels are square."""
         return self.image.shape[0] / self.image.shape[1]
 
     @property
@@ -85,28 +116,44 @@ class BeamSettings:
     Attributes
     ----------
     group
-        Light group: beams of the light go to the layer `beams_<group>`; "" is the unnamed group.
+        Light group: the light's beams go to the layer `beams_<group>`. Default "", the unnamed group.
     look
-        The look of the light's beams, or None for the physical one.
-    emits_beams, beam_count, beam_scale, seed
-        Whether the light makes beams, how many a pass (None: the renderer's default), a factor on their power alone,
-        and the seed of their samples.
+        The look of the light's beams. None, the default, is the physical look.
+    emits_beams
+        Whether the light makes beams. Default True.
+    beam_count
+        Beams of the light per pass. None, the default: the renderer's number.
+    beam_scale
+        A factor on the power of the beams, not on the light on surfaces. Default 1.
+    seed
+        Seed of the beams' samples. Default 0.
     portal
-        The mesh through which the light reaches the shot, or None. It is no surface. Of a Mitsuba scene: a flat mesh,
-        or the id of a flat shape with a null BSDF.
+        The mesh through which the light reaches the shot; it is not rendered as a surface. In a Mitsuba scene: a flat
+        mesh, or the id of a flat shape with a null BSDF. Default: none.
     gobo, portal_gobo
-        Images that the light shines through: of its own, and over the bounding rectangle of its portal.
+        Images that the light shines through: one in front of the light, and one over its portal's bounding rectangle.
+        Default: none.
     scattered
-        What beams of its light are that was scattered before: "physical", "look" (as those straight from the light),
-        or "off".
+        What becomes of beams of the light after it was scattered: "physical" (the default), "look" (they have the look
+        of beams that come straight from the light), or "off".
     bounces
-        How often its light is scattered before it is scattered toward the camera; None: the renderer's choice.
+        How often the light may be scattered before it is scattered toward the camera. None, the default: the
+        renderer's number.
 
     Raises
     ------
     SceneError
         A factor that is negative or not finite, another word for `scattered`, a negative number of bounces or beams, a
         portal or an image of another type.
+
+    Examples
+    --------
+    >>> warm = pb.Look(along=pb.looks.ColorRamp([0, 1], [[1, 0.9, 0.6], [0.8, 0.1, 0]]))
+    >>> settings = pb.scene.BeamSettings(group="key", look=warm, beam_count=10_000)
+    >>> settings.beam_count, settings.scattered
+    (10000, 'physical')
+
+    `pb.Shot.open("scene.xml", beams={"lamp": settings})` gives them to the emitter "lamp" of a Mitsuba scene.
     """
 
     group: str = ""
@@ -139,30 +186,30 @@ class BeamSettings:
 
 @dataclass(frozen=True)
 class Light(BeamSettings):
-    """Attributes of all lights; a portal is a mesh.
+    """What all lights have in common; their portals are meshes.
 
     Attributes
     ----------
     name
         Prim path.
     radiance
-        Emitted radiance after intensity, exposure, colour, temperature and `normalize`. For a point: radiant
-        intensity. For a distant light of no angle: irradiance.
+        Emitted radiance after intensity, exposure, colour, temperature and `normalize`. For a point light: radiant
+        intensity. For a distant light of angle 0: irradiance.
     shaping
         The light's cone and focus, or None for neither.
     surface_scale
-        A factor on the light that surfaces get from it; its beams shine either way.
+        A factor on the light that surfaces get from it, not on its beams.
     shadow_distance, shadow_color
-        How near to a surface others have to be to cast a shadow on it, and which part of the light is left in it. On
-        beams shadows are black and without end.
+        On surfaces: only objects closer than this distance cast shadows, and this fraction of the light is left in
+        them. Shadows in beams are always black and unlimited.
     seen
-        Whether the light itself is in pictures.
+        Whether pictures show the light itself.
     frame
         (4, 4) transform from the light's own space to the world, for column vectors: the light shines along its −Z, +Y
-        is up, its origin is the light's place. Axes of unit length, square to each other, without the light's size;
-        mirrored where the light is.
+        is up, its origin is the light's place. The axes have unit length and are perpendicular; they are without the
+        light's size, and mirrored where the light is.
     unlit, unshadowed
-        Names of meshes that the light does not shine on, and of those that do not stop it, nor its beams.
+        Names of meshes that the light does not shine on, and of meshes that block neither it nor its beams.
     guides
         Points (M, 3) along each of the curves that lead the light's beams: see `beams.guides`.
     """
@@ -182,7 +229,7 @@ class Light(BeamSettings):
 
     @property
     def lights_surfaces(self) -> bool:
-        """Whether surfaces are lit by it."""
+        """Whether the light shines on surfaces."""
         return self.surface_scale > 0
 
     def __post_init__(self) -> None:
@@ -201,7 +248,54 @@ class Light(BeamSettings):
 
 @dataclass(frozen=True)
 class SphereLight(Light):
-    """A sphere; `radius` 0 is a point. `axis` is the unit direction that shaping is measured from (local −Z)."""
+    """A sphere or a point that emits in all directions; with a cone it is a spot light.
+
+    Attributes
+    ----------
+    center
+        (3,) position in world space. Default: the origin.
+    radius
+        In scene units; 0, the default, is a point.
+    axis
+        (3,) unit direction from which shaping is measured, local −Z.
+
+    Other Parameters
+    ----------------
+    name
+        Prim path, by which messages and looks refer to the light.
+    radiance
+        Emitted radiance, one or three numbers, after intensity, exposure, colour, temperature and `normalize`; of a
+        point, radiant intensity.
+    shaping
+        Cone, focus and profile, a `Shaping`. Default: none.
+    portal
+        The `Mesh` through which the light reaches the shot; it is not rendered as a surface. Default: none.
+    surface_scale, seen
+        A factor on the light that surfaces get, not on beams (default 1); whether pictures show the light itself.
+    shadow_distance, shadow_color
+        On surfaces: only objects closer than this distance cast shadows (default: all), and this fraction of the light
+        is left in them, per channel (default 0). Shadows in beams are always black and unlimited.
+    frame
+        (4, 4) transform from the light's own space to world space. Default: the identity.
+    unlit, unshadowed
+        Names of meshes that the light does not shine on, and of meshes that block neither it nor its beams.
+    guides
+        Curves, each of (M, 3) points, along which its beams are led.
+    group, look, emits_beams, beam_count, beam_scale, seed, gobo, portal_gobo, scattered, bounces
+        Settings of its beams: see `BeamSettings`.
+
+    Raises
+    ------
+    SceneError
+        Numbers that are negative where they may not be, or not finite; vectors without three numbers.
+
+    Examples
+    --------
+    >>> lamp = pb.scene.SphereLight("/Lamp", (50, 40, 30), center=(0, 2, 0), axis=(0, -1, 0),
+    ...                             shaping=pb.scene.Shaping(cone_angle=20), group="key")
+    >>> lamp.radiance
+    (50.0, 40.0, 30.0)
+    """
 
     center: Array = field(default_factory=lambda: np.zeros(3))
     radius: float = 0.0
@@ -210,9 +304,54 @@ class SphereLight(Light):
 
 @dataclass(frozen=True)
 class FlatLight(Light):
-    """A rectangle or an ellipse that emits to one side: center ± half_x ± half_y, along half_x × half_y's −normal.
+    """A rectangle or an ellipse that emits to one side, that of −(half_x × half_y).
 
-    `axis` is the unit emission direction (local −Z). `disk` tells the ellipse with these half axes from the rectangle.
+    Attributes
+    ----------
+    center
+        (3,) position in world space. Default: the origin.
+    half_x, half_y
+        (3,) half axes in scene units: the corners of the rectangle are center ± half_x ± half_y. Default: a square
+        with sides of 1 in the XY plane.
+    axis
+        (3,) unit direction of emission, local −Z.
+    disk
+        Whether the light is the ellipse with these half axes. False, the default: the rectangle.
+
+    Other Parameters
+    ----------------
+    name
+        Prim path, by which messages and looks refer to the light.
+    radiance
+        Emitted radiance, one or three numbers, after intensity, exposure, colour, temperature and `normalize`.
+    shaping
+        Cone, focus and profile, a `Shaping`. Default: none.
+    portal
+        The `Mesh` through which the light reaches the shot; it is not rendered as a surface. Default: none.
+    surface_scale, seen
+        A factor on the light that surfaces get, not on beams (default 1); whether pictures show the light itself.
+    shadow_distance, shadow_color
+        On surfaces: only objects closer than this distance cast shadows (default: all), and this fraction of the light
+        is left in them, per channel (default 0). Shadows in beams are always black and unlimited.
+    frame
+        (4, 4) transform from the light's own space to world space. Default: the identity.
+    unlit, unshadowed
+        Names of meshes that the light does not shine on, and of meshes that block neither it nor its beams.
+    guides
+        Curves, each of (M, 3) points, along which its beams are led.
+    group, look, emits_beams, beam_count, beam_scale, seed, gobo, portal_gobo, scattered, bounces
+        Settings of its beams: see `BeamSettings`.
+
+    Raises
+    ------
+    SceneError
+        Numbers that are negative where they may not be, or not finite; vectors without three numbers.
+
+    Examples
+    --------
+    >>> window = pb.scene.FlatLight("/Window", 10.0, half_x=(1, 0, 0), half_y=(0, 0.5, 0))
+    >>> window.area
+    2.0
     """
 
     center: Array = field(default_factory=lambda: np.zeros(3))
@@ -230,7 +369,54 @@ class FlatLight(Light):
 
 @dataclass(frozen=True)
 class CylinderLight(Light):
-    """The mantle of a cylinder, without its ends: its axis is `center` ± `half`. `axis` is as a sphere light's."""
+    """The curved surface of a cylinder, without its ends, as of a fluorescent tube.
+
+    Attributes
+    ----------
+    center
+        (3,) position of the middle in world space. Default: the origin.
+    half
+        (3,) from the middle to one end, in scene units. Default: half a unit along +X.
+    radius
+        In scene units, above 0. Default 0.5.
+    axis
+        (3,) unit direction from which shaping is measured, local −Z.
+
+    Other Parameters
+    ----------------
+    name
+        Prim path, by which messages and looks refer to the light.
+    radiance
+        Emitted radiance, one or three numbers, after intensity, exposure, colour, temperature and `normalize`.
+    shaping
+        Cone, focus and profile, a `Shaping`. Default: none.
+    portal
+        The `Mesh` through which the light reaches the shot; it is not rendered as a surface. Default: none.
+    surface_scale, seen
+        A factor on the light that surfaces get, not on beams (default 1); whether pictures show the light itself.
+    shadow_distance, shadow_color
+        On surfaces: only objects closer than this distance cast shadows (default: all), and this fraction of the light
+        is left in them, per channel (default 0). Shadows in beams are always black and unlimited.
+    frame
+        (4, 4) transform from the light's own space to world space. Default: the identity.
+    unlit, unshadowed
+        Names of meshes that the light does not shine on, and of meshes that block neither it nor its beams.
+    guides
+        Curves, each of (M, 3) points, along which its beams are led.
+    group, look, emits_beams, beam_count, beam_scale, seed, gobo, portal_gobo, scattered, bounces
+        Settings of its beams: see `BeamSettings`.
+
+    Raises
+    ------
+    SceneError
+        Numbers that are negative where they may not be, or not finite; vectors without three numbers; no area.
+
+    Examples
+    --------
+    >>> tube = pb.scene.CylinderLight("/Tube", 20.0, half=(0.6, 0, 0), radius=0.02)
+    >>> round(tube.area, 3)  # 2π · radius · length
+    0.151
+    """
 
     center: Array = field(default_factory=lambda: np.zeros(3))
     half: Array = field(default_factory=lambda: np.array([0.5, 0.0, 0.0]))
@@ -252,8 +438,52 @@ class CylinderLight(Light):
 class MeshLight(Light):
     """A mesh that emits evenly from its outer side: `radiance`, times an image where it has one.
 
-    `surface` says whether the mesh is a surface of the scene as well: it is then seen as its material has it, and not
-    as the light.
+    Attributes
+    ----------
+    mesh
+        The mesh, with an area above 0. Required.
+    image
+        A `UVTexture` that scales the radiance by the mesh's texture coordinates. Default: none.
+    axis
+        (3,) unit direction from which shaping is measured, local −Z.
+    surface
+        Whether the mesh is also a surface of the scene: pictures then show its material, not the light. Default False.
+
+    Other Parameters
+    ----------------
+    name
+        Prim path, by which messages and looks refer to the light.
+    radiance
+        Emitted radiance, one or three numbers, after intensity, exposure, colour, temperature and `normalize`.
+    shaping
+        Cone, focus and profile, a `Shaping`. Default: none.
+    portal
+        The `Mesh` through which the light reaches the shot; it is not rendered as a surface. Default: none.
+    surface_scale, seen
+        A factor on the light that surfaces get, not on beams (default 1); whether pictures show the light itself.
+    shadow_distance, shadow_color
+        On surfaces: only objects closer than this distance cast shadows (default: all), and this fraction of the light
+        is left in them, per channel (default 0). Shadows in beams are always black and unlimited.
+    frame
+        (4, 4) transform from the light's own space to world space. Default: the identity.
+    unlit, unshadowed
+        Names of meshes that the light does not shine on, and of meshes that block neither it nor its beams.
+    guides
+        Curves, each of (M, 3) points, along which its beams are led.
+    group, look, emits_beams, beam_count, beam_scale, seed, gobo, portal_gobo, scattered, bounces
+        Settings of its beams: see `BeamSettings`.
+
+    Raises
+    ------
+    SceneError
+        No mesh, or one without area; numbers that are negative where they may not be, or not finite.
+
+    Examples
+    --------
+    >>> triangle = pb.scene.Mesh("/Neon", [[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
+    >>> neon = pb.scene.MeshLight("/Neon", (0, 5, 9), mesh=triangle)
+    >>> neon.mesh.area
+    0.5
     """
 
     mesh: Mesh | None = field(default=None, kw_only=True)
@@ -264,12 +494,56 @@ class MeshLight(Light):
     def __post_init__(self) -> None:
         super().__post_init__()
         if not (isinstance(self.mesh, Mesh) and self.mesh.area > 0):
-            raise SceneError(f"{self.name}: expected a mesh that has an area")
+            raise SceneError(f"{self.name}: expected a mesh with an area above 0")
 
 
 @dataclass(frozen=True)
 class DistantLight(Light):
-    """Light from infinity along the unit vector `axis`, from a cone of `angle` degrees (full width)."""
+    """Light from infinitely far away, such as the sun's.
+
+    Attributes
+    ----------
+    axis
+        (3,) unit direction in which the light travels, local −Z.
+    angle
+        Degrees that the source covers in the sky, edge to edge. Default 0.53, the sun's; at 0 rays are parallel.
+
+    Other Parameters
+    ----------------
+    name
+        Prim path, by which messages and looks refer to the light.
+    radiance
+        Emitted radiance, one or three numbers, after intensity, exposure, colour, temperature and `normalize`; where
+        `angle` is 0, irradiance.
+    shaping
+        Cone, focus and profile, a `Shaping`. Default: none.
+    portal
+        The `Mesh` through which the light reaches the shot; it is not rendered as a surface. Default: none.
+    surface_scale, seen
+        A factor on the light that surfaces get, not on beams (default 1); whether pictures show the light itself.
+    shadow_distance, shadow_color
+        On surfaces: only objects closer than this distance cast shadows (default: all), and this fraction of the light
+        is left in them, per channel (default 0). Shadows in beams are always black and unlimited.
+    frame
+        (4, 4) transform from the light's own space to world space. Default: the identity.
+    unlit, unshadowed
+        Names of meshes that the light does not shine on, and of meshes that block neither it nor its beams.
+    guides
+        Curves, each of (M, 3) points, along which its beams are led.
+    group, look, emits_beams, beam_count, beam_scale, seed, gobo, portal_gobo, scattered, bounces
+        Settings of its beams: see `BeamSettings`.
+
+    Raises
+    ------
+    SceneError
+        Numbers that are negative where they may not be, or not finite; vectors without three numbers.
+
+    Examples
+    --------
+    >>> sun = pb.scene.DistantLight("/Sun", (3, 2.8, 2.4), axis=(0.6, -0.8, 0), angle=0)
+    >>> sun.axis
+    array([ 0.6, -0.8,  0. ])
+    """
 
     axis: Array = field(default_factory=lambda: np.array([0.0, 0.0, -1.0]))
     angle: float = 0.53
@@ -277,11 +551,53 @@ class DistantLight(Light):
 
 @dataclass(frozen=True)
 class DomeLight(Light):
-    """An environment: `radiance` times an optional latitude-longitude image (H, W, 3), oriented by a rotation.
+    """An environment: light from all directions, `radiance` times an image where it has one.
 
-    The image is oriented as UsdLuxDomeLight has its latlong format: +Y is up, its middle looks along local +Z;
-    `to_world` (3, 3) turns local directions into world directions. Makes no beams unless asked: `lights_media` tells
-    whether it lights the media that say they are lit by domes all the same, sampled along camera paths.
+    Attributes
+    ----------
+    image
+        (H, W, 3) latitude-longitude image, scene-linear, oriented as UsdLuxDomeLight defines its latlong format: +Y is
+        up, and the middle of the image is seen along local +Z. Default: none, the light is even.
+    to_world
+        (3, 3) rotation from local to world directions, for column vectors. Default: the identity.
+    lights_media
+        Whether the dome lights media without beams, by samples along camera paths: those with `Medium.lit_by_domes`.
+        Default False.
+
+    Other Parameters
+    ----------------
+    name
+        Prim path, by which messages and looks refer to the light.
+    radiance
+        Emitted radiance, one or three numbers, after intensity, exposure, colour, temperature and `normalize`.
+    shaping
+        Cone, focus and profile, a `Shaping`. Default: none.
+    portal
+        The `Mesh` through which the light reaches the shot; it is not rendered as a surface. Default: none.
+    surface_scale, seen
+        A factor on the light that surfaces get, not on beams (default 1); whether pictures show the light itself.
+    shadow_distance, shadow_color
+        On surfaces: only objects closer than this distance cast shadows (default: all), and this fraction of the light
+        is left in them, per channel (default 0). Shadows in beams are always black and unlimited.
+    frame
+        (4, 4) transform from the light's own space to world space. Default: the identity.
+    unlit, unshadowed
+        Names of meshes that the light does not shine on, and of meshes that block neither it nor its beams.
+    guides
+        Curves, each of (M, 3) points, along which its beams are led.
+    group, look, emits_beams, beam_count, beam_scale, seed, gobo, portal_gobo, scattered, bounces
+        Settings of its beams: see `BeamSettings`.
+
+    Raises
+    ------
+    SceneError
+        Numbers that are negative where they may not be, or not finite.
+
+    Examples
+    --------
+    >>> sky = pb.scene.DomeLight("/Sky", 0.5, image=np.ones((2, 4, 3)), emits_beams=False)
+    >>> sky.radiance
+    (0.5, 0.5, 0.5)
     """
 
     image: Array | None = None

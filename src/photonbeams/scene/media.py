@@ -10,7 +10,7 @@ import numpy as np
 from .checks import BLACK, Array, Color, SceneError, color, number, whole
 from .surfaces import Mesh
 
-# The unit cube, its faces outward.
+# The unit cube; its faces wind around the outward normals.
 _CORNERS = np.array([[x, y, z] for z in (0, 1) for y in (0, 1) for x in (0, 1)], dtype=np.float64)
 _FACES = np.array(
     [[0, 2, 1], [1, 2, 3], [4, 5, 6], [5, 7, 6], [0, 1, 4], [1, 5, 4], [2, 6, 3], [3, 6, 7], [0, 4, 2], [2, 4, 6],
@@ -25,15 +25,24 @@ class DensityGrid:
     Attributes
     ----------
     values
-        (Z, Y, X), or (Z, Y, X, 3) by channel, float32, 0 or more: the density at the centres of cells, interpolated
-        linearly between them. Outside of the grid there is none.
+        (Z, Y, X), or (Z, Y, X, 3) with a value per channel, float32, 0 or more: the density at the centres of the
+        cells, interpolated linearly between them. Outside of the grid it is 0.
     to_world
-        (4, 4) transform from the unit cube, which the grid fills, to world space, for column vectors.
+        (4, 4) transform from the unit cube, which the grid fills, to world space, for column vectors. Default: the
+        identity.
 
     Raises
     ------
     SceneError
-        Values of another shape, negative or not finite; a transform that is not finite, or flat.
+        Values of another shape, negative or not finite; a transform that is not finite, or cannot be inverted.
+
+    Examples
+    --------
+    >>> z, y, x = np.meshgrid(*3 * [np.linspace(-1, 1, 16)], indexing="ij")
+    >>> puff = pb.scene.DensityGrid(np.maximum(1 - x**2 - y**2 - z**2, 0), np.diag([4, 4, 4, 1]))
+    >>> smoke = pb.Medium(scattering=0.5, grid=puff)  # 4 scene units wide
+    >>> smoke.grid.values.dtype
+    dtype('float32')
     """
 
     values: Array
@@ -44,10 +53,10 @@ class DensityGrid:
         if not (values.ndim == 3 or (values.ndim == 4 and values.shape[3] == 3)) or not values.size:
             raise SceneError(f"grid has the shape {values.shape}: expected (Z, Y, X) or (Z, Y, X, 3), none of them 0")
         if not np.all(np.isfinite(values)) or values.min() < 0:
-            raise SceneError("grid has values that are negative or not finite: expected numbers from 0 on")
+            raise SceneError("grid has values that are negative or not finite: expected finite numbers of 0 or more")
         to_world = np.asarray(self.to_world, dtype=np.float64)
         if to_world.shape != (4, 4) or not np.all(np.isfinite(to_world)) or abs(np.linalg.det(to_world)) < 1e-30:
-            raise SceneError("grid has a transform that is flat or not finite: expected a (4, 4) that can be inverted")
+            raise SceneError("grid has a transform that is flat or not finite: expected an invertible (4, 4) matrix")
         object.__setattr__(self, "values", values)
         object.__setattr__(self, "to_world", to_world)
 
@@ -130,7 +139,7 @@ class Medium:
         if self.mesh is not None and self.grid is not None:
             raise SceneError(f"medium {self.name}: has a mesh and a grid: expected one of them")
         if self.grid is None and (self.scattering_color is not None or self.emission is not None):
-            raise SceneError(f"medium {self.name}: has colours or emission on a grid: expected its density on one, too")
+            raise SceneError(f"medium {self.name}: has colours or emission on a grid: expected a density grid, too")
 
     @property
     def extinction(self) -> Color:
@@ -139,12 +148,12 @@ class Medium:
 
     @property
     def bounded(self) -> bool:
-        """Whether it fills a mesh or a grid, and not the whole space."""
+        """Whether the medium fills a mesh or a grid, not the whole space."""
         return self.mesh is not None or self.grid is not None
 
     @cached_property
     def boundary(self) -> Mesh | None:
-        """The closed mesh around it, its faces outward; None where it fills the whole space."""
+        """The closed mesh around the medium, with its faces outward; None if the medium fills the whole space."""
         if self.mesh is not None:
             return self.mesh.outward()
         if self.grid is None:

@@ -1,4 +1,4 @@
-"""Angular profiles of lights, as IES files have them."""
+"""Angular profiles of lights, such as those of IES files."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ import numpy as np
 
 from .checks import Array, SceneError, number
 
-# Rows of a profile's table from 0 to 180 degrees, and columns around: the angles of nearly all files are among them.
+# Rows of a profile's table from 0 to 180 degrees, and columns around the axis: every 0.25 and 1 degrees, which includes
+# the angles of nearly all files.
 _ROWS, _COLUMNS = 721, 361
 
 
@@ -20,20 +21,27 @@ class Profile:
     Attributes
     ----------
     vertical
-        (V,) degrees from the light's axis, local −Z: ascending within 0 and 180. Beyond them there is no light.
+        (V,) degrees from the light's axis, local −Z, ascending, from 0 to 180. Outside of them there is no light.
     horizontal
-        (H,) degrees around the axis, from 0 to 360; or one angle, of a profile that is the same all around. 0 is where
-        the light shines toward its −X, 90 toward −Y: as hdEmbree, OpenUSD's reference renderer, has it.
+        (H,) degrees around the axis, ascending, from 0 to 360; or one angle, for a profile that is the same all around.
+        At 0 the light shines toward its −X, at 90 toward its −Y, as in hdEmbree, OpenUSD's reference renderer.
     intensity
-        (H, V) numbers of at least 0.
+        (H, V) numbers, 0 or more.
     angle_scale
-        `inputs:shaping:ies:angleScale` of UsdLux: above 0 a factor on vertical angles as measured from the light's
-        axis, below 0 the negative of a factor on those as measured from its opposite; 0 is 1.
+        `inputs:shaping:ies:angleScale` of UsdLux. Above 0: a factor on vertical angles from the light's axis. Below 0:
+        the negative of a factor on vertical angles from the opposite direction. 0, the default, is the same as 1.
 
     Raises
     ------
     SceneError
         Arrays that do not fit each other, angles that do not ascend, intensities that are negative or not finite.
+
+    Examples
+    --------
+    >>> downlight = pb.scene.Profile(vertical=[0, 30, 60], horizontal=[0], intensity=[[100, 50, 0]])
+    >>> downlight.at([0, 45, 90], 0)
+    array([100.,  25.,   0.])
+    >>> lamp = pb.scene.SphereLight("/Lamp", 1.0, shaping=pb.scene.Shaping(profile=downlight))
     """
 
     vertical: Array
@@ -48,8 +56,8 @@ class Profile:
             object.__setattr__(self, name, value)
         if self.intensity.shape != (len(self.horizontal), len(self.vertical)) or not self.intensity.size:
             raise SceneError(
-                f"a profile has {len(self.horizontal)} and {len(self.vertical)} angles, and intensities of the shape "
-                f"{self.intensity.shape}: expected as many"
+                f"a profile has {len(self.horizontal)} horizontal and {len(self.vertical)} vertical angles, and "
+                f"intensities of shape {self.intensity.shape}: expected (horizontal, vertical)"
             )
         if not (np.all(np.isfinite(self.intensity)) and np.min(self.intensity) >= 0):
             raise SceneError("a profile has intensities that are negative or not finite: expected at least 0")
@@ -58,7 +66,7 @@ class Profile:
                 raise SceneError("a profile has angles that do not ascend: expected ascending degrees")
 
     def at(self, theta: Array, phi: Array) -> Array:
-        """Return the factor at angles from the axis and around it, in degrees, of any shape that goes together."""
+        """Return the factor at angles in degrees: `theta` from the axis and `phi` around it, arrays of one shape."""
         theta, phi = np.broadcast_arrays(self.scaled(np.asarray(theta, dtype=np.float64)), np.mod(phi, 360.0))
         row, down = _between(self.vertical, theta)
         column, aside = _between(self.horizontal, phi)
@@ -71,15 +79,15 @@ class Profile:
         return np.where(there, (1 - aside) * first + aside * second, 0.0)
 
     def scaled(self, theta: Array) -> Array:
-        """Return the angle of the profile for an angle from the light's axis."""
+        """Return the profile's vertical angle for `theta`, the angle from the light's axis, both in degrees."""
         if self.angle_scale > 0:
             return theta / self.angle_scale
         return theta if self.angle_scale == 0 else 180.0 + (theta - 180.0) / -self.angle_scale
 
     def normalized(self) -> Profile:
-        """Return the profile over its mean, of the sphere or, if it ends at its equator, of the hemisphere.
+        """Return the profile divided by its mean over the sphere, or over the hemisphere if it ends at the equator.
 
-        The mean is that of hdEmbree: the intensity at the middle of each patch between the profile's angles.
+        The mean is computed as hdEmbree does, from the intensity in the middle of each patch between the angles.
         """
         around = np.array([0.0, 360.0]) if len(self.horizontal) == 1 else self.horizontal
         values = np.repeat(self.intensity, 2, axis=0) if len(self.horizontal) == 1 else self.intensity
@@ -95,7 +103,7 @@ class Profile:
 
     @cached_property
     def image(self) -> Array:
-        """The profile without its scale as a table, (rows, columns, 1): 0 to 180 degrees down, 0 to 360 across."""
+        """The profile without its angle scale as a table (rows, columns, 1): rows are 0 to 180°, columns 0 to 360°."""
         plain = Profile(self.vertical, self.horizontal, self.intensity)
         columns = 2 if len(self.horizontal) == 1 else _COLUMNS
         theta, phi = np.linspace(0, 180, _ROWS), np.linspace(0, 360, columns)
@@ -110,7 +118,7 @@ class Profile:
 
 
 def _between(knots: Array, value: Array) -> tuple[Array, Array]:
-    """Return the knots before values, and how far each value is to the next one, from 0 to 1."""
+    """Return the index of the knot before each value, and the value's fraction of the way to the next knot."""
     if len(knots) == 1:
         return np.zeros(np.shape(value), dtype=np.int64), np.zeros(np.shape(value))
     index = np.clip(np.searchsorted(knots, value, side="right") - 1, 0, len(knots) - 2)

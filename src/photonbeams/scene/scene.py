@@ -18,16 +18,34 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Scene:
-    """A shot at one time, without its camera.
+    """What a shot shows at one time, without the camera.
 
-    `bounds` are centre and radius of a sphere around everything at all times, so that beams do not change with what
-    moves elsewhere; None: of what is there. `groups` are the light groups that make beams at any time: a frame has the
-    layers of these, too, black where nothing of a group shines.
+    Attributes
+    ----------
+    meshes, lights, drawn, media
+        The surfaces (`Mesh`), the lights, beams that are given rather than traced (`DrawnBeams`), and the fog
+        (`Medium`): each several, or one.
+    bounds
+        Centre (3,) and radius of a sphere around everything at all times, so that beams do not change when something
+        moves elsewhere. None, the default: a sphere around this scene.
+    groups
+        Light groups that make beams at other times of the shot: a frame has a layer for each of these, too, and it is
+        black while nothing of the group shines. Default: none.
 
     Raises
     ------
     SceneError
         Something among meshes, lights, drawn beams or media that is of another class.
+
+    Examples
+    --------
+    >>> floor = pb.scene.Mesh("/Floor", [[0, 0, 0], [0, 0, 2], [2, 0, 2], [2, 0, 0]], [[0, 1, 2], [0, 2, 3]])
+    >>> lamp = pb.scene.SphereLight("/Lamp", 50.0, center=(1, 2, 1), axis=(0, -1, 0))
+    >>> content = pb.scene.Scene(floor, lamp, media=pb.Medium(scattering=0.1))
+    >>> content.lights[0].name, content.medium.scattering
+    ('/Lamp', (0.1, 0.1, 0.1))
+
+    `pb.Shot(content, pb.scene.Camera.look_at((6, 1, 0), (0, 1, 0)))` renders it.
     """
 
     meshes: tuple[Mesh, ...] = ()
@@ -49,12 +67,12 @@ class Scene:
 
     @property
     def medium(self) -> Medium | None:
-        """The first homogeneous medium, or None."""
+        """The first homogeneous medium, or None if there is none."""
         return next((each for each in self.media if each.grid is None), None)
 
     @property
     def sky(self) -> tuple[DomeLight, ...]:
-        """The domes that light media without beams of their own."""
+        """The domes that light media without making beams."""
         if not any(medium.lit_by_domes for medium in self.media):
             return ()
         domes = (light for light in self.lights if isinstance(light, DomeLight) and light.lights_media)
@@ -62,7 +80,7 @@ class Scene:
 
     @property
     def bounces(self) -> int:
-        """How often light may be scattered before it is scattered toward the camera, as its lights and media say."""
+        """The most bounces that a light or a medium asks for: scattering events before the one toward the camera."""
         own = [light.bounces for light in self.lights] + [medium.bounces for medium in self.media]
         return max((each for each in own if each is not None), default=0)
 

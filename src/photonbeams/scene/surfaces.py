@@ -12,16 +12,33 @@ from .vectors import Plane, plane_of
 
 @dataclass(frozen=True)
 class UVTexture:
-    """An image over the UV square: `pixels` (H, W, 1 or 3), scene-linear float32, first row at v = 1."""
+    """An image over the UV square.
+
+    Attributes
+    ----------
+    pixels
+        (H, W, 1) numbers or (H, W, 3) colours, scene-linear float32; the first row is at v = 1.
+    wrap
+        What lies outside of the square: "repeat" (the default), "clamp" or "mirror".
+    uv_transform
+        (3, 3) transform that is applied to (u, v, 1) before the lookup. Default: the identity.
+
+    Examples
+    --------
+    >>> checker = np.array([[[0.1], [0.8]], [[0.8], [0.1]]], dtype=np.float32)
+    >>> tiles = pb.scene.UVTexture(checker, uv_transform=np.diag([8, 8, 1]))
+    >>> pb.scene.Material(diffuse=tiles).diffuse.wrap
+    'repeat'
+    """
 
     pixels: Array
     wrap: str = "repeat"  # repeat | clamp | mirror
     uv_transform: Array = field(default_factory=lambda: np.eye(3))  # (3, 3), applied to (u, v, 1)
 
     def slopes(self) -> UVTexture:
-        """Return the derivatives of heights (H, W, 1) by u and v, (H, W, 3) with zeros last: central differences."""
+        """Return a texture (H, W, 3) of the heights' derivatives by u and v, by central differences; the last is 0."""
         pixels, wrap, to_image = np.asarray(self.pixels[..., 0], dtype=np.float64), self.wrap, self.uv_transform
-        if wrap == "mirror":  # where slopes change their sign in every other square
+        if wrap == "mirror":  # slopes change their sign in every other square
             pixels = np.block([[pixels[::-1], pixels[::-1, ::-1]], [pixels, pixels[:, ::-1]]])
             wrap, to_image = "repeat", np.diag([0.5, 0.5, 1.0]) @ to_image
         padded = np.pad(pixels, 1, "wrap" if wrap == "repeat" else "edge")
@@ -35,25 +52,64 @@ class UVTexture:
 
 @dataclass(frozen=True)
 class VertexValues:
-    """A number or a colour at each vertex of one mesh, (V, 1 or 3), linear in between."""
+    """Numbers or colours at the vertices of one mesh, interpolated linearly over its triangles.
+
+    Attributes
+    ----------
+    values
+        (V, 1) numbers or (V, 3) colours, one for each vertex.
+
+    Examples
+    --------
+    >>> colors = pb.scene.VertexValues(np.array([[1, 0, 0], [0, 1, 0], [0, 0, 1]]))
+    >>> paint = pb.scene.Material(diffuse=colors)
+    >>> mesh = pb.scene.Mesh("/Kite", [[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]], material=paint)
+    >>> len(mesh.points) == len(mesh.material.diffuse.values)
+    True
+    """
 
     values: Array
 
 
 @dataclass(frozen=True)
 class Material:
-    """The inputs of a UsdPreviewSurface that the renderer uses.
+    """A material with the inputs of a UsdPreviewSurface that the renderer uses.
 
     Attributes
     ----------
+    diffuse
+        Diffuse reflectance, scene-linear, from 0 to 1: a colour, a `UVTexture` or `VertexValues`. Default 0.18.
+    emissive
+        Emitted radiance, a colour or a `UVTexture`. Default black.
+    roughness
+        From 0 (a mirror) to 1: a number or a `UVTexture`. Default 0.5.
+    metallic
+        From 0 (plastic, glass) to 1 (metal): a number or a `UVTexture`. Default 0.
+    ior
+        Index of refraction. Default 1.5.
+    clearcoat, clearcoat_roughness
+        Weight of a clear coat, and its roughness. Default 0 and 0.01.
+    opacity
+        From 0 to 1: a number, a `UVTexture` or `VertexValues`. Default 1.
     presence
-        Whether opacity says where the surface is, instead of how clear it is.
+        Whether opacity says where the surface is, as for a leaf that is cut out, and not how clear it is, as for
+        glass. Default False.
     tint
-        What a clear surface multiplies light by that it lets through.
+        Colour that light is multiplied by where it passes through a clear surface. Default white.
     normal
-        Normals in tangent space, n / 2 + 1 / 2 in three channels; None: the mesh's own.
+        Normals in tangent space, stored as (n + 1) / 2 in three channels. None, the default: the mesh's own normals.
     bump
-        Heights in scene units, one channel, which tilt the normals; None, or where there is `normal`: flat.
+        Heights in scene units, one channel, which tilt the normals; not used where there is `normal`. Default: none.
+
+    References
+    ----------
+    UsdPreviewSurface Specification, https://openusd.org/release/spec_usdpreviewsurface.html
+
+    Examples
+    --------
+    >>> glass = pb.scene.Material(roughness=0.0, opacity=0.0, ior=1.5, tint=(0.9, 1.0, 0.95))
+    >>> glass.presence, glass.perturbed
+    (False, False)
     """
 
     diffuse: Color | UVTexture | VertexValues = (0.18, 0.18, 0.18)
@@ -82,16 +138,30 @@ class Mesh:
     Attributes
     ----------
     name
-        Prim path.
-    points, faces
-        (V, 3) float64 and (F, 3) int; faces wind counter-clockwise around the outward normal.
-    normals, uvs
-        (V, 3) and (V, 2), or None: faceted, no texture coordinates.
+        Prim path, by which messages and lights refer to the mesh.
+    points
+        (V, 3) positions, scene units.
+    faces
+        (F, 3) whole numbers, which index points; faces wind counter-clockwise around the outward normal.
+    normals
+        (V, 3) shading normals. None, the default: the mesh is faceted.
+    uvs
+        (V, 2) texture coordinates. None, the default: the mesh has none.
+    material
+        Its `Material`. Default: 18 % grey.
 
     Raises
     ------
     SceneError
-        Arrays of another shape, points that are not finite, faces of points that are not there.
+        Arrays of another shape, numbers that are not finite, faces that index points that do not exist.
+
+    Examples
+    --------
+    >>> floor = pb.scene.Mesh("/Floor", [[0, 0, 0], [0, 0, 2], [2, 0, 2], [2, 0, 0]], [[0, 1, 2], [0, 2, 3]])
+    >>> floor.area
+    4.0
+    >>> floor.plane().normal.round(3).tolist() in ([0, 1, 0], [0, -1, 0])  # a plane has two
+    True
     """
 
     name: str
@@ -130,7 +200,7 @@ class Mesh:
 
     @property
     def used_points(self) -> Array:
-        """The points that a triangle has, (P, 3) float64, each once."""
+        """The points that belong to a triangle, (P, 3) float64, each once."""
         return np.asarray(self.points, dtype=np.float64)[np.unique(self.faces)]
 
     @property
@@ -145,12 +215,17 @@ class Mesh:
         return float(np.einsum("ij,ij->", a - a[0], np.cross(b - a[0], c - a[0]))) / 6
 
     def outward(self) -> Mesh:
-        """Return the shape of a closed mesh with its faces wound around the outward normal."""
+        """Return a closed mesh with its faces wound around the outward normal, without normals, UVs and material."""
         faces = np.asarray(self.faces)
         return Mesh(self.name, self.points, faces if self.volume >= 0 else faces[:, ::-1])
 
     def winding(self, point: Array) -> float:
-        """Return the winding number of a closed mesh around a point, ±1 inside (van Oosterom and Strackee 1983)."""
+        """Return the winding number of a closed mesh around a `point` (3,): ±1 inside, 0 outside.
+
+        References
+        ----------
+        A. van Oosterom and J. Strackee, "The Solid Angle of a Plane Triangle", IEEE TBME 30 (2), 1983.
+        """
         a, b, c = np.moveaxis(self.corners - point, 1, 0)
         la, lb, lc = (np.linalg.norm(each, axis=1) for each in (a, b, c))
         top = np.einsum("ij,ij->i", a, np.cross(b, c))
@@ -158,5 +233,5 @@ class Mesh:
         return float(np.arctan2(top, la * lb * lc + dots[0] * lc + dots[1] * la + dots[2] * lb).sum() / (2 * np.pi))
 
     def plane(self) -> Plane | None:
-        """Return the plane that the mesh lies in, or None where it is not flat."""
+        """Return the plane that the mesh lies in, or None if it is not flat."""
         return plane_of(self.used_points)

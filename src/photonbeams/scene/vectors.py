@@ -10,11 +10,11 @@ import numpy.typing as npt
 
 Array = npt.NDArray[Any]
 
-FLAT = 1e-4  # points that leave their plane by less than this part of their extent are in one plane
+FLAT = 1e-4  # points are in one plane if they leave it by less than this fraction of their extent
 
 
 def unit(vectors: Array) -> Array:
-    """Return vectors (..., 3) scaled to length 1; zeros stay."""
+    """Return vectors (..., 3) scaled to length 1; zero vectors stay zero."""
     lengths = np.linalg.norm(vectors, axis=-1, keepdims=True)
     return vectors / np.where(lengths > 0, lengths, 1.0)
 
@@ -26,9 +26,9 @@ class Plane:
     Attributes
     ----------
     center, normal
-        The mean of the points, (3,), and a unit normal, (3,), to either side.
+        The mean of the points, (3,), and a unit normal, (3,), which may point to either side.
     extent
-        The root of the sum of the points' squared distances from `center` along the axis in which it is largest.
+        Root of the sum of squared distances from `center`, along the axis in which that is largest.
     """
 
     center: Array
@@ -37,7 +37,7 @@ class Plane:
 
 
 def plane_of(points: Array) -> Plane | None:
-    """Return the plane that points (P, 3) lie in, or None where they are in none."""
+    """Return the plane that points (P, 3) lie in, or None if they are not in one plane."""
     center = points.mean(axis=0)
     _, extent, axes = np.linalg.svd(points - center, full_matrices=False)
     if len(extent) == 3 and extent[2] > FLAT * extent[0]:

@@ -1,4 +1,4 @@
-"""Scenes that were built in Python as shots: rendered like stages on which nothing moves."""
+"""Shots of scenes that were built in Python: rendered like stages on which nothing moves."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from .shot import Shot
 
 
 class BuiltShot(Shot):
-    """A `scene.Scene` seen by a `scene.Camera`, or by two eyes; parameters as of a stage's `Shot`.
+    """A `scene.Scene` seen by a `scene.Camera`, or by two eyes; it takes the parameters of `Shot`.
 
-    A frame's number is that of its files, of `emit` and of looks that change with time.
+    The frame number is used in file names, by `emit`, and by looks that change with time.
 
     Raises
     ------
     SceneError
-        What is no scene or no camera.
+        A camera that is no `scene.Camera`, or an argument that `Shot` does not take.
     """
 
     camera: scene.Camera
@@ -52,13 +52,13 @@ class BuiltShot(Shot):
         return self.scene.groups
 
     def cameras(self, frame: float | None = None) -> tuple[scene.Camera, ...]:
-        """Return the camera, or the left and the right eye's."""
+        """Return the camera, or those of the left and the right eye."""
         if self.stereo is None:
             return (self.camera,)
         return split(self.camera, self.stereo, 1.0, f"camera {self.camera.name}")
 
     def exposure(self, frame: float | None = None, blur: bool = True, lens: bool = True) -> Exposure:
-        """Return scene and cameras, at rest; `lens` may be turned off, and all is in focus."""
+        """Return the scene and the cameras, which do not move; if `lens` is False, everything is in focus."""
         from ..world.bounds import bounding_sphere
 
         cameras = self.cameras(frame)
@@ -75,7 +75,7 @@ class BuiltShot(Shot):
         return list(self.cameras())
 
     def content(self, frame: float | None = None) -> str:
-        """Return a hash of what there is to render."""
+        """Return a hash of what a `frame` shows."""
         return digest(self.scene, self._number(frame), self._arguments)
 
     def _check_frame(self, frame: float | None) -> None:

@@ -1,4 +1,4 @@
-"""Development: how the sums of a frame become its layers and the header of its file, also on another machine."""
+"""Development: how the sums of a frame become its layers and its file's header, possibly on another machine."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _NAME = "development"
 
 @dataclass(frozen=True)
 class Development:
-    """What the sums of a frame need to become a picture.
+    """What is needed to make a picture of the sums of a frame.
 
     Attributes
     ----------
@@ -34,18 +34,18 @@ class Development:
     groups
         The layer of each light group.
     views
-        What an EXR's header says of each view, by the view's name.
+        The metadata of an EXR's header for each view, by the view's name.
     plates
-        Of each view, the pixels (H, W, 4) that beams are added to; none where there is no plate.
+        The pixels (H, W, 4) that beams are added to, for each view; empty if there is no plate.
     plate_fog
         Whether the fog dims these.
     shown
-        The first row and column that are shown, and how many rows and columns: others were rendered for the pixel
-        filter alone. None: all.
+        The first row and column that are shown, and the number of rows and columns: the others were only rendered for
+        the pixel filter. None: all.
     albedo, denoise, keep_noisy
-        As `Settings` has them.
+        As in `Settings`.
     filtered
-        Of each view, what the denoiser made of layers before, and is kept there; None: nothing is kept.
+        A cache of denoised layers for each view; None: nothing is cached.
     """
 
     shape: tuple[int, int]
@@ -60,7 +60,7 @@ class Development:
     filtered: dict[str, dict[str, Filtered]] | None = field(default=None, compare=False, repr=False)
 
     def frame(self, sums: FrameSums, statistics: Statistics | None = None) -> Frame:
-        """Return the frame; `statistics` is what is known of how it was rendered."""
+        """Return the frame of these sums; `statistics` says how it was rendered, as far as that is known."""
         if statistics is None:
             statistics = Statistics(len(sums), sums.beams, sums.tests, error=known(sums.error()))
         with statistics.phase("denoise") if self.denoise else nullcontext():
@@ -71,10 +71,10 @@ class Development:
         return Frame.of(dict(zip(self.views, zip(pictures, headers, strict=True), strict=True)), statistics)
 
     def _layers(self, view: str, sums: PassSums) -> dict[str, Array]:
-        """Return the layers of a view as they are shown."""
+        """Return the layers of a view, cut to what is shown."""
         known = None if self.filtered is None else self.filtered.setdefault(view, {})
         layers = develop(sums, self.shape, self.groups)
-        if self.denoise:  # with what is around the part that is shown: it tells of the edges
+        if self.denoise:  # before the cut: pixels around the shown part help at its edges
             layers = denoised(layers, sums, self.groups, self.keep_noisy, known)
         if not self.albedo:
             layers.pop(ALBEDO, None)
@@ -83,7 +83,7 @@ class Development:
         return {name: np.ascontiguousarray(layer[part]) for name, layer in layers.items()}
 
     def state(self) -> dict[str, Array]:
-        """Return it as arrays by name, for `FrameSums.development`."""
+        """Return this as arrays by name, for `FrameSums.development`."""
         about = {
             "shape": self.shape, "groups": self.groups, "fog": self.plate_fog, "shown": self.shown,
             "albedo": self.albedo, "denoise": self.denoise, "keep_noisy": self.keep_noisy,
@@ -94,7 +94,7 @@ class Development:
 
     @classmethod
     def of(cls, state: Mapping[str, Array]) -> Development:
-        """Return what `state` returned; SceneError where it is something else."""
+        """Return the development that has this `state`; SceneError for anything else."""
         try:
             about = json.loads(str(state[_NAME]))
             plates = [state[f"plate {k}"] for k in range(sum(name.startswith("plate ") for name in state))]
@@ -107,12 +107,12 @@ class Development:
 
 
 def developed(sums: FrameSums) -> Frame:
-    """Return the frame of sums that say how they become a picture; SceneError where they do not."""
+    """Return the frame of sums that hold the state of a development; SceneError if they do not."""
     return Development.of(sums.development).frame(sums)
 
 
 def _plain(value: Any) -> Any:
-    """Return a value of a header as JSON has it."""
+    """Return a header's value in a form that JSON can hold."""
     if isinstance(value, Fraction):
         return {"fraction": [value.numerator, value.denominator]}
     if isinstance(value, np.ndarray):
@@ -121,7 +121,7 @@ def _plain(value: Any) -> Any:
 
 
 def _rich(value: Any) -> Any:
-    """Return the value of a header that JSON has as `value`."""
+    """Return the header's value of which `_plain` made `value`."""
     if isinstance(value, dict):
         return Fraction(*value["fraction"]) if "fraction" in value else np.array(value["matrix"])
     return tuple(value) if isinstance(value, list) and not any(isinstance(each, str) for each in value) else value

@@ -1,4 +1,4 @@
-"""Shots written as Mitsuba scenes: an .xml file, and a folder beside it with meshes and images."""
+"""Export of shots as Mitsuba scenes: an .xml file, and a folder beside it with meshes and images."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ def export(
     Parameters
     ----------
     shot
-        A shot of a stage. What moves is where it is at the frame's own time.
+        A shot of a stage. Everything is where it is at the frame's own time.
     path
-        An .xml file. Meshes and images go to the folder beside it that has its name without the suffix.
+        An .xml file. Meshes and images go to a folder beside it, which has the same name without the suffix.
     frame
         Frame number; None is the stage's start or default time.
     width, height, crop
@@ -44,12 +44,12 @@ def export(
     Returns
     -------
     list[Path]
-        The files that were written, the .xml first: all of them, or none.
+        The files that were written, the .xml first. Either all are written or none.
 
     Raises
     ------
     SceneError
-        Another suffix, a file that the stage is read from, what cannot be read of the stage.
+        Another suffix, a file that the stage is read from, or something on the stage that cannot be read.
     OSError
         A file cannot be written.
     """
@@ -71,7 +71,7 @@ def export(
 
 
 def check_path(shot: Shot, path: PathLike) -> None:
-    """Raise SceneError where a shot cannot be exported to a path."""
+    """Raise SceneError if a shot cannot be exported to a path."""
     if Path(path).suffix.lower() != ".xml":
         raise SceneError(f"cannot write {path}: expected a name that ends in .xml")
     stages.check_not_read(shot.stage, path)
@@ -84,17 +84,17 @@ def _xml(twin: Twin, title: str) -> str:
     mi = mitsuba()
     state = mi.parser.parse_dict(mi.parser.ParserConfig(mi.variant()), {"type": "scene", **twin.parts})
     for node in state.nodes:
-        if node.props.plugin_name() == "photon_beams":  # Mitsuba knows the types of its own plug-ins alone
+        if node.props.plugin_name() == "photon_beams":  # Mitsuba knows the types of its own plug-ins only
             node.type = mi.ObjectType.Integrator
     text: str = mi.parser.write_string(state, add_section_headers=True)
-    # It gives ids to what is referred to alone; by those of emitters and sensors users name them.
+    # Mitsuba writes ids only where something refers to them, but users name emitters and sensors by their ids.
     text = re.sub(r'<(shape|emitter|sensor) type="([^"]*)" name="([^"]*)"', r'<\1 type="\2" id="\3"', text)
     head = f"<!-- {title.replace('--', '- -')}, by photonbeams export -->"
     return f"{head}\n{text}"
 
 
 def _write(twin: Twin, path: Path, text: str) -> list[Path]:
-    """Write the .xml and its files: all of them are whole before the first one has its name, and the .xml is last."""
+    """Write the .xml and its files: none gets its name before all are whole, and the .xml gets it last."""
     folder = path.parent / twin.folder
     places = {name: folder / name for name in twin.files}
     fresh = not folder.exists()

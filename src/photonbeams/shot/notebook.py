@@ -1,6 +1,6 @@
-"""Shots in notebooks: a quick picture, or the sentence that says why there is none.
+"""Shots in notebooks: a quick picture, or a sentence that says why there is none.
 
-IPython asks for both at once, by `_repr_mimebundle_`: with `_repr_png_` an error would be a traceback below the cell.
+`_repr_mimebundle_` returns either one; an error in `_repr_png_` would be shown as a traceback below the cell.
 """
 
 from __future__ import annotations
@@ -15,20 +15,20 @@ if TYPE_CHECKING:
     from ..images.frame import Frame
     from .shot import Shot
 
-#: Of a quick picture: pixels on its longer side, passes, of which the denoiser needs two to know noise by, and seconds
-#: after which one is enough.
+#: A quick picture's pixels along its longer side; its passes, of which the denoiser needs two to estimate noise; and
+#: the seconds after which one pass is enough.
 LONGEST, PASSES, SECONDS = 480, 2, 5.0
 
 _PNG, _TEXT = "image/png", "text/plain"
 
 
 def shown(shot: Shot, include: Collection[str] | None = None, exclude: Collection[str] | None = None) -> dict[str, str]:
-    """Return what a notebook shows of a shot, by MIME types: a PNG in base64 and a line, or a sentence alone.
+    """Return what a notebook shows of a shot, by MIME type: a PNG in base64 and a line of text, or only a sentence.
 
     Parameters
     ----------
     include, exclude
-        The MIME types that are asked for, None: all; and those that are not.
+        The MIME types that are wanted, None: all; and those that are not.
     """
     if _PNG in (exclude or ()) or _PNG not in (include or (_PNG,)):
         return {_TEXT: repr(shot)}
@@ -36,13 +36,13 @@ def shown(shot: Shot, include: Collection[str] | None = None, exclude: Collectio
         picture = quick_frame(shot)._repr_png_()
     except SceneError as error:
         return {_TEXT: str(error)}
-    except Exception as error:  # whatever a renderer may stumble over: to look at a variable must not end a notebook
+    except Exception as error:  # of any kind: showing a variable must not stop a notebook
         return {_TEXT: f"the shot could not be rendered: {error}"[:300]}
     return {_PNG: b64encode(picture).decode("ascii"), _TEXT: repr(shot)}
 
 
 def quick_frame(shot: Shot) -> Frame:
-    """Return a small picture of a shot's first frame, denoised where this machine can; raises what `render` does."""
+    """Return a small picture of a shot's first frame, denoised if this machine can; raises what `render` does."""
     from ..render.denoising import lacking_denoiser
 
     width, height = shot._own_size()

@@ -1,4 +1,4 @@
-"""Requests for frames: the arguments of `Shot.render`, checked, for both kinds of shots."""
+"""Requests for frames: the arguments of `Shot.render`, checked, for all kinds of shots."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ Snapshot = Callable[[Callable[[], Frame]], None]
 
 @dataclass(frozen=True)
 class Prepared:
-    """What the passes of a frame of a stage need.
+    """What the passes of a stage's frame need.
 
     Attributes
     ----------
     shutter, window, settings, holdouts
-        As `render.stage_frame.render` has them.
+        As `render.stage_frame.render` takes them.
     development
-        How their sums become a picture.
+        How the sums of the passes become a picture.
     """
 
     shutter: Shutter
@@ -48,7 +48,7 @@ class Prepared:
 class FrameRequest:
     """The arguments of `Shot.render`, checked as far as they do not depend on the shot.
 
-    `part` are the passes to render, None: all; `kept` is what `RunOptions` keeps for further parts.
+    `part` are the passes to render, None: all; `kept` is what `RunOptions` caches for further parts.
     """
 
     frame: float | None
@@ -78,7 +78,7 @@ class FrameRequest:
         over: PathLike | Array | Plate | None = None,
         **given: Any,
     ) -> FrameRequest:
-        """Return the request that these arguments of `Shot.render` make."""
+        """Return the request for these arguments of `Shot.render`."""
         return cls(
             frame=frame, settings=settings, checkpoint=Checkpoint.of(checkpoint), holdout=Holdout.of(holdout),
             over=Plate.of(over), **given,
@@ -87,7 +87,7 @@ class FrameRequest:
     def read_plates(
         self, number: float, views: Sequence[str], size: tuple[int, int], warn: Callable[[str], None]
     ) -> tuple[list[Depth], list[Array]]:
-        """Return the holdout's depths and the plate's pixels of each view; none where there is no file."""
+        """Return the holdout's depths and the plate's pixels of each view; empty lists where there is none."""
         depths = [] if self.holdout is None else self.holdout.read(number, views, size, warn)
         return depths, [] if self.over is None else self.over.read_whole(number, views, size, warn)
 
@@ -100,11 +100,11 @@ class FrameRequest:
         Parameters
         ----------
         groups, views
-            As `Development` has them.
+            As in `Development`.
         pixels
-            Those of the plate for each view, if there are any.
+            The pixels of the plate for each view; empty without a plate.
         window, grown
-            What is shown, and what is rendered: that and what the pixel filter needs around it.
+            What is shown, and what is rendered: the pixel filter needs more around it.
         """
         plates = [part_of(each, window) for each in pixels]
         (x0, y0), (x1, y1) = grown.crop[:2], window.crop[:2]

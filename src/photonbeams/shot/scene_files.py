@@ -1,4 +1,4 @@
-"""Files that Mitsuba scenes name, looked at before Mitsuba reads them."""
+"""Checks of files that Mitsuba scenes refer to, before Mitsuba reads them."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from ..volumes.vol import vol_shape
 
 
 def check_grids(path: Path, parameters: Mapping[str, str]) -> None:
-    """Check the .vol files that a scene names: Mitsuba ends the process over some, such as a grid without cells.
+    """Check the .vol files that a scene refers to: some, such as a grid without cells, make Mitsuba end the process.
 
-    Files that are not there are left to Mitsuba, which knows where else they may be.
+    Files that do not exist here are left to Mitsuba, which also looks in other folders.
 
     Raises
     ------
     SceneError
-        A file that is broken, or holds no grid of 1, 3 or 6 channels.
+        A file that is broken, or that holds no grid of 1, 3 or 6 channels.
     RuntimeError
-        Of Mitsuba's: a scene that cannot be parsed.
+        From Mitsuba: a scene that cannot be parsed.
     """
     from ..runtime.device import mitsuba
 

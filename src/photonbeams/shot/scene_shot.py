@@ -1,4 +1,4 @@
-"""Scenes in Mitsuba's own format as shots: seen by a sensor, or by two eyes, written as frames of stages are."""
+"""Shots of scenes in Mitsuba's own format, seen by a sensor or by two eyes; their frames are like those of stages."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from .development import Development
     from .request import FrameRequest
 
-# The max_depth of Mitsuba's integrators whose paths have any length.
+# The max_depth of Mitsuba's integrators whose paths have no longest length.
 _ANY_DEPTH = 0xFFFFFFFF
 
 
@@ -42,24 +42,24 @@ class SceneShot(Shot):
     Parameters
     ----------
     subject
-        Mitsuba's scene, or an .xml file; a run of # in its name is the frame number.
+        A scene that Mitsuba has loaded, or an .xml file; a run of # in its name is the frame number.
     camera
         Name (id) or number of the sensor; None is the first.
     stereo
-        For two eyes, how the sensor becomes two of them; None: one picture.
+        How the sensor becomes two eyes; None: one picture.
     looks, groups
-        Looks by the ids of emitters or of their shapes, or one for all; light groups by the same ids.
+        Looks by the ids of emitters or of their shapes, or one look for all; light groups by the same ids.
     beams
-        All that may be said of beams, by the same ids: see `scene.BeamSettings`.
+        All settings of beams, by the same ids: see `scene.BeamSettings`.
     session_layers
-        USD layers that say so, too, on prims named by the same ids; what is given here is stronger.
+        USD layers with the same settings, on prims that are named by these ids; arguments are stronger.
     parameters
         Values of the file's own parameters ($name).
 
     Raises
     ------
     SceneError
-        A file that Mitsuba cannot read, without sensors, or without the one that is asked for.
+        A file that Mitsuba cannot read, or a scene without sensors or without the one that was asked for.
     """
 
     def __init__(
@@ -80,7 +80,7 @@ class SceneShot(Shot):
         self._beams = _beams(*self._given)
         layers = [session_layers] if isinstance(session_layers, str | os.PathLike) else [*session_layers]
         self._layers = SceneLayers(layers) if layers else None
-        self._layered: tuple[Path | None, float | None] | None = None  # of what the layers were read
+        self._layered: tuple[Path | None, float | None] | None = None  # file and frame for which the layers were read
         self._looks: dict[str, Look] = {}
         self._open: tuple[Path | None, Any] = (None, None if self.path else subject)
         self._warnings = Warnings()
@@ -93,7 +93,7 @@ class SceneShot(Shot):
         return f"SceneShot({str(what)!r}, camera={self.camera!r})"
 
     def load(self, frame: float | None = None) -> Any:
-        """Load Mitsuba's scene of a frame and its sensors, and return it."""
+        """Load the Mitsuba scene of a `frame` and its sensors, and return it."""
         path = self.path and numbered(self.path, self._number(frame))
         if self._open[1] is None or self._open[0] != path:
             assert path is not None
@@ -107,7 +107,7 @@ class SceneShot(Shot):
         return self.plugin
 
     def _layer_settings(self, layers: SceneLayers, frame: float | None) -> dict[str, scene.BeamSettings]:
-        """Return the beam settings of layers by the ids of emitters; equal looks are one look, and share kernels."""
+        """Return the beam settings of layers by the ids of emitters; equal looks are built once, and share kernels."""
         from ..usd.shading import build_look
         from ..world.scene_lamps import names_of
 
@@ -129,7 +129,7 @@ class SceneShot(Shot):
             raise SceneError(f"{path}: no such file")
         try:
             check_grids(path, self._parameters)
-            # Meshes that Mitsuba merges lose their ids.
+            # Mitsuba's optimization merges meshes, which then lose their ids.
             named = self._layers is not None or any(isinstance(each.portal, str) for each in self._beams.values())
             with helping_thread():
                 plugin = mi.load_file(str(path), optimize=not named, **self._parameters)
@@ -153,7 +153,7 @@ class SceneShot(Shot):
         return names[camera]
 
     def content(self, frame: float | None = None) -> str:
-        """Return a hash of the file, its parameters, and the files that they name; of a scene without a file, none."""
+        """Return a hash of the file of a `frame`, its parameters, and the files that they name; "" without a file."""
         if self.path is None:
             return ""
         path = numbered(self.path, self._number(frame))
@@ -162,7 +162,7 @@ class SceneShot(Shot):
     def settings(self) -> Settings:
         """Return the settings of the scene's integrator, with its sampler's passes.
 
-        Of another one than `photon_beams`, and of one within `aov` or `moment`, the depths, as Mitsuba shows them.
+        If it is not `photon_beams`, or is nested in `aov` or `moment`, only the depths are taken, from its text form.
         """
         from ..render.settings import Settings
 
@@ -176,7 +176,7 @@ class SceneShot(Shot):
         return replace(own, passes=int(self.sensor.sampler().sample_count()))
 
     def size(self, width: int | None = None, height: int | None = None) -> tuple[int, int]:
-        """Return the size in pixels: as asked for, in the film's aspect where one of two is, else the film's."""
+        """Return the size in pixels: `width` and `height`; a missing one follows from the film, both are the film's."""
         own = [int(each) for each in self.sensor.film().size()]
         if not width and not height:
             return own[0], own[1]
@@ -190,7 +190,7 @@ class SceneShot(Shot):
         return self.size()
 
     def _window(self, width: int | None, height: int | None, crop: Sequence[float] | None) -> Window:
-        """Return what is to be seen: the film's own crop window, unless another size or crop is asked for."""
+        """Return the window to render: the film's own crop window, unless a size or a crop is given."""
         from ..world.cameras import Window
         from ..world.sensors import window_of
 
@@ -201,7 +201,7 @@ class SceneShot(Shot):
 
     @contextmanager
     def _resized(self, window: Window) -> Iterator[None]:
-        """Change the film's size in pixels, and which part of it is rendered, for a while."""
+        """Change the film's size in pixels, and which part of it is rendered, within the context."""
         from ..runtime.device import mitsuba
 
         parameters = mitsuba().traverse(self.sensor)
@@ -224,20 +224,20 @@ class SceneShot(Shot):
             change(own)
 
     def check_scene(self, settings: Settings) -> None:
-        """Raise SceneError where something in the scene cannot be rendered."""
+        """Raise SceneError if something in the scene cannot be rendered with these `settings`."""
         from ..render.scene_frame import Extras, SceneRenderer
 
         SceneRenderer(self.plugin, self.sensor, replace(settings, guiding=False), None, Extras(self._beams))
 
     def layer_names(self) -> list[str]:
-        """Return the names of a frame's layers, in their order."""
+        """Return the names of a frame's layers, in order."""
         from ..render.film import layer_names
         from ..render.scene_frame import groups_of
 
         return layer_names(groups_of(self.plugin, self._beams))
 
     def eyes(self) -> list[scene.Camera]:
-        """Return the cameras that look instead of the sensor: two eyes, or none."""
+        """Return the cameras of two eyes, which replace the sensor; without stereo, none."""
         from ..world.sensors import camera_of
 
         if self.stereo is None:
@@ -245,7 +245,7 @@ class SceneShot(Shot):
         camera = camera_of(self.plugin.sensors()[self._index(self.camera)])
         if camera is None:
             name = self.camera or self.names[0]
-            raise SceneError(f"sensor {name}: is no camera: expected a perspective one to split")
+            raise SceneError(f"sensor {name}: is no camera: expected a perspective one, to be split in two")
         return list(split(camera, self.stereo, 1.0, f"sensor {camera.name}"))
 
     def _settings(self, frame: float | None) -> Settings:
@@ -264,7 +264,7 @@ class SceneShot(Shot):
         depths, pixels = request.read_plates(number, names, self.size(request.width, request.height), self._warn)
         window = self._window(request.width, request.height, request.crop)
         grown = window if request.crop is None else window.grown(margin_of(self._filter(settings)))
-        with self._resized(Window.full(window.width, window.height)):  # cameras are measured on the whole film
+        with self._resized(Window.full(window.width, window.height)):  # a camera's aperture is that of the whole film
             eyes = self.eyes()
             own = camera_of(self.sensor)
             shown = [eyes[EYES.index(name)] for name in names] if eyes else [own] if own else []
@@ -298,7 +298,7 @@ class SceneShot(Shot):
         }
 
     def _filter(self, settings: Settings) -> Any:
-        """Return the pixel filter, None for the box."""
+        """Return the pixel filter; None is the box filter."""
         from ..render.film import reconstruction_filter
 
         return reconstruction_filter(settings.filter_name, self.sensor.film().rfilter())
@@ -331,7 +331,7 @@ def _camera(sensor: Any) -> scene.Camera:
 
     camera = camera_of(sensor)
     if camera is None:
-        raise SceneError(f"sensor {sensor.id()}: is no camera: expected a perspective one without its lens")
+        raise SceneError(f"sensor {sensor.id()}: is no camera: expected a perspective one, whose lens can be left out")
     return camera
 
 
@@ -344,8 +344,8 @@ def _view(sensor: Any) -> Any:
 def _contents(path: Path, more: Iterable[str]) -> list[bytes]:
     """Return the bytes of a scene's file, and of the files that it names: textures, volumes, meshes, other scenes."""
     todo, found = [path, *(path.parent / each for each in sorted(more))], dict[Path, bytes]()
-    for place in todo:  # which grows
-        if place in found or not os.path.isfile(place):  # of what is no name at all, Path.is_file raises an error
+    for place in todo:  # which grows meanwhile
+        if place in found or not os.path.isfile(place):  # Path.is_file raises an error for some strings
             continue
         found[place] = place.read_bytes()
         if place.suffix == ".xml":
@@ -360,7 +360,7 @@ def _reason(text: str, path: Path) -> str:
     text = re.sub(rf"^At {re.escape(str(path))} \((.*?)\)", r"\1", text)
     text, _, trace = text.partition("Traceback (most recent call last):")
     lines = [line.strip() for line in text.splitlines() if line.strip()]
-    if trace:  # of a plug-in in Python: its last line that is not indented is the error, "Class: what is wrong"
+    if trace:  # from a plug-in in Python: its last line without indentation is the error, "Class: what is wrong"
         last = [line for line in trace.splitlines() if re.match(r"[\w.]+: ", line)]
         lines.append(last[-1].partition(": ")[2] if last else "")
     return " ".join(lines)[:500].strip()

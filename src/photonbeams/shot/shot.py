@@ -1,4 +1,4 @@
-"""A shot: a stage and a camera, rendered into frames, written as layered EXR."""
+"""Shots: a stage and a camera, rendered into frames, which are written as layered EXRs."""
 
 from __future__ import annotations
 
@@ -46,18 +46,18 @@ if TYPE_CHECKING:
 
 DEFAULT_WIDTH = 1280
 
-# Time samples on a stage that are looked at, at most, to learn whether a shutter sees any.
+# The most time samples of a stage that are searched for those within the shutter interval.
 _MOST_KEYS = 10_000
 
-# Times on a stage, at most, at which emission is guided toward what the camera sees.
+# The most times on a stage at which emission is guided toward what the camera sees.
 _VIEWERS = 9
 
-# Times at which the content of the stage is kept until it changes.
+# The number of times for which the content of the stage is cached until the stage changes.
 _CONTENTS = 4
 
-_NOTHING = "nothing makes beams"  # said of the first frame where it is so
+_NOTHING = "nothing makes beams"  # a warning that names the first such frame, and is given once
 
-#: A fog that is made of the stage's own, or of None where it has none.
+#: A function that makes a fog from the stage's own, or from None if the stage has none.
 Fog = Callable[[scene.Medium | None], scene.Medium | None]
 
 
@@ -65,7 +65,7 @@ def _opened_scene(
     path: PathLike, camera: str | None, stereo: Stereo | None, looks: Any, groups: Any, beams: Any,
     session_layers: Iterable[PathLike], overrides: Iterable[str], of_stages: Mapping[str, Any],
 ) -> Shot:  # fmt: skip
-    """Return a Mitsuba scene as a shot; SceneError for what stages alone have."""
+    """Return a Mitsuba scene as a shot; SceneError for arguments that only stages take."""
     from .scene_shot import SceneShot
 
     for name, value in of_stages.items():
@@ -81,21 +81,57 @@ def _opened_scene(
 
 
 def _known(paths: set[str]) -> set[str]:
-    """Return paths and their last names, by either of which a user may name a prim."""
+    """Return paths and the names at their ends: users may name a prim by either."""
     return paths | {path.rpartition("/")[2] for path in paths}
 
 
 class Shot:
-    """A stage seen by one of its cameras, or by two eyes. `Shot.open` makes one, also of a Mitsuba scene.
+    """A stage seen by one of its cameras, or by two eyes. `Shot.open` makes one from a file.
 
-    `Shot(mitsuba_scene, camera=..., stereo=..., looks=..., groups=...)` is a `SceneShot`, and
-    `Shot(scene.Scene(...), scene.Camera(...))` a `BuiltShot`.
+    Parameters
+    ----------
+    stage
+        An open `Usd.Stage`, a `scene.Scene` that was built in Python, or a scene that Mitsuba has loaded.
+    camera
+        Path or name of a camera of the stage; None, the default: the render settings' camera, or the only one. For a
+        `scene.Scene` a `scene.Camera`; for a Mitsuba scene the id or number of a sensor, None: the first.
+    medium
+        A fog instead of the stage's own; or a function that gets the stage's `Medium`, or None, and returns another.
+    stereo
+        How the camera becomes two eyes. Default: it does not.
+    simulate
+        A function of beams and a `PassContext` that changes the beams of each pass, such as `thin` or a `chain`.
+    emit
+        A function of a `PassContext` that makes beams from nothing: it returns `Beams`, `DrawnBeams`, or several.
+    looks
+        A look for all beams instead of the stage's looks, or looks by the path or name of a light, of drawn curves, or
+        of the stage's PhotonBeamsLook.
+    strict
+        Whether a warning about the stage is an error. Default False.
+
+    A Mitsuba scene takes only `camera`, `stereo`, `looks`, and, like `Shot.open`, `groups`, `beams`, `session_layers`
+    and `parameters`.
+
+    Raises
+    ------
+    SceneError
+        A stage, a camera or another argument of the wrong type.
+
+    Examples
+    --------
+    >>> lamp = pb.scene.SphereLight("/Lamp", 50.0, center=(0, 2, 0), axis=(0, -1, 0),
+    ...                             shaping=pb.scene.Shaping(cone_angle=20))
+    >>> content = pb.scene.Scene(lights=lamp, media=pb.Medium(scattering=0.1))
+    >>> shot = pb.Shot(content, pb.scene.Camera.look_at(origin=(6, 1, 0), target=(0, 1, 0)))
+    >>> frame = shot.render(passes=1, width=32)
+    >>> frame.layers["beams"].shape
+    (18, 32, 3)
     """
 
-    camera: Any  # the name of one on the stage; a scene.Camera of a scene that was built in Python
+    camera: Any  # the name of a camera on the stage; a scene.Camera for a scene that was built in Python
 
     def __new__(cls, stage: Any = None, *_: Any, **__: Any) -> Shot:
-        """Return a shot of a stage, of a Mitsuba scene, or of a scene that was built in Python."""
+        """Return a `Shot`, or the subclass for a Mitsuba scene or for a scene that was built in Python."""
         if cls is Shot and type(stage).__module__.partition(".")[0] == "mitsuba":
             from .scene_shot import SceneShot
 
@@ -118,9 +154,9 @@ class Shot:
         strict: bool = False,
     ) -> None:
         if not (looks is None or isinstance(looks, Mapping) or hasattr(looks, "bind")):
-            raise scene.SceneError(f"looks is {looks!r}: expected a Look, or Looks by the names of lights")
+            raise scene.SceneError(f"looks is {looks!r}: expected a Look, or a dict of Looks by the names of lights")
         if not (medium is None or callable(medium) or isinstance(medium, scene.Medium)):
-            raise scene.SceneError(f"medium is {medium!r}: expected a Medium, or a function of the stage's own")
+            raise scene.SceneError(f"medium is {medium!r}: expected a Medium, or a function of the stage's Medium")
         for name, function in (("simulate", simulate), ("emit", emit)):
             if function is not None and not callable(function):
                 raise scene.SceneError(f"{name} is {function!r}: expected a function")
@@ -132,15 +168,15 @@ class Shot:
         self._stage_digest: str | None = None
         self._warnings = Warnings(strict)
         self._looks: dict[str, Any] = {}
-        self._lasting: dict[Any, Any] = {}  # what of the stage is the same at all times
-        self._edited = False  # whether the stage was: who renders a film need not keep what the next frame lacks
-        self._contents: dict[Any, scene.Scene] = {}  # what was read last, by times; looks may be others now
-        self._surfaces: dict[Any, dict[str, Any]] = {}  # the surfaces that were read last, by their time
-        self._kept: dict[Any, Any] = {}  # the frame whose parts were rendered last
+        self._lasting: dict[Any, Any] = {}  # what does not change with time on the stage
+        self._edited = False  # whether the stage was: until then no time is read twice, and scenes are not cached
+        self._contents: dict[Any, scene.Scene] = {}  # scenes that were read last, by times; their looks may be outdated
+        self._surfaces: dict[Any, dict[str, Any]] = {}  # the surfaces that were read last, by time
+        self._kept: dict[Any, Any] = {}  # the frame of which parts were rendered last
         self._set_content(stage)
 
     def _set_content(self, stage: Any) -> None:
-        """Take what the shot shows; SceneError where that is of another kind."""
+        """Take what the shot shows; SceneError if that, or the camera, is of the wrong type."""
         stages.check_stage(stage)
         if not (self.camera is None or isinstance(self.camera, str)):
             raise scene.SceneError(f"camera is {self.camera!r}: expected the path or the name of a camera of the stage")
@@ -149,8 +185,8 @@ class Shot:
         self._listener = self._listening()
 
     def _listening(self) -> Any:
-        """Return a listener that clears what the shot has cached of all times when the stage changes."""
-        own = weakref.ref(self)  # kept by the shot, it must not keep the shot
+        """Return a listener that clears the shot's caches, as far as necessary, when the stage changes."""
+        own = weakref.ref(self)  # the shot keeps the listener, which must not keep the shot
 
         def forget(notice: Any, stage: Any) -> None:
             shot, extent = own(), extent_of(notice, stage)
@@ -175,13 +211,16 @@ class Shot:
     def _repr_mimebundle_(
         self, include: Collection[str] | None = None, exclude: Collection[str] | None = None
     ) -> dict[str, str]:  # fmt: skip
-        """Return a quick picture for notebooks, or the sentence that says why there is none: raises nothing."""
+        """Return a quick picture for notebooks, or a sentence that says why there is none; never raise.
+
+        `include` and `exclude` are the MIME types that IPython wants and does not want.
+        """
         from .notebook import shown
 
         return shown(self, include, exclude)
 
     def _own_size(self) -> tuple[int, int]:
-        """Return the size in pixels where none is asked for."""
+        """Return the size in pixels that a render has if none is given."""
         return self.resolution()
 
     @classmethod
@@ -213,46 +252,57 @@ class Shot:
         path
             A .usd, .usda, .usdc or .usdz file; or a Mitsuba .xml, in whose name a run of # is the frame number.
         camera
-            Path or name of the camera; None: the render settings' or the only one. Of a Mitsuba scene its sensor's id
-            or number; None: the first.
+            Path or name of the camera; None: the render settings' or the only one. For a Mitsuba scene the id or
+            number of a sensor; None: the first.
         medium
-            A fog instead of the stage's own, or for a stage that has none; or a function of the stage's own.
+            A fog instead of the stage's own, or for a stage that has none; or a function that gets the stage's
+            `Medium`, or None, and returns another.
         stereo
-            For two eyes, how the camera becomes two of them; None: one picture.
+            How the camera becomes two eyes; None: one picture.
         simulate
             A function of beams and a `PassContext` that changes the beams of each pass, such as `thin`, or a `chain`.
         emit
             A function of a `PassContext` that makes beams from nothing: it returns `Beams`, `DrawnBeams`, or several.
         looks
-            Looks of your own instead of the stage's: one for all beams, or by the path or the name of a light, of
-            drawn curves, or of the PhotonBeamsLook that they name. Of a Mitsuba scene by the ids of its emitters, or of
-            their shapes.
+            Looks of your own instead of the stage's: one for all beams, or a dict by the path or name of a light, of
+            drawn curves, or of the PhotonBeamsLook that they refer to. For a Mitsuba scene by the ids of emitters, or
+            of their shapes.
         groups
-            Of a Mitsuba scene: light groups by the same ids.
+            For a Mitsuba scene: light groups by the same ids.
         beams
-            Of a Mitsuba scene: all that the lights of a stage say of their beams (portals, gobos, …), by the same ids.
-        session_layers, overrides
-            Layers over the stage, and values "/prim.attribute=value" over those, or NAME=VALUE for the parameters of a
-            Mitsuba scene; one, or several. Over a Mitsuba scene, prims named by the ids of emitters say of their beams
-            what they would say of lights.
+            For a Mitsuba scene: settings of beams (portals, gobos, …), which lights of a stage have as attributes, by
+            the same ids.
+        session_layers
+            One layer or several over the stage, the strongest first. Over a Mitsuba scene, prims that are named by the
+            ids of emitters carry the attributes that lights of a stage have for their beams.
+        overrides
+            One value or several, stronger than the layers: "/prim.attribute=value" for a stage, NAME=VALUE for the
+            parameters of a Mitsuba scene.
         strict
-            Whether a warning about the stage is an error, also that a part of it cannot be read and is left out.
+            Whether a warning about the stage is an error, also one about a part that cannot be read and is left out.
         texture_limit
-            Pixels a side beyond which textures of a stage are scaled down, those of lights beyond twice as many; None:
-            4096.
+            For a stage: textures with more pixels than this along a side are scaled down, textures of lights if they
+            have more than twice as many; None: 4096.
         variants
-            Of a stage: choices of variants, each "/prim{set=choice}".
-        mask, purposes
-            Of a stage: the prims that are read, with what is above and below them and what they refer to, None: all;
-            and the purposes that are rendered beside "default", None: "render".
+            For a stage: one choice of a variant or several, each "/prim{set=choice}".
+        mask
+            For a stage: paths of the prims that are read, with what is above and below them and what they refer to;
+            None: all prims.
+        purposes
+            For a stage: the purposes that are rendered beside "default"; None: "render".
         complexity
-            Of a stage: how finely subdivision surfaces are refined, "low", "medium", "high" or "veryhigh"; None: those
-            that say of themselves that they are, "high".
+            For a stage: how finely subdivision surfaces are refined, "low", "medium", "high" or "veryhigh"; None:
+            "high" for meshes that author a subdivision scheme or creases, none for others.
+
+        Returns
+        -------
+        Shot
+            A `SceneShot` for a Mitsuba scene.
 
         Raises
         ------
         SceneError
-            What cannot be read, in one sentence.
+            A file, a camera or an argument that cannot be used; the message says which and why.
         """
         session_layers = [session_layers] if isinstance(session_layers, str | os.PathLike) else session_layers
         overrides = [overrides] if isinstance(overrides, str) else overrides
@@ -271,29 +321,35 @@ class Shot:
         selection = stages.Selection.of(mask, purposes, variants, complexity)
         stage = stages.open_stage(path, session_layers, overrides, Warnings(strict), texture_limit, selection)
         shot = cls(stage, camera, medium, stereo, simulate, emit, looks, strict)
-        shot.cameras()  # a wrong name is an error now, not after a long read
+        shot.cameras()  # so that a wrong name is an error now, not after a long read
         return shot
 
     @property
     def warnings(self) -> Warnings:
-        """The warnings that were given of the shot so far."""
+        """The warnings about the shot so far."""
         return self._warnings
 
     def time(self, frame: float | None = None) -> Usd.TimeCode:
-        """Return the time code of a frame; None is the stage's start or default time."""
+        """Return the time code of a `frame`; None is the stage's start or default time."""
         if frame is None:
             return stages.default_time(self.stage)
         return stages.time_code(frame)
 
     def _check_frame(self, frame: float | None) -> None:
-        """Raise SceneError for a frame that the stage does not have."""
+        """Raise SceneError for a frame outside of the stage's range."""
         if frame is not None and not self.time(frame).IsDefault():
             check_frames(self.stage, [self._number(frame)])
 
     def read(self, frame: float | None = None, base: float | None = None) -> tuple[scene.Scene, scene.Camera]:
         """Return the scene at a frame, with its looks built, and the camera.
 
-        Velocities carry on what the stage holds at `base`, the frame whose shutter is open; None: at the frame itself.
+        Parameters
+        ----------
+        frame
+            Frame number; None is the stage's start or default time.
+        base
+            The frame whose shutter is open: velocities move things away from where they are at this frame. None:
+            `frame`.
         """
         content, camera = self._read(frame, base)
         content = self._with_own(content, frame)
@@ -307,7 +363,7 @@ class Shot:
         return content, camera
 
     def _with_own(self, content: scene.Scene, frame: float | None) -> scene.Scene:
-        """Return the stage's scene with the shot's own medium and beams."""
+        """Return the stage's scene with the medium and the beams that were given in Python."""
         content = replace(content, media=self._media(content))
         if self.emit is not None:
             made = self._emitted(self.emit, frame, content.medium)
@@ -320,9 +376,9 @@ class Shot:
         camera = stages.read_camera(self.stage, self.camera, time, self._warnings)
         if not self._edited:
             return stages.read_scene(self.stage, time, self._warnings, base, self._lasting), camera
-        key = (None if time.IsDefault() else time.GetValue(), base)  # in text, times that differ a little are one
+        key = (None if time.IsDefault() else time.GetValue(), base)  # as text, times that differ little would be one
         known, content = self._contents.get(key), None
-        if known is not None:  # no more than looks were edited since
+        if known is not None:  # at most looks were edited since it was read
             content = stages.with_looks(self.stage, time, known, self._warnings)
         if content is None:
             if key not in self._surfaces:
@@ -339,29 +395,29 @@ class Shot:
         return file_of(self.stage)
 
     def _makers(self) -> set[str]:
-        """Return the names of all that ever makes beams, and of its looks."""
+        """Return the names of everything that makes beams at any time, and of its looks."""
         return makers_at_all_times(self.stage)
 
     def _check_looks(self, content: scene.Scene) -> None:
-        """Raise SceneError for a look that the user names for no beams of the stage."""
+        """Raise SceneError if a name in `looks` is that of no beams and of no look."""
         if not isinstance(self.looks, Mapping):
             return
         named = {light.name for light in content.lights} | {drawn.name for drawn in content.drawn} | set(self._looks)
         if not _known(named).issuperset(self.looks):
-            named |= self._makers()  # of those that are hidden now, looks may be, too
+            named |= self._makers()  # looks may also be for lights that are hidden now
         for name in self.looks:
             if name not in _known(named):
                 beams = ", ".join(sorted(named)) or "none"
-                raise scene.SceneError(f"{self._place}: no beams are of {name}: expected one of {beams}")
+                raise scene.SceneError(f"{self._place}: no beams are named {name}: expected one of {beams}")
 
     def _emitted(self, emit: Emitter, frame: float | None, medium: scene.Medium | None) -> list[scene.DrawnBeams]:
-        """Return the beams that the shot's `emit` function makes at a time."""
+        """Return the beams that the function `emit` makes at a frame."""
         from ..beams.programs import PassContext, emitted
 
         return emitted(emit, PassContext(frame=frame, time=self._number(frame), medium=medium))
 
     def _media(self, content: scene.Scene) -> tuple[scene.Medium, ...]:
-        """Return the stage's media, or the shot's instead of them; a function of the first one changes that alone."""
+        """Return the stage's media, or the shot's instead; a function replaces only the first homogeneous medium."""
         if not callable(self.medium):
             return content.media if self.medium is None else (self.medium,)
         own = content.medium
@@ -370,13 +426,13 @@ class Shot:
         return rest if chosen is None else content.media if chosen is own else (chosen, *rest)
 
     def cameras(self, frame: float | None = None) -> tuple[scene.Camera, ...]:
-        """Return the camera at a frame, or the left and the right eye's."""
+        """Return the camera at a `frame`, or those of the left and the right eye."""
         if self.stereo is None:
             return (stages.read_camera(self.stage, self.camera, self.time(frame), self._warnings),)
         return read_eyes(self.stage, self.camera, self.stereo, self.time(frame), self._warnings)
 
     def look_through(self, camera: str | None, stereo: Stereo | None = None) -> None:
-        """Take another camera, by its path or name, or other eyes; what depends on its place is found anew."""
+        """Change the `camera`, given by its path or name, and its eyes, `stereo`."""
         check_stereo(stereo)
         if (camera, stereo) != (self.camera, self.stereo):
             self.camera, self.stereo, self._sphere = camera, stereo, None
@@ -384,7 +440,14 @@ class Shot:
     def exposure(self, frame: float | None = None, blur: bool = True, lens: bool = True) -> Exposure:
         """Return the scene and the cameras over the shutter interval of a frame.
 
-        `blur` and `lens` may be turned off: all is then as at the frame's own time, and in focus.
+        Parameters
+        ----------
+        frame
+            Frame number; None is the stage's start or default time.
+        blur
+            If False, the interval is the frame's own time, and nothing moves.
+        lens
+            If False, lenses have the radius 0, and everything is in focus.
         """
         time = self.time(frame)
         begin, end = read_shutter(self.stage, self.camera, time)
@@ -406,27 +469,39 @@ class Shot:
 
     def _bounds(self, content: scene.Scene) -> tuple[Array, float]:
         if self._sphere is None:
-            # Once: beams must not change with what moves elsewhere.
+            # Computed once, so that beams do not change when something moves elsewhere.
             self._sphere = bounds_at_all_times(
                 self.stage, content, self._extent, self.cameras, emits=self.emit is not None
             )
         return self._sphere
 
     def _extent(self, frame: float | None) -> scene.Scene:
-        """Return how far the scene reaches at a frame."""
+        """Return a scene that is as large as the one at a frame, but is faster to read."""
         return self._with_own(stages.read_extent(self.stage, self.time(frame), self._lasting), frame)
 
     def _groups_at_all_times(self) -> frozenset[str]:
         if self._groups is None:
-            # Once: all frames have the same layers.
+            # Computed once, so that all frames have the same layers.
             self._groups = groups_at_all_times(self.stage)
         return self._groups
 
     def check(self, content: scene.Scene, frame: float | None = None) -> list[str]:
-        """Return the names of the layers that a frame of this content has; SceneError where there is nothing to see.
+        """Return the names of the layers that a frame of this scene has.
 
-        Warns once where no beams are seen: there is no fog, nothing makes beams now, or what does has no light. A light
-        that fades out must not end a film.
+        Warn once if no beams are visible: there is no fog, nothing makes beams now, or all lights are black. That is no
+        error, so that a light that fades out does not end a film.
+
+        Parameters
+        ----------
+        content
+            The scene.
+        frame
+            Its frame number, for messages; None is the stage's start or default time.
+
+        Raises
+        ------
+        SceneError
+            There is nothing to render.
         """
         from ..render.stage_frame import check, layer_names
 
@@ -443,7 +518,7 @@ class Shot:
         names = ", ".join(black(content))
         if not content.media:
             fog = "expected a prim with PhotonBeamsMediumAPI, or a fog given by --scattering"
-            self._warn(f"{self._place}: there is no fog, in which beams would be seen: {fog}")
+            self._warn(f"{self._place}: there is no fog, so no beams are seen: {fog}")
         elif names:
             self._warn(f"{self._place}: no beams have any light: expected some of {names} to shine")
         elif not makers(content) and not content.sky and _NOTHING not in self._warnings.given:
@@ -451,12 +526,12 @@ class Shot:
             idle = ", ".join(light.name for light in content.lights)
             expected = f"photonbeams:enabled on {idle}" if idle else "a light that is on"
             at = f"{self._place}: {_NOTHING} at frame {self._number(frame):.10g}"
-            self._warn(f"{at}: expected {expected}; where none is, there are no beams")
+            self._warn(f"{at}: expected {expected}; frames without one have no beams")
 
     def _look(self, owner: str, spec: Any) -> Any:
-        """Return the look of a light or of curves: the user's, or that of a spec.
+        """Return the look of a light or of curves: the one given in Python, else the one that a spec describes.
 
-        Those that share a prim share it, and so its kernels.
+        Specs of one prim are built once: their beams share the look, and so its kernels.
         """
         if not isinstance(self.looks, Mapping):
             return self.looks
@@ -482,9 +557,22 @@ class Shot:
         plates: Sequence[Holdout | Plate] = (),
         view: str | None = None,
     ) -> tuple[int, int]:
-        """Return (width, height): what is given, and the rest from the camera's aperture.
+        """Return the width and height of a frame in pixels.
 
-        Where neither is given, they are those of the first of `plates`, if there are any, for the view `view`.
+        Parameters
+        ----------
+        width, height
+            Pixels. If one is None, it follows from the other and the camera's aperture. If both are, the size is that
+            of the first plate, or else 1280 wide.
+        frame
+            Frame number; None is the stage's start or default time.
+        plates, view
+            Holdouts and plates of the frame, and the view, "left" or "right", of which the first one's size is read.
+
+        Raises
+        ------
+        SceneError
+            A size that is not a whole number from 1 to 65536.
         """
         width, height = (
             None if value is None else scene.whole(value, name, " of pixels")
@@ -533,41 +621,44 @@ class Shot:
             How to render: fields of `Settings` by name (time_limit, beams, seed, pixel_filter, …), all of
             them at once as `settings`, or both; None: the defaults.
         width, height
-            Pixels; what is not given comes from the aperture, and without either the picture is 1280 wide.
+            Pixels; if one is missing it follows from the camera's aperture. Without either the picture is 1280 wide.
         crop
-            x0, y0, x1, y1 in fractions of the picture from the top left: the part to render.
+            The part to render: x0, y0, x1, y1 in fractions of the picture from the top left.
         progress
-            Called with the passes done and the statistics so far, before the first pass and after each.
+            Called with the number of passes done and the statistics so far, before the first pass and after each.
         checkpoint
-            A file for the passes that are done, written every minute: the same render goes on from there, to the same
-            bits. It stays, and is to be removed once the frame is written. Or what `Checkpoint` describes.
+            A file to which the passes are written every minute. If the same render is started again it continues from
+            there, and gives the same bits. The file is not removed: do so once the frame is written. A `Checkpoint`
+            describes more.
         snapshot
             Called after each pass with a function that returns the frame so far.
-        blur, lens
-            Whether what moves while the shutter is open blurs, or all is as at the frame's own time; and whether what
-            is out of focus blurs. Nothing in a Mitsuba scene moves.
+        blur
+            If False, there is no motion blur: everything is as at the frame's own time. Nothing in a Mitsuba scene
+            moves.
+        lens
+            If False, there is no depth of field.
         view
             "left" or "right" for one of two eyes; None renders both.
         holdout
-            Another renderer's depth, at which beams end instead of at the stage's own surfaces, which are not seen
-            then; they still stop the light. A file, (H, W) planar depths in scene units, or what `Holdout` describes.
+            Another renderer's depth. Beams end there instead of at the stage's own surfaces, which are not seen then,
+            but still block the light. A file, (H, W) planar depths in scene units, or a `Holdout`.
         over
-            A picture of the same size: `rgba` is then that plus beams. A file, (H, W, 3 or 4) scene-linear pixels, or
+            A picture of the same size, to which `rgba` adds the beams. A file, (H, W, 3 or 4) scene-linear pixels, or
             a `Plate`.
 
         Returns
         -------
         Frame
-            The layers of the crop window, for two eyes of each, and what an EXR's header says of them.
+            The layers of the crop window, of each eye if there are two, and the metadata of an EXR's header.
 
         Raises
         ------
         SceneError
-            What cannot be read or rendered at this frame: of the stage, also one on which nothing makes beams; a
+            Something that cannot be read or rendered at this frame: a stage without anything that makes beams; a
             resolution, a crop, a view or settings out of range; a name that is no setting; a holdout or a plate without
-            a depth or a picture, or of another size; a checkpoint of something else.
+            a depth or a picture, or of another size; a checkpoint of another render.
         OSError
-            A holdout or a plate that is not there, or may not be read.
+            A holdout or a plate that does not exist or may not be read.
         """
         request = self.request(
             frame, passes, settings, given, width=width, height=height, crop=crop, progress=progress,
@@ -579,7 +670,15 @@ class Shot:
     def render_part(
         self, part: PlannedPasses, frame: float | None = None, *, settings: Settings | None = None, **given: Any
     ) -> FrameSums:
-        """Return the sums of some of a frame's passes, which join to those of all; arguments are those of `render`."""
+        """Return the sums of some of a frame's passes; the sums of all parts can be joined, and give the frame.
+
+        Parameters
+        ----------
+        part
+            The passes to render.
+        frame, settings, **given
+            As for `render`.
+        """
         from .request import FrameRequest
 
         names = {each.name for each in fields(FrameRequest)}
@@ -590,22 +689,32 @@ class Shot:
     def request(
         self, frame: float | None, passes: int | None, settings: Settings | None, by_name: Mapping[str, Any], **own: Any
     ) -> FrameRequest:
-        """Return the request that arguments of `render` make: settings are in `by_name`, all else is in `own`."""
+        """Return the arguments of `render`, checked, as a request.
+
+        Parameters
+        ----------
+        frame, passes, settings
+            As for `render`.
+        by_name
+            Fields of `Settings`.
+        **own
+            All other arguments of `render`.
+        """
         from ..render.denoising import check_denoiser
         from ..render.settings import Settings
         from .request import FrameRequest
 
         named = {**by_name} if passes is None else {**by_name, "passes": passes}
         chosen = Settings.of(self._settings(frame) if settings is None else settings, named)
-        if chosen.denoise:  # known before hours of rendering
+        if chosen.denoise:  # checked before hours of rendering
             check_denoiser()
             if chosen.filter_name != "box":
-                text = f"through the pixel filter {chosen.filter_name} the noise of neighbours is alike, and much stays"
+                text = f"the pixel filter {chosen.filter_name} makes noise alike in neighbouring pixels, and much stays"
                 self._warn(f"denoise: {text}: expected box")
         return FrameRequest.of(frame, chosen, **own)
 
     def _settings(self, frame: float | None) -> Settings | None:
-        """Return the shot's own settings, or None for the defaults."""
+        """Return the settings that the shot itself has, or None for the defaults."""
         return None
 
     def _render(self, request: FrameRequest) -> tuple[FrameRenderer, Development]:
@@ -621,7 +730,7 @@ class Shot:
         return done, ready.development
 
     def prepared(self, request: FrameRequest) -> Prepared:
-        """Return all that the passes of a frame need; raises what `render` does."""
+        """Return everything that the passes of the frame of a `request` need; raises what `render` does."""
         from ..render.film import margin_of, reconstruction_filter
         from ..render.stage_frame import groups_of
         from ..world.cameras import View, Window
@@ -655,11 +764,11 @@ class Shot:
         return self.stage.GetTimeCodesPerSecond() or 1.0
 
     def _time_header(self, frame: float | None, exposure: Exposure) -> dict[str, Any]:
-        """Return what an EXR's header says of a frame's time."""
+        """Return the metadata of an EXR's header about a frame's time."""
         return header(self.stage, self.time(frame), exposure.duration)
 
     def content(self, frame: float | None = None) -> str:
-        """Return a hash of the shot's content: the stage with its files, and the arguments from Python."""
+        """Return a hash of what a `frame` shows: the stage with its files, the time, and the arguments from Python."""
         from ..usd.digest import stage_digest
 
         if self._stage_digest is None:
@@ -668,7 +777,7 @@ class Shot:
 
     @property
     def _arguments(self) -> tuple[Any, ...]:
-        """What Python gave beside the content."""
+        """What was given in Python beside the content."""
         return self.camera, self.medium, self.stereo, self.simulate, self.emit, self.looks
 
     def beams(
@@ -679,12 +788,12 @@ class Shot:
         settings: Settings | None = None,
         **given: Unpack[SettingsArguments],
     ) -> list[BeamSet]:
-        """Return the beams that the first pass of a frame has: of each light, and of each set of drawn beams.
+        """Return the beams of a frame's first pass: a set for each light, and for each set of drawn beams.
 
         Parameters
         ----------
         frame
-            Frame number; None is the stage's start or default time. What moves is where it is at that time.
+            Frame number; None is the stage's start or default time. Everything is where it is at that time.
         view
             "left" or "right" for one of two eyes.
         settings, **given
@@ -705,7 +814,13 @@ class Shot:
     def drawn_beams(
         self, frame: float | None = None, *, settings: Settings | None = None, **given: Unpack[SettingsArguments]
     ) -> list[scene.DrawnBeams]:
-        """Return those beams as plain numbers, as `write_beams` takes them."""
+        """Return the beams of a frame's first pass as plain numbers.
+
+        Parameters
+        ----------
+        frame, settings, **given
+            As for `beams`.
+        """
         return [
             scene.DrawnBeams(each.name, **each.beams.arrays(), group=each.group, look=each.look)
             for each in self.beams(frame, settings=settings, **given)
@@ -719,7 +834,22 @@ class Shot:
         settings: Settings | None = None,
         **given: Unpack[SettingsArguments],
     ) -> int:
-        """Write those beams as BasisCurves to a .usd, .usda or .usdc file, whole or not at all; return how many."""
+        """Write the beams of a frame's first pass as BasisCurves, and return how many there are.
+
+        Parameters
+        ----------
+        path
+            A .usd, .usda or .usdc file; it is written whole or not at all.
+        frame, settings, **given
+            As for `beams`.
+
+        Raises
+        ------
+        SceneError
+            Another suffix, a file that the stage is read from, or what `beams` raises.
+        OSError
+            The file cannot be written.
+        """
         self._check_target(path)
         found = self.drawn_beams(frame, settings=settings, **given)
         self._write(found, path, frame)
@@ -730,18 +860,18 @@ class Shot:
         stages.check_not_read(self.stage, path)
 
     def _write(self, found: list[scene.DrawnBeams], path: PathLike, frame: float | None) -> None:
-        """Write beams with the stage's units and looks."""
+        """Write beams, with the units and the looks of the stage."""
         known = {id(look): name for name, (_, look) in self._looks.items()}
         looks = {each.name: known[id(each.look)] for each in found if id(each.look) in known}
         write_beams(found, path, like=self.stage, looks=looks, time=self.time(frame))
 
     def viewers(self) -> list[scene.Camera]:
-        """Return cameras at times all over the shot: frames that learned from their own would flicker."""
+        """Return cameras at times all over the shot, to guide emission: guided frame by frame, films would flicker."""
         times: list[float | None] = [*stages.sample_times(self.stage, _VIEWERS)] or [None]
         return [replace(camera, lens_radius=0.0) for time in times for camera in self.cameras(time)]
 
     def _programmed(self, settings: Settings, frame: float | None, exposure: Exposure) -> Settings:
-        """Return settings with the shot's own program, unless they have one."""
+        """Return settings with the function `simulate` as their program, unless they have one."""
         if self.simulate is None or settings.program is not None:
             return settings
         from ..beams.programs import Program
@@ -751,14 +881,22 @@ class Shot:
     def check_plates(
         self, plates: Sequence[Holdout | Plate], frame: float | None, width: int, height: int, view: str | None = None
     ) -> None:
-        """Raise what `render` would raise about the plates of a frame, as far as their headers tell."""
+        """Raise what `render` would raise about holdouts and plates, as far as their headers show it.
+
+        Parameters
+        ----------
+        plates
+            Holdouts and plates.
+        frame, width, height, view
+            As for `render`.
+        """
         for each in plates:
             each.check(self._number(frame), views_of(self.stereo, view), (width, height))
 
     def _number(self, frame: float | None) -> float:
-        """Return the number of a frame, as file names have it."""
+        """Return the number of a frame, as it appears in file names."""
         return frame_number(self.time(frame))
 
     def _warn(self, text: str) -> None:
-        """Log a warning once that concerns no prim; SceneError where warnings are errors."""
+        """Log a warning about no particular prim, once; raise it as a SceneError if the shot is strict."""
         self._warnings.give(text)

@@ -1,4 +1,4 @@
-"""A session: a shot, edits of it, and the pictures that follow them."""
+"""Sessions: a shot, edits of it, and the pictures that follow each edit."""
 
 from __future__ import annotations
 
@@ -39,46 +39,46 @@ from .live import Cancelled, LiveRenderer
 if TYPE_CHECKING:
     from ..render.passes import Statistics
 
-# The first picture after an edit has at most so many pixels, and so many light paths of each light.
+# The most pixels of the first picture after an edit, and its most light paths per light.
 _FIRST_PIXELS, _FIRST_PATHS = 160 * 90, 1024
 
-# Of pictures that are denoised there is one for each of the first passes, and then one for so many passes: they take
-# longer than a pass, and are hardly better from one to the next.
+# Denoised pictures come with each of the first 16 passes, then with every eighth: denoising takes longer than a pass,
+# and pictures hardly change from one pass to the next.
 _EACH, _ONE_OF = 16, 8
 
-# What a view may ask for at most: a page must not fill the memory.
+# The most that a view may ask for: a page must not be able to fill the memory.
 _MOST_PIXELS, _MOST_PASSES = 1 << 23, 1 << 16
 
 
 @dataclass(frozen=True)
 class SessionView:
-    """What a session shows: fields that a page may set.
+    """What a session shows; a page may set all of it.
 
     Attributes
     ----------
     width, height
         Pixels of the whole picture.
     frame
-        The frame; None: the stage's start.
+        The frame number; None: the stage's start.
     camera
         The camera's path; None: the shot's own.
     pose
-        A free camera's transform to the world, (4, 4), None: where the stage has it.
+        (4, 4) transform to the world of a free camera; None: the camera is where the stage has it.
     area
-        x0, y0, x1, y1 in fractions of the picture: the part that is rendered; None: all. Beside it pictures are as they
-        were before, or black.
+        x0, y0, x1, y1 in fractions of the picture from the top left: the part that is rendered; None: all. The rest of
+        the picture stays as it was, or is black.
     lens, blur
-        As `Shot.render` has them.
+        As for `Shot.render`.
     solo
-        Paths of the lights that shine; none: all of them.
+        Paths of the only lights that shine; empty: all shine.
     paused
-        Whether no pictures are rendered.
+        Whether rendering is paused.
     passes
         Passes of the finished picture.
     stereo
-        How the camera becomes two eyes; None: it is one.
+        How the camera becomes two eyes; None: it does not.
     denoise
-        Whether pictures are denoised; after 16 passes only every eighth is shown then. The finished one never is.
+        Whether pictures are denoised; after 16 passes, only every eighth is shown then. The finished one never is.
     """
 
     width: int = 480
@@ -98,24 +98,34 @@ class SessionView:
 
 @dataclass(frozen=True)
 class Picture:
-    """A picture of a session.
+    """A picture of a session, as listeners get it.
 
     Attributes
     ----------
     version
-        The number of the edit, or of the change of view, that it is of.
+        The number of the edit or change of view that the picture shows, as `Session.edit` and `Session.show` return it.
     layers
-        The layers by their names, as a `Frame` has them; of two eyes those of the left one.
+        (H, W, C) float32 by name, as in a `Frame`; for two eyes those of the left one.
     passes, planned
-        The passes that it has, and that it is to have.
+        How many passes the picture has, and how many the finished one will have.
     scale
-        Its size in that of the finished picture.
+        Its width over that of the finished picture, up to 1.
     statistics
         How it was rendered.
     views
-        Of two eyes the layers of each, by the names "left" and "right".
+        For two eyes the layers of each, by the names "left" and "right". Empty for a single camera.
     is_first
-        Whether it is the first one after an edit, of few pixels and few light paths.
+        Whether it is the quick first picture after an edit, of few pixels and few light paths.
+
+    Examples
+    --------
+    >>> from photonbeams.render.passes import Statistics
+    >>> layers = {"rgba": np.zeros((18, 32, 4), np.float32)}
+    >>> picture = pb.studio.Picture(version=3, layers=layers, passes=8, planned=64, scale=1.0, statistics=Statistics())
+    >>> picture.is_finished
+    False
+
+    A session makes them: see `Session`.
     """
 
     version: int
@@ -129,20 +139,20 @@ class Picture:
 
     @property
     def is_finished(self) -> bool:
-        """Whether no better picture of the version is to come."""
+        """Whether this is the last picture of its version."""
         return not self.is_first and self.passes == self.planned
 
 
 @dataclass(frozen=True)
 class Problem:
-    """Why there is no picture of a version.
+    """Why a version has no picture.
 
     Attributes
     ----------
     version, text
-        The version, and a sentence.
+        The version, and a sentence that says what is wrong.
     path, column
-        The attribute that the sentence is about, and where in an expression it is wrong, from 1; None: not known.
+        The attribute that the sentence is about, and the column in its expression that is wrong, from 1; None: unknown.
     """
 
     version: int
@@ -152,21 +162,21 @@ class Problem:
 
     @classmethod
     def of(cls, version: int, text: str, edited: Sequence[str]) -> Problem:
-        """Return the problem of a sentence, which may name one of the attributes that are `edited`."""
+        """Return the problem that `text` describes; it may name one of the attributes that were `edited`."""
         path = max((each for each in edited if each in text), key=len, default=None)
         column = re.search(r"column (\d+)", text)
         return cls(version, text, path, None if column is None else int(column[1]))
 
 
-#: Told of what a session has to show, from the thread that renders.
+#: A listener; it is called in the thread that renders.
 Told = Callable[[Picture | Problem], None]
 
 
 @dataclass
 class _Chain:
-    """The last frame of a size, from which the next one goes on, the scene that it had, and its denoised layers.
+    """The last frame of one size, of which the next one reuses what did not change; its scene and denoised layers.
 
-    `whole` are the layers of the last whole picture by views, the first of which has no name.
+    `whole` are the layers of the last whole picture by views; the view "" is that of the picture's own layers.
     """
 
     frame: LiveRenderer | None = None
@@ -177,7 +187,7 @@ class _Chain:
     def whole_of(
         self, views: dict[str, Mapping[str, Array]], window: Window, area: tuple[float, float, float, float] | None
     ) -> dict[str, Mapping[str, Array]]:
-        """Return the layers of an area in those of the whole picture, by views; those of a whole picture are kept."""
+        """Return layers of an area pasted into those of the last whole picture, by views; remember whole pictures."""
         if area is None:
             self.whole = dict(views)
             return views
@@ -195,30 +205,52 @@ class _Chain:
 
 
 class Session:
-    """A shot that is rendered while it is edited: at once in few pixels, then whole, then in more and more passes.
+    r"""A shot that is rendered while it is edited: first a quick small picture, then a whole one, then more passes.
 
-    One thread renders. An edit, or another view, ends what is under way between two phases of a pass, but for reduced
-    pictures. The finished picture has the bits of `Shot.render` with as many passes and the edits as a layer over the
-    stage.
+    Rendering runs in a thread of its own. An edit or a change of view cancels the present picture between two phases of
+    a pass, unless it is a quick first picture. The finished picture has the bits that `Shot.render` gives with as many
+    passes and with the edits as a layer over the stage.
 
     Parameters
     ----------
     path
-        A stage.
+        A USD file.
     camera
-        The path or the name of the camera; None: as `Shot.open` has it.
+        Path or name of the camera; None, the default: as for `Shot.open`.
     layer
-        The file of the edits: they are read from it, and `edits.save()` writes it; what is not saved is kept beside it
-        (see `autosave`). None: they are kept in memory.
+        The file of the edits: they are read from it, and `edits.save()` writes it. Edits that are not saved are kept in
+        an autosave beside it. None, the default: edits are kept in memory.
     view
-        What is shown at first.
+        What is shown at first, a `SessionView`. Default: 480 x 270 pixels, 64 passes.
     **given
         Further arguments of `Shot.open`.
+
+    Attributes
+    ----------
+    shot, edits, view
+        The `Shot`, its `Edits` (`edits.save(path)` writes them), and what is shown.
+    version
+        The number of the last edit or change of view.
 
     Raises
     ------
     SceneError
-        What cannot be read.
+        A stage, a camera, a layer or a view that cannot be used; a Mitsuba scene.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> folder = TemporaryDirectory()
+    >>> stage = Path(folder.name, "shot.usda")
+    >>> _ = stage.write_text('#usda 1.0\ndef Camera "Camera" {}\ndef SphereLight "Lamp" {}\n')
+    >>> with pb.studio.Session(stage) as session:
+    ...     session.show(paused=True)
+    ...     session.edit({"/Lamp.inputs:intensity": 20.0})
+    ...     session.edits.paths()
+    1
+    2
+    ['/Lamp.inputs:intensity']
     """
 
     def __init__(
@@ -252,7 +284,7 @@ class Session:
         atexit.register(self.close)  # an interpreter that ends while kernels run would abort
 
     def listen(self, told: Told) -> Callable[[], None]:
-        """Call `told` with each picture, or with why there is none, from now on; return what ends that."""
+        """Call `told` with each `Picture`, or the `Problem` why there is none; return a function that ends this."""
         with self._lock:
             self._listeners.append(told)
 
@@ -263,13 +295,26 @@ class Session:
         return end
 
     def edit(self, values: Mapping[str, Any], step: str | None = None) -> int:
-        """Set values as `Edits.set` does, and return the version that will show them."""
+        """Set values, and return the version that will show them.
+
+        Parameters
+        ----------
+        values
+            Values by the paths of attributes, "/Prim.attribute"; None leaves one to the stage again.
+        step
+            Edits in a row with the same `step`, such as those of a drag, are undone together.
+
+        Raises
+        ------
+        SceneError
+            A prim or an attribute that does not exist, or a value of another type; then nothing is set.
+        """
         with self._lock:
             self.edits.set(values, step)
             return self._new()
 
     def apply(self, preset: str, path: str) -> str:
-        """Apply a preset to a look, or give a light a new look of that kind; return the look's path.
+        """Apply a preset to a look, or give a light a new look with it; return the look's path.
 
         Parameters
         ----------
@@ -281,7 +326,7 @@ class Session:
         Raises
         ------
         SceneError
-            There is no such preset; a prim that is neither, or that cannot have a look.
+            No such preset; a prim that is neither a look nor a light, or that cannot have a look.
         """
         wanted = preset_of(preset)
         with self._lock:
@@ -291,7 +336,7 @@ class Session:
             return look
 
     def _size(self) -> float:
-        """Return about how long the stage's beams are: as the radius of all that there is."""
+        """Return roughly how long the stage's beams are: the radius of its bounding sphere."""
         moments = (chain.moment for chain in self._chains.values())
         found = next((each.scene for each in moments if each is not None), None)
         if found is None:  # there is no picture yet
@@ -303,11 +348,11 @@ class Session:
         return self._moved(self.edits.undo)
 
     def redo(self) -> bool:
-        """Do again what was undone last; return whether there was something."""
+        """Redo the step that was undone last; return whether there was one."""
         return self._moved(self.edits.redo)
 
     def revert(self) -> None:
-        """Leave all values to the stage again."""
+        """Remove all edits, so that all values are the stage's own again."""
         with self._lock:
             self.edits.revert()
             self._new()
@@ -319,12 +364,18 @@ class Session:
             self._new()
 
     def show(self, **changes: Any) -> int:
-        """Change fields of the `SessionView`, and return the version that will show them.
+        """Change the view, and return the version that will show it.
+
+        Parameters
+        ----------
+        **changes
+            Fields of `SessionView`: width, height, frame, camera, pose, area, lens, blur, solo, paused, passes, stereo,
+            denoise.
 
         Raises
         ------
         SceneError
-            A size, an area, a frame or a camera that cannot be shown; nothing is changed then.
+            A size, an area, a frame or a camera that cannot be shown; then nothing is changed.
         """
         with self._lock:
             view = replace(self.view, **changes)
@@ -351,7 +402,7 @@ class Session:
         pixels_of(view.area, view.width, view.height)
         frames = self.frames()
         if view.frame is not None and frames is None:
-            raise SceneError(f"the frame is {view.frame}: the stage has none to choose from")
+            raise SceneError(f"the frame is {view.frame}, but the stage has no range of frames: expected None")
         if view.frame is not None and frames is not None and not frames[0] <= view.frame <= frames[1]:
             raise SceneError(f"the frame is {view.frame}: expected {frames[0]:g} to {frames[1]:g}")
 
@@ -361,19 +412,19 @@ class Session:
         return self._path.name
 
     def controls(self) -> list[Controls]:
-        """Return what can be edited, with its present values."""
+        """Return what can be edited, with present values."""
         with self._lock:
             return controls_of(self.shot.stage, self.shot.time(self.view.frame))
 
     def inspect(self, at: tuple[float, float], depth: float | None = None) -> dict[str, Any]:
-        """Return the beams of a pixel's ray by lights, and how the brightest is integrated: see `inspector.inspected`.
+        """Return the beams in a pixel by light, and how the brightest one is integrated: see `inspector.inspected`.
 
         Parameters
         ----------
         at
-            The place in the picture, in fractions from the top left.
+            The pixel's place in the picture, in fractions from the top left.
         depth
-            The planar depth of the first surface there, None where there is none.
+            The planar depth of the first surface there; None: there is none.
         """
         with self._lock:
             frame = self._chains[False].frame or self._chains[True].frame
@@ -382,16 +433,23 @@ class Session:
             return inspected(frame, at, depth)
 
     def wanted(self, passes: int, frames: tuple[float, float] | None = None) -> Wanted:
-        """Return what a final render of the present view is of; `frames` are the first and the last.
+        """Return what a final render of the present view needs.
+
+        Parameters
+        ----------
+        passes
+            The number of passes.
+        frames
+            The first and the last frame; None: the view's frame.
 
         Raises
         ------
         SceneError
-            Passes or frames that there are not; a free camera, which the stage does not have.
+            Passes or frames out of range; a free camera, which the stage does not have.
         """
         view = self.view
         if view.pose is not None:
-            raise SceneError("the camera is a free one: expected to look through a camera of the stage")
+            raise SceneError("the camera was moved freely: expected a camera of the stage")
         first, last = (view.frame, view.frame) if frames is None else frames
         self._check(replace(view, passes=passes, frame=first))
         self._check(replace(view, passes=passes, frame=last))
@@ -411,14 +469,14 @@ class Session:
             return list_cameras(self.shot.stage)
 
     def frames(self) -> tuple[float, float] | None:
-        """Return the stage's first and last frame, None where it has none."""
+        """Return the stage's first and last frame, or None if it has no range of frames."""
         stage = self.shot.stage
         if not stage.HasAuthoredTimeCodeRange():
             return None
         return float(stage.GetStartTimeCode()), float(stage.GetEndTimeCode())
 
     def rate(self) -> float:
-        """Return the frames in a second."""
+        """Return the number of frames per second."""
         return float(self.shot.stage.GetFramesPerSecond())
 
     def up(self) -> str:
@@ -426,22 +484,22 @@ class Session:
         return "Z" if up_axis(self.shot.stage)[2] else "Y"
 
     def camera(self) -> Camera:
-        """Return the camera as the stage has it, at the view's frame; of two eyes, what is between them."""
+        """Return the camera as the stage has it at the view's frame; for two eyes, the camera between them."""
         with self._lock:
             self.shot.look_through(self._camera_of(self.view), self.view.stereo)
             return _between(self.shot.cameras(self.view.frame))
 
     def has_pair(self) -> bool:
-        """Return whether the camera is one of a pair on the stage, whose other eye is another prim."""
+        """Return whether the camera is one of a pair of eyes that are both prims of the stage."""
         with self._lock:
             return is_eye(self.shot.stage, self._camera_of(self.view))
 
     def _camera_of(self, view: SessionView) -> str | None:
-        """Return the name of a view's camera, None for the stage's own choice."""
+        """Return the name of a view's camera; None is the stage's own choice."""
         return view.camera or self._camera
 
     def close(self) -> None:
-        """End the session's thread."""
+        """End the session: its thread, and its autosave of edits that are not saved."""
         with self._lock:
             self._closed = True
             self._changed.notify_all()
@@ -482,21 +540,21 @@ class Session:
                 continue
             except SceneError as error:
                 self._tell(Problem.of(shown, str(error), self.edits.paths()))
-            except Exception as error:  # the session outlives what a renderer may stumble over
+            except Exception as error:  # of any kind: the session must survive errors of the renderer
                 self._tell(Problem(shown, f"the picture could not be rendered: {error}"[:300]))
 
     def _tell(self, what: Picture | Problem) -> None:
         for told in [*self._listeners]:
             try:
                 told(what)
-            except Exception:  # a listener's own fault, which must not end the session
+            except Exception:  # the session must survive errors of a listener
                 logging.getLogger("photonbeams").exception("a listener of the session failed")
 
     def _render(self, version: int) -> None:
-        """Render the pictures of a version, as long as it is the last."""
+        """Render the pictures of a version, until there is a later one."""
         view = self.view
         for first in (True, False):
-            # A first picture is finished, or there would be none while edits come faster than pictures.
+            # First pictures are never cancelled: there would be none while edits come faster than pictures.
             unwanted = self._is_closed if first else partial(self._is_old, version)
             scale = min(1.0, (_FIRST_PIXELS / (view.width * view.height)) ** 0.5) if first else 1.0
             frame, ready = self._begun(view, scale, first, unwanted)
@@ -520,7 +578,7 @@ class Session:
         """Return how the passes up to `number` become a picture."""
         if not first and number >= view.passes - 1:
             return replace(ready.development, denoise=False)
-        # After an edit of a look the surfaces are the same.
+        # After an edit of a look, denoised layers of surfaces can be reused.
         return replace(ready.development, filtered=self._chains[first].filtered) if number == 0 else ready.development
 
     def _is_old(self, version: int) -> bool:
@@ -532,7 +590,7 @@ class Session:
     def _begun(
         self, view: SessionView, scale: float, first: bool, unwanted: Callable[[], bool]
     ) -> tuple[LiveRenderer, Prepared]:  # fmt: skip
-        """Return the frame of a view without passes."""
+        """Return the frame of a view, which has no passes yet."""
         chain = self._chains[first]
         with self._lock:
             ready, viewers = self._ready(view, scale, first, chain)
@@ -545,11 +603,11 @@ class Session:
     def _ready(
         self, view: SessionView, scale: float, first: bool, chain: _Chain
     ) -> tuple[Prepared, Callable[[], Sequence[Camera]]]:  # fmt: skip
-        """Return what a frame needs, with what is still the same of the last one as the same objects."""
+        """Return what a frame needs; what did not change since the last frame are the same objects."""
         shot, before = self.shot, chain.moment
         shot.look_through(self._camera_of(view), view.stereo)
         width, height = (max(1, round(scale * each)) for each in (view.width, view.height))
-        # Passes are to the bit the same with what they tell the denoiser: see `Development.denoise` for the pictures.
+        # `denoise` leaves the passes' bits as they are; whether pictures are denoised is up to `Development.denoise`.
         settings = {"denoise": view.denoise and _can_denoise(), **({"beams": _FIRST_PATHS} if first else {})}
         request = shot.request(
             view.frame, 1 if first else view.passes, None, settings, width=width, height=height, crop=view.area,
@@ -574,9 +632,9 @@ class Session:
         return replace(ready, shutter=shutter), lambda: seen_from
 
     def _beginning(self, shutter: Shutter, moment: Moment, seen: Callable[[Scene], Scene], free: bool) -> Shutter:
-        """Return a shutter whose first moment is the given one, the later ones as they are `seen`.
+        """Return a shutter that begins with the given moment; the scenes of later ones go through `seen`.
 
-        A `free` camera stands still.
+        A `free` camera does not move.
         """
 
         def at(fraction: float, of: Callable[[float], Moment] = shutter.at) -> Moment:
@@ -591,16 +649,16 @@ class Session:
         return replace(shutter, at=at, before=None if before is None else partial(at, of=before))
 
     def _check_edits(self) -> None:
-        """Raise SceneError for a warning about what was edited: who turns a knob wants no other look instead."""
+        """Raise a warning about what was edited as a SceneError: who edits a value does not want a substitute."""
         warnings, edited = self.shot.warnings, self.edits.paths()
         wrong = [text for text in warnings.given if any(path in text for path in edited)]
-        warnings.given.difference_update(wrong)  # or they would not be given again
+        warnings.given.difference_update(wrong)  # so that they can be given again
         if wrong:
             raise SceneError(warnings.causes.get(wrong[0], wrong[0]))
 
 
 def _with_fewer_paths(content: Scene) -> Scene:
-    """Return a scene whose lights have as many light paths as first pictures may have."""
+    """Return a scene whose lights have no more light paths than first pictures may have."""
     lights = [
         each if each.beam_count is None else replace(each, beam_count=min(each.beam_count, _FIRST_PATHS))
         for each in content.lights
@@ -609,14 +667,14 @@ def _with_fewer_paths(content: Scene) -> Scene:
 
 
 def _alone(content: Scene, shining: Sequence[str]) -> Scene:
-    """Return a scene in which no other lights and drawn beams than these shine."""
+    """Return a scene in which only these lights and drawn beams shine."""
     lights = [each if each.name in shining else replace(each, radiance=BLACK) for each in content.lights]
     drawn = [each for each in content.drawn if each.name in shining]
     return replace(content, lights=tuple(lights), drawn=tuple(drawn))
 
 
 def _between(cameras: Sequence[Camera]) -> Camera:
-    """Return the camera between two eyes; of one, itself."""
+    """Return the camera between two eyes, or the only camera."""
     if len(cameras) == 1:
         return cameras[0]
     poses = [np.asarray(each.to_world) for each in cameras]
@@ -626,7 +684,7 @@ def _between(cameras: Sequence[Camera]) -> Camera:
 
 
 def _placed(cameras: Sequence[Camera], pose: Array) -> tuple[Camera, ...]:
-    """Return cameras moved so that what is between them has a pose."""
+    """Return cameras moved so that the camera between them has a pose."""
     if len(cameras) == 1:
         return (replace(cameras[0], to_world=pose),)
     away = np.linalg.inv(np.asarray(_between(cameras).to_world))
@@ -635,7 +693,7 @@ def _placed(cameras: Sequence[Camera], pose: Array) -> tuple[Camera, ...]:
 
 @cache
 def _can_denoise() -> bool:
-    """Return whether there is a denoiser; say once what keeps it from working."""
+    """Return whether this machine can denoise; if not, warn once why."""
     lacking = lacking_denoiser()
     if lacking is not None:
         logging.getLogger("photonbeams").warning("pictures are not denoised: %s", lacking)
@@ -643,13 +701,13 @@ def _can_denoise() -> bool:
 
 
 def _pose(value: Any) -> Array:
-    """Return a camera's transform to the world, (4, 4); SceneError for what is none."""
+    """Return a camera's transform to the world, (4, 4); SceneError for anything else."""
     try:
         pose = np.array(value, dtype=np.float64).reshape(4, 4)
     except (TypeError, ValueError):
         raise SceneError(f"the pose is {value!r:.80}: expected 16 numbers") from None
     if not np.isfinite(pose).all() or abs(np.linalg.det(pose[:3, :3])) < 1e-12:
-        raise SceneError("the pose is no transform: expected axes of some length, and finite numbers")
+        raise SceneError("the pose is no transform: expected a finite matrix that can be inverted")
     return pose
 
 

@@ -1,6 +1,6 @@
-"""A session in a notebook: its pictures, live, a camera that is moved by the mouse, and the layer and the exposure.
+"""A session in a notebook: live pictures, a camera that the mouse moves, and a choice of layer and exposure.
 
-Widget and browser share a few traits, by the protocol of Jupyter's widgets. The browser keeps `layer`, `exposure` and
+Widget and browser share a few traits, by the protocol of Jupyter's widgets. The browser sets `layer`, `exposure` and
 `gesture`, the widget all others; widget.js is the browser's side.
 """
 
@@ -26,45 +26,59 @@ try:
 except ImportError:
     raise ImportError("the widget needs anywidget: expected `pip install 'photonbeams[notebook]'`") from None
 
-# Pixels on the longer side of a session that the widget opens.
+# Pixels along the longer side of a session that the widget opens.
 _LONGEST = 480
-# Between two pictures of which the second only has more passes, in seconds: notebooks do not say when they lag behind.
+# Seconds between pictures that differ only in their number of passes: notebooks do not say when they lag behind.
 _PAUSE = 0.1
-_CLOSEST = 1e-3  # that the camera gets to the point about which it turns, in scene units
+_CLOSEST = 1e-3  # scene units: the least distance from the camera to the point that it orbits
 _STILL = [0.0] * 6
 
 
 class Widget(anywidget.AnyWidget):
-    """A widget that shows a session, and moves its camera: dragging orbits, the wheel dollies, Shift and dragging pans.
+    r"""A live session in a notebook. Dragging the picture orbits, with Shift it pans; the wheel dollies.
 
     Parameters
     ----------
     session
-        A session, which stays open when the widget is closed; or a stage, of which the widget opens one.
+        A session, which stays open when the widget is closed; or a USD file, for which the widget opens a session.
     **given
-        Of a stage: further arguments of `Session`. Without a `view`, the picture has the aspect of the camera.
+        For a USD file: further arguments of `Session`. Without a `view`, the picture has the camera's aspect.
 
     Attributes
     ----------
     session
-        What is shown and edited: after `session.edit(...)` and `session.show(...)` the picture is another one.
+        The session: `session.edit(...)` and `session.show(...)` change the picture.
     layer, exposure
         The layer that is shown, and its exposure in stops, from −64 to 64; both may be set.
     layers
-        The names of the layers that there are.
+        The names of the layers that can be shown.
     problem
-        Why there is no picture, in a sentence; empty: there is one.
+        A sentence that says why there is no picture; empty if there is one.
     picture
         What the browser shows: "data" are the bytes of a PNG or a JPEG ("mime"), of "width" times "height" pixels,
-        with "passes" of "planned" ones; "whole" is the width and the height of the finished picture. Empty: nothing.
+        with "passes" of "planned" passes; "whole" is the size of the finished picture. Empty: nothing yet.
     gesture
-        How the camera was moved in the browser, in all: how often back to its place on the stage; and since then to the
-        left and up in radians, to the right and up in widths of the picture, and nearer in logarithms of the distance.
+        All movements of the camera in the browser, as sums: how often it went back to its place on the stage; since
+        then, turns to the left and up in radians, movements to the right and up in widths of the picture, and nearer in
+        logarithms of the distance.
 
     Raises
     ------
     SceneError
-        What cannot be read as a stage; arguments of `Session` beside a session.
+        A file that cannot be read as a stage; arguments of `Session` together with a session.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> folder = TemporaryDirectory()
+    >>> stage = Path(folder.name, "shot.usda")
+    >>> _ = stage.write_text('#usda 1.0\ndef Camera "Camera" {}\ndef SphereLight "Lamp" {}\n')
+    >>> widget = pb.studio.widget.Widget(stage)  # a notebook shows it at the end of a cell
+    >>> widget.layer, widget.exposure = "beams", 1.5
+    >>> widget.session.view.width
+    480
+    >>> widget.close()
     """
 
     _esm = Path(__file__).with_name("widget.js")
@@ -78,16 +92,16 @@ class Widget(anywidget.AnyWidget):
     problem = Unicode().tag(sync=True)
 
     session: Session
-    _own: Session | None = None  # the session that the widget opened, and is to close
-    _end: Any = None  # ends what the session tells
+    _own: Session | None = None  # the session that the widget opened, and closes
+    _end: Any = None  # a function that stops listening to the session
     _last: Picture | None = None
-    _sent = 0.0  # when the last picture was
-    _distance: float | None = None  # from the camera to the point about which it turns; None: to be guessed
+    _sent = 0.0  # when the last picture was sent
+    _distance: float | None = None  # from the camera to the point that it orbits; None: not guessed yet
 
     def __init__(self, session: Session | PathLike, **given: Any) -> None:
         if isinstance(session, Session):
             if given:
-                raise SceneError(f"{', '.join(given)}: expected only with the path of a stage, for its session")
+                raise SceneError(f"{', '.join(given)}: expected only with the path of a stage, not with a session")
             self.session = session
         else:
             self.session = self._own = _opened(session, given)
@@ -95,7 +109,7 @@ class Widget(anywidget.AnyWidget):
         self._lock = threading.RLock()
         super().__init__()
         self._end = self.session.listen(self._told)
-        self.session.show()  # the first picture may have been told already
+        self.session.show()  # for a picture: the last one may have come before the widget listened
 
     def close(self) -> None:
         """Remove the widget from the notebook, and close the session that it opened."""
@@ -108,12 +122,12 @@ class Widget(anywidget.AnyWidget):
         super().close()
 
     def set_state(self, sync_data: dict[str, Any]) -> None:
-        """Take what the browser says; traitlets meanwhile keeps back all changes of traits, those of threads, too."""
+        """Take the browser's traits, `sync_data`; until then traitlets holds back changes of other threads, too."""
         with self._lock:
             super().set_state(sync_data)
 
     def _told(self, what: Picture | Problem) -> None:
-        """Show what the session tells, in its thread."""
+        """Show what the session tells; this runs in the session's thread."""
         with self._lock:
             if isinstance(what, Problem):
                 self.problem = what.text
@@ -144,7 +158,7 @@ class Widget(anywidget.AnyWidget):
 
     @observe("gesture")
     def _gestured(self, change: Any) -> None:
-        """Move the camera by what a gesture has more than the last one."""
+        """Move the camera by the difference between this gesture and the last one."""
         (homes, *now), (earlier, *before) = change["new"], change["old"]
         at_home = homes != earlier
         if at_home:
@@ -156,7 +170,7 @@ class Widget(anywidget.AnyWidget):
             self.problem = str(error)
 
     def _moved(self, at_home: bool, yaw: float, pitch: float, right: float, up: float, nearer: float) -> Array:
-        """Return the pose of the camera, where it is or `at_home` on the stage, after a movement."""
+        """Return the pose of the camera after a movement from where it is or, `at_home`, where the stage has it."""
         camera, pose = self.session.camera(), self.session.view.pose
         if at_home or pose is None:
             pose = camera.to_world
@@ -168,7 +182,7 @@ class Widget(anywidget.AnyWidget):
 
 
 def _opened(path: PathLike, given: dict[str, Any]) -> Session:
-    """Return a session of a stage; without a view of its own it has the aspect of the camera."""
+    """Return a session of a stage; without a view it has the camera's aspect."""
     session = Session(path, **given)
     try:
         if "view" not in given:
