@@ -56,7 +56,7 @@ export interface Preset {
   factor: string;
 }
 
-/** How a camera becomes two eyes: their distance, and where they converge; null: what is usual. */
+/** How a camera becomes two eyes: their distance, and the distance where they converge; null: the usual one. */
 export type Stereo = [interaxial: number | null, convergence: number | null];
 
 export type Eye = "anaglyph" | "side-by-side" | "left" | "right";
@@ -78,7 +78,7 @@ export interface Scene {
   focal: number;
   up: "Y" | "Z";
   stereo: Stereo | null;
-  /** Whether the camera is one of a pair, which stands where it stands. */
+  /** Whether the camera is one of a pair of eyes on the stage, which cannot be moved apart. */
   pair: boolean;
   /** The usual distance of eyes. */
   interaxial: number;

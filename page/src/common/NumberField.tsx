@@ -17,7 +17,7 @@ export interface NumberFieldProps {
   invalid?: boolean;
   /** How many digits are shown; the value keeps all. */
   digits?: number;
-  /** Has the focus when its dialog opens. */
+  /** Whether the field gets the focus when its dialog opens. */
   first?: boolean;
   className?: string;
 }
@@ -48,7 +48,7 @@ export function NumberField(props: NumberFieldProps) {
       const from = (draft === null ? null : parse(draft)) ?? value;
       setDraft(null);
       const size = step * (event.shiftKey ? 10 : 1);
-      // Rounded to the step's own digits: 0.1 + 0.2 is to be 0.3.
+      // Rounded, so that 0.1 + 0.2 is 0.3.
       commit(Number((from + direction * size).toPrecision(12)));
     }
   };

@@ -33,7 +33,7 @@ export function luminance(color: readonly number[]): number {
   return 0.2126 * (color[0] ?? 0) + 0.7152 * (color[1] ?? 0) + 0.0722 * (color[2] ?? 0);
 }
 
-/** A colour as a base within 0..1 and a factor of 1 or more: the picker has no place for light above 1. */
+/** A colour as a base from 0 to 1 and a factor of 1 or more: the picker cannot show values above 1. */
 export function splitIntensity(color: readonly number[]): { base: Triple; intensity: number } {
   const intensity = Math.max(1, ...color);
   return { base: [0, 1, 2].map((i) => (color[i] ?? 0) / intensity) as Triple, intensity };

@@ -1,6 +1,6 @@
 /** Numbers as people read and write them. */
 
-/** As few digits as tell what matters: stored with 32 bits, 0.1 comes back as 0.10000000149. */
+/** A number rounded to `digits`: 0.1, stored with 32 bits, comes back as 0.10000000149. */
 export function format(value: number, digits = 6): string {
   if (!Number.isFinite(value)) return String(value);
   return String(Number(value.toPrecision(digits)));

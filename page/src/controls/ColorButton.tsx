@@ -55,7 +55,7 @@ function Picker({ color, step, onChange }: Omit<ColorProps, "label">) {
           value={hex(base)}
           onChange={(code) => {
             const picked = parseHex(code);
-            // The picker knows 8 bits a channel; what it merely repeats must not coarsen the colour.
+            // The picker has 8 bits per channel; if it only repeats the colour it must not round it.
             if (picked && code !== hex(base)) onChange(scaled(picked, intensity));
           }}
         />

@@ -59,7 +59,7 @@ export function ControlPanel() {
     if (first !== undefined && panel.get().openGroups.size === 0) toggleGroup(first);
   }, [first]);
 
-  // A light's new look is what is to be edited next.
+  // A light's new look is opened, since it is edited next.
   const applied = useStore(session, (state) => state.applied);
   useEffect(() => {
     if (!applied) return;
@@ -101,7 +101,7 @@ export function ControlPanel() {
             </section>
           );
         })}
-        {search !== "" && shown.length === 0 && <p className={styles.nothing}>No control has this name.</p>}
+        {search !== "" && shown.length === 0 && <p className={styles.nothing}>No control matches.</p>}
       </div>
       <Explanation control={explained} />
     </div>

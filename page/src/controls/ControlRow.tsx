@@ -1,4 +1,4 @@
-/** One control: its name, the editor of its kind, the way back to the default, and what is wrong with it. */
+/** One control: its name, its editor, a button that resets it, and its problem if it has one. */
 
 import { ActionIcon } from "@mantine/core";
 import { type ComponentType, memo, useId } from "react";

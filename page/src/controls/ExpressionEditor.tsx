@@ -8,12 +8,12 @@ import { useStep } from "./step";
 /** The text, with a mark under the character at `column`, which is counted from 1. */
 function Marked({ text, column }: { text: string; column: number | null }) {
   if (column === null) return <>{`${text}\n`}</>;
-  // The server counts whole characters, a string's length in JavaScript counts some of them twice.
+  // The server counts characters; JavaScript's string indices count some of them twice.
   const characters = Array.from(text);
   return (
     <>
       {characters.slice(0, column - 1).join("")}
-      {/* Beyond the end there is nothing to mark but the place. */}
+      {/* A mistake may be beyond the end of the text: then a blank is marked. */}
       <mark className={styles.mistake}>{characters[column - 1] ?? " "}</mark>
       {`${characters.slice(column).join("")}\n`}
     </>

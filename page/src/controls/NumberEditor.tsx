@@ -14,7 +14,7 @@ export function NumberEditor({ control, describedBy }: EditorProps) {
   const step = useStep();
   const integer = control.kind === "integer";
   const { soft, min, max } = control;
-  // Without a usual range, the number's own size tells how fine the steps are to be.
+  // Without a usual range, the step follows from the size of the number itself.
   const fineness = soft ? stepFor(soft[1] - soft[0]) : stepFor(Math.abs(value) || 1);
   const size = integer ? Math.max(1, Math.round(fineness)) : fineness;
   const set = (next: number): void => setValues({ [control.path]: next }, step.name());

@@ -15,7 +15,7 @@ interface PresetsProps {
   /** What the button says, and for whom: "New look", "of Key". */
   text: string;
   whose: string;
-  /** Whether another one may be tried at once. */
+  /** Whether the list stays open, so that another preset can be tried. */
   stays?: boolean;
 }
 

@@ -1,4 +1,4 @@
-/** Editors for the kinds of values that need but one field. */
+/** Editors for the kinds of values that need only one field. */
 
 import { Input, MultiSelect, NativeSelect, Switch } from "@mantine/core";
 import { useState } from "react";
@@ -30,7 +30,7 @@ export function ChoiceEditor({ control, describedBy }: EditorProps) {
       aria-label={control.label}
       aria-describedby={describedBy}
       value={value}
-      // A value that is none of the choices is to be seen all the same.
+      // A value that is none of the choices is listed, too.
       data={choices.includes(value) ? choices : [value, ...choices]}
       onChange={(event) => setValues({ [control.path]: event.currentTarget.value })}
     />

@@ -17,7 +17,7 @@ export function useAuthored(control: Control): boolean {
   return useStore(session, (state) => paths(control).some((path) => state.authored[path]));
 }
 
-/** The scene's problem, where it is this control's. */
+/** The scene's problem, if it is about this control. */
 export function useProblem(control: Control): Problem | null {
   return useStore(session, (state) => {
     const problem = state.state?.problem ?? null;

@@ -1,9 +1,9 @@
-/** One undo step for what a user feels to be one action: a drag, a burst of key presses or of typing. */
+/** One undo step for each action of the user: a drag, a burst of key presses or of typing. */
 
 import { useMemo } from "react";
 import { newStep } from "../session/edits";
 
-/** Edits that follow each other faster than this belong together. */
+/** Edits that follow each other within these milliseconds are one step. */
 const PAUSE = 1000;
 
 export interface Step {

@@ -7,7 +7,7 @@ const KEYS: { title: string; keys: [keys: string[], action: string][] }[] = [
   {
     title: "Picture (when it has the focus)",
     keys: [
-      [["W", "A", "S", "D"], "fly; with Shift faster"],
+      [["W", "A", "S", "D"], "fly; faster with Shift"],
       [["Q", "E"], "down, up"],
       [["←", "→", "↑", "↓"], "turn; move the rectangle or the inspected pixel"],
       [["Shift", "←"], "with the area tool: change the rectangle's size"],
@@ -26,8 +26,8 @@ const KEYS: { title: string; keys: [keys: string[], action: string][] }[] = [
   {
     title: "Fields and ramps",
     keys: [
-      [["↑", "↓"], "step a number; with Shift ten times as far"],
-      [["Enter"], "take over what was typed"],
+      [["↑", "↓"], "step a number; ten times as far with Shift"],
+      [["Enter"], "confirm what was typed"],
       [["←", "→"], "move a ramp's key"],
       [["↑", "↓"], "change the value of a curve's knot"],
       [["Del"], "delete a ramp's key"],

@@ -1,4 +1,4 @@
-/** What becomes of the edits: undo, redo, save, revert, the final picture. */
+/** What can be done with the edits: undo, redo, save, revert, and render the final picture. */
 
 import { ActionIcon, Anchor, Button, Modal, Progress } from "@mantine/core";
 import { useState } from "react";

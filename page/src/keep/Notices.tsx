@@ -1,4 +1,4 @@
-/** The lost connection, edits of an earlier studio, and messages that the server could not use. */
+/** Notices: a lost connection, restored edits of an earlier studio, and edits that the server refused. */
 
 import { ActionIcon, Button } from "@mantine/core";
 import { useEffect, useState } from "react";
@@ -7,7 +7,7 @@ import { command, connect, dismissRefused, session } from "../session/session";
 import { useStore } from "../session/store";
 import styles from "./keep.module.css";
 
-/** Seconds until the next try. Not read aloud: an alert that changes each second is one each second. */
+/** Seconds until the next try. Not read aloud: it would be a new alert each second. */
 function Countdown({ until }: { until: number | null }) {
   const [now, setNow] = useState(Date.now());
   useEffect(() => {
@@ -18,7 +18,7 @@ function Countdown({ until }: { until: number | null }) {
   return <span aria-hidden>{seconds > 0 ? `Next try in ${seconds} s.` : "Trying…"}</span>;
 }
 
-/** A moment without a connection, such as at the start, is not worth a banner. */
+/** Milliseconds without a connection, such as at the start, before there is a banner. */
 const UNNOTICED = 700;
 
 function useLost(): boolean {
@@ -31,7 +31,7 @@ function useLost(): boolean {
   return lost;
 }
 
-/** Edits that an earlier studio did not save are there again: they can be kept, or given up. */
+/** Edits that an earlier studio did not save were restored: they can be kept or discarded. */
 function Restored() {
   const restored = useStore(session, (state) => state.restored);
   const [dismissed, setDismissed] = useState(false);
@@ -39,7 +39,7 @@ function Restored() {
     <div role="status">
       {restored && !dismissed && (
         <div className={styles.notice} data-kind="news">
-          <span>The studio ended before all edits were saved. They are here again, and still not saved.</span>
+          <span>The studio ended before all edits were saved. They were restored, but are still not saved.</span>
           <Button size="compact-xs" variant="white" color="dark" onClick={() => command("discard")}>
             Back to what was saved
           </Button>
@@ -71,8 +71,8 @@ export function Notices() {
           <WarningIcon />
           <span>
             {everOpen
-              ? "The connection to the studio is lost. The page comes back by itself; edits wait until then."
-              : "The studio does not answer. If this goes on, open the address that it printed, with its token."}
+              ? "The connection to the studio is lost. The page reconnects by itself; edits wait until then."
+              : "The studio does not answer. If this continues, open the address that it printed, with its token."}
           </span>
           <Countdown until={retryAt} />
           <Button size="compact-xs" variant="white" color="dark" onClick={connect}>

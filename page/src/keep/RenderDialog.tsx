@@ -1,4 +1,4 @@
-/** Asks how the final picture is to be rendered. */
+/** The dialog that asks how to render the final picture. */
 
 import { Button, Checkbox, Modal } from "@mantine/core";
 import { useState } from "react";

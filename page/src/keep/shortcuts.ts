@@ -6,8 +6,8 @@ import { command } from "../session/session";
 const OWN_UNDO = "data-own-undo";
 
 /**
- * Marks a field whose text is no part of the scene, or not yet: there, undo is the browser's own.
- * Search fields are such, and fields whose text is not confirmed.
+ * Marks a field whose text is not part of the scene, or not yet, such as a search field, or a field whose text is not
+ * confirmed: in it, undo is the browser's own.
  */
 export function ownUndo(own = true): Record<string, true | undefined> {
   return { [OWN_UNDO]: own || undefined };
@@ -30,7 +30,7 @@ export function useShortcuts(onHelp: () => void): void {
       const key = event.key.toLowerCase();
       if (key === "s") {
         event.preventDefault();
-        // A field that is being typed in hands over its value when it loses the focus.
+        // A field that is being typed in confirms its value when it loses the focus.
         if (document.activeElement instanceof HTMLInputElement) {
           const field = document.activeElement;
           field.blur();

@@ -1,4 +1,4 @@
-/** The errors of Gauss's and Riemann's sums over the number of points, on a logarithmic scale. */
+/** The errors of Gauss's and Riemann's rules by the number of points, on a logarithmic scale. */
 
 import type { Ray, RuleCurves } from "../protocol";
 import styles from "./quadrature.module.css";
@@ -7,7 +7,7 @@ const WIDTH = 340;
 const HEIGHT = 120;
 const MARGIN = { left: 44, right: 14, top: 8, bottom: 22 };
 
-/** Below this an error is rounding; a logarithm needs an end. */
+/** Smaller errors are rounding errors; they are drawn at this size. */
 const LEAST = 1e-9;
 
 export function ErrorChart({ ray, n }: { ray: Ray; n: number }) {
@@ -31,7 +31,7 @@ export function ErrorChart({ ray, n }: { ray: Ray; n: number }) {
       className={styles.svg}
       viewBox={`0 0 ${WIDTH} ${HEIGHT}`}
       role="img"
-      aria-label="Errors over the number of points, on a logarithmic scale"
+      aria-label="Errors by the number of points, on a logarithmic scale"
     >
       {decades.map((power) => (
         <g key={power}>

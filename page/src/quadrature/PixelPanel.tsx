@@ -1,4 +1,4 @@
-/** What is known of the inspected pixel: its values, the beams that light it, and how one of them is integrated. */
+/** The inspected pixel: its values, the beams in it, and how one of them is integrated. */
 
 import { Button } from "@mantine/core";
 import { useEffect } from "react";
@@ -11,7 +11,7 @@ import { view } from "../viewport/view";
 import { QuadratureDrawing } from "./QuadratureDrawing";
 import styles from "./quadrature.module.css";
 
-/** A pixel costs the server some work, so it is asked for again only so often. */
+/** Milliseconds between requests for the same pixel, which cost the server some work. */
 const REFRESH = 1000;
 
 /** Ask for the pixel again when the picture has changed. */
@@ -88,7 +88,7 @@ export function PixelPanel() {
     return (
       <div className={styles.panel}>
         <p className={styles.note}>
-          Choose the tool Inspect and click on the picture, or move the circle by the arrow keys and press Enter.
+          Choose the Inspect tool and click on the picture, or move the circle with the arrow keys and press Enter.
         </p>
         <Button size="compact-xs" variant="default" onClick={() => view.set({ tool: "inspect" })}>
           Inspect
@@ -97,7 +97,7 @@ export function PixelPanel() {
     );
   }
   const [x, y] = pixel.at;
-  // A preview has fewer pixels than the picture that it stands for.
+  // A preview has fewer pixels than the full picture.
   const full = (size: number): number => Math.round(size / (header?.scale || 1));
   return (
     <div className={styles.panel}>

@@ -97,7 +97,7 @@ function Integrand({ ray, n }: { ray: Ray; n: number }) {
   );
 }
 
-/** An error in words: what matters is its size. */
+/** The size of an error as text. */
 function inWords(rule: RuleCurves, n: number): string {
   const error = rule.error[rule.n.indexOf(n)];
   return error === undefined ? "unknown" : error === 0 ? "0" : Math.abs(error).toExponential(1);

@@ -18,7 +18,7 @@ function ceiling(colors: Triple[]): number {
 export function CurveView(props: PartProps & { channel: Channel; channelName: string }) {
   const { ramp, label, selected, step, select, change, channel, channelName } = props;
   const field = useRef<HTMLDivElement>(null);
-  // The scale must not change under the pointer, so it waits for the end of a drag.
+  // The scale must not change under the pointer, so it is held until the end of a drag.
   const [heldTop, setHeldTop] = useState<number | null>(null);
   const top = heldTop ?? ceiling(ramp.colors);
   const range = domain(ramp.knots);
@@ -35,7 +35,7 @@ export function CurveView(props: PartProps & { channel: Channel; channelName: st
     const bounds = field.current?.getBoundingClientRect();
     if (event.buttons === 0 || !bounds) return;
     const moved = moveKey(ramp, index, placeOf(event, field.current!, range));
-    // Beyond the top, values go on growing: light has no upper end.
+    // Above the field, values keep growing: light has no upper limit.
     const value = top * (1 - (event.clientY - bounds.top) / bounds.height);
     change(setKeyValue(moved, index, channel, value));
   };

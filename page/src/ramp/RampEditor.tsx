@@ -44,7 +44,7 @@ export function RampEditor({ control, describedBy }: EditorProps<RampControl>) {
   const change = ({ knots, colors }: Ramp): void =>
     setValues({ [parts.knots]: knots, [parts.colors]: colors }, step.name());
   const remove = (index: number): void => {
-    // The deleted key takes the focus with it; its neighbour is the place to go on.
+    // The focus would vanish with the deleted key, so it moves to the neighbour.
     const next = Math.max(index - 1, 0);
     const focused = document.activeElement;
     const fromKey = focused instanceof HTMLElement && focused.matches("[role=slider]") ? focused.parentElement : null;

@@ -10,7 +10,7 @@ const SAMPLES = 96;
 
 export interface PartProps {
   ramp: Ramp;
-  /** The control's name, which keys have before their own. */
+  /** The control's name, with which the names of keys begin. */
   label: string;
   selected: number;
   step: Step;

@@ -6,7 +6,7 @@ const FIRST_WAIT = 500;
 const LONGEST_WAIT = 8000;
 const TOKEN = "photonbeams-token";
 
-/** The token of this page's address; kept, so that it outlives an address without one. */
+/** The token of this page's address; it is stored for addresses without one. */
 export function token(): string {
   const given = new URLSearchParams(location.search).get("token");
   if (given !== null) sessionStorage.setItem(TOKEN, given);

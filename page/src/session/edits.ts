@@ -3,10 +3,10 @@
 import type { PageMessage, Value, Values } from "../protocol";
 import { Throttle } from "./throttle";
 
-/** After this long without an answer, the server's value is shown again, whatever was asked for. */
+/** After these milliseconds without an answer, the server's value is shown again. */
 const PATIENCE = 3000;
 
-/** Pages share a session, so two pages' steps must not have the same name. */
+/** Part of the steps' names: pages share a session, so the names must differ between pages. */
 const PAGE = Math.random().toString(36).slice(2, 8);
 let steps = 0;
 
@@ -26,7 +26,7 @@ function sameValue(a: Value | undefined, b: Value | undefined): boolean {
 }
 
 export class Edits {
-  /** What was asked for and not yet confirmed. The page shows it in place of the server's value. */
+  /** Edits that are not confirmed yet. The page shows them instead of the server's values. */
   private pending = new Map<string, { value: Value; until: number }>();
   private unsent: Values = {};
   private step: string | null = null;
@@ -36,12 +36,12 @@ export class Edits {
     private readonly post: (message: PageMessage) => boolean,
     private readonly changed: () => void,
   ) {
-    // Answers may never come, for a value that was refused, say.
+    // Some answers never come, such as those for refused values.
     window.setInterval(() => this.expire(), 500);
   }
 
   set(values: Values, step: string | null): void {
-    // What belongs to another undo step must not travel in the same message.
+    // Edits of different undo steps must not be in one message.
     if (step !== this.step || step === null) this.flush();
     this.step = step;
     Object.assign(this.unsent, values);

@@ -3,7 +3,7 @@
 import { type PictureHeader, readPicture } from "../protocol";
 import { Store } from "./store";
 
-/** A picture takes megabytes, so only so many snapshots are kept. */
+/** A picture takes megabytes, so the number of snapshots is limited. */
 const MOST_SNAPSHOTS = 8;
 
 export interface ShownPicture {

@@ -26,7 +26,7 @@ export interface SessionState {
   everOpen: boolean;
   retryAt: number | null;
   scene: Scene | null;
-  /** What the page shows for each attribute: the server's value, or an edit that is on its way. */
+  /** The value that the page shows for each attribute: the server's, or an edit that is on its way. */
   values: Values;
   authored: Record<string, boolean>;
   canUndo: boolean;
@@ -117,7 +117,7 @@ function attributes(control: Control): [path: string, value: Value, fallback: Va
   ];
 }
 
-/** Edits on their way cover the server's values, so that a drag is not pulled back by an answer to its beginning. */
+/** Show edits on their way instead of the server's values, so that no answer to its beginning pulls a drag back. */
 function mergeValues(): void {
   const values = { ...served };
   const authored = { ...servedAuthored };
@@ -130,7 +130,7 @@ function mergeValues(): void {
   session.set({ values, authored });
 }
 
-/** The old value where the new one is the same list, so that nothing that shows it is drawn again. */
+/** Return the old value if the new one is an equal list, so that nothing is redrawn. */
 function unlessSame(old: Value | undefined, value: Value): Value {
   return Array.isArray(old) && JSON.stringify(old) === JSON.stringify(value) ? old : value;
 }
@@ -149,7 +149,7 @@ function receiveScene(scene: Scene): void {
   edits.confirm(served);
   const before = session.get();
   const show = { ...before.show };
-  // What was chosen stays chosen where the scene still has it.
+  // Choices are kept if the scene still has them.
   const kept = (choice: string, choices: string[]): string => (choices.includes(choice) ? choice : (choices[0] ?? ""));
   show.camera = kept(show.camera, scene.cameras);
   show.layer = kept(show.layer, scene.layers);
@@ -168,7 +168,7 @@ function receiveScene(scene: Scene): void {
   edits.flush();
 }
 
-/** Send what another scene has changed of what is shown. */
+/** Send those choices that a new scene has changed. */
 function sendChanges(before: Show): void {
   const { show } = session.get();
   for (const name of ["camera", "layer", "display", "frame", "solo"] as const) {
@@ -181,7 +181,7 @@ function sendChanges(before: Show): void {
 function resendShow(): void {
   const { show, scene } = session.get();
   unsentShow = { ...show };
-  // A shot without frames, or without a camera of its own, has none to name.
+  // A shot without frames or cameras has none that could be sent.
   if (!scene?.frames) delete unsentShow.frame;
   for (const choice of ["camera", "layer", "display"] as const) if (show[choice] === "") delete unsentShow[choice];
   showing.flush();
@@ -242,14 +242,14 @@ export function setValues(values: Values, step: string | null = null): void {
   edits.set(values, step);
 }
 
-/** Ask for something that concerns the whole scene. */
+/** Send a command that concerns the whole scene. */
 export function command(type: "undo" | "redo" | "revert" | "discard" | "save"): void {
   edits.flush();
   if (type !== "save") edits.forget();
   post({ type });
 }
 
-/** Apply a preset to a look, or give a light a new look of that kind. */
+/** Apply a preset to a look, or give a light a new look with it. */
 export function applyPreset(preset: string, path: string): void {
   edits.flush();
   edits.forget();

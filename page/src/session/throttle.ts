@@ -1,7 +1,7 @@
 /** About 30 messages a second: smooth to the eye, and no more than the server can use. */
 export const SEND_INTERVAL = 33;
 
-/** Calls `act` at once, then at most once per interval; a call that comes too early is made up for at its end. */
+/** Calls `act` at once, then at most once per interval; requests that come earlier are one call at its end. */
 export class Throttle {
   private last = -Infinity;
   private timer: number | undefined;

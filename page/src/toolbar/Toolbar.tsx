@@ -21,7 +21,7 @@ const TOOLS: { value: Tool; label: string; icon: React.ReactNode }[] = [
 function Tools() {
   const tool = useStore(view, (state) => state.tool);
   const area = useStore(session, (state) => state.show.area);
-  // Side by side there is no one place of a pixel.
+  // Side by side, each pixel of the scene is in two places.
   const twice = useStore(session, (state) => state.show.stereo !== null && state.show.eye === "side-by-side");
   useEffect(() => {
     if (twice) view.set({ tool: "navigate" });
@@ -171,11 +171,11 @@ function LayerAndDisplay() {
   );
 }
 
-/** What of the picture may be left out, by the names of `Show`. */
+/** Effects that can be turned off, by the names of `Show`. */
 const SWITCHES = [
-  { name: "lens", label: "Lens", title: "Depth of field and what else the lens does" },
+  { name: "lens", label: "Lens", title: "Depth of field" },
   { name: "blur", label: "Blur", title: "Motion blur" },
-  { name: "denoise", label: "Denoise", title: "Denoise pictures of few passes; the finished one is what a render gives" },
+  { name: "denoise", label: "Denoise", title: "Denoise pictures with few passes; the finished picture is never denoised" },
 ] as const;
 
 function Switches() {
@@ -204,7 +204,7 @@ const EYES: { value: Eye | "one"; label: string }[] = [
   { value: "right", label: "Right eye" },
 ];
 
-/** One eye or two, and where two are, unless the stage has a pair of cameras. */
+/** One eye or two; and the distances of two, unless the stage has a pair of cameras. */
 function Eyes() {
   const stereo = useStore(session, (state) => state.show.stereo);
   const eye = useStore(session, (state) => state.show.eye);
@@ -239,7 +239,7 @@ function Eyes() {
               step={usual / 10}
               onChange={(value) => show({ stereo: [value, convergence] })}
             />
-            <span>To where they converge; 0: the focus, or far away</span>
+            <span>To where they converge; 0: the focus or infinity</span>
             <NumberField
               label="Distance at which the eyes converge"
               value={convergence ?? 0}
@@ -301,7 +301,7 @@ function Compare() {
   );
 }
 
-/** The solo buttons are beside the lights; here it shows that a part of the light is missing. */
+/** Shows that some lights are hidden; the solo buttons themselves are beside the lights. */
 function Solo() {
   const solo = useStore(session, (state) => state.show.solo);
   if (solo.length === 0) return null;

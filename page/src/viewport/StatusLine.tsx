@@ -1,4 +1,4 @@
-/** How far the picture is, and what is wrong with the scene if anything is. */
+/** The progress of the picture, and the problem of the scene if it has one. */
 
 import { ActionIcon, Loader } from "@mantine/core";
 import { PauseIcon, PlayIcon, WarningIcon } from "../common/icons";
@@ -24,7 +24,7 @@ export function StatusLine() {
   const paused = useStore(session, (all) => all.show.paused);
   const shown = useStore(picture, (all) => all.shown);
   const busy = (state?.busy ?? false) && !paused;
-  const label = paused ? "Go on with the picture" : "Pause the picture";
+  const label = paused ? "Continue rendering" : "Pause rendering";
   return (
     <div className={styles.status}>
       <ActionIcon

@@ -10,7 +10,7 @@ import { inspectAt, view } from "./view";
 import styles from "./viewport.module.css";
 import { WipeLine } from "./WipeLine";
 
-/** Larger pictures would cost the server more than a look at them is worth. */
+/** Larger pictures would take the server too long for a live view. */
 const LARGEST = 2048;
 
 export interface Box {
@@ -20,7 +20,7 @@ export interface Box {
   height: number;
 }
 
-/** The largest box of an aspect ratio in the middle of a window. */
+/** The largest box with an aspect ratio that fits into a window, in the middle of it. */
 function fit(width: number, height: number, aspect: number): Box {
   const w = Math.min(width, height * aspect);
   return { left: (width - w) / 2, top: (height - w / aspect) / 2, width: w, height: w / aspect };
@@ -68,7 +68,7 @@ function Picture({ box }: { box: Box }) {
   const wipeAt = useStore(view, (state) => state.wipeAt);
   const kept = snapshots.find((snapshot) => snapshot.id === wipe);
 
-  // Before anything else can happen: a bitmap is freed as soon as the next one has come.
+  // Drawn before anything else can happen: a bitmap is freed as soon as the next one arrives.
   useLayoutEffect(() => {
     const context = canvas.current?.getContext("2d");
     if (!context || !shown) return;
@@ -110,7 +110,7 @@ function percent([x0, y0, x1, y1]: Area): React.CSSProperties {
 const CENTRE: Area = [0.25, 0.25, 0.75, 0.75];
 const clamp = (x: number): number => Math.min(Math.max(x, 0), 1);
 
-/** The keys of the area tool: arrows move the rectangle, with Shift they move its lower right corner. */
+/** Move the rectangle of the area tool by arrow keys, or with Shift (`size`) its lower right corner. */
 function moveArea([x0, y0, x1, y1]: Area, dx: number, dy: number, size: boolean): Area {
   if (size) return [x0, y0, Math.max(x0 + 0.02, clamp(x1 + dx)), Math.max(y0 + 0.02, clamp(y1 + dy))];
   const [x, y] = [Math.min(Math.max(x0 + dx, 0), 1 - x1 + x0), Math.min(Math.max(y0 + dy, 0), 1 - y1 + y0)];
@@ -205,7 +205,7 @@ export function Viewport() {
   return (
     <section className={styles.column} aria-label="Viewport">
       <div className={styles.window}>
-        {/* An application, since it has keys of its own: the picture has no structure to read. */}
+        {/* The role is application since the picture has keys of its own, and no structure that could be read. */}
         <div
           ref={element}
           className={styles.input}

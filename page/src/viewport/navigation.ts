@@ -7,7 +7,7 @@ import { orbitDistance, presentPose, view, worldUp } from "./view";
 
 const RADIANS_PER_PIXEL = 0.006;
 const TURN_PER_SECOND = 1.2;
-/** Of the distance to the pivot, so that flight suits a room as well as a landscape. */
+/** In distances to the pivot, so that the speed suits a room as well as a landscape. */
 const FLIGHT_PER_SECOND = 0.7;
 const CLOSEST = 1e-3;
 
@@ -33,7 +33,7 @@ function drag(dx: number, dy: number, pan: boolean, width: number): void {
   const distance = orbitDistance();
   view.set({ distance });
   if (pan) {
-    // The focal length is given in widths of the picture: so far does the pivot move for one pixel.
+    // How far the pivot moves for one pixel; the focal length is in widths of the picture.
     const perPixel = distance / (width * (session.get().scene?.focal || 1));
     show({ pose: move(pose, -dx * perPixel, dy * perPixel, 0) });
   } else {

@@ -48,7 +48,7 @@ export function upward(axis: "Y" | "Z"): Triple {
   return axis === "Z" ? [0, 0, 1] : [0, 1, 0];
 }
 
-/** A first guess of the pivot's distance: where the view passes the world's origin, where shots mostly have their subject. */
+/** A first guess of the pivot's distance: where the view passes the world's origin, where most subjects are. */
 export function pivotDistance(start: Pose): number {
   const { back, at } = frame(start);
   const along = dot(at, back);

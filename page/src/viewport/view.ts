@@ -1,4 +1,4 @@
-/** What the viewport is used for at the moment: tool, wipe, inspected pixel, free camera. */
+/** The state of the viewport: tool, wipe, inspected pixel, free camera. */
 
 import type { Pose, Triple } from "../protocol";
 import { inspect, session, show } from "../session/session";
@@ -15,7 +15,7 @@ interface View {
   /** The snapshot left of the wipe line, and where the line is. */
   wipe: number | null;
   wipeAt: number;
-  /** From the camera to the point it orbits; null: to be guessed from the camera. */
+  /** From the camera to the point that it orbits; null: not guessed yet. */
   distance: number | null;
   /** A factor on the speed of flight. */
   speed: number;

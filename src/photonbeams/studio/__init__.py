@@ -1,4 +1,4 @@
-"""The studio: a shot that is rendered while it is edited, and the page that shows it."""
+"""The studio: sessions, in which a shot is rendered while it is edited, and the page and the widget that show them."""
 
 from .session import Picture, Session
 

@@ -1,7 +1,7 @@
-"""Autosave: edits are written beside their file soon after they were made, lest a studio ends before they are saved.
+"""Autosave: edits are written beside their file soon after they are made, in case the studio ends unexpectedly.
 
-The file is called as that of the edits with ".autosave" behind it, and is .usda text. It is there as long as there are
-edits that are not saved.
+The file has the name of the edits' file with ".autosave" appended, and is .usda text. It exists as long as there are
+unsaved edits.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ SOON = 3.0
 
 
 def autosave_path(path: Path) -> Path:
-    """Return the autosave's file for a file of edits."""
+    """Return the path of the autosave for a file of edits."""
     return path.with_name(f"{path.name}.autosave")
 
 
@@ -31,7 +31,7 @@ class Autosave:
     Parameters
     ----------
     unsaved
-        Returns the text of the edits and their file, None where none is known; the text is None where all is saved.
+        Returns the file of the edits, None if there is none, and their text, None if everything is saved.
     """
 
     def __init__(self, unsaved: Callable[[], tuple[Path | None, str | None]]) -> None:
@@ -39,11 +39,11 @@ class Autosave:
         self._timer: threading.Timer | None = None
         self._closed, self._failed = False, False
         self._state = threading.Lock()  # of the timer
-        #: Held while files are written or removed: an autosave of older edits must not come after the file itself.
+        #: Held while files are written or removed: no autosave of older edits may be written after the file itself.
         self.files = threading.RLock()
 
     def soon(self) -> None:
-        """Write what is not saved in a few seconds; later edits until then go with it."""
+        """Write unsaved edits in a few seconds, with those that are made until then."""
         with self._state:
             if self._timer is None and not self._closed:
                 self._timer = threading.Timer(SOON, self._now)
@@ -51,7 +51,7 @@ class Autosave:
                 self._timer.start()
 
     def _now(self) -> None:
-        """Write what is not saved; where all is, there is no autosave."""
+        """Write unsaved edits; if everything is saved, remove the autosave."""
         with self.files:
             with self._state:
                 self._timer = None
@@ -64,23 +64,23 @@ class Autosave:
                     partial.write_text(text, encoding="utf-8")
             except OSError as error:
                 if not self._failed:
-                    LOG.warning("edits cannot be kept in %s: %s", autosave_path(path), error.strerror or error)
+                    LOG.warning("unsaved edits cannot be kept in %s: %s", autosave_path(path), error.strerror or error)
                 self._failed = True
 
     def found(self, path: Path) -> str | None:
-        """Return the text of a file's autosave, None where there is none, or an older one than the file."""
+        """Return the text of a file's autosave, None if there is none or it is older than the file."""
         kept = autosave_path(path)
         if not kept.exists() or why_unreadable(kept):
             return None
         with suppress(OSError, UnicodeError):
             if path.exists() and path.stat().st_mtime > kept.stat().st_mtime:
-                LOG.warning("%s is older than %s: its edits are left out", kept, path.name)
+                LOG.warning("%s is older than %s: its edits are not restored", kept, path.name)
                 return None
             return kept.read_text(encoding="utf-8")
         return None
 
     def remove(self, *paths: Path | None) -> None:
-        """Remove the autosaves of files, those that there are."""
+        """Remove the autosaves of files, if they exist."""
         with self.files:
             for path in paths:
                 if path is not None:
@@ -88,7 +88,7 @@ class Autosave:
                         autosave_path(path).unlink()
 
     def close(self) -> None:
-        """Write what is not saved now, and nothing later."""
+        """Write unsaved edits now, and nothing later."""
         with self._state:
             timer, self._timer, self._closed = self._timer, None, True
         if timer is not None:

@@ -1,4 +1,4 @@
-"""Edits of a stage: values in a layer over it, step by step, with undo and redo."""
+"""Edits of a stage: values in a layer over it, in steps that can be undone and redone."""
 
 from __future__ import annotations
 
@@ -12,28 +12,28 @@ from ..scene import SceneError
 from ..usd.editing import EMPTY, EditLayer
 from .autosave import LOG, Autosave, autosave_path
 
-# Steps that can be undone.
+# The most steps that can be undone.
 _MOST = 500
 
 T = TypeVar("T")
 
 
 class Edits:
-    """A layer of values over a stage.
+    """A layer of values over a stage, with undo and redo.
 
-    Edits that are not saved are kept beside the file, and come back with the next `Edits` of it: see `autosave`.
+    Unsaved edits are kept beside the file, and the next `Edits` with this file restores them: see `autosave`.
 
     Parameters
     ----------
     layer
-        The layer over the stage that takes the values.
+        The layer over the stage that holds the values.
     path
-        The file that the layer is written to by `save`; what it has already is laid over the stage.
+        The file to which `save` writes the layer; its present content is laid over the stage.
 
     Attributes
     ----------
     restored
-        Whether the layer began with edits that had not been saved, and neither were saved since nor given up.
+        Whether the layer began with unsaved edits of an earlier session, which were neither saved nor discarded since.
 
     Raises
     ------
@@ -43,7 +43,7 @@ class Edits:
 
     def __init__(self, layer: EditLayer, path: PathLike | None = None) -> None:
         self._layer, self.path = layer, None if path is None else Path(path)
-        self._lock = threading.RLock()  # of the layer, which autosaves read in another thread
+        self._lock = threading.RLock()  # for the layer, which autosaves read in another thread
         self._autosave = Autosave(self._unsaved)
         if self.path is not None and self.path.exists():
             layer.load(self.path)
@@ -54,30 +54,30 @@ class Edits:
         self.restored = self.path is not None and self._restore(self.path)
 
     def _restore(self, path: Path) -> bool:
-        """Take the edits of an autosave, as a step that can be undone; return whether there are any."""
+        """Restore the edits of an autosave, as a step that can be undone; return whether there are any."""
         text = self._autosave.found(path)
         if text is None or text == self._saved:
             return False
         try:
             self._layer.replace(text)
         except SceneError:
-            LOG.warning("%s cannot be read: expected edits that had not been saved", autosave_path(path))
+            LOG.warning("%s cannot be read: expected the autosave of unsaved edits", autosave_path(path))
             return False
         if self.is_saved:
             return False
         self._past = [self._saved]
-        LOG.warning("edits that had not been saved are restored from %s", autosave_path(path))
+        LOG.warning("unsaved edits are restored from %s", autosave_path(path))
         return True
 
     def set(self, values: Mapping[str, Any], step: str | None = None) -> None:
         """Set values by their paths, "/Prim.attribute"; None leaves the value to the stage again.
 
-        Edits of one `step` in a row are undone at once, as those of a drag.
+        Edits in a row with the same `step`, such as those of a drag, are undone together.
 
         Raises
         ------
         SceneError
-            A prim or an attribute that is not there, or a value of another type; nothing is set then.
+            A prim or an attribute that does not exist, or a value of another type; then nothing is set.
         """
 
         def set_all(layer: EditLayer) -> None:
@@ -87,7 +87,7 @@ class Edits:
         self.change(set_all, step)
 
     def change(self, work: Callable[[EditLayer], T], step: str | None = None) -> T:
-        """Let a function change the layer, as one step, and return what it returns; on SceneError nothing is changed.
+        """Let a function change the layer in one step, and return what it returns; a SceneError undoes its changes.
 
         Parameters
         ----------
@@ -114,11 +114,11 @@ class Edits:
         return self._moved(self._past, self._future)
 
     def redo(self) -> bool:
-        """Do again what was undone last; return whether there was something."""
+        """Redo the step that was undone last; return whether there was one."""
         return self._moved(self._future, self._past)
 
     def revert(self) -> None:
-        """Leave all values to the stage again, as one step."""
+        """Remove all edits, as one step, so that all values are the stage's own again."""
         self._go_to(EMPTY)
 
     def discard(self) -> None:
@@ -147,25 +147,25 @@ class Edits:
 
     @property
     def can_redo(self) -> bool:
-        """Whether there is a step to do again."""
+        """Whether there is a step to redo."""
         return bool(self._future)
 
     @property
     def is_saved(self) -> bool:
-        """Whether the file has all edits; with no file, whether there are none."""
+        """Whether the file holds all edits; without a file, whether there are none."""
         return self._layer.text() == self._saved
 
     def paths(self) -> list[str]:
-        """Return the paths of what has a value in the layer."""
+        """Return the paths of everything that has a value in the layer."""
         return self._layer.paths()
 
     def text(self) -> str:
-        """Return the layer as .usda."""
+        """Return the layer as the text of a .usda file."""
         with self._lock:
             return self._layer.text()
 
     def _unsaved(self) -> tuple[Path | None, str | None]:
-        """Return the file, and the edits where they are not saved."""
+        """Return the file, and the text of the edits or, if they are saved, None."""
         with self._lock:
             return self.path, None if self.is_saved else self._layer.text()
 
@@ -175,7 +175,7 @@ class Edits:
         Raises
         ------
         SceneError
-            No file is known.
+            No path is given, and no file is known.
         OSError
             The file cannot be written.
         """
@@ -189,5 +189,5 @@ class Edits:
         return target
 
     def close(self) -> None:
-        """Keep what is not saved for the next time."""
+        """Keep unsaved edits for the next time."""
         self._autosave.close()

@@ -1,4 +1,4 @@
-"""A session's pictures for a browser: PNG once they are finished, JPEG while there is a better one to come."""
+"""A session's pictures for a browser: PNG if they are finished, JPEG if better ones will follow."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from ..scene import Array
 from ..usd.stereo import EYES
 from .session import Picture
 
-#: The eyes of those who see both: through red and cyan glasses, and beside each other, each in half of the size.
+#: Ways to show both eyes: in one picture for red and cyan glasses, and beside each other at half the size.
 ANAGLYPH, BESIDE = "anaglyph", "side-by-side"
-#: What may be shown of two eyes.
+#: All ways to show two eyes.
 SHOWN = (ANAGLYPH, BESIDE, *EYES)
 
 
@@ -43,14 +43,14 @@ class EncodedPicture(NamedTuple):
 def encoded(
     picture: Picture, layer: str = "rgba", exposure: float = 0.0, display: str = OWN, eye: str = EYES[0]
 ) -> EncodedPicture:
-    """Return a layer of a picture, at an exposure in stops, by a view transform; `rgba` where there is no such layer.
+    """Return a layer of a picture, or `rgba` if it has no such layer, at an exposure in stops, by a view transform.
 
-    Of two eyes it shows one, or both in one picture of the same size: `ANAGLYPH`, `BESIDE`.
+    If the picture has two eyes, `eye` chooses one, or both in one picture of the same size: `ANAGLYPH`, `BESIDE`.
 
     Raises
     ------
     SceneError
-        A name that is no view transform.
+        `display` is no view transform.
     """
     layer = layer if layer in picture.layers else "rgba"
     if picture.views and eye in (ANAGLYPH, BESIDE):
@@ -61,14 +61,14 @@ def encoded(
     data = BytesIO()
     if picture.is_finished:
         Image.fromarray(shown).save(data, "PNG", compress_level=1)
-    else:  # it is replaced soon: what is lost does not matter
+    else:  # a better one replaces it soon, so that losses do not matter
         Image.fromarray(shown).save(data, "JPEG", quality=92, subsampling=0)
     mime = "image/png" if picture.is_finished else "image/jpeg"
     return EncodedPicture(data.getvalue(), mime, layer, shown.shape[1], shown.shape[0])
 
 
 def beside(left: Array, right: Array) -> Array:
-    """Return two pictures (H, W, 3) beside each other, each in half of the size, in the middle of one of their size."""
+    """Return two pictures (H, W, 3) beside each other at half the size, centred in a picture of the same size."""
     height, width = left.shape[:2]
     half = max(1, width // 2), max(1, height // 2)
     result = np.zeros_like(left)

@@ -19,26 +19,26 @@ from ..usd.stereo import Stereo
 
 _PROGRESS = re.compile(rb"openjd_progress: ([\d.]+)")
 
-#: Told of a final render: per cent done, the file once it is there, and why there is none.
+#: Called during a final render: per cent done, the file once it exists, and a sentence if the render failed.
 Told = Callable[[int, Path | None, str | None], Awaitable[None]]
 
 
 @dataclass(frozen=True)
 class Wanted:
-    """What a final render is of.
+    """What a final render needs.
 
     Attributes
     ----------
     stage, layers, overrides
-        The stage's file, the layers over it, the strongest first, and values over these, as the command has them.
+        The stage's file; the layers over it, the strongest first; and values over these, as for the command.
     edits
-        The edits, as .usda.
+        The text of a .usda layer with the edits.
     camera, width, height
-        The camera, None for the stage's own, and the size.
+        The camera, None: the stage's own; and the size in pixels.
     passes, frames
-        Passes, and the first and the last frame; None: the one that the stage shows by itself.
+        The number of passes; and the first and the last frame, None: the stage's default.
     stereo
-        How the camera becomes two eyes, None: it is one.
+        How the camera becomes two eyes; None: it does not.
     """
 
     stage: Path
@@ -53,7 +53,7 @@ class Wanted:
     stereo: Stereo | None = None
 
     def flags(self) -> list[str]:
-        """Return the flags of the camera and of the frames."""
+        """Return the command's flags for the camera, the frames and stereo."""
         words = ["--camera", self.camera] if self.camera else []
         words += ["--frames", f"{self.frames[0]:g}:{self.frames[1]:g}"] if self.frames else []
         if self.stereo is not None:
@@ -65,7 +65,7 @@ class Wanted:
 
 
 class FinalRender:
-    """At most one final render at a time; its files are in a folder that goes with the studio."""
+    """Runs at most one final render at a time; its files are in a folder that is removed with the studio."""
 
     def __init__(self) -> None:
         self._folder = tempfile.TemporaryDirectory(prefix="photonbeams-studio-")
@@ -73,19 +73,19 @@ class FinalRender:
 
     @property
     def folder(self) -> Path:
-        """Where finished files are."""
+        """The folder of finished files."""
         return Path(self._folder.name)
 
     async def run(self, wanted: Wanted, told: Told) -> None:
-        """Render, and tell how far it is.
+        """Render, and call `told` with the progress.
 
         Raises
         ------
         SceneError
-            Another one is under way.
+            Another final render is under way.
         """
         if self._process is not None:
-            raise SceneError("a final render is under way: expected it to end, or to be cancelled")
+            raise SceneError("a final render is under way: wait until it ends, or cancel it")
         work = Path(tempfile.mkdtemp(dir=self.folder))
         layer = work / "edits.usda"
         layer.write_text(wanted.edits)
@@ -98,7 +98,7 @@ class FinalRender:
             words += ["--set", each]
         words += [*wanted.flags(), "--res", str(wanted.width), str(wanted.height), "--passes", str(wanted.passes)]
         words += ["-o", str(work / pattern), "--progress", "openjd"]
-        # A group of its own, so that Ctrl-C in a terminal ends the studio, which ends the render in order.
+        # A process group of its own: Ctrl-C in a terminal ends only the studio, which then ends the render properly.
         process = self._process = await asyncio.create_subprocess_exec(
             *words, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE, start_new_session=True
         )
@@ -118,7 +118,7 @@ class FinalRender:
             self._process = None
 
     def _packed(self, work: Path, name: str) -> Path:
-        """Return the picture, or an archive of several."""
+        """Return the file of the only picture, or an archive of several."""
         pictures = sorted(work.glob("*.exr"))
         if len(pictures) == 1:
             target = self.folder / pictures[0].name
@@ -137,6 +137,6 @@ class FinalRender:
                 self._process.terminate()
 
     def close(self) -> None:
-        """End what is under way, and remove the files."""
+        """End the render that is under way, if there is one, and remove all files."""
         self.cancel()
         self._folder.cleanup()

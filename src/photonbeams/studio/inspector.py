@@ -1,6 +1,6 @@
-"""What is in a pixel: which lights' beams bring how much, and how the brightest beam's light is integrated.
+"""The inspector: how much the beams of each light add to a pixel, and how the light of the brightest is integrated.
 
-The integrand is measured with the renderer's own frustum estimator: by how much more a slightly longer ray brings.
+The integrand is measured with the renderer's own frustum estimator, as the difference that a slightly longer ray makes.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ if TYPE_CHECKING:
     from ..beams.sets import BeamSet
     from .live import LiveRenderer
 
-# Points of the integrand, the rule that counts as exact, and the numbers of points that are compared.
+# Samples of the integrand's curve, the rule that serves as exact, and the numbers of points that are compared.
 _CURVE, _EXACT, _ORDERS = 96, gauss_legendre(32), range(1, 7)
-_LIGHTS = 12  # that are told at most, the brightest first
+_LIGHTS = 12  # the most that are listed, the brightest first
 
 
 @dataclass(frozen=True)
 class _Ray:
-    """A camera ray up to the first surface: origin and direction, (3,), and its length."""
+    """A camera ray that ends at the first surface: origin and direction, (3,), and its length."""
 
     origin: Array
     direction: Array
@@ -37,12 +37,12 @@ class _Ray:
 
 
 def inspected(frame: LiveRenderer, at: tuple[float, float], depth: float | None) -> dict[str, Any]:
-    """Return the beams of a pixel's ray, by lights, and the integrand of the brightest beam, as the protocol has them.
+    """Return the beams of a pixel's ray by light, and the integrand of the brightest beam, as the page expects them.
 
     Parameters
     ----------
     frame
-        A frame whose first pass is there.
+        A frame whose first pass is done.
     at
         The place in the picture, in fractions from the top left.
     depth
@@ -79,7 +79,7 @@ def _ray(frame: LiveRenderer, at: tuple[float, float], depth: float | None) -> _
 
 
 def _radiance(each: BeamSet, ray: _Ray, media: dict[int, Any], **given: Any) -> Array:
-    """Return the radiance of a set's beams along a ray, (3,), or along it up to each of several `t_max`, (N, 3)."""
+    """Return the radiance of a set's beams along a ray, (3,), or along parts of it up to each `t_max`, (N, 3)."""
     count = len(given.get("t_max", [0]))
     given = {"t_max": np.full(1, ray.length), **given}
     found = estimate(
@@ -90,7 +90,7 @@ def _radiance(each: BeamSet, ray: _Ray, media: dict[int, Any], **given: Any) -> 
 
 
 def _integrated(each: BeamSet, ray: _Ray, media: dict[int, Any]) -> dict[str, Any] | None:
-    """Return how the light of the brightest of a set's beams is integrated along a ray; None where it meets none."""
+    """Return how the light of a set's brightest beam is integrated along a ray; None if the ray meets no beam."""
     number = _brightest(each, ray)
     if number is None:
         return None
@@ -101,7 +101,7 @@ def _integrated(each: BeamSet, ray: _Ray, media: dict[int, Any]) -> dict[str, An
     low, high = interval
 
     def up_to(ends: Array, rule: Any = _EXACT) -> Array:
-        """Return what the ray up to each of these distances brings."""
+        """Return the radiance along the ray up to each of these distances."""
         found = _radiance(single, ray, media, t_max=ends, estimator="frustum", rule=rule)
         values: Array = np.atleast_2d(found).mean(axis=1)
         return values
@@ -126,7 +126,7 @@ def _integrated(each: BeamSet, ray: _Ray, media: dict[int, Any]) -> dict[str, An
 def _rules(
     kind: Any, low: float, high: float, middle: Array, integrand: Array, measured: Any, true: float
 ) -> dict[str, list[Any]]:  # fmt: skip
-    """Return points, values there, and relative errors of a rule with one point and more."""
+    """Return the points, the integrand there, and the relative error of a rule for each number of points."""
     result: dict[str, list[Any]] = {"n": [], "points": [], "values": [], "error": []}
     for order in _ORDERS:
         rule = kind(order)
@@ -139,7 +139,7 @@ def _rules(
 
 
 def _brightest(each: BeamSet, ray: _Ray) -> int | None:
-    """Return the number of the beam that is about the brightest along a ray, None where the ray passes all of them."""
+    """Return the index of the beam that is roughly the brightest along a ray; None if the ray misses all of them."""
     start, end = (np.asarray(state.numpy()).T.astype(np.float64) for state in (each.beams.start, each.beams.end))
     radii = [np.asarray(state.numpy()).astype(np.float64) for state in (each.beams.radius_start, each.beams.radius_end)]
     power = np.asarray(each.beams.power.numpy()).mean(axis=0)
@@ -148,7 +148,7 @@ def _brightest(each: BeamSet, ray: _Ray) -> int | None:
     axis = axis / length[:, None]
     to = start - ray.origin
     cosine = axis @ ray.direction
-    # The nearest points of two lines; of parallel ones, the beam's middle.
+    # The closest points of two lines; the denominator is kept above 0 for parallel ones.
     across = np.maximum(1 - cosine**2, 1e-9)
     s = np.clip(((to @ ray.direction) * cosine - (to * axis).sum(axis=1)) / across, 0, length)
     place = start + s[:, None] * axis
@@ -161,7 +161,7 @@ def _brightest(each: BeamSet, ray: _Ray) -> int | None:
 
 
 def _crossed(single: BeamSet, ray: _Ray) -> tuple[tuple[float, float] | None, Sequence[float], float]:
-    """Return where a ray is within a beam, as distances, the beam's radii and its length."""
+    """Return the interval of distances in which a ray is inside a beam, or None, and the beam's radii and length."""
     beams = single.beams
     start, end = (np.ravel(state.numpy()).astype(np.float64) for state in (beams.start, beams.end))
     first, last = (float(np.ravel(state.numpy())[0]) for state in (beams.radius_start, beams.radius_end))

@@ -1,4 +1,4 @@
-"""A frame that begins where another one of the same shot was: what an edit has not touched is not made again."""
+"""Frames that reuse parts of an earlier frame of the same shot: those that an edit did not affect."""
 
 from __future__ import annotations
 
@@ -25,38 +25,38 @@ if TYPE_CHECKING:
     from ..render.photons import PhotonMaps
     from ..shot.request import Prepared
 
-# Passes whose light and whose surfaces are kept: the first pictures after an edit are made of them.
+# The number of passes whose light and surfaces are kept, for the first pictures after an edit.
 _KEPT = 1
 
 
-class Cancelled(Exception):  # noqa: N818 - no error: another picture is wanted
+class Cancelled(Exception):  # noqa: N818 - not an error: another picture is wanted
     """The frame is no longer wanted."""
 
 
 @dataclass
 class _Cancellable(Statistics):
-    """Statistics that end a frame between two phases or two parts of one, once it is `unwanted`."""
+    """Statistics that cancel a frame between two phases, or parts of a phase, once it is `unwanted`."""
 
     unwanted: Callable[[], bool] = field(default=lambda: False, repr=False)
 
     @contextmanager
     def phase(self, name: str) -> Iterator[None]:
-        """Add the time within to a phase; raise Cancelled before it if the frame is unwanted."""
+        """Add the time within the context to a phase; before it, raise Cancelled if the frame is unwanted."""
         self.step()
         with super().phase(name):
             yield
 
     def step(self) -> None:
-        """Raise Cancelled if the frame is unwanted, once its kernels are done: the next frame waits for none."""
+        """Wait for the frame's kernels, so that the next frame need not; then raise Cancelled if it is unwanted."""
         dr.sync_thread()
         if self.unwanted():
             raise Cancelled
 
 
 class LiveRenderer(StageRenderer):
-    """A frame of a stage that takes over what is still the same of an earlier one.
+    """A frame of a stage that reuses the unchanged parts of an earlier frame.
 
-    Its passes are those of `StageRenderer`, to the bit, unless `keeps_guides` is set.
+    Its passes have the bits of those of `StageRenderer`, unless `keeps_guides` is set.
 
     Parameters
     ----------
@@ -65,13 +65,13 @@ class LiveRenderer(StageRenderer):
     viewers
         Returns the cameras for which emission is guided.
     planned
-        For how many passes the samples are chosen.
+        The number of passes for which samples are chosen.
     like
-        The earlier frame, None of the first.
+        The earlier frame; None for the first.
     keeps_guides
-        Whether light is sent where it was sent in the earlier frame, whatever has changed: for first pictures.
+        Whether emission is guided as in the earlier frame, whatever has changed. This is for quick first pictures.
     unwanted
-        Returns whether the frame is no longer wanted: it ends with `Cancelled` before the next part of a phase.
+        Returns whether the frame is no longer wanted; it then ends with `Cancelled` before the next part of a phase.
     """
 
     def __init__(
@@ -87,10 +87,10 @@ class LiveRenderer(StageRenderer):
             self._lights = dict(like._lights)
             if equal(ready.shutter.at(0.0).cameras, like._ready.shutter.at(0.0).cameras):
                 self._pictures = dict(like._pictures)
-        self._like = None  # which would keep all frames there were
+        self._like = None  # a chain of references would keep all earlier frames
 
     def first_light(self) -> Simulated | None:
-        """Return the light of the first pass, None if there is none yet, or where anything moves."""
+        """Return the light of the first pass; None if it was not traced yet, or if anything moves."""
         return self._with_looks(self._lights[0][0]) if 0 in self._lights else None
 
     def _with_looks(self, light: Simulated) -> Simulated:
@@ -99,7 +99,7 @@ class LiveRenderer(StageRenderer):
         return replace(light, sets=[each._replace(look=looks.get(each.name)) for each in light.sets])
 
     def described_media(self) -> dict[int, scene.Medium]:
-        """Return the media, by the numbers that beams have of them."""
+        """Return the media by the numbers by which beams refer to them."""
         world = self._worlds[-1]
         both = zip(world.description.media, world.media.all, strict=True)
         return {rendered.number: described for described, rendered in both}
@@ -124,14 +124,14 @@ class LiveRenderer(StageRenderer):
         like = self._like
         if like is None:
             return super()._guided(simulation, world, views)
-        own, other = self._window, like._window  # of which guides see the whole picture
+        own, other = self._window, like._window  # guides depend on the size of the whole picture, not on the crop
         same_views = (own.width, own.height) == (other.width, other.height) and equal(self._viewers, like._viewers)
         if self._keeps_guides or (same_views and self._has_light_of(like, world)):
             return replace(simulation, guides=like._simulation.guides, openings=like._simulation.openings)
         return super()._guided(simulation, world, views)
 
     def _lit_like(self, like: LiveRenderer) -> bool:
-        """Return whether the light paths of each pass are those of an earlier frame."""
+        """Return whether each pass has the same light paths as in an earlier frame."""
         if self._ready.shutter.moving or self.settings.program is not None:
             return False
         own, other = self._simulation, like._simulation
@@ -139,7 +139,7 @@ class LiveRenderer(StageRenderer):
         return same_guides and self._has_light_of(like, self._worlds[-1]) and self._window == like._window
 
     def _has_light_of(self, like: LiveRenderer, world: StageWorld) -> bool:
-        """Return whether an earlier frame has the same lights, media, surfaces and settings; looks may be others."""
+        """Return whether an earlier frame has the same lights, media, surfaces and settings; looks may differ."""
         if as_passes(self.settings) != as_passes(like.settings):
             return False
         own, other = world.description, like._worlds[-1].description
@@ -175,7 +175,7 @@ class LiveRenderer(StageRenderer):
 
 
 def _but_for_looks(one: Any, other: Any) -> bool:
-    """Return whether two lights, or drawn beams, are the same but for what their looks are."""
+    """Return whether two lights or sets of drawn beams differ at most in their looks; either both have one or none."""
     if type(one) is not type(other) or (one.look is None) != (other.look is None):
         return False
     return all(equal(getattr(one, each.name), getattr(other, each.name)) for each in fields(one) if each.name != "look")

@@ -1,4 +1,4 @@
-"""Moving a free camera: orbit, dolly and pan about a point in front of it, as the studio's page moves it.
+"""Movements of a free camera: orbit, dolly and pan about a point in front of it, as on the studio's page.
 
 Poses are transforms from the camera to the world, (4, 4), for column vectors; cameras look along −z, with +y up.
 """
@@ -10,45 +10,45 @@ import numpy as np
 from ..scene import Array
 from ..scene.vectors import unit
 
-# A camera that looks steeper than this would turn over.
+# The steepest view, up or down: beyond it the camera could turn over.
 _STEEPEST = np.radians(89)
 
 
 def pivot_distance(pose: Array) -> float:
-    """Return a guess of how far away the subject is: where the view passes the origin, where shots mostly have it."""
+    """Return a guess of the distance to the subject: where the view passes the origin, where most subjects are."""
     _, _, back, place = _axes(pose)
     along, far = float(place @ back), float(np.linalg.norm(place))
     return along if along > 0.1 * far else max(far / 2, 1.0)
 
 
 def moved(pose: Array, right: float, up: float, forward: float) -> Array:
-    """Return a pose that is moved along the camera's own axes, in scene units."""
+    """Return a pose after a movement along the camera's own axes, in scene units."""
     right_axis, up_axis, back, place = _axes(pose)
     return _pose(right_axis, up_axis, back, place + right * right_axis + up * up_axis - forward * back)
 
 
 def orbited(pose: Array, world_up: Array, distance: float, yaw: float, pitch: float) -> Array:
-    """Return a pose that is turned about a point `distance` before the camera.
+    """Return a pose after a turn about a point that is `distance` in front of the camera.
 
     Parameters
     ----------
     pose
-        (4, 4); scales of the camera's parents are left out.
+        (4, 4); a scale in it is removed.
     world_up
         (3,) the stage's up axis, about which `yaw` turns.
     distance
         From the camera to the point, in scene units.
     yaw, pitch
-        Radians, positive to where the camera's view turns left and up. It stops before the camera would turn over.
+        Radians; positive angles turn the view to the left and up. The turn stops before the camera would turn over.
     """
     return moved(_turned(moved(pose, 0, 0, distance), world_up, yaw, pitch), 0, 0, -distance)
 
 
 def _turned(pose: Array, world_up: Array, yaw: float, pitch: float) -> Array:
-    """Return a pose that is turned on the spot."""
+    """Return a pose after a turn on the spot."""
     right, _, back, place = _axes(pose)
     elevation = float(np.arcsin(np.clip(-(back @ world_up), -1, 1)))
-    # A camera that already looks steeper may only come back.
+    # A camera that already looks steeper can only turn back.
     tilt = float(np.clip(elevation + pitch, min(-_STEEPEST, elevation), max(_STEEPEST, elevation))) - elevation
     back = unit(_rotated(_rotated(back, right, tilt), world_up, yaw))
     right = unit(_rotated(right, world_up, yaw))
@@ -56,7 +56,7 @@ def _turned(pose: Array, world_up: Array, yaw: float, pitch: float) -> Array:
 
 
 def _axes(pose: Array) -> tuple[Array, Array, Array, Array]:
-    """Return the camera's axes right, up and back, of unit length and at right angles, and its place."""
+    """Return the camera's axes right, up and back, orthonormal, and its position."""
     back = unit(pose[:3, 2])
     right = unit(np.cross(pose[:3, 1], back))
     return right, np.cross(back, right), back, pose[:3, 3]
@@ -69,6 +69,6 @@ def _pose(right: Array, up: Array, back: Array, place: Array) -> Array:
 
 
 def _rotated(vector: Array, axis: Array, angle: float) -> Array:
-    """Return a vector that is turned about an axis of unit length (Rodrigues' formula)."""
+    """Return a vector rotated about an axis of unit length (Rodrigues' formula)."""
     cosine, sine = np.cos(angle), np.sin(angle)
     return cosine * vector + sine * np.cross(axis, vector) + (1 - cosine) * (axis @ vector) * axis

@@ -1,6 +1,6 @@
-"""What a page and the studio tell each other: JSON texts, and pictures behind a JSON header.
+"""The messages between a page and the studio: JSON texts, and pictures that follow a JSON header.
 
-The page's messages are checked by their types here; what they ask for is checked by the session.
+Types in the page's messages are checked here, their content by the session.
 """
 
 from __future__ import annotations
@@ -9,23 +9,23 @@ from typing import Any
 
 import msgspec
 
-#: The longest message of a page, in bytes; how many it may send in a second; and the most values of an edit.
+#: Limits: bytes in a message of a page, its messages per second, and values in an edit.
 LONGEST, PER_SECOND, MOST_VALUES = 1 << 16, 240, 256
 
 
 class Message(msgspec.Struct, tag_field="type", forbid_unknown_fields=True):
-    """A message of a page."""
+    """A message from a page."""
 
 
 class Set(Message, tag="set"):
-    """Set values by their paths; None leaves one to the stage. Edits of one `step` in a row are undone at once."""
+    """Set values by their paths; None leaves one to the stage. Edits in a row with one `step` are undone together."""
 
     values: dict[str, Any]
     step: str | None = None
 
 
 class Apply(Message, tag="apply"):
-    """Apply a preset to the look at a path, or give the light at a path a new look of that kind."""
+    """Apply a preset to the look at a path, or give the light at a path a new look with it."""
 
     preset: str
     path: str
@@ -36,11 +36,11 @@ class Undo(Message, tag="undo"):
 
 
 class Redo(Message, tag="redo"):
-    """Do again what was undone last."""
+    """Redo the step that was undone last."""
 
 
 class Revert(Message, tag="revert"):
-    """Leave all values to the stage."""
+    """Remove all edits."""
 
 
 class Discard(Message, tag="discard"):
@@ -52,10 +52,10 @@ class Save(Message, tag="save"):
 
 
 class Show(Message, tag="show"):
-    """Change what is shown: the view of all pages, and this page's own layer, eye, exposure and view transform.
+    """Change what is shown: the view, which all pages share, and this page's layer, eye, exposure and view transform.
 
-    `stereo` are the distance of the eyes and that at which they converge, either of them None: see `usd.stereo.Stereo`.
-    `eye` is "anaglyph", "side-by-side", "left" or "right".
+    `stereo` holds the distance between the eyes and the distance at which they converge; each may be None: see
+    `usd.stereo.Stereo`. `eye` is "anaglyph", "side-by-side", "left" or "right".
     """
 
     size: tuple[int, int] | msgspec.UnsetType = msgspec.UNSET
@@ -76,13 +76,13 @@ class Show(Message, tag="show"):
 
 
 class Inspect(Message, tag="inspect"):
-    """Tell what is in the pixel at a place, in fractions of the picture from the top left."""
+    """Ask what is in the pixel at a place, in fractions of the picture from the top left."""
 
     at: tuple[float, float]
 
 
 class Render(Message, tag="render"):
-    """Render the final picture, or those of the first to the last of `frames`."""
+    """Render the final picture, or those from the first to the last of `frames`."""
 
     passes: int
     frames: tuple[float, float] | None = None
@@ -97,25 +97,25 @@ Messages = Set | Apply | Undo | Redo | Revert | Discard | Save | Show | Inspect 
 _DECODER: msgspec.json.Decoder[Messages] = msgspec.json.Decoder(Messages)
 
 
-class Malformed(Exception):  # noqa: N818 - the page's, not ours
-    """A message that is none of the protocol's; the text says why."""
+class Malformed(Exception):  # noqa: N818 - an error of the page, not of this program
+    """A message does not follow the protocol; the text says why."""
 
 
 def decoded(text: str | bytes) -> Messages:
-    """Return the message of a page; Malformed for what is none."""
+    """Return the message in a page's JSON; raise Malformed for anything else."""
     if len(text) > LONGEST:
         raise Malformed(f"the message has {len(text):,} bytes: expected {LONGEST:,} at most")
     try:
         message = _DECODER.decode(text)
     except (msgspec.DecodeError, UnicodeError, RecursionError) as error:
-        raise Malformed(f"the message is none of this protocol: {error}"[:300]) from None
+        raise Malformed(f"the message does not follow the protocol: {error}"[:300]) from None
     if isinstance(message, Set) and len(message.values) > MOST_VALUES:
         raise Malformed(f"the message sets {len(message.values)} values: expected {MOST_VALUES} at most")
     return message
 
 
 def encoded(kind: str, **content: Any) -> str:
-    """Return a message to pages; numbers that JSON has no word for become null."""
+    """Return a message to pages as JSON; infinite numbers and NaN become null."""
     return msgspec.json.encode({"type": kind, **content}).decode()
 
 

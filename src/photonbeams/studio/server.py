@@ -1,7 +1,7 @@
-"""The studio's server: a page, and one WebSocket for each that watches the session.
+"""The studio's server: the page, and one WebSocket for each browser that watches the session.
 
-It listens on the loopback device. A token in the address lets a page in; whoever knows only the port, such as another
-page in the same browser, does not get in: host, origin and token are checked on each request.
+It listens on the loopback device. A token in the address lets a page in. Host, origin and token are checked on each
+request, so that others who know only the port, such as another page in the same browser, do not get in.
 """
 
 from __future__ import annotations
@@ -51,16 +51,16 @@ _HEADERS = {
     "cross-origin-resource-policy": "same-origin",
 }  # fmt: skip
 _LOCAL = ("127.0.0.1", "localhost", "[::1]")
-_REFUSED, _MALFORMED = 4403, 4400  # WebSocket's codes of our own
-_TYPES = {".js": "text/javascript", ".css": "text/css"}  # whatever the machine takes them for
+_REFUSED, _MALFORMED = 4403, 4400  # WebSocket close codes, from the range for applications
+_TYPES = {".js": "text/javascript", ".css": "text/css"}  # as the system may map suffixes wrongly
 
 
-#: What pages are told of presets.
+#: Presets as pages get them.
 _PRESETS = [{"name": each.name, "label": each.label, "factor": each.factor} for each in PRESETS]
 
 
 class Guard:
-    """Lets in who asks for a known host, from a page of it, and knows the token; files of the page need no token."""
+    """Passes on requests for a known host, from its own page, with the token; the page's files need no token."""
 
     def __init__(self, app: ASGIApp, token: str, hosts: tuple[str, ...]) -> None:
         self._app, self._token, self._hosts = app, token, hosts
@@ -83,7 +83,7 @@ class Guard:
     def _refusal(self, headers: dict[str, str], scope: Scope) -> str | None:
         host = headers.get("host", "")
         if host.rpartition(":")[0] not in self._hosts and host not in self._hosts:
-            return "the host is another one: expected the address that the studio printed"
+            return "the host is unknown: expected the address that the studio printed"
         origin = headers.get("origin")
         if origin is not None and origin.partition("://")[2] != host:
             return "the request comes from another page: expected the studio's own"
@@ -97,7 +97,7 @@ class Guard:
 
 @dataclass(eq=False)
 class _Watcher:
-    """A page: what it shows, and the pictures and texts that wait for it."""
+    """A page that watches: what it shows, and the picture and the texts that wait to be sent to it."""
 
     socket: WebSocket
     layer: str = "rgba"
@@ -114,12 +114,12 @@ class _Watcher:
         self.news.set()
 
     def show(self, picture: Picture | None) -> None:
-        """Show a picture; one that still waits is left out."""
+        """Show a picture, instead of one that still waits to be sent."""
         self.shown = picture
         self.news.set()
 
     def is_too_fast(self) -> bool:
-        """Note a message; return whether there are too many in a second."""
+        """Count a message; return whether there are too many in a second."""
         now = time.monotonic()
         too_fast = len(self.times) == self.times.maxlen and now - self.times[0] < 1.0
         self.times.append(now)
@@ -134,7 +134,7 @@ class Studio:
     session
         What is shown and edited.
     token
-        What lets a page in.
+        The token that lets a page in.
     """
 
     def __init__(self, session: Session, token: str | None = None) -> None:
@@ -143,14 +143,14 @@ class Studio:
         self._last: Picture | None = None
         self._problem: Problem | None = None
         self._groups: list[dict[str, Any]] = []
-        # One thread for all that waits for the session, so that edits keep their order; pictures have another one, and
-        # so have thumbnails, for their kernels are compiled on first use.
+        # One thread runs everything that waits for the session, so that edits keep their order. Pictures have another,
+        # and so have thumbnails, whose kernels are compiled on first use.
         self._commands, self._encoders, self._painters = (ThreadPoolExecutor(1) for _ in range(3))
         self._final = FinalRender()
         self._loop: asyncio.AbstractEventLoop | None = None
 
     def app(self, hosts: tuple[str, ...] = _LOCAL) -> Starlette:
-        """Return the server's application, for these hosts."""
+        """Return the server's application for these host names."""
         return Starlette(
             routes=[
                 Route("/", self._page), Route("/assets/{name}", self._asset), Route("/result/{name}", self._result),
@@ -176,28 +176,28 @@ class Studio:
     async def _page(self, _request: Request) -> Response:
         index = PAGE / "index.html"
         if not index.exists():
-            return PlainTextResponse("the page is not built: run `npm run build` in page/\n", 500, _HEADERS)
+            return PlainTextResponse("the page is not built: run `npm ci && npm run build` in page/\n", 500, _HEADERS)
         return FileResponse(index, headers=_HEADERS)
 
     async def _asset(self, request: Request) -> Response:
         return _file_of(PAGE / "assets", request)
 
     async def _thumbnail(self, request: Request) -> Response:
-        """Return the thumbnail of a preset, which is made once."""
+        """Return the thumbnail of a preset; it is made on the first request."""
         work = asyncio.get_running_loop().run_in_executor(
             self._painters, thumbnail_of, request.path_params["name"].removesuffix(".png")
         )
         try:
-            headers = {**_HEADERS, "cache-control": "private, max-age=86400"}  # the token is in its address
+            headers = {**_HEADERS, "cache-control": "private, max-age=86400"}  # for one token
             return Response(await work, headers=headers, media_type="image/png")
         except SceneError as error:
             return PlainTextResponse(f"{error}\n", 404, _HEADERS)
 
     def _told(self, what: Picture | Problem) -> None:
-        """Take what the session tells, in its thread."""
+        """Take what the session tells; this runs in the session's thread."""
         loop = self._loop
         if loop is not None and not loop.is_closed():
-            with suppress(RuntimeError):  # the loop has ended meanwhile
+            with suppress(RuntimeError):  # the loop may end meanwhile
                 loop.call_soon_threadsafe(self._arrived, what)
 
     def _arrived(self, what: Picture | Problem) -> None:
@@ -222,7 +222,7 @@ class Studio:
         planned = self.session.view.passes
         seconds = 0.0 if last is None else sum(last.statistics.seconds.values())
         told = None
-        if problem is not None:  # the page names the file
+        if problem is not None:  # without the file's name, which the page shows anyway
             text = problem.text[max(problem.text.find(problem.path or ""), 0) :]
             told = {"text": text, "path": problem.path, "column": problem.column}
         version = self.session.version
@@ -232,7 +232,7 @@ class Studio:
         )
 
     async def _command(self, work: Callable[..., Any], *given: Any, **named: Any) -> Any:
-        """Return what the session does, which may have to wait until it has read the stage."""
+        """Run a method of the session, which may wait until the stage is read, and return its result."""
         return await asyncio.get_running_loop().run_in_executor(self._commands, lambda: work(*given, **named))
 
     async def _tell_scene(self, only: _Watcher | None = None) -> None:
@@ -244,7 +244,7 @@ class Studio:
         session, last = self.session, self._last
         self._groups = _described(session.controls())
         stereo, pose, focal = session.view.stereo, None, 1.0
-        with suppress(SceneError):  # of a camera that was edited into none; the state says so
+        with suppress(SceneError):  # edits may have broken the camera; the state says so
             camera = session.camera()
             pose = np.asarray(camera.to_world).ravel().tolist()
             focal = 1.0 if camera.orthographic else camera.focal_length / camera.horizontal_aperture
@@ -284,7 +284,7 @@ class Studio:
             raise protocol.Malformed(f"there are more than {protocol.PER_SECOND} messages in a second: expected fewer")
         text = message.get("text")
         if text is None:
-            raise protocol.Malformed("the message is no text: expected JSON")
+            raise protocol.Malformed("the message is not text: expected JSON")
         asked = protocol.decoded(text)
         try:
             await self._do(watcher, asked)
@@ -354,7 +354,7 @@ class Studio:
             before = self.session.view
             await self._command(self.session.show, **given)
             now = self.session.view
-            if (now.camera, now.frame) != (before.camera, before.frame):  # another pose, values at another time
+            if (now.camera, now.frame) != (before.camera, before.frame):  # then pose and values are others
                 self._later(self._tell_scene())
             self._tell_all(self._state())
 
@@ -372,7 +372,7 @@ class Studio:
         return _file_of(self._final.folder, request, download=True)
 
     async def _tell_edited(self, edited: dict[str, Any] | None) -> None:
-        """Tell all pages of an edit: see `_values`; before that of the scene, where other controls are in it now."""
+        """Tell all pages about an edit: see `_values`; if there are other controls now, tell them the scene first."""
         before = _shape(self._groups)
         text = await self._command(self._values, edited)
         if _shape(self._groups) != before:
@@ -380,10 +380,10 @@ class Studio:
         self._tell_all(text)
 
     def _values(self, edited: dict[str, Any] | None) -> str:
-        """Return the message about values: those that were edited, or with None all that differ from before.
+        """Return the message about values: those that were edited, or with None all that changed.
 
-        Where an edit leaves a value to the stage, that is not known before the stage is read; nor are the looks that
-        lights have.
+        If an edit leaves a value to the stage, or changes the look of a light, the controls are read from the stage to
+        know the new values.
         """
         edits, values, authored = self.session.edits, {}, {}
         if edited is None or any(value is None or path.endswith(":look") for path, value in edited.items()):
@@ -406,7 +406,7 @@ class Studio:
             each.tell(text)
 
     async def _send(self, watcher: _Watcher) -> None:
-        """Send a page what waits for it, the newest picture alone."""
+        """Send a page its texts and only the newest of its pictures."""
         loop = asyncio.get_running_loop()
         while True:
             await watcher.news.wait()
@@ -420,7 +420,7 @@ class Studio:
 
 
 def _encoded(picture: Picture, watcher: _Watcher) -> bytes:
-    """Return a picture as a page shows it, behind its header."""
+    """Return a picture as a page shows it, after its header."""
     found = encoded(picture, watcher.layer, watcher.exposure, watcher.display, watcher.eye)
     header = {
         "version": picture.version, "passes": picture.passes, "planned": picture.planned, "layer": found.layer,
@@ -430,7 +430,7 @@ def _encoded(picture: Picture, watcher: _Watcher) -> bytes:
 
 
 def _file_of(folder: Path, request: Request, download: bool = False) -> Response:
-    """Return the file of a folder that a request names, for a page or to be saved."""
+    """Return the file in a folder that a request names, for the page or as a download."""
     file = folder / request.path_params["name"]
     if file.parent != folder or not file.is_file():
         return PlainTextResponse("there is no such file\n", 404, _HEADERS)
@@ -451,7 +451,7 @@ def _pixel(at: tuple[float, float], picture: Picture | None) -> dict[str, list[f
 
 
 def _described(found: Sequence[Controls]) -> list[dict[str, Any]]:
-    """Return controls as the protocol has them."""
+    """Return controls as pages get them."""
     groups = [asdict(each) for each in found]
     for group in groups:
         for control in group["controls"]:
@@ -461,7 +461,7 @@ def _described(found: Sequence[Controls]) -> list[dict[str, Any]]:
 
 
 def _shape(groups: list[dict[str, Any]]) -> list[Any]:
-    """Return the parts of controls that only the scene message carries."""
+    """Return the parts of controls that only the message about the scene carries."""
     return [
         (group["path"], group["uses"], [(each["path"], each["choices"]) for each in group["controls"]])
         for group in groups
@@ -469,7 +469,7 @@ def _shape(groups: list[dict[str, Any]]) -> list[Any]:
 
 
 def _flat(groups: list[dict[str, Any]]) -> dict[str, tuple[Any, bool]]:
-    """Return the values of controls by their paths, and whether they are set; those of ramps by their parts."""
+    """Return the values of controls by path, and whether they are authored; ramps have a path for each part."""
     found = {}
     for group in groups:
         for control in group["controls"]:
@@ -482,7 +482,7 @@ def _flat(groups: list[dict[str, Any]]) -> dict[str, tuple[Any, bool]]:
 
 
 def _note(groups: list[dict[str, Any]], edited: dict[str, Any]) -> None:
-    """Note edited values in controls."""
+    """Change the values of controls to edited ones."""
     for group in groups:
         for control in group["controls"]:
             for part, path in control["parts"].items():

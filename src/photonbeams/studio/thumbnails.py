@@ -1,4 +1,4 @@
-"""Thumbnails of presets, as the renderer shows them."""
+"""Thumbnails of presets, made by the renderer."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _WIDTH, _HEIGHT = 144, 60
 
 @cache
 def thumbnail_of(name: str) -> bytes:
-    """Return a preset's thumbnail as a PNG; SceneError where there is no preset of that name."""
+    """Return a preset's thumbnail as a PNG; SceneError if no preset has this name."""
     pixels = thumbnail(build_look(preset_look(name)), preset_of(name).factor, _WIDTH, _HEIGHT)
     data = BytesIO()
     Image.fromarray((255 * np.clip(pixels, 0, 1) + 0.5).astype(np.uint8)).save(data, "PNG")

@@ -1,4 +1,4 @@
-/** The browser's side of photonbeams.studio.widget.Widget: it shows `picture`, and counts up `gesture`. */
+/** The browser's side of photonbeams.studio.widget.Widget: it shows `picture`, and adds up movements in `gesture`. */
 
 const RADIANS_PER_PIXEL = 0.006;
 const RADIANS_PER_KEY = 0.06;
@@ -24,7 +24,7 @@ function element(name, properties = {}, children = []) {
 function render({ model, el }) {
   const image = element("img", {
     alt: "The shot, rendered live",
-    title: "Drag to orbit, with Shift to pan; click, and the wheel or + and − dolly, and arrow keys orbit",
+    title: "Drag to orbit, with Shift to pan; after a click the wheel, + and − dolly, and arrow keys orbit",
     draggable: false,
     tabIndex: 0,
   });
@@ -42,7 +42,7 @@ function render({ model, el }) {
     passes,
   ]);
   const root = element("div", { className: "photonbeams" }, [image, problem, controls]);
-  // Keys are meant for the picture, not for commands of the notebook.
+  // Keys are for the picture: JupyterLab must not take them as its shortcuts.
   root.dataset.lmSuppressShortcuts = "true";
   el.append(root);
 
@@ -73,9 +73,9 @@ function render({ model, el }) {
 
   const set = (name, value) => {
     model.set(name, value);
-    model.save_changes(); // which waits for the answer to the last change, and then sends the newest alone
+    model.save_changes(); // waits for the answer to the last change, and then sends only the newest
   };
-  /** Move the camera on: radians to the left and up, widths of the picture to the right and up, and nearer. */
+  /** Add a movement: radians to the left and up, widths of the picture to the right and up, and nearer. */
   const move = (...more) => {
     const [homes, ...sums] = model.get("gesture");
     set("gesture", [homes, ...sums.map((sum, index) => sum + (more[index] ?? 0))]);
@@ -107,7 +107,7 @@ function render({ model, el }) {
     last = null;
   };
   const onWheel = (event) => {
-    if (!image.matches(":focus")) return; // or nobody could scroll past the picture
+    if (!image.matches(":focus")) return; // so that the notebook can be scrolled past the picture
     event.preventDefault();
     const pixels = event.deltaMode === WheelEvent.DOM_DELTA_LINE ? event.deltaY * 16 : event.deltaY;
     move(0, 0, 0, 0, -NEARER_PER_PIXEL * Math.max(-200, Math.min(200, pixels)));
