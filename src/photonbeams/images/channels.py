@@ -1,7 +1,7 @@
-"""The channels of other renderers' images: which of them are a depth or a picture, and their pixels.
+"""Channels of other renderers' images: which of them are a depth or a picture, and their pixels.
 
-A file holds parts, and parts hold channels. What a channel is called differs from renderer to renderer, and is found by
-what the names have in common; parts, views and data windows are read as OpenEXR means them.
+A file holds parts, and parts hold channels. Renderers name their channels differently, so they are recognized by what
+these names have in common. Parts, views and data windows are read as OpenEXR defines them.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ Warn = Callable[[str], None]
 Size = tuple[int, int]  # width and height
 Layer = tuple[int, str]  # a part, and the name that its channels share
 
-# Names of layers that are a picture, the one that is meant first; a layer without a name comes before all.
+# Names of layers that hold the picture, the likeliest first; a layer without a name is likelier still.
 _PICTURES = ("rgba", "combined", "beauty", "c", "color", "main")
 _COLORS = (("r", "red"), ("g", "green"), ("b", "blue"))
 
 
 @dataclass(frozen=True)
 class Channel:
-    """A channel: its part and place in the file, its name with the layer's in front, its type and its view."""
+    """A channel: its part, its index in it, its name with the layer's in front, its type and its view."""
 
     part: int
     index: int
@@ -45,12 +45,12 @@ class Channel:
 
     @property
     def layer(self) -> Layer:
-        """Where its siblings are: the part, and the name without the last word."""
+        """The channel's layer: the part, and the name without the last word."""
         return self.part, self.name.lower().rpartition(".")[0]
 
 
 def channels_named(channels: Sequence[Channel], name: str) -> list[Channel]:
-    """Return the channels of a name, or whose name ends or begins with it; the first are the likeliest."""
+    """Return the channels with a name, then those whose names end with it, then those whose names begin with it."""
     wanted = name.lower()
     tests: tuple[Callable[[str], bool], ...] = (
         lambda found: found == wanted,
@@ -61,19 +61,19 @@ def channels_named(channels: Sequence[Channel], name: str) -> list[Channel]:
 
 
 def depth_channels(channels: Sequence[Channel]) -> list[Channel]:
-    """Return the channels whose names are most that of a depth; of a file with one channel, that."""
+    """Return the channels whose names are the most like that of a depth; if a file has only one channel, that."""
     vectors = {each.layer for each in channels if each.words[-1] == "x"}
     ranks = [(_depth_rank(each, vectors), each) for each in channels]
     least = min((found for found, _ in ranks if found is not None), default=None)
     if least is None and len(channels) == 1:
-        return list(channels)  # a picture of one channel is what it is
+        return list(channels)  # the only channel of a file needs no particular name
     return [each for found, each in ranks if found is not None and found == least]
 
 
 def _depth_rank(channel: Channel, vectors: set[Layer]) -> int | None:
-    """Return how much a channel's name is that of a depth, 0 the most; None: not at all.
+    """Return how much a channel's name is like that of a depth, from 0, the most; None: not at all.
 
-    A Z beside an X is that of a vector: of a normal, a position or a motion.
+    A Z beside an X is part of a vector, such as a normal, a position or a motion.
     """
     *layers, last = channel.words
     layer = layers[-1] if layers else ""
@@ -84,7 +84,7 @@ def _depth_rank(channel: Channel, vectors: set[Layer]) -> int | None:
         return 1
     if _is_depth(layer) and last in ("r", "y", "v"):
         return 3
-    return 4 if last == "t" and not vector else None  # Mitsuba's
+    return 4 if last == "t" and not vector else None  # Mitsuba's name
 
 
 def _is_depth(word: str) -> bool:
@@ -92,12 +92,12 @@ def _is_depth(word: str) -> bool:
 
 
 def says_distance(channel: Channel) -> bool:
-    """Return whether a depth's name is that of a distance from the camera."""
+    """Return whether a channel's name says that its depth is a distance from the camera."""
     return channel.words[-1] == "t" or any(word.endswith("dist") or "distance" in word for word in channel.words)
 
 
 def picture_channels(file: ImageFile, channels: Sequence[Channel], warn: Warn) -> list[Channel]:
-    """Return red, green, blue, and alpha if there is one, of the layer that is the picture; SceneError without one."""
+    """Return red, green, blue, and alpha if it exists, of the layer that holds the picture; SceneError without one."""
     layers: dict[Layer, dict[str, Channel]] = {}
     for each in channels:
         layers.setdefault(each.layer, {})[each.words[-1]] = each
@@ -117,19 +117,21 @@ def picture_channels(file: ImageFile, channels: Sequence[Channel], warn: Warn) -
     equal = [each for each in found if rank(each) == rank(best)]
     if len(equal) > 1:
         names = ", ".join(found[each][0].name.rpartition(".")[0] for each in equal)
-        warn(f"{file} has the pictures {names}: the first is taken, expected one that is called {_PICTURES[0]}")
+        warn(f"{file} has the pictures {names}: the first is used, expected one that is called {_PICTURES[0]}")
     return found[best]
 
 
 class ImageFile:
-    """The headers of an image file, and its channels over all of its display window.
+    """An image file: its headers, and its channels over the whole display window.
 
-    `apart` is whether its name says the view.
+    `apart` is whether each view has a file of its own, whose name contains the view.
 
     Raises
     ------
-    OSError, SceneError
-        No such file, or none that may be read; no image, or a deep one.
+    OSError
+        A file that does not exist or may not be read.
+    SceneError
+        A file that is no image, or a deep one.
     """
 
     def __init__(self, path: Path, apart: bool) -> None:
@@ -146,7 +148,7 @@ class ImageFile:
 
     @property
     def size(self) -> Size:
-        """Width and height of the display window, which OpenEXR wants alike in all parts."""
+        """Width and height of the display window, which OpenEXR requires to be the same in all parts."""
         return self._specs[0].full_width, self._specs[0].full_height
 
     @cached_property
@@ -155,9 +157,12 @@ class ImageFile:
         return [each for part, spec in enumerate(self._specs) for each in _channels_of(part, spec, several)]
 
     def channels_of(self, view: str, views: Sequence[str]) -> list[Channel]:
-        """Return the channels of one view of the frame's; where that is "", those of the file's first view.
+        """Return the channels of `view`, one of the frame's `views`; for "", those of the file's first view.
 
-        Raises SceneError where the file has not that view, or none of two.
+        Raises
+        ------
+        SceneError
+            The file does not have this view, or has no views, and the frame has two.
         """
         own = list(dict.fromkeys(each.view for each in self._channels if each.view))
         if len(views) > 1 and not own and not self._apart:
@@ -169,7 +174,7 @@ class ImageFile:
         return [each for each in self._channels if each.view in ("", chosen)]
 
     def pixels(self, channels: Sequence[Channel], outside: float) -> Array:
-        """Return channels of one part, (H, W, C) float32; beyond the data window they are `outside`."""
+        """Return channels of one part, (H, W, C) float32; outside of the data window they have the value `outside`."""
         part = channels[0].part
         spec = self._specs[part]
         with opened(self._path) as file:
@@ -186,19 +191,20 @@ class ImageFile:
         return result
 
     def warn_of_primaries(self, part: int, warn: Warn) -> None:
-        """Warn of colours that are not those of the beams: the sum is then neither's."""
+        """Warn if the primaries are not those of the beams: sums of both would have wrong colours."""
         found = self._specs[part].getattribute("chromaticities") or self._specs[0].getattribute("chromaticities")
         if found is not None and not np.allclose(found, REC709, atol=2e-3):
             numbers = " ".join(f"{value:.4g}" for value in found)
-            warn(f"{self} has the chromaticities {numbers}: expected Rec. 709, which is what the beams are")
+            warn(f"{self} has the chromaticities {numbers}: expected Rec. 709, in which the beams are rendered")
 
 
 def _channels_of(part: int, spec: Any, several: bool) -> Iterator[Channel]:
-    """Yield a part's channels, views taken out of their names; of `several` parts, each is a layer of its name."""
+    """Yield a part's channels, with views removed from their names; each of `several` parts is a layer."""
     view = spec.get_string_attribute("view")
     layer = spec.get_string_attribute("oiio:subimagename")
     layer = layer.removesuffix(f".{view}") if view else layer
-    # OpenEXR's older form, one part for all views: Z and depth.Z of the first, right.Z and depth.right.Z.
+    # OpenEXR's older form has one part for all views: Z and depth.Z are the first view's, right.Z and depth.right.Z the
+    # other's.
     views = spec.getattribute("multiView") or ()
     for index, name in enumerate(spec.channelnames):
         words = name.split(".")
@@ -210,7 +216,7 @@ def _channels_of(part: int, spec: Any, several: bool) -> Iterator[Channel]:
 
 
 def image_files(place: PathLike | Array, frame: float, views: Sequence[str]) -> Iterator[tuple[ImageFile, str]]:
-    """Yield the file of each view of a frame, and the view; none where there are pixels."""
+    """Yield the file of each view of a frame, and the view; nothing if `place` is pixels."""
     if isinstance(place, np.ndarray):
         return
     path = numbered(Path(place), frame)

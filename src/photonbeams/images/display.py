@@ -10,14 +10,14 @@ SHOULDER = 0.5  # scene-linear value up to which `tone_mapped` changes nothing
 WHITENING = 0.15  # how fast the shoulder turns bright colours white; the value of Khronos' PBR Neutral
 
 
-# Of the lit pixels, which part is to be darker than white's shoulder: the rest are lamps and what is close to them.
+# The fraction of lit pixels that should be below the shoulder: the rest are lamps and their surroundings.
 _JUDGED = 0.95
 
 
 def exposure_of(pixels: Array) -> float:
-    """Return the exposure in stops, to a tenth, at which nearly all of a picture is below the shoulder.
+    """Return the exposure in stops, to a tenth, at which 95 % of a picture's lit pixels are below the shoulder.
 
-    Alpha and pixels without light do not count; of a black picture it is 0.
+    Alpha does not count. The exposure of a black picture is 0.
     """
     peak = np.asarray(pixels, dtype=np.float64)[..., :3].max(axis=-1)
     lit = peak[np.isfinite(peak) & (peak > 0)]
@@ -27,13 +27,13 @@ def exposure_of(pixels: Array) -> float:
 
 
 def tone_mapped(pixels: Array, exposure: float = 0.0) -> Array:
-    """Return display-linear colours in [0, 1] of scene-linear ones: the view that PNGs are made with.
+    """Return scene-linear colours as display-linear ones in [0, 1]: the view transform of PNGs.
 
-    Colours whose largest channel m is below 0.5 stay as they are, so that fog and shadows are what was computed. Above
-    that, m goes through a hyperbola to 1, with no kink, and its colour is scaled by the same factor, so that no channel
-    clips alone and hue holds; as m grows, the colour is mixed with white, as film and the eye see what is very bright.
-    This is the shoulder of Khronos' PBR Neutral, begun lower, since a lamp's neighbourhood in fog spans many stops,
-    and without its toe, which would darken thin fog. Negative values and NaN become 0.
+    Colours whose largest channel m is below 0.5 do not change, so that fog and shadows are shown as computed. Above
+    that, m follows a hyperbola towards 1, without a kink, and the colour is scaled by the same factor: no channel
+    clips alone, and the hue stays. As m grows, the colour is mixed with white, as film and the eye see very bright
+    light. This is the shoulder of Khronos' PBR Neutral, but it begins lower, because the light around a lamp in fog
+    spans many stops; and it lacks the toe, which would darken thin fog. Negative values and NaN become 0.
     """
     light = np.asarray(pixels, dtype=np.float64) * 2.0**exposure
     light = np.nan_to_num(np.maximum(light, 0.0), nan=0.0, posinf=1e30)
@@ -47,7 +47,7 @@ def tone_mapped(pixels: Array, exposure: float = 0.0) -> Array:
 
 
 def srgb_encoded(linear: Array) -> Array:
-    """Return linear values in [0, 1] as the sRGB transfer function encodes them (IEC 61966-2-1)."""
+    """Return linear values in [0, 1] encoded by the sRGB transfer function (IEC 61966-2-1)."""
     return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * np.maximum(linear, 0.0031308) ** (1 / 2.4) - 0.055)
 
 
@@ -57,18 +57,18 @@ def srgb_decoded(encoded: Array) -> Array:
 
 
 def is_encoded(kind: str, channels: int) -> bool:
-    """Return whether an image file's colours are to be taken as sRGB, as UsdUVTexture's "auto" has it; else as linear.
+    """Return whether an image file's colours are sRGB rather than linear, by the rule of UsdUVTexture's "auto".
 
-    They are where `kind`, the type that they are stored in, is of 8 bits, and there are three channels or more.
+    They are sRGB if `kind`, the type in which they are stored, has 8 bits, and there are three channels or more.
     """
     return kind == "uint8" and channels >= 3
 
 
 def dithered(picture: Array) -> Array:
-    """Return values in [0, 1], (H, W, C), as 8 bit, rounded up or down by a fixed pattern so that fog does not band.
+    """Return values in [0, 1], (H, W, C), as 8 bits, rounded up or down by a fixed pattern so that fog has no bands.
 
-    The pattern is interleaved gradient noise (Jimenez 2014), shifted for each channel: evenly spread over any few
-    neighbours, and the same for each frame. On the average a pixel keeps its value; 0 and 1 stay exact.
+    The pattern is interleaved gradient noise (Jimenez 2014), shifted for each channel: it is even over small groups of
+    neighbours, and the same in each frame. On average values are kept; 0 and 1 stay exact.
     """
     height, width, channels = picture.shape
     y, x, c = np.ogrid[:height, :width, :channels]

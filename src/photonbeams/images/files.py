@@ -1,6 +1,6 @@
-"""Image files: layered EXR and tone-mapped PNG out, layers and pictures back in.
+"""Image files: layered EXRs and tone-mapped PNGs are written, layers and pictures are read.
 
-Nothing is half written: see `files`.
+Files are written whole or not at all: see `runtime.files`.
 """
 
 from __future__ import annotations
@@ -26,24 +26,24 @@ Views = Mapping[str, tuple[Mapping[str, Array], Mapping[str, Any]]]  # view to i
 
 HALF_MAX = 65504.0  # the largest finite half
 REC709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)  # red, green, blue, white: the `chromaticities` of EXR
-SHARED = ("displayWindow", "chromaticities")  # of those that OpenEXR wants alike in all parts, what a frame gives
-PNG_END = b"IEND\xaeB`\x82"  # the last chunk of a whole PNG
+SHARED = ("displayWindow", "chromaticities")  # attributes of a frame that must be the same in all parts of an EXR
+PNG_END = b"IEND\xaeB`\x82"  # the end of every complete PNG
 
 
 # -- files -----------------------------------------------------------------------------------------------------------
 
 
 def prepare_output(path: PathLike) -> Path:
-    """Return `path`, having checked, before hours of rendering, that a picture can be written there.
+    """Check, before hours of rendering, that a picture can be written to `path`, and return it.
 
-    The trial leaves no trace; writing makes the folder if there is none, as usdrecord does.
+    The check leaves no trace. When the picture is written its folder is made, if it does not exist, as by usdrecord.
 
     Raises
     ------
     SceneError
-        Neither .exr nor .png.
+        A name that ends neither in .exr nor in .png.
     OSError
-        The folder cannot be made or written to, or a folder bears the file's name.
+        The folder cannot be made or written to, or there is a folder with the file's name.
     """
     path = _picture_path(path)
     try_path(path)
@@ -51,9 +51,9 @@ def prepare_output(path: PathLike) -> Path:
 
 
 def _failed(path: Path, message: str) -> OSError:
-    """Return the system's error behind a library's failure to write `path`, by the library's message."""
+    """Return the system's error because of which a library could not write `path`, or else the library's message."""
     try:
-        with path.open("ab") as file:  # what stopped the library stops this, and Python asks the system why
+        with path.open("ab") as file:  # this fails as the library did, but Python reports the system's reason
             file.write(bytes(1 << 16))
             file.flush()
             os.fsync(file)
@@ -85,12 +85,12 @@ def write_frame(
     Parameters
     ----------
     views
-        As in `write_exr`; a .png shows them side by side, the first on the left, each at its full size.
+        As for `write_exr`; a .png shows them side by side at full size, the first on the left.
 
     Raises
     ------
     SceneError
-        Another suffix, no such layer, or a picture of one without colours, such as `depth`.
+        Another suffix, no such layer, or a .png of a layer without colours, such as `depth`.
     ValueError
         As `write_exr` and `write_png`.
     OSError
@@ -115,34 +115,38 @@ def write_exr(
     metadata: Mapping[str, Any] | None = None,
     views: Views | None = None,
 ) -> None:
-    """Write a multi-part EXR, a part for each layer, `rgba` first; ZIP, half for colour, float for others.
+    """Write a multi-part EXR with a part for each layer, `rgba` first: ZIP, half for colours, float for others.
 
     Parameters
     ----------
     path
-        Its folder is made if there is none.
+        Its folder is made if it does not exist.
     layers
-        Name to pixels, all of one size, first row on top: (H, W, 4) and (H, W, 3) become R, G, B(, A), those of
-        `normal` X, Y, Z, and (H, W) or (H, W, 1) becomes Z. Colours beyond ±65504 are clamped to that, the largest
-        half; infinite depth stays.
+        Pixels by name, all of one size, first row on top: (H, W, 4) and (H, W, 3) become R, G, B(, A), those of
+        `normal` X, Y, Z, and (H, W) or (H, W, 1) becomes Z. Colours beyond ±65504, the largest half, are clamped;
+        infinite depth stays.
     metadata
         Header attributes for every part: str, int, float, `Fraction` (framesPerSecond), lists of str, and (4, 4)
-        arrays. The matrices worldToCamera and worldToNDC are for row vectors, as Imath and USD have them. For a
-        cropped frame, `dataWindow` and `displayWindow` are (x0, y0, x1, y1), the last pixel included. Chromaticities
-        are Rec.709 unless given.
+        arrays. The matrices worldToCamera and worldToNDC are for row vectors, as in Imath and USD. For a cropped
+        frame, `dataWindow` and `displayWindow` are (x0, y0, x1, y1), the last pixel included. Chromaticities are
+        Rec. 709 unless given.
     views
-        Layers and metadata of each view, in place of `layers` and `metadata`: "left" and "right", the default one
-        first. Each part says its `view`, and where there are several has it at the end of its name, as in beams.left,
-        since names are unique: https://openexr.com/en/latest/MultiViewOpenEXR.html, of whose two forms this is the
-        preferred one.
+        Layers and metadata of each view, instead of `layers` and `metadata`: "left" and "right", the default one
+        first. Each part has the attribute `view`; if there are several views, the part's name ends with it, as in
+        beams.left, since names must be unique.
 
     Raises
     ------
     ValueError
-        Layers of several sizes or of other shapes, metadata that EXR has no type for, views of unlike display windows
-        or chromaticities, or one without a name among several.
+        Layers of several sizes or of other shapes, metadata for which EXR has no type, views with different display
+        windows or chromaticities, or one without a name among several.
     OSError
         As `atomic_path`.
+
+    References
+    ----------
+    Storing multi-view images, https://openexr.com/en/latest/MultiViewOpenEXR.html: this is the preferred one of its two
+    forms.
     """
     views = views or {"": (layers, metadata or {})}
     views = {
@@ -153,17 +157,17 @@ def write_exr(
     parts = [
         OpenEXR.Part(_header(about), _channels(name, seen[name]), _part_name(name, view, views))
         for view, (seen, about) in views.items()
-        for name in sorted(seen, key=lambda name: name != "rgba")  # stable: the others keep their order
+        for name in sorted(seen, key=lambda name: name != "rgba")  # the sort is stable: the others keep their order
     ]
     write_exr_parts(path, parts)
 
 
 def write_exr_parts(path: PathLike, parts: list[OpenEXR.Part]) -> None:
-    """Write the parts of an EXR, whole or not at all; raises OSError as `atomic_path`."""
+    """Write the parts of an EXR, whole or not at all; raise OSError as `atomic_path` does."""
     with atomic_path(path) as beside:
         try:
             OpenEXR.File(parts).write(str(beside))
-        except RuntimeError as error:  # OpenEXR's only one
+        except RuntimeError as error:  # OpenEXR raises no other kind
             raise _failed(beside, str(error)) from error
 
 
@@ -172,7 +176,7 @@ def _part_name(layer: str, view: str, views: Views) -> str:
 
 
 def _check_views(path: PathLike, views: Views) -> None:
-    """Raise ValueError for views that OpenEXR would refuse with another message, or write wrongly."""
+    """Raise ValueError for views that OpenEXR would refuse with an unclear message, or write wrongly."""
     if len(views) > 1 and "" in views:
         raise ValueError(f"while writing {path}, got views {', '.join(map(repr, views))}: expected a name for each")
     for name in SHARED:
@@ -191,7 +195,7 @@ def _check_views(path: PathLike, views: Views) -> None:
 
 
 def _header(metadata: Mapping[str, Any]) -> dict[str, Any]:
-    """Return attributes of the types that the OpenEXR module takes."""
+    """Return metadata as attributes of the types that the OpenEXR module takes."""
     result: dict[str, Any] = {"type": OpenEXR.scanlineimage, "compression": OpenEXR.ZIP_COMPRESSION}
     for name, value in metadata.items():
         if name in ("dataWindow", "displayWindow"):
@@ -216,7 +220,7 @@ def _all_text(values: list[Any]) -> bool:
 
 
 def _channels(name: str, pixels: Array) -> dict[str, Array]:
-    """Return the layer's channels by the name that OpenEXR gives to an interleaved array."""
+    """Return the layer's channels by name; "RGB", "RGBA" and "Z" are OpenEXR's names for interleaved arrays."""
     pixels = np.asarray(pixels)
     if name == "normal" and pixels.ndim == 3 and pixels.shape[2] == 3:
         return {axis: np.ascontiguousarray(pixels[..., i], dtype=np.float32) for i, axis in enumerate("XYZ")}
@@ -231,9 +235,9 @@ def _channels(name: str, pixels: Array) -> dict[str, Array]:
 def write_png(path: PathLike, *eyes: Array, exposure: float = 0.0) -> None:
     """Write scene-linear colours (H, W, 3 or 4), premultiplied, as an opaque 8-bit sRGB picture over black.
 
-    Several are set side by side, the first on the left; each is, to the bit, what it would be alone.
+    Several eyes are shown side by side, the first on the left; each has the bits that it would have alone.
 
-    Alpha is left out: beams add light where alpha is zero, which PNG's alpha cannot say.
+    Alpha is left out: beams add light where alpha is 0, which PNG's alpha cannot express.
 
     Parameters
     ----------
@@ -243,7 +247,7 @@ def write_png(path: PathLike, *eyes: Array, exposure: float = 0.0) -> None:
     Raises
     ------
     ValueError
-        Eyes of several heights.
+        Eyes of different heights.
     OSError
         As `atomic_path`.
     """
@@ -257,7 +261,7 @@ def write_png(path: PathLike, *eyes: Array, exposure: float = 0.0) -> None:
         file: Any = OpenImageIO.ImageOutput.create("png")
         done = file.open(str(beside), spec) and file.write_image(picture)
         file.close()
-        # On a full disk every call says True: the error text tells, and for the last few bytes only the file itself.
+        # On a full disk every call returns True: only the error text tells, or for the last few bytes the file itself.
         message = file.geterror()
         if message or not done or not beside.read_bytes().endswith(PNG_END):
             raise _failed(beside, message)
@@ -268,18 +272,18 @@ def write_png(path: PathLike, *eyes: Array, exposure: float = 0.0) -> None:
 
 @dataclass(frozen=True)
 class Part:
-    """A part of an EXR, or another image as a whole.
+    """A part of an EXR, or the whole of another image.
 
     Attributes
     ----------
     name
-        "rgba" for a part without a name; parts of one name are told apart by their view, or by their number.
+        "rgba" for a part without a name; to parts with the same name, the view or a number is appended.
     channels, types
-        The channels' names, and how they are stored: half, float, uint8, ...
+        The channels' names, and the types in which they are stored: half, float, uint8, …
     pixels
         (H, W, C) float32 as stored, no colour converted, first row on top.
     view
-        "left", "right", or what else the file says; empty where it says none.
+        "left", "right", or another view that the file names; empty if it names none.
     """
 
     name: str
@@ -300,9 +304,9 @@ def read_parts(path: PathLike) -> list[Part]:
     Raises
     ------
     OSError
-        No such file, or it may not be read.
+        The file does not exist, or may not be read.
     SceneError
-        No image, or a broken one.
+        The file is no image, or a broken one.
     """
     parts: list[Part] = []
     for index, (spec, pixels) in enumerate(_subimages(path)):
@@ -318,7 +322,7 @@ def read_parts(path: PathLike) -> list[Part]:
 def read_layers(path: PathLike, view: str | None = None) -> dict[str, Array]:
     """Return the pixels of `read_parts` by name, (H, W, C), or (H, W) where there is one channel.
 
-    With a `view`, its layers only, under names that leave it out.
+    With a `view`, return only its layers, by names without the view.
 
     Raises
     ------
@@ -356,7 +360,7 @@ def read_image(path: PathLike) -> Array:
 
 @contextmanager
 def opened(path: PathLike) -> Iterator[Any]:
-    """Give an image file as OpenImageIO's input.
+    """Open an image file as an OpenImageIO input, for a `with` statement.
 
     Raises
     ------
@@ -365,9 +369,9 @@ def opened(path: PathLike) -> Iterator[Any]:
     """
     path = Path(path)
     problem = why_unreadable(path) if path.exists() and not (path.is_file() or path.is_dir()) else ""
-    if problem:  # a pipe would keep whoever opens it waiting
+    if problem:  # opening a pipe would block
         raise SceneError(f"{path} cannot be read: expected an image, {problem}")
-    with path.open("rb"):  # for the system's own words where there is no file, or no right to it
+    with path.open("rb"):  # for the system's own error if the file does not exist or may not be read
         pass
     file: Any = OpenImageIO.ImageInput.open(str(path))
     if not file:
@@ -394,12 +398,12 @@ def _subimages(path: PathLike) -> Iterator[tuple[Any, Array]]:
 
 
 def unreadable(path: PathLike, message: str) -> SceneError:
-    """Return (for raising) the error of an image that cannot be decoded."""
+    """Return the error to raise for an image that cannot be decoded."""
     return SceneError(f"{path} cannot be read: expected an image ({reason(message)})")
 
 
 def complaint(decoder: Any) -> str:
-    """Return what OpenImageIO says of its last error; of broken files it quotes bytes that are no text."""
+    """Return OpenImageIO's last error message, which may quote bytes of a broken file that are no valid text."""
     try:
         return str(decoder.geterror())
     except UnicodeDecodeError as error:
@@ -407,5 +411,5 @@ def complaint(decoder: Any) -> str:
 
 
 def reason(message: str) -> str:
-    """Return the first line of the decoder's message, if there is one."""
+    """Return the first line of the decoder's message, or "unknown format" if there is none."""
     return message.strip().splitlines()[0] if message.strip() else "unknown format"

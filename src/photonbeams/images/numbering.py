@@ -1,4 +1,4 @@
-"""File names with a frame's number, as usdrecord has it: #### is a whole one, ####.## has two more digits."""
+"""File names with a frame number, as in usdrecord: #### is a whole number, ####.## has two decimals."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ PLACEHOLDER = re.compile(r"#+(?:\.#+)?")
 
 
 def numbered(path: Path, frame: float) -> Path:
-    """Return the path of a frame: each run of # in its name is the number, padded."""
+    """Return the path of a frame: each run of # in the name is replaced by the number, padded with zeros."""
 
     def number(run: re.Match[str]) -> str:
         digits = len(run[0].partition(".")[2])

@@ -1,4 +1,4 @@
-"""Pictures for notebooks: the PNG that `files.write_png` writes, with fewer pixels where it would be a large file."""
+"""Pictures for notebooks: the PNG that `files.write_png` writes, scaled down if the file would be large."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import OpenImageIO
 from ..scene import Array
 from .files import write_png
 
-# A notebook keeps its pictures as text: a few large ones make it slow to open and to compare.
+# A notebook stores pictures as text: a few large ones make it slow to open and to compare.
 MOST_BYTES = 1_000_000
 MOST_PIXELS = 1 << 21  # about 1920 x 1080
 
@@ -19,18 +19,18 @@ MOST_PIXELS = 1 << 21  # about 1920 x 1080
 def preview(*eyes: Array) -> bytes:
     """Return scene-linear colours (H, W, 3 or 4) as a PNG of at most `MOST_BYTES`.
 
-    Several are set side by side, the first on the left. Up to `MOST_PIXELS` and `MOST_BYTES` the PNG is the file that
-    `write_png` writes, to the byte; beyond, it shows what a smaller render would.
+    Several eyes are shown side by side, the first on the left. Up to `MOST_PIXELS` and `MOST_BYTES` the PNG is, to the
+    byte, the file that `write_png` writes; larger pictures are scaled down, and look like a smaller render.
 
     Raises
     ------
     ValueError
-        Eyes of several heights.
+        Eyes of different heights.
     OSError
-        There is no room for a temporary file.
+        A temporary file cannot be written.
     """
     scale = min(1.0, (MOST_PIXELS / sum(np.shape(each)[0] * np.shape(each)[1] for each in eyes)) ** 0.5)
-    # OpenImageIO's Python writes files alone.
+    # OpenImageIO's Python module can only write to files.
     with tempfile.TemporaryDirectory(prefix="photonbeams-") as folder:
         path = Path(folder) / "preview.png"
         while True:
@@ -42,11 +42,11 @@ def preview(*eyes: Array) -> bytes:
 
 
 def _smaller(pixels: Array, scale: float) -> Array:
-    """Return a scene-linear picture at a `scale` of up to 1, each pixel the mean of those that it covers."""
+    """Return a scene-linear picture scaled by up to 1; each pixel is the mean of those that it covers."""
     if scale == 1.0:
         return pixels
     height, width = (max(1, round(scale * count)) for count in np.shape(pixels)[:2])
-    # One infinite or broken pixel would take its neighbours with it.
+    # One infinite pixel or NaN would spoil its neighbours.
     finite = np.nan_to_num(np.asarray(pixels, dtype=np.float32)[..., :3], nan=0.0, posinf=1e30, neginf=0.0)
     source = OpenImageIO.ImageBuf(np.ascontiguousarray(finite))
     region = OpenImageIO.ROI(0, width, 0, height, 0, 1, 0, 3)

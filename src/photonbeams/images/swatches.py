@@ -1,4 +1,4 @@
-"""Pictures of looks: beams as `estimate` sees them, and the curves of the factors.
+"""Pictures of looks: beams as `estimate` renders them, and the curves of the factors.
 
 Pictures are (H, W, 3) arrays, sRGB from 0 to 1; figures are Matplotlib's.
 """
@@ -20,10 +20,10 @@ from ..scene import Medium
 from ..scene.extras import needs
 from .display import srgb_encoded, tone_mapped
 
-#: A fog that is grey, but swallows blue first: what a look is shown in that is shown by itself.
+#: The fog in which a look is shown by itself: its scattering is grey, and it absorbs blue the most.
 FOG = Medium(scattering=(0.2, 0.2, 0.2), absorption=(0.03, 0.13, 0.28))
 
-# Inches, and dots an inch.
+# Inches, and dots per inch.
 _WIDTH, _BEAM_HEIGHT, _CURVE_HEIGHT, _TITLE, _DPI = 8.0, 1.6, 1.15, 0.24, 150
 _SECTION = 1.6
 _SAMPLES = 513
@@ -53,9 +53,9 @@ class Specimen:
 def picture(
     look: Look, beams: Beams, x: Any, y: Any, medium: Medium = FOG, scale: float | None = None, **given: Any
 ) -> np.ndarray:
-    """Return beams from parallel rays along −z, at x (W,) and y (H,) from the top, from a camera before them all.
+    """Return a picture of beams by parallel rays along −z, at x (W,) and y (H,), the top first, from in front of all.
 
-    `scale` multiplies radiances; None takes one that makes the picture bright. `given` goes on to `estimate`.
+    `scale` is a factor on radiances; None chooses one that makes the picture bright. `given` goes to `estimate`.
     """
     across, down = np.meshgrid(x, y)
     ends: list[Any] = [beams.start.z + beams.radius_start, beams.end.z + beams.radius_end]
@@ -69,7 +69,7 @@ def picture(
 
 
 def from_the_side(look: Look, specimen: Specimen, width: int, height: int) -> np.ndarray:
-    """Return a beam from the side, the light on its left."""
+    """Return a picture of a beam from the side, with the light on the left."""
     margin = 0.04 * specimen.length
     step = (specimen.length + 2 * margin) / width
     x, y = (np.arange(width) + 0.5) * step - margin, (height / 2 - 0.5 - np.arange(height)) * step
@@ -77,7 +77,7 @@ def from_the_side(look: Look, specimen: Specimen, width: int, height: int) -> np
 
 
 def cross_section(look: Look, specimen: Specimen, size: int) -> np.ndarray:
-    """Return a thin slice of a beam from its end, half way along it."""
+    """Return a picture of a thin slice of a beam, half way along it, seen from the beam's end."""
     radius = 0.5 * (specimen.radius_start + specimen.radius_end)
     middle, half = 0.5 * specimen.length, 0.01 * radius
     slice_ = Beams(
@@ -91,10 +91,10 @@ def side_by_side(
     look: Look, depths: Sequence[float], angles: Sequence[float], width: int, height: int, medium: Medium = FOG,
     scale: float | None = None,
 ) -> np.ndarray:  # fmt: skip
-    """Return beams of one size in a row, at these depths and at these scattering angles in degrees.
+    """Return a picture of beams of one size in a row, at these depths and at these scattering angles in degrees.
 
-    90° stands upright before the camera, less points toward it, more away; each is as long as it takes to look as tall.
-    The picture is as wide as there are beams, in scene units.
+    At 90° a beam is upright, at smaller angles it points toward the camera, at larger ones away; lengths are such that
+    all look equally tall. The picture is as many scene units wide as there are beams.
     """
     count = len(depths)
     starts, ends = [], []
@@ -111,7 +111,7 @@ def side_by_side(
 
 
 def thumbnail(look: Look, factor: str, width: int, height: int) -> np.ndarray:
-    """Return a small picture that shows one factor of a look best, or, of any other name, a beam from the side."""
+    """Return a small picture that suits a look's factor; for names without one of their own, a beam from the side."""
     if factor == "eye":
         return side_by_side(look, np.linspace(0.5, 5.5, 5).tolist(), [90.0] * 5, width, height)
     if factor == "angle":
@@ -125,7 +125,7 @@ def thumbnail(look: Look, factor: str, width: int, height: int) -> np.ndarray:
 
 
 def sheet(looks: Sequence[tuple[str, Look, Specimen]]) -> Any:
-    """Return a figure of named looks, one above the other: from the side, in section, and the curves of the factors."""
+    """Return a figure of named looks, one below the other: each from the side, in section, and its factors' curves."""
     with needs("plot", "a picture of looks", "matplotlib"):
         from matplotlib.figure import Figure
 
@@ -137,7 +137,7 @@ def sheet(looks: Sequence[tuple[str, Look, Specimen]]) -> Any:
 
 
 def _row(figure: Any, name: str, look: Look, specimen: Specimen, bottom: float, height: float) -> None:
-    """Draw a look into a figure, `bottom` inches up in its `height`."""
+    """Draw a look into a figure of some `height`, `bottom` inches above its lower edge."""
 
     def panel(left: float, low: float, width: float, high: float) -> Any:
         return figure.add_axes((left / _WIDTH, (bottom + low) / height, width / _WIDTH, high / height))
@@ -159,10 +159,11 @@ def _row(figure: Any, name: str, look: Look, specimen: Specimen, bottom: float, 
 
 
 def curves(look: BoundLook, specimen: Specimen) -> list[tuple[str, np.ndarray, np.ndarray, np.ndarray | None]]:
-    """Return the curves of the factors on the beam's axis: title, x (N,), values (3, N), and a second one or None.
+    """Return the curves of the factors: title, x (N,), values (3, N), and the values of a second curve or None.
 
-    Along by the distance from the light; across by the radius, half way along, with the profile's line projection as
-    the second; eye by the distance to the camera, as long as the beam; angle by degrees.
+    The factor along is over the distance from the light; across over the radius, half way along, with the profile's
+    line projection as the second curve; eye over the distance to the camera, up to the beam's length; angle over
+    degrees.
     """
     s = np.linspace(0, specimen.length, _SAMPLES)
     middle = 0.5 * specimen.length
@@ -202,7 +203,7 @@ def _colors(values: Any) -> np.ndarray:
 
 
 def plot_colors(axes: Any, x: np.ndarray, values: np.ndarray) -> None:
-    """Plot colours (3, N) as red, green and blue, or as one line where they are one."""
+    """Plot colours (3, N) as red, green and blue lines, or as one line if the channels are equal."""
     same = np.allclose(values, values[0])
     channels = values[:1] if same else values
     for channel, color in zip(channels, ("0.15",) if same else ("#c33", "#393", "#33c"), strict=True):
@@ -210,7 +211,7 @@ def plot_colors(axes: Any, x: np.ndarray, values: np.ndarray) -> None:
 
 
 def plot(axes: Any, title: str, x: np.ndarray, values: np.ndarray, second: np.ndarray | None = None) -> None:
-    """Plot colours (3, N) under a title, and a second line dashed."""
+    """Plot colours (3, N) below a title, and a second curve as a dashed line."""
     plot_colors(axes, x, values)
     if second is not None:
         axes.plot(x, second, color="0.5", linewidth=1, linestyle="--")

@@ -1,4 +1,4 @@
-"""Images as textures: decoded by OpenImageIO, scene-linear, no larger than a limit."""
+"""Images as textures: decoded by OpenImageIO, scene-linear, and no larger than a limit."""
 
 from __future__ import annotations
 
@@ -14,23 +14,23 @@ from ..scene import Array
 from .display import is_encoded, srgb_decoded
 from .files import complaint, reason
 
-#: Pixels a side beyond which textures are scaled down, unless a user says otherwise.
+#: Textures with more pixels along a side are scaled down, unless a user sets another limit.
 TEXTURE_LIMIT = 4096
 
-_STRIP = 64 * 2**20  # bytes of a large image that are decoded at once
-_LARGEST = 16384  # megabytes of pixels, uncompressed: what a small file can claim to hold
+_STRIP = 64 * 2**20  # bytes of a large image that are decoded at a time
+_LARGEST = 16384  # megabytes of uncompressed pixels: even a small file may claim to hold more
 
 _DECODED = srgb_decoded(np.arange(256) / 255).astype(np.float32)
 
 OpenImageIO.attribute("limits:imagesize_MB", _LARGEST)
 
-#: Turns pixels as they are stored into scene-linear ones; its second argument is the type that they are stored in.
+#: A function of stored pixels, and of the type in which they are stored, that returns scene-linear pixels.
 Linearize = Callable[[Array, str], Array]
 
 
 @dataclass(frozen=True)
 class Decoded:
-    """An image file's pixels, (H, W, C) float32 scene-linear, and its own size; or None and the decoder's complaint."""
+    """An image file's pixels, (H, W, C) float32 scene-linear, and the file's size; or None and the decoder's error."""
 
     pixels: Array | None
     width: int = 0
@@ -39,15 +39,15 @@ class Decoded:
 
 
 def decoded(path: str, linearize: Linearize, limit: int = TEXTURE_LIMIT) -> Decoded:
-    """Return an image of at most `limit` pixels a side: a smaller level of the file, or means over pixels.
+    """Return an image of at most `limit` pixels along a side: a smaller level of the file, or means over pixels.
 
-    No more is in memory than four times the result and a strip of the file.
+    This takes no more memory than four times the result and a strip of the file.
     """
     problem = why_unreadable(path)
     if problem:
         return Decoded(None, error=problem)
     config = OpenImageIO.ImageSpec()
-    config.attribute("oiio:UnassociatedAlpha", 1)  # the colour where alpha is 0 is still the surface's colour
+    config.attribute("oiio:UnassociatedAlpha", 1)  # where alpha is 0, the colour is still that of the surface
     file: Any = OpenImageIO.ImageInput.open(path, config)
     if not file:
         return Decoded(None, error=reason(complaint(OpenImageIO)))
@@ -67,7 +67,7 @@ def decoded(path: str, linearize: Linearize, limit: int = TEXTURE_LIMIT) -> Deco
 
 
 def wrap_modes(path: str) -> tuple[str, str] | None:
-    """Return what a texture file says is beyond it in u and in v, "black", "clamp", "periodic" or "mirror", or None."""
+    """Return a texture file's wrap modes in u and v, "black", "clamp", "periodic" or "mirror"; None if it has none."""
     file: Any = None if why_unreadable(path) else OpenImageIO.ImageInput.open(path)
     if not file:
         complaint(OpenImageIO)
@@ -78,13 +78,13 @@ def wrap_modes(path: str) -> tuple[str, str] | None:
 
 
 def linear(pixels: Array, kind: str, color_space: str) -> Array:
-    """Return stored pixels as scene-linear ones; `color_space` is "sRGB", "raw" or "auto", by how they are stored."""
+    """Return stored pixels as scene-linear ones; `color_space` is "sRGB", "raw" or "auto": by their stored type."""
     channels = pixels.shape[2]
     if not (color_space == "sRGB" or (color_space == "auto" and is_encoded(kind, channels))):
         return pixels
     result = pixels.copy()
     count = channels if channels not in (2, 4) else channels - 1  # alpha is never encoded
-    if kind == "uint8":  # 256 values: a power for each pixel would take a hundred times as long
+    if kind == "uint8":  # a table of 256 values: a power for each pixel would take a hundred times as long
         result[..., :count] = _DECODED[(pixels[..., :count] * 255 + 0.5).astype(np.uint8)]
     else:
         result[..., :count] = srgb_decoded(result[..., :count])
@@ -92,10 +92,10 @@ def linear(pixels: Array, kind: str, color_space: str) -> Array:
 
 
 def _read(file: Any, level: int, linearize: Linearize, limit: int) -> Array | None:
-    """Return the pixels of a level, scaled down by a whole number where it is too large; None if that fails."""
+    """Return the pixels of a level, scaled down by a whole number if it is too large; None if that fails."""
     spec = file.spec()
     kind, width, height = str(spec.format), spec.width, spec.height
-    # A fourth channel is alpha or, as others, no colour.
+    # A fourth channel may be alpha; if it is not, it is no part of the colour.
     channels = spec.nchannels if spec.nchannels <= 3 else 4 if spec.alpha_channel in (3, -1) else 3
     factor = max(1, max(width, height) // limit)
     if factor == 1:
@@ -115,7 +115,7 @@ def _read(file: Any, level: int, linearize: Linearize, limit: int) -> Array | No
 
 
 def _resized(pixels: Array, limit: int) -> Array:
-    """Return pixels, of less than twice the limit a side, scaled down to it; the ratio of the sides stays."""
+    """Return pixels, with less than twice the limit along a side, scaled down to it; the aspect ratio stays."""
     height, width, channels = pixels.shape
     size = max(height, width)
     if size <= limit:
@@ -129,7 +129,7 @@ def _resized(pixels: Array, limit: int) -> Array:
 
 
 def _strips(file: Any, level: int, channels: int, factor: int) -> Iterator[tuple[int, Any]]:
-    """Yield the first row and the pixels of strips that are whole multiples of `factor`, and of tiles, high."""
+    """Yield the first row and the pixels of strips, whose height is a multiple of `factor` and of the tiles' height."""
     spec = file.spec()
     step = int(np.lcm(factor, spec.tile_height)) if spec.tile_width else factor
     step *= max(1, _STRIP // (4 * spec.width * channels * step))
@@ -144,7 +144,7 @@ def _strips(file: Any, level: int, channels: int, factor: int) -> Iterator[tuple
 
 
 def _means(pixels: Array, factor: int) -> Array:
-    """Return the means over squares of pixels; those at the far edges may be cut off."""
+    """Return the means over squares of pixels; squares at the right and lower edges may be incomplete."""
     for _ in (0, 1):  # over rows, then over columns
         whole = len(pixels) // factor * factor
         parts = [sum(pixels[first:whole:factor] for first in range(factor)) / np.float32(factor)]

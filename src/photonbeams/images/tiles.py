@@ -1,4 +1,4 @@
-"""Tiles: EXRs of parts of one picture, joined."""
+"""Tiles: EXRs of parts of one picture, which are joined."""
 
 from __future__ import annotations
 
@@ -17,14 +17,15 @@ Box = tuple[int, int, int, int]  # x0, y0, x1, y1, the last pixel not included
 
 
 def join_tiles(paths: Sequence[Path], output: PathLike, *, partial: bool = False) -> tuple[int, int]:
-    """Write the picture that tiles are parts of; return how many of its pixels they cover, and how many it has.
+    """Join tiles into one picture and write it; return how many of its pixels they cover, and how many it has.
 
-    The header is that of the first tile, with the data window of all; what they leave out is black.
+    The header is that of the first tile, with a data window around all of them. Pixels that no tile covers are black.
 
     Raises
     ------
     SceneError
-        A file that is no EXR, tiles of other pictures or layers, tiles that overlap or, unless `partial`, gaps.
+        A file that is no EXR; tiles with other display windows or layers than the first; tiles that overlap; gaps
+        between tiles, unless `partial`.
     OSError
         A file that cannot be read or written.
     """
@@ -40,7 +41,7 @@ def join_tiles(paths: Sequence[Path], output: PathLike, *, partial: bool = False
         if covered[place].any():
             raise SceneError(f"{path}: covers what another tile covers: expected parts that do not overlap")
         covered[place] = True
-        parts = _read(path)  # one at a time: the picture may be larger than the memory that all need
+        parts = _read(path)  # one at a time, since all of them may not fit into memory
         if not joined:
             like = [part.channels.items() for part in parts]
             joined = [{name: _black(each.pixels, covered.shape) for name, each in channels} for channels in like]
@@ -74,7 +75,7 @@ def _box(header: dict[str, Any]) -> Box:
 
 
 def _kind(parts: Sequence[Any]) -> Any:
-    """Return what tiles of one picture have in common."""
+    """Return what tiles of one picture must have in common."""
     return [
         (part.name(), repr(part.header["channels"]), [tuple(map(int, each)) for each in part.header["displayWindow"]])
         for part in parts

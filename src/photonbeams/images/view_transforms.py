@@ -1,4 +1,4 @@
-"""View transforms: how scene-linear pictures become those of a screen, ours and OpenColorIO's."""
+"""View transforms, which turn scene-linear pictures into those of a screen: our own and OpenColorIO's."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from .display import dithered, srgb_encoded, tone_mapped
 
 _log = logging.getLogger("photonbeams")
 
-#: The view that PNGs are made with.
+#: The name of our own view transform, which PNGs have.
 OWN = "photonbeams"
 
-# OpenColorIO's own configuration, for those who have none, and the display of most screens in it.
+# OpenColorIO's built-in configuration, the default, and its display for most screens.
 _DEFAULT, _SCREEN = "ocio://default", "sRGB - Display"
-_LINEAR = "lin_rec709_scene"  # what pictures are in
+_LINEAR = "lin_rec709_scene"  # the colour space of pictures
 
 
 def view_transforms() -> list[str]:
     """Return the names of the view transforms: ours, and those of the user's OpenColorIO configuration ($OCIO).
 
-    Of OpenColorIO's default configuration they are those for screens of sRGB.
+    Of the built-in configuration, only those for sRGB screens are listed.
     """
     return [OWN, *_views()]
 
@@ -57,10 +57,10 @@ def _config() -> str:
 
 @cache
 def _views() -> dict[str, tuple[str, str]]:
-    """Return OpenColorIO's views, with their displays, by the names that we give them."""
+    """Return OpenColorIO's displays and views by the names that users see."""
     config = OpenImageIO.ColorConfig(_config())
     if problem := config.geterror():
-        _log.warning("OCIO=%s cannot be used: %s; views are photonbeams' own alone", _config(), problem)
+        _log.warning("OCIO=%s cannot be used: %s; only photonbeams' own view is available", _config(), problem)
         return {}
     own = _config() != _DEFAULT
     displays = [each for each in config.getDisplayNames() if own or each == _SCREEN]

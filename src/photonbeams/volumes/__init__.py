@@ -1,1 +1,1 @@
-"""Files of volumes: OpenVDB's .vdb and Mitsuba's .vol, read into NumPy arrays."""
+"""Volume files: OpenVDB's .vdb and Mitsuba's .vol, read into NumPy arrays; .vdb files are written, too."""

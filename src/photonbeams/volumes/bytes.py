@@ -1,4 +1,4 @@
-"""Bytes of volume files: bounds that hold whatever a file says of itself, and what its blocks are compressed with."""
+"""Bytes of volume files: reads that stay within bounds whatever a file claims, and decompression of its blocks."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from ..scene.extras import needs
 _LENGTH = struct.Struct("<I")
 _SIZE = struct.Struct("<q")
 
-# Flags of compression in .vdb files.
+# Compression flags of .vdb files.
 ZIP, ACTIVE_MASK, BLOSC = 1, 2, 4
 
-# Blosc begins a block with version, codec, flags, type size, and the counts of bytes: decompressed, in a part, in all.
+# A Blosc block begins with version, codec, flags, type size, and three counts of bytes: decompressed, per part, total.
 _BLOSC_HEADER = struct.Struct("<4B3I")
 
 
@@ -27,7 +27,7 @@ def opened(path: str | Path) -> BinaryIO:
     Raises
     ------
     SceneError
-        A folder, pipe or device, for these are never read to their end; a file that cannot be opened.
+        A folder, pipe or device, which might never end; a file that cannot be opened.
     """
     try:
         if not stat.S_ISREG(Path(path).stat().st_mode):
@@ -38,16 +38,16 @@ def opened(path: str | Path) -> BinaryIO:
 
 
 class Cursor:
-    """Reads a stretch of bytes from its front."""
+    """Reads bytes one after the other, and never beyond their end."""
 
     def __init__(self, data: bytes | memoryview) -> None:
         self._data, self.place = memoryview(data), 0
 
     @classmethod
     def of(cls, file: BinaryIO, first: int, most: int) -> Cursor:
-        """Return a cursor over up to `most` bytes of a file, from the byte `first` on."""
+        """Return a cursor over up to `most` bytes of a file, from the byte `first`."""
         if first < 0 or most < 0:
-            raise SceneError("it names places that are not in it")
+            raise SceneError("it refers to places outside of the file")
         file.seek(first)
         return cls(file.read(most))
 
@@ -61,11 +61,11 @@ class Cursor:
         return result
 
     def unpack(self, layout: struct.Struct) -> tuple[Any, ...]:
-        """Return the next numbers."""
+        """Return the next numbers, in the given layout."""
         return layout.unpack(self.take(layout.size))
 
     def text(self) -> str:
-        """Return the next string, which its length precedes."""
+        """Return the next string, which is preceded by its length."""
         return bytes(self.take(self.unpack(_LENGTH)[0])).decode("utf-8", "replace")
 
     def block(self, size: int, compression: int) -> bytes | memoryview:
@@ -73,14 +73,14 @@ class Cursor:
         if not compression & (ZIP | BLOSC):
             return self.take(size)
         (stored,) = self.unpack(_SIZE)
-        if stored <= 0:  # what does not become smaller is not compressed
+        if stored <= 0:  # blocks that compression would not shrink are stored uncompressed
             result: bytes | memoryview = self.take(-stored)
         elif compression & BLOSC:
             result = _from_blosc(self.take(stored), size)
         else:
             result = _from_zip(self.take(stored), size)
         if len(result) != size:
-            raise SceneError(f"a block has {len(result)} bytes where {size} are due")
+            raise SceneError(f"a block has {len(result)} bytes, but {size} were expected")
         return result
 
 
@@ -92,11 +92,11 @@ def _from_zip(data: memoryview, size: int) -> bytes:
 
 
 def _from_blosc(data: memoryview, size: int) -> bytes:
-    # Checked before memory is taken: the library believes what the block says.
+    # Checked before memory is allocated, since the library trusts the sizes in the block.
     if len(data) < _BLOSC_HEADER.size or _BLOSC_HEADER.unpack_from(data)[4:7:2] != (size, len(data)):
         raise SceneError("a block is not as long as it says")
     with needs("vdb", "a compressed grid", "blosc"):
-        import blosc  # not before there is a file that needs it
+        import blosc  # optional, and only imported for files that need it
 
     try:
         return bytes(blosc.decompress(bytes(data)))

@@ -1,4 +1,4 @@
-"""Dense boxes of voxels, which is what the renderer takes, from sparse grids."""
+"""Dense boxes of voxels, which the renderer takes, made from sparse grids."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ..scene import Array, SceneError
 from .tree import Tree
 from .vdb import VDBGrid
 
-# Values in a dense box, which take 4 bytes each, and as much again for each copy that a renderer makes: 406³ voxels.
+# The most values of a dense box, 406³. Each takes 4 bytes, and 4 more for each copy that a renderer makes.
 MOST_VALUES = 1 << 26
 
 
@@ -26,7 +26,7 @@ class Voxels:
     to_file
         (4, 4) transform from the unit cube, which the box fills, to the space of the file, for column vectors.
     step
-        How many voxels of the file a cell has along each edge: more than 1 where the file has too many.
+        How many of the file's voxels make one cell, along each edge: more than 1 if the file has too many.
     """
 
     values: Array
@@ -34,7 +34,7 @@ class Voxels:
     step: int = 1
 
     def at(self, points: Array) -> Array:
-        """Return values at points (N, 3) of the file's space, linear between the centres of cells; 0 beyond."""
+        """Return values at points (N, 3) in the file's space, linear between the centres of cells, 0 outside."""
         from scipy.ndimage import map_coordinates
 
         shape = np.array(self.values.shape[2::-1])
@@ -56,16 +56,16 @@ class Voxels:
 
 
 def voxels_of(grid: VDBGrid, most: int = MOST_VALUES) -> Voxels:
-    """Return the box of a grid's active voxels, with cells around it whose value is 0.
+    """Return the box of a grid's active voxels, with a border of cells whose value is 0.
 
-    Linear interpolation is then that of OpenVDB: to the background, over a voxel. Where there are more than `most`
-    values, cells are cubes of voxels and have their mean. A level set becomes a density: 1 where it is deeper than its
-    narrow band, 0 outside.
+    Linear interpolation then falls to the background over one voxel, as in OpenVDB. If there were more than `most`
+    values, cells are the means over cubes of voxels. A level set becomes a density: 1 if deeper than its narrow band,
+    0 outside.
 
     Raises
     ------
     SceneError
-        A grid of another transform than a linear one; a grid that is broken.
+        A grid whose transform is not linear; a grid that is broken.
     """
     if grid.to_file is None:
         raise SceneError(f"its grid {grid.name} is in a frustum: expected a linear transform")
@@ -77,7 +77,7 @@ def voxels_of(grid: VDBGrid, most: int = MOST_VALUES) -> Voxels:
     step = _step(count, tree.channels, most)
     cells = -(-count // step)
     density = _inside(grid) if grid.is_level_set and tree.channels == 1 else (lambda values: values.astype(np.float32))
-    # What is not finite, or too large for float32, is found at the end.
+    # Values that are not finite, or too large for float32, are found at the end.
     with np.errstate(over="ignore", invalid="ignore"):
         sums = _sums(tree, density, (low, count, step))
     if not np.all(np.isfinite(sums)):
@@ -90,7 +90,7 @@ def voxels_of(grid: VDBGrid, most: int = MOST_VALUES) -> Voxels:
 
 
 def _sums(tree: Tree, density: Callable[[Array], Array], box: tuple[Array, Array, int]) -> Array:
-    """Return the means of cells, (X, Y, Z, channels): of the box from a least index on, in cells of some voxels."""
+    """Return the means of cells, (X, Y, Z, channels); `box` is least index, count of voxels, and a cell's edge."""
     low, count, step = box
     background = density(tree.background)
     sums = np.zeros((*-(-count // step), tree.channels), dtype=np.float32)
@@ -107,7 +107,7 @@ def _sums(tree: Tree, density: Callable[[Array], Array], box: tuple[Array, Array
 
 
 def _step(count: Array, channels: int, most: int) -> int:
-    """Return the least edge of cells, in voxels, of which a box has no more than `most` values."""
+    """Return the smallest edge of cells, in voxels, for which a box has no more than `most` values."""
     step = 1
     while channels * float(np.prod(-(-count // step) + 2.0)) > most:
         step += 1 + step // 8  # boxes may be wider than any loop by ones should be long
@@ -115,7 +115,7 @@ def _step(count: Array, channels: int, most: int) -> int:
 
 
 def _inside(grid: VDBGrid) -> Callable[[Array], Array]:
-    """Return the density of distances: how deep they are in the narrow band, as OpenVDB makes fog of level sets."""
+    """Return a function from a level set's distances to densities: the depth in the narrow band, as in OpenVDB."""
     band = float(abs(grid.tree.background[0])) or 1.0
     return lambda values: np.clip(-values.astype(np.float32) / band, 0, 1)
 
@@ -136,7 +136,7 @@ def _add(sums: Array, origin: Array, block: Array, count: Array, step: int) -> N
 
 
 def _fill(sums: Array, origin: Array, size: int, value: Array, count: Array, step: int) -> None:
-    """Add a tile's value to the means of cells: as much as it has of each."""
+    """Add a tile's value to the means of cells, weighted by the fraction of each cell that it covers."""
     first, last = np.maximum(origin, 0), np.minimum(origin + size, count)
     if np.any(last <= first):
         return

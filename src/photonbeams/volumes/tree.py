@@ -1,7 +1,7 @@
 """Trees of OpenVDB grids: where the voxels are, and their values.
 
-A root has nodes of 4096³ voxels, these have nodes of 128³, and these have leaves of 8³. Where a node has no child, one
-value fills the child's whole place: a tile. Masks say which voxels and tiles are active.
+A root has nodes of 4096³ voxels, these have nodes of 128³, and these have leaves of 8³. Where a node has no child, a
+single value fills the child's place: a tile. Masks say which voxels and tiles are active.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ _COUNT, _COUNTS, _ORIGIN = struct.Struct("<i"), struct.Struct("<2I"), struct.Str
 _AT_ONCE = 4096  # leaves
 _MOST_TILES = 1 << 22
 
-# What a node says of its inactive values: all are the background, or the negative of it; all are one value; a mask
-# chooses between the background and its negative, between the background and one value, between two values; none of
-# these, so that all values are stored.
+# How a node stores its inactive values: all are the background; all are its negative; all are one value; a mask chooses
+# between the background and its negative, between the background and one value, or between two values; or all values
+# are stored.
 _BACKGROUND, _NEGATIVE, _ONE, _MASK, _MASK_AND_ONE, _MASK_AND_TWO, _ALL = range(7)
 
 
@@ -38,7 +38,7 @@ class Tile(NamedTuple):
 
 @dataclass(frozen=True)
 class _Encoding:
-    """How values of nodes are stored."""
+    """How the values of nodes are stored."""
 
     type: np.dtype
     stored: np.dtype
@@ -73,7 +73,7 @@ class _Encoding:
 
     def _stored(self, cursor: Cursor, count: int) -> Array:
         if not count and self.stored != self.type:
-            return np.empty((0, self.channels), self.type)  # of half floats not even the size is written
+            return np.empty((0, self.channels), self.type)  # for half floats even the size is omitted
         block = cursor.block(count * self.channels * self.stored.itemsize, self.compression)
         return np.frombuffer(block, self.stored).reshape(count, self.channels).astype(self.type)
 
@@ -84,24 +84,24 @@ class Tree:
     Parameters
     ----------
     topology, values
-        Where the file has them.
+        Cursors at the file's topology and values.
     levels
         The binary logarithms of the sizes of nodes.
     kind, channels
-        NumPy's type of values, and how many a voxel has.
+        The NumPy type of values, and the number of values per voxel.
     half
         Whether floats are stored as half floats.
     compression
-        Flags.
+        Compression flags.
     name
-        OpenVDB's name of the type: leaves of "bool" and "mask" are stored in another way.
+        OpenVDB's name of the type: leaves of "bool" and "mask" are stored differently.
 
     Attributes
     ----------
     background
-        (channels,): the value of all that is not in the tree.
+        (channels,) the value of all voxels that are not in the tree.
     tiles
-        Those that are active, or have another value than the background.
+        Tiles that are active, or whose value is not the background.
     origins, masks
         (leaves, 3) the least index of each leaf, and (leaves, bytes) which of its voxels are active, as bits.
     size
@@ -127,7 +127,7 @@ class Tree:
         self._plain, self._cursor = name == "mask", values
         self.background = np.frombuffer(topology.take(type_.itemsize * channels), type_)
         shorter = np.dtype("<f2") if half and type_.kind == "f" else type_
-        if type_.kind == "b":  # there is no negative of it in NumPy, as in C++ it is the same
+        if type_.kind == "b":  # NumPy has no negative of a bool; in C++ it is the bool itself
             self._encoding = _Encoding(np.dtype("<i1"), np.dtype("<i1"), 1, compression, self.background.view("<i1"))
         else:
             self._encoding = _Encoding(type_, shorter, channels, compression, self.background)
@@ -188,7 +188,7 @@ class Tree:
     def _leaf(self, mask: Array) -> Array:
         """Return the next leaf's values."""
         bytes_, cursor = self.size**3 // 8, self._cursor
-        stored = cursor.take(bytes_)  # the mask once more
+        stored = cursor.take(bytes_)  # the mask again
         if not self._bits:
             return self._encoding.values(cursor, mask)
         cursor.take(_ORIGIN.size)
@@ -196,7 +196,7 @@ class Tree:
 
     @cached_property
     def active_voxels(self) -> int:
-        """How many voxels are active, with those of active tiles."""
+        """The number of active voxels, including those of active tiles."""
         leaves = sum(
             int(np.bitwise_count(self.masks[i : i + _AT_ONCE]).sum()) for i in range(0, len(self.masks), _AT_ONCE)
         )
@@ -204,7 +204,7 @@ class Tree:
 
     @cached_property
     def box(self) -> tuple[Array, Array] | None:
-        """The least and the greatest index of active voxels; None where there are none."""
+        """The least and the greatest index of active voxels; None if there are none."""
         lows, highs = [], []
         for first in range(0, len(self.origins), _AT_ONCE):
             shape = (-1, self.size, self.size, self.size)
@@ -232,6 +232,6 @@ def bits(data: Array | memoryview) -> Any:
 
 
 def _offset(index: Any, log: int) -> Array:
-    """Return the places of a node's entries in it, (n, 3): z is the fastest."""
+    """Return the positions of entries in a node, (n, 3); z varies fastest."""
     side = (1 << log) - 1
     return np.stack([index >> 2 * log, (index >> log) & side, index & side], axis=-1).astype(np.int64)

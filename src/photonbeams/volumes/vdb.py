@@ -1,6 +1,6 @@
-"""OpenVDB files: which grids they hold, with metadata and transforms. `tree` has the voxels.
+"""OpenVDB files: the grids that they hold, with metadata and transforms. `tree` reads the voxels.
 
-A file has a header, metadata, and for each grid a descriptor with the places of its parts. A grid has its compression,
+A file has a header, metadata, and for each grid a descriptor with the offsets of its parts. A grid has its compression,
 metadata, transform, the topology of its tree, and the values of the tree's leaves.
 """
 
@@ -20,19 +20,19 @@ from ..scene import Array, SceneError
 from .bytes import ACTIVE_MASK, BLOSC, ZIP, Cursor
 from .tree import Tree
 
-# Since 222 grids say how each is compressed; later versions of the library write nothing newer than 225.
+# Since version 222 each grid has its own compression; later versions of the library write nothing newer than 225.
 VERSIONS = range(222, 226)
 
 _MAGIC = b" BDV\0\0\0\0"
 _START = struct.Struct("<8s3IB36s")  # magic, version of the format, of the library, offsets of grids, UUID
 _COUNT = struct.Struct("<i")
-_PLACES = struct.Struct("<3q")  # of the grid, of its leaves' values, of its end
+_PLACES = struct.Struct("<3q")  # offsets of the grid, of its leaves' values, and of its end
 _FLAGS = struct.Struct("<I")
 _MOST_GRIDS = 4096
-_HEADER = 1 << 24  # bytes that a header with its metadata may have
+_HEADER = 1 << 24  # the most bytes of a header with its metadata
 _DESCRIPTOR = 1 << 16
 
-# Maps that store translation, scale, and three more vectors that follow from the scale.
+# The number of doubles in each kind of map. Scales are followed by vectors that can be derived from them.
 _MATRIX, _VECTOR = 16, 3
 _MAPS = {
     "AffineMap": _MATRIX, "UnitaryMap": _MATRIX, "TranslationMap": _VECTOR,
@@ -45,7 +45,7 @@ _METADATA = {
     "vec3d": "<3d",
 }  # fmt: skip
 
-#: Values of types of grids: NumPy's type, and numbers a voxel.
+#: The values of each type of grid: their NumPy type, and how many a voxel has.
 TYPES = {
     "float": ("<f4", 1), "double": ("<f8", 1), "half": ("<f2", 1), "int32": ("<i4", 1), "int64": ("<i8", 1),
     "uint8": ("<u1", 1), "uint32": ("<u4", 1), "bool": ("?", 1), "mask": ("?", 1),
@@ -60,16 +60,22 @@ class VDBGrid:
     Attributes
     ----------
     name
-        Several grids of a file may share it.
+        Several grids of a file may have the same name.
     type
-        That of its values, as "float" or "vec3s".
+        The type of its values, such as "float" or "vec3s".
     levels
         The binary logarithms of its nodes' sizes, from the root's children to the leaves: 5, 4, 3.
+    half
+        Whether floats are stored as half floats.
+    compression
+        Compression flags.
     to_file
-        (4, 4) transform from indices of voxels to the file's space, for column vectors; None of one that is no
-        linear map, as that of a frustum.
+        (4, 4) transform from indices of voxels to the file's space, for column vectors; None if it is not linear, as
+        for a frustum.
     metadata
-        What the file says of the grid.
+        The grid's metadata in the file.
+    data
+        The bytes of its tree.
     """
 
     name: str
@@ -85,7 +91,7 @@ class VDBGrid:
 
     @property
     def is_level_set(self) -> bool:
-        """Whether its values are distances from a surface, and no densities."""
+        """Whether its values are distances from a surface, not densities."""
         return bool(self.metadata.get("class") == "level set")
 
     @property
@@ -101,7 +107,7 @@ class VDBGrid:
         Raises
         ------
         SceneError
-            A type of values that is not read; a tree that is broken.
+            A type of values that is not supported; a tree that is broken.
         """
         if self.type not in TYPES:
             known = ", ".join(TYPES)
@@ -116,7 +122,7 @@ def read_grids(file: BinaryIO) -> list[VDBGrid]:
     Raises
     ------
     SceneError
-        A file of another format, of a version that is not read, or broken; the sentence is to follow the file's name.
+        A file of another format, of an unsupported version, or broken; the message continues a sentence about the file.
     """
     return list(_grids(file))
 
@@ -132,7 +138,7 @@ def _grids(file: BinaryIO) -> Iterator[VDBGrid]:
     if version not in VERSIONS:
         raise SceneError(f"its format has the version {version}: expected {VERSIONS[0]} to {VERSIONS[-1]}")
     if not offsets:
-        raise SceneError("it is a stream, which does not say where its grids are: expected a file")
+        raise SceneError("it is a stream, which lacks the offsets of its grids: expected a file")
     _metadata(cursor)
     (count,) = cursor.unpack(_COUNT)
     if not 0 <= count <= _MOST_GRIDS:
@@ -153,7 +159,7 @@ def _grid(
     file: BinaryIO, size: int, names: tuple[str, str], places: tuple[int, int, int],
     shared: tuple[int, int, int] | None,
 ) -> VDBGrid:  # fmt: skip
-    """Return a grid; one that is an instance has metadata and transform of its own, and the tree of another."""
+    """Return a grid; an instance has its own metadata and transform, and the tree of another grid, `shared`."""
     name, kind = names[0].split("\x1e")[0], names[1].removesuffix("_HalfFloat")
     first, _, end = places
     if not 0 <= first <= end <= size:
@@ -185,7 +191,7 @@ def _body(file: BinaryIO, places: tuple[int, int, int], size: int) -> bytes:
 
 
 def _metadata(cursor: Cursor) -> dict[str, Any]:
-    """Return the next metadata; values of types that nobody here needs are left out."""
+    """Return the next metadata; values of types that are not needed here are left out."""
     result: dict[str, Any] = {}
     (count,) = cursor.unpack(_COUNT)
     for _ in range(count):
@@ -201,7 +207,7 @@ def _metadata(cursor: Cursor) -> dict[str, Any]:
 
 
 def _transform(cursor: Cursor) -> Array | None:
-    """Return the next map from voxels to the file's space; None of a frustum, after which nothing can be read."""
+    """Return the next map from voxels to the file's space; None for a frustum, after which nothing can be read."""
     kind = cursor.text()
     if kind not in _MAPS:
         return None

@@ -19,12 +19,12 @@ HEADER = struct.Struct("<3sB5i6f")
 
 
 def vol_shape(file: BinaryIO) -> tuple[int, int, int, int]:
-    """Return the counts of cells along x, y, z, and of channels, that a file says it has, and does have.
+    """Return the counts of cells along x, y, z, and of channels; check that the file holds as many values.
 
     Raises
     ------
     SceneError
-        A file of another format, or broken; the sentence is to follow the file's name.
+        A file of another format, or broken; the message continues a sentence about the file.
     """
     size = file.seek(0, io.SEEK_END)
     if size < HEADER.size:
@@ -35,7 +35,7 @@ def vol_shape(file: BinaryIO) -> tuple[int, int, int, int]:
         raise SceneError("its header is not that of float32 data")
     if min(x, y, z) < 1:
         raise SceneError(f"it has {x} x {y} x {z} cells: expected 1 or more along each axis")
-    if channels not in (1, 3, 6):  # Mitsuba's own: of densities, of colours, of phase functions
+    if channels not in (1, 3, 6):  # Mitsuba's: densities, colours, and phase functions
         raise SceneError(f"it has {channels} channels: expected 1 or 3")
     count = x * y * z * channels
     if size < HEADER.size + 4 * count:
@@ -44,7 +44,7 @@ def vol_shape(file: BinaryIO) -> tuple[int, int, int, int]:
 
 
 def read_vol(file: BinaryIO, most: int = MOST_VALUES) -> Voxels:
-    """Return the grid of a file, of one or three channels.
+    """Return the grid of a file with one or three channels.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""OpenVDB files out: dense arrays as float grids, of which only leaves that are not empty are written."""
+"""Writing of OpenVDB files: dense arrays become float grids, without their empty leaves."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ def write_vdb(path: str | Path, grids: Mapping[str, Array], to_file: Array | Non
     Parameters
     ----------
     grids
-        By name: (Z, Y, X) numbers, or (Z, Y, X, 3) vectors. What is 0 is left out.
+        Arrays by name: (Z, Y, X) numbers, or (Z, Y, X, 3) vectors. Voxels of value 0 are inactive.
     to_file
         (4, 4) transform from the unit cube, which the array fills, to the file's space, for column vectors; None: cells
-        have the size 1 and begin at the origin.
+        have the size 1, and the first one begins at the origin.
     half
-        Whether half floats are written, which have half the size and 11 bits.
+        Whether half floats are written, which have 11 bits of precision and half the size.
 
     Raises
     ------
@@ -54,7 +54,7 @@ def _text(text: str) -> bytes:
 
 
 def _grid(name: str, values: Array, to_file: Array | None, half: bool, place: int) -> bytes:
-    """Return a grid with its descriptor, which begins at a place of the file."""
+    """Return a grid with its descriptor, which will be at the offset `place` of the file."""
     kind = "float" if values.ndim == 3 else "vec3s"
     tree = f"Tree_{kind}_5_4_3" + ("_HalfFloat" if half else "")
     head = _text(name) + _text(tree) + _text("")
@@ -65,7 +65,7 @@ def _grid(name: str, values: Array, to_file: Array | None, half: bool, place: in
     top += [_text(key) + _text(type_) + struct.pack("<I", len(value)) + value for key, type_, value in meta]
     shape = np.array(values.shape[2::-1], dtype=np.float64)
     matrix = np.diag([*shape, 1.0]) if to_file is None else np.asarray(to_file, dtype=np.float64)
-    # Voxels have their centres at whole indices.
+    # OpenVDB's voxels have their centres at whole indices.
     to_cells = np.diag([*1 / shape, 1.0])
     to_cells[:3, 3] = 0.5 / shape
     top += [_text("AffineMap"), (matrix @ to_cells).T.astype("<f8").tobytes()]
@@ -78,7 +78,7 @@ def _grid(name: str, values: Array, to_file: Array | None, half: bool, place: in
 
 
 def _leaves(values: Array) -> dict[tuple[int, int, int], Array]:
-    """Return the leaves that are not empty by their origins, in the order of the tree."""
+    """Return the leaves that are not empty by origin, in the order of the tree."""
     array = values.reshape(*values.shape[:3], -1).transpose(2, 1, 0, 3)
     counts = [-(-count // _LEAF) for count in array.shape[:3]]
     found = {}
@@ -98,7 +98,7 @@ def _order(origin: tuple[int, int, int]) -> tuple[tuple[int, ...], ...]:
 
 
 def _topology(leaves: Mapping[tuple[int, int, int], Array], channels: int, half: bool) -> bytes:
-    """Return root and nodes: their masks, values of 0 where they have no child, and the leaves' masks."""
+    """Return root and nodes with their masks, values of 0 where there is no child, and the leaves' masks."""
     roots: dict[tuple[int, ...], dict[tuple[int, ...], list[tuple[int, int, int]]]] = {}
     for origin in leaves:
         root, node, _ = _order(origin)
@@ -116,7 +116,7 @@ def _topology(leaves: Mapping[tuple[int, int, int], Array], channels: int, half:
 def _node(children: Array, log: int, half: bool) -> bytes:
     mask = np.zeros((1 << log,) * 3, dtype=bool)
     mask[tuple(children.T)] = True
-    # Inactive values are the background: none is stored. Of half floats not even their size is.
+    # Inactive values are the background and not stored; for half floats even their size is omitted.
     return _mask(mask.reshape(-1)) + bytes(mask.size // 8) + b"\0" + (b"" if half else bytes(8))
 
 
