@@ -84,7 +84,7 @@ def test_it_has_eyes_looks_and_checkpoints_as_stages_have(tmp_path):
             lambda: shot(looks={"Sun": pb.Look()}).render(**SMALL),
             "the scene: no beams are named Sun: expected one of /La",
         ),
-        (lambda: scene.Camera.look_at([0, 0, 0], [0, 1, 0]), "up across the line"),
+        (lambda: scene.Camera.look_at([0, 0, 0], [0, 1, 0]), "up not along the line"),
     ],
 )
 def test_what_is_wrong_is_told_in_a_sentence(build, words):

@@ -29,7 +29,7 @@ class Shaping:
     cone_softness
         Width of the cone's soft edge, as a fraction of `cone_angle` from 0 (hard, the default) to 1.
     focus
-        Exponent, 0 or more: radiance is scaled by |cos|^focus of the angle from the axis. Default 0, which is even.
+        Exponent, 0 or more, of the cosine of the angle from the axis, which scales the radiance. Default 0, even light.
     focus_tint
         Colour that the focus fades to away from the axis. Default black.
     profile
