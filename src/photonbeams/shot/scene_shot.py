@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from .development import Development
     from .request import FrameRequest
 
-# The max_depth of Mitsuba's integrators whose paths have no longest length.
+# The max_depth of Mitsuba's integrators that do not limit the length of paths.
 _ANY_DEPTH = 0xFFFFFFFF
 
 

@@ -174,7 +174,7 @@ Told = Callable[[Picture | Problem], None]
 
 @dataclass
 class _Chain:
-    """The last frame of one size, of which the next one reuses what did not change; its scene and denoised layers.
+    """The last frame of one size, whose unchanged parts the next frame reuses; its scene and denoised layers.
 
     `whole` are the layers of the last whole picture by views; the view "" is that of the picture's own layers.
     """

@@ -122,7 +122,7 @@ class Widget(anywidget.AnyWidget):
         super().close()
 
     def set_state(self, sync_data: dict[str, Any]) -> None:
-        """Take the browser's traits, `sync_data`; until then traitlets holds back changes of other threads, too."""
+        """Take traits from the browser; meanwhile traitlets holds back all changes, also those of other threads."""
         with self._lock:
             super().set_state(sync_data)
 
