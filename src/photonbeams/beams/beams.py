@@ -290,12 +290,9 @@ class Beams:
 
         Examples
         --------
-        >>> import tempfile
         >>> beams = pb.Beams([[0, 0, 0]], [[0, 0, 1]], 0.1, 0.2, [1, 1, 1])
-        >>> with tempfile.TemporaryDirectory() as folder:
-        ...     beams.save(f"{folder}/beams.npz")
-        ...     again = pb.Beams.load(f"{folder}/beams.npz")
-        >>> again
+        >>> beams.save("beams.npz")
+        >>> pb.Beams.load("beams.npz")
         Beams(1)
         """
         with atomic_path(path) as beside, beside.open("wb") as file:

@@ -44,9 +44,7 @@ class Frame:
     >>> frame = pb.Shot(content, camera).render(passes=1, width=32)
     >>> frame
     Frame(32 x 18 pixels, 1 passes, rgba, surface, beams, ...)
-    >>> from tempfile import TemporaryDirectory
-    >>> with TemporaryDirectory() as folder:
-    ...     frame.write(f"{folder}/shot.exr")
+    >>> frame.write("shot.exr")
     """
 
     layers: dict[str, Array]

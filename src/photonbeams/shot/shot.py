@@ -126,6 +126,11 @@ class Shot:
     >>> frame = shot.render(passes=1, width=32)
     >>> frame.layers["beams"].shape
     (18, 32, 3)
+
+    From a file:
+
+    >>> shot = pb.Shot.open("shot.usda", camera="/Camera")
+    >>> shot.render(passes=1, width=32).write("out/shot.exr")
     """
 
     camera: Any  # the name of a camera on the stage; a scene.Camera for a scene that was built in Python

@@ -239,12 +239,7 @@ class Session:
 
     Examples
     --------
-    >>> from pathlib import Path
-    >>> from tempfile import TemporaryDirectory
-    >>> folder = TemporaryDirectory()
-    >>> stage = Path(folder.name, "shot.usda")
-    >>> _ = stage.write_text('#usda 1.0\ndef Camera "Camera" {}\ndef SphereLight "Lamp" {}\n')
-    >>> with pb.studio.Session(stage) as session:
+    >>> with pb.studio.Session("shot.usda") as session:
     ...     session.show(paused=True)
     ...     session.edit({"/Lamp.inputs:intensity": 20.0})
     ...     session.edits.paths()

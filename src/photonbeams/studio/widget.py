@@ -69,12 +69,7 @@ class Widget(anywidget.AnyWidget):
 
     Examples
     --------
-    >>> from pathlib import Path
-    >>> from tempfile import TemporaryDirectory
-    >>> folder = TemporaryDirectory()
-    >>> stage = Path(folder.name, "shot.usda")
-    >>> _ = stage.write_text('#usda 1.0\ndef Camera "Camera" {}\ndef SphereLight "Lamp" {}\n')
-    >>> widget = pb.studio.widget.Widget(stage)  # a notebook shows it at the end of a cell
+    >>> widget = pb.studio.widget.Widget("shot.usda")  # a notebook shows it at the end of a cell
     >>> widget.layer, widget.exposure = "beams", 1.5
     >>> widget.session.view.width
     480

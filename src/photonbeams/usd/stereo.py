@@ -40,6 +40,14 @@ class Stereo:
     ------
     SceneError
         The interaxial distance is negative or beyond 1e12, or the convergence is not above 0.
+
+    Examples
+    --------
+    >>> eyes = pb.Stereo(interaxial=0.065, convergence=3.0)
+    >>> eyes.convergence
+    3.0
+
+    `pb.Shot.open("shot.usda", stereo=eyes)` renders both eyes.
     """
 
     interaxial: float | None = None

@@ -1,0 +1,93 @@
+"""Every public name says in its docstring what it is, what it takes, and how it is used; its examples run."""
+
+import doctest
+import inspect
+import re
+import sys
+from dataclasses import fields, is_dataclass
+from functools import reduce
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpydoc.docscrape import NumpyDocString
+
+import photonbeams as pb
+import photonbeams.studio.widget
+
+PAGE = Path(__file__).parents[2] / "docs" / "reference" / "index.md"
+NAMES = re.findall(r"^   ([\w.]+)$", PAGE.read_text(), re.MULTILINE)
+#: Names for type checkers, which cannot be called.
+NO_OBJECTS = {"Modifier"}
+#: The stage that examples call shot.usda.
+STAGE = """#usda 1.0
+def Scope "Fog" (prepend apiSchemas = ["PhotonBeamsMediumAPI"])
+{
+    color3f photonbeams:scattering = (0.1, 0.1, 0.1)
+}
+def Camera "Camera" {}
+def SphereLight "Lamp" {}
+"""
+DESCRIBED = ("Parameters", "Other Parameters", "Attributes")
+
+
+def public(name):
+    """Return the object of a public name."""
+    return reduce(getattr, name.split("."), pb)
+
+
+def documented(subject):
+    """Return the names that a docstring describes, "s" and "t" of "s, t", without the stars of "**more"."""
+    sections = NumpyDocString(inspect.getdoc(subject) or "")
+    rows = [row.name for section in DESCRIBED for row in sections[section]]
+    return {each.strip(" *`") for row in rows for each in row.split(",")}
+
+
+def parameters(subject):
+    """Return the names of what a caller passes."""
+    if is_dataclass(subject):
+        return {each.name for each in fields(subject) if each.init and not each.name.startswith("_")}
+    made = subject.__init__ if inspect.isclass(subject) else subject
+    if made is object.__init__:
+        return set()
+    names = {name.lstrip("_") for name in inspect.signature(made).parameters}
+    return names - {"self", "cls", "args", "kwargs", ""}
+
+
+def methods(subject):
+    """Return the public methods that a class itself defines, and of those that it overrides the first definition."""
+    if not inspect.isclass(subject):
+        return []
+    names = [name for name in vars(subject) if not name.startswith("_")]
+    kinds = (staticmethod, classmethod)
+    return [name for name in names if inspect.isfunction(vars(subject)[name]) or isinstance(vars(subject)[name], kinds)]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_public_name_describes_what_it_takes(name):
+    subject = public(name)
+    assert name in NO_OBJECTS or parameters(subject) - documented(subject) == set()
+    for method in methods(subject):
+        first = next(each for each in reversed(subject.__mro__) if method in vars(each))
+        if first is subject:
+            taken = parameters(getattr(subject, method))
+            text = inspect.getdoc(getattr(subject, method)) or ""
+            # What one line says whole needs no table: it names its parameters in `backquotes`.
+            named = documented(getattr(subject, method)) | set(re.findall(r"`(\w+)`", text))
+            assert text, f"{name}.{method}"
+            assert taken - named == set(), f"{name}.{method}"
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_examples_of_a_public_name_run(name, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "shot.usda").write_text(STAGE)
+    subject = public(name)
+    assert name in NO_OBJECTS or NumpyDocString(inspect.getdoc(subject))["Examples"], f"{name} has no example"
+    module = sys.modules[getattr(subject, "__module__", "photonbeams")]
+    names = {**vars(module), "pb": pb, "np": np}
+    runner = doctest.DocTestRunner(optionflags=doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE)
+    report = []
+    for test in doctest.DocTestFinder().find(subject, name, module, names):
+        runner.run(test, out=report.append)
+    assert runner.failures == 0, "".join(report)
