@@ -76,10 +76,13 @@ def test_passes_go_on_until_the_error_is_small_enough_and_tell_how_far_they_are(
     ("flags", "sentence"),
     [
         (("--error", 0), "--error is 0.0: expected more than 0 and less than 1, such as 0.01"),
-        (("--error", 0.1, "--pass-range", "1/2"), "--error is of a frame in one process: expected --passes alone"),
-        (("--error", 0.1, "--workers", 2), "--error is of a frame in one process: expected --passes alone"),
-        (("--keep-noisy",), "--keep-noisy is of layers that are denoised: expected --denoise, too"),
-        (("--denoise", "--tile", "1/2"), "--denoise would show the edges of tiles: expected --pass-range"),
+        (
+            ("--error", 0.1, "--pass-range", "1/2"),
+            "--error is for frames that one process renders: expected --passes instead",
+        ),
+        (("--error", 0.1, "--workers", 2), "--error is for frames that one process renders: expected --passes instead"),
+        (("--keep-noisy",), "--keep-noisy keeps the layers before denoising: expected --denoise, too"),
+        (("--denoise", "--tile", "1/2"), "--denoise would make the edges of tiles visible: expected --pass-range"),
     ],
 )
 def test_what_makes_no_sense_is_refused(flags, sentence, render, stage, out):

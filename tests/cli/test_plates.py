@@ -109,11 +109,11 @@ def test_one_eye_needs_its_own_depth_alone(call, files):
         (("--holdout", "z.exr", "--holdout-channel", "depth.Z"), 1, "has no channel 'depth.Z': expected one of Z"),
         (("--holdout", "z.exr", "--stereo"), 1, "z.exr has no views, and the frame has two"),
         (("--over", "z.exr"), 1, "z.exr has no red, green and blue: expected a picture"),
-        (("--holdout-scale", 2), 2, "--holdout-scale is of a holdout: expected --holdout, too"),
-        (("--holdout-channel", "Z"), 2, "--holdout-channel is of a holdout: expected --holdout, too"),
+        (("--holdout-scale", 2), 2, "--holdout-scale needs a holdout: expected --holdout, too"),
+        (("--holdout-channel", "Z"), 2, "--holdout-channel needs a holdout: expected --holdout, too"),
         (("--holdout", "z.exr", "--holdout-scale", 0), 2, "--holdout-scale is 0.0: expected more than 0"),
         (("--holdout", "z.exr", "--holdout-depth", "z"), 2, "--holdout-depth is z: expected one of"),
-        (("--over-fog",), 2, "--over-fog is of a plate: expected --over, too"),
+        (("--over-fog",), 2, "--over-fog needs a plate: expected --over, too"),
         (("-q", "-f", "1:3", "-o", "a.#.exr", "--holdout", "y.#.exr"), 1, "y.3.exr: No such file or directory"),
     ],
 )
@@ -173,5 +173,5 @@ def test_a_plate_is_not_replaced_by_what_lies_over_it(call, files, flag):
     plate.write_bytes(PLATE.read_bytes())
     code, _, stderr = call("render", files / "bare.usda", flag, plate, "-o", plate, *SMALL)
     assert code == 2
-    assert f"plate.exr is read by {flag}: expected another file to write to" in stderr
+    assert f"plate.exr is read by {flag} and would be overwritten: expected another output file" in stderr
     assert plate.read_bytes() == PLATE.read_bytes()

@@ -77,8 +77,8 @@ def test_eyes_at_one_place_are_equal_and_those_that_converge_agree_there(stage, 
 @pytest.mark.parametrize(
     ("flags", "sentence"),
     [
-        (("--view", "left"), "--view is of two eyes: expected --stereo, too"),
-        (("--interaxial", "1"), "--interaxial is of two eyes: expected --stereo, too"),
+        (("--view", "left"), "--view is for two eyes: expected --stereo, too"),
+        (("--interaxial", "1"), "--interaxial is for two eyes: expected --stereo, too"),
         (("--stereo", "--interaxial", "-1"), "--interaxial is -1.0: expected a distance in scene units, 0 or more"),
         (("--stereo", "--convergence", "0"), "--convergence is 0.0: expected a positive distance in scene units"),
         (("--stereo", "--convergence", "nan"), "--convergence is nan: expected a positive distance in scene units"),

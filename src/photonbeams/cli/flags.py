@@ -77,7 +77,7 @@ def two_eyes(
     flags = {"--interaxial": interaxial, "--convergence": convergence, "--view": view}
     for flag, value in flags.items():
         if value is not None and not stereo:
-            raise typer.BadParameter(f"{flag} is of two eyes: expected --stereo, too")
+            raise typer.BadParameter(f"{flag} is for two eyes: expected --stereo, too")
     if not stereo:
         return None
     from ..scene import SceneError

@@ -1,4 +1,4 @@
-"""`photonbeams render`: frames of a stage as layered EXRs and as pictures."""
+"""`photonbeams render`: frames of a stage or a Mitsuba scene, as layered EXRs and pictures."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 
 class ViewName(StrEnum):
-    """Which of two eyes."""
+    """Which eye, or both."""
 
     left = "left"
     right = "right"
@@ -42,7 +42,7 @@ class ViewName(StrEnum):
 
 
 class DepthKind(StrEnum):
-    """What a depth is."""
+    """How a depth is measured: along the camera's axis, or from the camera."""
 
     auto = "auto"
     planar = "planar"
@@ -57,8 +57,8 @@ def render(
         typer.Option(
             "--output",
             "-o",
-            help="Where to write: .exr (layered) or .png (tone-mapped); may be repeated. "
-            "A run of # is the frame number. Default: the products of the render settings.",
+            help="File to write: .exr (layered) or .png (tone-mapped); may be repeated. "
+            "A run of # stands for the frame number. Default: the products of the render settings.",
         ),
     ] = None,
     picture: options.Picture = None,
@@ -71,57 +71,65 @@ def render(
             "--render-settings",
             "-rs",
             metavar="PATH",
-            help="RenderSettings prim; flags win over it. Default: the one that the stage names.",
+            help="RenderSettings prim; flags override it. Default: the one that the stage names.",
         ),
     ] = None,
     render_pass: Annotated[
         str | None,
-        typer.Option(metavar="PATH", help="RenderPass prim: its settings, and what of the stage it renders."),
+        typer.Option(metavar="PATH", help="RenderPass prim: take its render settings and its visibility."),
     ] = None,
     allow_paths: Annotated[
-        bool, typer.Option("--allow-paths", help="Write render products that a stage names outside of this folder.")
+        bool,
+        typer.Option(
+            "--allow-paths", help="Allow render products that the stage names to be written outside the working folder."
+        ),
     ] = False,
     camera: Annotated[
         str | None,
-        typer.Option("--camera", "-cam", help="Path or name of the camera (of a Mitsuba scene: its sensor's id)."),
+        typer.Option("--camera", "-cam", help="Path or name of the camera; for a Mitsuba scene, the id of its sensor."),
     ] = None,
     list_cameras: Annotated[bool, typer.Option("--list-cameras", help="List the cameras and stop.")] = False,
     res: options.Resolution = (
         0,
         0,
     ),
-    res_scale: Annotated[float, typer.Option(help="Factor on the size.")] = 1.0,
+    res_scale: Annotated[float, typer.Option(help="Scale factor for the size.")] = 1.0,
     crop: options.Crop = None,
     tile: Annotated[
-        str | None, typer.Option(metavar="I/N", help="Render tile I of N alone; `photonbeams merge` joins the tiles.")
+        str | None, typer.Option(metavar="I/N", help="Render only tile I of N; `photonbeams merge` joins the tiles.")
     ] = None,
     passes: Annotated[
         int | None,
-        typer.Option(help="Passes that a frame is the mean of; default: 16, or the sampler's of a Mitsuba scene."),
+        typer.Option(
+            help="Number of passes; a frame is their mean. Default: 16, or the sampler's count in a Mitsuba scene."
+        ),
     ] = None,
-    time_limit: Annotated[float | None, typer.Option(help="Begin no pass after so many seconds of a frame.")] = None,
+    time_limit: Annotated[
+        float | None, typer.Option(help="Begin no further pass of a frame after this many seconds.")
+    ] = None,
     error: Annotated[
         float | None,
         typer.Option(
-            metavar="E", help="Passes until the relative error is E, such as 0.01: at most --passes, default: 4096."
+            metavar="E", help="Render until the relative error is E, such as 0.01; at most --passes, by default 4096."
         ),
     ] = None,
     denoise: Annotated[
-        bool, typer.Option("--denoise", help="Denoise surfaces, and beams where they need it, by Open Image Denoise.")
+        bool, typer.Option("--denoise", help="Denoise surfaces, and beams where they need it, with Open Image Denoise.")
     ] = False,
     keep_noisy: Annotated[
-        bool, typer.Option("--keep-noisy", help="Layers noisy_surface, noisy_beams, ... as they were, beside those.")
+        bool,
+        typer.Option("--keep-noisy", help="Also write the layers before denoising: noisy_surface, noisy_beams, ..."),
     ] = False,
     checkpoint: Annotated[
         float | None,
-        typer.Option(metavar="S", help="Keep what is done of a frame every S seconds and on Ctrl-C."),
+        typer.Option(metavar="S", help="Save the passes so far to a checkpoint every S seconds and on Ctrl-C."),
     ] = None,
-    resume: Annotated[bool, typer.Option("--resume", help="Go on from checkpoints, where there are any.")] = False,
+    resume: Annotated[bool, typer.Option("--resume", help="Continue from checkpoints that exist.")] = False,
     snapshot: Annotated[
         float | None,
         typer.Option(
             metavar="S",
-            help="Write the picture so far every S seconds, as *.snapshot.exr, and on the signal SIGUSR1.",
+            help="Write the picture so far, as *.snapshot.exr, every S seconds and on the signal SIGUSR1.",
         ),
     ] = None,
     pass_range: Annotated[
@@ -129,109 +137,126 @@ def render(
         typer.Option(
             "--pass-range",
             metavar="A:B|I/N",
-            help="Render passes A to B alone, or the I-th of N equal parts of all passes, "
+            help="Render only passes A to B, or the I-th of N equal parts of all passes, "
             "into a .checkpoint for `photonbeams merge`.",
         ),
     ] = None,
     workers: Annotated[
-        int | None, typer.Option(metavar="N", help="Render with N processes of this machine.", min=1, max=1024)
+        int | None, typer.Option(metavar="N", help="Render with N processes on this machine.", min=1, max=1024)
     ] = None,
     scheduler: Annotated[
         str | None,
-        typer.Option(metavar="ADDRESS", help="Render with the workers of a Dask scheduler, tcp:// or tls://."),
+        typer.Option(metavar="ADDRESS", help="Render with the workers of a Dask scheduler at tcp://... or tls://..."),
     ] = None,
     tls_ca: Annotated[
-        Path | None, typer.Option("--tls-ca-file", help="Certificate authority of a tls:// scheduler.")
+        Path | None, typer.Option("--tls-ca-file", help="File with the certificate authority of a tls:// scheduler.")
     ] = None,
-    tls_cert: Annotated[Path | None, typer.Option("--tls-cert", help="Our own certificate for it.")] = None,
-    tls_key: Annotated[Path | None, typer.Option("--tls-key", help="The key of that.")] = None,
+    tls_cert: Annotated[
+        Path | None, typer.Option("--tls-cert", help="File with the certificate of this client for it.")
+    ] = None,
+    tls_key: Annotated[Path | None, typer.Option("--tls-key", help="File with the key of that certificate.")] = None,
     beams: Annotated[
         int | None,
         typer.Option(
-            help="Beams a pass, for lights that do not say, default: 4096; "
-            "of a Mitsuba scene: light paths, default: the integrator's, or 16384."
+            help="Beams per pass of each light that sets no number, default: 4096; "
+            "for a Mitsuba scene: light paths, default: the integrator's, or 16384."
         ),
     ] = None,
     bounces: Annotated[
         int | None,
         typer.Option(
             metavar="N",
-            help="How often light is scattered or reflected before it is scattered once toward the camera, -1: any; "
+            help="How often light bounces before its last scattering toward the camera, -1: no limit; "
             "default: 0, or the integrator's max_depth less 2.",
         ),
     ] = None,
     estimator: Annotated[
         Estimator | None,
-        typer.Option(help="Beam x Beam 1D, 2D, or their blend; default: auto, or the integrator's of a Mitsuba scene."),
+        typer.Option(
+            help="Billboard (Beam x Beam 1D), frustum (2D) or their blend; default: auto, or the Mitsuba integrator's."
+        ),
     ] = None,
-    rule: Annotated[RuleName | None, typer.Option(help="Quadrature of the frustum; default: gauss.")] = None,
+    rule: Annotated[RuleName | None, typer.Option(help="Quadrature rule of the frustum; default: gauss.")] = None,
     order: Annotated[
         int | None,
-        typer.Option(help="Points of the quadrature; default: 6, or the integrator's of a Mitsuba scene."),
+        typer.Option(help="Points of the quadrature rule; default: 6, or the Mitsuba integrator's."),
     ] = None,
     gather: Annotated[
         Gather | None,
         typer.Option(
-            help="Whether beams are seen along every ray (exact) or, where that does, along fewer (adaptive)."
+            help="Gather beams along every ray (exact) or, where they look smooth, along fewer (adaptive, the default)."
         ),
     ] = None,
     gather_error: Annotated[
         float | None,
-        typer.Option(help="Relative error that fewer rays may have, 0: exact; default: 0.002."),
+        typer.Option(help="Largest relative error of gathering along fewer rays, 0: exact; default: 0.002."),
     ] = None,
     pixel_filter: Annotated[
         Filter | None,
-        typer.Option("--filter", help="Pixel filter; default: the render settings', or box; a Mitsuba film's own."),
+        typer.Option(
+            "--filter",
+            help="Pixel filter; default: that of the render settings, or box; for a Mitsuba scene, its film's.",
+        ),
     ] = None,
     scattering: options.Scattering = None,
     absorption: options.Absorption = None,
     anisotropy: options.Anisotropy = None,
     beams_only_fog: Annotated[
-        bool, typer.Option("--beams-only-fog", help="A fog that beams alone feel: surfaces are as if without it.")
+        bool,
+        typer.Option("--beams-only-fog", help="Let the fog affect only beams: surfaces look as if there were none."),
     ] = False,
     dome_beams: Annotated[
-        bool, typer.Option("--dome-beams", help="Dome lights make beams, too, as by photonbeams:enabled.")
+        bool, typer.Option("--dome-beams", help="Make beams of dome lights, too, as photonbeams:enabled does.")
     ] = False,
     look: Annotated[
         list[str] | None,
         typer.Option(
             metavar="[PRIM=]FILE.py:NAME",
-            help="A look of your own in Python, for all beams or those of PRIM; repeatable.",
+            help="A look written in Python, for all beams or for those of PRIM; may be repeated.",
         ),
     ] = None,
     group: Annotated[
         list[str] | None,
-        typer.Option(metavar="EMITTER=NAME", help="Light group of an emitter of a Mitsuba scene; repeatable."),
+        typer.Option(metavar="EMITTER=NAME", help="Light group of an emitter in a Mitsuba scene; may be repeated."),
     ] = None,
     simulate: options.Simulate = None,
     emit: options.Emit = None,
     stereo: options.TwoEyes = False,
     interaxial: options.Interaxial = None,
     convergence: options.Convergence = None,
-    view: Annotated[ViewName | None, typer.Option(help="One of the two eyes; default: both, in one file.")] = None,
+    view: Annotated[ViewName | None, typer.Option(help="Which eye to render; default: both, in one file.")] = None,
     holdout: Annotated[
         str | None,
         typer.Option(
             metavar="FILE",
-            help="Another renderer's depth, at which beams end instead of at the stage's surfaces. "
-            "A run of # is the frame number, %V the view.",
+            help="Another renderer's depth: beams end there instead of at the stage's surfaces. "
+            "A run of # stands for the frame number, %V for the view.",
         ),
     ] = None,
     holdout_channel: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Its channel; default: what is called a depth.")
+        str | None,
+        typer.Option(
+            metavar="NAME", help="Channel of the --holdout file; default: the one with a usual name for a depth."
+        ),
     ] = None,
     holdout_depth: Annotated[
-        DepthKind | None, typer.Option(help="Along the camera's axis, or from the camera; default: by the name.")
+        DepthKind | None,
+        typer.Option(
+            help="What the depth measures: along the camera's axis (planar) or from the camera; default: by its name."
+        ),
     ] = None,
-    holdout_scale: Annotated[float | None, typer.Option(help="Scene units in one unit of it; default: 1.")] = None,
+    holdout_scale: Annotated[float | None, typer.Option(help="Scene units per unit of the depth; default: 1.")] = None,
     over: Annotated[
-        str | None, typer.Option(metavar="FILE", help="A plate: rgba is that plus beams. Named as --holdout.")
+        str | None,
+        typer.Option(metavar="FILE", help="A plate to which beams are added: rgba is their sum. Named like --holdout."),
     ] = None,
-    over_fog: Annotated[bool, typer.Option("--over-fog", help="The fog dims the plate, too.")] = False,
+    over_fog: Annotated[bool, typer.Option("--over-fog", help="Let the fog dim the plate, too.")] = False,
     overrides: Annotated[
         list[str] | None,
         typer.Option(
-            "--set", metavar="/prim.attr=value", help="A value over the stage's; NAME=VALUE of a Mitsuba scene."
+            "--set",
+            metavar="/prim.attr=value",
+            help="Override a value of the stage, or NAME=VALUE for a parameter of a Mitsuba scene; may be repeated.",
         ),
     ] = None,
     session_layer: options.SessionLayers = None,
@@ -241,7 +266,7 @@ def render(
             metavar="PIXELS",
             min=1,
             max=65536,
-            help="Scale textures down that are larger a side, default: 4096; images of lights: twice as large.",
+            help="Scale down textures wider or higher than this, default: 4096; images on lights may be twice as large.",
         ),
     ] = None,
     variant: options.Variants = None,
@@ -251,21 +276,23 @@ def render(
     exposure: options.Exposure = 0.0,
     auto_exposure: Annotated[
         bool,
-        typer.Option("--auto-exposure", help="Choose it by the first frame and print it; an .exr stays as is."),
+        typer.Option("--auto-exposure", help="Choose the exposure by the first frame, and print it."),
     ] = False,
     seed: Annotated[
         int | None,
-        typer.Option(help="Seed of all samples, the same for all frames: beams stay where they are; default: 0."),
+        typer.Option(help="Random seed, the same for all frames, so that beams do not flicker; default: 0."),
     ] = None,
     threads: options.Threads = None,
-    device: Annotated[Device, typer.Option(help="Where to render.")] = Device.auto,
-    progress: Annotated[Progress | None, typer.Option(help="Default: rich on a terminal, else plain.")] = None,
+    device: Annotated[Device, typer.Option(help="Processor to render on.")] = Device.auto,
+    progress: Annotated[
+        Progress | None, typer.Option(help="How progress is shown; default: rich on a terminal, plain elsewhere.")
+    ] = None,
     strict: options.Strict = False,
-    dry_run: Annotated[bool, typer.Option("--dry-run", help="Read everything, render nothing.")] = False,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Read and check everything, but render nothing.")] = False,
     quiet: options.Quiet = False,
     verbose: options.Verbose = False,
 ) -> None:
-    """Render frames of a stage, or a Mitsuba scene.
+    """Render frames of a USD stage or a Mitsuba scene.
 
     For example:
 
@@ -284,20 +311,26 @@ def render(
     part = PassRange.parse(pass_range)
     farm = _farm(workers, scheduler, threads, {"ca": tls_ca, "cert": tls_cert, "key": tls_key})
     if part is not None and farm is not None:
-        raise typer.BadParameter("--pass-range is of one process: a farm shares the passes out itself")
+        raise typer.BadParameter(
+            "--pass-range is for one process, and a farm divides the passes itself: expected no --pass-range with a farm"
+        )
     for flag, value in (("--time-limit", time_limit), ("--error", error)):
         if value is not None and (part is not None or farm is not None):
-            raise typer.BadParameter(f"{flag} is of a frame in one process: expected --passes alone for parts of it")
+            raise typer.BadParameter(
+                f"{flag} is for frames that one process renders: expected --passes instead for parts and farms"
+            )
     if denoise and tile is not None:
-        raise typer.BadParameter("--denoise would show the edges of tiles: expected --pass-range instead of --tile")
+        raise typer.BadParameter(
+            "--denoise would make the edges of tiles visible: expected --pass-range instead of --tile"
+        )
     if keep_noisy and not denoise:
-        raise typer.BadParameter("--keep-noisy is of layers that are denoised: expected --denoise, too")
+        raise typer.BadParameter("--keep-noisy keeps the layers before denoising: expected --denoise, too")
     outputs = parse_outputs(output or (), picture or ()) if part is None else part_outputs(output or ())
     is_xml = scene.suffix.lower() == ".xml"
     if is_xml:
         check_given(context)
     elif group:
-        raise typer.BadParameter("--group is for Mitsuba scenes: expected photonbeams:lightGroup on a stage's lights")
+        raise typer.BadParameter("--group is for Mitsuba scenes: for a stage, set photonbeams:lightGroup on its lights")
     _check_replaced(outputs, {"--holdout": holdout, "--over": over})
     asked = Asked(
         path=scene, outputs=outputs, layers=layers, frames=frames, skip_existing=skip_existing,
@@ -327,12 +360,12 @@ def render(
 
 def _exposure(stops: float, auto: bool) -> PictureExposure:
     if auto and stops:
-        raise typer.BadParameter("--auto-exposure chooses the exposure: expected no --exposure beside it")
+        raise typer.BadParameter("--auto-exposure chooses the exposure: expected no --exposure with it")
     return PictureExposure(None if auto else stops)
 
 
 def _tile(text: str | None) -> tuple[int, int] | None:
-    """Return the number of a tile, from 1, and how many there are."""
+    """Return the number of a tile, from 1, and the number of tiles."""
     if text is None:
         return None
     number, _, count = text.partition("/")
@@ -344,27 +377,29 @@ def _tile(text: str | None) -> tuple[int, int] | None:
 def _farm(
     workers: int | None, scheduler: str | None, threads: int | None, tls: dict[str, Path | None]
 ) -> FarmOptions | None:
-    """Return where the workers are, or None for this process alone."""
+    """Return where the workers are, or None to render in this process."""
     from ..farm.cluster import FarmOptions
 
     files = {name: str(path) for name, path in tls.items() if path is not None}
     if files and not (scheduler or "").startswith("tls://"):
-        raise typer.BadParameter("--tls-... are of a tls:// scheduler: expected --scheduler tls://ADDRESS, too")
+        raise typer.BadParameter(
+            "--tls-ca-file, --tls-cert and --tls-key are for a tls:// scheduler: expected --scheduler tls://ADDRESS, too"
+        )
     for path in files.values():
         if not Path(path).is_file():
-            raise typer.BadParameter(f"{path}: no such file: expected a certificate, or its key")
+            raise typer.BadParameter(f"{path}: no such file; expected a certificate or its key")
     if workers is None and scheduler is None:
         return None
     if workers is not None and scheduler is not None:
-        raise typer.BadParameter("--workers and --scheduler are two farms: expected one of them")
+        raise typer.BadParameter("--workers and --scheduler name two farms: expected only one of them")
     return FarmOptions(workers, scheduler, threads, tls=files)
 
 
 def _check_replaced(outputs: Sequence[Output], given: dict[str, str | None]) -> None:
-    """Refuse outputs that would replace what is read."""
+    """Refuse outputs that would overwrite an input."""
     for flag, path in given.items():
         if path and any(each.path.absolute() == Path(path).absolute() for each in outputs):
-            raise typer.BadParameter(f"{path} is read by {flag}: expected another file to write to")
+            raise typer.BadParameter(f"{path} is read by {flag} and would be overwritten: expected another output file")
 
 
 def _check_plates(
@@ -375,12 +410,12 @@ def _check_plates(
     over: str | None,
     fog: bool,
 ) -> None:
-    """Refuse flags that change what is not given, and a scale out of range."""
+    """Refuse flags of a holdout or a plate that is not given, and a scale out of range."""
     of_holdout = {"--holdout-channel": channel, "--holdout-depth": depth, "--holdout-scale": scale}
     for flag, value in of_holdout.items():
         if value is not None and not holdout:
-            raise typer.BadParameter(f"{flag} is of a holdout: expected --holdout, too")
+            raise typer.BadParameter(f"{flag} needs a holdout: expected --holdout, too")
     if scale is not None and not 0 < scale <= 1e12:
         raise typer.BadParameter(f"--holdout-scale is {scale}: expected more than 0 and no more than 1e12")
     if fog and not over:
-        raise typer.BadParameter("--over-fog is of a plate: expected --over, too")
+        raise typer.BadParameter("--over-fog needs a plate: expected --over, too")
