@@ -219,7 +219,7 @@ def test_a_frame_without_any_light_has_black_beams_and_does_not_end_the_film(ren
     film = ("--stereo", "--set", "/Camera.fStop=2", "--set", "/Camera.focusDistance=5")
     assert render(path, "-f", "2", "-o", "b.exr", "--over", "a.1.png", "--holdout", "a.1.exr", "-q")[0] == 0
     assert render(path, "-f", "2", "-o", "c.exr", "-q", *film)[0] == 0
-    assert render(path, "-f", "2", "-o", "d.exr", "--dry-run")[1][1].startswith("All is well")
+    assert render(path, "-f", "2", "-o", "d.exr", "--dry-run")[1][1].startswith("Ready to render")
     assert call("beams", path, "-f", "1:2", "-o", "beams.#.usda")[0] == 0
     assert "BasisCurves" not in (out / "beams.2.usda").read_text()
 
@@ -255,7 +255,7 @@ def test_frames_that_are_there_are_skipped(render, stage, out):
     assert code == 0
     assert (out / "a.1.exr").read_bytes() == b"kept"
     assert all("rgba" in read_layers(f"a.{frame}.exr") for frame in (2, 3))
-    assert lines[0] == "frame 1: skipped, for all its files are there"
+    assert lines[0] == "frame 1: skipped, all its files exist"
     assert lines[-1].startswith("2 frames rendered, 1 skipped, 4 files written, ")
     code, lines = render(stage(), *flags)
     assert code == 0
@@ -450,9 +450,9 @@ def test_products_that_are_no_outputs_are_refused(render, stage, out, bodies, co
 @pytest.mark.parametrize(
     ("name", "told"),
     [
-        ("../a.exr", "which is outside of the working folder"), ("{out}/../a.exr", "outside of the working folder"),
-        ("link/a.exr", "outside of the working folder"), ("old.exr", "which is there and no picture"),
-        ("pipe.exr", "which is no file"),
+        ("../a.exr", "which is outside the working folder"), ("{out}/../a.exr", "outside the working folder"),
+        ("link/a.exr", "outside the working folder"), ("old.exr", "which exists and is not a picture"),
+        ("pipe.exr", "which is not a regular file"),
     ],
 )  # fmt: skip
 def test_products_of_a_stage_stay_in_the_working_folder(render, stage, out, name, told):

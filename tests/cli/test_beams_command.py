@@ -212,7 +212,7 @@ def test_functions_change_and_make_beams_of_a_file_and_of_a_render(functions):
     [
         ("functions.py", 2, "--simulate is functions.py: expected FILE.py:NAME, such as beams.py:bend"),
         ("functions.txt:red", 2, "expected FILE.py:NAME"),
-        ("gone.py:red", 2, "--simulate is gone.py:red: expected a file that is there"),
+        ("gone.py:red", 2, "--simulate is gone.py:red: expected a file that exists"),
         ("functions.py:green", 2, "expected a function 'green' in functions.py"),
         ("functions.py:constant", 2, "expected a function 'constant' in functions.py"),
         ("functions.py:broken", 1, "functions.py, line 12: AttributeError: 'Beams' object has no attribute"),

@@ -89,8 +89,8 @@ def test_the_keyhole_stage_shows_all_that_a_render_needs(capsys):
 
 def test_a_stage_from_blender_says_what_it_lacks(capsys):
     found = lines(capsys, EXAMPLES / "blender" / "attic.usda")
-    assert "fog none: give one with --scattering" in found
-    assert "frames no range is given, 24 a second" in found
+    assert "fog none: add one with --scattering" in found
+    assert "frames no range, 24 a second" in found
     assert "up axis Z" in found
     assert any(line.startswith("and ") and " more " in line for line in found)
 

@@ -161,7 +161,7 @@ def test_info_shows_the_stage_under_session_layers_and_no_image(call, files):
     assert re.search(r"/Lamp +sphere .* lamp .*Red", stdout)
     code, _, stderr = call("info", PLATE, "--session-layer", files / "look.usda")
     assert code == 2
-    assert stderr.startswith("Error: --session-layer is of a stage")
+    assert stderr.startswith("Error: --session-layer is for stages")
     code, _, stderr = call("info", files / "bare.usda", "--session-layer", files / "nothing.usda")
     assert code == 1
     assert "nothing.usda: expected a USD stage, but there is no such file" in stderr

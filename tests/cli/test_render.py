@@ -149,7 +149,7 @@ def test_the_size_is_what_is_given_and_the_rest_the_apertures(render, stage, out
 
 def test_an_exposure_is_chosen_and_told(render, stage, out):
     code, _, stderr = render(stage(), "-o", out / "a.png", "--auto-exposure")
-    told = re.search(r"pictures are exposed by (\S+) stops, as by --exposure (\S+)$", stderr, re.MULTILINE)
+    told = re.search(r"chose an exposure of (\S+) stops, as with --exposure (\S+)$", stderr, re.MULTILINE)
     assert code == 0 and told[1] == told[2]
     assert render(stage(), "-o", out / "b.png", "--exposure", told[1], "-q")[0] == 0
     assert (out / "a.png").read_bytes() == (out / "b.png").read_bytes()
@@ -180,7 +180,7 @@ def test_cameras_are_listed_and_chosen(render, stage, out):
 def test_a_dry_run_says_that_all_is_well_and_writes_nothing(render, stage, out):
     code, stdout, stderr = render(stage(), "-o", out / "new" / "a.####.exr", "--dry-run")
     assert (code, stdout) == (0, "")
-    assert "All is well" in stderr
+    assert "Ready to render" in stderr
     assert "32 x 18 pixels" in stderr
     assert str(out / "new" / "a.0007.exr") in stderr
     assert untouched(out)
@@ -297,7 +297,7 @@ def test_layers_choose_what_the_exr_holds_and_groups_have_theirs(render, stage, 
         (("--checkpoint", "nan"), ("--checkpoint is nan: expected a positive number of seconds",)),
         (("--order", 0), ("--order is 0", "1 to 256")),
         (("--order", 1000), ("--order is 1000", "1 to 256")),
-        (("--gather-error", 1), ("--gather-error is 1", "0, exact, to below 1")),
+        (("--gather-error", 1), ("--gather-error is 1", "0 (exact) to less than 1")),
         (("--time-limit", 0), ("--time-limit is 0",)),
         (("--time-limit", "nan"), ("--time-limit is nan",)),
         (("--exposure", "nan"), ("--exposure is nan",)),
@@ -663,9 +663,13 @@ def test_a_texture_that_is_cut_off_is_named(render, stage, out, tmp_path):
         (["Lamp=mine.py:green"], 0, ""),
         (["Lmp=mine.py:green"], 1, "no beams are named Lmp: expected one of "),
         (["mine.py:number"], 2, "--look is mine.py:number: expected a photonbeams.Look 'number' in mine.py"),
-        (["gone.py:green"], 2, "--look is gone.py:green: expected a file that is there"),
+        (["gone.py:green"], 2, "--look is gone.py:green: expected a file that exists"),
         (["green"], 2, "--look is green: expected FILE.py:NAME"),
-        (["mine.py:green", "Lamp=mine.py:green"], 2, "expected one look for all beams, or one for each prim"),
+        (
+            ["mine.py:green", "Lamp=mine.py:green"],
+            2,
+            "expected either one look for all beams, or at most one for each prim",
+        ),
         (["mine.py:words"], 1, "the look's function words returns a str: expected a Float, an Array3f or a number"),
         (["mine.py:nothing"], 1, "the look's factor along is not finite everywhere"),
         (["broken.py:green"], 1, "broken.py, line 1: "),

@@ -183,7 +183,7 @@ def test_a_scene_for_another_integrator_has_our_defaults(render, scene, out):
 def test_a_dry_run_says_that_all_is_well_and_writes_nothing(render, scene, out):
     code, stdout, stderr = render(scene(), "-o", out / "new" / "a.exr", "--dry-run", "--res-scale", 2)
     assert (code, stdout) == (0, "")
-    assert "All is well" in stderr and "seen by front, 32 x 24 pixels" in stderr and "a.exr" in stderr
+    assert "Ready to render" in stderr and "seen by front, 32 x 24 pixels" in stderr and "a.exr" in stderr
     assert untouched(out)
     fails(render(scene('value="$density"', 'value="-1"'), "-o", out / "a.exr", "--dry-run"), 1, "sigma_t")
 

@@ -1,9 +1,9 @@
 """The command `photonbeams`.
 
-Each command is the function of its name in the module of its name, and that module is imported when the command is
-called or listed. The modules import what is heavy (Mitsuba, OpenUSD, Dr.Jit) inside the function, so that `--help`
-is fast. Exit codes: 0 success, 1 a failed render, 2 bad usage, 75 a lost farm (to be tried again), 128 + the number of
-the signal that ended the command (130 for Ctrl-C); messages go to standard error.
+Each command is a function in the module of the same name, which is imported when the command is called or listed. The
+modules import heavy packages (Mitsuba, OpenUSD, Dr.Jit) inside the function, so that `--help` is fast. Exit codes: 0
+success, 1 a failed render, 2 bad usage, 75 a lost farm (try again), 128 + the number of the signal that ended the
+command (130 for Ctrl-C). Messages go to standard error.
 """
 
 from __future__ import annotations
@@ -35,14 +35,14 @@ class _Commands(TyperGroup):
         return [name for name in _COMMANDS if find_spec(f"{__name__}.{name}")]
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        # For a name that is none, all are loaded: Typer looks among them for the one that was meant.
+        # For an unknown name, load all commands: Typer suggests the one that was probably meant.
         for name in [cmd_name] if cmd_name in _COMMANDS else self.list_commands(ctx):
             if name not in self.commands and name in self.list_commands(ctx):
                 self.commands[name] = _command(name)
         return self.commands.get(cmd_name)
 
     def invoke(self, ctx: Any) -> Any:
-        """Call the command; a signal that ends it is an `_Ended`, for Typer would take each for Ctrl-C."""
+        """Call the command; raise `_Ended` for a signal that ends it, because Typer would take any for Ctrl-C."""
         try:
             return super().invoke(ctx)
         except KeyboardInterrupt as interrupt:
@@ -50,7 +50,7 @@ class _Commands(TyperGroup):
 
 
 class _Ended(Exception):  # noqa: N818 (no error: a signal)
-    """A signal that ended the command is the cause."""
+    """A signal ended the command; it is the cause of this exception."""
 
 
 def _command(name: str) -> Any:
@@ -75,7 +75,7 @@ def _print_version(wanted: bool) -> None:
 @app.callback()
 def _photonbeams(
     version: Annotated[
-        bool, typer.Option("--version", help="Print the version.", callback=_print_version, is_eager=True)
+        bool, typer.Option("--version", help="Print the version and exit.", callback=_print_version, is_eager=True)
     ] = False,
 ) -> None:
     """Render volumetric light as photon beams: a USD stage in, a layered EXR out."""
@@ -84,12 +84,12 @@ def _photonbeams(
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line and exit the process.
 
-    An error that a user can cause ends it with one sentence on standard error; PHOTONBEAMS_TRACEBACK=1 shows where it
-    came from. An error that is the program's own keeps its traceback.
+    An error that a user can cause ends it with one sentence on standard error; with PHOTONBEAMS_TRACEBACK=1, the
+    traceback is shown instead. An error of the program itself keeps its traceback.
     """
     given = sys.argv[1:] if arguments is None else list(arguments)
     try:
-        # Typer would draw a box around what is wrong, and cut the sentence into lines.
+        # In its standalone mode Typer would draw a box around the message and break its lines.
         code = app(args=given or ["--help"], prog_name="photonbeams", standalone_mode=False)
     except TyperException as error:
         _fail(f"Error: {_usage(error)}", 2, given)
@@ -103,11 +103,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
         _fail(f"Error: {sentence}", _TEMPORARY if _of_farm(error) else 1, given)
     if code == _INTERRUPTED:  # before the command was called
         _end(SIGINT, None, given)
-    raise SystemExit(code or (0 if given else 2))  # without a command the help is shown for want of one
+    raise SystemExit(code or (0 if given else 2))  # without a command, the help is a usage error
 
 
 def _signal(error: BaseException | None) -> int | None:
-    """Return the signal behind an error, None without one: Dr.Jit wraps what is raised while it records a loop."""
+    """Return the signal that caused an error, or None: Dr.Jit wraps exceptions that are raised in a recorded loop."""
     found = None
     while error is not None:
         if isinstance(error, KeyboardInterrupt):
@@ -117,7 +117,7 @@ def _signal(error: BaseException | None) -> int | None:
 
 
 def _end(number: int, done: str | None, given: Sequence[str]) -> NoReturn:
-    """Say which signal ended the command, and what is done; exit as shells expect it."""
+    """Say which signal ended the command and what was written; exit with the code that shells expect."""
     ended = "Interrupted" if number == SIGINT else f"Ended by {Signals(number).name}"
     _fail(f"{ended}; {done or 'nothing was written'}", 128 + number, given)
 
@@ -130,19 +130,21 @@ def _of_farm(error: BaseException) -> bool:
 
 
 def _usage(error: TyperException) -> str:
-    """Return what is wrong with a command line: the flag, what was found, and what was expected."""
+    """Return a message about a command line: the flag, what was found, and what was expected."""
     parameter, details = getattr(error, "param", None), getattr(error.__cause__, "errors", None)
-    if parameter is not None and callable(details):  # what Typer checks types with knows what it found
+    if parameter is not None and callable(details):  # Typer's type check knows what it found
         found = details()[0]
         expected = str(found["msg"]).removeprefix("Input should be ").partition(", unable")[0].rstrip(".")
         before, choices, names = expected.partition(" is not one of ")
         return f"{parameter.opts[0]} is {found['input']}: expected {'one of ' + names if choices else before}"
-    own = isinstance(error, typer.BadParameter) and parameter is None  # raised by a command, in a whole sentence
+    own = (
+        isinstance(error, typer.BadParameter) and parameter is None
+    )  # raised by one of our commands, as a whole sentence
     return error.message if own else " ".join(error.format_message().split()).rstrip(".")  # type: ignore[attr-defined]
 
 
 def _sentence(error: BaseException) -> str | None:
-    """Return what to tell the user of an error, or None if it is a fault of the program."""
+    """Return the message for an error that a user can cause, or None for a fault of the program."""
     from ..farm.cluster import FarmError
     from ..runtime.device import DeviceError
     from ..scene import SceneError
@@ -163,7 +165,7 @@ def _sentence(error: BaseException) -> str | None:
 
 
 def _fail(message: str, code: int, given: Sequence[str]) -> NoReturn:
-    """Print a message on standard error and exit; tell Open Job Description of it, where that is asked for."""
+    """Print a message on standard error, and for Open Job Description if `--progress openjd` is given; exit."""
     print(message, file=sys.stderr)
     if "--progress=openjd" in given or ("--progress", "openjd") in pairwise(given):
         print(f"openjd_fail: {message}", flush=True)

@@ -1,4 +1,4 @@
-"""The frames of a shot, one after another: where each goes, which are there already, and what became of them."""
+"""Render the frames of a shot one after another: name their files, skip those that exist, report what was done."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ if TYPE_CHECKING:
 
 
 class FrameError(Exception):
-    """What ended a render while it was at a frame, which is its cause.
+    """A render ended at a frame; its cause is the error that ended it.
 
     Attributes
     ----------
     frame
-        "frame 7: ", or nothing where there is one frame alone.
+        "frame 7: ", or "" if there is only one frame.
     done
-        What was written before, and what is `kept` of a frame that is not finished.
+        A message about what was written before, and what is `kept` of the unfinished frame.
     """
 
     def __init__(self, frame: str, written: int, kept: str | None = None) -> None:
@@ -41,14 +41,14 @@ class FrameError(Exception):
 
 @dataclass(frozen=True)
 class Task:
-    """A frame to render, None the stage's default, what it is called, and its files."""
+    """A frame to render: its number (None for the stage's default), its name and its files."""
 
     number: float | None
     name: str
     outputs: tuple[Output, ...]
 
     def exists(self) -> bool:
-        """Return whether all files of the frame are there."""
+        """Return whether all files of the frame exist."""
         return bool(self.outputs) and all(output.exists() for output in self.outputs)
 
     @property
@@ -61,7 +61,7 @@ Finish = Callable[[Task, Callable[..., None]], "Statistics"]
 
 
 def frame_numbers(text: str | None, outputs: Sequence[Output]) -> list[float | None]:
-    """Return the frames that are asked for, None for the stage's start; the outputs' names can tell them apart."""
+    """Return the frames that `--frames` asks for, None for the stage's start; check that their outputs differ."""
     from ..scene import SceneError
     from ..usd.frames import decimals, parse_frames
 
@@ -79,9 +79,9 @@ def tasks_of(
     shot: Shot, numbers: Iterable[float | None], outputs: Sequence[Output], products: Sequence[RenderProduct],
     *, anywhere: bool = False,
 ) -> list[Task]:  # fmt: skip
-    """Return what is to be done: each frame with the files that flags name or, without them, render products.
+    """Return the frames to render, each with the files that flags name or, without such flags, its render products.
 
-    `anywhere` tells that products may lead out of the working folder.
+    `anywhere` says whether render products may lie outside the working folder.
     """
     from ..usd.reading import file_of
     from ..usd.settings import product_file
@@ -100,17 +100,19 @@ def tasks_of(
             if owner is not task.name:
                 raise typer.BadParameter(
                     f"{path} is the output of the frames {owner} and {task.name}: expected one run of # in its "
-                    "name, or names that change with the frame"
+                    "name, or a name that changes with the frame"
                 )
         if len({path.absolute() for path in task.files}) < len(task.files):
-            raise typer.BadParameter(f"the outputs are {', '.join(map(str, task.files))}: expected a file for each")
+            raise typer.BadParameter(
+                f"the outputs are {', '.join(map(str, task.files))}: expected a different file for each"
+            )
         tasks.append(task)
     return tasks
 
 
 @dataclass(frozen=True)
 class Animation:
-    """The frames of a render, and how they are gone through, as the flags say; `passes` of each, None: nobody knows."""
+    """The frames of a render, and how to go through them. Each has `passes` passes, None if that is not known yet."""
 
     tasks: Sequence[Task]
     passes: int | None
@@ -119,23 +121,24 @@ class Animation:
     quiet: bool = False
 
     def todo(self) -> list[Task]:
-        """Return the frames that are to be rendered."""
+        """Return the frames to render."""
         return [task for task in self.tasks if not (self.skip_existing and task.exists())]
 
     def render(self, finish: Finish, check: Callable[[], None]) -> None:
-        """Render the frames, and say what was done.
+        """Render the frames, and report what was done.
 
         Parameters
         ----------
         finish
-            Renders and writes a frame; it is given what to call with the number of passes done, and a note on them.
+            Renders and writes a frame. Its second argument is a function to call with the number of passes done and a
+            note on them.
         check
             Raises KeyboardInterrupt if Ctrl-C was pressed.
 
         Raises
         ------
         FrameError
-            From what ended it; the frames before are written.
+            From the error that ended the render. The frames before are written.
         """
         begin = time.perf_counter()
         done: list[tuple[Task, Statistics]] = []
@@ -144,9 +147,9 @@ class Animation:
             for index, task in enumerate(self.tasks):
                 try:
                     check()
-                    # Asked anew for each: another machine may have rendered it by now.
+                    # Ask again for each frame: another machine may have rendered it by now.
                     if self.skip_existing and task.exists():
-                        self._say(f"frame {task.name}: skipped, for all its files are there")
+                        self._say(f"frame {task.name}: skipped, all its files exist")
                         continue
                     begun = time.perf_counter()
                     statistics = finish(task, _advancing(partial(show, index, task.name), check))
@@ -169,9 +172,9 @@ class Animation:
 
 
 def print_plan(what: str, tasks: Sequence[Task], todo: Sequence[Task], layers: Sequence[str]) -> None:
-    """Print what would be done."""
+    """Print what a render would do."""
     files = " to ".join(", ".join(map(str, task.files)) for task in dict.fromkeys([*todo[:1], *todo[-1:]]))
-    print(f"All is well: {what}", file=sys.stderr)
+    print(f"Ready to render: {what}", file=sys.stderr)
     if len(tasks) > 1 or not todo:
         print(f"would render {len(todo):,} of {counted(len(tasks), 'frame')}", file=sys.stderr)
     print(f"would write {files or 'nothing'}, with the layers {', '.join(layers)}", file=sys.stderr)

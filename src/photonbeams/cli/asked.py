@@ -1,4 +1,4 @@
-"""The request of `photonbeams render`: all its flags, for either kind of scene."""
+"""The request of `photonbeams render`: all its flags, for stages and for Mitsuba scenes."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class Plates:
 
 @dataclass(frozen=True, kw_only=True)
 class Asked:
-    """The request that the flags make; None where they leave a choice to the scene."""
+    """The flags of a render; None where they leave the choice to the scene."""
 
     path: Path
     outputs: Sequence[Output]
@@ -90,23 +90,23 @@ class Asked:
     command: str
 
     def wants(self, layer: str, products: Iterable[RenderProduct] = ()) -> bool:
-        """Return whether flags or, where they name no files, render products ask for a layer by its name."""
+        """Return whether the flags ask for a layer or, if they name no files, the render products do."""
         given = self.layers.split(",") if self.layers is not None else []
         asked = () if self.outputs else (each.variables for each in products)
         return layer in {name.strip() for name in given} | {name for each in asked for name in each}
 
     def crop_of(self, width: int, height: int, own: Sequence[float] | None = None) -> Sequence[float] | None:
-        """Return the part of a picture that is rendered, in fractions: what flags say or, without them, its `own`."""
+        """Return the part of the picture to render, in fractions: that of the flags or else the scene's `own`."""
         from ..images.frame import tile_of
 
         crop = self.crop or own
         return crop if self.tile is None else tile_of(crop, width, height, self.tile)
 
     def anywhere(self) -> Asked:
-        """Return the request for a process that runs in another folder: its files have absolute paths."""
+        """Return the request with absolute paths, for a process that runs in another folder."""
 
         def absolute(text: str | None) -> str | None:
-            """Return a path, or the path in PRIM=FILE.py:NAME."""
+            """Return FILE or PRIM=FILE.py:NAME with an absolute path."""
             if text is None:
                 return None
             prim, equals, file = text.rpartition("=")

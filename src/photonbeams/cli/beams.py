@@ -1,4 +1,4 @@
-"""`photonbeams beams`: the beams of a stage, written as curves."""
+"""`photonbeams beams`: write the beams of a stage as curves."""
 
 from __future__ import annotations
 
@@ -20,14 +20,18 @@ def beams(
     scene: Annotated[Path, typer.Argument(help="A .usd, .usda, .usdc or .usdz stage.")],
     output: Annotated[
         Path,
-        typer.Option("--output", "-o", help="A .usd, .usda or .usdc file to write. A run of # is the frame number."),
+        typer.Option(
+            "--output", "-o", help="The .usd, .usda or .usdc file to write. A run of # stands for the frame number."
+        ),
     ],
     frames: options.Frames = None,
     camera: Annotated[
         str | None,
-        typer.Option("--camera", "-cam", help="Path or name of the camera: what it can see of a light decides."),
+        typer.Option(
+            "--camera", "-cam", help="Path or name of the camera; beams are guided to the light that it can see."
+        ),
     ] = None,
-    beams: Annotated[int, typer.Option(help="Beams of each light that does not say.")] = 4096,
+    beams: Annotated[int, typer.Option(help="Beams of each light that sets no number.")] = 4096,
     scattering: options.Scattering = None,
     absorption: options.Absorption = None,
     anisotropy: options.Anisotropy = None,
@@ -39,13 +43,13 @@ def beams(
     mask: options.Mask = None,
     purposes: options.Purposes = None,
     complexity: options.ComplexityName = None,
-    seed: Annotated[int, typer.Option(help="Seed of all samples.")] = 0,
+    seed: Annotated[int, typer.Option(help="Random seed.")] = 0,
     threads: options.Threads = None,
-    device: Annotated[Device, typer.Option(help="Where to trace light.")] = Device.auto,
+    device: Annotated[Device, typer.Option(help="Processor to trace light on.")] = Device.auto,
     quiet: options.Quiet = False,
     verbose: options.Verbose = False,
 ) -> None:
-    """Write the beams of a frame's first pass as curves, which other programs show and `render` reads.
+    """Write the beams of a frame's first pass as curves, which other programs can show and `render` can read.
 
     For example:
 

@@ -1,4 +1,4 @@
-"""Where commands print what they were asked for: standard output, by rich."""
+"""The console on which commands print their results: standard output, by Rich."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ if TYPE_CHECKING:
 
 
 def standard_output() -> Console:
-    """Return the console of tables and of what is said about them."""
+    """Return the console for tables and the text around them."""
     from rich.console import Console
 
     console = Console(highlight=False, markup=False)
     if not console.is_terminal:
-        console.width = 240  # what is piped or filed keeps its lines whole
+        console.width = 240  # in a pipe or a file, lines stay whole
     return console

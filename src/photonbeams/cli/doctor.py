@@ -1,4 +1,4 @@
-"""`photonbeams doctor`: what this machine has to render with, and what is wrong if it cannot."""
+"""`photonbeams doctor`: what this machine can render with, and what is wrong if it cannot render."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from ..runtime.device import Description
 
 # Traces one ray against a sphere, 2 away, and ends in the maximum that LLVM 15 cannot compile for AVX-512.
-# A home of its own makes Dr.Jit compile the kernel instead of loading it from its cache.
+# With a home folder of its own, Dr.Jit compiles the kernel instead of loading it from its cache.
 _TRIAL = """
 import os, sys, tempfile
 from photonbeams.runtime import device
@@ -34,9 +34,9 @@ if not numpy.allclose(distance, 2, atol=1e-4):
 
 
 def doctor() -> None:
-    """Show what this machine has to render with, and what is wrong if it cannot render.
+    """Show what this machine can render with, and what is wrong if it cannot render.
 
-    A small kernel is compiled and run to prove it. Exits with 1 if the machine cannot render.
+    A small kernel is compiled and run as a test. The exit code is 1 if the machine cannot render.
     """
     from rich.console import Console
     from rich.table import Table
@@ -65,7 +65,7 @@ def doctor() -> None:
 
 
 def trial() -> tuple[str | None, bool]:
-    """Run a kernel in a child process; return what is wrong, if anything, and whether a signal ended the child."""
+    """Run a kernel in a child process; return what is wrong (or None), and whether a signal ended the child."""
     child = subprocess.run([sys.executable, "-c", _TRIAL], capture_output=True, text=True, check=False)
     if child.returncode == 0:
         return None, False
@@ -80,7 +80,7 @@ def trial() -> tuple[str | None, bool]:
 
 
 def rows(found: Description) -> Iterator[tuple[str, str]]:
-    """Yield the table's rows, a name and a value each."""
+    """Yield the rows of the table, each a name and a value."""
     yield "Python", found.python
     yield "Platform", found.platform
     yield "Processors", f"{found.processors}"

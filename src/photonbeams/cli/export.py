@@ -1,4 +1,4 @@
-"""`photonbeams export`: a stage written as a Mitsuba scene."""
+"""`photonbeams export`: write a stage as a Mitsuba scene."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from .progress import counted, held_signals, messages
 def export(
     scene: Annotated[Path, typer.Argument(help="A .usd, .usda, .usdc or .usdz stage.")],
     output: Annotated[
-        Path, typer.Option("--output", "-o", help="An .xml file to write. A run of # is the frame number.")
+        Path, typer.Option("--output", "-o", help="The .xml file to write. A run of # stands for the frame number.")
     ],
     frames: options.Frames = None,
     camera: Annotated[str | None, typer.Option("--camera", "-cam", help="Path or name of the camera.")] = None,
@@ -38,7 +38,7 @@ def export(
 ) -> None:
     """Write a stage as a Mitsuba scene, with its meshes and images in a folder beside it.
 
-    What Mitsuba cannot say is left out, with a warning.
+    What a Mitsuba scene cannot express is left out, with a warning.
 
     For example:
 

@@ -1,4 +1,4 @@
-"""`photonbeams render --workers N`, or `--scheduler ADDRESS`: frames by a farm."""
+"""`photonbeams render --workers N` or `--scheduler ADDRESS`: render frames on a farm."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Request:
-    """What a worker is sent: the flags, which frame is the first one, and how many threads it has."""
+    """What a worker receives: the flags, the place of the first frame to render, and its number of threads."""
 
     asked: Asked
     first: int
@@ -38,11 +38,11 @@ class Request:
 
 
 def open_scene(request: Request) -> Opened:
-    """Open the scene of a request on a worker; return what renders passes of it."""
+    """Open the scene of a request on a worker; return a function that renders passes of it."""
     from ..render.passes import PlannedPasses
     from .job import opened
 
-    # Where products go was looked at by the command, whose folder this may not be.
+    # The command has checked where render products go; this worker may run in another folder.
     asked = replace(request.asked, threads=request.threads or threads_here(), allow_paths=True)
     try:
         asked.start_device()
@@ -74,7 +74,7 @@ class FarmAnimation:
     _files: int = 0
 
     def render(self, options: FarmOptions) -> None:
-        """Render the frames that are to be rendered; raises FrameError from what ended it."""
+        """Render the frames of `todo`; raise FrameError from the error that ends it."""
         self._saved = dict.fromkeys(range(len(self.todo)), time.perf_counter())
         try:
             self._frames = [self._begin(task) for task in self.todo]
@@ -88,7 +88,7 @@ class FarmAnimation:
             print(report_line(self._written, skipped, self._files, seconds), file=sys.stderr)
 
     def _begin(self, task: Task) -> FarmFrame:
-        """Return a frame with the passes that its checkpoint has."""
+        """Return a frame, with the passes of its checkpoint if it resumes one."""
         passes = self.job.settings.passes
         path = checkpoint_of(task.outputs)
         if not (self.asked.resume and path.is_file()):
@@ -96,7 +96,7 @@ class FarmAnimation:
         sums = FrameSums.load(path)
         check_passes(path, sums, passes)
         left = sums.missing(passes)
-        if not left:  # nobody will render what tells whether it is of this picture
+        if not left:  # no worker will render a part, which would check that the checkpoint is of this picture
             self.job.render(task, None, checkpoint=Checkpoint(path, None))
         return FarmFrame(passes, sums.planned, left, path)
 
@@ -129,22 +129,24 @@ class FarmAnimation:
             Farm(client, work, self._joined, self._finished, tick).run()
 
     def _joined(self, place: int) -> None:
-        """Keep the passes that have come in, where that is due."""
+        """Write a checkpoint of the passes that have come in, if one is due."""
         now, every, sums = time.perf_counter(), self.asked.checkpoint, self._frames[place].sums
         if every is not None and sums is not None and now - self._saved[place] >= every:
             self._save(place, sums)
             self._saved[place] = now
 
     def _save(self, place: int, sums: FrameSums) -> bool:
-        """Write a checkpoint; return whether that was possible."""
+        """Write a checkpoint; return whether it could be written."""
         checkpoint = Checkpoint(checkpoint_of(self.todo[place].outputs))
         checkpoint.development = sums.development
         checkpoint.save(sums)
         return checkpoint.passes > 0
 
     def _finished(self, place: int) -> None:
-        """Write a frame, unless another machine has done that meanwhile and that is what is wanted."""
-        from ..shot.development import developed  # starts Dr.Jit, whose device a worker has not chosen yet
+        """Write a frame, unless another machine has written it meanwhile and `--skip-existing` is given."""
+        from ..shot.development import (
+            developed,
+        )  # imported late: it starts Dr.Jit, and workers choose their device first
 
         task, sums = self.todo[place], self._frames[place].sums
         if sums is None:
@@ -159,7 +161,7 @@ class FarmAnimation:
             print(line, file=sys.stderr)
 
     def _snapshot(self) -> None:
-        """Write pictures of all frames that are not finished."""
+        """Write snapshots of all unfinished frames."""
         from ..shot.development import developed
 
         for task, frame in zip(self.todo, self._frames, strict=True):
@@ -167,7 +169,7 @@ class FarmAnimation:
                 write_frame(developed(frame.sums), snapshots_of(task.outputs), self.asked, self.layers)
 
     def _keep(self) -> str | None:
-        """Write checkpoints of unfinished frames, if that is wanted; return a message about them."""
+        """Write checkpoints of unfinished frames, if `--checkpoint` is given; return a message about them."""
         if self.asked.checkpoint is None:
             return None
         kept = 0
@@ -175,5 +177,5 @@ class FarmAnimation:
             kept += frame.file is not None or (frame.sums is not None and self._save(place, frame.sums))
         if not kept:
             return None
-        text = "unfinished frame has its passes in a checkpoint" if kept == 1 else "unfinished frames have checkpoints"
-        return f"{kept} {text}: --skip-existing --resume goes on from there"
+        text = "unfinished frame has a checkpoint" if kept == 1 else "unfinished frames have checkpoints"
+        return f"{kept} {text}: --skip-existing --resume go on from there"

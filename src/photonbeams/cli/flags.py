@@ -1,4 +1,4 @@
-"""Flags of several commands or kinds of scenes: their ranges, and the objects that they make."""
+"""Flags that several commands or both kinds of scenes share: their ranges, and the objects made from them."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ MOST_BOUNCES = 2**31 - 3  # 2 edges less than `max_depth`
 
 
 class Estimator(StrEnum):
-    """Which estimate."""
+    """How a beam's light along a ray is estimated."""
 
     auto = "auto"
     billboard = "billboard"
@@ -29,21 +29,21 @@ class Estimator(StrEnum):
 
 
 class Gather(StrEnum):
-    """Along how many rays beams are seen."""
+    """Whether beams are gathered along every ray, or along fewer where they look smooth."""
 
     adaptive = "adaptive"
     exact = "exact"
 
 
 class RuleName(StrEnum):
-    """Which quadrature."""
+    """A quadrature rule."""
 
     gauss = "gauss"
     riemann = "riemann"
 
 
 class Filter(StrEnum):
-    """Which pixel filter."""
+    """A pixel filter, by Mitsuba's name."""
 
     box = "box"
     tent = "tent"
@@ -63,7 +63,7 @@ class Complexity(StrEnum):
 
 
 class Device(StrEnum):
-    """Which processor."""
+    """The processor to compute on."""
 
     auto = "auto"
     cpu = "cpu"
@@ -73,7 +73,7 @@ class Device(StrEnum):
 def two_eyes(
     stereo: bool, interaxial: float | None, convergence: float | None, view: str | None = None
 ) -> Stereo | None:  # fmt: skip
-    """Return how the camera becomes two eyes, or None for one."""
+    """Return how the camera is split into two eyes, or None for one eye."""
     flags = {"--interaxial": interaxial, "--convergence": convergence, "--view": view}
     for flag, value in flags.items():
         if value is not None and not stereo:
@@ -106,7 +106,7 @@ def check_flags(
     checkpoint: float | None = None,
     snapshot: float | None = None,
 ) -> None:
-    """Refuse numbers out of range before anything heavy is imported; a NaN is never in range."""
+    """Refuse numbers out of range, before anything heavy is imported; a NaN is never in range."""
     from ..quadrature import MOST_POINTS
     from ..scene import MOST_BEAMS, MOST_PIXELS
 
@@ -117,19 +117,29 @@ def check_flags(
             "--res",
             res,
             min(res) >= 0 and max(res) <= MOST_PIXELS,
-            f"two of 0 to {MOST_PIXELS}, 0 for the aperture's",
+            f"two numbers from 0 to {MOST_PIXELS}, 0 to follow the aperture",
         ),
         ("--res-scale", res_scale, 0 < res_scale <= 1000, "more than 0 and no more than 1000"),
         ("--crop", crop, inside, "0 <= x0 < x1 <= 1 and 0 <= y0 < y1 <= 1"),
         ("--passes", passes, passes is None or 1 <= passes < 2**31, f"1 to {2**31 - 1}"),
         ("--time-limit", time_limit, time_limit is None or time_limit > 0, "a positive number of seconds"),
         ("--error", error, error is None or 0 < error < 1, "more than 0 and less than 1, such as 0.01"),
-        ("--beams", beams, beams is None or 1 <= beams <= MOST_BEAMS, f"1 to {MOST_BEAMS} beams a pass and light"),
+        (
+            "--beams",
+            beams,
+            beams is None or 1 <= beams <= MOST_BEAMS,
+            f"1 to {MOST_BEAMS} beams for each pass and light",
+        ),
         ("--order", order, order is None or 1 <= order <= MOST_POINTS, f"1 to {MOST_POINTS} points"),
-        ("--gather-error", gather_error, gather_error is None or 0 <= gather_error < 1, "0, exact, to below 1"),
+        ("--gather-error", gather_error, gather_error is None or 0 <= gather_error < 1, "0 (exact) to less than 1"),
         ("--anisotropy", anisotropy, anisotropy is None or -0.99 <= anisotropy <= 0.99, "-0.99 to 0.99"),
         ("--exposure", exposure, -100 <= exposure <= 100, "-100 to 100 stops"),
-        ("--bounces", bounces, bounces is None or -1 <= bounces <= MOST_BOUNCES, f"0 to {MOST_BOUNCES}, or -1"),
+        (
+            "--bounces",
+            bounces,
+            bounces is None or -1 <= bounces <= MOST_BOUNCES,
+            f"0 to {MOST_BOUNCES}, or -1 for no limit",
+        ),
         ("--checkpoint", checkpoint, checkpoint is None or checkpoint > 0, "a positive number of seconds"),
         ("--snapshot", snapshot, snapshot is None or snapshot > 0, "a positive number of seconds"),
         ("--threads", threads, threads is None or 1 <= threads <= MOST_THREADS, f"1 to {MOST_THREADS}"),
@@ -142,7 +152,7 @@ def check_flags(
 
 @dataclass(frozen=True, kw_only=True)
 class Quality:
-    """The flags of quality; None where they leave a choice to the scene, or to its kind."""
+    """The flags of quality; None where they leave the choice to the scene, or to its kind."""
 
     passes: int | None = None
     time_limit: float | None = None
@@ -165,7 +175,7 @@ class Quality:
         return -1 if self.bounces < 0 else self.bounces + 2
 
     def over(self, own: Settings) -> Settings:
-        """Return a scene's settings with what is given; a rule has as many points as theirs without `--order`."""
+        """Return a scene's settings with the given flags; without `--order`, a rule keeps their number of points."""
         from ..render.settings import Settings
 
         given = {
@@ -188,7 +198,7 @@ class Quality:
 
 @dataclass(frozen=True)
 class PassRange:
-    """Some passes of a frame: from `first` to `last` or, with `parts`, part number `first` of so many equal ones."""
+    """Some passes of a frame: `first` to `last` or, with `parts`, part number `first` of that many equal parts."""
 
     first: int
     last: int = 0
@@ -196,7 +206,7 @@ class PassRange:
 
     @classmethod
     def parse(cls, text: str | None) -> PassRange | None:
-        """Return what `--pass-range` gives."""
+        """Return the range that `--pass-range` names, or None without one."""
         if text is None:
             return None
         for mark in ":/":
@@ -211,7 +221,7 @@ class PassRange:
         )
 
     def of(self, passes: int) -> range:
-        """Return these of so many passes."""
+        """Return this range of a frame with a number of passes."""
         if self.parts:
             found = range((self.first - 1) * passes // self.parts, self.first * passes // self.parts)
         else:
@@ -223,7 +233,7 @@ class PassRange:
 
 
 def parse_color(flag: str, text: str | None) -> Color | None:
-    """Return the colour that a flag gives as a number, or as three with commas between."""
+    """Return the colour that a flag gives as one number, or as three separated by commas."""
     from ..scene import color
 
     if text is None:
@@ -231,13 +241,13 @@ def parse_color(flag: str, text: str | None) -> Color | None:
     try:
         return color([float(part) for part in text.split(",")], flag)
     except ValueError:  # a SceneError is one, too
-        expected = "one number, or three with commas between, finite and at least 0"
+        expected = "one number, or three separated by commas, finite and at least 0"
         raise typer.BadParameter(f"{flag} is {text}: expected {expected}") from None
 
 
 @dataclass(frozen=True)
 class SelectionFlags:
-    """The flags that say what of a stage is read, as they are given."""
+    """The flags that say what of a stage is read, as text."""
 
     mask: str | None = None
     purposes: str | None = None
@@ -245,7 +255,7 @@ class SelectionFlags:
     complexity: Complexity | None = None
 
     def selection(self) -> Selection:
-        """Return what they select; SceneError where that is nothing of USD's."""
+        """Return the selection; raise SceneError where a flag is not valid in USD."""
         from ..usd.selection import Selection
 
         return Selection.of(self.mask, self.purposes, self.variants, self.complexity and self.complexity.value)
@@ -253,7 +263,7 @@ class SelectionFlags:
 
 @dataclass(frozen=True)
 class FogFlags:
-    """The fog that the flags describe; None where they leave a value to the stage."""
+    """The fog that the flags describe; None where they leave a value to the stage's fog."""
 
     scattering: Color | None
     absorption: Color | None
@@ -264,12 +274,12 @@ class FogFlags:
     def parse(
         cls, scattering: str | None, absorption: str | None, anisotropy: float | None, beams_only: bool = False
     ) -> FogFlags:
-        """Return the fog of the flags' texts; raise BadParameter where a colour is none."""
+        """Return the fog that the flags describe; raise BadParameter where a colour is not valid."""
         colors = parse_color("--scattering", scattering), parse_color("--absorption", absorption)
         return cls(*colors, anisotropy, False if beams_only else None)
 
     def over(self, own: Medium | None) -> Medium | None:
-        """Return this fog instead of a stage's own, from which missing values are taken."""
+        """Return this fog, with missing values taken from the stage's `own`."""
         from ..scene import BLACK, Medium
 
         given = {name: value for name, value in vars(self).items() if value is not None}
@@ -277,14 +287,14 @@ class FogFlags:
             return own
         if own is None and self.scattering is None:
             raise typer.BadParameter(
-                "--absorption, --anisotropy and --beams-only-fog change a fog, and the stage has none: "
+                "--absorption, --anisotropy and --beams-only-fog change a fog, but the stage has none: "
                 "expected --scattering, too"
             )
         return replace(own or Medium(scattering=BLACK), **given)
 
 
 def start_device(device: Device, threads: int | None) -> None:
-    """Start the device on so many threads."""
+    """Start the device with this number of threads, None for its default."""
     from ..runtime.limits import check_address_space
 
     check_address_space()

@@ -1,4 +1,4 @@
-"""`photonbeams info`: what a stage, a picture or a volume file holds."""
+"""`photonbeams info`: show what a stage, a picture or a volume file holds."""
 
 from __future__ import annotations
 
@@ -33,16 +33,16 @@ def info(
 ) -> None:
     """Show what a USD stage, an image or a volume file holds.
 
-    Of a stage: cameras, lights, what part of their power gets into fog and is seen, meshes, fog, looks, frames and
-    units. Of an image: its parts with their views, channels, sizes, ranges and NaNs, and its headers. Of a .vdb or .vol
-    file: its grids with their types, boxes of active voxels, ranges of values, and the memory of the box.
+    For a stage: cameras, lights, what part of their power gets into fog and is seen, meshes, fog, looks, frames and
+    units. For an image: its parts with their views, channels, sizes, ranges and NaNs, and its headers. For a .vdb or
+    .vol file: its grids with their types, boxes of active voxels, ranges of values, and the memory of the box.
     """
     console = standard_output()
     if path.suffix.lower() in STAGES:
         with messages(quiet=False, verbose=False):
             _show_stage(console, path, session_layer or ())
     elif session_layer:
-        raise typer.BadParameter(f"--session-layer is of a stage, and {path} is none: expected {', '.join(STAGES)}")
+        raise typer.BadParameter(f"--session-layer is for stages, but {path} is not one: expected {', '.join(STAGES)}")
     elif path.suffix.lower() in VOLUMES:
         console.print(_table(COLUMNS, volume_rows(path)))
     else:
@@ -73,7 +73,7 @@ def _show_image(console: Console, path: Path) -> None:
 
 
 def statistics(pixels: Array) -> tuple[str, str, str, str, str]:
-    """Return least, mean and greatest of the finite values, and how many pixels hold a NaN or an infinity, as text."""
+    """Return, as text, the least, mean and greatest finite value, and how many pixels have a NaN or an infinity."""
     finite = pixels[np.isfinite(pixels)].astype(np.float64)
     ranges = [f"{value:.5g}" for value in (finite.min(), finite.mean(), finite.max())] if finite.size else ["-"] * 3
     flat = pixels.reshape(pixels.shape[0] * pixels.shape[1], -1)
@@ -82,9 +82,9 @@ def statistics(pixels: Array) -> tuple[str, str, str, str, str]:
 
 
 def _header_rows(path: Path) -> list[tuple[str, str]]:
-    """Return the attributes of each view's first part, without those that say how the file is laid out.
+    """Return the attributes of each view's first part, without those that describe the layout of the file.
 
-    What all views say is told once; what they do not, such as their matrices, for each view.
+    An attribute that is the same in all views is listed once; others, such as matrices, are listed for each view.
     """
     import OpenEXR
 
@@ -104,7 +104,7 @@ def _header_rows(path: Path) -> list[tuple[str, str]]:
 
 
 def _text(value: Any) -> str:
-    """Return a header's value for people: matrices as rows, windows as corners."""
+    """Return a readable text for a header's value: matrices as rows, windows as corners."""
     if isinstance(value, tuple | list):
         return ", ".join(_text(each) for each in value)
     if isinstance(value, np.ndarray) and value.ndim == 1:
@@ -153,7 +153,7 @@ def _show_stage(console: Console, path: Path, layers: Sequence[Path]) -> None:
 
 
 def _hidden_rows(stage: Usd.Stage, time: Usd.TimeCode) -> list[tuple[str, ...]]:
-    """Return rows of the lights that are hidden as the stage starts: a film may show them later."""
+    """Return a row for each light that is hidden when the stage starts: a film may show it later."""
     from ..usd.groups import hidden_lights
 
     return [(path, "hidden at first", "", "", "", "", "") for path in hidden_lights(stage, time)]
@@ -170,7 +170,7 @@ def _stage_rows(stage: Usd.Stage, scene: Scene) -> Iterable[tuple[str, str]]:
         first, last = stage.GetStartTimeCode(), stage.GetEndTimeCode()
         yield "frames", f"{first:g} to {last:g}, {stage.GetTimeCodesPerSecond():g} a second"
     else:
-        yield "frames", f"no range is given, {stage.GetTimeCodesPerSecond():g} a second"
+        yield "frames", f"no range, {stage.GetTimeCodesPerSecond():g} a second"
     yield "triangles", f"{sum(len(mesh.faces) for mesh in scene.meshes):,} in {len(scene.meshes):,} meshes"
     grids = [(each, each.grid) for each in scene.media if each.grid is not None]
     for each, grid in grids:
@@ -183,7 +183,7 @@ def _stage_rows(stage: Usd.Stage, scene: Scene) -> Iterable[tuple[str, str]]:
     if medium is None and grids:
         return
     if medium is None:
-        yield "fog", "none: give one with --scattering"
+        yield "fog", "none: add one with --scattering"
         return
     place = "the whole space" if medium.mesh is None else medium.mesh.name
     yield "fog", f"scattering {triple(medium.scattering)}, absorption {triple(medium.absorption)} per unit"
@@ -240,7 +240,7 @@ def _light_row(light: Light) -> tuple[str, ...]:
 
 
 def _watching(stage: Usd.Stage, time: Usd.TimeCode) -> dict[str, Camera]:
-    """Return the first few cameras that can be used, by name."""
+    """Return the first few valid cameras, by name."""
     from ..scene import SceneError
     from ..usd import stage as stages
 
@@ -252,7 +252,7 @@ def _watching(stage: Usd.Stage, time: Usd.TimeCode) -> dict[str, Camera]:
 
 
 def _reach_rows(scene: Scene, watching: Mapping[str, Camera]) -> list[tuple[str, ...]]:
-    """Return what part of the light of each lamp that makes beams gets into fog, and what part the cameras see."""
+    """Return, for each lamp with beams, what part of its light gets into fog and what part each camera sees."""
     if not (scene.media and watching and any(light.emits_beams for light in scene.lights)):
         return []
     from ..transport.reach import reach_of_lamps
@@ -273,7 +273,7 @@ def _percent(fraction: float) -> str:
 
 
 def _mesh_rows(meshes: Sequence[Mesh]) -> list[tuple[str, ...]]:
-    """Return the meshes in the stage's order, no more than a screen or two of them."""
+    """Return the first MESHES_SHOWN meshes in the stage's order, and one row for all others."""
     rows: list[tuple[str, ...]] = []
     for mesh in meshes[:MESHES_SHOWN]:
         diffuse = mesh.material.diffuse
@@ -299,7 +299,7 @@ def _look_rows(scene: Scene) -> Iterable[tuple[str, ...]]:
 
 
 def _factor_words(factor: Any, kind: str) -> str:
-    """Return what a factor is made of, in words."""
+    """Return a description of a factor: its kind, ramp, texture and expression."""
     curve: Any = getattr(factor, "curve", None)
     words = [str(getattr(factor, kind, ""))]
     if getattr(curve, "knots", ()):
@@ -319,7 +319,7 @@ def _name(thing: Any) -> str:
 
 
 def _table(columns: tuple[str, ...] | None, rows: Iterable[tuple[str, ...]], right: int = 0) -> Any:
-    """Return a plain table, the last `right` columns flush right; without `columns` the first one names the rows."""
+    """Return a plain table, its last `right` columns aligned right; without `columns`, its first column is bold."""
     from rich.table import Table
 
     rows = list(rows)

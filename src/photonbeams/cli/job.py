@@ -1,4 +1,4 @@
-"""Render frames of either kind of scene: outputs, checkpoints, progress."""
+"""Render frames of a stage or a Mitsuba scene, with outputs, checkpoints and progress."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _SUMS_BYTES, _PROGRAM_BYTES = 300, 1 << 30
 
 
 class Job(ABC):
-    """An open scene and the request for it. Methods raise SceneError or BadParameter."""
+    """An open scene and what the flags ask of it. Methods raise SceneError or BadParameter."""
 
     settings: Settings
     _asked: Asked
@@ -41,7 +41,7 @@ class Job(ABC):
 
     @abstractmethod
     def tasks(self) -> list[Task]:
-        """Return the frames and their files; `settings` are known then."""
+        """Return the frames and their files, and set `settings`."""
 
     @abstractmethod
     def layers(self, first: Task) -> Sequence[str]:
@@ -49,7 +49,7 @@ class Job(ABC):
 
     @abstractmethod
     def check(self, first: Task, todo: Sequence[Task]) -> None:
-        """Raise what rendering these frames would raise, as far as that is quickly known."""
+        """Raise what rendering these frames would raise, as far as a quick look can tell."""
 
     @abstractmethod
     def seen(self, first: Task) -> str:
@@ -61,7 +61,7 @@ class Job(ABC):
         """The arguments of `Shot.render` for all frames."""
 
     def render(self, task: Task, progress: Progress | None, **kept: Any) -> Frame:
-        """Return a frame; `kept` are more arguments of `Shot.render`."""
+        """Return a rendered frame; `kept` are further arguments of `Shot.render`."""
         return self._shot.render(task.number, progress=progress, **kept, **self._given)
 
     def part(self, task: Task, part: PlannedPasses, progress: Progress | None = None) -> FrameSums:
@@ -69,11 +69,11 @@ class Job(ABC):
         return self._shot.render_part(part, task.number, progress=progress, **self._given)
 
     def memory(self) -> int:
-        """Return how many bytes a pass needs, about: a stage may be large, and so may its beams be."""
+        """Return about how many bytes a pass needs; a large stage or many beams need more."""
         return _PROGRAM_BYTES + self.picture_memory()
 
     def picture_memory(self) -> int:
-        """Return how many bytes the picture needs, about."""
+        """Return about how many bytes the picture needs."""
         from ..images.frame import pixels_of
         from ..render.memory import PIXEL_BYTES
 
@@ -83,7 +83,7 @@ class Job(ABC):
 
 
 def layers_with(names: Sequence[str], settings: Settings) -> list[str]:
-    """Return the names of a frame's layers, given those that all frames have."""
+    """Return the names of a frame's layers: `names`, and those that the settings add."""
     from ..render.sums import NOISY
 
     more = {"normal": settings.normals, "albedo": settings.albedo}
@@ -100,7 +100,7 @@ class Kept(KeyboardInterrupt):
 
 
 def opened(asked: Asked, check: Callable[[], None]) -> Job:
-    """Open the scene of a request; `check` raises a Ctrl-C that was held back."""
+    """Open the scene of a request; `check` raises KeyboardInterrupt for a delayed Ctrl-C."""
     from .stage import StageJob
     from .xml import MitsubaJob
 
@@ -169,7 +169,7 @@ def _rendered(
     job: Job, asked: Asked, task: Task, advance: Callable[[int, str], None], kept: Sequence[str],
     due: Callable[[], bool], *, several: bool,
 ) -> Frame:  # fmt: skip
-    """Return a frame, having written checkpoints on the way, one more if a signal ends the render, and snapshots."""
+    """Render a frame, writing checkpoints and snapshots on the way, and a checkpoint if a signal ends it."""
     from ..render.checkpoint import Checkpoint
 
     checkpoint = None

@@ -1,4 +1,4 @@
-"""`photonbeams merge`: frames from passes, or from tiles, that several machines rendered."""
+"""`photonbeams merge`: join passes or tiles, which several machines rendered, into frames."""
 
 from __future__ import annotations
 
@@ -24,25 +24,26 @@ def merge(
     checkpoints: Annotated[
         list[Path],
         typer.Argument(
-            help="Checkpoints of one frame, each of other passes, or .exr tiles; * and ? are wildcards, "
-            "a run of # is the frame number."
+            help="Checkpoints with different passes of one frame, or .exr tiles; * and ? are wildcards, "
+            "a run of # stands for the frame number."
         ),
     ],
     output: Annotated[
-        list[Path], typer.Option("--output", "-o", help="Where to write: .exr (layered) or .png; may be repeated.")
+        list[Path],
+        typer.Option("--output", "-o", help="File to write: .exr (layered) or .png (tone-mapped); may be repeated."),
     ],
     picture: options.Picture = None,
     layers: options.Layers = None,
     frames: options.Frames = None,
     exposure: options.Exposure = 0.0,
     remove: Annotated[
-        bool, typer.Option("--remove", help="Remove the checkpoints of frames that are written.")
+        bool, typer.Option("--remove", help="Remove the checkpoints once their frame is written.")
     ] = False,
-    partial: Annotated[bool, typer.Option("--partial", help="Write frames that lack passes or tiles, too.")] = False,
+    partial: Annotated[bool, typer.Option("--partial", help="Also write frames that lack passes or tiles.")] = False,
     skip_existing: options.SkipExisting = False,
     quiet: options.Quiet = False,
 ) -> None:
-    """Join the passes of checkpoints, or tiles, into frames: the bits of one machine that renders all of them.
+    """Join passes from checkpoints, or tiles, into frames, bit for bit as if one machine had rendered all of them.
 
     For example:
 
@@ -82,22 +83,22 @@ def merge(
 
 
 def _join_tiles(paths: Sequence[Path], outputs: Sequence[Output], *, partial: bool, quiet: bool) -> None:
-    """Write the picture that tiles are parts of."""
+    """Write the picture that the tiles make up."""
     from ..images.tiles import join_tiles
 
     if len(outputs) != 1 or outputs[0].path.suffix.lower() != ".exr":
-        raise typer.BadParameter("tiles are joined into one file: expected -o FILE.exr alone")
+        raise typer.BadParameter("tiles are joined into one file: expected only -o FILE.exr")
     covered, pixels = join_tiles(paths, outputs[0].path, partial=partial)
     if covered < pixels:
         logging.getLogger("photonbeams").warning(
-            "%s: %s of %s pixels are in no tile, and black", outputs[0].path, f"{pixels - covered:,}", f"{pixels:,}"
+            "%s: %s of %s pixels are in no tile and stay black", outputs[0].path, f"{pixels - covered:,}", f"{pixels:,}"
         )
     if not quiet:
         typer.echo(f"{counted(len(paths), 'tile')} joined, wrote {outputs[0].path}", err=True)
 
 
 def _found(given: Sequence[Path], number: float | None) -> list[Path]:
-    """Return the checkpoints of a frame, each once, in the order of their names."""
+    """Return the checkpoints of a frame, without repetitions, sorted by name within each pattern."""
     from ..scene import SceneError
 
     result: dict[Path, None] = {}
@@ -111,7 +112,7 @@ def _found(given: Sequence[Path], number: float | None) -> list[Path]:
 
 
 def joined(paths: Sequence[Path]) -> FrameSums:
-    """Return the sums of all passes in some checkpoints; SceneError where they are not of one picture."""
+    """Return the sums of all passes in some checkpoints; raise SceneError if they are not of one picture."""
     from ..render.frame_sums import FrameSums
     from ..scene import SceneError
 
@@ -128,12 +129,12 @@ def joined(paths: Sequence[Path]) -> FrameSums:
 
 
 def _check_gaps(sums: FrameSums, path: Path, *, partial: bool) -> None:
-    """Refuse frames that lack passes which were planned, or warn of them."""
+    """Refuse a frame that lacks planned passes, or warn about it with `partial`."""
     from ..scene import SceneError
 
     missing = " and ".join(f"{each.start} to {each.stop - 1}" for each in sums.missing(sums.planned or 0))
     if not missing:
         return
     if not partial:
-        raise SceneError(f"{path}: passes {missing} are missing: expected all, or --partial")
+        raise SceneError(f"{path}: passes {missing} are missing; expected all, or --partial")
     logging.getLogger("photonbeams").warning("%s: passes %s are missing", path, missing)

@@ -1,4 +1,4 @@
-"""Where frames go: the files that flags or render products name, and the layers in them."""
+"""The output files of frames, named by flags or render products, and the layers in them."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 _PICTURES = (b"\x76\x2f\x31\x01", b"\x89PNG")  # what an .exr and a .png begin with
 
-#: Layers that are no colours, and so no pictures.
+#: Layers of numbers rather than colours, which make no picture.
 NUMBERS = ("depth", "normal")
 
 
@@ -35,7 +35,7 @@ class Output:
     path, layer
         The file, and the layer that a picture shows.
     variables
-        Layers that a render product asks for, or none: an .exr holds all that `--layers` leaves, a picture `layer`.
+        Layers that a render product asks for. If empty, an .exr holds the layers of `--layers`, a picture `layer`.
     """
 
     path: Path
@@ -43,33 +43,33 @@ class Output:
     variables: tuple[str, ...] = ()
 
     def numbered(self, frame: float) -> Output:
-        """Return the output of a frame: the run of # in its name is the number, padded."""
+        """Return the output of a frame, with its padded number for the run of # in the name."""
         return replace(self, path=numbered(self.path, frame))
 
     def exists(self) -> bool:
-        """Return whether there is a file that is not empty."""
+        """Return whether the file exists and is not empty."""
         return self.path.is_file() and self.path.stat().st_size > 0
 
     def shown(self, names: Collection[str]) -> str:
-        """Return the layer that a picture shows, of those that there are: the first that has colours."""
+        """Return the layer of `names` that a picture shows: the first one with colours."""
         found = [name for name in self.variables if name in names] or [self.layer]
         return next((name for name in found if name not in NUMBERS), found[0])
 
 
 @dataclass
 class PictureExposure:
-    """The exposure of pictures in stops; None until a first frame has chosen it, for all frames have the same."""
+    """The exposure of pictures in stops, the same for all frames; None until the first frame has chosen it."""
 
     stops: float | None
 
     def of(self, pixels: Array, *, quiet: bool = False) -> float:
-        """Return the exposure; where it is not given, choose it by this picture, and say so."""
+        """Return the exposure; if there is none yet, choose it for this picture and print it."""
         if self.stops is None:
             from ..images.display import exposure_of
 
             self.stops = exposure_of(pixels)
             if not quiet:
-                typer.echo(f"pictures are exposed by {self.stops:g} stops, as by --exposure {self.stops:g}", err=True)
+                typer.echo(f"chose an exposure of {self.stops:g} stops, as with --exposure {self.stops:g}", err=True)
         return self.stops
 
 
@@ -85,21 +85,21 @@ def parse_outputs(files: Iterable[Path], pictures: Iterable[str]) -> list[Output
     for output in outputs:
         place = output.path.absolute()
         if place in seen:
-            raise typer.BadParameter(f"{output.path} is named twice: expected a file for each output")
+            raise typer.BadParameter(f"{output.path} is named twice: expected a different file for each output")
         seen.add(place)
     return outputs
 
 
 def part_outputs(files: Iterable[Path]) -> list[Output]:
-    """Return the output of a range of passes, not yet numbered."""
+    """Return the output for a range of passes, not yet numbered."""
     outputs = [Output(checked_path("--output", path, (".checkpoint",))) for path in files]
     if len(outputs) != 1:
-        raise typer.BadParameter("--pass-range expects one output, -o FILE.checkpoint")
+        raise typer.BadParameter("--pass-range writes a checkpoint: expected exactly one output, -o FILE.checkpoint")
     return outputs
 
 
 def checked_path(flag: str, path: Path, suffixes: Sequence[str]) -> Path:
-    """Return a path that a flag gives; refuse names that end otherwise, or that no file of the kind may have."""
+    """Return the path that a flag gives; refuse other suffixes, names not in UTF-8, and two runs of #."""
     if path.suffix.lower() not in suffixes:
         raise typer.BadParameter(f"{flag} is {path}: expected a name that ends in {' or '.join(suffixes)}")
     if os.fsencode(path).decode("utf-8", "ignore") != str(path):  # OpenEXR takes no other names
@@ -110,33 +110,33 @@ def checked_path(flag: str, path: Path, suffixes: Sequence[str]) -> Path:
 
 
 def check_product(path: Path, where: str, *, anywhere: bool = False) -> None:
-    """Refuse a render product that leads onto a device, over what is no picture or, unless `anywhere`, out of here.
+    """Refuse a render product on a device, over a file that is no picture or, unless `anywhere`, outside this folder.
 
-    Products are named by stages, which may be a stranger's.
+    Stages name their products, and a stage may come from a stranger.
     """
     from ..scene import SceneError
 
     target, folder = Path(os.path.realpath(path)), Path.cwd().resolve()
     if not (anywhere or target.is_relative_to(folder)):
         expected = "expected --allow-paths, --render-settings, or -o FILE"
-        raise SceneError(f"{where} is '{path}', which is outside of the working folder: {expected}")
+        raise SceneError(f"{where} is '{path}', which is outside the working folder: {expected}")
     expected = "expected another name, or -o FILE"
     if target.exists() and not target.is_file():
-        raise SceneError(f"{where} is '{path}', which is no file: {expected}")
+        raise SceneError(f"{where} is '{path}', which is not a regular file: {expected}")
     if target.is_file() and target.stat().st_size:
         with target.open("rb") as file:
             if not file.read(8).startswith(_PICTURES):
-                raise SceneError(f"{where} is '{path}', which is there and no picture: {expected}")
+                raise SceneError(f"{where} is '{path}', which exists and is not a picture: {expected}")
 
 
 def check_outputs(outputs: Collection[object]) -> None:
-    """Refuse to render for no output."""
+    """Refuse a render without any output."""
     if not outputs:
         raise typer.BadParameter("expected at least one output: -o FILE.exr, -o FILE.png or --picture LAYER=FILE.png")
 
 
 def check_placeholders(outputs: Iterable[Output], frames: int, digits: int) -> None:
-    """Refuse outputs whose names are not different for so many frames, with so many decimals."""
+    """Refuse outputs whose names would not differ between frames, which may have decimals (`digits` of them)."""
     if frames < 2:
         return
     wanted = "####" + "." * (digits > 0) + "#" * digits
@@ -154,7 +154,7 @@ def check_placeholders(outputs: Iterable[Output], frames: int, digits: int) -> N
 
 
 def chosen_layers(text: str | None, outputs: Iterable[Output], names: Sequence[str]) -> list[str]:
-    """Return the frame's layers that `--layers` keeps in an .exr; refuse layers that the frame will not have."""
+    """Return the layers that an .exr keeps, by `--layers`; refuse layers that the frame will not have."""
     wanted = [name.strip() for name in text.split(",")] if text is not None else list(names)
     for flag, asked in (("--layers", wanted), ("--picture", [output.layer for output in outputs])):
         for name in asked:
@@ -164,27 +164,27 @@ def chosen_layers(text: str | None, outputs: Iterable[Output], names: Sequence[s
     unknown = [name for output in outputs for name in output.variables if name not in names]
     for name in dict.fromkeys(unknown):
         logging.getLogger("photonbeams").warning(
-            "a render product asks for '%s', which is no layer: expected %s", name, ", ".join(names)
+            "a render product asks for '%s', which is not a layer: expected %s", name, ", ".join(names)
         )
     return [name for name in names if name in {"rgba", *wanted}]
 
 
 def _check_pictures(outputs: Iterable[Output], names: Collection[str]) -> None:
-    """Refuse, before hours of rendering, pictures of layers that have no colours."""
+    """Refuse pictures of layers without colours, before hours of rendering."""
     from ..scene import SceneError
 
     for output in outputs:
         shown = output.shown(names)
         if output.path.suffix.lower() != ".png" or shown not in NUMBERS:
             continue
-        text = f"'{shown}', which is no picture: expected a layer of colours, or an .exr"
+        text = f"'{shown}', which has no colours: expected another layer, or an .exr"
         if output.variables:
             raise SceneError(f"the render product {output.path} shows {text}")
         raise typer.BadParameter(f"--picture names {text}")
 
 
 def prepare_outputs(outputs: Iterable[Output]) -> None:
-    """Raise OSError, before hours of rendering, for a file that could not be written; leave no trace."""
+    """Raise OSError for a file that cannot be written, before hours of rendering; leave no trace."""
     from ..runtime.files import try_path
 
     for output in outputs:
@@ -195,10 +195,10 @@ def write_outputs(
     frame: Frame, outputs: Iterable[Output], layers: Sequence[str], exposure: float, command: str,
     *, chosen: bool = False,
 ) -> None:  # fmt: skip
-    """Write all files, with the command in their headers or, where one cannot be written, none.
+    """Write all files, with the command in their headers; if one cannot be written, write none.
 
-    An .exr holds `layers` and, unless the user has chosen those, others that this frame has; of a render product, no
-    more than it asks for.
+    An .exr holds `layers` and, unless the user has `chosen` them, the frame's other layers. A render product holds only
+    the layers that it asks for.
     """
     from ..runtime.files import atomic_path
 
@@ -216,10 +216,10 @@ def write_outputs(
 
 
 def _holding(frame: Frame, names: Sequence[str]) -> Frame:
-    """Return a frame with these layers alone.
+    """Return a frame with only these layers.
 
-    Light groups that an earlier frame had and this one has not are black: of what a function emits, nobody knows
-    before which groups there will be.
+    Light groups that an earlier frame had and this one lacks are black: which groups a function emits is not known
+    beforehand.
     """
     import numpy as np
 
@@ -231,13 +231,13 @@ def _holding(frame: Frame, names: Sequence[str]) -> Frame:
 
 
 def write_frame(frame: Frame, outputs: Sequence[Output], asked: Asked, kept: Sequence[str]) -> None:
-    """Write the files of a frame, as the flags ask for."""
+    """Write the files of a frame, as the flags ask."""
     exposure = asked.exposure.of(frame.layers["rgba"], quiet=asked.quiet)
     write_outputs(frame, outputs, kept, exposure, asked.command, chosen=asked.layers is not None)
 
 
 def finish_frame(frame: Frame, outputs: Sequence[Output], asked: Asked, kept: Sequence[str]) -> None:
-    """Write the files of a frame that has all of its passes; remove its snapshots, and the checkpoint that it used."""
+    """Write the files of a finished frame; remove its snapshots and the checkpoint that it used."""
     write_frame(frame, outputs, asked, kept)
     used = [checkpoint_of(outputs)] if asked.resume or asked.checkpoint is not None else []
     for path in [*used, *(each.path for each in snapshots_of(outputs))]:
@@ -245,11 +245,11 @@ def finish_frame(frame: Frame, outputs: Sequence[Output], asked: Asked, kept: Se
 
 
 def checkpoint_of(outputs: Sequence[Output]) -> Path:
-    """Return where the checkpoint of a frame is: beside its first output."""
+    """Return the path of a frame's checkpoint, beside its first output."""
     first = outputs[0].path
     return first.with_name(f"{first.stem}.checkpoint")
 
 
 def snapshots_of(outputs: Sequence[Output]) -> list[Output]:
-    """Return where pictures of an unfinished frame are: beside its own, for those would be taken as finished."""
+    """Return the outputs for an unfinished frame: beside its own, because those would count as finished."""
     return [replace(each, path=each.path.with_name(f"{each.path.stem}.snapshot{each.path.suffix}")) for each in outputs]

@@ -1,4 +1,4 @@
-"""Python functions that a user names on the command line, FILE.py:NAME."""
+"""Load Python functions and looks that a user names on the command line, as FILE.py:NAME."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ if TYPE_CHECKING:
 
 
 def load_function(flag: str, text: str | None) -> Callable[..., Any] | None:
-    """Return the function that a flag names, or None where it is not given.
+    """Return the function that a flag names, or None without the flag.
 
-    What the file or the function raises becomes a SceneError of one sentence, with file and line.
+    Exceptions of the file or the function become a SceneError of one sentence, with file and line.
 
     Raises
     ------
@@ -32,7 +32,7 @@ def load_function(flag: str, text: str | None) -> Callable[..., Any] | None:
 
 
 def load_looks(flag: str, texts: Sequence[str]) -> Look | dict[str, Look] | None:
-    """Return the looks that a flag names, FILE.py:NAME for all beams or PRIM=FILE.py:NAME for some; None for none.
+    """Return the looks that a flag names: FILE.py:NAME for all beams, PRIM=FILE.py:NAME for some, or None.
 
     Raises
     ------
@@ -45,7 +45,9 @@ def load_looks(flag: str, texts: Sequence[str]) -> Look | dict[str, Look] | None
     for text in texts:
         prim, _, place = text.rpartition("=")
         if prim in found or (found and "" in (prim, *found)):
-            raise typer.BadParameter(f"{flag} is {text}: expected one look for all beams, or one for each prim")
+            raise typer.BadParameter(
+                f"{flag} is {text}: expected either one look for all beams, or at most one for each prim"
+            )
         found[prim] = _loaded(flag, place, lambda value: isinstance(value, Look), "a photonbeams.Look")[0]
     return found.get("") or found or None
 
@@ -57,7 +59,7 @@ def _loaded(flag: str, text: str, fits: Callable[[Any], bool], kind: str) -> tup
     if path.suffix != ".py" or not function.isidentifier():
         raise typer.BadParameter(f"{flag} is {text}: expected FILE.py:NAME, such as beams.py:bend")
     if not path.is_file():
-        raise typer.BadParameter(f"{flag} is {text}: expected a file that is there")
+        raise typer.BadParameter(f"{flag} is {text}: expected a file that exists")
     module = _told(_module, path)(path)
     found = getattr(module, function, None)
     if not fits(found):
@@ -66,7 +68,7 @@ def _loaded(flag: str, text: str, fits: Callable[[Any], bool], kind: str) -> tup
 
 
 class _Uncached(SourceFileLoader):
-    """Loads a file as it is now: Python's cache takes one that was changed within a second for the old one."""
+    """Loads a file as it is now: Python's cache misses changes that are less than a second apart."""
 
     def get_code(self, fullname: str) -> CodeType:
         """Return the code of the source."""
@@ -75,10 +77,10 @@ class _Uncached(SourceFileLoader):
 
 
 def _module(path: Path) -> Any:
-    """Run a file as a module of its own; it may import its neighbours."""
+    """Run a file as a module of its own, which may import its neighbours."""
     name = f"photonbeams_program_{path.stem}"
     spec = importlib.util.spec_from_file_location(name, path, loader=_Uncached(name, str(path)))
-    assert spec is not None and spec.loader is not None  # of a name that ends in .py
+    assert spec is not None and spec.loader is not None  # because the name ends in .py
     module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module
     sys.path.insert(0, str(path.parent.absolute()))
@@ -90,7 +92,7 @@ def _module(path: Path) -> Any:
 
 
 def _told(function: Callable[..., Any], path: Path) -> Callable[..., Any]:
-    """Return the function with its exceptions, and SystemExit, as SceneError in one sentence; Ctrl-C passes."""
+    """Return a function that raises exceptions and SystemExit as a SceneError of one sentence; Ctrl-C passes."""
     from ..scene import SceneError
 
     @wraps(function)
@@ -104,7 +106,7 @@ def _told(function: Callable[..., Any], path: Path) -> Callable[..., Any]:
 
 
 def _sentence(error: BaseException, path: Path) -> str:
-    """Return file, line and what an exception says; the last line of the user's file that led to it."""
+    """Return an exception's file, line and message; the line is the last one in the user's file."""
     if isinstance(error, SyntaxError):
         return f"{path}, line {error.lineno}: {error.msg}"
     own = [entry for entry in traceback.extract_tb(error.__traceback__) if Path(entry.filename) == path]

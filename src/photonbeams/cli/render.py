@@ -266,7 +266,7 @@ def render(
             metavar="PIXELS",
             min=1,
             max=65536,
-            help="Scale down textures wider or higher than this, default: 4096; images on lights may be twice as large.",
+            help="Scale down textures wider or higher than this, default: 4096; images on lights may be twice that.",
         ),
     ] = None,
     variant: options.Variants = None,
@@ -312,7 +312,7 @@ def render(
     farm = _farm(workers, scheduler, threads, {"ca": tls_ca, "cert": tls_cert, "key": tls_key})
     if part is not None and farm is not None:
         raise typer.BadParameter(
-            "--pass-range is for one process, and a farm divides the passes itself: expected no --pass-range with a farm"
+            "--pass-range is for one process: a farm divides the passes itself, so leave out --pass-range"
         )
     for flag, value in (("--time-limit", time_limit), ("--error", error)):
         if value is not None and (part is not None or farm is not None):
@@ -383,7 +383,7 @@ def _farm(
     files = {name: str(path) for name, path in tls.items() if path is not None}
     if files and not (scheduler or "").startswith("tls://"):
         raise typer.BadParameter(
-            "--tls-ca-file, --tls-cert and --tls-key are for a tls:// scheduler: expected --scheduler tls://ADDRESS, too"
+            "--tls-ca-file, --tls-cert and --tls-key need a tls:// scheduler: expected --scheduler tls://ADDRESS, too"
         )
     for path in files.values():
         if not Path(path).is_file():
