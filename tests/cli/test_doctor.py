@@ -110,8 +110,11 @@ def test_bad_usage_ends_with_2(arguments, capsys):
         ),
         (FileNotFoundError(errno.ENOENT, "No such file or directory", "a.exr"), "a.exr: No such file or directory"),
         (OSError(errno.ENOSPC, "No space left on device"), "No space left on device"),
-        (MemoryError(), "not enough memory for so many beams and pixels on this device"),
-        (RuntimeError("jit_malloc(): out of memory!"), "not enough memory for so many beams and pixels on this device"),
+        (MemoryError(), "not enough memory for this many beams and pixels on this device"),
+        (
+            RuntimeError("jit_malloc(): out of memory!"),
+            "not enough memory for this many beams and pixels on this device",
+        ),
     ],
 )
 def test_an_error_of_the_user_is_one_sentence(error, sentence, failing, capsys, monkeypatch):

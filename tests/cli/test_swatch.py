@@ -80,7 +80,7 @@ def test_the_library_is_drawn(capsys, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "code", "message"),
     [
-        (("STAGE", "-o", "a.exr"), 2, "a.exr is no name of a picture: expected FILE.png"),
+        (("STAGE", "-o", "a.exr"), 2, "a.exr is not the name of a picture: expected FILE.png"),
         (
             ("STAGE", "-o", "a.png", "--look", "Three"),
             1,
@@ -89,7 +89,7 @@ def test_the_library_is_drawn(capsys, tmp_path):
         (
             ("STAGE", "-o", "a.png", "--radius", "0", "0"),
             2,
-            "--radius is 0 0: expected radii of at least 0, not both 0",
+            "--radius is 0 0: expected radii of at least 0 that are not both 0",
         ),
         (
             ("STAGE", "-o", "a.png", "--set", '/Two.photonbeams:along:expression="1 - q"'),

@@ -160,7 +160,7 @@ def _sentence(error: BaseException) -> str | None:
         reason = error.strerror or str(error)
         return f"{error.filename}: {reason}" if error.filename is not None else reason
     if isinstance(error, MemoryError) or "out of memory" in str(error):  # Dr.Jit raises a RuntimeError
-        return "not enough memory for so many beams and pixels on this device"
+        return "not enough memory for this many beams and pixels on this device"
     return None
 
 

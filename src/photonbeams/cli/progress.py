@@ -1,4 +1,4 @@
-"""Progress of a render on standard error: warnings, passes, and statistics."""
+"""Show the progress of a render: warnings, passes and statistics on standard error; handle its signals."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from ..render.passes import Statistics
 
 
-# What ends a render; Windows has no SIGHUP.
+# Signals that end a render. Windows has no SIGHUP.
 _ENDING = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
 
 
@@ -48,14 +48,14 @@ def messages(quiet: bool, verbose: bool) -> Iterator[None]:
 
 
 class _Lines(logging.Formatter):
-    """Messages as "Warning: text", as errors are "Error: text"."""
+    """Formats messages as "Warning: text", in the way of "Error: text"."""
 
     def format(self, record: logging.LogRecord) -> str:
         return f"{record.levelname.capitalize()}: {record.getMessage()}"
 
 
 class Stopped(KeyboardInterrupt):
-    """Ctrl-C, or another signal that ends a render in order; the exit code is 128 + `number`."""
+    """Ctrl-C, or another signal that ends a render in an orderly way; the exit code is 128 + `number`."""
 
     def __init__(self, number: int) -> None:
         super().__init__(number)
@@ -66,8 +66,9 @@ class Stopped(KeyboardInterrupt):
 def held_signals() -> Iterator[Callable[[], None]]:
     """Delay Ctrl-C, SIGTERM and SIGHUP until the yielded function is called; a second signal is not delayed.
 
-    Compiled libraries lose an exception that is raised while they are imported or call Python: they print a traceback
-    and go on, hang, or abort. Signals that the parent process has this one ignore, as nohup does, stay ignored.
+    Compiled libraries mishandle an exception that is raised during their import or while they call Python: they print
+    a traceback and go on, hang, or abort. Signals that the parent process made this one ignore, as nohup does, stay
+    ignored.
     """
     received: int | None = None
 
@@ -97,7 +98,7 @@ def held_signals() -> Iterator[Callable[[], None]]:
 
 @contextmanager
 def snapshots(every: float | None) -> Iterator[Callable[[], bool]]:
-    """Yield a function that returns whether a snapshot is due: every so many seconds, and on SIGUSR1."""
+    """Yield a function that returns whether a snapshot is due: every `every` seconds, and on SIGUSR1."""
     signalled, written = False, time.perf_counter()
 
     def note(*_: object) -> None:
@@ -111,7 +112,7 @@ def snapshots(every: float | None) -> Iterator[Callable[[], bool]]:
             signalled, written = False, time.perf_counter()
         return found
 
-    number = getattr(signal, "SIGUSR1", None)  # which Windows has not
+    number = getattr(signal, "SIGUSR1", None)  # Windows has none
     if number is None or threading.current_thread() is not threading.main_thread():
         yield due
         return
@@ -127,9 +128,10 @@ Show = Callable[[int, str, int, str], None]
 
 @contextmanager
 def bar(kind: Progress | None, quiet: bool, frames: int, passes: int | None) -> Iterator[Show]:
-    """Yield the progress bar of a render, whose frames have so many passes; None: nobody knows how many.
+    """Yield a function that updates the progress bar of a render.
 
-    That is at which frame, from 0, what it is called, how many passes of it, and what else there is to say.
+    Its arguments are the place of the frame, from 0, its name, the number of its passes that are done, and a note.
+    `passes` is the number of passes of a frame, None if it is not known yet.
     """
     with _drawn(kind, quiet) as update:
         if update is None:
@@ -149,7 +151,7 @@ def bar(kind: Progress | None, quiet: bool, frames: int, passes: int | None) -> 
 
 @contextmanager
 def farm_bar(kind: Progress | None, quiet: bool) -> Iterator[Callable[[FarmState], None]]:
-    """Yield the progress bar of a farm."""
+    """Yield a function that updates the progress bar of a farm."""
     with _drawn(kind, quiet) as update:
         if update is None:
             yield _plain_farm(openjd=kind is Progress.openjd)
@@ -164,7 +166,7 @@ def farm_bar(kind: Progress | None, quiet: bool) -> Iterator[Callable[[FarmState
 
 @contextmanager
 def _drawn(kind: Progress | None, quiet: bool) -> Iterator[Callable[[int, int | None, str], None] | None]:
-    """Yield what draws a bar: passes done and in all, and a description; None where lines are printed instead."""
+    """Yield a function that draws a bar, of passes done, all passes and a description; None to print lines instead."""
     if quiet or kind is Progress.none:
         yield lambda done, total, description: None
         return
@@ -185,7 +187,7 @@ def _drawn(kind: Progress | None, quiet: bool) -> Iterator[Callable[[int, int | 
 
 
 def _plain_farm(openjd: bool) -> Callable[[FarmState], None]:
-    """Return what prints a line about every twentieth of all passes."""
+    """Return a function that prints a line about every twentieth of all passes."""
     last = -1
 
     def show(state: FarmState) -> None:
@@ -204,12 +206,12 @@ def _plain_farm(openjd: bool) -> Callable[[FarmState], None]:
 
 
 def _openjd(fraction: float, status: str) -> None:
-    """Print how far the work is as Open Job Description reads it, on standard output."""
+    """Print progress on standard output, in the form that Open Job Description reads."""
     print(f"openjd_progress: {100 * fraction:.1f}\nopenjd_status: {status}", flush=True)
 
 
 def _plain(frames: int, passes: int, openjd: bool) -> Show:
-    """Return what prints a line about every twentieth of all passes: a log is read afterwards."""
+    """Return a function that prints a line about every twentieth of all passes, for a log."""
     total = frames * passes
     step = max(1, total // 20)
     last = -1
@@ -217,7 +219,7 @@ def _plain(frames: int, passes: int, openjd: bool) -> Show:
     def show(index: int, name: str, done: int, note: str) -> None:
         nonlocal last
         overall = index * passes + done
-        # A frame begins where the one before it ended, and many passes may be done at once.
+        # Many passes may be done at once, and a frame begins where the one before it ended.
         part = overall // step + (overall == total)
         if part > last:
             last = part
@@ -231,7 +233,7 @@ def _plain(frames: int, passes: int, openjd: bool) -> Show:
 
 
 def _plain_unknown(frames: int, openjd: bool) -> Show:
-    """Return what prints a line whenever a frame has twice as many passes; nobody knows how many it will have."""
+    """Return a function that prints a line whenever the number of passes doubles, for an unknown total."""
     last = (-1, -1)
 
     def show(index: int, name: str, done: int, note: str) -> None:
@@ -250,7 +252,7 @@ def _plain_unknown(frames: int, openjd: bool) -> Show:
 
 
 def summary_lines(statistics: Statistics, files: Iterable[Path], seconds: float) -> list[str]:
-    """Return what was done for the one frame of a render."""
+    """Return lines about a render of one frame."""
     phases = ", ".join(f"{name} {value:.1f}" for name, value in statistics.seconds.items())
     return [
         f"{counted(statistics.passes, 'pass', 'passes')}, {counted(statistics.beams, 'beam')}, "
@@ -262,24 +264,24 @@ def summary_lines(statistics: Statistics, files: Iterable[Path], seconds: float)
 
 
 def error_note(error: float | None, goal: float | None = None) -> str:
-    """Return what is known of the error of a picture's pixels, and of how small it is to be."""
+    """Return a note on the error of a picture and its goal, as far as they are known."""
     if error is None:
         return ""
     return f"error {100 * error:.2g} %" + (f" of {100 * goal:.2g} %" if goal else "")
 
 
 def frame_line(name: str, statistics: Statistics, files: Iterable[Path], seconds: float) -> str:
-    """Return what was done for one frame of several."""
+    """Return a line about one frame of several."""
     done = f"{counted(statistics.passes, 'pass', 'passes')}, {counted(statistics.beams, 'beam')}, {seconds:.1f} s"
     return f"frame {name}: {done}, wrote {', '.join(map(str, files))}"
 
 
 def report_line(rendered: int, skipped: int, files: int, seconds: float) -> str:
-    """Return what was done for all frames."""
+    """Return a line about all frames."""
     frames = f"{counted(rendered, 'frame')} rendered, {skipped:,} skipped"
     return f"{frames}, {counted(files, 'file')} written, {seconds:.1f} s"
 
 
 def counted(count: int, noun: str, several: str | None = None) -> str:
-    """Return "1 frame" or "5 frames", or what `several` are called."""
+    """Return a count with its noun, "1 frame" or "5 frames"; `several` is the plural, if not with s."""
     return f"{count:,} {noun if count == 1 else several or noun + 's'}"

@@ -1,4 +1,4 @@
-"""`photonbeams quadrature`: how many points the light in a beam takes, Gauss beside Riemann."""
+"""`photonbeams quadrature`: how many points it takes to integrate the light in a beam, by Gauss and by Riemann."""
 
 from __future__ import annotations
 
@@ -17,21 +17,23 @@ if TYPE_CHECKING:
     from ..estimators.convergence import Curve
 
 _COLUMNS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256)
-_WIDE = 150  # terminal columns from which a row is one line
+_WIDE = 150  # terminal columns for rows of one line
 _FLOOR = 1e-15  # of float64; an error of 0 has no logarithm
 
 
 def quadrature(
-    plot: Annotated[Path | None, typer.Option(metavar="FILE.png", help="Draw the errors, too.")] = None,
-    rays: Annotated[int, typer.Option(min=1, max=100_000, metavar="N", help="Camera rays inside the beam.")] = 1000,
-    max_order: Annotated[int, typer.Option(min=1, max=256, metavar="N", help="Show up to N points.")] = 24,
-    seed: Annotated[int, typer.Option(min=0, metavar="N", help="Seed of the rays.")] = 0,
+    plot: Annotated[Path | None, typer.Option(metavar="FILE.png", help="Also plot the errors into this file.")] = None,
+    rays: Annotated[
+        int, typer.Option(min=1, max=100_000, metavar="N", help="Number of camera rays inside the beam.")
+    ] = 1000,
+    max_order: Annotated[int, typer.Option(min=1, max=256, metavar="N", help="Show rules of up to N points.")] = 24,
+    seed: Annotated[int, typer.Option(min=0, metavar="N", help="Random seed of the rays.")] = 0,
 ) -> None:
-    """Show how many points the light in a beam takes: Gauss-Legendre beside the Riemann sum.
+    """Show how many quadrature points the light in a beam takes: Gauss-Legendre and Riemann sums side by side.
 
-    Rays start inside a tapered beam in fog and look anywhere. For every built-in profile across the beam and every
-    falloff along it, the relative error of the light along a ray is shown for n points on each smooth piece of it:
-    the median of the rays, and the worst.
+    Rays start inside a tapered beam in fog, in random directions. For every built-in profile across the beam and every
+    falloff along it, the table shows the relative error of the light along a ray with n points on each smooth piece
+    of the ray: for the median ray and for the worst.
 
     Examples: photonbeams quadrature, or photonbeams quadrature --plot errors.png --rays 200
     """
@@ -59,16 +61,16 @@ def quadrature(
 
 
 def _check(plot: Path) -> None:
-    """Stop, before anything is computed, where the picture could not be written."""
+    """Refuse a plot that cannot be written, before anything is computed."""
     from ..images.files import prepare_output
 
     if plot.suffix.lower() != ".png":
-        raise typer.BadParameter(f"{plot} is no name of a picture: expected FILE.png", param_hint="'--plot'")
+        raise typer.BadParameter(f"{plot} is not the name of a picture: expected FILE.png", param_hint="'--plot'")
     prepare_output(plot)
 
 
 def _study(rays: int, max_order: int, seed: int) -> dict[str, list[Curve]]:
-    """Return the curves under the titles of their tables."""
+    """Return the curves by the titles of their tables."""
     from rich.console import Console
     from rich.progress import Progress
 
@@ -90,9 +92,9 @@ def _study(rays: int, max_order: int, seed: int) -> dict[str, list[Curve]]:
 
 
 def table(curves: Sequence[Curve], max_order: int, narrow: bool = False) -> Table:
-    """Return two rows for each curve, Gauss and Riemann: the errors, and how many points are enough.
+    """Return a table with two rows for each curve, Gauss and Riemann: the errors, and how many points are enough.
 
-    A narrow table has name above rule and median above worst, and fits a terminal of 80 columns.
+    A narrow table puts the name above the rule and the median above the worst error, and fits into 80 columns.
     """
     from rich.table import Table
 
@@ -121,7 +123,7 @@ def _row(
 
 
 def claim(curves: Sequence[Curve]) -> str:
-    """Return what the Talk says, and what was found, worst rays counting."""
+    """Return the Talk's claim and what was found for the worst rays, as text."""
     from ..estimators.convergence import GAUSS_POINTS
 
     needed = [curve.gauss_needed() for curve in curves]
@@ -170,7 +172,7 @@ def _error(error: float) -> str:
 
 
 def draw(found: dict[str, list[Curve]], max_order: int, path: Path) -> None:
-    """Draw error against n: profiles above falloffs, the median ray beside the worst; Gauss solid, Riemann dashed."""
+    """Plot error against n: profiles above falloffs, the median ray beside the worst; Gauss solid, Riemann dashed."""
     with needs("plot", "a plot", "matplotlib"):
         import matplotlib as mpl
 
@@ -182,7 +184,9 @@ def draw(found: dict[str, list[Curve]], max_order: int, path: Path) -> None:
     palette: Callable[[int], Any] = plt.get_cmap("tab20")
 
     def colour(number: int) -> Any:
-        return palette(number % 10 * 2 + number // 10)  # each colour has a pale twin beside it: strong ones first
+        return palette(
+            number % 10 * 2 + number // 10
+        )  # the palette pairs strong colours with pale ones; take the strong ones first
 
     for row, (title, curves) in zip(axes, found.items(), strict=True):
         for number, curve in enumerate(curves):

@@ -1,4 +1,4 @@
-"""`photonbeams render stage.usda`: frames of a stage."""
+"""`photonbeams render stage.usda`: render frames of a stage."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 class StageJob(Job):
-    """A stage, and what the flags ask of it; `check` raises a Ctrl-C that was held back."""
+    """A stage, and what the flags ask of it; `check` raises KeyboardInterrupt for a delayed Ctrl-C."""
 
     _own: RenderSettings
 
@@ -49,7 +49,7 @@ class StageJob(Job):
         return list_cameras(self._stage)
 
     def tasks(self) -> list[Task]:
-        """Return the frames and their files; what render settings and flags say is known then."""
+        """Return the frames and their files, and set `settings` from the render settings and the flags."""
         from ..render.settings import Settings
         from ..shot import Shot
         from ..usd.frames import check_frames
@@ -71,7 +71,7 @@ class StageJob(Job):
         return tasks_of(self._shot, self._numbers, asked.outputs, own.products, anywhere=anywhere)
 
     def _render_settings(self) -> RenderSettings:
-        """Return the render settings, where flags leave them something to say."""
+        """Return the stage's render settings, without warnings about values that flags replace."""
         from ..usd.settings import PIXEL_FILTER, read_settings
 
         asked = self._asked
@@ -89,7 +89,7 @@ class StageJob(Job):
         return layers_with(self._shot.check(content, first.number), self.settings)
 
     def check(self, first: Task, todo: Sequence[Task]) -> None:
-        """Raise what rendering these frames would raise about the picture's size, and about plates."""
+        """Raise what rendering these frames would raise about the size of the picture and about plates."""
         plates = [each for each in (self._end, self._plate) if each is not None]
         self._size = self._resolution(first.number, plates)
         for task in todo:

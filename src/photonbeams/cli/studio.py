@@ -1,4 +1,4 @@
-"""`photonbeams studio`: a shot in the browser, rendered while it is edited."""
+"""`photonbeams studio`: edit a shot in the browser while it renders."""
 
 from __future__ import annotations
 
@@ -26,28 +26,31 @@ def studio(
     camera: Annotated[str | None, typer.Option("--camera", "-cam", help="Path or name of the camera.")] = None,
     layer: Annotated[
         Path | None,
-        typer.Option("--layer", help="The .usda layer of the edits: read if it is there, written by Save."),
+        typer.Option(
+            "--layer",
+            help="A .usda layer for your edits: read if it exists, written by Save; default: look.usda beside the stage.",
+        ),
     ] = None,
     res: options.Resolution = (480, 270),
     stereo: options.TwoEyes = False,
     interaxial: options.Interaxial = None,
     convergence: options.Convergence = None,
-    passes: Annotated[int, typer.Option("--passes", min=1, help="Passes of the finished picture.")] = 64,
-    host: Annotated[str, typer.Option("--host", help="Where to listen; another one lets other machines in.")] = (
-        "127.0.0.1"
-    ),
-    port: Annotated[int, typer.Option("--port", min=0, max=65535, help="0: any that is free.")] = 0,
-    open_browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the page.")] = True,
+    passes: Annotated[int, typer.Option("--passes", min=1, help="Number of passes of the finished picture.")] = 64,
+    host: Annotated[
+        str, typer.Option("--host", help="Address to listen on; any but the default lets other machines in.")
+    ] = ("127.0.0.1"),
+    port: Annotated[int, typer.Option("--port", min=0, max=65535, help="Port to listen on; 0: any free one.")] = 0,
+    open_browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the page in the browser.")] = True,
     overrides: options.Overrides = None,
     session_layer: options.SessionLayers = None,
-    device: Annotated[Device, typer.Option(help="Where to render.")] = Device.auto,
+    device: Annotated[Device, typer.Option(help="Processor to render on.")] = Device.auto,
     threads: options.Threads = None,
     quiet: options.Quiet = False,
     verbose: options.Verbose = False,
 ) -> None:
-    """Show a shot in the browser, live, with every control of its lights, media and looks beside it.
+    """Edit a shot in the browser: a live picture, and every control of its lights, media and looks beside it.
 
-    The edits are a USD layer, which `photonbeams render --session-layer` takes. Ctrl-C ends the studio.
+    Save writes your edits as a USD layer for `photonbeams render --session-layer`. Ctrl-C ends the studio.
 
     For example:
 
@@ -74,7 +77,7 @@ def studio(
             names = (host, f"[{host}]", "127.0.0.1", "localhost") if host in _LOOPBACK else (host, socket.gethostname())
             if host not in _LOOPBACK:
                 logging.getLogger("photonbeams").warning(
-                    "the studio listens on %s: whoever has its address can edit the shot from another machine", host
+                    "the studio listens on %s: anyone who has its address can edit the shot from another machine", host
                 )
             config = uvicorn.Config(served.app(names), host=host, port=port, log_level="error", ws_max_size=1 << 17)
             listening = _socket(host, port)
@@ -83,7 +86,7 @@ def studio(
             print(address, flush=True)
             if open_browser and (os.environ.get("DISPLAY") or sys.platform in ("darwin", "win32")):
                 webbrowser.open(address)
-            with suppress(KeyboardInterrupt):  # which is how a studio ends
+            with suppress(KeyboardInterrupt):  # the usual way to end a studio
                 uvicorn.Server(config).run(sockets=[listening])
 
 
@@ -94,7 +97,7 @@ def _socket(host: str, port: int) -> socket.socket:
     result.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
         result.bind((host, port))
-        result.listen(128)  # a browser that is faster than the server waits
+        result.listen(128)  # a browser may connect before the server runs
     except OSError as error:
         raise typer.BadParameter(f"{host}:{port} cannot be used: {error.strerror}", param_hint="--port") from None
     return result

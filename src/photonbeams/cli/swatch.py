@@ -1,4 +1,4 @@
-"""`photonbeams swatch`: a picture of a look."""
+"""`photonbeams swatch`: draw pictures of looks."""
 
 from __future__ import annotations
 
@@ -12,16 +12,22 @@ from .progress import messages
 
 
 def swatch(
-    scene: Annotated[Path, typer.Argument(metavar="STAGE", help="A stage, or a layer, that holds looks.")],
-    output: Annotated[Path, typer.Option("--output", "-o", metavar="FILE.png", help="The picture.")],
+    scene: Annotated[Path, typer.Argument(metavar="STAGE", help="A stage or a layer with looks.")],
+    output: Annotated[Path, typer.Option("--output", "-o", metavar="FILE.png", help="The picture to write.")],
     look: Annotated[
-        list[str] | None, typer.Option(metavar="PATH|NAME", help="A look; may be repeated. Default: all of them.")
+        list[str] | None,
+        typer.Option(metavar="PATH|NAME", help="A look to draw; may be repeated. Default: all of them."),
     ] = None,
     frame: Annotated[
-        float | None, typer.Option("--frame", "-f", metavar="N", help="The frame, for what moves.")
+        float | None,
+        typer.Option(
+            "--frame", "-f", metavar="N", help="The frame, for looks that change over time; default: the stage's start."
+        ),
     ] = None,
-    length: Annotated[float, typer.Option(min=1e-6, metavar="UNITS", help="Length of the beam.")] = 4.0,
-    radius: Annotated[tuple[float, float], typer.Option(metavar="START END", help="Radii of the beam's ends.")] = (
+    length: Annotated[float, typer.Option(min=1e-6, metavar="UNITS", help="Length of the beam in scene units.")] = 4.0,
+    radius: Annotated[
+        tuple[float, float], typer.Option(metavar="START END", help="Radii at the beam's ends, in scene units.")
+    ] = (
         0.15,
         0.4,
     ),
@@ -30,8 +36,8 @@ def swatch(
 ) -> None:
     """Draw looks: a beam from the side, its cross-section, and the curves of its factors.
 
-    The beam lies in the stage's fog, or in a grey one. Red, green and blue curves are the channels; the dashed one
-    across the beam is what the billboard sees of the profile.
+    The beam lies in the stage's fog, or in a grey one. The red, green and blue curves are the colour channels. The
+    dashed curve across the beam is the profile as the billboard estimate sees it.
 
     Examples: photonbeams swatch look.usda -o look.png, or photonbeams swatch shot.usda --look Ember -o ember.png
     """
@@ -39,9 +45,11 @@ def swatch(
     from ..runtime.files import atomic_path
 
     if output.suffix.lower() != ".png":
-        raise typer.BadParameter(f"{output} is no name of a picture: expected FILE.png")
+        raise typer.BadParameter(f"{output} is not the name of a picture: expected FILE.png")
     if not (min(radius) >= 0 and max(radius) > 0):
-        raise typer.BadParameter(f"--radius is {radius[0]:g} {radius[1]:g}: expected radii of at least 0, not both 0")
+        raise typer.BadParameter(
+            f"--radius is {radius[0]:g} {radius[1]:g}: expected radii of at least 0 that are not both 0"
+        )
     prepare_output(output)
     with messages(quiet=False, verbose=False):
         from ..usd.looks import find_looks

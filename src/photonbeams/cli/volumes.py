@@ -1,4 +1,4 @@
-"""What `photonbeams info` shows of volume files: their grids."""
+"""Rows of `photonbeams info` about the grids of volume files."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def _row(grid: VDBGrid) -> tuple[str, ...]:
     size = "frustum" if grid.to_file is None else triple(np.linalg.norm(grid.to_file[:3, :3], axis=0))
     try:
         tree = grid.tree
-    except SceneError:  # points and text, which are no voxels
+    except SceneError:  # points and text have no voxels
         return (grid.name, kind, word, "not read", "", "", size, "", "", grid.codec)
     if tree.box is None:
         return (grid.name, kind, word, "none", "", "", size, "", "", grid.codec)
@@ -60,7 +60,7 @@ def _row(grid: VDBGrid) -> tuple[str, ...]:
 
 
 def _range(parts: list[Array]) -> str:
-    """Return the least and the greatest value."""
+    """Return a text with the least and the greatest value."""
     some = [part for part in parts if part.size]
     return f"{min(part.min() for part in some):.5g} to {max(part.max() for part in some):.5g}" if some else ""
 
@@ -70,7 +70,7 @@ def _times(counts: Array) -> str:
 
 
 def triple(values: Iterable[float]) -> str:
-    """Return numbers in a row, or one where all are the same."""
+    """Return numbers in a row, or one number if all are the same."""
     words = [f"{value:.4g}" for value in values]
     return words[0] if len(set(words)) == 1 else " ".join(words)
 

@@ -1,4 +1,4 @@
-"""`photonbeams render scene.xml`: a Mitsuba scene by photon beams."""
+"""`photonbeams render scene.xml`: render a Mitsuba scene with photon beams."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from .programs import load_looks
 if TYPE_CHECKING:
     from ..shot.scene_shot import SceneShot
 
-#: Flags that a Mitsuba scene has a use for; the others are about stages.
+#: Flags for Mitsuba scenes; all others are only for stages.
 FLAGS = {
     "scene", "output", "picture", "layers", "frames", "camera", "list_cameras", "res", "res_scale", "crop", "tile",
     "passes", "time_limit", "error", "denoise", "keep_noisy", "beams", "bounces", "estimator", "rule", "order",
@@ -31,7 +31,7 @@ FLAGS = {
 
 
 def check_given(context: typer.Context) -> None:
-    """Refuse flags that are about stages."""
+    """Refuse flags that are only for stages."""
     flags = {each.name: each.opts[0] for each in context.command.params}
     for name in context.params:
         source = getattr(context.get_parameter_source(name), "name", "")
@@ -62,7 +62,7 @@ class MitsubaJob(Job):
         return self._shot.names
 
     def tasks(self) -> list[Task]:
-        """Return the frames and their files; `settings` are known then."""
+        """Return the frames and their files, and set `settings`."""
         asked = self._asked
         if not asked.dry_run:
             check_outputs(asked.outputs)
@@ -86,7 +86,7 @@ class MitsubaJob(Job):
         return layers_with(self._shot.layer_names(), self.settings)
 
     def check(self, first: Task, todo: Sequence[Task]) -> None:
-        """Raise in a dry run what rendering would raise; otherwise rendering raises it early enough."""
+        """In a dry run, raise what rendering would raise; otherwise rendering itself raises it early enough."""
         if self._asked.dry_run:
             self._shot.check_scene(self.settings)
 
@@ -106,7 +106,7 @@ class MitsubaJob(Job):
 
 
 def _pairs(flag: str, texts: Sequence[str]) -> dict[str, str]:
-    """Return the values that a flag gives by names."""
+    """Return the values that a flag gives, by name."""
     result = {}
     for text in texts:
         name, equals, value = text.partition("=")

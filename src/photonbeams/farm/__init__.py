@@ -1,1 +1,1 @@
-"""Farms: passes of frames as tasks on a Dask cluster, whose results are the bits of one machine."""
+"""Farms: render passes of frames as tasks on a Dask cluster, bit for bit as on one machine."""

@@ -1,4 +1,4 @@
-"""Clusters: workers of this machine, or those of a running Dask scheduler."""
+"""Clusters: workers on this machine, or those of a running Dask scheduler."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from ..scene.extras import needs
 if TYPE_CHECKING:
     from distributed import Client
 
-#: What a worker's memory in bytes is called among Dask's resources.
+#: Name of a worker's memory, in bytes, among Dask's resources.
 MEMORY = "memory"
 
 _CONNECT_SECONDS = 10
 
 
 class FarmError(Exception):
-    """What is wrong with the farm, in one sentence: the work may succeed if it is started again."""
+    """The farm failed, for the reason in the message; the same work may succeed if it is started again."""
 
 
 @dataclass(frozen=True)
@@ -33,13 +33,13 @@ class FarmOptions:
     Attributes
     ----------
     workers
-        How many to start on this machine; None with a scheduler.
+        The number of workers to start on this machine; None with a scheduler.
     scheduler
         The address of a running Dask scheduler, such as tcp://farm:8786 or tls://farm:8786.
     threads
-        Processor threads of each worker that is started here; None: the processors are shared out.
+        Processor threads of each worker that is started here; None divides the processors among them.
     tls
-        Files of TLS by `ca`, `cert` and `key`.
+        Files for TLS, by the names `ca`, `cert` and `key`.
     """
 
     workers: int | None = None
@@ -48,7 +48,7 @@ class FarmOptions:
     tls: Mapping[str, str] | None = None
 
     def threads_each(self) -> int | None:
-        """Return the processor threads of a worker that is started here; None for others, which know their own."""
+        """Return the processor threads of each worker; None if workers of a scheduler choose their own."""
         if self.scheduler is not None:
             return self.threads
         return self.threads or max(1, processors() // (self.workers or 1))
@@ -56,19 +56,21 @@ class FarmOptions:
 
 @contextmanager
 def connected(options: FarmOptions) -> Iterator[Client]:
-    """Yield a client of the cluster; a local one ends with it, and leaves no process and no folder.
+    """Yield a client of the cluster; a local cluster ends with it and leaves no process or folder behind.
 
     Raises
     ------
     SceneError
         Dask is not installed.
     FarmError
-        No scheduler answers, or none of its workers.
+        The scheduler does not answer, or local workers do not start.
     """
     with needs("farm", "a farm", "Dask"):
         import dask
         import distributed
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what is lost is told by us, in a sentence
+    logging.getLogger("distributed").setLevel(
+        logging.CRITICAL
+    )  # photonbeams reports lost workers itself, in one sentence
     settings: dict[str, Any] = {f"distributed.worker.memory.{each}": False for each in ("spill", "target", "pause")}
     settings["distributed.comm.timeouts.connect"] = f"{_CONNECT_SECONDS}s"
     settings["distributed.scheduler.worker-ttl"] = "60s"
@@ -82,7 +84,7 @@ def connected(options: FarmOptions) -> Iterator[Client]:
 
 
 def dashboard(client: Client) -> str | None:
-    """Return the address of Dask's dashboard, None where Bokeh, which draws it, is not installed."""
+    """Return the address of Dask's dashboard, or None if Bokeh, which draws it, is not installed."""
     if find_spec("bokeh") is None or "dashboard" not in client.scheduler_info(n_workers=0)["services"]:
         return None
     return str(client.dashboard_link)
@@ -108,11 +110,11 @@ def _local(dask: Any, distributed: Any, options: FarmOptions) -> Iterator[Client
 
 
 def _started(kind: Any, **given: Any) -> Any:
-    """Return a local cluster; FarmError where its processes do not start."""
+    """Return a local cluster; raise FarmError if its processes do not start."""
     try:
         return kind(**given)
     except (RuntimeError, OSError, TimeoutError) as error:
-        raise FarmError(f"the workers do not start: {' '.join(str(error).split())[:200]}") from None
+        raise FarmError(f"the workers of the farm do not start: {' '.join(str(error).split())[:200]}") from None
 
 
 @contextmanager

@@ -1,9 +1,9 @@
-"""Which worker renders which passes next: the policy of a farm, without any network.
+"""Decide which worker renders which passes next: the policy of a farm, without any network.
 
-Frames are rendered in parts of a few passes. A worker goes on with the frame that it has begun, for it has built that
-frame's world; without one it begins a frame, and where none is left it helps with the one that has most to do. What a
-lost worker had is done again. A part that takes several times as long as others is begun a second time elsewhere; the
-one that is done first counts, and both are the same bits.
+Frames are rendered in parts of a few passes. A worker continues with the frame that it has begun, because it has built
+that frame's world. Otherwise it begins a new frame, or, if none is left, helps with the frame that has most left to do.
+The parts of a lost worker are rendered again. A part that takes several times as long as others is begun a second time
+elsewhere; the first result counts, and both have the same bits.
 """
 
 from __future__ import annotations
@@ -14,17 +14,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from statistics import median
 
-#: A part is begun a second time after so many median times of a part, and after so many seconds at least.
+#: A part is begun a second time after SLOW times the median time of a part, and after LEAST seconds or more.
 SLOW, LEAST = 4.0, 5.0
-LOOK = 0.5  # seconds between two looks for such parts
-#: So many workers may be lost at one part before it is blamed for that.
+LOOK = 0.5  # seconds between two searches for such parts
+#: When this many workers are lost at one part, the part is to blame.
 MOST_LOST = 3
 _MOST_PARTS = 1 << 17
 
 
 @dataclass(frozen=True)
 class FramePart:
-    """Some passes of a frame, which is named by its place in the list of frames."""
+    """Some passes of a frame; `frame` is its place in the list of frames."""
 
     frame: int
     numbers: range
@@ -32,7 +32,7 @@ class FramePart:
 
 @dataclass
 class _Running:
-    """A part that a worker has, and since when."""
+    """A part that a worker has, and the time since when."""
 
     part: FramePart
     since: float
@@ -58,17 +58,17 @@ class Dispatcher:
     Parameters
     ----------
     frames
-        The parts of each frame that are to be rendered.
+        The parts of each frame that are to be rendered, each a range of passes.
     queued
-        How many parts a worker is given at a time: with two, it does not wait for the next one.
+        The number of parts that a worker has at a time; with two, it never waits for the next one.
     """
 
     def __init__(self, frames: Sequence[Sequence[range]], queued: int = 2) -> None:
         self._todo = [[FramePart(k, numbers) for numbers in parts] for k, parts in enumerate(frames)]
         self._left = [{*parts} for parts in self._todo]
         self._count = sum(map(len, self._left))
-        self._open = {frame for frame, parts in enumerate(self._todo) if parts}  # with parts that nobody has
-        self._fresh = deque(sorted(self._open))  # that nobody has begun
+        self._open = {frame for frame, parts in enumerate(self._todo) if parts}  # frames with parts that no worker has
+        self._fresh = deque(sorted(self._open))  # frames that no worker has begun
         self._queued = queued
         self._workers: dict[str, _Worker] = {}
         self._free: dict[str, None] = {}  # workers that may be given more
@@ -83,24 +83,24 @@ class Dispatcher:
 
     @property
     def workers(self) -> list[str]:
-        """The workers there are."""
+        """The names of the workers."""
         return [*self._workers]
 
     def add_worker(self, name: str) -> None:
-        """Count on a worker."""
+        """Add a worker."""
         if name not in self._workers:
             self._workers[name] = _Worker()
             self._free[name] = None
 
     def lose_worker(self, name: str) -> None:
-        """Count no longer on a worker, and do again what it was doing; LostError where that loses every worker."""
+        """Remove a lost worker and put its parts back; raise LostError if MOST_LOST workers were lost at one part."""
         for part in self.exclude(name)[:1]:  # the others had not begun
             self._lost[part] = self._lost.get(part, 0) + 1
             if self._lost[part] >= MOST_LOST:
                 raise LostError(part, self._lost[part])
 
     def exclude(self, name: str) -> list[FramePart]:
-        """Count no longer on a worker, give what it had to others, and return that, what it was rendering first."""
+        """Remove a worker, put its parts back for others, and return them, the one that it was rendering first."""
         worker = self._workers.pop(name, _Worker())
         self._free.pop(name, None)
         for each in worker.running:
@@ -108,7 +108,7 @@ class Dispatcher:
         return [each.part for each in worker.running]
 
     def next(self, now: float) -> tuple[str, FramePart] | None:
-        """Return a worker and what it is to render, from now on; None where nobody is free or nothing is left."""
+        """Return a worker and the part that it renders from `now` on; None if no worker is free or nothing is left."""
         idle = next((name for name in self._free if not self._workers[name].running), None)
         if not self._open:
             part = None if idle is None or now - self._looked < LOOK else self._slow(now)
@@ -125,20 +125,20 @@ class Dispatcher:
         return name, part
 
     def finish(self, name: str, part: FramePart, now: float) -> bool:
-        """Note that a worker is done with a part; return whether nobody had been before."""
+        """Note that a worker has finished a part; return whether it is the first to do so."""
         worker = self._workers.get(name)
         if worker is not None:
             for each in [each for each in worker.running if each.part == part]:
                 self._times.append((now - each.since) / len(part.numbers))
                 worker.running.remove(each)
             for each in worker.running:
-                each.since = now  # it begins now
+                each.since = now  # the worker begins it now
             self._free[name] = None
         if part not in self._left[part.frame]:
             return False
         self._left[part.frame].discard(part)
         self._count -= 1
-        if part in self._todo[part.frame]:  # given back when its first worker seemed to be lost
+        if part in self._todo[part.frame]:  # put back when its first worker seemed to be lost
             self._todo[part.frame].remove(part)
             if not self._todo[part.frame]:
                 self._open.discard(part.frame)
@@ -163,7 +163,7 @@ class Dispatcher:
             self._open.add(part.frame)
 
     def _chosen(self, worker: _Worker) -> FramePart:
-        """Return the next part for a worker: of its frame, of one that nobody has begun, of that with most to do."""
+        """Return the next part for a worker: of its own frame, else of a new one, else of the one with most left."""
         frame = worker.frame
         if frame is None or not self._todo[frame]:
             while self._fresh and self._fresh[0] not in self._open:
@@ -179,7 +179,7 @@ class Dispatcher:
         return part
 
     def _slow(self, now: float) -> FramePart | None:
-        """Return a part of the worker that has taken longest, if that takes several times as long as it should."""
+        """Return a part of the worker that is latest, if it takes several times as long as usual; else None."""
         self._looked = now
         if not self._times:
             return None
@@ -192,31 +192,32 @@ class Dispatcher:
             if now - running[0].since > max(LEAST, SLOW * usual * len(running[0].part.numbers))
         ]
         for running in sorted(late, key=lambda each: each[0].since):
-            for each in running:  # what waits behind a hung part is late, too
+            for each in running:  # parts that wait behind a hung part are late, too
                 if counts[each.part] == 1 and each.part in self._left[each.part.frame]:
                     return each.part
         return None
 
 
 def most_passes(workers: int) -> int:
-    """Return the most passes of a part: eight, so much is lost with a worker, and on large farms as many as needed.
+    """Return the greatest number of passes in a part: eight, or more on large farms.
 
-    The sums of all parts go to one machine, whose network bounds how many come in a second.
+    A lost worker loses a part, which should therefore be small. But the sums of all parts go to one machine, and its
+    network limits how many it can take in a second; so on large farms parts are larger.
     """
     return 8 << max(0, (workers - 1).bit_length() - 6)
 
 
 def parts_of(missing: Sequence[range], frames: int, workers: int, most: int) -> list[range]:
-    """Return the passes of a frame in aligned parts: so few passes that every worker has several parts to do.
+    """Return the passes of a frame in aligned parts, small enough that every worker has several parts to do.
 
     Parameters
     ----------
     missing
-        The passes that are not there yet.
+        The passes that are still to be rendered.
     frames, workers
-        How many frames there are, and how many workers share them.
+        The number of frames, and the number of workers that share them.
     most
-        The most passes in a part, a power of two: so much is lost with a worker.
+        The greatest number of passes in a part, a power of two. A lost worker loses this much.
     """
     total = sum(map(len, missing)) * frames
     size = most

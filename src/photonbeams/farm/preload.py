@@ -1,4 +1,4 @@
-"""What the workers of a local farm do first: leave signals of the terminal to the command, which ends them in order."""
+"""Run first in workers of a local farm: leave signals of the terminal to the command, which ends its workers itself."""
 
 import signal
 from typing import Any

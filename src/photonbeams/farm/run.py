@@ -1,4 +1,4 @@
-"""The client of a farm: give parts of frames to workers, join what they return, and survive what they do not."""
+"""The client of a farm: give parts of frames to workers, join their results, and cope with workers that fail."""
 
 from __future__ import annotations
 
@@ -22,26 +22,27 @@ if TYPE_CHECKING:
 
 LOG = logging.getLogger("photonbeams")
 
-_LOOK = 1.0  # seconds between two looks at which workers there are
-_GONE = 10.0  # seconds without a scheduler after which it is gone
-_NOBODY = 60.0  # seconds without a worker after which nobody will come
-_BLAMED = 5.0  # seconds after which no other worker than those that cannot do the work will come
+_LOOK = 1.0  # seconds between two looks at the list of workers
+_GONE = 10.0  # seconds without a scheduler until it counts as gone
+_NOBODY = 60.0  # seconds without a worker until the farm gives up
+_BLAMED = 5.0  # seconds with only unfit workers until the farm gives up
 
 
 @dataclass
 class FarmFrame:
-    """A frame to render: how many passes it shall have, and the sums of those that are there already.
+    """A frame to render: how many passes it gets, and the sums of those that are done already.
 
     Attributes
     ----------
     passes, planned
-        How many passes, and how many were planned (see `FrameSums`).
+        The number of passes, and the number that was planned (see `FrameSums`).
     left
-        The passes that are not there yet, None for all of them.
+        The passes that are still to be rendered, None for all of them.
     file
-        A checkpoint with the others. It is read when the frame is begun: those of all frames may not fit into memory.
+        A checkpoint with the other passes. It is read when the frame begins, because the checkpoints of all frames may
+        not fit into memory.
     sums
-        The sums so far, None before the frame is begun.
+        The sums so far, None before the frame begins.
     """
 
     passes: int
@@ -51,16 +52,16 @@ class FarmFrame:
     sums: FrameSums | None = None
 
     def missing(self) -> Sequence[range]:
-        """Return the passes that are not there yet."""
+        """Return the passes that are still to be rendered."""
         return [range(self.passes)] if self.left is None else self.left
 
     def begin(self) -> None:
-        """Take up the passes of the checkpoint."""
+        """Load the passes of the checkpoint, if there is one."""
         if self.sums is None and self.file is not None:
             self.sums = FrameSums.load(self.file)
 
     def join(self, sums: FrameSums, sender: str) -> None:
-        """Add the passes of a part; SceneError, with the file or the sender, where they are of another picture."""
+        """Add the passes of a part; raise SceneError, naming the file or the sender, if they are of another picture."""
         self.begin()
         if self.sums is None:
             self.sums = sums
@@ -76,18 +77,18 @@ class FarmFrame:
 
 @dataclass
 class FarmWork:
-    """What a farm is to do.
+    """The work of a farm.
 
     Attributes
     ----------
     open_scene, request
-        A function of a module, which a worker calls with the request to open the scene.
+        A function at the top level of a module, which a worker calls with the request to open the scene.
     key
-        Which scene that is: it stays open on the worker for further parts.
+        A name for the open scene, which stays open on the worker for further parts.
     memory
-        Bytes that a part needs, about.
+        The approximate number of bytes that a part needs.
     frames, names, places
-        The frames, what they are called, and their places in the list that the worker has.
+        The frames, their names, and their places in the worker's own list of frames.
     """
 
     open_scene: Callable[[Any], Opened]
@@ -101,7 +102,7 @@ class FarmWork:
 
 @dataclass
 class FarmState:
-    """How far a farm is: passes and frames done and in all, and the number of workers."""
+    """The progress of a farm: passes and frames, done and in total, and the number of workers."""
 
     passes: int
     all_passes: int
@@ -112,20 +113,20 @@ class FarmState:
 
 @dataclass
 class Farm:
-    """A farm at work.
+    """A farm that renders frames.
 
     Parameters
     ----------
     client
         Dask's client.
     work
-        What is to be done.
+        The frames to render, and how.
     joined
-        Called with the place of a frame whenever passes of it have come in.
+        Called with the place of a frame whenever passes of it have arrived.
     finished
-        Called with the place of a frame when it has all of its passes: its sums are let go afterwards.
+        Called with the place of a frame when all of its passes have arrived; its sums are released afterwards.
     tick
-        Called several times a second with how far the farm is; what it raises ends the work.
+        Called several times a second with the progress of the farm. An exception that it raises ends the work.
     """
 
     client: Client
@@ -150,9 +151,9 @@ class Farm:
         Raises
         ------
         SceneError
-            What keeps a frame from being rendered on any machine.
+            A frame cannot be rendered on any machine.
         FarmError
-            The scheduler or all workers are gone.
+            The scheduler or all workers are gone, or several workers were lost at the same part.
         """
         frames = self.work.frames
         workers = max(1, len(self._workers()))
@@ -175,7 +176,7 @@ class Farm:
                 self._take()
         finally:
             self._stop()
-            self._fetching.shutdown(wait=False)  # what it waits for, ends with the client
+            self._fetching.shutdown(wait=False)  # pending transfers end with the client
 
     def _workers(self) -> dict[str, str]:
         """Return the names of the workers by their addresses."""
@@ -186,23 +187,23 @@ class Farm:
             if limits[address] < self.work.memory:
                 need, there = (f"{each / 2**30:.1f} GiB" for each in (self.work.memory, limits[address]))
                 name = known[address].get("name", address)
-                text = f"worker {name} has {there}, and a part needs {need}: expected fewer workers, or --tile"
+                text = f"worker {name} has {there} of memory, but a part needs {need}: use fewer workers, or --tile"
                 self._bad[address] = WorkerError(text)
         return {address: str(each.get("name", address)) for address, each in known.items()}
 
     def _look(self) -> None:
-        """See which workers there are."""
+        """Update the list of workers."""
         now = time.monotonic()
         if now - self._looked < _LOOK:
             return
         self._looked = now
         if self.client.status != "running":
             if now - self._connected > _GONE or self.client.status in ("closed", "closing"):
-                raise FarmError("the scheduler is gone: start it again, and go on with --resume --skip-existing")
+                raise FarmError("the scheduler is gone: start it again, and continue with --resume --skip-existing")
             return
         try:
             found = self._workers()
-        except (OSError, TimeoutError):  # a lost connection is told by the client's status
+        except (OSError, TimeoutError):  # the client's status reports a lost connection
             return
         self._connected = now
         self._names.update(found)
@@ -217,28 +218,28 @@ class Farm:
             error = next(iter(self._bad.values()))
             raise (FarmError if isinstance(error, MachineError) else SceneError)(str(error))
         elif now - self._seen > _NOBODY:
-            raise FarmError(f"there has been no worker for {_NOBODY:.0f} seconds: expected some")
+            raise FarmError(f"there has been no worker for {_NOBODY:.0f} seconds: expected at least one")
 
     def _lose(self, address: str) -> None:
-        """Give what a lost worker was doing to others."""
-        LOG.warning("worker %s is lost: others do again what it was doing", self._names.get(address, address))
+        """Give the parts of a lost worker to others."""
+        LOG.warning("worker %s is lost; others render its passes again", self._names.get(address, address))
         self._forget(address)
         self._drop(address)
 
     def _forget(self, address: str) -> None:
-        """Take back what a worker was given."""
+        """Take back the parts that a worker was given."""
         for key, (worker, _, future) in [*self._running.items()]:
             if worker == address:
                 del self._running[key]
                 future.cancel(force=True)
 
     def _drop(self, address: str) -> None:
-        """Count no longer on a worker; FarmError where the same part has lost several."""
+        """Remove a worker; raise FarmError if several were lost at the same part."""
         try:
             self._dispatcher.lose_worker(address)
         except LostError as error:
             raise FarmError(
-                f"{self._what(error.part)}: {error.lost} workers were lost at it: expected more memory for each"
+                f"{self._what(error.part)}: {error.lost} workers were lost at this part; expected more memory for each"
             ) from None
 
     def _what(self, part: FramePart) -> str:
@@ -246,7 +247,7 @@ class Farm:
         return f"frame {self.work.names[part.frame]}, passes {numbers.start} to {numbers.stop - 1}"
 
     def _submit(self) -> None:
-        """Give free workers what comes next."""
+        """Give free workers their next parts."""
         if self.client.status != "running":
             return
         while (given := self._dispatcher.next(time.monotonic())) is not None:
@@ -261,7 +262,7 @@ class Farm:
             future.add_done_callback(self._ready.put)
 
     def _take(self) -> None:
-        """Take what has been rendered, or wait for a moment."""
+        """Take results that have arrived, or wait for a moment."""
         while not self._fetched.empty():
             address, part, state = self._fetched.get()
             if state is None:  # its worker was lost before it could be fetched
@@ -273,7 +274,7 @@ class Farm:
         except queue.Empty:
             return
         if future.key not in self._running:
-            return  # of a lost worker
+            return  # the worker was lost
         address, part, _ = self._running[future.key]
         if future.status != "finished":
             del self._running[future.key]
@@ -282,10 +283,10 @@ class Farm:
         self._fetching.submit(self._fetch, future, address, part)
 
     def _fetch(self, future: Future, address: str, part: FramePart) -> None:
-        """Fetch a result, in a thread of its own: the network may be slow, and the worker may die meanwhile."""
+        """Fetch a result. This runs in a thread, because the network may be slow and the worker may die meanwhile."""
         try:
             state = future.result()
-        except Exception as error:  # of many kinds, all of which mean that there is no result
+        except Exception as error:  # whatever its kind, there is no result
             LOG.debug("%s: %r", self._what(part), error)
             state = None
         self._running.pop(future.key, None)
@@ -297,7 +298,7 @@ class Farm:
         try:
             sums = FrameSums.of(state)
         except (KeyError, ValueError) as error:
-            raise SceneError(f"{sender}: what it sent is no sum of passes: {error}") from None
+            raise SceneError(f"{sender}: the result is not a sum of passes: {error}") from None
         self.work.frames[part.frame].join(sums, sender)
         self._state.passes += len(part.numbers)
         if self._dispatcher.frame_done(part.frame):
@@ -313,9 +314,9 @@ class Farm:
         self._state.frames += 1
 
     def _refuse(self, address: str, part: FramePart, error: BaseException | None) -> None:
-        """Do without a worker that cannot do its work, unless it is the work that cannot be done."""
+        """Exclude a worker that failed at a part, or raise SceneError if another worker failed in the same way."""
         if error is None or type(error).__name__ in ("KilledWorker", "CancelledError", "FutureCancelledError"):
-            self._dispatcher.give_back(address, part)  # whether the worker is lost, the next look tells
+            self._dispatcher.give_back(address, part)  # the next look tells whether the worker is lost
             return
         if isinstance(error, ImportError):
             error = MachineError(f"lacks what it needs: {error}")
@@ -334,7 +335,7 @@ class Farm:
         self._dispatcher.exclude(address)
 
     def _stop(self) -> None:
-        """Take back what has not begun."""
-        for _, _, future in [*self._running.values()]:  # from which threads that fetch results take away
+        """Cancel all parts that have not been rendered."""
+        for _, _, future in [*self._running.values()]:  # a copy, because threads that fetch results remove entries
             future.cancel(force=True)
         self._running.clear()

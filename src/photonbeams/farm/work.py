@@ -1,4 +1,4 @@
-"""What runs on the workers of a farm: open the scene once, render some passes of a frame, return their sums."""
+"""The code that runs on the workers of a farm: open the scene once, render passes of a frame, return their sums."""
 
 from __future__ import annotations
 
@@ -15,28 +15,28 @@ from ..scene import Array
 _KEPT: dict[str, Any] = {}  # the last scene, by the key of the run
 _ONE = threading.Lock()  # a part uses all threads of its worker
 
-#: Whose versions must be the same for pictures to be.
+#: Packages whose versions must be the same on all machines, or pictures differ.
 PACKAGES = ("photonbeams", "mitsuba", "drjit", "usd-core", "numpy")
 
 
 class Opened(Protocol):
-    """An open scene: returns the state of the sums of some passes of a frame."""
+    """An open scene: a function that renders passes of a frame and returns the state of their sums."""
 
     def __call__(self, frame: int, numbers: range, planned: int | None) -> dict[str, Array]:
-        """Render passes `numbers` of a frame; `planned` is that of `FrameSums`."""
+        """Render passes `numbers` of a frame; `planned` is as in `FrameSums`."""
 
 
 class WorkerError(Exception):
-    """What a worker cannot do, in one sentence."""
+    """A worker cannot do its work; the message says why, in one sentence."""
 
 
 class MachineError(WorkerError):
-    """What a worker's machine lacks: others may have it."""
+    """A worker's machine lacks something that others may have."""
 
 
 @cache
 def versions() -> dict[str, str]:
-    """Return the versions of this machine that pictures depend on."""
+    """Return the versions on this machine on which pictures depend."""
     found = {"python": platform.python_version()}
     for package in PACKAGES:
         try:
@@ -47,7 +47,7 @@ def versions() -> dict[str, str]:
 
 
 def threads_here() -> int | None:
-    """Return how many threads Dask gives this worker; None outside of one."""
+    """Return the number of threads that Dask gives this worker, or None outside a worker."""
     from distributed import get_worker
 
     try:
@@ -60,16 +60,16 @@ def render_part(
     open_scene: Callable[[Any], Opened], request: Any, key: str, expected: Mapping[str, str], frame: int,
     numbers: range, planned: int | None,
 ) -> dict[str, Array]:  # fmt: skip
-    """Return the state of some passes' sums.
+    """Render some passes of a frame, and return the state of their sums.
 
-    The scene of a run, which `key` names, stays open with its textures and kernels.
+    The scene stays open under `key`, with its textures and kernels, for further parts of the same run.
 
     Raises
     ------
     MachineError
-        Other versions than expected, or a file or a library that is missing here.
+        This machine has other versions than expected, or a file or a library is missing here.
     WorkerError
-        What cannot be opened or rendered.
+        The scene cannot be opened, or the frame cannot be rendered.
     """
     with _ONE:
         own = versions()
@@ -80,7 +80,7 @@ def render_part(
         try:
             if key not in _KEPT:
                 _KEPT.clear()
-                gc.collect()  # or layers of the last scene stay in OpenUSD's registry, and are not read anew
+                gc.collect()  # otherwise layers of the last scene stay in OpenUSD's registry and are not read again
                 _KEPT[key] = open_scene(request)
             return _KEPT[key](frame, numbers, planned)
         except OSError as error:
@@ -89,9 +89,9 @@ def render_part(
         except ImportError as error:
             raise MachineError(f"lacks what it needs: {error}") from None
         except MemoryError:
-            raise WorkerError("has not enough memory for so many beams and pixels") from None
+            raise WorkerError("does not have enough memory for this many beams and pixels") from None
         except (ValueError, RuntimeError) as error:  # also SceneError and DeviceError
             text = " ".join(str(error).split())[:300]
             if "out of memory" in text:
-                text = "has not enough memory for so many beams and pixels"
+                text = "does not have enough memory for this many beams and pixels"
             raise (WorkerError if isinstance(error, ValueError) else MachineError)(text) from None
