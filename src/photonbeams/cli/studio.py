@@ -28,7 +28,7 @@ def studio(
         Path | None,
         typer.Option(
             "--layer",
-            help="A .usda layer for your edits: read if it exists, written by Save; default: look.usda beside the stage.",
+            help="A .usda layer for edits: read if it exists, written by Save; default: look.usda beside the stage.",
         ),
     ] = None,
     res: options.Resolution = (480, 270),
