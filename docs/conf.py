@@ -1,6 +1,6 @@
-"""The documentation's site: Sphinx, with pages in MyST and a reference from the docstrings.
+"""Sphinx configuration of the documentation site: pages in MyST, and a reference from the docstrings.
 
-`make docs` builds it to docs/_build/html, warnings are errors.
+`make docs` builds it into docs/_build/html; warnings are errors.
 """
 
 from importlib.metadata import version as _version
@@ -28,7 +28,7 @@ nitpicky = False
 # -- pages -----------------------------------------------------------------------------------------------------------
 myst_enable_extensions = ["colon_fence", "dollarmath"]
 myst_heading_anchors = 4
-# Notebooks are executed in tests/docs, and keep what they have shown.
+# Notebooks are executed in tests/docs, and are stored with their output.
 nb_execution_mode = "off"
 copybutton_prompt_text = r"\$ |>>> "
 copybutton_prompt_is_regexp = True
@@ -44,7 +44,7 @@ python_use_unqualified_type_names = True
 napoleon_google_docstring = False
 napoleon_use_rtype = False
 napoleon_use_ivar = True
-# Only where a network is: a site is built without one, too.
+# Empty, because the site must also build without a network.
 intersphinx_mapping: dict[str, tuple[str, None]] = {}
 
 # -- the site --------------------------------------------------------------------------------------------------------
@@ -62,14 +62,14 @@ html_theme_options = {
 }
 
 
-#: Files of the repository that pages show, and their pages.
+#: Files of the repository that the site shows, and their pages.
 _SHOWN = {"README.md": "index", "CHANGELOG.md": "changelog", "CONTRIBUTING.md": "contributing"}
 
 
 def _resolve_files(app: Sphinx, doctree: nodes.document) -> None:
-    """Resolve links to files of the repository: to the page that shows them, or, of what the site has not, to none.
+    """Resolve links to files of the repository: link to the page that shows the file, or keep only the link's text.
 
-    Pages are written for readers of the repository, too. A link to what is nowhere is left for MyST to warn of.
+    Pages are also written for readers of the repository. Links to files that do not exist are left for MyST to report.
     """
     pages, here = app.env.found_docs, (_DOCS / app.env.docname).parent
     for link in list(doctree.findall(pending_xref)):
@@ -95,5 +95,5 @@ def _resolve_files(app: Sphinx, doctree: nodes.document) -> None:
 
 
 def setup(app: Sphinx) -> None:
-    """Tell Sphinx of what is here."""
+    """Register the resolver of links with Sphinx."""
     app.connect("doctree-read", _resolve_files)
