@@ -1,1 +1,1 @@
-"""What is measured, each with its yardstick in the same run: `python -m benchmarks [NAME …]`."""
+"""Benchmarks, each beside a yardstick from the same run: `python -m benchmarks [NAME …]`."""

@@ -1,4 +1,4 @@
-"""`python -m benchmarks [NAME …]`: run the benchmarks of these names, or all, and print a table for each."""
+"""`python -m benchmarks [NAME …]`: run the named benchmarks, or all of them, and print a table for each."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from rich.console import Console
 
 # In the order in which they run; each module prints its own table in `report(console)`.
 NAMES = {
-    "gather": "tests per second beside the yardstick's",
+    "gather": "ray-beam tests per second beside the yardstick's",
     "pixels": "the gather along fewer rays than pixels, from 320 × 180 to 3840 × 2160",
-    "rays": "tests per second of the grid, for rays off a mirror ball",
-    "looks": "what looks cost beside the plain one",
+    "rays": "ray-beam tests per second of the grid, for rays off a mirror ball",
+    "looks": "the cost of looks beside the physical one",
     "cost": "seconds and memory from a thousand to a million beams",
     "quadrature": "Gauss against Riemann at equal error",
     "transport": "Mitsuba scenes: Z-test, variance and seconds beside volpath, caustics, a million beams",
     "keyhole": "the example frame, from an empty kernel cache",
-    "farm": "workers beside threads, what a task costs, memory over passes",
-    "scale": "a thousand machines, simulated with the farm's own policy",
+    "farm": "workers beside threads, the cost of a task, memory over passes",
+    "scale": "a thousand machines, simulated with the farm's own scheduling policy",
     "studio": "from an edit to its first picture, orbits, memory over ten thousand edits",
     "film": "lens, shutter and a second eye beside a pinhole",
 }
-# What runs only where it is named, with options of its own.
+# Benchmarks that run only when they are named, with options of their own.
 OPTIONAL = {
     "cycles": "the comparison scene beside Blender's Cycles with its denoiser: see `cycles --help`",
     "performance": "seconds to one error beside volpath, for docs/performance.md: see `performance --help`",
@@ -40,11 +40,13 @@ def main() -> None:
     own = sys.argv[1:2] if sys.argv[1:2] and sys.argv[1] in OPTIONAL else []
     names = own or parser.parse_args().names or list(NAMES)
     if unknown := [name for name in names if name not in NAMES | OPTIONAL]:
-        parser.error(f"no benchmark {unknown[0]}: expected {', '.join(NAMES | OPTIONAL)}")
+        parser.error(f"there is no benchmark {unknown[0]}: expected {', '.join(NAMES | OPTIONAL)}")
     console = Console()
-    console.width = max(console.width, 110)  # a table that wraps cannot be read
+    console.width = max(console.width, 110)  # a wrapped table is unreadable
     load = f", load {os.getloadavg()[0]:.1f}" if hasattr(os, "getloadavg") else ""
-    console.print(f"[dim]{platform.machine()}, {os.cpu_count()} processors{load}: figures need an idle machine[/]")
+    console.print(
+        f"[dim]{platform.machine()}, {os.cpu_count()} processors{load}: for valid figures, the machine must be idle[/]"
+    )
     for name in names:
         module = import_module(f".{name}", __package__)
         module.report(console, *([sys.argv[2:]] if own else []))

@@ -1,4 +1,4 @@
-"""What a picture costs from a thousand to a million beams: time, which should follow the tests, and peak memory."""
+"""Time and peak memory of a picture from a thousand to a million beams; time should grow with the ray–beam tests."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from .scenes import RAMP, Fan, Picture
 
 COUNTS = (1_000, 3_000, 10_000, 30_000, 100_000, 300_000, 1_000_000)
 MEMORY_BEAMS, MEMORY_TARGET = 100_000, 2.0  # GiB
-LONG_ENOUGH = 2.0  # seconds of pictures to take the least of
+LONG_ENOUGH = 2.0  # seconds of pictures from which the fastest is taken
 
 
 def report(console: Console) -> None:
-    """Print seconds, seconds per million tests, and peak memory, each count in a process of its own."""
+    """Print seconds, seconds per million tests and peak memory; each count runs in a process of its own."""
     table = Table(title="Cost: auto, colour ramp × physical, 1280 × 720")
     for name in ("beams", "M tests", "seconds", "ms per M tests", "peak memory"):
         table.add_column(name, justify="right")

@@ -1,4 +1,4 @@
-"""Farms: workers of one thread beside threads of one process, what a task costs, memory over passes, 1,000 machines."""
+"""Farms: workers of one thread beside threads of one process, the cost of a task, and memory over passes."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ from photonbeams.render.sums import PassSums
 from photonbeams.runtime.device import processors
 
 KEYHOLE = Path(__file__).parents[1] / "examples" / "keyhole" / "keyhole.usda"
-#: As many frames as workers, each of so many passes of 1280 × 720: a minute on one of two processors.
+#: Passes of each frame at 1280 × 720, with one frame for each worker: a minute on one of two processors.
 PASSES = 32
 TASKS = 400
 SIZE_4K = 3840 * 2160
 
 
 def report(console: Console) -> None:
-    """Print all of them."""
+    """Print all tables."""
     beside_threads(console)
     tasks(console)
     passes_and_memory(console)
@@ -42,7 +42,7 @@ def _command(*arguments: Any) -> float:
 
 
 def beside_threads(console: Console) -> None:
-    """Print the speed of N workers of one thread, beside N threads of one process; both without their start."""
+    """Print the speed of N workers of one thread beside N threads of one process, without the time to start."""
     count = processors()
     table = Table(title=f"{count} frames of the keyhole, {PASSES} passes of 1280 × 720")
     for name in ("", "seconds", "without start", "frames beside threads", "goal"):
@@ -62,7 +62,7 @@ def beside_threads(console: Console) -> None:
 
 
 def open_nothing(request: int) -> Any:
-    """Return what renders passes of so many black pixels in no time."""
+    """Return a function that renders passes of black pixels in no time."""
 
     def render(frame: int, numbers: range, planned: int | None) -> dict[str, np.ndarray]:
         sums = PassSums()
@@ -74,7 +74,7 @@ def open_nothing(request: int) -> Any:
 
 
 def tasks(console: Console) -> None:
-    """Print what a task costs beside its work: of a pixel, and of a 4K frame with all that is summed of it."""
+    """Print the overhead of a task: for a single pixel, and for a 4K frame with all of its sums."""
     table = Table(title="A task that renders nothing, one worker")
     for name in ("", "tasks", "milliseconds each", "goal", "MB moved each", "MB a second"):
         table.add_column(name, justify="right" if name else "left")

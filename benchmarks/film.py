@@ -1,4 +1,4 @@
-"""What lens, shutter and a second eye cost beside a pinhole's frame of equal passes."""
+"""The cost of a lens, a shutter and a second eye, beside a pinhole's frame with the same number of passes."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ OPEN = ("/World/Flight.shutter:open=-0.25", "/World/Flight.shutter:close=0.25", 
 
 
 def report(console: Console) -> None:
-    """Print least seconds of each case, run by turns, and the ratio to the pinhole's."""
+    """Print the least seconds of each case, run by turns, and their ratio to the pinhole's."""
     mono = pb.Shot.open(STAGE, camera="Flight", overrides=OPEN)
     eyes = pb.Shot.open(STAGE, camera="Flight", overrides=OPEN, stereo=Stereo())
     still = {"blur": False, "lens": False}

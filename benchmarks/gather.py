@@ -1,4 +1,4 @@
-"""Ray–beam tests per second of the tiled estimators, beside the yardstick's, run by turns."""
+"""Ray–beam tests per second of the tiled estimators and of the yardstick, run by turns."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ BEAMS, ROUNDS = 10_000, 5
 
 @dataclass
 class Case:
-    """One contender: what it is, the least ratio it should reach, and how it runs; `run` returns its tests."""
+    """One contender: its name, its target ratio, and how it runs; `run` returns its number of tests."""
 
     name: str
     target: float | None
     run: Callable[[], int]
-    kernel: float = float("inf")  # the gather's kernels alone, seconds
-    whole: float = float("inf")  # with binning and all
+    kernel: float = float("inf")  # seconds of the gathering kernels
+    whole: float = float("inf")  # seconds of everything, binning included
     tests: int = 0
 
     def measure(self) -> None:
-        """Run once; keep the least times."""
+        """Run once, and keep the least times."""
         dr.sync_thread()
         dr.kernel_history_clear()
         begin = perf_counter()
@@ -44,7 +44,7 @@ class Case:
 
 
 def report(console: Console) -> None:
-    """Print the rates and their ratios to the yardstick's."""
+    """Print the rates, and their ratios to the yardstick's."""
     fan, picture, points = Fan.of(BEAMS), Picture(), Points(pb.gauss_legendre(6))
     yardstick, beams = Yardstick(fan), fan.beams()
 

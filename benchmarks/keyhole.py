@@ -1,4 +1,4 @@
-"""The example frame at 1280 × 720: seconds by phase, and what is compiled, from an empty kernel cache."""
+"""The example frame at 1280 × 720: seconds by phase and number of kernels, from an empty kernel cache."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ WIDTH, HEIGHT, PASSES, TARGET = 1280, 720, 64, 60.0  # seconds
 
 
 def report(console: Console) -> None:
-    """Print the first two frames of a process that has compiled nothing yet."""
+    """Print the first two frames of a process that has not compiled anything yet."""
     with tempfile.TemporaryDirectory() as home:  # Dr.Jit keeps its kernels in ~/.drjit
         child = subprocess.run(
             [sys.executable, "-m", "benchmarks.keyhole"],
@@ -41,7 +41,7 @@ def report(console: Console) -> None:
 
 
 def measure() -> list[dict[str, Any]]:
-    """Return what each of two frames took."""
+    """Return the seconds and kernels of each of two frames."""
     shot, frames = pb.Shot.open(STAGE), []
     for _ in range(2):
         with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):

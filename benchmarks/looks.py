@@ -1,4 +1,4 @@
-"""What looks cost beside the plain, physical one: kernels of the tiled estimators, run by turns."""
+"""The cost of looks beside the physical one: kernels of the tiled estimators, run by turns."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from .scenes import Fan, Picture
 BEAMS, ROUNDS, LIMIT = 5_000, 5, 1.2
 _KNOTS, _COLORS = [0, 0.5, 1], [[1, 1, 1], [1, 0.3, 0], [0, 0, 0.2]]
 
-#: Presets, which have a target, and what is programmed, which costs what it does.
+#: Presets have a target. Programmed looks have none, because their cost depends on the program.
 PRESETS = {
     "along: exponential": {"along": pb.looks.Exponential(2.0)},
     "along: power": {"along": pb.looks.Power(2.0, 0.5)},
@@ -45,7 +45,7 @@ PROGRAMMED = {
 
 
 def report(console: Console) -> None:
-    """Print least seconds of each look's kernels and their ratio to the plain look's."""
+    """Print the least seconds of each look's kernels, and their ratio to the physical look's."""
     picture, points, beams = Picture(), Points(pb.gauss_legendre(6)), Fan.of(BEAMS).beams()
     looks = {name: pb.Look(**factors) for name, factors in ({"plain": {}} | PRESETS | PROGRAMMED).items()}
     least = dict.fromkeys(looks, float("inf"))

@@ -1,4 +1,4 @@
-"""What pixels cost: the gather of the comparison scene along fewer rays than pixels beside that along all, by sizes."""
+"""The cost of pixels: gathering the comparison scene along fewer rays than pixels, and along all, by picture size."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from photonbeams.render.scene_frame import SceneRenderer
 from photonbeams.render.settings import Settings
 
 SIZES = ((320, 180), (1280, 720), (3840, 2160))
-GROWTH = 2.0  # from one size to the next, at most
+GROWTH = 2.0  # greatest factor from one size to the next
 _PATHS = 1 << 14
 
 
 @dataclass
 class Measured:
-    """Seconds of a gather, ray-beam tests, and the picture."""
+    """A gather: its seconds, its ray-beam tests, and the picture."""
 
     seconds: float
     tests: int
@@ -28,7 +28,7 @@ class Measured:
 
     @classmethod
     def of(cls, size: tuple[int, int], depth: int, error: float) -> Measured:
-        """Measure the second pass: the first one compiles kernels."""
+        """Measure the second pass, because the first one compiles kernels."""
         scene = comparison(*size)
         settings = Settings(beams=_PATHS, max_depth=depth, method="beams", gather_error=error)
         frame = SceneRenderer(scene, scene.sensors()[0], settings)

@@ -1,4 +1,4 @@
-"""The frustum's cost with Gauss and with Riemann points at equal error, on a picture from inside the beams."""
+"""The cost of the frustum with Gauss and with Riemann points at equal error, for a picture from inside the beams."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from .scenes import RAMP, Fan, Picture, rgb
 
 BEAMS, BEAM_RADIUS, ROUNDS = 200, 0.15, 3
 EYE = (-1.2, -0.3, -2.9)  # inside the fan, across it
-ERRORS = (0.01, 0.001, 0.0001)  # RMSE of the picture over its mean, against 64 Gauss points
+ERRORS = (0.01, 0.001, 0.0001)  # RMSE of the picture divided by its mean, against 64 Gauss points
 COUNTS = (1, 2, 3, 4, 5, 6, 8, 10, 12, 16, 20, 24, 32, 40, 48, 64, 96, 128)
 
 
 def report(console: Console) -> None:
-    """Print points and seconds that each rule takes to an error."""
+    """Print the points and the seconds that each rule needs for an error."""
     picture, beams = Picture(EYE), Fan.of(BEAMS).beams(BEAM_RADIUS)
 
     def run(rule: Rule) -> tuple[np.ndarray, float]:
@@ -50,7 +50,7 @@ def report(console: Console) -> None:
 def _first(
     run: Callable[[Rule], tuple[np.ndarray, float]], make: Callable[[int], Rule], exact: np.ndarray
 ) -> dict[float, tuple[str, float]]:
-    """Return for each error the least count of points that keeps to it, and its seconds."""
+    """Return, for each error, the least number of points that stays below it, and its seconds."""
     found: dict[float, tuple[str, float]] = {}
     for count in COUNTS:
         radiance, seconds = run(make(count))

@@ -1,4 +1,4 @@
-"""Ray–beam tests per second of the grid for rays off a mirror ball, beside the yardstick's, and what it is to build."""
+"""Ray–beam tests per second of the grid, for rays off a mirror ball, beside the yardstick's; time to build it."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ from .scenes import HEIGHT, MEDIUM, RAMP, WIDTH, Fan
 from .yardstick import Yardstick
 
 YARDSTICK_BEAMS, ROUNDS, TARGET = 10_000, 1, 40
-#: Beams, and every how many-th pixel has a ray, for tests grow with both; and in which order.
+#: Number of beams; pixels per ray, fewer rays with more beams, since tests grow with both; and the order of the rays.
 CASES = ((10_000, 1, "in rows"), (10_000, 1, "in no order"), (100_000, 20, "in rows"))
-BUILT = (1_000_000, 400)  # the lists alone
+BUILT = (1_000_000, 400)  # for building the lists alone
 _CENTRE, _RADIUS = np.array([0.0, 0.2, -4.2]), 0.8
 
 
@@ -89,7 +89,7 @@ def _measured(beams: pb.Beams, rays: Rays, look: pb.Look, estimator: str) -> lis
 
 
 def grid_tests(beams: pb.Beams, rays: Rays) -> int:
-    """Return how many pairs of a ray and a beam in one of its cells the grid tests."""
+    """Return the number of tests: pairs of a ray and a beam in one of the ray's cells."""
     built = build(beams, None, rays)
     if built is None:
         return 0
@@ -100,7 +100,7 @@ def grid_tests(beams: pb.Beams, rays: Rays) -> int:
 
 
 def _lists(beams: pb.Beams, rays: Rays) -> tuple[Any, Any, Iterator[Any]]:
-    """Return the grid, the rays' span in it, and its lists, made as they are asked for."""
+    """Return the grid, the rays' span in it, and an iterator that makes its lists."""
     built = build(beams, None, rays)
     assert built is not None
     grid, marks, span = built
@@ -108,7 +108,7 @@ def _lists(beams: pb.Beams, rays: Rays) -> tuple[Any, Any, Iterator[Any]]:
 
 
 def _timed(run: Callable[[], Any], width: int | None = None) -> tuple[float, float]:
-    """Return the least seconds of a run, and of its kernels of this width, or of the longest one."""
+    """Return the least seconds of a run, and of its kernels of this width or, without one, of its longest kernel."""
     whole = kernel = float("inf")
     with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
         for _ in range(ROUNDS + 1):  # the first compiles

@@ -1,8 +1,8 @@
-"""Mitsuba's Z-test on twelve small scenes: pictures of 64 passes, by `mi.render`, beside what `volpath` converges to.
+"""Mitsuba's Z-test on twelve small scenes: pictures of 64 passes, by `mi.render`, against converged ones of `volpath`.
 
-The references lie beside this file, with the variance of one sample of `volpath`: `python -m benchmarks.references`
-renders them anew. A pixel passes where it lies within what 64 samples of `volpath` may be off by, with Šidák's
-correction for the number of pixels; a picture, where 99.75 % of its pixels do.
+The references are stored beside this file, with the variance of one sample of `volpath`; `python -m
+benchmarks.references` renders them again. A pixel passes if 64 samples of `volpath` may have its error, with Šidák's
+correction for the number of pixels. A picture passes if 99.75 % of its pixels do.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ def _numbers() -> Any:
 
 
 def _room() -> dict[str, Any]:
-    """Return Mitsuba's Cornell box without what a render needs."""
+    """Return Mitsuba's Cornell box, without integrator and sensor."""
     return {name: each for name, each in mi.cornell_box().items() if name not in ("type", "integrator", "sensor")}
 
 
@@ -111,14 +111,14 @@ CASES: dict[str, Callable[[], Any]] = {
 
 
 class Reference(NamedTuple):
-    """What `volpath` converges to, (H, W, 3), and the variance of one of its samples."""
+    """The converged picture of `volpath`, (H, W, 3), and the variance of one of its samples."""
 
     mean: Any
     variance: Any
 
 
 def passing(picture: Any, samples: int, reference: Reference) -> float:
-    """Return the part of pixels and channels of a picture, (H, W, 3), that pass Mitsuba's Z-test."""
+    """Return the fraction of pixels and channels of a picture, (H, W, 3), that pass Mitsuba's Z-test."""
     variance = np.maximum(reference.variance, 1e-4)
     score = np.abs(picture - reference.mean) * np.sqrt(samples / variance)
     chance = 2 * (1 - ndtr(score))
@@ -127,13 +127,13 @@ def passing(picture: Any, samples: int, reference: Reference) -> float:
 
 
 def references() -> dict[str, Reference]:
-    """Return the references that are kept."""
+    """Return the stored references."""
     with np.load(FILE) as kept:
         return {name: Reference(kept[f"{name}/mean"], kept[f"{name}/variance"]) for name in CASES}
 
 
 def report(console: Console) -> None:
-    """Print how many pixels of each scene pass, of `photon_beams` and of `volpath` itself, and the means."""
+    """Print, for each scene, how many pixels pass with `photon_beams` and with `volpath` itself, and the means."""
     table = Table(title=f"Z-test at {PASSES} passes, of pixels", caption=f"a picture passes from {PIXELS:.2%} on")
     for name in ("", "photon_beams", "volpath", "mean, in the reference's"):
         table.add_column(name, justify="right" if name else "left", no_wrap=True)
@@ -156,7 +156,7 @@ def _rendered(scene: Any, integrator: Any, samples: int, seed: int) -> Any:
 
 
 def main() -> None:
-    """Render the references anew."""
+    """Render the references again."""
     kept = {}
     for name, make in track(CASES.items(), "References"):
         scene, integrator = make(), mi.load_dict({"type": "volpath", "max_depth": DEPTH})

@@ -1,6 +1,6 @@
-"""A thousand machines, simulated: how the farm's own policy fares with measured task times, failures and stragglers.
+"""A thousand machines, simulated: the farm's scheduling policy with measured task times, failures and stragglers.
 
-Run `python -m benchmarks scale`. The dispatcher is the one that the farm uses; workers, network and time are simulated.
+Run `python -m benchmarks scale`. The dispatcher is that of the real farm; workers, network and time are simulated.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ from photonbeams.render.sums import BLOCK
 
 @dataclass(frozen=True)
 class Machine:
-    """What is simulated of a farm.
+    """The properties of a simulated farm.
 
     Attributes
     ----------
     workers
-        How many machines.
+        Number of machines.
     pass_seconds, begin_seconds
         Seconds of a pass, and of the first part of a frame on a worker (its world, its guiding).
     part_bytes, link
@@ -35,9 +35,9 @@ class Machine:
     overhead
         Seconds that the client spends on a part: submitting, joining.
     failures
-        How often a worker is lost, in failures an hour; another one comes after `replaced` seconds.
+        Failures of a worker per hour; it is replaced after `replaced` seconds.
     slow, factor
-        The fraction of workers that are slower, and how many times.
+        The fraction of workers that are slower, and by which factor.
     """
 
     workers: int
@@ -55,7 +55,7 @@ class Machine:
 
 @dataclass(frozen=True)
 class Simulated:
-    """What became of it: seconds, the fraction of the workers' time that was of use, and passes rendered twice."""
+    """The result: seconds, and the fractions of useful worker time, passes rendered twice, and busy client time."""
 
     seconds: float
     efficiency: float
@@ -64,13 +64,13 @@ class Simulated:
 
 
 def _sent(part: FramePart) -> int:
-    """Return how many sums of its pixels a part sends: one for each block, and those of the first ones together."""
+    """Return how many sums of pixels a part sends: one for each block, but a single one for a frame's first part."""
     numbers = part.numbers
     return 1 if numbers.start == 0 else numbers.stop // BLOCK - -(-numbers.start // BLOCK) or 1
 
 
 def simulate(machine: Machine, frames: int, passes: int) -> Simulated:
-    """Render so many frames of so many passes on a simulated farm."""
+    """Simulate the rendering of frames with a number of passes each."""
     rng = random.Random(machine.seed)
     names = [f"{k}" for k in range(machine.workers)]
     slow = {name: machine.factor if rng.random() < machine.slow else 1.0 for name in names}
@@ -125,10 +125,10 @@ def simulate(machine: Machine, frames: int, passes: int) -> Simulated:
     )  # fmt: skip
 
 
-#: Bytes a pixel that a task sends: radiance of surfaces and of a light group, transmittance, alpha, depth, and the two
-#: sums of which the error is told, as float32.
+#: Bytes per pixel that a task sends, as float32: radiance of surfaces and of a light group, transmittance, alpha,
+#: depth, and the two sums from which the error is estimated.
 PIXEL_BYTES = 4 * (3 + 3 + 3 + 1 + 1 + 2)
-#: By name: pixels, passes of a frame, seconds of a pass and of a frame's begin. Measured on two processors with AVX2.
+#: Pixels, passes of a frame, and seconds of a pass and of the start of a frame, measured on two processors with AVX2.
 SHOTS = {
     "keyhole, 1280 × 720": (1280 * 720, 64, 0.95, 0.7),
     "keyhole, 4K": (3840 * 2160, 64, 6.3, 2.8),
@@ -136,11 +136,11 @@ SHOTS = {
 }
 WORKERS = (10, 100, 1000)
 FRAMES = 2000
-HOUR_COST = 0.04  # of two virtual processors, in dollars, on demand
+HOUR_COST = 0.04  # dollars for an hour of two virtual processors, on demand
 
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
-#: What the gallery shows, and how many passes a final frame of it gets.
+#: Scenes of the gallery, and the size and passes of their final frames.
 GALLERY = (
     "keyhole/keyhole.usda", "shaft/physical.usda", "forest/forest.usda", "magic/magic.usda",
     "concert/concert.usda", "mitsuba/slits.xml", "mitsuba/glass_ball.xml", "mitsuba/flask.xml",
@@ -150,17 +150,17 @@ GALLERY_WIDTH, GALLERY_PASSES = 1280, 64
 
 
 def report(console: Console) -> None:
-    """Print what frames of the gallery cost, and how farms of more and more machines fare."""
+    """Print the cost of the gallery's frames, and the efficiency of farms of more and more machines."""
     gallery(console)
     farms(console)
 
 
 def gallery(console: Console) -> None:
-    """Print what a frame of each shot of the gallery takes on this machine, and what it would cost elsewhere."""
+    """Print the time of a frame of each gallery scene on this machine, and what it would cost on a rented one."""
     table = Table(title=f"Frames of {GALLERY_PASSES} passes, {GALLERY_WIDTH} pixels wide, once a worker is warm")
     for name in ("shot", "first pass, s", "further passes, s", "minutes a frame", "dollars a frame"):
         table.add_column(name, justify="right" if name != "shot" else "left")
-    with Live(table, console=console):  # it takes long: rows come as they are known
+    with Live(table, console=console):  # it takes long, so rows appear as they are measured
         for name in GALLERY:
             shot = pb.Shot.open(EXAMPLES / name)
             times = []
@@ -175,7 +175,7 @@ def gallery(console: Console) -> None:
 
 
 def farms(console: Console) -> None:
-    """Print how farms of more and more machines fare."""
+    """Print the efficiency of farms of more and more machines."""
     table = Table(
         title=f"{FRAMES:,} frames on simulated farms; a worker is lost every 20 hours, one of 50 is five times slower",
         caption="efficiency: passes' own time over that of all workers; client: how busy the machine that joins is",

@@ -1,4 +1,4 @@
-"""What the benchmarks look at: a fan of thin beams from a small source on the left to a wall on the right."""
+"""The scene of several benchmarks: a fan of thin beams from a small source on the left to a wall on the right."""
 
 from __future__ import annotations
 
@@ -40,12 +40,12 @@ class Fan:
         return cls(start, end)
 
     def beams(self, radius: float = RADIUS) -> pb.Beams:
-        """Return the beams, of unit power in all."""
+        """Return the beams, whose powers add up to 1."""
         return pb.Beams(self.start, self.end, radius, radius, [[1 / len(self.start)] * 3])
 
 
 class Picture:
-    """A picture of 1280 × 720 from a pinhole, 64° wide, at `eye`."""
+    """A picture of 1280 × 720 pixels through a pinhole at `eye`, 64° wide."""
 
     def __init__(self, eye: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> None:
         to_world = np.eye(4)
@@ -67,5 +67,5 @@ class Picture:
 
 
 def rgb(radiance: Any) -> npt.NDArray[np.float32]:
-    """Return (N, 3) pixels."""
+    """Return the pixels, (N, 3)."""
     return np.ascontiguousarray(radiance.numpy().T)

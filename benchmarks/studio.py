@@ -1,4 +1,4 @@
-"""The studio by its WebSocket, as a page uses it: from an edit to the first new picture, orbits, memory over edits."""
+"""The studio through its WebSocket, as a page uses it: time from an edit to the first new picture, orbits, memory."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from photonbeams.usd.stage import up_axis
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 WIDTH, HEIGHT = 480, 270
-#: Stages, and what is edited in each: attributes with values by the number of the edit.
+#: Stages, and the edits of each: an attribute, and its value by the number of the edit.
 STAGES: dict[str, dict[str, tuple[str, Callable[[int], Any]]]] = {
     "keyhole": {
         "look": ("/World/Looks/Keyhole.photonbeams:along:end", lambda k: 3.0 + 0.02 * k),
@@ -42,9 +42,9 @@ STAGES: dict[str, dict[str, tuple[str, Callable[[int], Any]]]] = {
 #: Seconds to the first picture: median and 95th percentile.
 GOALS = {"look": (0.15, 0.3), "light": (0.3, 0.6), "camera": (0.3, 0.6)}
 EDITS = 20
-# The whole picture is rendered meanwhile, as it is while somebody looks.
+# Seconds between edits, in which the whole picture is rendered, as it is while a user looks.
 REST = 0.3
-# Of the point about which the camera turns, in scene units.
+# Distance of the point about which the camera turns, in scene units.
 DISTANCE = 2.0
 ORBIT_SECONDS, POSES_PER_SECOND, GOAL_PICTURES = 5.0, 30, 20
 MANY, SETTLED, PER_SECOND = 10_000, 2_000, 200
@@ -52,7 +52,7 @@ MEBIBYTE = 1 << 20
 
 
 class Page:
-    """A page: it sends, and another thread notes which versions' pictures come, and when."""
+    """A page: it sends messages, and another thread records which versions of the picture arrive, and when."""
 
     def __init__(self, socket: ClientConnection) -> None:
         self._socket, self.came = socket, threading.Condition()
@@ -80,13 +80,13 @@ class Page:
         self._socket.send(json.dumps({"type": kind, **content}))
 
     def wait(self, there: Callable[[], bool]) -> None:
-        """Wait until something is there."""
+        """Wait until a condition holds."""
         with self.came:
             if not self.came.wait_for(there, 120):
                 raise TimeoutError("the studio shows no picture")
 
     def seconds(self, kind: str, **content: Any) -> float:
-        """Return the time from a change to its first picture."""
+        """Return the seconds from a change to its first picture."""
         wanted, begin = self.version + 1, time.perf_counter()
         self.send(kind, **content)
         self.wait(lambda: any(version >= wanted for version in self.first))
@@ -95,7 +95,7 @@ class Page:
 
 @contextmanager
 def opened(name: str) -> Iterator[Page]:
-    """Open a stage in a studio, and a page of it, which has seen the finished picture."""
+    """Open a stage in a studio, with a page that has received the finished picture."""
     view = SessionView(width=WIDTH, height=HEIGHT, passes=4)
     with Session(EXAMPLES / name / f"{name}.usda", view=view) as session:
         studio = Studio(session)
@@ -114,7 +114,7 @@ def opened(name: str) -> Iterator[Page]:
 
 
 def poses(name: str) -> Callable[[float], list[float]]:
-    """Return the camera's transform at turns in degrees about the vertical through a point before it."""
+    """Return transforms of the camera, turned by angles in degrees about the vertical through a point before it."""
     import photonbeams as pb
 
     shot = pb.Shot.open(EXAMPLES / name / f"{name}.usda")
@@ -127,7 +127,7 @@ def poses(name: str) -> Callable[[float], list[float]]:
 
 
 def latencies(page: Page, name: str) -> dict[str, list[float]]:
-    """Return the seconds to first pictures by kinds of edits."""
+    """Return the seconds to the first picture, by kind of edit."""
     turned, found = poses(name), {}
     changes = {
         kind: (lambda k, p=path, v=value: ("set", {"values": {p: v(k)}}))
@@ -146,7 +146,7 @@ def latencies(page: Page, name: str) -> dict[str, list[float]]:
 
 
 def orbit(page: Page, name: str) -> float:
-    """Return the pictures in a second while poses come in."""
+    """Return the pictures per second while the camera moves."""
     turned, begin = poses(name), time.perf_counter()
     for k in range(round(ORBIT_SECONDS * POSES_PER_SECOND)):
         page.send("show", pose=turned(0.5 * k))
@@ -155,7 +155,7 @@ def orbit(page: Page, name: str) -> float:
 
 
 def growth(page: Page, name: str) -> tuple[float, float]:
-    """Return the memory after some edits, and after many, in MiB."""
+    """Return the memory in MiB after SETTLED edits and after MANY."""
     (path, value), process, found = STAGES[name]["look"], psutil.Process(), []
     for k in range(MANY):
         page.send("set", values={path: value(k % 50)})
@@ -167,7 +167,7 @@ def growth(page: Page, name: str) -> tuple[float, float]:
 
 
 def report(console: Console) -> None:
-    """Print seconds to first pictures, pictures a second, and memory."""
+    """Print the seconds to first pictures, pictures per second, and memory."""
     table = Table(title=f"Studio, {WIDTH} × {HEIGHT}: seconds from an edit to its first picture, {EDITS} edits each")
     for column in ("", "edit", "median", "95 %", "goal", "orbit, pictures a second"):
         table.add_column(column, justify="right" if column not in ("", "edit") else "left")

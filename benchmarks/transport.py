@@ -1,4 +1,4 @@
-"""Mitsuba scenes by `photon_beams`: beside `volpath` at equal error, volumetric caustics, mirrors, a million beams."""
+"""`photon_beams` in Mitsuba scenes: against `volpath` at equal error, volumetric caustics, mirrors, a million beams."""
 
 from __future__ import annotations
 
@@ -34,26 +34,26 @@ mi = mitsuba()
 T = mi.ScalarTransform4f
 
 SIZE = (320, 180)
-#: Of the comparison scene: the longest path, passes and paths of ours, samples of `volpath`, and how many times faster
-#: we should be at equal error.
+#: Cases of the comparison scene: the longest path, passes and paths of `photon_beams`, samples of `volpath`, and by how
+#: many times `photon_beams` should be faster at equal error.
 CASES = {
     "single": (2, Settings(passes=2, beams=8192, max_depth=2, method="beams"), 512, 1000),
     "all": (-1, Settings(passes=4, beams=16384, method="beams"), 384, 300),
 }
 STAGE = {"passes": 4, "beams": 16384}
-# `volpath` needs days for a reference of all scattering: 8,192 samples still err by 7 %. So it is ours with many paths,
-# whose mean has to be the one that three other renderers agree on: 0.1433 ± 0.0003.
+# With all scattering, `volpath` would need days for a reference: 8,192 samples are still off by 7 %. So `photon_beams`
+# renders it with many paths. Its mean must be that on which three other renderers agree: 0.1433 ± 0.0003.
 REFERENCE = Settings(passes=16, beams=1 << 16, seed=99, method="beams")
 MEAN = 0.1433
 PEER_BEAMS, PEER_SECONDS = 113_000, 6.7  # a C++ renderer's photon beams, per sample on two cores, 1280 × 720
-#: Of the glass ball: the scene, a reference of other samples and smaller radii, and the error to reach.
+#: The glass ball: the scene, a reference with other samples and smaller radii, and the error to reach.
 BALL = Path(__file__).parents[1] / "examples" / "mitsuba" / "glass_ball.xml"
 BALL_REFERENCE, CAUSTIC_ERROR = Settings(passes=24, beams=1 << 15, seed=99, method="beams"), 0.05
 MILLION, MEMORY_TARGET, TRACING_TARGET, RATE_TARGET = 1_000_000, 3.0, 25, 40
 
 
 def report(console: Console) -> None:
-    """Print all of them."""
+    """Print all tables."""
     references.report(console)
     variance.report(console)
     beside_volpath(console)
@@ -113,7 +113,7 @@ def ours(scene: Any, settings: Settings) -> Any:
 
 
 def volpath(scene: Any, spp: int, depth: int = -1, seed: int = 0) -> Any:
-    """Return Mitsuba's own picture, (H, W, 3), in parts that fit into memory."""
+    """Return the picture of Mitsuba's own integrator, (H, W, 3), rendered in parts that fit into memory."""
     integrator = mi.load_dict({"type": "volpath", "max_depth": depth, "rr_depth": 50})
     total, part = 0.0, next(part for part in (64, 4, 1) if spp % part == 0)
     for index in range(spp // part):
@@ -129,7 +129,7 @@ def median_error(picture: Any, reference: Any) -> float:
 
 
 def timed(run: Callable[[], Any], rounds: int = 0) -> tuple[float, Any]:
-    """Return the least seconds of some rounds after one that warms up, and what is returned; 0: of the first call."""
+    """Return the least seconds of some rounds after a warm-up, and the result; 0 rounds measure the first call."""
     spent, result = [], None
     for _ in range(rounds + 1):
         dr.sync_thread()
@@ -144,7 +144,7 @@ def timed(run: Callable[[], Any], rounds: int = 0) -> tuple[float, Any]:
 
 
 def beside_the_peer(console: Console) -> None:
-    """Print the seconds of a pass at 1280 × 720 with as many beams as the peer had."""
+    """Print the seconds of a pass at 1280 × 720 with as many beams as the C++ renderer had."""
     scene = comparison(1280, 720)
     settings = Settings(passes=1, beams=1 << 14, radius=0.01, alpha=1.0, guiding=False, method="beams")
     found = render(scene, scene.sensors()[0], settings).statistics.beams
@@ -167,7 +167,7 @@ def beside_the_peer(console: Console) -> None:
 
 
 def caustic(console: Console) -> None:
-    """Print the seconds to 5 % of the light behind a ball of glass."""
+    """Print the seconds to an error of 5 % for the light behind a ball of glass."""
     scene = mi.load_file(str(BALL), width=str(SIZE[0]), height=str(SIZE[1]))
     sensor = scene.sensors()[0]
     base = Settings(surfaces=False, method="beams")
@@ -194,7 +194,7 @@ def caustic(console: Console) -> None:
 
 
 def mirrors(console: Console) -> None:
-    """Print the tests per second of a picture that is seen by way of a mirror."""
+    """Print the tests per second of a picture that is seen in a mirror."""
     scene = mirror_scene()
     settings = Settings(passes=1, beams=4096, surfaces=False, method="beams")
     frame = SceneRenderer(scene, scene.sensors()[0], settings)
@@ -243,7 +243,7 @@ def mirror_scene() -> Any:
 
 
 def million(console: Console) -> None:
-    """Print memory and tracing's share of a pass of a million beams, in a process of its own."""
+    """Print memory, and the fraction of time for tracing, of a pass of a million beams in a process of its own."""
     child = subprocess.run(
         [sys.executable, "-m", "benchmarks.transport"], stdout=subprocess.PIPE, check=True, text=True
     )
@@ -259,7 +259,7 @@ def million(console: Console) -> None:
 
 
 def measure() -> dict[str, float]:
-    """Return beams, seconds, the share of them outside of the gathering kernels, and peak memory of such a pass."""
+    """Return beams, seconds, their fraction outside the gathering kernels, and peak memory of such a pass."""
     scene = comparison(*SIZE)
     sample = render(scene, scene.sensors()[0], Settings(passes=1, beams=1 << 14, method="beams")).statistics.beams
     paths = round(MILLION / sample * (1 << 14))

@@ -1,7 +1,7 @@
-"""Variance times processor time of `photon_beams` beside `volpath`, with default parameters, through `mi.render`.
+"""Variance times processor time of `photon_beams` and `volpath`, with default parameters, through `mi.render`.
 
-The variance is that between seeds, of each block of pixels in units of the mean there, and then the mean of blocks,
-which count as much as they have light. The means have to agree, or a picture that lacks light would win.
+The variance is that between seeds. It is taken for each block of pixels, relative to the block's mean, and averaged
+over blocks with their light as weight. The means must agree, or a picture that lacks light would win.
 """
 
 from __future__ import annotations
@@ -26,16 +26,16 @@ T = mi.ScalarTransform4f
 EXAMPLES = Path(__file__).parents[1] / "examples" / "mitsuba"
 PICTURES = Path("out") / "variance"
 SEEDS, BLOCK = 4, 4
-# Why goals are missed.
+# Why some goals are missed.
 REASONS = (
-    "Comparison, slits: each pass gathers its beams through every pixel, for light that is smooth over many. "
-    "Glass ball: that, by a grid behind the glass; and 32 samples of volpath have not found the cone of light, "
-    "so that their variance is told too low. "
+    "Comparison, slits: each pass gathers its beams through every pixel, though the light is smooth over many. "
+    "Glass ball: the same, by a grid behind the glass; and 32 samples of volpath have not found the cone of light, "
+    "so that their variance seems too low. "
 )
 
 
 class Case(NamedTuple):
-    """A scene: how it is made, the longest path, passes of ours and samples of `volpath`, and the greatest ratio."""
+    """A scene: how to make it, the longest path, passes of `photon_beams`, samples of `volpath`, the target ratio."""
 
     make: Callable[[], Any]
     max_depth: int
@@ -45,7 +45,7 @@ class Case(NamedTuple):
 
 
 def example(name: str, size: tuple[int, int] = (320, 180)) -> Callable[[], Any]:
-    """Return what loads an example at a size."""
+    """Return a function that loads an example at a size."""
 
     def made() -> Any:
         scene = mi.load_file(str(EXAMPLES / name))
@@ -95,7 +95,7 @@ CASES = {
 
 
 def report(console: Console) -> None:
-    """Print the ratio of every scene."""
+    """Print the ratio for every scene."""
     caption = f"{REASONS}Pictures are in {PICTURES}."
     table = Table(title="Variance × processor time, in units of volpath's", caption=caption)
     for name in ("", "s, photon_beams", "s, volpath", "mean, in volpath's", "ratio", "goal"):
@@ -115,7 +115,7 @@ def report(console: Console) -> None:
 
 
 def pictures(scene: Any, integrator: dict[str, Any], spp: int) -> tuple[Any, float]:
-    """Return pictures of several seeds, (S, H, W, 3), and the seconds of processor time that one takes when warm."""
+    """Return pictures of several seeds, (S, H, W, 3), and the processor time in seconds of one after a warm-up."""
     plugin, found, spent = mi.load_dict(integrator), [], 0.0
     for seed in range(-1, SEEDS):  # the first one compiles kernels
         dr.sync_thread()
@@ -129,13 +129,13 @@ def pictures(scene: Any, integrator: dict[str, Any], spp: int) -> tuple[Any, flo
 
 
 def variance(found: Any) -> float:
-    """Return the variance between pictures, (S, H, W, 3), in units of the square of the mean."""
+    """Return the variance between pictures, (S, H, W, 3), relative to the square of the mean."""
     grey = found.mean(axis=3)
     return noise(grey, grey.mean(axis=0), BLOCK)
 
 
 def shown(ratio: float) -> str:
-    """Return a ratio as people read it."""
+    """Return a readable text for a ratio."""
     return f"{ratio:.2f}" if ratio > 0.1 else f"1/{1 / ratio:,.0f}"
 
 

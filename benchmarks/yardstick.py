@@ -1,8 +1,8 @@
-"""The rate to match: the barest tiled Beam × Beam 1D gather, of fixed radius, fog and kernel, in Dr.Jit.
+"""The rate to match: a minimal tiled Beam × Beam 1D gather in Dr.Jit, with a fixed radius, fog and kernel.
 
-It is what the estimators would be if they knew one case alone: beams that are cylinders, one pinhole, an endless ray,
-a constant σt, Epanechnikov's one-dimensional kernel, no view-angle factor. Tiles are walked row by row along each
-beam's axis; a lane carries eight neighbouring pixels of a row, so that what is gathered of a beam serves eight rays.
+The estimators would be like this if they had to handle only one case: cylindrical beams, one pinhole, rays without an
+end, a constant σt, Epanechnikov's one-dimensional kernel, and no view-angle factor. Tiles are visited row by row along
+each beam's axis. A lane handles eight neighbouring pixels of a row, so that data loaded for a beam serves eight rays.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _COLUMNS, _ROWS = -(-WIDTH // _TILE), -(-HEIGHT // _TILE)
 
 
 class Yardstick:
-    """The gather for one fan of beams: `bin`, then `gather`; `tests` is the number of ray–beam tests of one."""
+    """The gather for one fan of beams: call `bin`, then `gather`; `tests` counts the ray–beam tests of a gather."""
 
     def __init__(self, fan: Fan) -> None:
         down = np.array([1, -1, -1])  # x right, y down, z forward
@@ -123,7 +123,7 @@ def _sum(rays: list[Any], i: Any, stop: Any, numbers: Any, beams: Any) -> Any:
     radiance = [Array3f(0) for _ in range(_PIXELS)]
     while i < stop:
         base = dr.gather(UInt32, numbers, i) * 16
-        # Sixteen single gathers: measured no slower than four packets.
+        # Sixteen single gathers were measured to be no slower than four packets.
         g = [Array4f(*[dr.gather(Float, beams, base + 4 * j + k) for k in range(4)]) for j in range(4)]
         axis, reach, start, length = g[0].xyz, g[0].w, g[1].xyz, g[1].w
         moment, radius, power = g[2].xyz, g[2].w, g[3].xyz

@@ -1,6 +1,6 @@
 """Check the prose of README.md and docs/ with proselint; `make lint` calls it.
 
-Code, tables and the targets of links are taken out first, for they are no prose.
+Code, tables and the targets of links are removed first, because they are not prose.
 """
 
 from __future__ import annotations
@@ -14,13 +14,13 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 PAGES = [*(ROOT / "docs").rglob("*.md"), *(ROOT / f"{name}.md" for name in ("README", "CONTRIBUTING", "CHANGELOG"))]
-# Not checked: quotes and dots, which code shares with prose; spelling, which codespell sees to; and words that come
-# twice, as a heading and the first word under it do.
+# Not checked: quotes and dots, which code and prose share; spelling, which codespell checks; and repeated words,
+# because a heading and the first word under it may be the same.
 OFF = ("typography", "spelling", "lexical_illusions")
 
 
 def prose(text: str) -> str:
-    """Return a page without what is no prose; lines keep their numbers."""
+    """Return a page with only its prose; lines keep their numbers."""
 
     def emptied(found: re.Match[str]) -> str:
         return "\n" * found[0].count("\n")
@@ -33,7 +33,7 @@ def prose(text: str) -> str:
 
 
 def main() -> int:
-    """Print what proselint finds; return 1 where it finds something."""
+    """Print what proselint finds; return 1 if it finds something."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         for page in PAGES:

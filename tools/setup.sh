@@ -1,6 +1,6 @@
 #!/bin/sh
 # Prepare a folder for working on photonbeams: a virtual environment, the packages, and a libLLVM that works.
-# Usage: tools/setup.sh VENV. Does only what is missing; the Makefile calls it until VENV/.ready is up to date.
+# Usage: tools/setup.sh VENV. It does only what is missing. The Makefile calls it until VENV/.ready is up to date.
 set -eu
 
 venv=$1
@@ -11,7 +11,7 @@ stop() {
     exit 1
 }
 
-# With apt, when it may: as root, or with a sudo that asks for no password.
+# Install with apt, if that is allowed: as root, or with a sudo that needs no password.
 apt_install() {
     command -v apt-get >/dev/null || return 1
     if [ "$(id -u)" = 0 ]; then
@@ -77,15 +77,15 @@ has_libllvm() {
 install_libllvm() {
     # 19 and 22 are the tested ones; 14 to 16 do not work with Dr.Jit.
     has_libllvm || apt_install libllvm19 libllvm22 libllvm21 libllvm20 libllvm18 libllvm17 ||
-        stop "no libLLVM from version 17 on was found: install the package libllvm19, or set DRJIT_LIBLLVM_PATH"
+        stop "libLLVM 17 or newer was not found: install the package libllvm19, or set DRJIT_LIBLLVM_PATH"
 }
 
-# Playwright's wheel brings no browser. Without one, all tests but those of the studio's page can be run.
+# Playwright's wheel brings no browser. Without one, all tests run except those of the studio's page.
 install_chromium() {
     for name in chromium chromium-browser google-chrome; do
         command -v "$name" >/dev/null && return 0
     done
-    apt_install chromium || echo "set-up: no Chromium was found, so tests in a browser are skipped: install chromium"
+    apt_install chromium || echo "set-up: Chromium was not found, so tests in a browser are skipped; to run them, install chromium"
 }
 
 prove() {

@@ -2,8 +2,8 @@
 
     tools/sweep.py FOLDER… -o OUT [--passes 1] [--res 160] [--timeout 120] [--workers 2] [--every N]
 
-Writes to OUT: a PNG for each picture, `report.csv`, and a contact sheet for each folder, where a picture is beside the
-suite's own reference image if one has the stage's name. A refusal is an exit with one sentence.
+It writes into OUT: a PNG for each picture, `report.csv`, and a contact sheet for each folder, in which each picture is
+beside the suite's reference image, if one has the stage's name. A refusal is an exit with a one-sentence message.
 """
 
 from __future__ import annotations
@@ -56,12 +56,12 @@ class Outcome:
 
 
 def is_complete(path: Path) -> bool:
-    """Return whether a stage has a camera and a light and geometry, or a volume: what is meant to be a picture."""
+    """Return whether a stage is meant to be a picture: it has a camera, and a light and geometry or a volume."""
     try:
         with quiet():
             stage = Usd.Stage.Open(str(path))
             prims = list(Usd.PrimRange(stage.GetPseudoRoot(), Usd.TraverseInstanceProxies()))
-    except Exception:  # of any kind: OpenUSD cannot open it
+    except Exception:  # whatever its kind, OpenUSD cannot open the stage
         return False
     camera = any(prim.IsA(UsdGeom.Camera) for prim in prims)
     light = any(prim.HasAPI(UsdLux.LightAPI) for prim in prims)
@@ -97,7 +97,7 @@ def rendered(path: Path, picture: Path, arguments: argparse.Namespace) -> Outcom
 
 
 def reference(path: Path) -> Path | None:
-    """Return the image that a suite has of a stage, or None."""
+    """Return the reference image of a stage in its suite, or None."""
     for folder in (path.parent, path.parent.parent):
         for name in REFERENCES:
             found = sorted(folder.glob(name.format(stem=path.stem)))
@@ -115,7 +115,7 @@ def pixels(path: Path | None) -> np.ndarray | None:
 
 
 def draw_sheets(outcomes: Sequence[Outcome], root: Path, out: Path) -> None:
-    """Draw the pictures of a folder's stages, each beside its reference."""
+    """Draw contact sheets of a folder's pictures, each beside its reference."""
     shown = [each for each in outcomes if each.kind == "picture"]
     for page in range(0, len(shown), COLUMNS * ROWS):
         rows = min(ROWS, -(-(len(shown) - page) // COLUMNS))
@@ -135,7 +135,7 @@ def draw_sheets(outcomes: Sequence[Outcome], root: Path, out: Path) -> None:
 
 
 def main() -> None:
-    """Sweep the folders."""
+    """Render the stages of all folders."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folders", nargs="+", type=Path)
     parser.add_argument("-o", "--output", type=Path, required=True)
@@ -143,9 +143,11 @@ def main() -> None:
     parser.add_argument("--res", type=int, default=160)
     parser.add_argument("--timeout", type=float, default=120)
     parser.add_argument("--workers", type=int, default=min(2, os.cpu_count() or 1))
-    parser.add_argument("--every", type=int, default=1, help="render each N-th stage alone")
-    parser.add_argument("--complete", action="store_true", help="render stages with camera, light and geometry alone")
-    parser.add_argument("--flags", nargs=argparse.REMAINDER, default=[], help="more flags of the command, the last")
+    parser.add_argument("--every", type=int, default=1, help="render only every N-th stage")
+    parser.add_argument("--complete", action="store_true", help="render only stages with camera, light and geometry")
+    parser.add_argument(
+        "--flags", nargs=argparse.REMAINDER, default=[], help="further flags for the command; must come last"
+    )
     arguments = parser.parse_args()
     arguments.output.mkdir(parents=True, exist_ok=True)
     rows: list[list[object]] = []
