@@ -1,4 +1,4 @@
-"""What the model scripts of the examples share: an empty stage, meshes, materials, transforms, attributes, images."""
+"""Helpers of the examples' model scripts: an empty stage, meshes, materials, transforms, attributes, images."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy.typing as npt
 import OpenImageIO
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdRender, UsdShade, Vt
 
-import photonbeams.usd.schemas  # noqa: F401  # OpenUSD knows the attributes of lights, fog and looks from here on
+import photonbeams.usd.schemas  # noqa: F401  # teaches OpenUSD the attributes of lights, fog and looks
 
 Array = npt.NDArray[np.float64]
 #: Points (V, 3), and faces as lists of indices.
@@ -19,7 +19,7 @@ Shape = tuple[Array, list[list[int]]]
 
 
 def new_stage(comment: str, frames: tuple[int, int] | None = None) -> Usd.Stage:
-    """Return a stage in metres, Y up, with a `World`; where it has frames, 24 of them a second."""
+    """Return a stage in metres, Y up, with a prim `World`; its frames, if it has any, run at 24 a second."""
     stage = Usd.Stage.CreateInMemory()
     stage.SetMetadata("comment", comment)
     UsdGeom.SetStageMetersPerUnit(stage, 1.0)
@@ -34,7 +34,7 @@ def new_stage(comment: str, frames: tuple[int, int] | None = None) -> Usd.Stage:
 
 
 def define(stage: Usd.Stage, path: str, kind: str, doc: str = "", api: str = "") -> Usd.Prim:
-    """Define a prim, with an API schema applied if one is named."""
+    """Define a prim, and apply an API schema if one is named."""
     prim = stage.DefinePrim(path, kind)
     if doc:
         prim.SetDocumentation(doc)
@@ -112,7 +112,7 @@ def block(low: Sequence[float], high: Sequence[float]) -> Shape:
 def mesh(
     stage: Usd.Stage, path: str, shape: Shape, look: UsdShade.Material | None, smooth: bool = False, doc: str = ""
 ) -> UsdGeom.Mesh:
-    """Define a mesh, of millimetres to keep the text short; a smooth one is a subdivision surface."""
+    """Define a mesh, rounded to millimetres to keep the text short; a smooth mesh is a subdivision surface."""
     result = UsdGeom.Mesh.Define(stage, path)
     points = np.round(shape[0], 3).astype(np.float32) + np.float32(0)  # no negative zeros
     result.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(points))
@@ -129,7 +129,7 @@ def mesh(
 
 
 def material(stage: Usd.Stage, name: str, color: Sequence[float], roughness: float, **inputs: Any) -> UsdShade.Material:
-    """Define a UsdPreviewSurface; `inputs` are more of its numbers and, as tuples, colours."""
+    """Define a UsdPreviewSurface; `inputs` are further inputs, colours as tuples."""
     result = UsdShade.Material.Define(stage, f"/World/Materials/{name}")
     surface = UsdShade.Shader.Define(stage, f"/World/Materials/{name}/Surface")
     surface.CreateIdAttr("UsdPreviewSurface")
@@ -143,7 +143,7 @@ def material(stage: Usd.Stage, name: str, color: Sequence[float], roughness: flo
 
 
 def aimed(eye: Sequence[float], target: Sequence[float]) -> Gf.Matrix4d:
-    """Return the transform of a camera or light at `eye` whose −Z looks at `target`, +Y up, rounded for the text."""
+    """Return the transform of a camera or light at `eye` that looks along −Z at `target`, +Y up, rounded."""
     look = Gf.Matrix4d().SetLookAt(Gf.Vec3d(*map(float, eye)), Gf.Vec3d(*map(float, target)), Gf.Vec3d(0, 1, 0))
     return Gf.Matrix4d(*[round(x, 6) + 0.0 for row in look.GetInverse() for x in row])
 
@@ -164,7 +164,7 @@ def camera(stage: Usd.Stage, path: str, focal: float) -> UsdGeom.Camera:
 
 
 def render_settings(stage: Usd.Stage, camera_path: str) -> None:
-    """Define what a render without flags takes: the camera, and a picture 1280 pixels wide."""
+    """Define the settings of a render without flags: the camera, and a width of 1280 pixels."""
     settings = UsdRender.Settings.Define(stage, "/Render/Settings")
     settings.CreateCameraRel().SetTargets([camera_path])
     settings.CreateResolutionAttr(Gf.Vec2i(1280, 720))

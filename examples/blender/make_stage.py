@@ -1,11 +1,11 @@
-"""Model a small attic in Blender and export it as `attic.usda`: what a stage looks like that knows nothing of beams.
+"""Model a small attic in Blender and export it as `attic.usda`: a stage without anything of photonbeams in it.
 
 Run it with Blender 5.0.1, or with the Python that has Blender as a module (`pip install bpy==5.0.1`, Python 3.11):
 
     blender --background --factory-startup --python examples/blender/make_stage.py
     python examples/blender/make_stage.py
 
-The exported stage is committed. Nothing in it is photonbeams' own, so the fog comes from the command line:
+The exported stage is committed. It has no fog, so the command line adds one:
 
     photonbeams render examples/blender/attic.usda --scattering 0.05 -o out.png
 """
@@ -118,7 +118,7 @@ def floor(looks):
 
 
 def things(wood, dark, stone, green):
-    """Add the monkey on its plinth, where the light falls, and crates beside it."""
+    """Add the monkey on its plinth, in the light, and crates beside it."""
     box("Plinth", (0.36, 0.24, 0.0), (0.84, 0.72, 0.52), stone, 0.02)
     box("PlinthTop", (0.32, 0.2, 0.52), (0.88, 0.76, 0.58), stone, 0.015)
     bpy.ops.mesh.primitive_monkey_add(size=0.62, location=(0.6, 0.47, 0.87), rotation=(-0.25, 0, -0.45))
@@ -208,7 +208,7 @@ def model():
 
 
 def export(path):
-    """Export as text, without the names that Blender's own data bears."""
+    """Export as text, without the names of Blender's own data."""
     bpy.ops.wm.usd_export(
         filepath=str(path),
         root_prim_path="/Attic",

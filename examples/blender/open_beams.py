@@ -1,4 +1,4 @@
-"""Open exported beams in Blender, and say what has arrived: curves, points, radii and colours.
+"""Open exported beams in Blender, and print what it has read: curves, points, radii and colours.
 
     photonbeams beams dusty.usda -o out/beams.usdc
     python examples/blender/open_beams.py out/beams.usdc [out/beams.blend]
@@ -22,7 +22,7 @@ def open_beams(path):
 
 
 def told(curves):
-    """Return how many curves an object has, of how many points, and the least and the greatest radius."""
+    """Return a line about an object: its numbers of curves and points, and its least and greatest radius."""
     data = curves.data
     radii = np.zeros(len(data.points), dtype=np.float32)
     data.attributes["radius"].data.foreach_get("value", radii)
@@ -32,7 +32,7 @@ def told(curves):
 
 
 def main(arguments):
-    """Open a file, tell what it holds, and save it as .blend if that is asked for."""
+    """Open a file, print what it holds, and save it as .blend if a second argument names one."""
     for curves in open_beams(arguments[0]):
         print(told(curves))
     if len(arguments) > 1:

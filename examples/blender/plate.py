@@ -1,4 +1,4 @@
-r"""Render the attic in Blender's Cycles, as the plate that beams go over: picture and depth in one layered EXR.
+r"""Render the attic in Blender's Cycles, as a plate for beams: picture and depth in one layered EXR.
 
 Run it with Blender 5.0.1, or with the Python that has Blender as a module (`pip install bpy==5.0.1`, Python 3.11):
 
@@ -6,7 +6,7 @@ Run it with Blender 5.0.1, or with the Python that has Blender as a module (`pip
     python examples/blender/plate.py
     python examples/blender/plate.py -- large.exr 1280    # a file's name and a width: larger, denoised
 
-`plate.exr` is committed. The camera, its sensor and its place come to photonbeams by the exported stage alone:
+`plate.exr` is committed. photonbeams takes the camera from the exported stage:
 
     photonbeams render examples/blender/attic.usda --scattering 0.05 --holdout examples/blender/plate.exr \
         --over examples/blender/plate.exr -o out.png

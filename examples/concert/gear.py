@@ -1,4 +1,4 @@
-"""What stands and hangs on the concert's stage: truss, moving heads, drums, loudspeakers, a microphone, a curtain."""
+"""The equipment on the concert's stage: truss, moving heads, drums, loudspeakers, a microphone, a curtain."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def head() -> Shape:
 
 
 def drums() -> dict[str, Shape]:
-    """Return a drum kit on a riser: shells, and what is of metal."""
+    """Return a drum kit on a riser: its shells, and its metal parts."""
     lying = turned(0, 90)
     shells = [
         moved(drum(0.29, 0.42), lying, (0.0, 0.30, 0.1)),

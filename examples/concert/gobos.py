@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
 
-SIZE, FINE = 256, 3  # pixels of a side, and samples a pixel each way
+SIZE, FINE = 256, 3  # pixels along a side, and samples per pixel in each direction
 
 
 def _plane() -> tuple[Array, Array]:
@@ -40,10 +40,10 @@ def bars() -> Array:
 
 
 def breakup(random: np.random.Generator) -> Array:
-    """Return shards: cells of a Voronoi diagram, each as large as chance has it, with broad leads between them."""
+    """Return shards: cells of a Voronoi diagram of random sizes, with broad leads between them."""
     x, y = _plane()
     seeds = random.uniform(-1.1, 1.1, (60, 2))
     distance = np.sort(np.hypot(x[..., None] - seeds[:, 0], y[..., None] - seeds[:, 1]), axis=-1)
     owner = np.argmin(np.hypot(x[..., None] - seeds[:, 0], y[..., None] - seeds[:, 1]), axis=-1)
-    wide = random.choice([0.05, 0.08, 0.3], len(seeds), p=[0.4, 0.3, 0.3])  # the last: no light at all
+    wide = random.choice([0.05, 0.08, 0.3], len(seeds), p=[0.4, 0.3, 0.3])  # the last leaves no light at all
     return _pixels(distance[..., 1] - distance[..., 0] > wide[owner])

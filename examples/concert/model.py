@@ -4,8 +4,8 @@ Run it with the project's Python from anywhere; it writes the stage and its gobo
 
     .venv/bin/python examples/concert/model.py
 
-The stage is committed, so this is only needed to change the geometry or the moves. Lights, haze, looks and camera are
-as easily changed in the stage's text.
+The stage is committed, so run it only to change the geometry or the moves. Lights, haze, looks and camera can be
+changed in the stage's text just as easily.
 
 The stage: metres, Y up, its front edge at z = 3; the audience and the camera are at +Z.
 """
@@ -47,20 +47,20 @@ PINK, RED, AMBER = (1.0, 0.08, 0.45), (1.0, 0.10, 0.05), (1.0, 0.42, 0.06)
 
 @dataclass(frozen=True)
 class Fixture:
-    """A moving head: where its pivot is, what it shines at over time, and how.
+    """A moving head: the place of its pivot, what it shines at over time, and how.
 
     Attributes
     ----------
     name, place, hangs
-        On a truss, or on the floor.
+        Its name, the place of its pivot, and whether it hangs on a truss or stands on the floor.
     target, swing, phase
-        The middle of what it is aimed at, how far that moves along each axis, and when (a turn is 1).
+        The middle of the target, how far the target moves along each axis, and its phase (1 is a full cycle).
     colors
-        The first and the second colour, between which it changes.
+        The two colours between which it changes.
     power, cone
         Intensity of the light, and degrees from its axis to its edge.
     group, look, gobo, spin
-        Light group, look, image, and how many turns a second the image makes.
+        Light group, look, image, and turns of the image per second.
     """
 
     name: str
@@ -110,7 +110,7 @@ def fixtures() -> list[Fixture]:
 
 
 def pan_and_tilt(fixture: Fixture, times: Array) -> tuple[Array, Array]:
-    """Return degrees about Y and X that turn −Z at the target, in the space of a fixture that may hang upside down."""
+    """Return degrees about Y and X that turn −Z to the target, in the space of a fixture that may hang upside down."""
     turn = 2 * np.pi * (times / 2 + fixture.phase)
     sway = np.stack([np.sin(turn), np.sin(turn), np.cos(turn)], axis=-1)
     aim = np.array(fixture.target) + sway * fixture.swing - fixture.place
@@ -170,7 +170,7 @@ def hang(stage: Usd.Stage, fixture: Fixture) -> None:
 
 
 def set_pieces(stage: Usd.Stage, random: np.random.Generator) -> None:
-    """Define floor, curtain, trusses, and what stands on the stage."""
+    """Define floor, curtain, trusses, and the equipment on the stage."""
     black = material(stage, "Black", (0.018, 0.018, 0.02), 0.45)
     floor = material(stage, "Floor", (0.055, 0.052, 0.05), 0.35)
     cloth = material(stage, "Cloth", (0.035, 0.03, 0.038), 0.95)
@@ -198,7 +198,7 @@ def set_pieces(stage: Usd.Stage, random: np.random.Generator) -> None:
 
 
 def truss(stage: Usd.Stage, path: str, y: float, z: float, look: UsdShade.Material) -> None:
-    """Define a truss of fourteen metres, of segments."""
+    """Define a truss of fourteen metres from segments."""
     instancer = UsdGeom.PointInstancer.Define(stage, path)
     mesh(stage, f"{path}/Segment", gear.truss(), look)
     instancer.CreatePrototypesRel().SetTargets([f"{path}/Segment"])
@@ -207,7 +207,7 @@ def truss(stage: Usd.Stage, path: str, y: float, z: float, look: UsdShade.Materi
 
 
 def haze_and_looks(stage: Usd.Stage) -> None:
-    """Define the haze, and how beams look in it."""
+    """Define the haze and the looks of the beams in it."""
     haze = define(stage, "/World/Haze", "Scope", "Haze from a machine; per metre.", "PhotonBeamsMediumAPI")
     author(haze, {"photonbeams:scattering": Gf.Vec3f(0.03, 0.03, 0.03), "photonbeams:anisotropy": 0.4})
     noise = {

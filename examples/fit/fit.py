@@ -1,13 +1,13 @@
-"""Fit a look to a painted picture: find the colours along the beams that make the shafts look like that.
+"""Fit a look to a painted picture: find the colours along the beams that make the shafts look like the painting.
 
     .venv/bin/python examples/fit/fit.py examples/shaft/physical.usda examples/fit/painted.png -o out/fit
 
-The picture is of the beams alone, on black, seen by the stage's camera. Estimates have derivatives by a look's texture,
-so Adam finds the colours in a few dozen steps. The result is a layer with the look, to be laid over the stage:
+The picture shows only the beams, on black, seen by the stage's camera. Estimates are differentiable by a look's
+texture, so Adam finds the colours in a few dozen steps. The result is a layer with the look, for use over the stage:
 
     photonbeams render examples/shaft/physical.usda --session-layer out/fit.usda -o out/fitted.png
 
-and out/fit.png: the beams before, the painting, the beams after.
+and out/fit.png, which shows the beams before, the painting, and the beams after.
 """
 
 from __future__ import annotations
@@ -22,16 +22,18 @@ import numpy as np
 import photonbeams as pb
 
 WIDTH, BEAMS, COLORS, STEPS, RATE = 240, 512, 10, 100, 0.12
-DARK = 0.1  # light below this counts less: painters do not mean the last shades of black
+DARK = 0.1  # light below this counts less, because painters do not control the darkest shades
 
 
 def main() -> None:
     """Fit, and write a layer and a picture."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("stage", type=Path, help="the shot")
-    parser.add_argument("painting", type=Path, help="a picture of its beams, as one would like them")
-    parser.add_argument("-o", "--output", type=Path, default=Path("out/fit"), help="name of what is written")
-    parser.add_argument("--steps", type=int, default=STEPS, help="of the optimiser")
+    parser.add_argument("painting", type=Path, help="a picture of its beams as you want them")
+    parser.add_argument(
+        "-o", "--output", type=Path, default=Path("out/fit"), help="name of the output files, without suffix"
+    )
+    parser.add_argument("--steps", type=int, default=STEPS, help="number of steps of the optimiser")
     given = parser.parse_args()
     shot = pb.Shot.open(given.stage)
     target = painted(given.painting)
@@ -64,7 +66,7 @@ class Fit:
 
         scene, camera = shot.read()
         self._medium, self._shape = scene.medium, (height, width)
-        # Where the beams end is another matter of the shot: its own surfaces, seen once.
+        # Rays end at the shot's surfaces, whose depth one cheap render finds.
         depth = shot.render(passes=1, width=width, height=height, beams=1).layers["depth"]
         rays = View(camera, Window.full(width, height)).rays((0.5, 0.5))
         self._rays = rays.origin, rays.direction, Float(depth.ravel()) / rays.facing
@@ -79,18 +81,18 @@ class Fit:
         return sum(pb.estimate(each.beams, *self._rays, look=look, medium=self._medium) for each in self._sets)
 
     def picture(self, colors: np.ndarray | None) -> np.ndarray:
-        """Return that as a picture, (H, W, 3)."""
+        """Return the radiance as a picture, (H, W, 3)."""
         found: np.ndarray = self.radiance(colors).numpy()
         return found.reshape(*self._shape, 3)
 
     def colors(self, target: np.ndarray, steps: int = STEPS) -> np.ndarray:
-        """Return the colours along the beams, (COLORS, 3), that come nearest to a picture."""
+        """Return the colours along the beams, (COLORS, 3), that come closest to a picture."""
         import drjit as dr
         import mitsuba as mi
 
         wanted = mi.TensorXf(target.reshape(-1, 3).astype(np.float32))
         optimizer = mi.ad.Adam(lr=RATE)
-        optimizer["logarithm"] = dr.zeros(mi.TensorXf, (COLORS, 3))  # of colours: light is not negative
+        optimizer["logarithm"] = dr.zeros(mi.TensorXf, (COLORS, 3))  # of the colours, since light is never negative
         for step in range(steps):
             texture = dr.exp(optimizer["logarithm"])
             off = (self.radiance(texture) - wanted) / (wanted + DARK)
@@ -103,7 +105,7 @@ class Fit:
 
 
 def write_layer(path: Path, shot: pb.Shot, lights: list[str], colors: np.ndarray) -> None:
-    """Write a layer with the look, which the lights name."""
+    """Write a layer with the look, and let the lights use it."""
     from pxr import Sdf, Usd
 
     path.unlink(missing_ok=True)

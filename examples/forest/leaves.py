@@ -8,12 +8,12 @@ import numpy.typing as npt
 Array = npt.NDArray[np.float64]
 
 SIZE = 640  # pixels of the tile's side
-FINE = 2  # as many samples a pixel, each way
+FINE = 2  # samples per pixel in each direction
 LEAVES = 9000
 
 
 def waves(random: np.random.Generator, most: int, count: int = 40) -> Array:
-    """Return a tileable field of about unit deviation, its finest waves `most` to the tile."""
+    """Return a tileable field of about unit deviation, with at most `most` waves across the tile."""
     v, u = np.mgrid[0:SIZE, 0:SIZE] * (2 * np.pi / SIZE)
     total = np.zeros((SIZE, SIZE))
     for _ in range(count):
@@ -25,8 +25,8 @@ def waves(random: np.random.Generator, most: int, count: int = 40) -> Array:
 def leaves(random: np.random.Generator) -> Array:
     """Return the tile, (SIZE, SIZE, 1), from 0 behind leaves to 1 in the gaps; its edges fit together.
 
-    Leaves are pointed ovals. They grow everywhere but where two slow fields agree, so that gaps come in groups: the
-    shafts of light are broad, and between them are sparks.
+    Leaves are pointed ovals. They grow everywhere except where two slowly varying fields agree, so that gaps come in
+    groups: the shafts of light are broad, with sparks between them.
     """
     gaps = 0.8 * waves(random, 4) + waves(random, 14)
     shut = np.zeros((SIZE * FINE, SIZE * FINE), dtype=bool)

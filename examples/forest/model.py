@@ -4,8 +4,8 @@ Run it with the project's Python from anywhere; it writes the stage and the gobo
 
     .venv/bin/python examples/forest/model.py
 
-The stage is committed, so this is only needed to change the geometry. Sun, mist, look and camera are as easily changed
-in the stage's text.
+The stage is committed, so run it only to change the geometry. Sun, mist, look and camera can be changed in the stage's
+text just as easily.
 
 The wood: metres, Y up. The camera stands near the origin and looks along −Z; the sun is ahead on the left.
 """
@@ -42,9 +42,9 @@ from staging import (
 
 HERE = Path(__file__).resolve().parent
 FRAMES = (1, 72)
-SUN = np.array([-0.46, 0.74, -0.80])  # where it stands
-MIDDLE, EDGE = np.array([0.0, -20.0]), 27.0  # of the wood, a disc: beams fill the sphere around what is there
-#: Trunks that make the picture: place (x, z), thickness, kind. The others are scattered behind them.
+SUN = np.array([-0.46, 0.74, -0.80])  # toward the sun
+MIDDLE, EDGE = np.array([0.0, -20.0]), 27.0  # of the wood, a disc; beams fill the sphere around everything in it
+#: The trunks that shape the picture: place (x, z), thickness, kind. Others are scattered behind them.
 TRUNKS = [
     (-2.6, -4.6, 1.15, 0), (3.6, -6.4, 1.1, 1), (-1.75, -11.5, 0.95, 2), (1.5, -13.8, 0.8, 0), (6.6, -11.0, 1.1, 2),
     (-6.8, -9.6, 1.15, 1), (-4.4, -16.5, 0.9, 0), (4.6, -18.5, 0.9, 1), (-0.2, -21.0, 0.75, 2), (9.6, -16.0, 1.0, 0),
@@ -168,7 +168,7 @@ def scatter(stage: Usd.Stage, path: str, kinds: list[Shape], look: object, place
 
 
 def standing(x: float, z: float, random: np.random.Generator, up: float, aside: float, kind: int) -> list[float]:
-    """Return the place of something that stands on the ground, turned at random."""
+    """Return a place on the ground, with a random turn."""
     return [x, float(height(np.array(x), np.array(z))), z, random.uniform(0, 360), up, aside, kind]
 
 
@@ -194,7 +194,7 @@ def wood(stage: Usd.Stage, random: np.random.Generator) -> None:
     while len(ferns) < 150:
         z = -2.6 - 20 * random.random() ** 1.5
         x = random.uniform(-1, 1) * (1.5 - 0.62 * z)
-        if abs(x - 0.25 - 0.05 * z) > 0.7 + 0.25 * random.random():  # a path is free of them
+        if abs(x - 0.25 - 0.05 * z) > 0.7 + 0.25 * random.random():  # keep a path free
             size = random.uniform(0.55, 1.05)
             ferns.append(standing(x, z, random, size, size, random.integers(2)))
     scatter(stage, "/World/Ferns", [fern(random) for _ in range(2)], green, np.array(ferns))
@@ -249,7 +249,7 @@ def lights(stage: Usd.Stage) -> None:
 
 
 def mist_and_looks(stage: Usd.Stage) -> None:
-    """Define the mist, and how beams look in it."""
+    """Define the mist and the look of the beams in it."""
     mist = define(stage, "/World/Mist", "Scope", "Mist that fills the wood; per metre.", "PhotonBeamsMediumAPI")
     author(
         mist,

@@ -1,7 +1,7 @@
 """A film and a contact sheet of a sequence of layered EXRs: `python film.py out/flight.####.exr out/flight.mp4`.
 
-The sheet is written beside the film, as .png: every so many frames in reading order, for those who would rather look at
-one picture than play sixty.
+The sheet is written beside the film, as .png. It shows frames at regular intervals, in reading order, for a quick look
+without playing the film.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ RATE, COLUMNS, ROWS, THUMB = 24, 5, 4, 320
 
 
 def frames_of(pattern: str) -> list[Path]:
-    """Return the files of a sequence, whose number stands for the run of #, in order."""
+    """Return the files of a sequence in order; the run of # in `path` stands for the frame number."""
     path = Path(pattern)
     name = re.sub("#+", r"(-?\\d+)", re.escape(path.name).replace(r"\#", "#"))
     found = [(int(match[1]), each) for each in path.parent.glob("*") if (match := re.fullmatch(name, each.name))]
@@ -31,14 +31,14 @@ def frames_of(pattern: str) -> list[Path]:
 
 
 def pictures(paths: list[Path]) -> Iterator[np.ndarray]:
-    """Yield each frame's scene-linear picture, of a stereo frame the left eye's."""
+    """Yield each frame's scene-linear picture; for stereo frames, that of the left eye."""
     for path in track(paths, "encoding"):
         layers = read_layers(path)
         yield (layers["rgba"] if "rgba" in layers else layers["rgba.left"])[..., :3]
 
 
 def encode(paths: list[Path], film: Path) -> list[np.ndarray]:
-    """Write the film, H.264 that every player takes; return the pictures of the contact sheet."""
+    """Write the film as widely playable H.264; return the pictures of the contact sheet."""
     shown = set(np.linspace(0, len(paths) - 1, min(COLUMNS * ROWS, len(paths))).astype(int).tolist())
     sheet = []
     with av.open(str(film), "w") as container:
@@ -74,7 +74,7 @@ def _resized(pixels: np.ndarray, width: int, height: int) -> np.ndarray:
 
 
 def main() -> None:
-    """Make the film and the sheet that the command line names."""
+    """Write the film that the command line names, and its contact sheet."""
     if len(sys.argv) != 3:
         raise SystemExit("expected a sequence and a film, as in: film.py out/flight.####.exr out/flight.mp4")
     paths, film = frames_of(sys.argv[1]), Path(sys.argv[2])

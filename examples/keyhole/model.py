@@ -4,8 +4,8 @@ Run it with the project's Python from anywhere; it writes the stage and the text
 
     .venv/bin/python examples/keyhole/model.py
 
-The stage is committed, so this is only needed to change the geometry. Lights, dust, look and cameras are as easily
-changed in the stage's text.
+The stage is committed, so run it only to change the geometry. Lights, dust, look and cameras can be changed in the
+stage's text just as easily.
 
 Room: metres, Y up. The door's front is the plane z = 0, the lit chamber lies at z < 0, the shot's room at z > 0.
 """
@@ -41,7 +41,7 @@ NECK = np.array([-0.20, 1.02])  # the keyhole's neck on the door
 HEIGHT = 0.17  # of the keyhole: larger than life, so that its shape reads in a wide shot
 THICKNESS = 0.045  # of the door
 LOCK = np.array([0.14, 0.21])  # half width and height of the block that the keyhole is cut into
-SHAFT = np.array([0.20, -0.55, 0.82])  # where the light goes
+SHAFT = np.array([0.20, -0.55, 0.82])  # direction of the light
 LIGHT_DISTANCE, LIGHT_SIZE = 1.25, 0.16
 FRAMES = (1, 101)
 JUG = """
@@ -54,13 +54,13 @@ JUG = """
 
 
 def door(random: np.random.Generator) -> dict[str, Shape]:
-    """Return the door's leaf, its iron and its frame; nothing but the keyhole lets light through."""
+    """Return the door's leaf, its iron and its frame; only the keyhole lets light through."""
     lock_low, lock_high = NECK - LOCK, NECK + LOCK
     edges = np.array([-0.47, lock_low[0], lock_high[0], 0.12, 0.30, 0.47])
     planks = []
     for left, right in pairwise(edges):
-        # Neighbours overlap by a millimetre, so that no ray finds the joint between two planks, and by twelve where a
-        # plank ends, so that none finds the joint at its bevelled corners.
+        # Neighbours overlap by a millimetre, so that no ray slips through the joint between two planks, and by twelve
+        # at the end of a plank, so that none slips through at its bevelled corners.
         spans = [(0.02, 1.98)]
         if left == lock_low[0]:
             spans = [(0.02, lock_low[1] + 0.012), (lock_high[1] - 0.012, 1.98)]
@@ -99,7 +99,7 @@ def door(random: np.random.Generator) -> dict[str, Shape]:
 
 
 def stones(random: np.random.Generator, width: tuple[float, float], height: float, gap: tuple[float, ...]) -> Shape:
-    """Return a wall of rough blocks in the plane z = 0, but for the opening `gap` (left, right, top)."""
+    """Return a wall of rough blocks in the plane z = 0, with the opening `gap` (left, right, top)."""
     blocks, low, row = [], 0.0, 0
     while low < height:
         high = low + random.uniform(0.19, 0.27)
@@ -169,7 +169,7 @@ def chamber() -> Shape:
 
 
 def props(random: np.random.Generator) -> dict[str, Shape]:
-    """Return a chest, a jug and a stool: things for the light to find."""
+    """Return a chest, a jug and a stool for the light to fall on."""
     chest = [
         box((-0.45, 0.03, -0.26), (0.45, 0.36, 0.26), 0.012, 0, random.random(2)),
         *(
@@ -213,7 +213,7 @@ def camera(stage: Usd.Stage, path: str, focal: float) -> UsdGeom.Camera:
 
 
 def flight(time: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return where the second camera is and looks at a time in [0, 1]: smooth curves through a few chosen places."""
+    """Return position and target of the second camera at a time in [0, 1], on smooth curves through chosen places."""
     keyhole = np.array([*NECK, 0.0])
     eyes = [
         (-1.75, 1.00, 1.95),
@@ -323,7 +323,7 @@ def cameras(stage: Usd.Stage) -> None:
     flying = camera(stage, "/World/Flight", 28)
     flying.GetPrim().SetDocumentation("Flies into the shaft, up along it toward the light, and out on the other side.")
     flying.CreateFStopAttr(4.0)
-    flying.CreateShutterOpenAttr(-0.25)  # half of a frame's time, the film camera's 180 degrees
+    flying.CreateShutterOpenAttr(-0.25)  # half of a frame: the 180 degree shutter of a film camera
     flying.CreateShutterCloseAttr(0.25)
     path = UsdGeom.Xformable(flying).AddTransformOp()
     for frame in range(FRAMES[0], FRAMES[1] + 1):

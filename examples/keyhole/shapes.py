@@ -1,6 +1,6 @@
 """Polygon shapes for the keyhole stage: chamfered boxes, extruded outlines with a hole, surfaces of revolution.
 
-A shape is a `Shape`: points, faces and one UV pair per face corner, V along the grain of the wood. Only numpy.
+A `Shape` has points, faces and one UV pair per face corner, V along the grain of the wood. It needs only numpy.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ class Shape:
 
 
 def merge(shapes: Sequence[Shape]) -> Shape:
-    """Return all of `shapes` as one mesh; smooth if the first of them is."""
+    """Return all `shapes` as one mesh, which is smooth if the first shape is."""
     offsets = np.cumsum([0] + [len(s.points) for s in shapes])
     faces = [[int(o) + i for i in face] for s, o in zip(shapes, offsets, strict=False) for face in s.faces]
     smooth = shapes[0].normals is not None
@@ -68,7 +68,7 @@ def box(
     low, high = np.asarray(low, dtype=float), np.asarray(high, dtype=float)
     center, half = (low + high) / 2, (high - low) / 2
     signs = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=float)
-    # Three points a corner: the k-th lies on the face across axis k. Without a chamfer the three are one.
+    # Each corner has three points; the k-th lies on the face across axis k. Without a chamfer they coincide.
     keep = 1 if chamfer == 0.0 else 3
     points = np.concatenate([s * (half - chamfer * (1 - np.eye(3)[:keep])) for s in signs])
     quad = [(-1, -1), (1, -1), (1, 1), (-1, 1)]
@@ -89,7 +89,7 @@ def box(
             faces.append([3 * ends[0] + first, 3 * ends[0] + second, 3 * ends[1] + second, 3 * ends[1] + first])
     if chamfer:
         faces += [[3 * i, 3 * i + 1, 3 * i + 2] for i in range(8)]
-    for face in faces:  # the box is convex: outward is away from its middle
+    for face in faces:  # the box is convex, so outward is away from its middle
         corners = points[face]
         if np.dot(np.cross(corners[1] - corners[0], corners[2] - corners[0]), corners.mean(axis=0)) < 0:
             face.reverse()
@@ -99,7 +99,7 @@ def box(
 def keyhole_outline(center: Sequence[float], height: float, steps: int = 40) -> Array:
     """Return the keyhole's outline (N, 2), counter-clockwise from the lower right corner: a disc above a flared slot.
 
-    `center` is the neck's upper edge, from where every point of the outline can be seen, and `height` the whole.
+    `center` is the neck's upper edge, from which every point of the outline is visible; `height` is the total height.
     """
     radius, neck, foot = 0.27 * height, 0.11 * height, 0.24 * height  # half widths of disc, neck and foot
     rise = np.sqrt(radius**2 - neck**2)  # from the neck up to the disc's middle
@@ -115,7 +115,7 @@ def keyhole_outline(center: Sequence[float], height: float, steps: int = 40) -> 
 def square_outline(low: Sequence[float], high: Sequence[float], center: Sequence[float], rays: Array) -> Array:
     """Return where rays from `center` through the points `rays` (N, 2) leave the rectangle, with its corners hit.
 
-    A corner is reached by moving the nearest ray's point onto it, so that the outline keeps the rays' number.
+    To hit a corner, the nearest ray's point is moved onto it, so that the outline has as many points as there are rays.
     """
     low, high, center = np.asarray(low), np.asarray(high), np.asarray(center)
     direction = rays - center
@@ -133,7 +133,7 @@ def square_outline(low: Sequence[float], high: Sequence[float], center: Sequence
 def pierced(outer: Array, inner: Array, back: float, front: float, chamfer: float, shift: Sequence[float]) -> Shape:
     """Return the slab between two outlines (N, 2) and two depths along Z: a plank with a hole and its inner wall.
 
-    `chamfer` bevels the edges of hole and slab on the front, and the hole's on the back.
+    `chamfer` bevels the edges of hole and slab on the front, and those of the hole on the back.
     """
     count = len(outer)
     hole = inner.mean(axis=0)

@@ -1,4 +1,4 @@
-"""What the keyhole stage's geometry is made of: a wood texture, UsdPreviewSurface materials, meshes as USD text."""
+"""Surfaces of the keyhole stage: a wood texture, UsdPreviewSurface materials, and meshes as short USD text."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from shapes import Shape
 
 
 def write_wood(path: Path, random: np.random.Generator) -> None:
-    """Write a tileable picture of wood, grain along V: sums of sines bent by slow noise, in few greys and browns."""
+    """Write a tileable picture of wood, grain along V: sums of sines bent by slow noise, in a few greys and browns."""
     height, width = 512, 256
     v, u = np.mgrid[0:height, 0:width] / [[[height]], [[width]]]
     bend = np.zeros((height, width))
@@ -25,7 +25,7 @@ def write_wood(path: Path, random: np.random.Generator) -> None:
         ku, kv, phase = random.integers(12, 90), random.integers(-2, 3), random.uniform(0, 2 * np.pi)
         fibre += np.cos(2 * np.pi * (ku * u + kv * v) + phase + bend)
     tone = 0.55 * rings**1.5 + 0.16 * fibre / np.sqrt(60) + 0.28
-    levels = np.round(np.clip(tone, 0, 1) * 31) / 31  # few levels: the file compresses to a tenth
+    levels = np.round(np.clip(tone, 0, 1) * 31) / 31  # with few levels the file compresses to a tenth
     dark, light = np.array([0.20, 0.125, 0.075]), np.array([0.60, 0.43, 0.27])
     pixels = np.round(255 * (dark + (light - dark) * levels[..., None])).astype(np.uint8)
     image = OpenImageIO.ImageOutput.create(str(path))

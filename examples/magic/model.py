@@ -5,8 +5,8 @@ it, in which the strands grow out of the flower:
 
     .venv/bin/python examples/magic/model.py
 
-Both are committed, so this is only needed to change the geometry: looks, lights and cameras are as easily changed in
-the stage's text.
+Both are committed, so run it only to change the geometry. Looks, lights and cameras can be changed in the stage's text
+just as easily.
 
 Metres, Y up. The flower stands on a low pedestal on the left, the column on the right.
 """
@@ -32,10 +32,10 @@ FRAMES = (1, 48)
 FLOWER = np.array([-0.85, 0.56, 0.35])  # its heart
 COLUMN = np.array([0.62, 0.0, 0.0])
 SHAFT = 0.165  # radius of the column
-STRANDS = 27  # that wind up the column
-TENDRILS = 14  # that curl about the flower
+STRANDS = 27  # strands that wind up the column
+TENDRILS = 14  # strands that curl about the flower
 SPACING = 0.045  # between the points of a curve
-# Where the strands go, from the flower to the column's foot; from there on they wind around it.
+# The strands' path from the flower to the foot of the column. From there on they wind around it.
 WAY = np.array(
     [
         (0.0, 0.0, 0.0),
@@ -105,14 +105,14 @@ def flags(random: np.random.Generator) -> Shape:
 
 
 def petal(length: float, width: float, opening: float, turn: float, steps: tuple[int, int] = (10, 6)) -> Shape:
-    """Return a petal from the origin up, `opening` degrees off the vertical, which closes a little toward its tip."""
+    """Return a petal from the origin up, `opening` degrees off the vertical, that closes a little toward its tip."""
     u, v = np.meshgrid(np.linspace(0, 1, steps[0] + 1), np.linspace(-1, 1, steps[1] + 1), indexing="ij")
     lean = np.radians(opening) * (1.25 - 0.9 * u + 0.45 * u**4)
     half = width * np.sin(np.pi * u**0.75) ** 0.8 * (1 - 0.15 * u)
     step = np.gradient(u, axis=0) * length
     out = np.cumsum(np.sin(lean) * step, axis=0) - np.sin(lean) * step + 0.012
     up = np.cumsum(np.cos(lean) * step, axis=0) - np.cos(lean) * step
-    hollow = 0.55 * half * v**2  # the rims stand up, as a boat's do
+    hollow = 0.55 * half * v**2  # the rims stand up, like those of a boat
     points = np.stack([out - hollow * np.cos(lean), up + hollow * np.sin(lean), half * v], axis=-1).reshape(-1, 3)
     side = steps[1] + 1
     faces = [
@@ -152,20 +152,20 @@ def flower() -> dict[str, Shape]:
 
 
 def spine(count: int = 900) -> Array:
-    """Return points at even steps along the way that all strands share: from the flower, and around the column."""
+    """Return points at even steps along the spine of all strands: from the flower, and around the column."""
     start = FLOWER + WAY[-1] - COLUMN
     begin = np.arctan2(start[2], start[0])
     turn = np.linspace(0, 1, 60)
     angle = begin - 2 * np.pi * TURNS * turn
     radius = AROUND - 0.05 * turn
     helix = COLUMN + np.column_stack([radius * np.cos(angle), FOOT + (TOP - FOOT) * turn, radius * np.sin(angle)])
-    # The helix is entered along its tangent: the way's last points are left out where it takes over.
+    # Enter the helix along its tangent: leave out the last points before it takes over.
     points = np.concatenate([FLOWER + WAY[:-1], helix[3:]])
     return evenly(points, count)
 
 
 def evenly(points: Array, count: int) -> Array:
-    """Return so many points at even steps along the smooth curve through `points`."""
+    """Return a number of points at even steps along the smooth curve through `points`."""
     chord = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
     curve = CubicSpline(chord, points)
     fine = curve(np.linspace(0, chord[-1], 40 * len(points)))
@@ -175,7 +175,7 @@ def evenly(points: Array, count: int) -> Array:
 
 
 def frames(points: Array) -> tuple[Array, Array]:
-    """Return two directions across a curve that turn as little as they can along it."""
+    """Return two directions across a curve that turn as little as possible along it."""
     tangent = np.gradient(points, axis=0)
     tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
     first = np.cross(tangent[0], (0.3, 0.1, 1.0))
@@ -187,7 +187,7 @@ def frames(points: Array) -> tuple[Array, Array]:
 
 
 def curl(place: Array, tangent: Array, across: Array, length: float, turns: float, steps: int = 60) -> Array:
-    """Return a spiral that goes on from a place along `tangent` and bends ever more toward `across`, as ferns do."""
+    """Return a spiral that continues along `tangent` and bends more and more toward `across`, like a fern."""
     x = np.linspace(0, 1, steps + 1)[1:]
     angle = 2 * np.pi * turns * x**2.2
     step = length / steps * (1 - 0.55 * x)
@@ -210,7 +210,7 @@ def strands(random: np.random.Generator) -> list[Array]:
         wave = 1 + 0.35 * np.sin(2 * np.pi * random.uniform(2, 4) * u + random.uniform(0, 6.3))
         offset = (loose * share * wave)[:, None] * (np.cos(twist)[:, None] * normal + np.sin(twist)[:, None] * binormal)
         curve = middle + offset
-        # A third winds all the way up; of the others some leave in the air, some on the column.
+        # A third of the strands winds all the way up; the others leave in the air or on the column.
         reach = ((0.84, 1.0), (0.09, 0.27), (0.4, 0.93))[i % 3]
         end = int(len(u) * random.uniform(*reach)) - 2
         heading = curve[end] - curve[end - 4]
@@ -258,7 +258,7 @@ def write_strands(stage: Usd.Stage, random: np.random.Generator) -> None:
         width = np.maximum(widest * taper, 0.0012)
         color = GOLD[random.choice(len(GOLD), p=[0.3, 0.28, 0.18, 0.14, 0.10])]
         widths.append(width)
-        # A beam is as bright as its power is against its radius: this is as bright everywhere, but for its ends.
+        # The brightness of a beam is its power divided by its radius. So it is the same everywhere, except at the ends.
         powers.append(
             random.uniform(0.6, 1.1)
             * np.interp(s, [0, 0.12], [0.4, 1])[:, None]
@@ -289,25 +289,25 @@ def write_strands(stage: Usd.Stage, random: np.random.Generator) -> None:
 
 
 def drawn(prim: Usd.Prim, group: str, look: str) -> None:
-    """Make curves beams of a light group and a look."""
+    """Turn curves into beams, with a light group and a look."""
     prim.AddAppliedSchema("PhotonBeamsCurvesAPI")
     attribute(prim, "lightGroup", Sdf.ValueTypeNames.Token, group)
     prim.CreateRelationship("photonbeams:look", False).SetTargets([look])
 
 
 def attribute(prim: Usd.Prim, name: str, kind: Sdf.ValueTypeName, value: object, uniform: bool = False) -> None:
-    """Author one of photonbeams' attributes."""
+    """Author an attribute of photonbeams."""
     variability = Sdf.VariabilityUniform if uniform else Sdf.VariabilityVarying
     prim.CreateAttribute(f"photonbeams:{name}", kind, False, variability).Set(value)
 
 
 def vectors(values: Array, digits: int) -> Vt.Vec3fArray:
-    """Return rounded vectors as USD has them."""
+    """Return rounded vectors in USD's type."""
     return Vt.Vec3fArray.FromNumpy(np.round(values, digits).astype(np.float32))
 
 
 def numbers(values: Array, digits: int) -> Vt.FloatArray:
-    """Return rounded numbers as USD has them."""
+    """Return rounded numbers in USD's type."""
     return Vt.FloatArray.FromNumpy(np.round(values, digits).astype(np.float32))
 
 
@@ -315,7 +315,7 @@ def numbers(values: Array, digits: int) -> Vt.FloatArray:
 
 
 def look(stage: Usd.Stage, name: str, doc: str, **values: object) -> None:
-    """Define a look; names have `__` for a colon."""
+    """Define a look; `__` in a name stands for a colon."""
     kinds = Sdf.ValueTypeNames
     prim = stage.DefinePrim(f"/World/Looks/{name}", "PhotonBeamsLook")
     prim.SetDocumentation(doc)
@@ -340,7 +340,7 @@ PULSES = "pow(fract(0.8 * distance - time + random), 5) * smoothstep(1, 0.94, fr
 
 
 def looks(stage: Usd.Stage) -> None:
-    """Define the fog that beams alone feel, and the two looks."""
+    """Define the fog that only beams feel, and the two looks."""
     air = stage.DefinePrim("/World/Air", "Scope")
     air.SetDocumentation("Something for the light to show in; surfaces are as in clear air.")
     air.AddAppliedSchema("PhotonBeamsMediumAPI")
@@ -371,7 +371,7 @@ def looks(stage: Usd.Stage) -> None:
 
 
 def lamp(stage: Usd.Stage, name: str, place: Sequence[float], color: Sequence[float], intensity: float) -> Usd.Prim:
-    """Define a point of light for surfaces alone."""
+    """Define a point light that lights only surfaces."""
     light = UsdLux.SphereLight.Define(stage, f"/World/Light/{name}")
     light.CreateTreatAsPointAttr(True)
     light.CreateNormalizeAttr(True)
@@ -384,12 +384,12 @@ def lamp(stage: Usd.Stage, name: str, place: Sequence[float], color: Sequence[fl
 
 
 def along() -> Array:
-    """Return the places of the lamps along the strands' way."""
+    """Return the places of the lamps along the strands."""
     return spine(2000)[150::70]
 
 
 def lights(stage: Usd.Stage) -> None:
-    """Define the flower's heart, lamps along the strands' way, and a cool moon from the left."""
+    """Define the light in the flower, lamps along the strands, and a cool moon from the left."""
     UsdGeom.Xform.Define(stage, "/World/Light/Along").GetPrim().SetDocumentation(
         "What the strands would throw on the hall: lamps along their way, which make no beams."
     )
@@ -409,7 +409,7 @@ def lights(stage: Usd.Stage) -> None:
 
 
 def cameras(stage: Usd.Stage) -> None:
-    """Define the shot's camera, and one inside the strands; and what a picture of the shot is."""
+    """Define the shot's camera, another one inside the strands, and the render settings."""
     for name, focal, eye, target in (
         ("Camera", 34, (-0.35, 1.0, 3.8), (-0.07, 1.0, 0.0)),
         ("Inside", 22, (-0.62, 1.42, 0.45), (0.55, 1.1, 0.0)),
@@ -430,7 +430,7 @@ def growth(folder: Path, like: Usd.Stage) -> None:
     first, last = FRAMES
     way = spine(2000)
     length = float(np.linalg.norm(np.diff(way, axis=0), axis=1).sum())
-    reach = [(first, 0.25), (last, length + 1.6)]  # of the light, by frame; the longest curls are as long
+    reach = [(first, 0.25), (last, length + 1.6)]  # of the light, by frame; the longest curls have this length
     for name in ("Strand", "Glow"):
         prim = stage.OverridePrim(f"/World/Looks/{name}")
         for key, behind in (("inner", 0.25), ("outer", 0.0)):
@@ -464,7 +464,7 @@ def model(folder: Path) -> Path:
     marble = material(stage, "Marble", (0.52, 0.49, 0.45), 0.45)
     flag = material(stage, "Flag", (0.20, 0.19, 0.19), 0.3)
     petals = material(stage, "Petals", (0.85, 0.50, 0.42), 0.5)
-    # Light from within shows through petals: there is no translucency, so they glow a little.
+    # Light from within should show through the petals. There is no translucency, so they glow a little.
     shine = UsdShade.Shader(petals.GetPrim().GetChild("Surface")).CreateInput(
         "emissiveColor", Sdf.ValueTypeNames.Color3f
     )

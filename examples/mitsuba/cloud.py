@@ -1,4 +1,4 @@
-"""Writes cloud.vol, a cloud of puffs with frayed edges, in Mitsuba's own format of grids."""
+"""Write cloud.vol, a cloud of puffs with frayed edges, in Mitsuba's own format for grids."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def noise(rng: np.random.Generator, octaves: int = 4) -> Any:
 
 
 def cloud(seed: int = 3) -> Any:
-    """Return the density, 0 to 1, and 0 at the border of the box."""
+    """Return the density, from 0 to 1, and 0 at the border of the box."""
     rng = np.random.default_rng(seed)
     half = np.array([0.8, 0.8, 1.6])
     axes = [each * ((np.arange(n) + 0.5) / n * 2 - 1) for n, each in zip(SIZE, half, strict=True)]

@@ -4,8 +4,8 @@ Run it with the project's Python from anywhere; it writes the stage beside itsel
 
     .venv/bin/python examples/shaft/model.py
 
-The stage is committed, so this is only needed to change the geometry. `directed.usda` is written by hand: what an
-artist makes of the same light, a thin layer to lay over the stage.
+The stage is committed, so run it only to change the geometry. `directed.usda` is written by hand: a thin layer over the
+stage with what an artist makes of the same light.
 
 Metres, Y up. The windows are in the wall on the right, x = 2; the camera looks along it from the left.
 """
@@ -25,10 +25,10 @@ from shapes import Array, Shape, box, lathe, merge, pierced, placed, square_outl
 from staging import aimed, new_stage, render_settings, save, turned  # noqa: E402
 from surfaces import material, mesh  # noqa: E402
 
-WALL, THICKNESS, HEIGHT = 2.0, 0.36, 3.3  # the windows' wall: its place, its thickness, the room's height
+WALL, THICKNESS, HEIGHT = 2.0, 0.36, 3.3  # place and thickness of the wall with the windows, height of the room
 WINDOWS = (-1.35, -0.25, 0.85)  # middles of the windows, along the wall
-HALF, SILL, SPRING = 0.22, 1.25, 2.15  # of a window: half its width, heights of its sill and of its arch's foot
-SUN = np.array([-0.80, -0.66, 0.10])  # where the light goes
+HALF, SILL, SPRING = 0.22, 1.25, 2.15  # of a window: half its width, heights of its sill and of the foot of its arch
+SUN = np.array([-0.80, -0.66, 0.10])  # direction of the light
 JAR = """
 0.000 0.000  0.085 0.000  0.095 0.015  0.150 0.110  0.205 0.260  0.225 0.400  0.215 0.500  0.170 0.600
 0.105 0.665  0.082 0.700  0.080 0.745  0.105 0.790  0.118 0.805  0.112 0.815  0.095 0.800  0.066 0.745
@@ -52,7 +52,7 @@ def lancet(middle: float, half: float = HALF, steps: int = 14) -> Array:
 
 
 def in_wall(shape: Shape) -> Shape:
-    """Return a shape that was made in the plane z = 0, its x along the wall, as it stands in the windows' wall."""
+    """Return a shape, made in the plane z = 0 with x along the wall, at its place in the wall with the windows."""
     return placed(shape, turned(1, -90), (WALL, 0.0, 0.0))
 
 
@@ -61,7 +61,7 @@ def windows() -> dict[str, Shape]:
     panels, bars = [], []
     for middle in WINDOWS:
         hole, center = lancet(middle), (middle, 0.5 * (SILL + SPRING))
-        # Neighbours overlap by a millimetre, so that no ray finds the joint between them.
+        # Neighbours overlap by a millimetre, so that no ray slips through the joint between them.
         around = square_outline((middle - 0.5505, -0.05), (middle + 0.5505, HEIGHT), center, hole)
         panels.append(pierced(around, hole, -THICKNESS, 0.0, 0.025, (0, 0)))
         top = SPRING + np.sqrt(3) * HALF
@@ -91,7 +91,7 @@ def rubble(random: np.random.Generator, width: tuple[float, float]) -> Shape:
 
 
 def room(random: np.random.Generator) -> dict[str, Shape]:
-    """Return the floor, the walls and the roof: the store is closed but for the windows."""
+    """Return the floor, the walls and the roof: the store is closed except for the windows."""
     boards, near = [], -2.5
     while near < 6.0:
         far, left = near + random.uniform(0.5, 0.7), -3.4 + random.uniform(-0.5, 0.0)
@@ -116,7 +116,7 @@ def room(random: np.random.Generator) -> dict[str, Shape]:
     return {"Floor": merge(boards), "Shell": merge(shell), "Rafters": merge(rafters), "Back": back}
 
 
-#: Place on the floor, and size, of the jars, in the light and beside it.
+#: Places on the floor, and sizes, of the jars in the light and beside it.
 JARS = (
     (0.12, 0.02, 1.15), (-0.42, -1.15, 1.0), (-1.75, -1.75, 1.5), (-1.2, -2.0, 1.15), (-2.35, -1.95, 1.25),
     (1.45, -2.05, 1.3), (1.0, -2.1, 0.9), (1.6, 1.75, 1.25), (-0.28, 0.95, 0.5), (-2.75, -0.4, 1.4),
@@ -156,13 +156,13 @@ def bench() -> dict[str, Shape]:
 
 
 def without_beams(light: UsdLux.BoundableLightBase) -> None:
-    """Make a light one for surfaces alone."""
+    """Make a light that lights only surfaces."""
     light.GetPrim().AddAppliedSchema("PhotonBeamsLightAPI")
     light.GetPrim().CreateAttribute("photonbeams:enabled", Sdf.ValueTypeNames.Bool, False).Set(False)
 
 
 def lights(stage: Usd.Stage) -> None:
-    """Define the sun with its windows, and what the store's walls would throw back: light for surfaces alone."""
+    """Define the sun with its windows, and, as lights for surfaces, what the walls of the store would reflect."""
     sun = UsdLux.DistantLight.Define(stage, "/World/Light/Sun")
     prim = sun.GetPrim()
     prim.SetDocumentation("Half a degree wide, as the sun is. All beams come through the windows.")
@@ -205,7 +205,7 @@ def lights(stage: Usd.Stage) -> None:
 
 
 def dust_and_camera(stage: Usd.Stage) -> None:
-    """Define the dust, which all that is seen is seen through, the camera, and what a picture of the shot is."""
+    """Define the dust through which everything is seen, the camera, and the render settings."""
     dust = stage.DefinePrim("/World/Dust", "Scope")
     dust.SetDocumentation("The air of the store; coefficients per metre.")
     dust.AddAppliedSchema("PhotonBeamsMediumAPI")

@@ -9,11 +9,11 @@ from scipy.ndimage import map_coordinates
 Array = npt.NDArray[np.float64]
 
 SIDE = 64  # cells of the periodic noise along each edge
-STEPS = 9  # of the way back along which smoke came
+STEPS = 9  # steps back along the path on which smoke came
 
 
 def noise(random: np.random.Generator, coarsest: float, slope: float) -> Array:
-    """Return periodic noise of deviation 1, (SIDE, SIDE, SIDE): `coarsest` waves to the cube and more, each weaker."""
+    """Return periodic noise of deviation 1, (SIDE, SIDE, SIDE): `coarsest` waves per cube and more, finer ones weaker."""
     k = np.fft.fftfreq(SIDE, 1 / SIDE)
     length = np.sqrt(sum(each**2 for each in np.meshgrid(k, k, k, indexing="ij")))
     weight = np.where((length >= coarsest) & (length < SIDE / 4), np.maximum(length, 1) ** -slope, 0)
@@ -55,7 +55,7 @@ class Smoke:
 
 
 def _fading(counts: tuple[int, int, int]) -> Array:
-    """Return factors of cells that fall to 0 at the sides of the box, for nobody is to see the box."""
+    """Return factors of cells that fall to 0 at the sides of the box, so that the box is not visible."""
     x, y, z = (np.clip(np.minimum(np.arange(n) + 0.5, n - np.arange(n) - 0.5) / (0.24 * n), 0, 1) for n in counts)
     product = x[:, None, None] * y[:, None] * z
     return product * product * (3 - 2 * product)

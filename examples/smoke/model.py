@@ -5,7 +5,7 @@ Run it with the project's Python from anywhere; it writes the stage, the gobo `s
 
     .venv/bin/python examples/smoke/model.py
 
-All of it is committed, so this is only needed to change the smoke or the geometry.
+All of them are committed, so run it only to change the smoke or the geometry.
 
 Metres, Y up. The projector hangs on the left, the camera looks along −Z.
 """
@@ -41,8 +41,8 @@ from photonbeams.volumes.writing import write_vdb
 HERE = Path(__file__).resolve().parent
 LOW, HIGH = np.array([-4.2, -0.4, -1.5]), np.array([4.4, 4.2, 1.5])  # of the smoke
 CELLS = (104, 56, 34)
-TIMES = (0.75, 1.0)  # at which there is a grid; a renderer holds each until the next
-LEVELS = 12  # of the density, from one power of two to the next: few, so that files are small
+TIMES = (0.75, 1.0)  # times of the grids; a renderer holds each until the next
+LEVELS = 12  # levels of density from one power of two to the next; few, so that files are small
 LAMP, TARGET = (-3.3, 3.0, -0.5), (2.6, 0.35, 0.35)
 
 
