@@ -13,7 +13,7 @@ STEPS = 9  # steps back along the path on which smoke came
 
 
 def noise(random: np.random.Generator, coarsest: float, slope: float) -> Array:
-    """Return periodic noise of deviation 1, (SIDE, SIDE, SIDE): `coarsest` waves per cube and more, finer ones weaker."""
+    """Return periodic noise of deviation 1, (SIDE, SIDE, SIDE): `coarsest` waves per cube and more, finer weaker."""
     k = np.fft.fftfreq(SIDE, 1 / SIDE)
     length = np.sqrt(sum(each**2 for each in np.meshgrid(k, k, k, indexing="ij")))
     weight = np.where((length >= coarsest) & (length < SIDE / 4), np.maximum(length, 1) ** -slope, 0)

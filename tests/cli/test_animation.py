@@ -406,7 +406,7 @@ def test_products_are_the_outputs_where_flags_name_none(render, stage, out):
     assert "surface" in read_layers("all.0001.exr")
     warnings = [line for line in lines if line.startswith("Warning: ")]
     assert len(warnings) == 1
-    assert "asks for 'emission', which is no layer" in warnings[0]
+    assert "asks for 'emission', which is not a layer" in warnings[0]
     assert render(path, "-f", "1", "-o", "flag.exr")[0] == 0
     assert "surface" in read_layers("flag.exr")
     assert render(path, "-f", "1", "--layers", "surface")[0] == 0
@@ -427,7 +427,7 @@ def test_a_picture_of_a_product_shows_its_first_layer_of_colours(render, stage, 
     assert render(stage(), "--picture", "beams_key=b.png")[0] == 0
     assert np.array_equal(read_image("a.png"), read_image("b.png"))
     (out / "a.png").unlink()
-    expected = ("the render product a.png shows 'depth', which is no picture", "a layer of colours, or an .exr")
+    expected = ("the render product a.png shows 'depth', which has no colours", "expected another layer, or an .exr")
     for flags in ((), ("--dry-run",)):
         fails(render(stage(products(body % "</Depth>"), NAMED), *flags), 1, *expected)
     assert names(out) == ["b.png"]

@@ -146,7 +146,7 @@ def test_what_a_worker_cannot_open_is_told_in_a_sentence(render, stage, out, mon
     fails(render(stage, "-o", out / "a.exr", *SMALL, "--workers", 1, "--scheduler", "tcp://x:1"), 2, "two farms")
     fails(render(stage, "-o", out / "a.exr", *SMALL, "--workers", 1, "--tls-cert", "a.pem"), 2, "tls://")
     fails(
-        render(stage, "-o", out / "a.exr", *SMALL, "--workers", 1, "--time-limit", 1), 2, "--time-limit is of a frame"
+        render(stage, "-o", out / "a.exr", *SMALL, "--workers", 1, "--time-limit", 1), 2, "--time-limit is for frames"
     )
     fails(render(stage, "-o", out / "a.checkpoint", *SMALL, "--workers", 1, "--pass-range", "0:1"), 2, "one process")
 

@@ -280,7 +280,7 @@ def test_a_file_that_is_no_checkpoint_is_named(render, scene, out):
         (("--crop", 0, 0, 2, 1), ("--crop is 0 0 2 1",)),
         (("--checkpoint", -1), ("--checkpoint is -1.0: expected a positive",)),
         (("--picture", "glow=b.png"), ("'glow'",)),
-        (("--picture", "depth=b.png"), ("'depth', which is no picture",)),
+        (("--picture", "depth=b.png"), ("'depth', which has no colours",)),
     ],
 )
 def test_wrong_flags_are_refused(render, scene, out, flags, parts):
