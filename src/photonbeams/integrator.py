@@ -1,6 +1,7 @@
-"""The Mitsuba plug-in `photon_beams`: any Mitsuba 3 scene, rendered by photon beams.
+"""The Mitsuba plug-in `photon_beams`, an integrator that renders any Mitsuba 3 scene by photon beams.
 
-`import photonbeams` announces it to Mitsuba, before or after Mitsuba itself is imported, for each variant that is set.
+`import photonbeams` registers it with Mitsuba, whether Mitsuba is imported before or after, for each variant that is
+set.
 """
 
 from __future__ import annotations
@@ -16,12 +17,12 @@ _CLASS = "PhotonBeams"  # of the plug-in, in each variant
 
 _NO_DERIVATIVES = (
     f"{NAME}: a render has no derivatives by the scene's parameters: expected photonbeams.estimate, "
-    "which has them by beams, fog and looks"
+    "which has derivatives by beams, fog and looks"
 )
 
 
 class NotOfferedError(NotImplementedError):
-    """Something that integrators of Mitsuba's offer, and this one does not; the text is one sentence for the user."""
+    """Something that Mitsuba's own integrators can do and this one cannot; the text is one sentence for the user."""
 
 
 VARIANTS = ("llvm_ad_rgb", "llvm_ad_mono", "cuda_ad_rgb", "cuda_ad_mono")
@@ -36,8 +37,8 @@ Photon beams (:monosp:`photon_beams`)
 
  * - max_depth
    - |int|
-   - Longest path in the image, in edges (-1: any). 1 is what emitters show of themselves, 2 is light that was scattered
-     once, and so on. (Default: -1)
+   - Longest path in the image, in edges; -1 is no limit. 1 shows only emitters that the camera sees directly, 2 adds
+     light that is scattered once, and so on. (Default: -1)
 
  * - rr_depth
    - |int|
@@ -49,8 +50,8 @@ Photon beams (:monosp:`photon_beams`)
 
  * - paths
    - |int|
-   - Light paths a pass. There are as many passes as samples per pixel; each has one sample of beams in a pixel, and up
-     to 16 of surfaces. (Default: 16384)
+   - Light paths in each pass. There are as many passes as samples per pixel; in each pass, a pixel has one sample of
+     beams and up to 16 samples of surfaces. (Default: 16384)
 
  * - radius
    - |float|
@@ -58,27 +59,28 @@ Photon beams (:monosp:`photon_beams`)
 
  * - min_radius, max_radius
    - |float|
-   - Bounds of those radii; 0 is 0.0001 and 0.05 of the radius of the medium, and no more than a quarter of a mean
-     free path; of photons, of the radius of the scene. (Default: 0)
+   - Bounds of the radii from photon differentials, in scene units. With 0, they are 0.0001 and 0.05 of the radius of
+     the medium, and at most a quarter of a mean free path; for photons, 0.0001 and 0.05 of the radius of the scene.
+     (Default: 0)
 
  * - overlap
    - |float|
-   - Width of a beam in spacings of its neighbours. (Default: 2.2)
+   - Width of a beam, in spacings of its neighbours. (Default: 2.2)
 
  * - alpha
    - |float|
-   - How fast radii shrink from pass to pass, above 0; 1 keeps them as they are. (Default: 0.7)
+   - How fast radii shrink from pass to pass: above 0, and at most 1, which keeps them as they are. (Default: 0.7)
 
  * - guiding
    - |bool|
-   - Learn from a pilot pass where light comes from that the camera sees, and send more light paths from there.
+   - Run a pilot pass that learns which light the camera sees, and send more light paths there.
      (Default: yes, i.e. |true|)
 
  * - method
    - |string|
-   - "beams" traces light from the emitters; "paths" finds the light of emitters by paths from the camera, but for those
-     that have a look, a portal, a gobo or settings of their beams; "auto" takes what has less noise, by a pilot.
-     (Default: "auto")
+   - How the light of emitters is found: "beams" traces light paths from them; "paths" traces paths from the camera,
+     except for emitters that have a look, a portal, a gobo or settings of their beams; "auto" runs a pilot and takes
+     whichever has less noise. (Default: "auto")
 
  * - beams
    - |string|
@@ -86,21 +88,22 @@ Photon beams (:monosp:`photon_beams`)
 
  * - estimator
    - |string|
-   - "auto", "billboard" (beam x beam 1D) or "frustum" (beam x beam 2D, by quadrature). (Default: "auto")
+   - "billboard" (beam x beam 1D), "frustum" (beam x beam 2D, by quadrature), or "auto", which blends the two.
+     (Default: "auto")
 
  * - order
    - |int|
-   - Points of the Gauss-Legendre quadrature. (Default: 6)
+   - Number of points of the Gauss-Legendre quadrature. (Default: 6)
 
  * - gather_error
    - |float|
-   - About what relative error seeing beams along fewer rays than there are pixels may have; 0 is exact.
+   - Approximate relative error that is allowed where fewer rays than pixels see the beams; 0 is exact.
      (Default: 0.002)
 
  * - error
    - |float|
-   - Relative error at which passes end: half of the light is in pixels that have less. There are at most as many as
-     samples per pixel; 0 is all of them. (Default: 0)
+   - Relative error at which the render stops: half of the light is in pixels with a smaller error. There are at most as
+     many passes as samples per pixel; with 0, there are exactly as many. (Default: 0)
 
  * - denoise
    - |bool|
@@ -108,15 +111,16 @@ Photon beams (:monosp:`photon_beams`)
 
  * - layers
    - |bool|
-   - Add the layers `beams` and `surface`, whose sum the image is. (Default: no, i.e. |false|)
+   - Add the layers `beams` and `surface`, whose sum is the image. (Default: no, i.e. |false|)
 
-Traces light into photon beams (Jarosz et al. 2011) and gathers them along camera rays, with the estimators of "Gaussian
-Quadrature for Photon Beams in Tangled" (Johnson et al. 2011). Radii shrink with the passes (Progressive Photon Beams),
-so that the image converges to that of :monosp:`volpath`, volumetric caustics included. Camera rays see beams through
-glass and in mirrors; surfaces are lit directly by emitters, and by photons of all other paths.
+This integrator traces light into photon beams (Jarosz et al. 2011) and gathers them along camera rays, with the
+estimators of "Gaussian Quadrature for Photon Beams in Tangled" (Johnson et al. 2011). Radii shrink from pass to pass
+("Progressive Photon Beams", Jarosz et al. 2011), so that the image converges to that of :monosp:`volpath`, volumetric
+caustics included. Camera rays see beams through glass and in mirrors. Surfaces are lit directly by emitters, and by
+photons, which carry the light of all other paths.
 
-Media may be inside of shapes and around them, nested, or fill the space, if an emitter or the sensor names such a
-medium; in which medium sensor and emitters are is found from the shapes around them.
+Media may be inside shapes or around them, and nested. A medium that only an emitter or the sensor names fills the
+space. Where the sensor or an emitter names no medium, its medium is found from the shapes around it.
 
 .. tabs::
 
@@ -134,8 +138,8 @@ medium; in which medium sensor and emitters are is found from the shapes around 
 
 
 def announce(_: Any) -> None:
-    """Register the plug-in with the variant that Mitsuba has, and with each that is set later."""
-    mitsuba = sys.modules["mitsuba"]  # which replaces itself there while it is imported
+    """Register the plug-in for the variant that Mitsuba has, and for each that is set later."""
+    mitsuba = sys.modules["mitsuba"]  # looked up there: Mitsuba replaces its module while it is imported
     mitsuba.detail.add_variant_callback(lambda _, variant: _register(mitsuba, variant))
     if mitsuba.variant() is not None:
         _register(mitsuba, mitsuba.variant())
@@ -158,9 +162,9 @@ def _register(mitsuba: Any, variant: str) -> None:
 
 
 def _give_sentences(mitsuba: Any) -> None:
-    """Let `mi.render` raise this integrator's own errors, which are otherwise causes of one of Dr.Jit's.
+    """Make `mi.render` raise this integrator's own errors, rather than an error of Dr.Jit with them as its cause.
 
-    With it, derivatives are refused by the sentence where the caller names no parameters, too.
+    Derivatives are then refused by the same sentence where the caller names no parameters.
     """
     render = mitsuba.render
     if hasattr(render, "gives_sentences"):
@@ -187,7 +191,7 @@ def _give_sentences(mitsuba: Any) -> None:
 
 
 def _with_gradients(parameters: Any) -> Any:
-    """Return those of a scene's parameters that have gradients."""
+    """Return a scene's parameters without those that have no gradients."""
     import drjit as dr
 
     from .world.parameters import values_of
@@ -197,7 +201,7 @@ def _with_gradients(parameters: Any) -> Any:
 
 
 def _settings(properties: Any) -> Any:
-    """Return the plug-in's parameters as settings; those that are not asked for, Mitsuba complains of."""
+    """Return the plug-in's parameters as settings. Mitsuba reports those that nothing here reads as unknown."""
     from .quadrature import MOST_POINTS, gauss_legendre
     from .render.settings import DEFAULT_PATHS, DEFAULTS, Settings
     from .scene import MOST_BEAMS
@@ -216,7 +220,7 @@ def _settings(properties: Any) -> Any:
         )
     }
     paths = _value(properties, "paths", DEFAULT_PATHS)
-    if not 1 <= paths <= MOST_BEAMS:  # which are the settings' beams
+    if not 1 <= paths <= MOST_BEAMS:  # `Settings` would call them beams
         raise ValueError(f"paths is {paths}: expected 1 to {MOST_BEAMS}")
     kind = _value(properties, "beams", "long")
     if kind not in ("long", "short"):
@@ -234,9 +238,9 @@ def _settings(properties: Any) -> Any:
 
 
 def _value(properties: Any, name: str, default: Any) -> Any:
-    """Return a parameter; raises ValueError where it is not of its default's type, which nobody else checks."""
+    """Return a parameter; raise ValueError where its type is not that of its default, which Mitsuba does not check."""
     value, kind = properties.get(name, default), type(default)
-    exact = type(value) is kind  # and no bool for an int
+    exact = type(value) is kind  # not isinstance, for a bool is an int
     if not exact and kind in (int, float) and type(value) in (int, float):
         exact = kind is float or float(value).is_integer()
     if not exact:
@@ -250,7 +254,7 @@ def _shown(value: Any) -> str:
 
 
 def _integrator(mi: Any, variant: str) -> type:
-    """Return the plug-in's class for a variant; Mitsuba has a base class for each."""
+    """Return the plug-in's class for a variant: Mitsuba has another base class in each."""
     from .runtime import device
 
     device.select("cuda" if variant.startswith("cuda") else "cpu")
@@ -288,7 +292,7 @@ def _integrator(mi: Any, variant: str) -> type:
                 findings = self._findings(scene, sensor)
                 extras = Extras(depth=False, findings=findings)
                 frame = render(scene, sensor, settings, warned=self._warned, extras=extras)
-                # A render makes numbers variables that were constants.
+                # Only now: a render turns parameters that were constants into variables.
                 self._known = Parameters(scene, sensor), findings
                 layers = frame.layers()
                 if settings.denoise:
@@ -304,7 +308,7 @@ def _integrator(mi: Any, variant: str) -> type:
                 return image
 
         def _findings(self, scene: Any, sensor: Any) -> Any:
-            """Return what pilots have found, while scene and sensor are what they were in the last render."""
+            """Return what the pilots found in the last render; nothing where scene or sensor have changed since."""
             from .render.scene_light import Findings
             from .world.parameters import Parameters
 
@@ -312,10 +316,10 @@ def _integrator(mi: Any, variant: str) -> type:
             return findings if known == Parameters(scene, sensor) else Findings()
 
         def sample(self, mode: Any, scene: Any, sampler: Any, ray: Any, *_: Any, active: Any = True, **__: Any) -> Any:
-            """Return the radiance along rays: what integrators around this one, such as `aov`, ask for.
+            """Return the radiance along rays, for integrators around this one, such as `aov`.
 
-            All rays come at once. Each call traces light anew, from a seed that the sampler gives, in as many passes as
-            the sampler has samples per pixel.
+            All rays are expected in one call. Each call traces light anew, with a seed from the sampler, in as many
+            passes as the sampler has samples per pixel.
             """
             import drjit as dr
             import numpy as np
@@ -326,11 +330,11 @@ def _integrator(mi: Any, variant: str) -> type:
                 raise NotOfferedError(_NO_DERIVATIVES)
             if self.settings.denoise or self.settings.error:
                 raise NotOfferedError(
-                    f"{NAME}: denoise and error are of whole pictures: expected neither within another integrator"
+                    f"{NAME}: denoise and error need the whole picture: expected neither within another integrator"
                 )
             if dr.flag(dr.JitFlag.SymbolicScope):
                 raise NotOfferedError(
-                    f"{NAME}: is asked for rays within a recorded loop: expected all rays in one call"
+                    f"{NAME}: sample was called within a recorded loop: expected one call with all rays"
                 )
             with dr.suspend_grad():
                 seed = int(np.ravel(sampler.next_1d().numpy())[0] * 2**24)
@@ -340,11 +344,11 @@ def _integrator(mi: Any, variant: str) -> type:
                 return _spectrum(mi, found.beams + found.surface), found.alpha > 0, layers, None
 
         def render_forward(self, *_: Any, **__: Any) -> Any:
-            """Refuse: see `render_backward`."""
+            """Raise NotOfferedError, as `render_backward` does."""
             return self.render_backward()
 
         def render_backward(self, *_: Any, **__: Any) -> Any:
-            """Refuse: derivatives are those of beams, fog and looks, by `photonbeams.estimate`."""
+            """Raise NotOfferedError: `photonbeams.estimate` has derivatives, by beams, fog and looks."""
             raise NotOfferedError(_NO_DERIVATIVES)
 
         def to_string(self) -> str:
@@ -360,12 +364,12 @@ def _number(seed: Any) -> int:
 
 
 def _spectrum(mi: Any, radiance: Any) -> Any:
-    """Return a radiance as Mitsuba's spectrum, which has one channel in variants without colours."""
+    """Return a radiance as Mitsuba's spectrum, which has one channel in monochrome variants."""
     return mi.Spectrum(radiance) if len(mi.Spectrum()) == 3 else mi.Spectrum(radiance.x)
 
 
 def _block(mi: Any, film: Any, layers: dict[str, Any], with_layers: bool) -> Any:
-    """Return the picture as an image block of the film: colours, alpha where it wants that, weight, further layers."""
+    """Return the picture as an image block: colours, alpha if the film has it, weight, and the layers if wanted."""
     import numpy as np
 
     rgba = layers["rgba"]

@@ -242,5 +242,5 @@ def test_passes_end_where_the_error_is_small_enough():
 @pytest.mark.parametrize("parameters", [{"denoise": True}, {"error": 0.1}])
 def test_pictures_within_other_integrators_are_not_denoised(parameters):
     nested = mi.load_dict({"type": "aov", "aovs": "depth:depth", "own": {**PLUGIN, **parameters}})
-    with pytest.raises(Exception, match="denoise and error are of whole pictures"):
+    with pytest.raises(Exception, match="denoise and error need the whole picture"):
         mi.render(scene(), integrator=nested, spp=1)
