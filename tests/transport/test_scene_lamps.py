@@ -162,12 +162,12 @@ def fan(points):
 @pytest.mark.parametrize(
     ("name", "given", "words"),
     [
-        ("mesh", {"gobo": Gobo(HALF)}, "lamp: is a AreaLight, which has no gobo: expected a point"),
-        ("constant", {"gobo": Gobo(HALF)}, "which has no gobo"),
-        ("projector", {"gobo": Gobo(HALF)}, "is a Projector, which has no gobo"),
+        ("mesh", {"gobo": Gobo(HALF)}, "lamp: is a AreaLight, which cannot have a gobo: expected a point"),
+        ("constant", {"gobo": Gobo(HALF)}, "which cannot have a gobo"),
+        ("projector", {"gobo": Gobo(HALF)}, "is a Projector, which cannot have a gobo"),
         ("spot", {"portal": "door"}, r"'door' is no shape of the scene: expected one with a null BSDF \(window\)"),
         ("spot", {"portal": "wall"}, "its portal wall stops light: expected a null BSDF"),
-        ("spot", {"portal_gobo": Gobo(HALF)}, "has an image on its portal, and no portal"),
+        ("spot", {"portal_gobo": Gobo(HALF)}, "has a gobo on its portal, but no portal"),
         ("spot", {"portal": fan([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0.5]])}, "hole is not flat"),
         ("constant", {"portal": fan([[0, 0, 9], [1, 0, 9], [1, 1, 9], [0, 1, 9]])}, "hole lies outside of the scene"),
     ],

@@ -78,7 +78,7 @@ def test_flakes_are_refused(channels):
     if channels == 3:
         volume = {"type": "constvolume", "value": rgb(1.0)}
     plain, flakes = mi.load_dict(fog()), mi.load_dict(fog(phase={"type": "sggx", "S": volume}))
-    with pytest.raises(SceneError, match="depends on where its flakes look"):
+    with pytest.raises(SceneError, match="depends on the orientation of flakes"):
         Media([plain, flakes])
 
 

@@ -1,4 +1,4 @@
-"""Check media and emitters of Mitsuba's for numbers that cannot be rendered, which Mitsuba accepts."""
+"""Check Mitsuba's media and emitters for numbers that Mitsuba accepts but that cannot be rendered."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ def check_phase(plugin: Any) -> None:
     if mi.has_flag(phase.flags(), mi.PhaseFunctionFlags.Microflake):
         name = plugin.id() or plugin.class_name()
         raise SceneError(
-            f"medium {name}: its phase function {phase.class_name()} depends on where its flakes look: "
+            f"medium {name}: its phase function {phase.class_name()} depends on the orientation of flakes: "
             "expected one that depends on the angle alone"
         )
 
 
 def check_numbers(plugin: Any, name: str) -> None:
-    """Raise SceneError where a number of a medium is not finite, or none that such a coefficient may have."""
+    """Raise SceneError where a number of a medium is not finite, or not in the range of its coefficient."""
     check_finite(plugin, f"medium {name}")
     for key, value in mi.traverse(plugin):
         numbers = _numbers(value)
@@ -37,14 +37,14 @@ def check_numbers(plugin: Any, name: str) -> None:
 
 
 def check_finite(plugin: Any, name: str) -> None:
-    """Raise SceneError where a number of an object of Mitsuba's, or of an image or a grid of it, is not finite."""
+    """Raise SceneError where a number of a Mitsuba object, or of its images and grids, is not finite."""
     for key, value in mi.traverse(plugin):
         if not np.all(np.isfinite(_numbers(value))):
             raise SceneError(f"{name}: {key} has numbers that are not finite")
 
 
 def _numbers(value: Any) -> np.ndarray:
-    """Return the numbers of a parameter; none of one that is not made of numbers."""
+    """Return the numbers of a parameter, an empty array where it has none."""
     value = getattr(value, "matrix", value)
     try:
         return np.asarray(getattr(value, "array", value), dtype=float)

@@ -366,10 +366,10 @@ def _rendered(own: int, plugin: Any) -> RenderedMedium:
         scattering = extinction
     sigma_s, sigma_t = (np.resize(np.asarray(each, dtype=float), 3) for each in (scattering, extinction))
     if not (np.all(np.isfinite(sigma_t)) and np.all(sigma_t >= 0) and np.all(sigma_s >= 0)):
-        raise scene.SceneError(f"medium {name}: sigma_t is {sigma_t.tolist()}: expected finite numbers from 0 on")
+        raise scene.SceneError(f"medium {name}: sigma_t is {sigma_t.tolist()}: expected finite numbers, 0 or more")
     if np.any(sigma_s > sigma_t * (1 + 1e-5)):
         albedo = (sigma_s / np.maximum(sigma_t, 1e-30)).tolist()
-        raise scene.SceneError(f"medium {name}: its albedo is {albedo}: expected 1 at most")
+        raise scene.SceneError(f"medium {name}: its albedo is {albedo}: expected at most 1")
     g, look = _scattering(plugin)
     medium = scene.Medium(tuple(sigma_s), tuple(np.maximum(sigma_t - sigma_s, 0)), g)
     if plugin.is_homogeneous():

@@ -1,15 +1,15 @@
-"""Colour before physics: the fog and the power that give a beam two colours, and the colours that they give it.
+"""Fog by two colours: the fog and the power with which a beam shows two given colours, and the inverse.
 
 An artist names the colour C0 that a beam shows where it begins, the colour C1 one unit along it, the fog's albedo a and
 the distance D from which it is seen. With the attenuation of fog along the beam and towards the eye (Nowrouzezahrai et
-al. 2011, "Art"):
+al. 2011, *A Programmable System for Artistic Volumetric Lighting*):
 
     σt = ln(C0 / C1),   σs = a σt,   Φ = C0 (C0 / C1)^D / σs · 1 / (p k1)
 
-The formula as published ends before the last factor. With it the colours are radiances, the very numbers of a picture:
-a beam of radius R and the physical look, seen square from the side (θ = 90°), is in its middle
-Φ σs p k1 · exp(−σt s) · exp(−σt D), where p is the phase function at 90°, 1/4π in isotropic fog, and k1 the profile's
-line projection, 8/(3π R) of the default profile.
+The published formula lacks the last factor. With it, the colours are radiances, the numbers of a picture: the middle of
+a beam of radius R and the physical look, seen square from the side (θ = 90°), has the radiance
+Φ σs p k1 · exp(−σt s) · exp(−σt D). Here p is the phase function at 90°, which is 1/4π in isotropic fog, and k1 is the
+profile's line projection, which is 8/(3π R) for the default profile.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 
 Colors = float | Sequence[float] | Array
 
-# Of the near colour, what the far one is taken to be at least and at most: darker leaves no beam to be seen, and where
-# nothing is lost nothing is scattered, so that no power would do.
+# Bounds of the far colour, as fractions of the near one. Below, no beam would be visible; and where no light is lost,
+# none is scattered, so that no power would suffice.
 DARKEST, BRIGHTEST = 0.1, 0.999
 
 _LARGEST = 1e30  # of a power: kernels multiply in single precision, which ends at 3e38
@@ -110,7 +110,7 @@ def medium_of_colors(
         reaching = np.asarray(scattering) * np.exp(-np.asarray(medium.extinction) * distance)
         power = np.asarray(color(near, "near")) / np.maximum(reaching, 1e-300) / _side(medium, radius, across)
     if not np.all(power <= _LARGEST):
-        text = f"distance is {distance:g}: expected less, for the fog leaves nothing to be seen through it"
+        text = f"distance is {distance:g}: expected less, because nothing is visible through that much fog"
         raise SceneError(text)
     return medium, color(power, "power")
 
@@ -197,7 +197,7 @@ def coefficients(near: Colors, far: Colors, albedo: Colors = 1.0, far_distance: 
 
 
 def _side(medium: Medium, radius: float, across: Across | None) -> float:
-    """Return p k1: the radiance, seen square from the side, of a beam's middle that scatters a unit of flux a unit."""
+    """Return p k1: the side-on radiance of the middle of a beam that scatters one unit of flux per scene unit."""
     from ..looks import Epanechnikov, Modulated
     from ..looks.across import across as profile_of
     from ..quadrature import gauss_legendre
@@ -209,7 +209,7 @@ def _side(medium: Medium, radius: float, across: Across | None) -> float:
     except ValueError as error:
         raise SceneError(f"across is {across!r}: {error}") from None
     if isinstance(profile, Modulated):
-        raise SceneError("across depends on more than the radius: expected a profile")
+        raise SceneError("across depends on more than the radius: expected a profile of the radius alone")
     breaks = (*profile.corners, *np.linspace(0, 1, 17)[1:-1])
     line = 2 * profile.scale * float(gauss_legendre(16).integrate(profile.shape, 0.0, 1.0, breaks))
     phase = (1 - medium.anisotropy**2) / (4 * np.pi * (1 + medium.anisotropy**2) ** 1.5)

@@ -1,4 +1,4 @@
-"""What stands before the emitters of a Mitsuba scene: gobos, and the portals that their light comes through."""
+"""Gobos and portals before the emitters of a Mitsuba scene."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ _SQUARE = np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
 
 @dataclass(frozen=True)
 class SceneLamp:
-    """An emitter with what stands before it.
+    """An emitter with its gobos and its portal.
 
     Attributes
     ----------
     source
-        The emitter, behind its images if it has any.
+        The emitter, behind its gobos if it has any.
     portal
         The opening that its light comes through, or None.
     """
@@ -38,30 +38,33 @@ class SceneLamp:
     portal: Portal | None
 
     def colors(self, point: Array3f, direction: Array3f, distance: Float) -> Array3f:
-        """Return the colours of the images that light passes on its way to a point."""
+        """Return the colours of the images that light passes on its way to a point.
+
+        `point` is lit by the emitter, which is `distance` away along `direction`.
+        """
         return self.source.colors(point, direction, distance) if isinstance(self.source, ProjectedLight) else Array3f(1)
 
 
 def names_of(emitter: Any) -> list[str]:
-    """Return the names by which one may call an emitter: its id, and that of its shape."""
+    """Return the names by which users may refer to an emitter: its own id, and that of its shape."""
     shape = emitter.get_shape()
     return [each.id() for each in (emitter, shape) if each is not None and each.id()]
 
 
 def lamps_of(plugin: Any, beams: Sequence[scene.BeamSettings], bounds: Bounds) -> list[SceneLamp | None]:
-    """Return the emitters of a scene that have a gobo or a portal, by their numbers, with None for the others.
+    """Return the emitters of a scene that have a gobo or a portal, in their order, and None for each of the others.
 
     Parameters
     ----------
     beams
-        What is said of each emitter.
+        The settings of each emitter.
     bounds
         The sphere around the scene.
 
     Raises
     ------
     SceneError
-        A gobo before an emitter that has none; a portal that is not there, not flat, or stops light.
+        A gobo on an emitter that cannot have one; a portal that does not exist, is not flat, or stops light.
     """
     images: Images = {}
     return [
@@ -73,15 +76,15 @@ def lamps_of(plugin: Any, beams: Sequence[scene.BeamSettings], bounds: Bounds) -
 def _lamp(plugin: Any, emitter: Any, own: scene.BeamSettings, bounds: Bounds, images: Images) -> SceneLamp:
     name = (names_of(emitter) or [emitter.class_name()])[-1]
     if mi.has_flag(emitter.flags(), mi.EmitterFlags.Surface) and mi.has_flag(emitter.flags(), mi.EmitterFlags.Delta):
-        raise SceneError(f"emitter {name}: shines along one direction: expected another one for a gobo or a portal")
+        raise SceneError(f"emitter {name}: shines along one direction: expected another kind for a gobo or a portal")
     mesh, portal, source = None, None, EmitterSource(emitter)
     if own.portal is not None:
         mesh, shape = _portal(plugin, name, own.portal)
         portal = Portal(mesh, shape, plugin)
         if source.infinite and not bounds.contains(mesh.points):
-            raise SceneError(f"emitter {name}: its portal {mesh.name} lies outside of the scene: expected it within")
+            raise SceneError(f"emitter {name}: its portal {mesh.name} lies outside of the scene: expected one inside")
     elif own.portal_gobo is not None:
-        raise SceneError(f"emitter {name}: has an image on its portal, and no portal: expected both")
+        raise SceneError(f"emitter {name}: has a gobo on its portal, but no portal: expected both")
     shared = {"gobo": own.gobo, "portal": mesh, "portal_gobo": own.portal_gobo}
     light = _described(emitter, name, shared)
     if isinstance(light, scene.SphereLight):
@@ -90,7 +93,7 @@ def _lamp(plugin: Any, emitter: Any, own: scene.BeamSettings, bounds: Bounds, im
 
 
 def _described(emitter: Any, name: str, shared: dict[str, Any]) -> scene.Light:
-    """Return an emitter as a light of a stage, as far as images before it want to know."""
+    """Return an emitter as a light of a stage, with the properties that place images before it."""
     shape, kind = emitter.get_shape(), emitter.class_name()
     to_world = _matrix(shape if shape is not None else emitter)
     about = {"name": name, "radiance": scene.BLACK, "frame": _frame(to_world), **shared}
@@ -111,20 +114,20 @@ def _described(emitter: Any, name: str, shared: dict[str, Any]) -> scene.Light:
     if kind == "DirectionalEmitter":
         return scene.DistantLight(**about, axis=axis, angle=0.0)
     if shared["gobo"] is not None:
-        expected = "a point, a spot, a directional one, or a rectangle, disk or sphere that shines"
-        raise SceneError(f"emitter {name}: is a {kind}, which has no gobo: expected {expected}")
+        expected = "a point, spot or directional emitter, or a rectangle, disk or sphere that shines"
+        raise SceneError(f"emitter {name}: is a {kind}, which cannot have a gobo: expected {expected}")
     return scene.Light(**about)
 
 
 def _matrix(part: Any) -> np.ndarray:
-    """Return the (4, 4) transform of an emitter or a shape; of a shape that has none, the identity."""
+    """Return the (4, 4) transform of an emitter or a shape, the identity where it has none."""
     parameters = mi.traverse(part)
     transform = parameters["to_world"] if "to_world" in parameters else mi.Transform4f()
     return np.array(transform.matrix, dtype=np.float64).reshape(4, 4)
 
 
 def _frame(to_world: np.ndarray) -> np.ndarray:
-    """Return the frame of an emitter that Mitsuba turns along +Z as our lights have it: along −Z, with +Y up."""
+    """Return an emitter's frame, +Z ahead in Mitsuba, as stage lights have it: −Z ahead, +Y up."""
     linear = to_world[:3, :3]
     ahead = np.cross(linear[:, 0], linear[:, 1]) * np.sign(np.linalg.det(linear))
     ahead /= np.linalg.norm(ahead)
@@ -137,23 +140,23 @@ def _frame(to_world: np.ndarray) -> np.ndarray:
 
 
 def _portal(plugin: Any, name: str, given: scene.Mesh | str) -> tuple[scene.Mesh, Any]:
-    """Return a portal, and Mitsuba's shape of it."""
+    """Return a portal as a mesh and as a Mitsuba shape."""
     if isinstance(given, scene.Mesh):
         mesh, shape = given, shape_of(given)
     else:
         mesh, shape = _opening(plugin, name, given)
     if mesh.plane() is None:
-        raise SceneError(f"emitter {name}: its portal {mesh.name} is not flat: expected one in one plane")
+        raise SceneError(f"emitter {name}: its portal {mesh.name} is not flat: expected one that lies in a plane")
     return mesh, shape
 
 
 def _opening(plugin: Any, name: str, given: str) -> tuple[scene.Mesh, Any]:
-    """Return a shape of the scene as a mesh, a disk as the square around it, and the shape itself."""
+    """Return a shape of the scene as a mesh (a disk as the square around it), and the shape itself."""
     shapes = {str(each.id()): each for each in plugin.shapes()}
     if given not in shapes:
         known = ", ".join(each for each, shape in shapes.items() if each and is_null(shape)) or "none"
         text = f"emitter {name}: its portal '{given}' is no shape of the scene"
-        hint = "; Mitsuba has merged meshes, without their ids: load with optimize=False" if "" in shapes else ""
+        hint = "; Mitsuba has merged meshes and dropped their ids: load with optimize=False" if "" in shapes else ""
         raise SceneError(f"{text}: expected one with a null BSDF ({known}), or a Mesh{hint}")
     shape = shapes[given]
     if not is_null(shape):

@@ -164,7 +164,7 @@ def camera_of(plugin: Any) -> scene.Camera | None:
     if not np.all(np.isfinite([across, down])):
         name = plugin.id() or kind
         raise scene.SceneError(
-            f"sensor {name}: its rays are not finite: expected such a transform, field of view and near_clip"
+            f"sensor {name}: its rays are not finite: expected another transform, field of view or near_clip"
         )
     size_x, size_y = np.linalg.norm(across[1] - across[0]), np.linalg.norm(down[1] - down[0])
     right, up = (across[1] - across[0]) / size_x, (down[0] - down[1]) / size_y

@@ -1,4 +1,4 @@
-"""Statements about media that contradict each other: sentences about them, for users."""
+"""Statements about media that contradict each other, as sentences for users."""
 
 from __future__ import annotations
 
@@ -19,11 +19,12 @@ if TYPE_CHECKING:
 
 mi = mitsuba()
 
-# The least fraction of walks that confirms a statement, and of those that find a second medium around a lamp.
+# Fractions of walks: a medium is confirmed if more than _RARE find it; another one counts if more than _OFTEN do.
 _RARE, _OFTEN = 0.02, 0.1
-# A contradiction counts from so many steps on, and from this fraction of all; rays slip through edges now and then.
+# A contradiction counts if it has more steps than this number, and than this fraction of all: now and then a ray slips
+# through an edge.
 _FEW, _SELDOM = 8, 1e-3
-# The thickness of a flat shape, as a fraction of its size.
+# Greatest thickness of a flat shape, as a fraction of its size.
 _FLAT = 1e-3
 
 
@@ -33,16 +34,16 @@ class Statements:
     Parameters
     ----------
     shapes
-        The scene's shapes by their numbers, those of groups too.
+        The scene's shapes by their numbers, including those in shape groups.
     media
-        The names of its media by their numbers.
+        The names of its media, by their numbers.
 
     Attributes
     ----------
     conflicts
-        Sentences about those that contradict each other.
+        Sentences about statements that contradict each other.
     inside_out
-        Numbers of shapes whose `interior` fills the space around them, for their normals point inward.
+        Numbers of shapes whose normals point inward, so that their `interior` fills the space around them.
     """
 
     def __init__(self, shapes: Mapping[int, Any], media: Mapping[int, str]) -> None:
@@ -52,7 +53,7 @@ class Statements:
         self._noted: set[frozenset[int]] = set()
 
     def check_background(self, medium: int, first: Array, shape: Array) -> None:
-        """Note the shapes that say inside out that a medium fills the background, from walks that begin there."""
+        """Note the shapes that are inside out, by walks that begin in the background, which `medium` fills."""
         for own in np.unique(shape[first == medium]):
             if self._holds(own, medium) and number(self._shapes[int(own)].exterior_medium()) != medium:
                 self.inside_out.add(int(own))
@@ -72,27 +73,27 @@ class Statements:
         if (told[known] == own).mean() > _RARE and foreign.sum() <= _OFTEN * known.sum():
             return
         other = Counter(told[foreign if foreign.any() else known].tolist()).most_common(1)[0][0]
-        if other == 0 and not self._is_inside_of_any(own):  # `warnings` reports shapes that name no exterior
+        if other == 0 and not self._is_inside_of_any(own):  # `warnings` has shapes that name no exterior
             return
         teller = Counter(shape[known & (first == other)].tolist()).most_common(1)
         if teller and self._note(place.name, own, self._shape(teller[0][0]), int(other)):
             self._noted.add(frozenset((own, int(other))))
 
     def check_pairs(self, pairs: Counter[tuple[int, ...]], sources: Sequence[str], total: int) -> None:
-        """Note the most frequent contradiction between two statements for each two media.
+        """Note the most frequent contradiction for each pair of media.
 
         Parameters
         ----------
         pairs
-            How many steps of walks contradict what was known of their medium: by that medium, the one that is named
-            now, the shape that told the former (0: where the walk began), the number of the walk's source, and the
+            How many steps of walks contradict the medium that was known, by five numbers: the known medium, the medium
+            that is named now, the shape that named the known one (0: where the walk began), the walk's source, and the
             shape that names the medium now.
         sources
             Names of the sources, "" where nothing is known of them.
         total
             The number of all steps.
         """
-        noted = set(self._noted)  # of places: walks from there find the same once more
+        noted = set(self._noted)  # contradictions at emitters and sensors, which walks from there find once more
         for (state, near, teller, source, shape), count in pairs.most_common():
             media = frozenset((state, near))
             who = self._shape(teller) if teller else sources[source]
@@ -108,19 +109,19 @@ class Statements:
                 noted.add(media)
 
     def _note_gap(self, who: str, teller: int, shape: int, medium: int) -> bool:
-        """Note a medium that rays enter without an interface; not shapes that stand in it and do not say so."""
+        """Note a medium that rays enter without an interface, unless a shape in it only fails to name its exterior."""
         if shape in self.inside_out or (teller and not (teller == shape or self._is_sheet_of(teller, medium))):
             return False
         origin = "that left it" if teller else f"of {who}"
         return self._add(
             f"{self._shape(shape)} does not enclose medium {self._media[medium]}: rays {origin} meet it from within "
-            "and have passed no boundary: expected closed shapes, without holes, that do not overlap"
+            "without having passed a boundary: expected closed shapes, without holes, that do not overlap"
         )
 
     def _note_overlap(self, one: int, other: int) -> bool:
         return self._add(
             f"{self._shape(one)} and {self._shape(other)} overlap, and have different media inside: expected shapes "
-            "that do not overlap, or one within the other that names the other's medium as its exterior"
+            "that do not overlap, or one inside the other that names the outer medium as its exterior"
         )
 
     def _note(self, who: str, own: int, other_who: str, other: int) -> bool:
@@ -144,7 +145,7 @@ class Statements:
         return any(self._holds(each, medium) for each in self._shapes)
 
     def _is_sheet_of(self, shape: int, medium: int) -> bool:
-        """Return whether a flat shape names a medium on one of its sides."""
+        """Return whether a shape is flat, and names the medium on one of its sides."""
         plugin = self._shapes.get(int(shape))
         if plugin is None or medium not in (number(plugin.interior_medium()), number(plugin.exterior_medium())):
             return False

@@ -1,4 +1,4 @@
-"""Warn about valid Mitsuba scenes that are probably mistakes: one warning for each mistake."""
+"""Warn about valid Mitsuba scenes that are probably mistakes, with one warning for each mistake."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ mi = mitsuba()
 
 _LOG = logging.getLogger("photonbeams")
 
-# Parameters of emitters by which their light is multiplied, and what their numbers are called.
+# Parameters of emitters that are factors of their light, and the names of the numbers in these.
 _LIGHT = ("radiance", "intensity", "irradiance", "scale", "data")
 _VALUES = (*_LIGHT, "value", "values")
 
@@ -30,8 +30,7 @@ def warn(plugin: Any, surroundings: Surroundings, warned: set[str]) -> None:
     plugin, surroundings
         The Mitsuba scene, and the media around its emitters and sensor.
     warned
-        Texts of warnings that were given, to which new ones are added; share it between pictures, so that each is given
-        once.
+        Texts of the warnings so far, to which new ones are added. Pictures that share it repeat no warning.
     """
     for text in [*_warnings(plugin, surroundings), *surroundings.conflicts]:
         if text not in warned:
@@ -75,9 +74,9 @@ def _is_black(emitter: Any) -> bool:
 
 
 def _holes(plugin: Any, everywhere: int) -> list[Any]:
-    """Return the shapes within a medium that do not say so: those with another one inside, and nothing outside.
+    """Return the shapes within a medium that do not name it: those with another one inside, and no exterior.
 
-    Where media are is only known from the shapes that bound them, so the boxes around these have to do.
+    A medium is taken to fill the bounding box of the shapes that bound it; its exact extent is not known here.
     """
     shapes = [each for each in parts(plugin, mi.Shape) if each.interior_medium() is not None]
     found = boxes(shapes)
