@@ -23,16 +23,16 @@ class Bounds:
         self.radius = opaque(radius)
 
     def contains(self, points: Any) -> bool:
-        """Return whether all points (N, 3) are inside, up to rounding."""
+        """Return whether all `points`, (N, 3), are inside, up to rounding."""
         center, radius = np.ravel(self.center.numpy()), float(self.radius.numpy()[0])
         return bool(np.all(np.linalg.norm(np.asarray(points) - center, axis=1) <= radius * (1 + 1e-4)))
 
     def behind(self, point: Array3f, direction: Array3f) -> Float:
-        """Return how far back along `direction` from a point the plane is that touches the sphere."""
+        """Return how far behind a point, along `direction`, the plane is that touches the sphere there."""
         return dr.dot(point - self.center, direction) + self.radius
 
     def exit(self, origin: Array3f, direction: Array3f, scale: float = 1.0) -> Float:
-        """Return where a ray leaves the sphere of `scale` times the radius; not less than a radius away."""
+        """Return the distance at which a ray leaves the sphere scaled by `scale`, at least the radius itself."""
         to = self.center - origin
         along = dr.dot(to, direction)
         radius = scale * self.radius
@@ -41,7 +41,7 @@ class Bounds:
 
 
 def box_of(shape: Any) -> Any:
-    """Return the box around one of Mitsuba's shapes, also around a mesh that Mitsuba merged, which has lost its box."""
+    """Return the box around one of Mitsuba's shapes; also around a merged mesh, for which Mitsuba has none."""
     box = shape.bbox()
     if not box.valid() and isinstance(shape, mi.Mesh) and shape.vertex_count():
         points = np.asarray(mi.traverse(shape)["vertex_positions"], dtype=np.float64).reshape(-1, 3)
@@ -50,7 +50,7 @@ def box_of(shape: Any) -> Any:
 
 
 def box_around(plugin: Any) -> Any:
-    """Return the box around all shapes of a Mitsuba scene; its own one lacks merged meshes."""
+    """Return the box around all shapes of a Mitsuba scene; Mitsuba's own box lacks merged meshes."""
     box = mi.ScalarBoundingBox3f()
     for each in plugin.shapes():
         box.expand(box_of(each))

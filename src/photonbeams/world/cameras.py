@@ -1,4 +1,4 @@
-"""Cameras: pinhole and orthographic, as UsdGeomCamera has them, as rays and as the screen that tiles are laid on."""
+"""Perspective and orthographic cameras after UsdGeomCamera: their rays, and the screen on which tiles lie."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from .warp import disk
 
 @dataclass(frozen=True)
 class Window:
-    """The picture: its full size in pixels, and the part of it (x0, y0, x1, y1) that is rendered."""
+    """The picture: its full size in pixels, and the part (x0, y0, x1, y1) of it that is rendered."""
 
     width: int
     height: int
@@ -31,10 +31,10 @@ class Window:
         return cls(width, height, (0, 0, width, height))
 
     def grown(self, margin: int) -> Window:
-        """Return the window with so many more pixels on each side, as far as the picture goes.
+        """Return the window with `margin` more pixels on each side, as far as the picture goes.
 
-        It begins at a corner of the picture's tiles, in which pixels share places on the lens and times: its pixels
-        are those of the whole picture then.
+        The result begins at a corner of one of the picture's tiles. Pixels of a tile share places on the lens and
+        times, so the window then has the pixels of the whole picture.
         """
         x0, y0, x1, y1 = self.crop
         x0, y0 = (max(each - margin, 0) // TILE * TILE for each in (x0, y0))
@@ -46,15 +46,15 @@ class Window:
         return self.crop[3] - self.crop[1], self.crop[2] - self.crop[0]
 
     def header(self) -> dict[str, Any]:
-        """Return displayWindow and dataWindow as EXR headers have them, the last pixels included."""
+        """Return displayWindow and dataWindow as in EXR headers, with the last pixels included."""
         x0, y0, x1, y1 = self.crop
         return {"displayWindow": (0, 0, self.width - 1, self.height - 1), "dataWindow": (x0, y0, x1 - 1, y1 - 1)}
 
 
 class CameraRays(NamedTuple):
-    """A ray a pixel: origins (1 or W · H), unit directions, planar depth per unit of t, and what groups share.
+    """One ray for each pixel: origins (1 or W · H), unit directions, and planar depth per unit of distance.
 
-    `lanes` are the origins and times of those groups (`estimators.lanes.lane_of`), where there is a lens or motion.
+    With a lens or motion, `lanes` has the origins and times that groups of pixels share (`estimators.lanes.lane_of`).
     """
 
     origin: Any
@@ -64,18 +64,19 @@ class CameraRays(NamedTuple):
 
 
 class View:
-    """A camera that looks at a window: its rays and its projection. All its numbers are opaque to kernels.
+    """A camera and its window: rays and projection. All its numbers are opaque to kernels.
 
-    Where the picture's aspect is not the aperture's, the aperture is expanded, as UsdRenderSettings does by default.
+    Where the picture's aspect differs from the aperture's, the aperture is expanded, as UsdRenderSettings does by
+    default.
 
     Parameters
     ----------
     camera, window
         The camera, and the picture's size.
     close
-        The camera at the end of the time that is looked at, where it moves; its lens is that of `camera`. In between,
-        its transform from world to camera space is interpolated linearly, so that what is at rest moves linearly
-        through the picture's space, and tiles know where.
+        A moving camera at the end of the pass's time slice; its lens is that of `camera`. In between, the transform
+        from world to camera space is interpolated linearly, so that objects at rest move linearly in the picture's
+        space, where tiles can bound them.
     """
 
     def __init__(self, camera: scene.Camera, window: Window, close: scene.Camera | None = None) -> None:
@@ -87,7 +88,7 @@ class View:
         scale = np.array([window.width, window.height]) * depth / self.aperture
         offset = np.array([camera.horizontal_offset, camera.vertical_offset]) / depth * scale
         center = np.array([window.width, window.height]) / 2 + np.array([-1, 1]) * offset
-        # Rays are made in the whole picture: in single precision, those of a crop window would differ by a rounding.
+        # Rays are made in the whole picture. In single precision, those of a crop window would round differently.
         self._center = [dr.opaque(Float, each) for each in center]
         self._corner = [dr.opaque(UInt32, each) for each in window.crop[:2]]
         center = center - np.array(window.crop[:2])
@@ -107,7 +108,7 @@ class View:
         )
 
     def whole(self) -> View:
-        """Return the camera that looks at the whole picture, of which this may be a crop window."""
+        """Return the same camera with a window of the whole picture."""
         return View(self.camera, Window.full(self.window.width, self.window.height))
 
     @property
@@ -116,10 +117,10 @@ class View:
         return self.projection.lens is not None or len(self.projection.poses) > 1
 
     def rays(self, places: Any, sample: Callable[[Any], tuple[Any, Any]] | None = None) -> CameraRays:
-        """Return a ray through each pixel, at its place in [0, 1)², or at the same place (x, y) in all.
+        """Return a ray through each pixel, at its place in [0, 1)², or at one place (x, y) for all.
 
-        `sample` gives groups of pixels, by their numbers, a place in the unit square for the lens and a time in [0, 1]:
-        it is asked where there is a lens or motion (of the camera, or of anything else, as its giver knows).
+        `sample` returns, for the numbers of groups of pixels, places in the unit square for the lens and times in
+        [0, 1]. It is given where there is a lens or motion, of the camera or of anything else.
         """
         (column, row), view = self.pixels(), self.projection
         x, y = self._on_film(places)
@@ -135,13 +136,13 @@ class View:
         return CameraRays(origin, direction, facing, (own, time))
 
     def _whole(self, group: Any) -> Any:
-        """Return the number of a group of pixels in the whole picture, for its samples."""
+        """Return the numbers in the whole picture of groups of pixels, by which samples are drawn."""
         (left, top), whole = self.window.crop[:2], -(-self.window.width // TILE)
         return whole_group(group, *(dr.opaque(UInt32, each) for each in
                                     (self.projection.columns, left // TILE, top // TILE, whole)))  # fmt: skip
 
     def _film(self, x: Any, y: Any, square: Any, time: Any) -> tuple[Any, Any, Any]:
-        """Return origin, direction and planar depth per unit of t of rays that have a place on the lens and a time."""
+        """Return origin, direction and planar depth per unit of distance of rays at places on the lens and at times."""
         view = self.projection
         right, up = (x - self._center[0]) / view.scale[0], (self._center[1] - y) / view.scale[1]
         place, toward = Array3f(0), Array3f(right, up, 1)
@@ -159,7 +160,7 @@ class View:
         return origin, direction * inv, inv
 
     def on_lens(self, sample: Callable[[Any], tuple[Any, Any]] | None) -> tuple[Any, Any] | None:
-        """Return where on the lens the rays of `rays` begin, to the right and up; None where there is none."""
+        """Return where on the lens the rays of `rays` begin, to the right and up; None without a lens."""
         lens = self.projection.lens
         if lens is None or sample is None:
             return None
@@ -174,13 +175,13 @@ class View:
         return index % columns, index // columns
 
     def _on_film(self, places: Any) -> tuple[Any, Any]:
-        """Return where in the whole picture rays pass the pixels of the window, at their places there."""
+        """Return where rays through `places` in the window's pixels cross the whole picture, in pixels."""
         (column, row), (left, top) = self.pixels(), self._corner
         across, down = (dr.opaque(Float, each) if isinstance(each, float) else each for each in places)
         return Float(column + left) + across, Float(row + top) + down
 
     def coarse_rays(self, columns: int, rows: int) -> tuple[Any, Any]:
-        """Return rays on a coarse grid over the whole picture, also of a crop window: its beams are the same ones."""
+        """Return a coarse grid of rays over the whole picture; crop windows have the same one, and so the same beams."""
         window = self.window
         index, across = dr.arange(UInt32, columns * rows), dr.opaque(UInt32, columns)
         x = (Float(index % across) + 0.5) * dr.opaque(Float, window.width / columns)
@@ -205,13 +206,13 @@ class View:
         return facing
 
     def cosines(self, place: tuple[float, float]) -> np.ndarray:
-        """Return (H, W) planar depth per unit of distance from the camera, at a `place` in [0, 1)² of each pixel."""
+        """Return planar depth per unit of distance from the camera, (H, W), at a `place` in [0, 1)² of each pixel."""
         _, direction = self._through(*self._on_film(place))
         result: np.ndarray = self._facing(direction).numpy().reshape(self.window.shape)
         return result
 
     def matrices(self) -> dict[str, np.ndarray]:
-        """Return worldToCamera and worldToNDC for row vectors, as EXR headers have them."""
+        """Return worldToCamera and worldToNDC as in EXR headers, for row vectors."""
         world = np.linalg.inv(np.asarray(self.camera.to_world, dtype=np.float64))
         near, far = self.camera.clipping
         (w, h), camera = self.aperture, self.camera

@@ -1,4 +1,4 @@
-"""Cylinder lights: tubes that radiate from their mantle and not from their ends, as UsdLuxCylinderLight has it."""
+"""Cylinder lights: tubes that radiate from their mantle but not from their ends, as UsdLuxCylinderLight does."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from .illumination import Illumination, Lamp, LightHit, ShapingFactor, unit
 
 
 class CylinderLamp(Lamp):
-    """The mantle of a cylinder, which radiates evenly and outward; `along` is the unit vector of its own axis.
+    """The mantle of a cylinder, which radiates evenly and outward; `along` is the unit vector of the cylinder's axis.
 
-    A point sees a strip of the mantle. Along the axis the strip is sampled uniformly in the angle that it covers
-    (equiangular sampling, Kulla and Fajardo 2012), across it uniformly in the silhouette.
+    From a point, a strip of the mantle is visible. Along the axis it is sampled uniformly in the angle that it covers
+    (equiangular sampling, Kulla and Fajardo 2012), and across the axis uniformly in the silhouette.
     """
 
     DRJIT_STRUCT: ClassVar[dict[str, Any]] = {
@@ -48,7 +48,7 @@ class CylinderLamp(Lamp):
         return self.radiance * self.shaping.factor(dr.dot(direction, self.axis))
 
     def silhouette(self, direction: Array3f) -> Float:
-        """Return the area of the lamp's shadow on a plane that `direction` is normal to."""
+        """Return the area of the lamp's projection along `direction`."""
         sine = dr.norm(dr.cross(self.along, direction))
         return 4 * self.half_length * self.radius * sine
 
@@ -61,7 +61,7 @@ class CylinderLamp(Lamp):
         return self.center + self.along * (self.half_length * (2 * u.x - 1)) + self.radius * normal
 
     def illuminate(self, point: Array3f, u: Array2f) -> Illumination:
-        """Return the direction to a point of the strip of the mantle that is seen."""
+        """Return the direction to a point of the visible strip of the mantle."""
         height, away, distance = self._from_axis(point)
         outside = distance > self.radius
         low, angle = self._covered(height, distance)
@@ -96,7 +96,7 @@ class CylinderLamp(Lamp):
         return LightHit(hit, dr.select(hit, distance, dr.inf), radiance, pdf)
 
     def _from_axis(self, point: Array3f) -> tuple[Float, Array3f, Float]:
-        """Return a point's coordinate along the axis, the direction to it away from the axis, and its distance."""
+        """Return a point's coordinate along the axis, the direction from the axis to it, and its distance from there."""
         to = point - self.center
         height = dr.dot(to, self.along)
         away = to - height * self.along
@@ -104,14 +104,14 @@ class CylinderLamp(Lamp):
         return height, away / distance, distance
 
     def _covered(self, height: Float, distance: Float) -> tuple[Float, Float]:
-        """Return the angles, measured at a point, of the axis's lower end and between both ends."""
+        """Return the angle to the axis's lower end, and the angle between both ends, as a point sees them."""
         low, high = -self.half_length - height, self.half_length - height
-        # atan(high / d) − atan(low / d), which cancels far away
+        # Written as a difference, atan(high / d) − atan(low / d), it would cancel far away.
         angle = dr.atan2(distance * 2 * self.half_length, distance * distance + low * high)
         return dr.atan2(low, distance), angle
 
     def _widest(self, distance: Float) -> Float:
-        """Return the sine of the angle around the axis up to which the mantle is seen."""
+        """Return the sine of the angle around the axis up to which the mantle is visible."""
         return dr.safe_sqrt(1 - dr.square(self.radius / distance))
 
     def _pdf(self, height: Float, distance: Float, z: Float, cosine: Float, squared: Float, length: Float) -> Float:

@@ -1,4 +1,4 @@
-"""What reaches a point from a lamp, what a ray sees of it, and how a lamp's light is shaped over the directions."""
+"""What reaches a point from a lamp, what a ray sees of the lamp, and its shaping over the directions."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ _UNSHAPED = 10.0  # an angle beyond 180 degrees: no cutoff
 class Illumination:
     """Light that arrives at a point from one sample of a light.
 
-    `direction` points to the light, `distance` may be infinite; `weight` is radiance / `pdf` per solid angle. `pdf` is
-    0 for a light of no extent, which a ray cannot meet: `weight` is then the irradiance it casts on a plane that
-    faces it.
+    `direction` points to the light, `distance` may be infinite, and `weight` is the radiance over the `pdf` per solid
+    angle. A light without extent, which no ray can meet, has a `pdf` of 0; `weight` is then the irradiance on a plane
+    that faces the light.
     """
 
     DRJIT_STRUCT: ClassVar[dict[str, Any]] = {
@@ -70,8 +70,8 @@ class ShapingFactor:
     def factor(self, cosine: Float) -> Array3f:
         """Return the factor at the angle with this cosine from the axis.
 
-        lerp(focusTint, 1, |cos|^focus) · (1 − smoothstep(start, cutoff, angle)), start = lerp(softness, cutoff,
-        0). A soft cone of no width is a hard edge.
+        It is lerp(focusTint, 1, |cos|^focus) · (1 − smoothstep(start, cutoff, angle)), with start = lerp(softness,
+        cutoff, 0). A soft edge without width is a hard edge.
         """
         focus = dr.select(self.focus > 0, dr.power(dr.maximum(dr.abs(cosine), 1e-20), self.focus), 1)
         angle = dr.safe_acos(cosine)
@@ -80,7 +80,7 @@ class ShapingFactor:
 
 
 class Lamp:
-    """Base of lamps: whether one is infinitely far away, and whether it shines from a center."""
+    """Base of lamps: whether it is infinitely far away, and whether its light goes out from a centre."""
 
     infinite: ClassVar[bool] = False
     central: ClassVar[bool] = False

@@ -1,10 +1,10 @@
 """Lights in Dr.Jit: what reaches a point from a light, and what a ray that meets it sees.
 
-One place for surfaces and for beams: a beam through a portal *is* the light that `illuminate` finds at a point of the
-portal, so the two cannot disagree. Formulas of shaping: UsdLuxShapingAPI and hdEmbree's reference code.
+Surfaces and beams share this code: a beam through a portal *is* the light that `illuminate` finds at a point of the
+portal, so the two cannot disagree. The formulas of shaping are those of UsdLuxShapingAPI and hdEmbree's reference code.
 
-The parameters of a light are opaque Dr.Jit values, one struct for each kind. Structs of one kind can be packed into
-arrays and gathered in a loop, so that a kernel neither depends on the number of lights nor on their values.
+The parameters of a light are opaque Dr.Jit values, with one struct for each kind of light. Structs of one kind can be
+packed into arrays and gathered in a loop, so that a kernel depends neither on the number of lights nor on their values.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ T = TypeVar("T")
 
 
 class SphereLamp(Lamp):
-    """A sphere that radiates evenly, or, with radius 0, a point whose `radiance` is a radiant intensity."""
+    """A sphere that radiates evenly; with radius 0, a point, whose `radiance` is a radiant intensity."""
 
     central = True
     DRJIT_STRUCT: ClassVar[dict[str, Any]] = {
@@ -82,7 +82,7 @@ class SphereLamp(Lamp):
         return LightHit(hit, dr.select(hit, distance, dr.inf), radiance, dr.rcp(dr.two_pi * one_minus_cos))
 
     def _subtended(self, squared_distance: Float) -> tuple[Float, Any]:
-        """Return 1 − cos of the cone that the sphere subtends, and whether the point is outside."""
+        """Return 1 − cos of the half angle that the sphere subtends, and whether the point is outside of the sphere."""
         sine2 = self.radius * self.radius / squared_distance
         outside = sine2 < 1
         sine2 = dr.select(outside, sine2, 1)
@@ -113,7 +113,7 @@ class FlatLamp(Lamp):
         """Return the light's parameters, opaque."""
         result = cls()
         halves = np.array([light.half_x, light.half_y], dtype=np.float64)
-        dual = np.linalg.pinv(halves)  # its columns are 1 along one half axis and 0 along the other
+        dual = np.linalg.pinv(halves)  # each column has the dot product 1 with one half axis, and 0 with the other
         result.radiance, result.center = opaque(light.radiance), opaque(light.center)
         result.half_x, result.half_y = opaque(halves[0]), opaque(halves[1])
         result.dual_x, result.dual_y = opaque(dual[:, 0]), opaque(dual[:, 1])
@@ -156,7 +156,7 @@ class FlatLamp(Lamp):
 
 
 class DistantLamp(Lamp):
-    """Light from a cone of directions around −`axis`; with no angle `radiance` is an irradiance."""
+    """Light from a cone of directions around −`axis`; if the cone has no angle, `radiance` is an irradiance."""
 
     infinite = True
     DRJIT_STRUCT: ClassVar[dict[str, Any]] = {"radiance": Array3f, "axis": Array3f, "one_minus_cos": Float}
@@ -170,7 +170,7 @@ class DistantLamp(Lamp):
         """Return the light's parameters, opaque."""
         result = cls()
         result.radiance, result.axis = opaque(light.radiance), opaque(unit(light.axis))
-        result.one_minus_cos = opaque(2 * np.sin(np.radians(light.angle) / 4) ** 2)  # of half the angle
+        result.one_minus_cos = opaque(2 * np.sin(np.radians(light.angle) / 4) ** 2)  # 1 − cos of half the angle
         return result
 
     def illuminate(self, point: Array3f, u: Array2f) -> Illumination:
@@ -192,7 +192,7 @@ class DistantLamp(Lamp):
 
 
 class EmitterSource:
-    """An emitter of Mitsuba's; `central` is whether its light goes out from one point, which is then `center`."""
+    """A Mitsuba emitter; `central` says whether its light goes out from one point, which is then `center`."""
 
     central = False
     center: Any
@@ -202,7 +202,7 @@ class EmitterSource:
         self.infinite = mi.has_flag(emitter.flags(), mi.EmitterFlags.Infinite)
 
     def illuminate(self, point: Array3f, u: Array2f) -> Illumination:
-        """Return a direction with the density that the emitter has; of an environment, one like its brightness."""
+        """Return a direction, sampled by the emitter; by brightness if it is an environment."""
         interaction = dr.zeros(mi.SurfaceInteraction3f)
         interaction.p = mi.Point3f(point)
         sample, weight = self.emitter.sample_direction(interaction, mi.Point2f(u))
@@ -213,7 +213,7 @@ class EmitterSource:
         return Illumination(Array3f(sample.d), distance + nowhere, weight + nowhere, pdf + nowhere)
 
     def see(self, origin: Array3f, direction: Array3f) -> LightHit:
-        """Return what a ray sees of an environment that meets nothing."""
+        """Return the light of an environment along a ray that meets nothing else."""
         interaction = dr.zeros(mi.SurfaceInteraction3f)
         interaction.wi = mi.Vector3f(-direction)
         sample = dr.zeros(mi.DirectionSample3f)
@@ -228,8 +228,9 @@ class DomeLamp(EmitterSource):
     """An environment, sampled by its brightness.
 
     Mitsuba's `envmap` has the convention of UsdLuxDomeLight's latlong format: +Y is up, the middle of the image looks
-    along +Z and its first quarter along +X, so the light's own rotation is all there is. Mitsuba puts the first and the
-    last row at the poles themselves, not half a row from them: up to half a pixel of latitude, which is left at that.
+    along +Z and its first quarter along +X. So only the light's own rotation is applied. Mitsuba puts the first and the
+    last row at the poles themselves, not half a row from them. The error is at most half a pixel of latitude, and is
+    accepted.
     """
 
     def __init__(self, light: scene.DomeLight) -> None:
@@ -252,7 +253,7 @@ Light = SphereLamp | FlatLamp | CylinderLamp | MeshLamp | DistantLamp | DomeLamp
 
 
 def source(light: scene.Light, host: Any = None) -> Light:
-    """Return a light as Dr.Jit sees it; `host` is the scene beside which rays look for a mesh (`scene_of`)."""
+    """Return a light's lamp in Dr.Jit; `host` is the Mitsuba scene for a mesh light's own scene (see `scene_of`)."""
     if isinstance(light, scene.SphereLight):
         return SphereLamp.of(light)
     if isinstance(light, scene.FlatLight):
@@ -271,7 +272,7 @@ def source(light: scene.Light, host: Any = None) -> Light:
 def pack(sources: Sequence[T]) -> T:
     """Return structs of one kind as one struct of arrays, for `dr.gather` in a loop over lights.
 
-    The last entry is there twice: a gather from an array of one is a broadcast in Dr.Jit, hence another kernel.
+    The last entry is repeated, because a gather from an array of one is a broadcast in Dr.Jit, hence another kernel.
     """
     result = type(sources[0])()
     for name, kind in result.DRJIT_STRUCT.items():  # type: ignore[attr-defined]

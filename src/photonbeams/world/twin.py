@@ -1,7 +1,7 @@
-"""The twin of a scene: Mitsuba's description of it, a dictionary of plug-ins with files for meshes and images.
+"""The twin of a scene: its description for Mitsuba, a dictionary of plug-ins with files for meshes and images.
 
-Everything that Mitsuba cannot describe is left out, with one warning each. Lengths and colours stay as they are;
-cameras and lights look along −Z in our scenes, along +Z in Mitsuba's.
+What Mitsuba cannot describe is left out, with one warning for each. Lengths and colours stay as they are. Cameras and
+lights look along −Z in scenes of photonbeams, and along +Z in Mitsuba's.
 """
 
 from __future__ import annotations
@@ -24,10 +24,11 @@ from .shapes import bsdf_of, cut_out, emitter_of, glows, shape_of
 
 mi = mitsuba()
 
-#: Around Y by half a turn: from a space whose −Z looks ahead to one whose +Z does.
+#: Half a turn around Y, from a space in which −Z is ahead to one in which +Z is.
 TURNED = np.diag([-1.0, 1.0, -1.0, 1.0])
 
-# Clipping planes cut nothing off on stages: in a twin they stand at these parts of the scene's radius, or further away.
+# Clipping planes cut nothing off on stages. In a twin, the near one is at most the first of these fractions of the
+# scene's radius away, the far one at least the second.
 _NEAR, _FAR = 1e-4, 1e2
 
 Write = Callable[[Path], None]
@@ -40,13 +41,13 @@ class Twin:
     Attributes
     ----------
     folder
-        Where its files are, as the scene names them.
+        The folder of its files, as the scene names it.
     parts
-        Its plug-ins by their ids, as `mi.load_dict` takes them but for the files' names.
+        Its plug-ins by id, as `mi.load_dict` takes them, except for the names of files.
     files
-        What writes each file, by its name in the folder.
+        Functions that write the files, by the names of these in the folder.
     lost
-        Warnings about parts of the scene that are not in it.
+        Warnings about what is left out.
     """
 
     folder: str
@@ -56,22 +57,22 @@ class Twin:
     _taken: set[str] = field(default_factory=set)
 
     def id_of(self, path: str) -> str:
-        """Return an id for a prim that no other part has, nor gets."""
+        """Return an id for a prim, which no other part has or gets."""
         name = unique = re.sub(r"[^\w-]+", "-", path, flags=re.ASCII).strip("-") or "part"
         number = 1
-        while unique.lower() in self._taken:  # names of files differ by more than their case
+        while unique.lower() in self._taken:  # some file systems ignore case
             number += 1
             unique = f"{name}-{number}"
         self._taken.add(unique.lower())
         return unique
 
     def file(self, name: str, write: Write) -> str:
-        """Return how the scene names a file that `write` will write."""
+        """Add a file that `write` will write, and return its path as the scene names it."""
         self.files[name] = write
         return f"{self.folder}/{name}"
 
     def with_images(self, part: dict[str, Any], name: str) -> dict[str, Any]:
-        """Return a plug-in with its images in files."""
+        """Return a plug-in whose images are in files."""
         result = {}
         for key, value in part.items():
             if key == "bitmap":
@@ -88,9 +89,9 @@ def twin_of(content: scene.Scene, camera: scene.Camera, window: Window, folder: 
     content, camera, window
         The scene, its camera, and the picture's size and crop.
     folder
-        Where the twin's files will be, seen from the file that names them.
+        Path of the folder for the twin's files, relative to the file that names them.
     """
-    from .twin_lights import add_lights  # which describes lights by what is here
+    from .twin_lights import add_lights  # here, because it imports this module
 
     twin = Twin(folder)
     twin.parts["integrator"] = {"type": "photon_beams", "method": "beams", "max_depth": 2 + content.bounces}
@@ -103,17 +104,17 @@ def twin_of(content: scene.Scene, camera: scene.Camera, window: Window, folder: 
     }  # fmt: skip
     if camera.lens_radius > 0 and not camera.orthographic and (camera.horizontal_offset or camera.vertical_offset):
         twin.lost.append(
-            f"{camera.name}.horizontalApertureOffset and the vertical one are left out, for fStop is not 0"
+            f"{camera.name}.horizontalApertureOffset and the vertical one are left out, because fStop is not 0"
         )
     _add_surfaces(twin, content, camera.exposure_scale)
     add_lights(twin, content.lights, camera.exposure_scale, radius, media)
     for each in content.drawn:
-        twin.lost.append(f"{each.name} is left out: Mitsuba has no beams that are drawn")
+        twin.lost.append(f"{each.name} is left out: Mitsuba has no drawn beams")
     return twin
 
 
 def sensor_of(camera: scene.Camera, window: Window, reach: float) -> dict[str, Any]:
-    """Describe a camera as a sensor of Mitsuba's; `reach` is how far from it there is anything."""
+    """Describe a camera as a Mitsuba sensor; `reach` is the distance of the farthest object from it."""
     aspect = window.width / window.height
     width = max(camera.horizontal_aperture, camera.vertical_aperture * aspect)  # as `View` expands it
     left, top, right, bottom = window.crop
@@ -132,7 +133,7 @@ def sensor_of(camera: scene.Camera, window: Window, reach: float) -> dict[str, A
     else:
         field = float(np.degrees(2 * np.arctan(width / (2 * camera.focal_length))))
         result |= {"type": "perspective", "fov": field, "fov_axis": "x"}
-        if camera.lens_radius > 0:  # with which Mitsuba's sensors are not shifted
+        if camera.lens_radius > 0:  # Mitsuba's thin lens has no shift
             result |= {
                 "type": "thinlens",
                 "aperture_radius": camera.lens_radius,
@@ -154,7 +155,7 @@ def _moved(by: Sequence[float]) -> np.ndarray:
 
 
 def matrix(values: np.ndarray) -> Any:
-    """Return a (4, 4) transform for column vectors as Mitsuba's."""
+    """Return a (4, 4) transform of column vectors as Mitsuba's."""
     return mi.ScalarTransform4f(np.asarray(values, dtype=np.float64))
 
 
@@ -192,13 +193,13 @@ def _add_surfaces(twin: Twin, content: scene.Scene, exposure: float) -> None:
 
 
 def ply(twin: Twin, mesh: scene.Mesh, name: str) -> dict[str, Any]:
-    """Describe a mesh in a file of its own."""
+    """Describe a mesh, and add a file for it."""
     path = twin.file(f"{name}.ply", lambda path: shape_of(mesh).write_ply(str(path)))
     return {"type": "ply", "filename": path, "face_normals": mesh.normals is None}
 
 
 def _exposed(material: scene.Material, exposure: float) -> scene.Material:
-    """Return a material that emits so much more light."""
+    """Return a material whose emitted light is multiplied by `exposure`."""
     value = material.emissive
     if isinstance(value, scene.UVTexture):
         return replace(material, emissive=replace(value, pixels=value.pixels * np.float32(exposure)))
@@ -208,14 +209,14 @@ def _exposed(material: scene.Material, exposure: float) -> scene.Material:
 def _warn_of_glow(twin: Twin, mesh: scene.Mesh) -> None:
     if not _closed(mesh):
         twin.lost.append(
-            f"{mesh.name} glows to its front alone: it is not closed, and Mitsuba's emitters have one side"
+            f"{mesh.name} glows on its front alone: it is not closed, and Mitsuba's emitters have one side"
         )
     if cut_out(mesh.material):
-        twin.lost.append(f"{mesh.name} glows where its opacity cuts it out, too: Mitsuba's emitters have no opacity")
+        twin.lost.append(f"{mesh.name} also glows where its opacity cuts it out: Mitsuba's emitters have no opacity")
 
 
 def _closed(mesh: scene.Mesh) -> bool:
-    """Return whether each edge of a mesh, by the places of its ends, has a triangle on either side."""
+    """Return whether each edge of a mesh has a triangle on either side, with edges told apart by their ends' places."""
     _, corner = np.unique(np.asarray(mesh.points, dtype=np.float32), axis=0, return_inverse=True)
     faces = np.ravel(corner)[np.asarray(mesh.faces)]
     edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
@@ -232,7 +233,7 @@ def _write_image(bitmap: Any, path: Path) -> None:
 
 
 class TwinMedia:
-    """The media of a twin: what fills a closed mesh is inside of a shape without a surface of its own."""
+    """The media of a twin. One that fills a closed mesh is the interior of a shape with a null BSDF."""
 
     def __init__(self, twin: Twin, content: scene.Scene) -> None:
         self._known, self._boundaries = dict[str, scene.Medium](), dict[str, scene.Mesh | None]()
@@ -249,10 +250,10 @@ class TwinMedia:
                 twin.parts[name] = {**ply(twin, boundary, name), "bsdf": {"type": "null"}, **sides}
             if not each.surfaces:
                 where = each.name or "the fog"
-                twin.lost.append(f"{where}.photonbeams:surfaces is on: in Mitsuba, surfaces are dimmed by every fog")
+                twin.lost.append(f"{where}.photonbeams:surfaces is on: Mitsuba's surfaces are dimmed by every fog")
 
     def at(self, point: np.ndarray, than: str | None = None) -> str | None:
-        """Return the id of the medium at a point, the smallest there; of other ones than `than`, around that."""
+        """Return the id of the smallest medium at a point, leaving out `than`; None where there is none."""
         found = [
             (np.inf if boundary is None else boundary.volume, name) for name, boundary in self._boundaries.items()
             if name != than and (boundary is None or boundary.winding(point) > 0.5)
@@ -260,7 +261,7 @@ class TwinMedia:
         return min(found, default=(0.0, None))[1]
 
     def named(self, key: str, name: str | None) -> dict[str, Any]:
-        """Return a plug-in's reference to a medium under a key; nothing for None."""
+        """Return a plug-in's reference to a medium, by `key`; an empty dictionary if `name` is None."""
         return {} if name is None else {key: {"type": "ref", "id": f"{name}-medium"}}
 
     @property
@@ -270,18 +271,18 @@ class TwinMedia:
 
 
 def _medium_of(twin: Twin, medium: scene.Medium, name: str) -> dict[str, Any]:
-    """Describe a medium; the density of one on a grid is in a file."""
+    """Describe a medium, and add a file for its grid if it has one."""
     extinction, peak = np.array(medium.extinction), max(medium.extinction)
     albedo = np.array(medium.scattering) / np.where(extinction > 0, extinction, 1)
     phase = {"type": "hg", "g": medium.anisotropy} if medium.anisotropy else {"type": "isotropic"}
-    # Mitsuba takes colours of media for reflectances, which are 1 at most.
+    # Mitsuba takes the colours of media for reflectances, which are at most 1: the scale has the rest.
     shared = {"scale": peak, "albedo": rgb(albedo), "phase": phase}
     if medium.scattering_color is not None:
         colors = medium.scattering_color.values
         factors = (colors if colors.ndim == 4 else colors[..., None]) * albedo
         shared["albedo"] = _grid_of(twin, f"{name}-albedo", factors, medium.scattering_color)
     if medium.emission is not None:
-        twin.lost.append(f"{medium.name} emits light, which Mitsuba's media do not: its emission is left out")
+        twin.lost.append(f"{medium.name} emits light, but Mitsuba's media cannot: its emission is left out")
     if medium.grid is None:
         return {"type": "homogeneous", "sigma_t": rgb(extinction / peak), **shared}
     values = medium.grid.values[..., None] if medium.grid.values.ndim == 3 else medium.grid.values
@@ -291,7 +292,7 @@ def _medium_of(twin: Twin, medium: scene.Medium, name: str) -> dict[str, Any]:
 
 
 def _grid_of(twin: Twin, name: str, values: Array, place: scene.DensityGrid) -> dict[str, Any]:
-    """Describe values on a grid, which are in a file."""
+    """Describe values on a grid, and add a file for them."""
     grid = mi.VolumeGrid(np.ascontiguousarray(values, dtype=np.float32))
     path = twin.file(f"{name}.vol", lambda path: grid.write(str(path)))
     return {"type": "gridvolume", "filename": path, "raw": True, "to_world": matrix(place.to_world)}

@@ -1,6 +1,6 @@
 """Lights of a stage as Mitsuba's emitters.
 
-Lights of a stage cast no shadows, and emitters of some size are shapes: they get a surface that lets all light through.
+Lights of a stage cast no shadows. Emitters with an extent are shapes, so they get a BSDF that lets all light through.
 """
 
 from __future__ import annotations
@@ -22,17 +22,17 @@ from .twin import Twin, matrix, mi, ply, rgb, scaled
 if TYPE_CHECKING:
     from .twin import TwinMedia
 
-# Degrees from its axis up to which a spot's light is an image; and the image's width in pixels.
+# Widest cone, in degrees from the axis, of a spot whose light is an image; and the image's width in pixels.
 _WIDEST, _PIXELS = 75.0, 512
 
-_NO_IMAGE = "{}.photonbeams:gobo is left out: Mitsuba has images on rectangles and before spots alone"
+_NO_IMAGE = "{}.photonbeams:gobo is left out: Mitsuba has images only on rectangles and before spots"
 
-# Of the scene's radius: lamps that are larger are seen as what they are in Mitsuba, lights without a body.
+# Fraction of the scene's radius. A larger lamp is visibly a light without a body in Mitsuba, so a warning says so.
 _LARGE = 0.1
 
 
 def add_lights(twin: Twin, lights: Sequence[scene.Light], exposure: float, radius: float, media: TwinMedia) -> None:
-    """Add lights, all of them so much brighter; `radius` is the scene's."""
+    """Add lights, brighter by the factor `exposure`; `radius` is the scene's."""
     domes = []
     for light in lights:
         if max(light.radiance) <= 0:
@@ -49,14 +49,14 @@ def add_lights(twin: Twin, lights: Sequence[scene.Light], exposure: float, radiu
         size, part = _emitter(twin, light, name)
         twin.parts[f"{name}-shape" if size > 0 else name] = part
         if size > _LARGE * radius:
-            twin.lost.append(f"{light.name}: what is behind the lamp is seen through it, for it casts no shadow")
+            twin.lost.append(f"{light.name}: what is behind the lamp is seen through it, because it casts no shadow")
         if size == 0 and not isinstance(light, scene.DistantLight):
             part |= media.named("medium", media.at(_place(light)))
     _add_domes(twin, domes)
 
 
 def _emitter(twin: Twin, light: scene.Light, name: str) -> tuple[float, dict[str, Any]]:
-    """Return the size of a light, 0 of a point, and its description."""
+    """Return the size of a light, which is 0 for a point, and its description."""
     if isinstance(light, scene.DistantLight):
         return 0.0, _directional(twin, light)
     if isinstance(light, scene.CylinderLight | scene.MeshLight):
@@ -67,11 +67,11 @@ def _emitter(twin: Twin, light: scene.Light, name: str) -> tuple[float, dict[str
         return 0.0, _point(twin, light, cone, name)
     if cone <= _WIDEST:
         twin.lost.append(
-            f"{light.name} shines from a point: emitters of some size have no cone in Mitsuba, and its cone is kept"
+            f"{light.name} shines from a point: Mitsuba has no cone for an emitter with an extent, and its cone is kept"
         )
         return 0.0, _spot(twin, light, cone, name)
     if _shapes(light):
-        twin.lost.append(f"{light.name}.inputs:shaping is left out: emitters of some size have none in Mitsuba")
+        twin.lost.append(f"{light.name}.inputs:shaping is left out: Mitsuba has none for an emitter with an extent")
     if isinstance(light, scene.FlatLight):
         size = float(max(np.linalg.norm(light.half_x), np.linalg.norm(light.half_y)))
         return size, {**_flat(twin, light), **_shining(_face(twin, light, name), name)}
@@ -82,9 +82,9 @@ def _emitter(twin: Twin, light: scene.Light, name: str) -> tuple[float, dict[str
 
 
 def _body(twin: Twin, light: scene.CylinderLight | scene.MeshLight, name: str) -> tuple[float, dict[str, Any]]:
-    """Return the size of a light that is a body, and its description."""
+    """Return the size of a cylinder or mesh light, and its description."""
     if light.shaping is not None and (_varies(light) or light.shaping.cone_angle < 180):
-        twin.lost.append(f"{light.name}.inputs:shaping is left out: emitters of some size have none in Mitsuba")
+        twin.lost.append(f"{light.name}.inputs:shaping is left out: Mitsuba has none for an emitter with an extent")
     if isinstance(light, scene.CylinderLight):
         ends = {key: (light.center + sign * light.half).tolist() for key, sign in (("p0", -1), ("p1", 1))}
         tube = {"type": "cylinder", **ends, "radius": light.radius}
@@ -96,7 +96,7 @@ def _body(twin: Twin, light: scene.CylinderLight | scene.MeshLight, name: str) -
 
 
 def _shining(radiance: dict[str, Any], name: str) -> dict[str, Any]:
-    """Return what makes a shape a lamp, which lets the light of others through."""
+    """Return the emitter that makes a shape a lamp, and the BSDF that lets the light of others through."""
     return {name: {"type": "area", "radiance": radiance}, "bsdf": {"type": "null"}}
 
 
@@ -105,7 +105,7 @@ def _place(light: Any) -> np.ndarray:
 
 
 def _flat(twin: Twin, light: scene.FlatLight) -> dict[str, Any]:
-    """Describe a rectangle or an ellipse, which has its front along +Z with Mitsuba."""
+    """Describe a rectangle or an ellipse; in Mitsuba its front is along +Z."""
     to_world = np.eye(4)
     axis = unit(light.axis)
     x, y = np.asarray(light.half_x, dtype=np.float64), np.asarray(light.half_y, dtype=np.float64)
@@ -119,14 +119,14 @@ def _flat(twin: Twin, light: scene.FlatLight) -> dict[str, Any]:
 
 
 def _squared(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return half axes of the same ellipse that are square to each other, turned as they were."""
+    """Return perpendicular half axes of the same ellipse, with the handedness of `x` and `y`."""
     axes, lengths, turned = np.linalg.svd(np.column_stack([x, y]), full_matrices=False)
     first, second = (axes * lengths).T
     return first, second * np.sign(np.linalg.det(turned))
 
 
 def _cone(light: scene.SphereLight | scene.FlatLight) -> float:
-    """Return the angle in degrees from its axis beyond which a light is dark: 180 where it is nowhere so."""
+    """Return the angle from its axis, in degrees, beyond which a light is dark; 180 if it is nowhere dark."""
     cone = light.shaping.cone_angle if light.shaping is not None else 180.0
     if isinstance(light, scene.SphereLight) and light.gobo is not None:
         cone = min(cone, float(np.degrees(spread(light))))
@@ -137,7 +137,7 @@ def _point(twin: Twin, light: scene.SphereLight, cone: float, name: str) -> dict
     """Describe a point."""
     if cone > _WIDEST and (_varies(light) or light.gobo is not None):
         twin.lost.append(
-            f"{light.name}.inputs:shaping is a hard cone: beyond {_WIDEST:g} degrees Mitsuba has no soft one, no image"
+            f"{light.name}.inputs:shaping is a hard cone: beyond {_WIDEST:g} degrees, there is no soft one and no image"
         )
     if cone <= _WIDEST or cone < 180:
         return _spot(twin, light, cone, name)
@@ -145,7 +145,7 @@ def _point(twin: Twin, light: scene.SphereLight, cone: float, name: str) -> dict
 
 
 def _spot(twin: Twin, light: scene.SphereLight | scene.FlatLight, cone: float, name: str) -> dict[str, Any]:
-    """Describe a point that shines into a cone; what changes over the directions is an image before it."""
+    """Describe a point that shines into a cone; if its light varies over directions, an image before it says how."""
     flat = isinstance(light, scene.FlatLight)
     to_world = _aimed(light)
     part = {"type": "spot", "to_world": matrix(to_world), "cutoff_angle": cone, "beam_width": cone}
@@ -161,7 +161,7 @@ def _spot(twin: Twin, light: scene.SphereLight | scene.FlatLight, cone: float, n
 
 
 def _image(light: scene.SphereLight | scene.FlatLight, cone: float, to_world: np.ndarray) -> np.ndarray:
-    """Return the radiance (of a point: the intensity) of a light into a cone, projected on a square around it."""
+    """Return the radiance of a light (of a point: the intensity) within a cone, projected on a square around it."""
     across = np.linspace(-1, 1, _PIXELS, endpoint=False) + 1 / _PIXELS
     x, y = np.meshgrid(across, across)
     inner = np.tan(np.radians(cone)) / np.maximum(1.001 * np.hypot(x, y), 1)  # no hard edge on the image itself
@@ -178,7 +178,7 @@ def _image(light: scene.SphereLight | scene.FlatLight, cone: float, to_world: np
 
 
 def _face(twin: Twin, light: scene.FlatLight, name: str) -> dict[str, Any]:
-    """Describe what a rectangle or an ellipse emits: on a rectangle, an image."""
+    """Describe the radiance of a rectangle or an ellipse; only on a rectangle can it be an image."""
     if light.gobo is None:
         return rgb(light.radiance)
     if light.disk:
@@ -197,7 +197,7 @@ def _face(twin: Twin, light: scene.FlatLight, name: str) -> dict[str, Any]:
 
 
 def _aimed(light: scene.SphereLight | scene.FlatLight) -> np.ndarray:
-    """Return where a light is, with +Z along its axis."""
+    """Return the (4, 4) transform of a light, with +Z along its axis."""
     axis = unit(light.axis)
     side = unit(np.cross(np.eye(3)[int(np.argmin(np.abs(axis)))], axis))
     result = np.eye(4)
@@ -206,37 +206,37 @@ def _aimed(light: scene.SphereLight | scene.FlatLight) -> np.ndarray:
 
 
 def _varies(light: scene.Light) -> bool:
-    """Return whether a light changes within its cone."""
+    """Return whether a light varies within its cone."""
     return light.shaping is not None and (light.shaping.cone_softness > 0 or light.shaping.focus > 0)
 
 
 def _shapes(light: scene.SphereLight | scene.FlatLight) -> bool:
-    """Return whether a light's cone or focus changes anything."""
+    """Return whether a light's cone or focus has any effect."""
     widest = 90.0 if isinstance(light, scene.FlatLight) else 180.0
     return _varies(light) or (light.shaping is not None and light.shaping.cone_angle < widest)
 
 
 def _directional(twin: Twin, light: scene.DistantLight) -> dict[str, Any]:
-    """Describe a distant light by the irradiance that it casts on a plane which faces it."""
+    """Describe a distant light by the irradiance on a plane that faces it."""
     irradiance = np.array(light.radiance)
     if light.angle > 0:
         half = np.radians(min(light.angle / 2, 90.0))
         irradiance = irradiance * np.pi * np.sin(half) ** 2
         twin.lost.append(
-            f"{light.name}.inputs:angle is left out: Mitsuba's directional light is not seen and casts sharp shadows"
+            f"{light.name}.inputs:angle is left out: Mitsuba's directional light is invisible and casts sharp shadows"
         )
     return {"type": "directional", "direction": unit(light.axis).tolist(), "irradiance": rgb(irradiance)}
 
 
 def _add_domes(twin: Twin, domes: Sequence[scene.DomeLight]) -> None:
-    """Add the environment, of which Mitsuba has one at most."""
+    """Add the environment; Mitsuba allows only one."""
     if domes and all(dome.image is None for dome in domes):
         total = np.sum([dome.radiance for dome in domes], axis=0)
         twin.parts[twin.id_of(domes[0].name)] = {"type": "constant", "radiance": rgb(total)}
         return
     for number, dome in enumerate(domes):
         if number:
-            twin.lost.append(f"{dome.name} is left out: Mitsuba has one environment, which is {domes[0].name}")
+            twin.lost.append(f"{dome.name} is left out: Mitsuba has a single environment, which is {domes[0].name}")
             continue
         name = twin.id_of(dome.name)
         twin.parts[name] = environment(twin, dome, name)
@@ -253,25 +253,25 @@ def environment(twin: Twin, dome: scene.DomeLight, name: str) -> dict[str, Any]:
 
 
 def _warn(twin: Twin, light: scene.Light, endless: bool) -> None:
-    """Warn of the attributes of a light that Mitsuba cannot describe."""
+    """Warn about attributes of a light that Mitsuba cannot describe."""
     own = "photonbeams:"
     off = not (light.emits_beams or (isinstance(light, scene.DomeLight) and light.lights_media))
     lost = {
-        "inputs:shaping:ies:file is left out: Mitsuba has no profiles of lights": profile_of(light) is not None,
-        f"{own}portal is left out: photon_beams finds by itself where light comes in": light.portal is not None,
+        "inputs:shaping:ies:file is left out: Mitsuba has no light profiles": profile_of(light) is not None,
+        f"{own}portal is left out: photon_beams itself finds where light comes in": light.portal is not None,
         f"{own}portal:gobo is left out: Mitsuba's emitters shine through no image": light.portal_gobo is not None,
         f"{own}look is left out: beams are physical in Mitsuba": light.look is not None,
-        f"{own}lightGroup is left out: Mitsuba's pictures have no layers of lights": bool(light.group),
-        f"{own}guides is left out: light flies straight in Mitsuba": bool(light.guides),
-        f"{own}intensity is left out: it is of beams alone": light.emits_beams and light.beam_scale != 1,
-        f"{own}enabled is off, and yet its light is scattered in Mitsuba": off,
-        f"inputs:diffuse is {light.surface_scale:g}, in Mitsuba it is 1": light.surface_scale != 1,
-        "inputs:shadow:distance is left out: shadows have no end in Mitsuba": light.shadow_distance < np.inf,
-        "collection:lightLink is left out: in Mitsuba it lights everything": bool(light.unlit),
-        "collection:shadowLink is left out: in Mitsuba all surfaces stop it": bool(light.unshadowed),
+        f"{own}lightGroup is left out: Mitsuba's pictures have no layers for lights": bool(light.group),
+        f"{own}guides is left out: light travels straight in Mitsuba": bool(light.guides),
+        f"{own}intensity is left out: it changes beams alone": light.emits_beams and light.beam_scale != 1,
+        f"{own}enabled is off, but in Mitsuba its light is scattered by fog": off,
+        f"inputs:diffuse is {light.surface_scale:g}, but in Mitsuba it is 1": light.surface_scale != 1,
+        "inputs:shadow:distance is left out: Mitsuba's shadows have no end": light.shadow_distance < np.inf,
+        "collection:lightLink is left out: in Mitsuba the light shines on everything": bool(light.unlit),
+        "collection:shadowLink is left out: in Mitsuba all surfaces block the light": bool(light.unshadowed),
     }  # fmt: skip
     if isinstance(light, scene.DistantLight) and light.gobo is not None:
-        lost[f"{own}gobo is left out: directional light shines through no image in Mitsuba"] = True
+        lost[f"{own}gobo is left out: Mitsuba's directional light shines through no image"] = True
     if endless and isinstance(light, scene.DistantLight | scene.DomeLight):
-        lost["inputs:intensity is dimmed in Mitsuba by fog that fills the whole space: expected a fog in a mesh"] = True
+        lost["inputs:intensity is dimmed in Mitsuba by fog that fills the whole space: expected fog in a mesh"] = True
     twin.lost += [f"{light.name}.{text}" for text, there in lost.items() if there]
