@@ -181,7 +181,7 @@ class View:
         return Float(column + left) + across, Float(row + top) + down
 
     def coarse_rays(self, columns: int, rows: int) -> tuple[Any, Any]:
-        """Return a coarse grid of rays over the whole picture; crop windows have the same one, and so the same beams."""
+        """Return a coarse grid of rays over the whole picture; crop windows have the same one, so the same beams."""
         window = self.window
         index, across = dr.arange(UInt32, columns * rows), dr.opaque(UInt32, columns)
         x = (Float(index % across) + 0.5) * dr.opaque(Float, window.width / columns)

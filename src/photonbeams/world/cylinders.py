@@ -96,7 +96,7 @@ class CylinderLamp(Lamp):
         return LightHit(hit, dr.select(hit, distance, dr.inf), radiance, pdf)
 
     def _from_axis(self, point: Array3f) -> tuple[Float, Array3f, Float]:
-        """Return a point's coordinate along the axis, the direction from the axis to it, and its distance from there."""
+        """Return a point's coordinate along the axis, the direction from the axis to it, and the distance there."""
         to = point - self.center
         height = dr.dot(to, self.along)
         away = to - height * self.along

@@ -1,11 +1,11 @@
 """Gobos: images that a light shines through, and images on its portal.
 
-A gobo is a rectangle in a plane, and a light path has the colour of the image where its line crosses that plane. What
-differs between lights is where the rectangle lies: in front of a point, a spot or a sphere it is a slide whose picture
-goes out from the light's centre; on a rectangle or a disc it is the light's own face; of a distant light it is a slide
-square to the light, as wide as is asked; on a portal it is the portal's bounding rectangle.
+A gobo is a rectangle in a plane, and a light path takes the colour of the image where its line crosses that plane.
+Where the rectangle lies depends on the light. Before a point, a spot or a sphere it is a slide, projected from the
+light's centre. On a rectangle or a disc it is the light's own face. Before a distant light it is a slide square to the
+light, of a given width. On a portal it is the portal's bounding rectangle.
 
-A light with images is a source of its own kind, made of the bare one, so that lights without images cost what they did.
+A light with images is a source of its own class, which wraps the bare light; so lights without images cost no more.
 """
 
 from __future__ import annotations
@@ -28,17 +28,17 @@ if TYPE_CHECKING:
     from .portals import Portal
 
 _WIDEST_CONE = 85.0  # degrees from the axis: a wider cone has no slide that covers it
-_WIDE_SLIDE = 90.0  # degrees: the width of a slide before a light without a narrower cone
+_WIDE_SLIDE = 90.0  # degrees: the width of a slide before a light with a wider cone, or none
 
-#: Device images by the identity of the host's, which are kept along, so that their identities stay theirs.
+#: Device images by the `id` of the host's images, which are kept with them, so that no other image gets that `id`.
 Images = dict[int, tuple[Any, Any]]
 
 
 class Slide:
-    """An image in a rectangle; `first` is the place of its first pixel among the pixels of many.
+    """An image in a rectangle; `first` is the index of its first pixel in an array of the pixels of many images.
 
-    A place q has the coordinates u = (q − center) · dual_x + ½ and v likewise, from 0 to 1 over the image, with its
-    first row at v = 1. `normal` is the direction in which light passes it.
+    A place q has the coordinates u = (q − center) · dual_x + ½, and v likewise. They go from 0 to 1 over the image, and
+    its first row is at v = 1. `normal` is the direction in which light passes the slide.
     """
 
     DRJIT_STRUCT: ClassVar[dict[str, Any]] = {
@@ -69,7 +69,7 @@ class Slide:
         return result
 
     def crossing(self, origin: Array3f, direction: Array3f) -> tuple[Float, Array2f]:
-        """Return how far along a line the slide's plane is, and its coordinates there."""
+        """Return the distance along a line to the slide's plane, and the coordinates at the crossing."""
         cosine = dr.dot(direction, self.normal)
         cosine = dr.copysign(dr.maximum(dr.abs(cosine), 1e-9), cosine)
         distance = dr.dot(self.center - origin, self.normal) / cosine
@@ -81,7 +81,7 @@ class Slide:
         return (dr.minimum(place.x, place.y) >= 0) & (dr.maximum(place.x, place.y) <= 1)
 
     def color(self, place: Array2f, pixels: Array3f) -> Array3f:
-        """Return the image at coordinates, linear between the pixels' centres; black around it, or repeated."""
+        """Return the image at coordinates, interpolated bilinearly; it is black around the image, or repeats."""
         again = self.repeat > 0
         u = dr.select(again, place.x - dr.floor(place.x), dr.clip(place.x, 0, 1))
         v = dr.select(again, place.y - dr.floor(place.y), dr.clip(place.y, 0, 1))
@@ -102,20 +102,21 @@ class Slide:
 
 
 class ProjectedLight:
-    """A light with images: a slide, one on its portal, a profile. `projected` makes the class of each combination.
+    """A light with a slide, an image on its portal, or a profile; `projected` makes a class for each combination.
 
     Attributes
     ----------
     bare
-        The light without them.
+        The light without images.
     slide, portal_gobo, profile
-        Where the images lie; those that the light does not have are not there: see `has`.
+        The images' places. An attribute exists only if the light has that image: see `has`.
     pixels
-        The images of both; not a part of the struct, for it is the same for all lights of a kind.
+        The pixels of the images. They are not part of the struct, because all lights of a kind share them.
     images
-        What they were made of.
+        The scene's images, by the same names.
     lit
-        By whether they go through the portal: which part of the light's paths passes the images, once it is known.
+        The fraction of the light's paths that passes the images, once it is known: by whether the paths go through the
+        portal.
     """
 
     DRJIT_STRUCT: ClassVar[dict[str, Any]] = {}
@@ -131,12 +132,12 @@ class ProjectedLight:
     lit: dict[bool, float]
 
     def with_pixels(self, pixels: dict[str, Any]) -> ProjectedLight:
-        """Return the light itself, which has now these images."""
+        """Set the pixels of the images, and return the light itself."""
         self.pixels = pixels
         return self
 
     def illuminate(self, point: Array3f, u: Array2f) -> Illumination:
-        """Return a sample of the light, in the colours of what it passes."""
+        """Return a sample of the light, in the colours of the images that it passes."""
         sample = self.without_portal_gobo(point, u)
         sample.weight = sample.weight * self._passing(point, sample.direction, sample.distance)
         return sample
@@ -148,13 +149,13 @@ class ProjectedLight:
         return sample
 
     def see(self, origin: Array3f, direction: Array3f) -> LightHit:
-        """Return what a ray sees of the light."""
+        """Return what a ray sees of the light through its images."""
         hit = self.bare.see(origin, direction)
         hit.radiance = hit.radiance * self.colors(origin, direction, hit.distance)
         return hit
 
     def colors(self, point: Array3f, direction: Array3f, distance: Float) -> Array3f:
-        """Return the colours of the images between a point and the light, which is this far along a direction."""
+        """Return the colours of the images between a point and the light, `distance` away along `direction`."""
         return self.tint(point, -direction) * self._passing(point, direction, distance)
 
     def tint(self, point: Array3f, direction: Array3f) -> Array3f:
@@ -166,20 +167,20 @@ class ProjectedLight:
 
     def _slide_color(self, point: Array3f, direction: Array3f) -> Array3f:
         if self.bare.central:
-            point = self.bare.center  # the picture goes out from there, also of the light beside it
+            point = self.bare.center  # light from beside the centre has the colour of that from the centre
         _, place = self.slide.crossing(point, direction)
         color = self.slide.color(place, self.pixels["slide"])
         return dr.select(dr.dot(direction, self.slide.normal) > 0, color, 0)
 
     def portal_color(self, point: Array3f) -> Array3f:
-        """Return the colour of the portal at a point of it."""
+        """Return the colour of the image on the portal at a point of it."""
         if "portal_gobo" not in self.has:
             return Array3f(1)
         _, place = self.portal_gobo.crossing(point, self.portal_gobo.normal)
         return self.portal_gobo.color(place, self.pixels["portal_gobo"])
 
     def _passing(self, origin: Array3f, direction: Array3f, distance: Float) -> Array3f:
-        """Return the portal's colour on segments that cross its rectangle, else 1."""
+        """Return the colour of the image on the portal where segments cross it, else 1."""
         if "portal_gobo" not in self.has:
             return Array3f(1)
         crossing, place = self.portal_gobo.crossing(origin, direction)
@@ -189,7 +190,7 @@ class ProjectedLight:
 
 @cache
 def _kind(bare: type, has: frozenset[str]) -> type[ProjectedLight]:
-    """Return the class of lights of a kind with images."""
+    """Return the class for lights of class `bare` with the images `has`."""
     kinds = {"slide": Slide, "portal_gobo": Slide, "profile": ProfileTable}
     parts = {"bare": bare} | {name: kind for name, kind in kinds.items() if name in has}
     name = "".join(each.title().replace("_", "") for each in kinds if each in has) + bare.__name__
@@ -197,19 +198,19 @@ def _kind(bare: type, has: frozenset[str]) -> type[ProjectedLight]:
 
 
 def projected(bare: Any, light: scene.Light, portal: Portal | None, images: Images) -> Any:
-    """Return a light's source behind its images, or as it is where it has none.
+    """Return a light's source behind its images, or the bare source where it has none.
 
     Parameters
     ----------
     bare, portal
-        The light and its portal as Dr.Jit sees them.
+        The light's source and its portal in Dr.Jit.
     images
-        Images that are on the device already; new ones are added.
+        Images that are already on the device; new ones are added.
 
     Raises
     ------
     SceneError
-        An image on a portal that is not flat.
+        There is an image on a portal that is not flat.
     """
     slide = None if isinstance(light, scene.DomeLight) else light.gobo
     portal_gobo = light.portal_gobo if portal is not None else None
@@ -234,14 +235,14 @@ def projected(bare: Any, light: scene.Light, portal: Portal | None, images: Imag
 
 
 def profile_of(light: scene.Light) -> scene.Profile | None:
-    """Return the profile of a light that has directions of its own."""
+    """Return the profile of a light; None where it has none, or is a dome or a distant light."""
     if light.shaping is None or isinstance(light, scene.DomeLight | scene.DistantLight):
         return None
     return light.shaping.profile
 
 
 def pack_projected(sources: Sequence[Any]) -> tuple[Any, dict[str, Any]]:
-    """Return lights of one kind with gobos as one struct of arrays, and their images in a row."""
+    """Return lights of one kind with gobos as one struct of arrays, and their images, concatenated."""
     packed = pack(sources)
     if len(sources) == 1:
         return packed, sources[0].pixels
@@ -253,7 +254,7 @@ def pack_projected(sources: Sequence[Any]) -> tuple[Any, dict[str, Any]]:
         first = dict(zip(images, starts[:-1], strict=True))
         getattr(packed, name).first = to_uint(
             [first[key] for key in [*keys, keys[-1]]]
-        )  # the last light is there twice
+        )  # `pack` repeats the last light
         pixels[name] = to_vectors(np.concatenate(list(images.values())))
     return packed, pixels
 
@@ -271,13 +272,13 @@ def _on_device(gobo: scene.Gobo | scene.Profile, images: Images) -> Any:
 
 
 def _padded(gobo: scene.Gobo | scene.Profile) -> Any:
-    """Return an image's pixels, (N, 3), and one more: a gather from an array of one is another kernel."""
+    """Return an image's pixels, (N, 3), with the last one repeated: a gather from an array of one is another kernel."""
     flat = gobo.colors.reshape(-1, 3)
     return np.concatenate([flat, flat[-1:]])
 
 
 def slide_angle(light: scene.Light) -> float:
-    """Return the angle, in degrees, that the width of a slide before a light covers: its own, or the light's cone."""
+    """Return the angle that the width of a light's slide covers, in degrees: the slide's own, or the light's cone."""
     if light.gobo is not None and light.gobo.angle is not None:
         return light.gobo.angle
     cone = light.shaping.cone_angle if light.shaping is not None else np.inf
@@ -295,11 +296,11 @@ def spread(light: scene.Light) -> float:
 
 
 def _slide(light: scene.Light, gobo: scene.Gobo) -> Slide:
-    """Return where a light's own image lies."""
+    """Return the slide of a light's own image."""
     side, up, ahead = _axes(light)
     if isinstance(light, scene.FlatLight):
-        # UsdLuxRectLight has the image's first pixel at (+X, +Y) and its last at (-X, -Y): upright for one who faces
-        # the light. Arnold has it so for usdlux_version 25.05, and mirrored before that.
+        # UsdLuxRectLight puts the image's first pixel at (+X, +Y) and its last at (-X, -Y): it is upright as seen from
+        # the front of the light. Arnold does the same from usdlux_version 25.05 on, and mirrored it before.
         x = light.half_x if np.dot(light.half_x, side) < 0 else -np.asarray(light.half_x)
         y = light.half_y if np.dot(light.half_y, up) > 0 else -np.asarray(light.half_y)
         return Slide.of(gobo, light.center, 2 * x, 2 * y, ahead)
@@ -311,7 +312,7 @@ def _slide(light: scene.Light, gobo: scene.Gobo) -> Slide:
 
 
 def _axes(light: Any) -> tuple[Any, Any, Any]:
-    """Return side, up and direction of a light: those of its frame, square to where it shines."""
+    """Return the side, up and ahead vectors of a light: those of its frame, made square to its axis."""
     ahead = np.asarray(light.axis, dtype=np.float64) / np.linalg.norm(light.axis)
     frame = np.asarray(light.frame, dtype=np.float64)[:3, :3]
     up = frame[:, 1] - (frame[:, 1] @ ahead) * ahead
@@ -322,7 +323,7 @@ def _axes(light: Any) -> tuple[Any, Any, Any]:
 
 
 def _portal_gobo(light: scene.Light, gobo: scene.Gobo, portal: Portal) -> Slide:
-    """Return the image over a portal's bounding rectangle, upright, as one sees it who faces the light."""
+    """Return the slide over a portal's bounding rectangle, upright as seen when facing the light."""
     if portal.sides is None:
         text = f"{light.name}: the portal is not flat: expected a planar one to hold the image photonbeams:portal:gobo"
         raise scene.SceneError(text)
@@ -335,6 +336,6 @@ def _portal_gobo(light: scene.Light, gobo: scene.Gobo, portal: Portal) -> Slide:
     place = getattr(light, "center", None)
     axis = getattr(light, "axis", None)
     ahead = center - place if place is not None else np.asarray(axis) if axis is not None else normal
-    if normal @ ahead < 0:  # x to the right and y up: x × y points at who looks, as the light does
+    if normal @ ahead < 0:  # with x to the right and y up, x × y points at the viewer, as the light does
         x, normal = -x, -normal
     return Slide.of(gobo, center, x, y, normal)

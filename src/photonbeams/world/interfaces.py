@@ -13,13 +13,13 @@ from .warp import facing
 
 mi = mitsuba()
 
-# Number of an unknown medium.
+# The number that stands for an unknown medium.
 UNKNOWN = 0xFFFFFFFF
 
-# Most surfaces in front of an interface of media, and most steps of a random walk to one.
+# Most surfaces that a ray passes before an interface, and most steps of a random walk to one.
 _LAYERS, _STEPS = 64, 32
 
-# Surfaces that transmit light: a medium goes on behind them, where they name none.
+# Lobes of surfaces that transmit light. Where such a surface names no medium, the medium goes on behind it.
 _TRANSMITS = int(
     mi.BSDFFlags.Null | mi.BSDFFlags.DeltaTransmission | mi.BSDFFlags.GlossyTransmission
     | mi.BSDFFlags.DiffuseTransmission
@@ -37,12 +37,12 @@ def numbers(media: Any) -> UInt32:
 
 
 def pointers(media: UInt32) -> Any:
-    """Return the media with these numbers."""
+    """Return pointers to the media with these numbers."""
     return dr.reinterpret_array(mi.MediumPtr, mi.UInt32(media))
 
 
 def shape_number(plugin: Any) -> int:
-    """Return the number of a shape in arrays of shapes."""
+    """Return the number by which Mitsuba's arrays know a shape."""
     return int(UInt32(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(plugin)))[0])
 
 
@@ -80,12 +80,12 @@ def meet(plugin: Any, origin: Any, direction: Any, active: Any) -> Met:
 
 
 def is_left(hit: Any, direction: Any, medium: UInt32) -> Bool:
-    """Return whether a hit is on a boundary, of glass or of nothing, by which rays may leave their medium."""
+    """Return whether a hit is on a boundary by which rays may leave their medium, transparent or of glass."""
     return transmits(hit) & hit.is_medium_transition() & (numbers(hit.target_medium(mi.Vector3f(direction))) != medium)
 
 
 def transmits(hit: Any) -> Bool:
-    """Return whether light may pass a surface: through glass, or a boundary of nothing."""
+    """Return whether light may pass a surface: glass, a translucent one, or a boundary with a null BSDF."""
     return (UInt32(hit.bsdf().flags()) & _TRANSMITS) != 0
 
 
@@ -101,9 +101,9 @@ def medium_at(
 ) -> UInt32:
     """Return the number of the medium at points, found by a random walk from each.
 
-    A walk is reflected by surfaces, and passes those that transmit light and name no medium: it stays in the medium in
-    which it began, which the first interface that it meets names. An interface without a medium on the near side means
-    empty space, unless a later one on the walk names a medium.
+    Surfaces reflect a walk; it passes those that transmit light and name no medium. So it stays in the medium in which
+    it began, and the first interface that it meets names that medium. If the interface has no medium on the near side,
+    the point is in empty space, unless a later interface of the walk names a medium.
 
     Parameters
     ----------
@@ -116,7 +116,7 @@ def medium_at(
     everywhere
         The medium of the background.
     active
-        Which points are asked for.
+        The points for which the medium is wanted.
     """
     width = max(dr.width(origin), dr.width(direction))
     lane = dr.arange(UInt32, width) + dr.opaque(UInt32, 0)
@@ -149,7 +149,7 @@ def _unit(seed: UInt32) -> Array3f:
 
 
 def medium_ahead(plugin: Any, origin: Array3f, direction: Array3f, active: Bool) -> UInt32:
-    """Return the number of the medium that the next interface along rays names on the near side, 0 if there is none.
+    """Return the medium that the next interface along rays names on its near side, by number; 0 if there is none.
 
     Rays pass surfaces that transmit light and name no medium; opaque ones stop them.
     """

@@ -1,7 +1,7 @@
-"""Media as kernels and estimators need them: coefficients, transmittance, looks.
+"""Media in the form that kernels and estimators need: coefficients, transmittance, looks.
 
-Mitsuba's own integrators track media from the sensor on, over the surfaces that a path passes, and rely on the medium
-that the sensor names. Light paths begin at emitters, which seldom name one: see `surroundings`.
+Mitsuba's own integrators track the medium from the sensor onward, across the surfaces that a path passes, and rely on
+the medium that the sensor names. Light paths begin at emitters, which seldom name one: see `surroundings`.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from .tracking import SEGMENTS, MediumSegment, Track, Tracked, glow, scattering_
 
 mi = mitsuba()
 
-# Distances from here on count as infinite.
+# Distances from this one on count as infinite.
 _FAR = 1e30
 
 
@@ -56,7 +56,7 @@ class MediumScattering(Factor):
 
 
 def _with(own: Factor, kind: type[Factor], given: Factor) -> Factor:
-    """Return a factor with a medium's own one for those of a kind, in products, too, as looks of stages are."""
+    """Return a factor with those of class `kind` replaced by the medium's own, also in products, as stage looks are."""
     if type(given) is Product:
         return Product([_with(own, kind, each) for each in given.factors])
     return own if type(given) is kind else given
@@ -65,8 +65,8 @@ def _with(own: Factor, kind: type[Factor], given: Factor) -> Factor:
 class ShortBeamAttenuation(Factor):
     """Attenuation along short beams: exp(−σt s) over its mean over the channels.
 
-    Short beams end with their free flight, so that the number of beams that reach s falls with the transmittance; for
-    grey media the factor is 1.
+    Short beams end with their free flight, so the number of beams that reach s already falls with the transmittance.
+    For grey media the factor is 1.
     """
 
     def evaluate(self, at: ShadingContext) -> Any:
@@ -76,7 +76,7 @@ class ShortBeamAttenuation(Factor):
 
 
 def _in_grid(plugin: Any, point: Any) -> Any:
-    """Return whether points lie in the box of a heterogeneous medium: beyond it grids are clamped, but it ends."""
+    """Return whether points lie in a heterogeneous medium's box: it ends there, though its grid is clamped."""
     inside, enter, leave = plugin.intersect_aabb(mi.Ray3f(mi.Point3f(point), mi.Vector3f(0.6, 0.64, 0.48)))
     return inside & (enter <= 0) & (leave >= 0)
 
@@ -97,11 +97,11 @@ class RenderedMedium:
     plugin
         Mitsuba's medium.
     medium, look
-        Its coefficients (of a heterogeneous medium the greatest) and its physical look, for estimators.
+        Its coefficients (the greatest ones of a heterogeneous medium) and its physical look, for estimators.
     tracked
-        Of a heterogeneous medium: the look's factor toward the camera, for which rays have to be tracked.
+        For a heterogeneous medium, the look's factor toward the camera, for which rays have to be tracked.
     colored
-        Of a heterogeneous medium: whether its extinction has a colour.
+        For a heterogeneous medium, whether its extinction has a colour.
     """
 
     number: int
@@ -135,7 +135,7 @@ class RenderedMedium:
         return _extinction(self.plugin, point, Bool(True))
 
     def track(self, origin: Any, direction: Any, near: Any, far: Any, seed: Any, active: Any) -> None:
-        """Track rays from `near` to `far` for the factor toward the camera; homogeneous media need no tracking."""
+        """Track rays from `near` to `far` for the factor toward the camera; without effect on homogeneous media."""
         if self.tracked is not None:
             self.tracked.track = Track(self.segment(origin, direction, near, far, seed), self.extinction, active)
 
@@ -148,7 +148,7 @@ class RenderedMedium:
     def scattering_point(
         self, origin: Any, direction: Any, far: Any, seed: Any, sample: Any, active: Any
     ) -> tuple[Any, Any]:
-        """Return a point on rays, up to `far`, at which the medium scatters light toward them, and its weight."""
+        """Return a point on each ray, up to `far`, at which the medium scatters light toward it, and its weight."""
 
         def scattering(point: Any) -> Array3f:
             place = dr.zeros(mi.MediumInteraction3f, dr.width(point))
@@ -174,18 +174,18 @@ class Media:
     plugins
         Mitsuba's media; repeated ones count once.
     around
-        The Mitsuba scene, if several of its shapes hold media, which may touch; else None.
+        The Mitsuba scene, if several of its shapes have media inside, which may touch; else None.
     filling, clear
         The medium that fills the whole space, and whether it leaves light from infinity undimmed.
     unfelt
-        Beams-only media, which do not dim surfaces.
+        Media that only beams feel: they do not dim surfaces.
     emission
-        Mitsuba's volumes of what heterogeneous media emit along a scene unit, by the media's numbers.
+        Mitsuba's volumes of the radiance that heterogeneous media emit per scene unit, by the media's numbers.
 
     Raises
     ------
     SceneError
-        A medium that cannot be rendered.
+        A medium cannot be rendered.
     """
 
     def __init__(
@@ -193,9 +193,9 @@ class Media:
         unfelt: Sequence[Any] = (), emission: Mapping[int, Any] | None = None,
     ) -> None:  # fmt: skip
         found = {number(plugin): plugin for plugin in plugins if plugin is not None}
-        for each in found.values():  # all of them first: Mitsuba calls all phase functions where it calls one
+        for each in found.values():  # first, because a call of one phase function calls those of all media
             check_phase(each)
-        # In the order of the scene: numbers differ from one process to the next, and so would the sums of light.
+        # In the scene's order. Numbers differ between processes: in their order, sums of light would round differently.
         self.all = tuple(_rendered(each, found[each]) for each in found)
         size = max(found, default=0) + 2  # a gather from an array of one is a broadcast, hence another kernel
         table = np.zeros((3, size, 3))
@@ -214,7 +214,7 @@ class Media:
 
     @classmethod
     def of(cls, plugin: Any) -> Media:
-        """Return the media of a Mitsuba scene: in and around its shapes, and those that sensors and emitters name."""
+        """Return the media of a Mitsuba scene: those inside and around shapes, and those of sensors and emitters."""
         named = [each.get_medium() for each in (*plugin.sensors(), *plugin.emitters())]
         shapes = parts(plugin, mi.Shape)
         several = sum(each.interior_medium() is not None for each in shapes) > 1 or any(map(_repeats, shapes))
@@ -234,7 +234,7 @@ class Media:
         return kind.x > 0, kind.y > 0
 
     def absorbed(self, medium: UInt32, distance: Float) -> Array3f:
-        """Return exp(−σt x) of homogeneous media; in empty space it is 1, however long the distance."""
+        """Return exp(−σt x) of homogeneous media; in empty space it is 1, even at an infinite distance."""
         extinction = self.extinction(medium)
         thick = extinction > 0
         if self._clear:
@@ -242,7 +242,7 @@ class Media:
         return dr.select(thick, dr.exp(-extinction * distance), 1)
 
     def felt(self, medium: UInt32, transmittance: Array3f) -> Array3f:
-        """Return a transmittance for surfaces: 1 of beams-only media."""
+        """Return a transmittance as surfaces feel it: 1 in beams-only media."""
         if self._felt is None:
             return transmittance
         return dr.select(dr.gather(UInt32, self._felt, medium) > 0, transmittance, 1)
@@ -251,10 +251,10 @@ class Media:
         self, medium: UInt32, origin: Array3f, direction: Array3f, distance: Float, seed: UInt32, active: Bool,
         coarse: bool = False,
     ) -> Array3f:  # fmt: skip
-        """Return the transmittance over a distance along rays; of heterogeneous media an unbiased estimate.
+        """Return the transmittance over a distance along rays, an unbiased estimate in heterogeneous media.
 
-        Pieces are a quarter of a free path at the greatest extinction; a whole one in a `coarse` estimate, for those
-        whose noise hardly counts.
+        Pieces are a quarter of a free path long, at the greatest extinction. In a `coarse` estimate, for rays whose
+        noise hardly counts, they are a whole free path long.
         """
         plain = self.absorbed(medium, distance)
         if not self.any_varying:
@@ -274,7 +274,7 @@ class Media:
         )
 
     def all_felt(self) -> Media:
-        """Return the media as beams feel them: all of them dim light."""
+        """Return the media as beams feel them, all of which dim light."""
         if self._felt is None:
             return self
         result = copy(self)
@@ -289,7 +289,7 @@ class Media:
     def emitted(
         self, medium: UInt32, origin: Array3f, direction: Array3f, distance: Float, seed: UInt32, active: Bool
     ) -> Array3f:
-        """Return the radiance that media emit along rays over a distance, an unbiased estimate."""
+        """Return an unbiased estimate of the radiance that media emit along rays over a distance."""
         result = dr.zeros(Array3f, dr.width(direction))
         for each, volume in self._emission:
             inside = active & (medium == dr.opaque(UInt32, each.number))
@@ -304,10 +304,10 @@ class Media:
         return result
 
     def beyond(self, hit: Any, direction: Any, medium: UInt32, active: Bool) -> UInt32:
-        """Return the number of the medium that rays enter at a hit; where it is no interface, the medium before it.
+        """Return the number of the medium that rays enter at a hit; if that is no interface, `medium`, where they were.
 
-        Reflected light stays in its medium where the interface names none on that side. Where two interfaces coincide,
-        a ray meets only one of them: if that leads into empty space, the next interface decides.
+        Reflected light stays in its medium if the interface names none on that side. Where two interfaces coincide, a
+        ray meets only one of them; if that one leads into empty space, the next interface decides.
         """
         direction = mi.Vector3f(direction)
         interface = hit.is_medium_transition()
@@ -340,14 +340,14 @@ class _Parts(mi.TraversalCallback):  # type: ignore[misc, name-defined]
 
 
 def parts(plugin: Any, kind: type) -> list[Any]:
-    """Return all parts of a Mitsuba scene that are of a kind, those of groups of shapes too."""
+    """Return all parts of a Mitsuba scene that are of a class, including those in shape groups."""
     found: dict[Any, None] = {}
     plugin.traverse(_Parts(found))
     return [each for each in found if isinstance(each, kind)]
 
 
 def boxes(shapes: Iterable[Any]) -> dict[int, Any]:
-    """Return the box around all shapes that hold a medium, by the numbers of media."""
+    """Return the box around all shapes with a medium inside, by the numbers of media."""
     result: dict[int, Any] = {}
     for shape in shapes:
         if shape.interior_medium() is not None:
@@ -356,7 +356,7 @@ def boxes(shapes: Iterable[Any]) -> dict[int, Any]:
 
 
 def _rendered(own: int, plugin: Any) -> RenderedMedium:
-    """Return a medium as estimators see it."""
+    """Return a Mitsuba medium in the form that estimators need."""
     name = plugin.id() or plugin.class_name()
     check_numbers(plugin, name)
     place = dr.zeros(mi.MediumInteraction3f)
@@ -380,13 +380,13 @@ def _rendered(own: int, plugin: Any) -> RenderedMedium:
 
 
 def _has_color(plugin: Any) -> bool:
-    """Return whether a medium's extinction differs between channels; one that nobody knows may."""
+    """Return whether a medium's extinction may differ between channels."""
     data = next((value for key, value in mi.traverse(plugin) if key == "sigma_t.data"), None)
     return data is None or data.shape[-1] != 1
 
 
 def _scattering(plugin: Any) -> tuple[float, Look]:
-    """Return g and the look of a medium: those of Henyey and Greenstein where its phase function is theirs."""
+    """Return g and the look of a medium; g is 0 where its phase function is not Henyey and Greenstein's."""
     phase = plugin.phase_function()
     if phase.class_name() == "IsotropicPhaseFunction":
         return 0.0, Look()

@@ -19,13 +19,13 @@ mi = mitsuba()
 class MeshLamp(Lamp):
     """A mesh that radiates from its outer side, sampled uniformly in area by Mitsuba.
 
-    Each is a kind of its own to kernels: a mesh is not packed with others.
+    Kernels treat each mesh light by itself: it is not packed with others.
     """
 
     def __init__(self, light: scene.MeshLight, host: Any = None) -> None:
         assert light.mesh is not None
         emitter = mi.load_dict({"type": "area", "radiance": radiance_of(light.radiance, light.image)})
-        # Faces radiate evenly, whatever normals they are shaded with.
+        # Without normals: faces radiate evenly, whatever normals they are shaded with.
         self._shape = shape_of(replace(light.mesh, normals=None), emitter=emitter)
         self._emitter = emitter
         self._scene = scene_of([self._shape], host)
@@ -40,7 +40,7 @@ class MeshLamp(Lamp):
         return self.shaping.factor(dr.dot(direction, self.axis))
 
     def position(self, u: Array2f) -> tuple[Array3f, Array3f, Array3f]:
-        """Return points uniform in area, off the surface by its rounding, with normal and radiance."""
+        """Return points uniform in area, with normal and radiance, moved off the surface by its rounding error."""
         sample = self._shape.sample_position(0.0, mi.Point2f(u))
         place = dr.zeros(mi.SurfaceInteraction3f, dr.width(u))
         place.p, place.n, place.uv, place.wi = sample.p, sample.n, sample.uv, mi.Vector3f(0, 0, 1)
@@ -68,7 +68,7 @@ class MeshLamp(Lamp):
 
 
 def _at(point: Array3f) -> Any:
-    """Return Mitsuba's record of a point that is lit."""
+    """Return Mitsuba's interaction at a point that is lit."""
     result = dr.zeros(mi.SurfaceInteraction3f, dr.width(point))
     result.p = mi.Point3f(point)
     return result

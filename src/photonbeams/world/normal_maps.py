@@ -1,17 +1,17 @@
 """A BSDF seen through a normal or bump map: Mitsuba's `normalmap` and `bumpmap`, without their black rims.
 
-A mapped normal N may face away from the direction ωi that a surface is seen from, or send what is sampled around it
-below the surface. Mitsuba's plug-ins give black there. What is done instead depends on the BSDF inside:
+A mapped normal N may face away from the direction ωi from which a surface is seen, and directions sampled around N may
+lie below the surface. Mitsuba's plug-ins return black there. What this one does depends on the BSDF inside:
 
-- Specular ones (mirrors, metal, glass): an N that faces away is mirrored at the plane across ωi, and what leaves
-  through the surface is mirrored at the tangent plane, as light that bounces once more between facets (Schüssler et
-  al., Microfacet-based Normal Mapping, 2017). Both are continuous, and no light is lost: seen from ωi, the albedo is
-  that of the BSDF around N.
-- Diffuse ones are seen from the front, wherever N points, as in other renderers.
-- Mixed ones would be too bright with the former at grazing light. N is bent toward the surface's normal, as far as the
-  mirror direction of ωi comes above the surface (as Cycles does); of a glossy lobe, at most half is then lost.
+- Specular ones (mirrors, metal, glass): an N that faces away is mirrored at the plane across ωi, and directions that
+  would leave through the surface are mirrored at the tangent plane, like light that bounces once more between facets
+  (Schüssler et al., Microfacet-based Normal Mapping, 2017). Both are continuous, and no light is lost: seen from ωi,
+  the albedo is that of the BSDF around N.
+- Diffuse ones are always seen from the front, wherever N points, as in other renderers.
+- Mixed ones would be too bright with either at grazing light. N is bent toward the surface's normal until the mirror
+  direction of ωi is above the surface (as in Cycles). Of a glossy lobe, at most half is then lost.
 
-As with every such means, the BSDF is not reciprocal where they come into effect.
+Like every such remedy, they make the BSDF non-reciprocal where they have an effect.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ mi = mitsuba()
 #: The plug-in's type in Mitsuba's dictionaries.
 NORMAL_MAP = "photonbeams_normalmap"
 
-#: What is inside: BSDFs of specular, diffuse, or both kinds of lobes.
+#: Kinds of the BSDF inside: its lobes are specular, diffuse, or both.
 SPECULAR, DIFFUSE, MIXED = "specular", "diffuse", "mixed"
 
 _LEAST = 1e-3  # cosine between N and ωi, or the surface's normal: below, directions cancel in float32
@@ -35,10 +35,10 @@ _ABOVE = 0.01  # cosine of a bent N's mirror direction
 
 
 class NormalMap(mi.BSDF):  # type: ignore[name-defined]
-    """The plug-in, with the BSDF inside, what that is in `lobes`, and one of two textures.
+    """The plug-in. It takes a BSDF, the kind of that as `lobes`, and one of two textures.
 
-    `normalmap` is n / 2 + 1 / 2 in tangent space: the tangent points along u and the bitangent along v, also where the
-    UVs are mirrored. `slopes` are the derivatives of a bump map's heights by u and v (`scene.UVTexture.slopes`).
+    `normalmap` holds n / 2 + 1 / 2 in tangent space, where the tangent points along u and the bitangent along v, even
+    if the UVs are mirrored. `slopes` holds the derivatives of a bump map's heights by u and v (`scene.UVTexture.slopes`).
     """
 
     def __init__(self, properties: Any) -> None:
@@ -51,7 +51,7 @@ class NormalMap(mi.BSDF):  # type: ignore[name-defined]
         self.m_flags = self._inner.flags()
 
     def traverse(self, callback: Any) -> None:
-        """Show Mitsuba the parts."""
+        """List the texture and the BSDF inside for Mitsuba."""
         callback.put(
             "slopes" if self._bumps else "normalmap",
             self._map,
@@ -60,7 +60,7 @@ class NormalMap(mi.BSDF):  # type: ignore[name-defined]
         callback.put("nested_bsdf", self._inner, mi.ParamFlags.Differentiable)
 
     def sample(self, context: Any, hit: Any, sample1: Any, sample2: Any, active: Any = True) -> Any:
-        """Sample the BSDF inside; what leaves through the surface is mirrored, or lost."""
+        """Sample the BSDF inside; directions through the surface are mirrored, or get no weight."""
         frame, inside = self._turned(hit, active)
         sample, weight = self._inner.sample(context, inside, sample1, sample2, active)
         outgoing = frame.to_world(sample.wo)
@@ -76,7 +76,7 @@ class NormalMap(mi.BSDF):  # type: ignore[name-defined]
         return sample, weight
 
     def eval_pdf(self, context: Any, hit: Any, outgoing: Any, active: Any = True) -> Any:
-        """Return value and density: those of the direction, and of the one that is mirrored to it."""
+        """Return value and density, which for specular BSDFs include those of the mirrored direction."""
         frame, inside = self._turned(hit, active)
         reflects = outgoing.z * hit.wi.z > 0
         value, density = mi.Color3f(0), Float(0)
@@ -96,11 +96,11 @@ class NormalMap(mi.BSDF):  # type: ignore[name-defined]
         return self.eval_pdf(context, hit, outgoing, active)[1]
 
     def eval_diffuse_reflectance(self, hit: Any, active: Any = True) -> Any:
-        """Return that of the inner BSDF."""
+        """Return the diffuse reflectance of the BSDF inside."""
         return self._inner.eval_diffuse_reflectance(hit, active)
 
     def normal(self, hit: Any, active: Any = True) -> Any:
-        """Return the mapped normal in the coordinates of the shading frame, before it is turned toward anyone."""
+        """Return the mapped normal in the shading frame, before it is turned toward the viewer."""
         found, n = self._map.eval_3(hit, active), hit.sh_frame.n
         area = dr.dot(dr.cross(hit.dp_du, hit.dp_dv), n)
         if self._bumps:
@@ -114,7 +114,7 @@ class NormalMap(mi.BSDF):  # type: ignore[name-defined]
         return mi.Normal3f(dr.normalize(hit.to_local(world)))
 
     def _turned(self, hit: Any, active: Any) -> tuple[Any, Any]:
-        """Return the frame around the normal, in the shading frame, and the hit as the BSDF inside sees it."""
+        """Return the frame around the turned normal, in the shading frame, and the hit as the BSDF inside sees it."""
         incident, normal = hit.wi, self.normal(hit, active)
         facing = dr.select(incident.z < 0, -1, 1) * incident
         if self._lobes == SPECULAR:
@@ -137,10 +137,10 @@ class NormalMap(mi.BSDF):  # type: ignore[name-defined]
 
 
 def _bent(normal: Any, facing: Any) -> Any:
-    """Return a normal that mirrors a direction above the surface.
+    """Return N, bent until the mirror image of a direction lies above the surface.
 
-    In the plane of N and the surface's normal, with the angle θ between these, and φ that of the direction's
-    projection, of length ρ, the mirrored direction has the cosine ρ cos(2 θ − φ).
+    Let θ be the angle between N and the surface's normal. In the plane of these, let the direction's projection have
+    the length ρ and the angle φ to the surface's normal. The mirrored direction then has the cosine ρ cos(2 θ − φ).
     """
     sine = dr.maximum(dr.norm(mi.Vector2f(normal.x, normal.y)), 1e-9)
     x, y = normal.x / sine, normal.y / sine

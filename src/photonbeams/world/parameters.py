@@ -1,4 +1,4 @@
-"""The parameters of Mitsuba's objects, by which it is known whether anything has changed."""
+"""The parameters of Mitsuba's objects, to find out whether anything has changed."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ mi = mitsuba()
 
 
 def values_of(parameters: Any) -> Iterator[tuple[str, Any]]:
-    """Yield names and values of what Mitsuba's `traverse` returns, but for parameters that have no value."""
+    """Yield the names and values of what Mitsuba's `traverse` returns, without parameters that have no value."""
     for name in list(parameters.properties):
         try:
             value = parameters[name]
-        except TypeError:  # as those of hair, which Mitsuba lists and cannot return
+        except TypeError:  # such as parameters of hair, which Mitsuba lists but cannot return
             continue
         yield name, value
 
 
 class Parameters:
-    """All parameters of some of Mitsuba's objects at one time; equal where none has changed in between.
+    """A snapshot of all parameters of some Mitsuba objects; two are equal if no parameter has changed in between.
 
-    Whoever sets a parameter makes a new variable of Dr.Jit's: nothing is compared but which variables these are. While
-    they are held here, no other variable is given their numbers.
+    Setting a parameter creates a new Dr.Jit variable, so only the variables' numbers are compared, not their values.
+    While the variables are held here, no other variable gets their numbers.
     """
 
     def __init__(self, *objects: Any) -> None:
@@ -37,7 +37,7 @@ class Parameters:
                 self._names.append((name, *self._variables(value)))
 
     def _variables(self, value: Any) -> list[Any]:
-        """Return the numbers of a value's variables, or the value where it has none."""
+        """Return the numbers of a value's variables, or the value itself where it has none."""
         if dr.is_tensor_v(value):
             return [*value.shape, *self._variables(value.array)]
         if not dr.is_array_v(value):
