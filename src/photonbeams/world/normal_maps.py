@@ -38,7 +38,8 @@ class NormalMap(mi.BSDF):  # type: ignore[name-defined]
     """The plug-in. It takes a BSDF, the kind of that as `lobes`, and one of two textures.
 
     `normalmap` holds n / 2 + 1 / 2 in tangent space, where the tangent points along u and the bitangent along v, even
-    if the UVs are mirrored. `slopes` holds the derivatives of a bump map's heights by u and v (`scene.UVTexture.slopes`).
+    if the UVs are mirrored. `slopes` holds the derivatives of a bump map's heights by u and v, from
+    `scene.UVTexture.slopes`.
     """
 
     def __init__(self, properties: Any) -> None:

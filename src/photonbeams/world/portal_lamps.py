@@ -1,7 +1,7 @@
-"""Environments behind a portal, as points that they light sample them: half of the samples go through the portal.
+"""Environments behind a portal, sampled from the points that they light: half of the samples go through the portal.
 
-The sky in a window is a small part of the sky: directions by brightness alone mostly meet the wall beside it. The two
-ways are one density, their mean (the balance heuristic of Veach 1997), so that light past the portal is not lost.
+A window shows a small part of the sky, so directions that are sampled by brightness mostly meet the wall beside it. The
+density is the mean of both ways of sampling (the balance heuristic of Veach 1997), so no light past the portal is lost.
 """
 
 from __future__ import annotations
@@ -20,19 +20,19 @@ from .portals import Portal
 
 mi = mitsuba()
 
-# Rectangles are wider on each side by this part: what passes just beside one that was fitted would be bright dots.
+# Rectangles are widened by this fraction on each side: light just beside a fitted one would be bright dots.
 _MARGIN = 0.05
 
 
 class ThroughPortal:
-    """An environment, as a lamp is (`lights`), half of whose samples are directions to a portal's rectangle.
+    """A lamp (see `lights`) for an environment: half of its samples are directions to a portal's rectangle.
 
     Parameters
     ----------
     lamp
-        The environment: directions with a density, and what rays see of it.
+        The environment, which samples directions and says what rays see of it.
     portal
-        The opening, which is planar: elsewhere a direction has no density in closed form.
+        The opening, which must be planar: only then does a direction have a density in closed form.
     """
 
     def __init__(self, lamp: Any, portal: Portal) -> None:
@@ -47,7 +47,7 @@ class ThroughPortal:
         self._across = [opaque(each / (each @ each)) for each in wide]
 
     def illuminate(self, point: Array3f, u: Array2f) -> Illumination:
-        """Return a direction, by either way with the same probability."""
+        """Return a sample of the light, by either way with the same probability."""
         first = u.x < 0.5
         own = Array2f(dr.select(first, 2 * u.x, 2 * u.x - 1), u.y)
         to = self._corner + own.x * self._edges[0] + own.y * self._edges[1] - point
@@ -58,7 +58,7 @@ class ThroughPortal:
         return Illumination(direction, sample.distance, weight, found.pdf)
 
     def see(self, origin: Array3f, direction: Array3f) -> LightHit:
-        """Return what a ray sees that meets nothing."""
+        """Return the light of the environment along a ray that meets nothing else."""
         found = self.lamp.see(origin, direction)
         return LightHit(found.hit, found.distance, found.radiance, self.density(origin, direction, found.pdf))
 
@@ -74,19 +74,19 @@ class ThroughPortal:
 
 
 def behind(lamp: Any, portal: Portal | None) -> Any:
-    """Return a lamp as points that it lights sample it: another one if it is an environment behind a planar portal."""
+    """Return the lamp to sample from lit points: `ThroughPortal` for an environment behind a planar portal."""
     if portal is None or portal.sides is None or not isinstance(bare(lamp), DomeLamp):
         return lamp
     return ThroughPortal(lamp, portal)
 
 
 class EnvironmentPortal:
-    """The planar portal before the environment of a Mitsuba scene, for samples of any of the scene's emitters.
+    """The planar portal before the environment of a Mitsuba scene, for samples of all the scene's emitters.
 
     Attributes
     ----------
     chosen
-        The probability with which the scene chooses the environment among its emitters.
+        The probability with which the scene's emitter sampling chooses the environment.
     """
 
     def __init__(self, plugin: Any, portal: Portal) -> None:
@@ -100,9 +100,9 @@ class EnvironmentPortal:
         return numbers == self._number
 
     def sampled(self, place: Array3f, light: Any, radiance: Any, u: Array2f, probability: Any) -> tuple[Any, Any]:
-        """Return a sample of an emitter, and its radiance over the density; of the environment, like `ThroughPortal`'s.
+        """Return a sample of an emitter and its radiance over the density; samples of the environment are replaced.
 
-        `probability` is that with which the emitter was chosen.
+        `ThroughPortal` makes these. `probability` is that with which the emitter was chosen.
         """
         own, mine = self._lamp.illuminate(place, u), self._is_environment(light.emitter)
         light.d = dr.select(mine, mi.Vector3f(own.direction), light.d)
@@ -112,6 +112,6 @@ class EnvironmentPortal:
         return light, dr.select(mine, own.weight / probability, radiance)
 
     def density(self, emitter: Any, place: Array3f, direction: Array3f, own: Float, probability: Any) -> Float:
-        """Return the density of `sampled` for a direction in which an emitter is, where the emitter has `own`."""
+        """Return the density of `sampled` for a direction to an emitter, for which the emitter itself has `own`."""
         through = self._lamp.density(place, direction, own / probability) * probability
         return dr.select(self._is_environment(emitter), through, own)

@@ -1,7 +1,7 @@
 """Portals: the openings through which light reaches a shot, and points on them.
 
-A planar portal, which nearly all are, is sampled by stratified points of its tight bounding rectangle, of which those
-that miss the portal are dropped: a keyhole's outline costs candidates, not stratification.
+Nearly all portals are planar. Stratified points are sampled in the tight bounding rectangle of such a portal, and those
+that miss the portal are dropped: an outline such as a keyhole's costs candidates, but not stratification.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from .shapes import scene_of, shape_of
 
 mi = mitsuba()
 
-# How much wider the surround of a portal is on each side, as a part of the portal.
+# How much wider than the portal its surround is on each side, as a fraction of the portal's width.
 _SURROUND = 0.3
 
 _TWO_TRIANGLES = [[0, 1, 2], [0, 2, 3]]
@@ -33,20 +33,20 @@ class _Rectangle:
     edge_x: Any
     edge_y: Any
     normal: Any
-    lift: Any  # from where a ray looks for the portal
+    lift: Any  # distance from the rectangle at which rays that look for the portal begin
 
 
 class Portal:
-    """An opening, as a small Mitsuba scene of its own, beside the scene `host` (`scene_of`).
+    """An opening, as a small Mitsuba scene of its own; `host` is explained in `scene_of`.
 
     Attributes
     ----------
     area
-        What the sampled points are uniform over: the area of the bounding rectangle, or of the portal itself.
+        The area over which sampled points are uniform: that of the bounding rectangle; if not planar, of the portal.
     fill
-        The part of the candidates that meets the portal.
+        The fraction of candidates that lie on the portal.
     sides
-        A corner of the bounding rectangle and the two edges from it, float64; None of a portal that is not planar.
+        A corner of the bounding rectangle and the two edges from it, float64; None if the portal is not planar.
     """
 
     def __init__(self, mesh: scene.Mesh, shape: Any, host: Any) -> None:
@@ -61,9 +61,9 @@ class Portal:
 
     @cached_property
     def surround(self) -> Portal | None:
-        """The bounding rectangle, wider on each side: what it holds beside the portal are the edges of the hole.
+        """The bounding rectangle, widened on each side, to include the edges of the hole around the portal.
 
-        None of a portal that is not planar.
+        None if the portal is not planar.
         """
         if self.sides is None:
             return None
@@ -87,7 +87,7 @@ class Portal:
         return point, normal, self.scene.ray_test(ray)
 
     def crosses(self, origin: Array3f, direction: Array3f, distance: Any = None) -> Bool:
-        """Return which rays, no longer than `distance`, pass the portal."""
+        """Return which rays pass the portal within `distance`."""
         ray = mi.Ray3f(mi.Point3f(origin), mi.Vector3f(direction))
         if distance is not None:
             ray.maxt = distance
@@ -95,9 +95,9 @@ class Portal:
 
 
 def _bounding_rectangle(mesh: scene.Mesh) -> tuple[_Rectangle | None, float, Any]:
-    """Return the smallest rectangle along an edge that holds a planar portal, its area, and its corner and edges.
+    """Return a planar portal's bounding rectangle, its area, and its corner and edges; None, 0, None if not planar.
 
-    None if not planar.
+    It is the smallest one that is parallel to one of the portal's edges.
     """
     plane = mesh.plane()
     if plane is None:
@@ -122,5 +122,5 @@ def _bounding_rectangle(mesh: scene.Mesh) -> tuple[_Rectangle | None, float, Any
 
 
 def count_candidates(fill: float, count: int) -> int:
-    """Return how many candidates leave about `count` of them, where the part `fill` of them is left."""
+    """Return how many candidates are needed to keep about `count`, if the fraction `fill` of them is kept."""
     return max(1, round(count / fill))

@@ -1,4 +1,4 @@
-"""Angular profiles in Dr.Jit: a table over the directions, and directions that follow it."""
+"""Angular profiles in Dr.Jit: a table over directions, and directions sampled from it."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from .illumination import ShapingFactor
 
 mi = mitsuba()
 
-_FAINT = 1e-3  # of the mean: the least density of directions in which a profile may shine
+_FAINT = 1e-3  # least density of directions in which a profile may shine, as a fraction of the mean
 
 
 class ProfileTable:
-    """A profile on a light: `side`, `up` and `back` are the light's axes; `first` is its place among many pixels."""
+    """The profile of a light with the axes `side`, `up`, `back`; `first` is its first pixel's index in an array."""
 
     DRJIT_STRUCT: ClassVar[dict[str, Any]] = {
         "side": Array3f, "up": Array3f, "back": Array3f, "first": UInt32, "columns": Float, "rows": Float,
@@ -36,7 +36,7 @@ class ProfileTable:
 
     @classmethod
     def of(cls, profile: scene.Profile, frame: Any) -> ProfileTable:
-        """Return the profile of a light with this frame."""
+        """Return the table for a light with this frame, (4, 4)."""
         result = cls()
         axes = np.asarray(frame, dtype=np.float64)[:3, :3]
         result.side, result.up, result.back = (opaque(axes[:, each]) for each in range(3))
@@ -46,7 +46,7 @@ class ProfileTable:
         return result
 
     def factor(self, direction: Array3f, pixels: Array3f) -> Array3f:
-        """Return the profile's factor for light that leaves along a direction."""
+        """Return the profile's factor on light that leaves along a direction."""
         x, y, z = (-dr.dot(direction, axis) for axis in (self.side, self.up, self.back))
         theta = self._scaled(dr.safe_acos(z))
         phi = dr.atan2(y, x)
@@ -66,19 +66,19 @@ class ProfileTable:
         return dr.lerp(upper, lower, dr.clip(row - top, 0, 1))
 
     def direction(self, theta: Float, phi: Float) -> Array3f:
-        """Return the direction at angles from the light's axis and around it."""
+        """Return the direction at `theta` from the light's axis and `phi` around it, in radians."""
         sine, cosine = dr.sincos(theta)
         around, aside = dr.sincos(phi)
         return -(self.side * (sine * aside) + self.up * (sine * around) + self.back * cosine)
 
     def _scaled(self, theta: Float) -> Float:
-        """Return the angle of the profile for an angle from the light's axis."""
+        """Return the angle in the profile for an angle from the light's axis, by the profile's angle scale."""
         stretched = dr.pi + (theta - dr.pi) / -self.scale
         return dr.select(self.scale > 0, theta / self.scale, dr.select(self.scale < 0, stretched, theta))
 
 
 class ProfileSampler:
-    """Directions with a density like what a light with a profile radiates, its cone and its own cosine included."""
+    """Directions in proportion to what a light with a profile radiates, including its cone, and its cosine if flat."""
 
     def __init__(self, table: ProfileTable, shaping: scene.Shaping, flat: bool) -> None:
         self._table, self._warp = table, _warp(shaping, flat)
@@ -102,7 +102,7 @@ def _warp(shaping: scene.Shaping, flat: bool) -> Any:
     if flat:
         shape = shape * np.maximum(np.cos(theta), 0)
     value = profile.at(np.degrees(theta)[:, None], np.degrees(phi)) * shape[:, None]
-    # A scaled profile has its edges between the rows: the greatest of the neighbours leaves none of it out.
+    # The edges of a scaled profile lie between rows: with the maximum of neighbouring rows, none of it is left out.
     padded = np.pad(value, ((1, 1), (0, 0)), mode="edge")
     value = np.maximum(np.maximum(padded[:-2], padded[1:-1]), padded[2:])
     sine = np.sin(theta)[:, None]

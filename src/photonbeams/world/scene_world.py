@@ -32,16 +32,16 @@ class SceneWorld(World):
     Parameters
     ----------
     plugin, eye
-        The scene, and the place where camera paths begin: of a sensor, `surroundings.place_of_sensor`; None: nowhere.
+        The scene, and the place where camera paths begin (see `surroundings.place_of_sensor`); None: no camera.
     sources
         What the beams of its emitters have in common; several emitters may share one.
     beams
-        What is said of each emitter, by number; () says nothing.
+        The settings of each emitter, in the scene's order; () stands for the defaults.
 
     Raises
     ------
     SceneError
-        A medium that cannot be rendered, a scene that is too large; a gobo or a portal that an emitter cannot have.
+        A medium cannot be rendered, the scene is too large, or an emitter cannot have its gobo or its portal.
     """
 
     cutouts = narrows = False
@@ -72,7 +72,7 @@ class SceneWorld(World):
         return self.surroundings.of_sensor(origin, direction)
 
     def colors(self, emitter: Any, point: Array3f, direction: Array3f, distance: Float) -> Array3f:
-        """Return the colours of the images before emitters (pointers) that light from there passes to points."""
+        """Return the colours of the images that light passes on its way from emitters (pointers) to points."""
         result = Array3f(1)
         for plugin, lamp in zip(self.plugin.emitters(), self.lamps, strict=True):
             if lamp is not None:
@@ -100,7 +100,7 @@ class SceneWorld(World):
 
 
 def _sphere(plugin: Any) -> tuple[np.ndarray, float]:
-    """Return centre and radius of a scene; the radius is 1 of one that is a point or nothing."""
+    """Return centre and radius of a scene; the radius is 1 if the scene is empty, or a point."""
     box = box_around(plugin)
     if not box.valid():
         return np.zeros(3), 1.0

@@ -1,4 +1,4 @@
-"""Mitsuba's sensors as cameras, so that their primary rays can use tiles."""
+"""Mitsuba's sensors as cameras, so that beams can be gathered along their rays by tiles."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ _LENS = 101  # stream of samples
 class PrimaryRays:
     """Primary rays of a pass, one for each pixel of the crop window, row by row.
 
-    `near` and `far` bound the rays, `weight` is their initial throughput. `facing` is planar depth per unit of
-    distance, `lanes` are the origins and times of groups of pixels (`world.cameras.CameraRays`), both None where the
-    sensor has no projection.
+    `near` and `far` bound the rays, and `weight` is their initial throughput. `facing` is planar depth per unit of
+    distance, and `lanes` has the origins and times of groups of pixels (`world.cameras.CameraRays`); both are None if
+    the sensor has no projection.
     """
 
     origin: Any
@@ -41,7 +41,7 @@ class PrimaryRays:
 
     @classmethod
     def joined(cls, each: Sequence[PrimaryRays]) -> PrimaryRays:
-        """Return the rays of several passes as those of one, for estimates without tiles."""
+        """Return the rays of several passes as one, for estimates without tiles."""
         count = dr.width(each[0].direction)
 
         def all_of(name: str) -> Any:
@@ -53,14 +53,14 @@ class PrimaryRays:
         )  # fmt: skip
 
     def taken(self, index: Any) -> PrimaryRays:
-        """Return some of joined rays."""
+        """Return the rays at an index."""
         return PrimaryRays(
             taken(self.origin, index), taken(self.direction, index), taken(self.near, index), taken(self.far, index),
             taken(self.weight, index), taken(self.facing, index),
         )  # fmt: skip
 
     def with_more(self, more: PrimaryRays) -> PrimaryRays:
-        """Return these rays and more behind them, whose origin is the same where it is one for all."""
+        """Return these rays followed by more of them; if there is one origin for all, both must share it."""
         count = dr.width(self.direction)
 
         def both(own: Any, other: Any) -> Any:
@@ -83,7 +83,7 @@ class Sensor:
     window
         The film's size and its crop window.
     view
-        The camera that is given instead of the sensor, else the sensor as a camera; None where it is neither
+        The camera that is given instead of the sensor, or else the sensor as a camera; None if that is neither
         perspective nor orthographic.
     """
 
@@ -97,7 +97,7 @@ class Sensor:
     def rays(self, places: Array2f, order: Any, samples: Samples, sharp: bool = False) -> PrimaryRays:
         """Return a ray through each pixel, at its place in [0, 1)².
 
-        `order` are the pixels' numbers for their samples; `sharp` cameras have no lens.
+        `order` has the pixels' numbers for their samples. If `sharp`, the camera is a pinhole.
         """
         if self.view is None:
             return self._sampled(places, order, samples)
@@ -145,9 +145,9 @@ def window_of(film: Any) -> Window:
 
 
 def camera_of(plugin: Any) -> scene.Camera | None:
-    """Return a sensor as a camera of its whole film; None where it is neither perspective nor orthographic.
+    """Return a sensor as a camera with its whole film; None if it is neither perspective nor orthographic.
 
-    It is measured by the rays through the middle and the edges of the film.
+    The camera is measured by rays through the edges of the film.
     """
     window = window_of(plugin.film())
     width, height = window.width, window.height
@@ -168,7 +168,7 @@ def camera_of(plugin: Any) -> scene.Camera | None:
         )
     size_x, size_y = np.linalg.norm(across[1] - across[0]), np.linalg.norm(down[1] - down[0])
     right, up = (across[1] - across[0]) / size_x, (down[0] - down[1]) / size_y
-    middle = across[0] + across[1]  # twice where the middle of the film is
+    middle = across[0] + across[1]  # twice the place of the film's middle
     to_world = np.eye(4)
     to_world[:3, 0], to_world[:3, 1], to_world[:3, 2], to_world[:3, 3] = right, up, -forward, center
     if orthographic:
@@ -186,11 +186,11 @@ def camera_of(plugin: Any) -> scene.Camera | None:
 
 
 def _slopes(plugin: Any, forward: np.ndarray, window: Window, *places: tuple[float, float]) -> list[np.ndarray]:
-    """Return the points of rays through places of the film: at depth 1, or on the film of an orthographic camera."""
+    """Return points of rays through places of the film: offsets at depth 1, or origins of an orthographic camera."""
     (rows, columns), (left, top, _, _) = window.shape, window.crop
     result = []
     for across, down in places:
-        # Mitsuba counts in crop windows.
+        # Mitsuba's coordinates are relative to the crop window.
         x, y = (across * window.width - left) / columns, (down * window.height - top) / rows
         ray, _ = plugin.sample_ray(Float(0), Float(0.5), mi.Point2f(x, y), mi.Point2f(0.5), True)
         origin, direction = (np.ravel(np.asarray(each, dtype=np.float64)) for each in (ray.o, ray.d))

@@ -20,7 +20,7 @@ SMOOTH = 0.05
 
 
 def shapes_of(meshes: Sequence[scene.Mesh], sharp: bool = False) -> tuple[Any, ...]:
-    """Return all surfaces as Mitsuba's, mirrors and glass if `sharp`; meshes of one material share its BSDF."""
+    """Return all surfaces as Mitsuba shapes, with mirrors and glass if `sharp`; a material's BSDF is shared."""
     bsdfs: dict[int, Any] = {}
     for mesh in meshes:
         key = id(mesh.material)
@@ -32,7 +32,7 @@ def shapes_of(meshes: Sequence[scene.Mesh], sharp: bool = False) -> tuple[Any, .
 def shape_of(
     mesh: scene.Mesh, bsdf: Any = None, emitter: Any = None, interior: Any = None, exterior: Any = None
 ) -> Any:
-    """Return a mesh as Mitsuba's, with the media inside and outside of it."""
+    """Return a mesh as a Mitsuba shape, with the media inside and outside of it."""
     properties = mi.Properties()
     for name, value in (("bsdf", bsdf), ("emitter", emitter), ("interior", interior), ("exterior", exterior)):
         if value is not None:
@@ -59,15 +59,15 @@ def shape_of(
 
 
 def _vertex_values(material: scene.Material) -> dict[str, scene.Array]:
-    """Return what a material has at each vertex, by the names of Mitsuba's mesh attributes."""
+    """Return a material's values at vertices, by the names of Mitsuba's mesh attributes."""
     fields = vars(material).items()
     return {f"vertex_{name}": value.values for name, value in fields if isinstance(value, scene.VertexValues)}
 
 
 def scene_of(shapes: Sequence[Any], host: Any = None) -> Any:
-    """Return a Mitsuba scene of nothing but shapes, which keep their ids.
+    """Return a Mitsuba scene of shapes alone, which keep their ids.
 
-    A kernel on CUDA traces rays in several scenes only if all share the shader binding table of one, `host`.
+    On CUDA, a kernel can only trace rays in several scenes if all share the shader binding table of one, `host`.
     """
     names = [shape.id() for shape in shapes]
     children = {f"mesh_{index}": shape for index, shape in enumerate(shapes)}
@@ -80,15 +80,16 @@ def scene_of(shapes: Sequence[Any], host: Any = None) -> Any:
 
 
 def is_null(shape: Any) -> bool:
-    """Return whether all light passes a shape straight, whose BSDF has the null lobe alone."""
+    """Return whether all light passes straight through a shape: its BSDF has only a null lobe."""
     lobes = int(shape.bsdf().flags()) & int(mi.BSDFFlags.All)  # flags hold more than lobes
     return lobes == int(mi.BSDFFlags.Null)
 
 
 def sharp_bsdf_of(material: scene.Material) -> dict[str, Any] | None:
-    """Return a mirror or glass as Mitsuba describes it, None of another material.
+    """Describe a mirror or glass as a Mitsuba BSDF; None for another material.
 
-    What is transparent, but not absent in parts, is glass of its `ior`; metal that is smooth is a mirror of its colour.
+    A transparent material is glass of its `ior`, unless its opacity means presence; smooth metal is a mirror of its
+    colour.
     """
     if is_glass(material):
         assert isinstance(material.opacity, float | int)
@@ -112,28 +113,28 @@ def sharp_bsdf_of(material: scene.Material) -> dict[str, Any] | None:
 
 
 def is_glass(material: scene.Material) -> bool:
-    """Return whether a surface is transparent, and refracts."""
+    """Return whether a material is transparent and refracts."""
     clear = isinstance(material.opacity, float | int) and material.opacity < 1
     return clear and not material.presence and material.ior > 1.001
 
 
 def is_mirror(material: scene.Material) -> bool:
-    """Return whether a surface is an ideal mirror."""
+    """Return whether a material is an ideal mirror."""
     metal = not isinstance(material.metallic, scene.UVTexture) and material.metallic > 0.99
     smooth = not isinstance(material.roughness, scene.UVTexture) and material.roughness <= SMOOTH
     return metal and smooth
 
 
 def bsdf_of(material: scene.Material, exported: bool = False) -> dict[str, Any]:
-    """Describe a UsdPreviewSurface as Mitsuba's `principled`, or `diffuse`, of both sides, cut out by its opacity.
+    """Describe a UsdPreviewSurface as a two-sided `principled` or `diffuse` BSDF, cut out by its opacity.
 
-    One that is exported has plug-ins of Mitsuba's alone.
+    If `exported`, only Mitsuba's own plug-ins are used.
     """
     if _is_matte(material):
         surface, lobes = {"type": "diffuse", "reflectance": _texture(material.diffuse, "diffuse")}, DIFFUSE
     else:
         surface, lobes = _principled(material), SPECULAR if _is_metal(material) else MIXED
-    if exported:  # Mitsuba's own maps are for one side
+    if exported:  # Mitsuba's own maps work on one side only
         both_sides: dict[str, Any] = {"type": "twosided", "surface": _perturbed(material, surface, None)}
     else:
         both_sides = _perturbed(material, {"type": "twosided", "surface": surface}, lobes)
@@ -143,7 +144,7 @@ def bsdf_of(material: scene.Material, exported: bool = False) -> dict[str, Any]:
 
 
 def _perturbed(material: scene.Material, surface: dict[str, Any], lobes: str | None) -> dict[str, Any]:
-    """Describe a BSDF of some lobes as the material's normal or bump map tilts it; with None, by Mitsuba's plug-ins."""
+    """Describe a BSDF under the material's normal or bump map; if `lobes` is None, by Mitsuba's plug-ins."""
     if material.normal is not None:
         plain, name, texture = "normalmap", "normalmap", material.normal
     elif material.bump is not None:
@@ -157,13 +158,13 @@ def _perturbed(material: scene.Material, surface: dict[str, Any], lobes: str | N
 
 
 def _is_metal(material: scene.Material) -> bool:
-    """Return whether a surface is metal for the most part."""
+    """Return whether a material is mostly metal."""
     metallic = material.metallic
     return float(np.mean(metallic.pixels) if isinstance(metallic, scene.UVTexture) else metallic) > 0.5
 
 
 def _is_matte(material: scene.Material) -> bool:
-    """Return whether a surface has no reflection but the diffuse one, which is then Lambert's."""
+    """Return whether a material reflects diffusely alone; its BSDF is then Lambert's."""
     return material.ior == 1 and material.metallic == 0 and material.clearcoat == 0
 
 
@@ -181,7 +182,7 @@ def _principled(material: scene.Material) -> dict[str, Any]:
 
 
 def emitter_of(material: scene.Material) -> dict[str, Any]:
-    """Describe the light that a surface emits as an emitter of Mitsuba's."""
+    """Describe the light that a material emits as a Mitsuba emitter."""
     value = material.emissive
     color, image = ((1.0, 1.0, 1.0), value) if isinstance(value, scene.UVTexture) else (value, None)
     return {"type": "area", "radiance": radiance_of(color, image)}
@@ -200,9 +201,9 @@ def _emitter(material: scene.Material) -> Any:
 
 
 def _texture(value: scene.Color | scene.UVTexture | scene.VertexValues | float, name: str = "") -> Any:
-    """Return a number, a colour or an image as a Mitsuba texture, in the range of a reflectance unless an image.
+    """Describe a number, a colour or an image as a Mitsuba texture; numbers and colours are clamped to [0, 1].
 
-    `name` is that of the material's field, for values at vertices.
+    `name` is the name of the material's field, for values at vertices.
     """
     if isinstance(value, scene.VertexValues):
         return {"type": "mesh_attribute", "name": f"vertex_{name}"}
@@ -222,10 +223,10 @@ def _texture(value: scene.Color | scene.UVTexture | scene.VertexValues | float, 
 
 
 def cut_out(material: scene.Material) -> bool:
-    """Return whether a surface lets a part of the light through."""
+    """Return whether a material lets some light through."""
     return not isinstance(material.opacity, float | int) or material.opacity < 1
 
 
 def glows(material: scene.Material) -> bool:
-    """Return whether a surface emits light."""
+    """Return whether a material emits light."""
     return isinstance(material.emissive, scene.UVTexture) or max(material.emissive) > 0

@@ -31,11 +31,11 @@ class Shutter:
         Returns the shot at a fraction of the shutter interval, from 0 (open) to 1 (close). An object that is identical
         at two times is at rest between them.
     moving
-        Whether anything moves; if not, `at` is called with 0 alone.
+        Whether anything moves; if not, `at` is only called with 0.
     clock
         Returns frame number and seconds at a fraction of the shutter interval, for looks that change with time.
     before
-        Returns the shot at the end of a slice: just before a discontinuity at that time. None: as `at`.
+        Returns the shot at the end of a slice, just before a discontinuity if there is one there. None: as `at`.
     """
 
     at: Callable[[float], Moment]
@@ -65,7 +65,7 @@ def turn(a: scene.Camera, b: scene.Camera) -> float:
 
 
 def with_lens(camera: scene.Camera, middle: scene.Camera) -> scene.Camera:
-    """Return a camera with the lens and the film that it has at another time: within a pass they do not change."""
+    """Return a camera with the lens and film of `middle`, another time: within a pass they do not change."""
     if middle is camera:
         return camera
     return replace(middle, to_world=camera.to_world)
@@ -74,9 +74,9 @@ def with_lens(camera: scene.Camera, middle: scene.Camera) -> scene.Camera:
 def slice_of(number: int, passes: int | None) -> tuple[float, float]:
     """Return the slice of the shutter interval that a pass covers, as fractions.
 
-    A known number of passes share as many equal slices, in the order of a van der Corput sequence. Where the number is
-    unknown (None: a time limit), the first pass covers the whole interval, the next two its halves, the next four its
-    quarters, and so on: the interval is covered wherever that ends.
+    If the number of passes is known, there are as many equal slices, in the order of a van der Corput sequence. If it
+    is unknown (None: a time limit), the first pass covers the whole interval, the next two its halves, the next four
+    its quarters, and so on; so the interval is covered whenever that stops.
     """
     if passes is not None and passes <= _MOST_SLICES:
         rank = _order(passes)[number]

@@ -1,4 +1,4 @@
-"""Sources of light: an emitter, or several that share a light group and a look."""
+"""Sources of light: one emitter, or several that share a light group and a look."""
 
 from __future__ import annotations
 
@@ -20,23 +20,23 @@ class Source:
     Attributes
     ----------
     number, name
-        The emitter's place among those of the world, and its name.
+        The source's number in the world, and its name.
     group, look
         Its light group, and the look of its beams (None: physical).
     beams, beam_scale, scattered
-        Whether it makes beams; a factor on their power; and the choice for scattered beams, one of `SCATTERED`.
+        Whether it makes beams, a factor on their power, and the choice for scattered beams, one of `SCATTERED`.
     surfaces
         Whether it lights surfaces.
     bounces
-        The most bounces of its light before it is scattered toward the camera; None: the settings'.
+        Most bounces of its light before it is scattered toward the camera; None: as the settings say.
     scattered_beams
-        Of one that makes no beams: whether its light makes some in media that domes light, once it was scattered.
+        If it makes no beams: whether its light, once scattered, makes beams in media that domes light.
     caustics
-        Whether its light paths count only as caustics: where a mirror or glass turns them before anything else.
+        Whether its light paths only count as caustics: a mirror or glass must turn them before anything else does.
     to_world
-        (4, 4) from the light's own space, for looks.
+        Transform from the light's own space to the world, (4, 4), for looks.
     guides
-        Points along each of the curves that lead its beams.
+        Points along each of the curves that guide its beams.
     """
 
     number: int = 0

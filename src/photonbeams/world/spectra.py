@@ -1,4 +1,4 @@
-"""Mitsuba's colours as kernels need them."""
+"""Mitsuba's spectra as the RGB colours that kernels use."""
 
 from __future__ import annotations
 
@@ -10,5 +10,5 @@ from ..runtime.device import Array3f, Float
 
 
 def rgb(value: Any) -> Array3f:
-    """Return a spectrum of Mitsuba's; in variants without colours its one channel three times."""
+    """Return a Mitsuba spectrum as RGB; in monochrome variants, its one channel is repeated."""
     return Array3f(value) if dr.size_v(type(value)) == 3 else Array3f(Float(value[0]))

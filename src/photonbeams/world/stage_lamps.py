@@ -1,4 +1,4 @@
-"""The lamps of a stage, packed by kind and by how they meet surfaces: for loops over them in the kernel."""
+"""The lamps of a stage, packed by kind and by links, for loops over them in kernels."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ if TYPE_CHECKING:
 
 
 class Links(NamedTuple):
-    """How lights with the same links meet surfaces.
+    """How lights with the same links light surfaces.
 
-    `world` has the surfaces that block them, `lit` says for each shape whether they light it (None: all). Shadows of
-    surfaces farther than `reach` are not cast; `scale` is a factor on the light that is reflected, and `shadow` one on
-    what is left of it in a shadow. `seen` says whether pictures show the lights.
+    `world` has the surfaces that block the lights; `lit` says for each shape whether they light it (None: all of them).
+    Surfaces farther away than `reach` cast no shadows. `scale` is a factor on the reflected light, and `shadow` on what
+    a shadow leaves of it. `seen` says whether pictures show the lights.
     """
 
     world: StageWorld
@@ -33,14 +33,14 @@ class Links(NamedTuple):
     seen: bool
 
     def lights(self, hit: Any, active: Bool) -> Bool:
-        """Return which of the active hits are on surfaces that the lights shine on."""
+        """Return which of the active hits are on surfaces that the lights light."""
         if self.lit is None:
             return active
         return active & (dr.gather(UInt32, self.lit, shape_number(hit.shape), active) > 0)
 
 
 class LinkKey(NamedTuple):
-    """What the links of a light depend on: `scene.Light` has the names of surfaces in it."""
+    """The values by which lights share links; see `scene.Light` for the names of surfaces."""
 
     unlit: frozenset[str] = frozenset()
     unshadowed: frozenset[str] = frozenset()
@@ -53,7 +53,7 @@ class LinkKey(NamedTuple):
 class Lamps(NamedTuple):
     """All lights of one kind with the same links: a struct of arrays, and their number (opaque).
 
-    `pixels` are the images of lights with gobos. `links` are None where they light everything.
+    `pixels` are the images of lights with gobos. `links` is None if the lights light everything.
     """
 
     kind: Any
@@ -83,5 +83,5 @@ class Lamps(NamedTuple):
 
 
 def shape_number(shape: Any) -> Any:
-    """Return the numbers by which Mitsuba knows shapes."""
+    """Return Mitsuba's numbers of shapes."""
     return dr.reinterpret_array(UInt32, shape)

@@ -1,4 +1,4 @@
-"""Media of a scene as Mitsuba's, with the closed shapes that bound them, nested and side by side."""
+"""Media of a scene as Mitsuba media, with the closed shapes that bound them, nested or side by side."""
 
 from __future__ import annotations
 
@@ -18,22 +18,25 @@ mi = mitsuba()
 
 _LOG = logging.getLogger("photonbeams")
 
-# Points of a boundary that tell in which media it lies, and their depth below its faces, as a fraction of their size.
+# How many points of a boundary are tested for the media around it, and their depth below its faces, as a fraction of
+# the faces' size.
 _POINTS, _INSIDE = 64, 1e-4
-# A boundary lies in a medium if all but this fraction of its points do.
+# A boundary overlaps another medium if more than this fraction of its points lie inside, and more than this outside.
 _OVERLAP = 0.02
 
 
 @dataclass(frozen=True)
 class BuiltMedium:
-    """A medium of a scene as Mitsuba's.
+    """A medium of a scene as a Mitsuba medium.
 
     Attributes
     ----------
+    medium
+        The scene's medium.
     plugin, shape
-        The medium, and the shape that bounds it, None where it fills the space.
+        Mitsuba's medium, and the shape that bounds it; None if it fills the space.
     emission
-        Mitsuba's volume of the radiance that it emits along a scene unit, or None.
+        Mitsuba's volume of the radiance that it emits per scene unit, or None.
     """
 
     medium: scene.Medium
@@ -43,22 +46,22 @@ class BuiltMedium:
 
 
 def media_of(media: Sequence[scene.Medium], warned: set[str] | None = None) -> list[BuiltMedium]:
-    """Return the media of a scene as Mitsuba's, in their order.
+    """Return the media of a scene as Mitsuba media, in the same order.
 
-    A bounded medium has a shape with a null BSDF: its interior is the medium, its exterior is the smallest medium
-    around it, which is another bounded one, or the one that fills the space.
+    A bounded medium has a shape with a null BSDF. The shape's interior is the medium, and its exterior the smallest
+    medium around it: another bounded one, or the one that fills the space.
 
     Parameters
     ----------
     media
-        The media, of which one may fill the space.
+        The media; at most one may fill the space.
     warned
-        Texts of warnings that were given, to which new ones are added.
+        Texts of the warnings so far, to which new ones are added.
 
     Raises
     ------
     SceneError
-        Two media that fill the space.
+        Two media fill the space.
     """
     filling = [each for each in media if not each.bounded]
     if len(filling) > 1:
@@ -87,9 +90,10 @@ def media_of(media: Sequence[scene.Medium], warned: set[str] | None = None) -> l
 
 
 def _plugin(medium: scene.Medium) -> Any:
-    """Return Mitsuba's medium.
+    """Return a medium as a Mitsuba medium.
 
-    All that may change between frames is data: a scale would be a number in kernels, and compile them again.
+    Everything that may change between frames is data. A `scale` would be a literal in kernels, which would be compiled
+    again for each value.
     """
     extinction = np.array(medium.extinction)
     albedo = np.divide(medium.scattering, extinction, out=np.zeros(3), where=extinction > 0)
@@ -109,20 +113,20 @@ def _plugin(medium: scene.Medium) -> Any:
 
 
 def _colored(albedo: Array, colors: scene.DensityGrid) -> dict[str, Any]:
-    """Return an albedo times colours."""
+    """Describe an albedo times the colours of a grid."""
     factors = colors.values if colors.values.ndim == 4 else colors.values[..., None]
     return _volume(np.minimum(albedo * factors, 1), colors.to_world)
 
 
 def _volume(values: Array, to_world: Array | None = None) -> dict[str, Any]:
-    """Return values on a grid of the unit cube, or of what it is transformed to, as Mitsuba's."""
+    """Describe values on a grid over the unit cube, transformed by `to_world`, as a Mitsuba volume."""
     place = {} if to_world is None else {"to_world": mi.ScalarTransform4f(to_world)}
     grid = mi.VolumeGrid(np.ascontiguousarray(values, dtype=np.float32))
     return {"type": "gridvolume", "grid": grid, "raw": True, **place}
 
 
 class _Solid:
-    """A closed mesh with outward faces: its volume, points just inside of it, and which points it contains."""
+    """A closed mesh with outward faces: its volume, points just inside, and a test of which points it contains."""
 
     def __init__(self, mesh: scene.Mesh) -> None:
         self._mesh, self.volume = mesh, mesh.volume
@@ -132,7 +136,7 @@ class _Solid:
         area = np.linalg.norm(normals, axis=1)
         some = np.flatnonzero(area > 1e-12 * area.max(initial=0))
         some = some[np.unique(np.linspace(0, len(some) - 1, _POINTS).astype(int))] if len(some) else some
-        # In proportion to the faces' size, or points would leave thin media.
+        # In proportion to the faces' size: points must not pass through thin media.
         depth = _INSIDE * np.sqrt(area[some])[:, None]
         self.points = corners[some].mean(axis=1) - depth * normals[some] / area[some][:, None]
 
@@ -142,7 +146,7 @@ class _Solid:
 
 
 def _around(medium: scene.Medium, solids: list[tuple[scene.Medium, _Solid]], warned: set[str]) -> scene.Medium | None:
-    """Return the smallest bounded medium around a bounded one; warn of those that overlap it."""
+    """Return the smallest bounded medium around a bounded one; warn about media that overlap it."""
     own = next(solid for each, solid in solids if each is medium)
     found = []
     for other, solid in solids:

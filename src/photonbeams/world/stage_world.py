@@ -1,7 +1,7 @@
 """The world of a stage: surfaces and boundaries of media as Mitsuba scenes, media, lights and portals.
 
-Lights are not in the Mitsuba scene: `world.lights` samples and intersects them, so that beams and surfaces have the
-same light. A surface that glows is an `area` emitter, evaluated where a ray hits it.
+Lights are not part of the Mitsuba scene: `world.lights` samples and intersects them, so that beams and surfaces have
+the same light. A glowing surface has an `area` emitter, which is evaluated where a ray hits it.
 """
 
 from __future__ import annotations
@@ -43,27 +43,29 @@ class StageWorld(World):
     Attributes
     ----------
     description
-        The scene that it was built from.
+        The scene from which it was built.
     host
         An empty Mitsuba scene, whose shader binding table all others share on CUDA.
     meshes, shapes, surfaces
-        The surfaces, each as a Mitsuba shape, and the Mitsuba scene of them (Embree on the CPU, OptiX on a GPU).
+        The surfaces, each as a Mitsuba shape, and the Mitsuba scene of all of them (Embree on the CPU, OptiX on a GPU).
     blockers
-        Mitsuba scenes without some of the surfaces, by the names of these: for lights with shadow links.
+        For lights with shadow links: Mitsuba scenes without some of the surfaces, by the names of these.
     plugin
-        The Mitsuba scene of the surfaces and of the boundaries of media.
+        The Mitsuba scene of the surfaces and of the media's boundaries.
     media, boundaries, sizes
-        The media; Mitsuba's shapes of their boundaries, and the radii of bounded media, by number.
+        The media, the Mitsuba shapes of their boundaries, and the radii of bounded media by number.
     around
-        The Mitsuba scene of the boundaries alone. Not built when first needed: that may be within a kernel's loop.
+        The Mitsuba scene of the boundaries alone. It is built early, because its first use may be in a kernel's loop.
     lights, portals
-        The lights as Dr.Jit sees them, in the order of `description.lights`, and by the name of the light its portal.
+        The lights in Dr.Jit, in the order of `description.lights`; portals, by the names of their lights.
     images
-        The images of gobos that are on the device.
+        The images of gobos on the device.
     bounds, radius
         A sphere around everything, including the viewpoints.
     cutouts, glowing, translucent
         Whether any surface is cut out, whether any emits light, and whether any has diffuse or glossy transmission.
+    mirrors, narrows, perturbed
+        See `World`.
     """
 
     description: scene.Scene
@@ -104,17 +106,17 @@ class StageWorld(World):
         description
             The scene.
         viewpoints
-            The camera's positions, which the bounds contain unless the scene gives its own.
+            The camera's positions, which the bounds contain unless the scene gives its own bounds.
         like
-            A world of the same shot at another time: what is the same object in both scenes is not built again.
+            A world of the same shot at another time. Objects that are identical in both scenes are not built again.
         sharp
-            Whether smooth metal is an ideal mirror, and transparent materials are glass: camera paths need more than
-            two edges to show what they reflect and refract.
+            Whether smooth metal is an ideal mirror and transparent materials are glass. Camera paths need more than two
+            edges to show what these reflect and refract.
 
         Raises
         ------
         SceneError
-            If a portal has no area.
+            A portal has no area.
         """
         center, radius = description.bounds or bounding_sphere([description], viewpoints)
         hidden = {light.portal.name for light in description.lights if light.portal is not None}
@@ -163,7 +165,7 @@ class StageWorld(World):
 
     @cached_property
     def lamps(self) -> tuple[Lamps, ...]:
-        """The lights of surfaces, packed by kind, for loops over them; the others are in `domes` and `mesh_lamps`."""
+        """The lights that light surfaces, packed by kind, for loops; others are in `domes` and `mesh_lamps`."""
         lights = zip(self.description.lights, self.lights, strict=True)
         kinds = (SphereLamp, FlatLamp, CylinderLamp, DistantLamp)
         groups: dict[Any, list[Any]] = {(kind, LinkKey()): [] for kind in kinds}
@@ -174,24 +176,24 @@ class StageWorld(World):
 
     @cached_property
     def domes(self) -> tuple[tuple[Any, Links | None], ...]:
-        """The environments, and what they light."""
+        """The environments, each with its links."""
         return self._each_of(DomeLamp)
 
     @cached_property
     def sky(self) -> tuple[tuple[scene.DomeLight, Any, Links | None], ...]:
-        """The environments that light media without beams, each as a lamp, and what stops them."""
+        """The environments that light media without beams, each with its lamp and its links."""
         lights = zip(self.description.lights, self.lights, strict=True)
         lamps = {light.name: behind(item, self.portals.get(light.name)) for light, item in lights}
         return tuple((light, lamps[light.name], self._links(self._linked(light))) for light in self.description.sky)
 
     @cached_property
     def lit_by_domes(self) -> frozenset[int]:  # type: ignore[override]
-        """The numbers of the media that domes light without beams."""
+        """Numbers of the media that domes light without beams."""
         return frozenset(self.numbers[each.name] for each in self.description.media if each.lit_by_domes)
 
     @cached_property
     def mesh_lamps(self) -> tuple[tuple[Any, Links | None], ...]:
-        """The mesh lights, and what they light."""
+        """The mesh lights, each with its links."""
         return self._each_of(MeshLamp)
 
     def _each_of(self, kind: type) -> tuple[tuple[Any, Links | None], ...]:
@@ -203,12 +205,12 @@ class StageWorld(World):
         )
 
     def stopping(self, light: scene.Light) -> StageWorld:
-        """Return the world with only those surfaces that block a light: itself, where all do."""
+        """Return the world with only the surfaces that block a light; the world itself if all do."""
         unshadowed = self._linked(light).unshadowed
         return replace(self, surfaces=self.blockers[unshadowed]) if unshadowed else self
 
     def _linked(self, light: scene.Light) -> LinkKey:
-        """Return which of the surfaces a light does not light, which do not block it, and how it shines on them."""
+        """Return which surfaces a light does not light, which do not block it, and how it lights the others."""
         unlit, unshadowed = _among(light.unlit, self.meshes), _among(light.unshadowed, self.meshes)
         shining = light.shadow_distance, light.surface_scale, light.shadow_color, light.seen
         return LinkKey(unlit, unshadowed, *shining)
@@ -223,7 +225,7 @@ class StageWorld(World):
         return Links(world, lit, reach, scale, shadow, key.seen)
 
     def _lit_shapes(self, unlit: frozenset[str]) -> Any:
-        """Return for each shape, by Mitsuba's number, whether it is lit, 1 or 0."""
+        """Return whether each shape is lit, 1 or 0, by Mitsuba's numbers."""
         numbers = [int(shape_number(mi.ShapePtr(shape))[0]) for shape in self.shapes]
         table = np.zeros(max(numbers, default=0) + 2, dtype=np.uint32)
         table[numbers] = [mesh.name not in unlit for mesh in self.meshes]
@@ -231,13 +233,13 @@ class StageWorld(World):
 
     @cached_property
     def numbers(self) -> dict[str, int]:
-        """The numbers of the media by their names: worlds of two times may know one medium by two numbers."""
+        """Numbers of the media by name; a medium may have different numbers in the worlds of two times."""
         media = zip(self.description.media, self.media.all, strict=True)
         return {described.name: medium.number for described, medium in media}
 
     @property
     def sharp(self) -> bool:
-        """Whether camera paths may continue anywhere: at a boundary of media, a mirror, glass."""
+        """Whether camera paths may continue somewhere: at a boundary of media, a mirror or glass."""
         return self.mirrors or bool(self.boundaries)
 
     def without_surfaces(self) -> StageWorld:
@@ -262,7 +264,7 @@ class StageWorld(World):
 
     @property
     def _by_link(self) -> list[Any]:
-        """The Mitsuba scenes of surfaces that block the lights of links, by link number less 1."""
+        """Mitsuba scenes of the surfaces that block lights with links, by link number minus 1."""
         return [self.blockers[names] for names in self._unshadowing]
 
     @cached_property
@@ -276,7 +278,7 @@ class StageWorld(World):
         ]
 
     def blocking_scenes(self) -> Sequence[Any]:
-        """Return Mitsuba scenes that block light instead of `plugin`, by link number less 1."""
+        """Return the Mitsuba scenes that block light instead of `plugin`, by link number minus 1."""
         return self._blocking_scenes
 
     def escape(self, origin: Array3f, direction: Array3f) -> Float:
@@ -290,7 +292,7 @@ class StageWorld(World):
     def dimming(
         self, origin: Array3f, direction: Array3f, distance: Float, medium: UInt32, seed: UInt32, active: Bool
     ) -> Array3f:
-        """Return the transmittance for surfaces along rays that begin in a medium and meet no surface."""
+        """Return the transmittance, as surfaces feel it, along rays that begin in a medium and meet no surface."""
         if not self.media.all:
             return Array3f(1)
         if not self.boundaries:
@@ -301,16 +303,16 @@ class StageWorld(World):
         return through(self.around, self.media, ray, medium, seed, active)[0]
 
     def medium_at(self, origin: Array3f, direction: Array3f, active: Bool) -> UInt32:
-        """Return the numbers of the media at points; rays along `direction` look for it."""
+        """Return the numbers of the media at points, found by rays along `direction`."""
         filling = dr.opaque(UInt32, self.media.filling)
         if not self.boundaries:
             return filling + dr.zeros(UInt32, max(dr.width(origin), dr.width(direction)))
         return medium_at(self.around, origin, direction, filling, filling, active)
 
     def solid(self, origin: Array3f, direction: Array3f, active: Bool, seed: UInt32, link: UInt32 | None = None) -> Any:
-        """Return the first surface that rays hit, as a SurfaceInteraction3f, past boundaries of media.
+        """Return the first surface that rays hit, as a SurfaceInteraction3f; boundaries of media do not count.
 
-        A cut-out surface stops rays with the probability of its opacity, by a hash of `seed`.
+        A cut-out surface stops a ray with the probability of its opacity, decided by a hash of `seed`.
         """
         return self._first(self.surfaces, self._by_link, origin, direction, active, seed, link)
 
@@ -358,7 +360,7 @@ def _known_light(light: scene.Light, like: StageWorld | None) -> Any:
 
 
 def _known_images(description: scene.Scene, like: StageWorld | None) -> Images:
-    """Return the images of another world that this scene uses, too."""
+    """Return the images of another world that this scene also uses."""
     both = [image for light in description.lights for image in (light.gobo, light.portal_gobo, profile_of(light))]
     gobos = [image for image in both if image is not None]
     known = {} if like is None else like.images
@@ -366,7 +368,7 @@ def _known_images(description: scene.Scene, like: StageWorld | None) -> Images:
 
 
 def _among(names: frozenset[str], meshes: Sequence[scene.Mesh]) -> frozenset[str]:
-    """Return those of the names that are names of meshes."""
+    """Return the names that belong to meshes."""
     return names & frozenset(mesh.name for mesh in meshes) if names else names
 
 
@@ -377,7 +379,7 @@ def _blockers(
     shapes: Sequence[Any],
     known: dict[frozenset[str], Any],
 ) -> dict[frozenset[str], Any]:
-    """Return the surfaces that block lights with shadow links, by the names of those that do not."""
+    """Return Mitsuba scenes of the surfaces that block lights with shadow links, by the names of those that do not."""
     absent = {_among(light.unshadowed, meshes) for light in description.lights} - {frozenset()}
 
     def rest(names: frozenset[str]) -> Any:
@@ -389,7 +391,7 @@ def _blockers(
 def _media(
     description: scene.Scene, host: Any, like: StageWorld | None
 ) -> tuple[Media, tuple[Any, ...], Any, dict[int, float]]:
-    """Return the media of a scene, the boundaries of those that have any, their scene, and their radii by number."""
+    """Return the media of a scene, their boundaries, the Mitsuba scene of these, and the media's radii by number."""
     if like is not None and _same(like.description.media, description.media):
         return like.media, like.boundaries, like.around, like.sizes
     built = media_of(description.media)

@@ -1,7 +1,7 @@
-"""Find which medium surrounds the emitters and the sensor of a scene, which fills the background, and their sizes.
+"""Find the media around emitters and the sensor, the medium of the background, and the sizes of media.
 
 The media that emitters, sensors and shapes name are taken as stated. Where they name none, random walks find them: a
-walk stays in one medium while surfaces reflect it, or while it passes surfaces that name no media, so that the first
+walk stays in one medium while surfaces reflect it, or while it passes surfaces that name no media, so the first
 interface that it meets tells in which medium it began. A wall that names no medium tells nothing. Walks that pass
 interfaces measure the extent of each medium, and find statements that contradict each other.
 """
@@ -25,7 +25,7 @@ from .walks import ASKING, CROSSING, ONWARD, walk
 
 mi = mitsuba()
 
-# Walks from each emitter.
+# Number of walks from each emitter.
 _WALKS = 64
 
 
@@ -38,11 +38,11 @@ class Place:
     name
         The emitter or the sensor, for messages.
     origin, direction
-        (N, 3) each, N may be 0.
+        (N, 3) each; N may be 0.
     named
-        Mitsuba's medium that the emitter or the sensor names, or None.
+        The Mitsuba medium that the emitter or the sensor names, or None.
     other
-        Another one that it names, or None.
+        A second one that it names, or None.
     """
 
     name: str
@@ -67,9 +67,9 @@ class Surroundings:
     Attributes
     ----------
     everywhere
-        The number of the medium that fills the background, 0 where there is none.
+        The number of the medium that fills the background; 0 if none does.
     sizes
-        Radius of each medium by its number; no entry for media as large as the scene.
+        Radius of each medium, by its number; media as large as the scene have no entry.
     conflicts
         Sentences about statements that contradict each other.
     inside_out
@@ -115,8 +115,8 @@ class Surroundings:
         self._answers, states = [], []
         for index, (place, *part) in enumerate(zip(places, bounds[:-1], bounds[1:], strict=True)):
             answer = survey.answer(place, asking.part(*part), onward.part(*part), self.everywhere)
-            # Rays to either side of an interface begin in different media, and so do those through a hole in a shape
-            # that holds one: of lamps, as a path from the camera that leaves the shape to them stays in its medium.
+            # Rays to either side of an interface begin in different media. So do a lamp's rays through a hole in a
+            # shape with a medium inside: a camera path that leaves the shape through the hole stays in that medium.
             through = index < emitters and survey.sees_within(place, answer, asking.part(*part))
             known = answer.known and not survey.on_interface(place)
             self._answers.append(Answer(answer.usual, known and not through))
@@ -132,7 +132,7 @@ class Surroundings:
 
 
 def places_of(plugin: Any) -> list[Place]:
-    """Return the places where light paths of a Mitsuba scene begin: its emitters."""
+    """Return the places where light paths of a Mitsuba scene begin, one for each emitter."""
     u, v = _samples()
     result = []
     for each in plugin.emitters():
@@ -143,26 +143,26 @@ def places_of(plugin: Any) -> list[Place]:
 
 
 def place_of_sensor(plugin: Any) -> Place:
-    """Return the place where camera paths begin: one of Mitsuba's sensors."""
+    """Return the place where camera paths of a Mitsuba sensor begin."""
     ray, _ = plugin.sample_ray_differential(Float(0), Float(0.5), *_samples(), True)
     return place_of(f"sensor {plugin.id() or plugin.class_name()}", ray.o, ray.d, *_named_by(plugin))
 
 
 def _samples() -> tuple[Any, Any]:
-    """Return samples of rays, two dimensions each for place and direction."""
+    """Return samples for rays: two dimensions for the place, and two for the direction."""
     u, v = pairs(sobol_points(_WALKS, 0, (_WALKS,)))
     return mi.Point2f(u), mi.Point2f(v)
 
 
 def _named_by(plugin: Any) -> tuple[Any, Any]:
-    """Return the medium that an emitter or a sensor names: the one outside its shape, or its own; and the other one."""
+    """Return the medium that an emitter or a sensor names (its shape's exterior, else its own), and a second one."""
     shape, own = plugin.get_shape(), plugin.get_medium()
     outside = None if shape is None else shape.exterior_medium()
     return (own, None) if outside is None else (outside, own)
 
 
 def place_of(name: str, origin: Any, direction: Any, named: Any = None, other: Any = None, most: int = _WALKS) -> Place:
-    """Return a place from the rays of an emitter or a sensor: some of them, and their reverse."""
+    """Return the place of an emitter or a sensor: at most `most` of its rays, and their reverses."""
     wide = dr.zeros(Array3f, max(dr.width(origin), dr.width(direction)))
     origin, direction = ((Array3f(each) + wide).numpy().T.astype(np.float64) for each in (origin, direction))
     good = np.isfinite(origin).all(axis=1) & np.isfinite(direction).all(axis=1) & (np.abs(direction).max(axis=1) > 0)

@@ -23,11 +23,11 @@ if TYPE_CHECKING:
 
 mi = mitsuba()
 
-# Walks from outside of the scene, and around shapes that name media.
+# Numbers of walks from outside of the scene, and around shapes that name media.
 _OUTSIDE, _AROUND = 1024, 4096
-# Fraction of walks that may leave a closed region, and the least fraction of walks that confirms a statement.
+# The fraction of steps that may leave a closed region, and the fraction of walks that confirms a statement.
 _LEAK, _RARE = 0.02, 0.02
-# What float32 may round of a place, as a fraction of the scene's size, and the least length of a step that says more.
+# Fractions of the scene's size: the rounding error of a place in float32, and the least length of a step that counts.
 _ROUNDING, _STEP = 1e-6, 1e-4
 # Most shapes around which walks start.
 _SHAPES = 1024
@@ -35,7 +35,7 @@ _SHAPES = 1024
 
 @dataclass(frozen=True)
 class Answer:
-    """The medium around a place: `usual` is that of most rays, `known` tells that it is the same for all."""
+    """The medium around a place: `usual` is that of most rays, and `known` says whether all rays have it."""
 
     usual: int
     known: bool
@@ -47,12 +47,12 @@ class Survey:
     Parameters
     ----------
     plugin, media, rng
-        The Mitsuba scene, its media, and where the directions of walks come from.
+        The Mitsuba scene, its media, and the random generator for walks.
 
     Attributes
     ----------
     statements
-        What is said of the media, and contradicts itself.
+        The statements about media, with those that contradict each other.
     """
 
     def __init__(self, plugin: Any, media: Media, rng: np.random.Generator) -> None:
@@ -68,7 +68,7 @@ class Survey:
         self._size = float(np.linalg.norm(self._high - self._low))
 
     def outside(self) -> tuple[Array, Array]:
-        """Return rays from outside of the scene into it: toward all of it, and toward shapes that name media."""
+        """Return rays into the scene from outside: toward all of it, and toward shapes that name media."""
         center, radius = 0.5 * (self._low + self._high), 0.5 * self._size
         aims = [self._low + self._rng.random((_OUTSIDE // 2, 3)) * (self._high - self._low)]
         if self._naming:
@@ -96,8 +96,8 @@ class Survey:
     def everywhere(self, walks: Walks, places: Sequence[Place]) -> int:
         """Return the medium in which walks from outside of the scene begin.
 
-        It is the one that faces them; else one that an emitter or a sensor names, unless shapes bound it: they have it
-        inside, or behind an interface to empty space.
+        It is the medium that most of them face. Otherwise it is one that an emitter or a sensor names, unless shapes
+        bound that one, because they have it inside or behind an interface to empty space.
         """
         first, other, shape = first_interface(walks)
         told = first[first != UNKNOWN]
@@ -114,10 +114,10 @@ class Survey:
         return 0
 
     def answer(self, place: Place, asking: Walks, onward: Walks, everywhere: int) -> Answer:
-        """Return the medium around a place: the one that it names, else the one that most of its walks find.
+        """Return the medium around a place: the one that it names, or else the one that most of its walks find.
 
-        Walls that name no medium lie within the medium around them, which walks through the walls find; where these
-        find none either, it is `everywhere`.
+        Walls that name no medium lie within the medium around them. If walks find no medium, those that pass walls
+        (`onward`) may; if these find none either, it is `everywhere`.
         """
         if place.named is not None:
             own = number(place.named)
@@ -132,13 +132,13 @@ class Survey:
         return Answer(int(values[counts.argmax()]), len(values) == 1 or bool(one_place))
 
     def sees_within(self, place: Place, answer: Answer, asking: Walks) -> bool:
-        """Return whether rays of a place that names no medium meet a shape that has another one on their side."""
+        """Return whether rays of a place that names no medium meet a shape with another medium on their side."""
         near = asking.near[0]
         other = asking.valid[0] & (near != UNKNOWN) & (near > 0) & (near != answer.usual)
         return place.named is None and other.size > 0 and bool(other.mean() > _RARE)
 
     def on_interface(self, place: Place) -> bool:
-        """Return whether an emitter or a sensor that names no medium stands on an interface, to within rounding."""
+        """Return whether an emitter or a sensor that names no medium stands on an interface, up to rounding."""
         if place.named is not None or not len(place.origin):
             return False
         near = _ROUNDING * (np.abs(place.origin).max() + self._size)
@@ -153,14 +153,14 @@ class Survey:
         walks, state
             Walks, and the medium in which each begins.
         sources, source
-            The names of the places where walks begin, and the number of that of each walk.
+            The names of the places where walks begin, and for each walk the number of its place.
         """
         lows: dict[int, Array] = {}
         highs: dict[int, Array] = {}
         steps: Counter[int] = Counter()
         escapes: Counter[int] = Counter()
         pairs: Counter[tuple[int, ...]] = Counter()
-        teller = np.zeros(len(state), dtype=np.int64)  # the shape that told the state; 0: where the walk began
+        teller = np.zeros(len(state), dtype=np.int64)  # the shape that named the state; 0: the start of the walk
         for step in walks.steps():
             named = step.near != UNKNOWN
             known = (state != UNKNOWN) & (state > 0)
@@ -186,9 +186,9 @@ class Survey:
         return self._radii(lows, highs, {own for own in steps if escapes[own] > _LEAK * steps[own]})
 
     def _radii(self, lows: dict[int, Array], highs: dict[int, Array], open_: set[int]) -> dict[int, float]:
-        """Return half the diagonals of boxes around media: around their shapes and the points that walks reached.
+        """Return half the diagonal of the box around each medium: around its shapes and the points that walks reached.
 
-        A medium without a shape that walks leave to infinity is as large as the scene: it has no entry.
+        A medium has no entry if no shape holds it and walks leave it to infinity: it is as large as the scene.
         """
         held = boxes(self._scene.shapes())
         result = {}
@@ -204,7 +204,7 @@ class Survey:
 
 
 def _corners(box: Any) -> tuple[Array, Array]:
-    """Return the corners of one of Mitsuba's boxes; those of a box of nothing are the origin."""
+    """Return the corners of a Mitsuba box; both are the origin if it is empty."""
     low, high = (np.ravel(np.asarray(each, dtype=np.float64)) for each in (box.min, box.max))
     if not (np.isfinite(low).all() and np.isfinite(high).all() and (low <= high).all()):
         return np.zeros(3), np.zeros(3)

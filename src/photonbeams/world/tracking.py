@@ -1,8 +1,8 @@
 """Transmittance through heterogeneous media: residual ratio tracking (Novák et al. 2014), unbiased, with little noise.
 
-A ray's segment in a medium is cut into SEGMENTS pieces. In each, two probes give a control c, whose optical depth is
-known, and a rate μ, about the largest residual |σt − c|. At points of a Poisson process of that rate the estimate is
-multiplied by 1 − (σt − c) / μ; the product has the mean exp(−∫ σt − c), whatever c and μ are.
+A ray's segment in a medium is cut into SEGMENTS pieces. In each piece, two probes give a control c, whose optical depth
+is known, and a rate μ, which is about the largest residual |σt − c|. At the points of a Poisson process of that rate,
+the estimate is multiplied by 1 − (σt − c) / μ. The product has the mean exp(−∫ σt − c), whatever c and μ are.
 
 A `Track` keeps the estimate for all distances along a ray: the control's optical depth at the ends of pieces, and the
 product after each point. Light paths sample free flights instead (delta tracking, Woodcock et al. 1965).
@@ -26,9 +26,9 @@ mi = mitsuba()
 
 SEGMENTS = 32
 
-# Gauss's two points on [0, 1], and the least rate of a piece as a fraction of the majorant: where both probes find
-# nothing, there may still be something between them. With 32 pieces and 0.4, light through noise on a grid of 8³
-# (32³) spreads by 5 % (10 %) a ray, at 1.7 points; with 16 and 0.02 it is 34 % (48 %) at 0.1 (0.3).
+# Gauss's two points on [0, 1], and the least rate of a piece as a fraction of the majorant: even if both probes find
+# nothing, there may be something between them. With 32 pieces and 0.4, the light of a ray through noise on a grid of 8³
+# (32³) spreads by 5 % (10 %), at 1.7 points for each ray; with 16 and 0.02, by 34 % (48 %) at 0.1 (0.3) points.
 _PROBES = (0.21132486540518713, 0.7886751345948129)
 _LEAST = 0.4
 
@@ -38,7 +38,7 @@ Extinction = Callable[[Any], Any]
 
 @dataclass
 class MediumSegment:
-    """Segments of rays in a medium: o + t d for t from `near` to `far`, the medium's majorant, and how many pieces."""
+    """Segments of rays in a medium, o + t d for t from `near` to `far`, with a majorant and the number of pieces."""
 
     origin: Any
     direction: Any
@@ -58,9 +58,9 @@ def walk(
     Parameters
     ----------
     counter
-        (rays,) to which the numbers of points are written, or None.
+        (rays,), to which the number of points of each ray is written; or None.
     base, out
-        Index of each ray's first point in the list, and the list: (t, product after it) of each point, or None.
+        Index of each ray's first point in the list of points, and the list: t and the product after it; or None.
     """
     piece = UInt32(0)
     drawn, points = UInt32(0), UInt32(0)
@@ -92,12 +92,12 @@ def walk(
 def glow(segment: MediumSegment, extinction: Extinction, emission: Extinction, active: Any) -> Any:
     """Return the radiance that a medium emits along rays' segments, an unbiased estimate: ∫ T(t) ε(t) dt.
 
-    Each piece has one point of ε, at a random distance, and the transmittance up to there is that of `walk`.
+    In each piece ε is evaluated at one point, at a random distance; the transmittance up to there is that of `walk`.
 
     Parameters
     ----------
     emission
-        Returns the radiance that is emitted along a scene unit, at points: Array3f.
+        Returns the emitted radiance per scene unit, at points: Array3f.
     """
     piece, drawn = UInt32(0), UInt32(0)
     depth, product, result = Array3f(0), Array3f(1), Array3f(0)
@@ -122,8 +122,9 @@ def scattering_point(
 ) -> tuple[Any, Any]:
     """Return a point on each ray's segment at which a medium scatters light toward the ray's origin, and its weight.
 
-    The mean of f(point) · weight is ∫ T(t) σs(t) f(t) dt. Each piece has one point, at a distance of the density
-    exp(−c t), with its control c; one of them is chosen by its part in the sum (weighted reservoir sampling).
+    The mean of f(point) · weight is ∫ T(t) σs(t) f(t) dt. Each piece has one point, at a distance with a density
+    proportional to exp(−c t), where c is its control. One of the points is chosen, with a probability proportional to
+    its contribution (weighted reservoir sampling).
 
     Parameters
     ----------
@@ -140,7 +141,7 @@ def scattering_point(
     while going & (piece < SEGMENTS):
         begin = dr.fma(Float(piece), step, segment.near)
         control, rate = _control(segment, extinction, begin, step)
-        # Where both probes find nothing, a control of 0 is the even density.
+        # Where both probes find nothing, the control is 0 and the density even.
         even = dr.maximum(dr.mean(control), 1e-4 * rate)
         ending = 1 - dr.exp(-even * step)
         within = -dr.log(1 - unit_float(hash32(segment.seed, piece, UInt32(1))) * ending) * dr.rcp(even)
@@ -152,7 +153,7 @@ def scattering_point(
         own = dr.abs(dr.mean(here))
         total += own
         taken = left * total < own
-        # The same number tells the next choice: it is even in [0, 1) again, given what it told.
+        # The same number serves the next choice: given the outcome, it can be rescaled to be uniform in [0, 1) again.
         part = own * dr.rcp(dr.maximum(total, 1e-30))
         left = dr.select(
             taken, left * dr.rcp(dr.maximum(part, 1e-30)), (left - part) * dr.rcp(dr.maximum(1 - part, 1e-7))
@@ -170,7 +171,7 @@ def _passed(
     segment: MediumSegment, extinction: Extinction, begin: Any, stop: Any, place: Any, control: Any, rate: Any,
     product: Any, drawn: Any,
 ) -> tuple[Any, Any, Any]:  # fmt: skip
-    """Return the product over a piece's points before a place, `product` with all of them, and the samples drawn."""
+    """Return the product over a piece's points before `place`, `product` times all of them, and the samples drawn."""
     before, product, drawn = Array3f(1), Array3f(product), UInt32(drawn)
     t = begin - dr.log(1 - unit_float(hash32(segment.seed, drawn))) * dr.rcp(rate)
     drawn += 1
@@ -191,7 +192,7 @@ def _control(segment: MediumSegment, extinction: Extinction, begin: Any, step: A
 
 
 class Track:
-    """Transmittance at all distances along rays, by the number of a ray."""
+    """The transmittance at all distances along rays, which are given by number."""
 
     def __init__(self, segment: MediumSegment, extinction: Extinction, active: Any) -> None:
         count = dr.width(segment.direction)
@@ -229,7 +230,7 @@ class Track:
 
 @dr.syntax
 def _depths(segment: MediumSegment, extinction: Extinction, active: Any) -> Any:
-    """Return the control's optical depth at the ends of pieces, (SEGMENTS + 1) packets a ray."""
+    """Return the control's optical depth at the ends of pieces, as SEGMENTS + 1 packets for each ray."""
     count = dr.width(segment.direction)
     result = dr.zeros(Float, 4 * (SEGMENTS + 1) * count)
     ray, piece, depth = dr.arange(UInt32, count), UInt32(0), Array3f(0)
@@ -244,9 +245,9 @@ def _depths(segment: MediumSegment, extinction: Extinction, active: Any) -> Any:
 
 
 class Tracked(Factor):
-    """The factor toward the camera of a heterogeneous medium: a track of each ray.
+    """The look's factor toward the camera in a heterogeneous medium, from a track of each ray.
 
-    The track is set before beams are gathered. Until then the factor is the transmittance at the greatest extinction.
+    The track is set before beams are gathered. Until then, the factor is the transmittance at the greatest extinction.
     """
 
     of_rays = True
@@ -256,7 +257,7 @@ class Tracked(Factor):
         self._extinction = dr.opaque(Float, extinction)
 
     def evaluate(self, at: ShadingContext) -> Any:
-        """Return the transmittance; without a track, that at the greatest extinction."""
+        """Return the transmittance; without a track, the one at the greatest extinction."""
         if self.track is None or at.ray is None:
             return dr.exp(-self._extinction * at.depth) * Array3f(1)
         return self.track(at.ray, at.to_camera)
@@ -274,13 +275,14 @@ def free_flight(media: Any, origin: Any, direction: Any, length: Any, fractions:
     fractions
         The fraction of the flux in each channel, by which collisions are sampled.
     colored
-        Media whose extinction has a colour: the flight ends at each tentative collision, for its light changes there.
+        Which media have a coloured extinction. There a flight ends at each tentative collision, because the colour of
+        its light changes.
 
     Returns
     -------
     distance, collided, scattered, weight
-        Distances, whether flights end in the medium, and whether light is scattered there or continues (a null
-        collision); and their weights, 1 for flights that reach `length`.
+        Distances; whether flights end in the medium; whether light is scattered there, rather than continuing (a null
+        collision); and weights, which are 1 for flights that reach `length`.
     """
     ray = mi.Ray3f(mi.Point3f(origin), mi.Vector3f(direction))
     inside, enter, leave = media.intersect_aabb(ray)
