@@ -1,9 +1,8 @@
-"""Aimed scattering: light that is scattered before a portal is sent through it, in half of all cases.
+"""Aimed scattering: light that is scattered before a portal is sent through it in half of all cases.
 
-A path that is scattered outside of a room seldom finds the keyhole by chance, and brings all the more light when it
-does: a bright dot on the wall. So a scattered direction is either that of the phase function or BSDF, or that of a
-point on a portal. Both together are one density, by which the light is divided (multiple importance sampling of one
-sample: Veach 1997, section 9.2.4).
+A path that is scattered outside of a room seldom finds the keyhole by chance, but then carries much light: a bright dot
+on the wall. So a scattered direction is sampled either by the phase function or BSDF, or as a point on a portal. The
+light is divided by the density of this mixture (one-sample multiple importance sampling: Veach 1997, section 9.2.4).
 """
 
 from __future__ import annotations
@@ -22,18 +21,18 @@ from ..runtime.device import Array3f, Bool, Float, UInt32
 from .emission import Emitted, Stratum
 from .lamps import PortalEmitter
 
-# How often a direction is that of a point on a portal.
+# Probability with which a direction is that of a point on a portal.
 _AIMED = 0.5
 
-# Streams of samples, beside those of interactions, splitting and Russian roulette.
+# Sample streams; interactions, splitting and Russian roulette have others.
 _WHICH, _WHETHER, _POINT = 6, 7, 8
 
 
 @dataclass(frozen=True)
 class Openings:
-    """The surrounds of planar portals, (K, 3) each, flat: a corner and two edges.
+    """The surrounds of planar portals: a corner and two edges each, as flat arrays of K × 3 numbers.
 
-    The cross product of the edges points the way that light takes.
+    The cross product of the edges points in the direction of the light.
     """
 
     corners: Any
@@ -43,7 +42,7 @@ class Openings:
 
     @classmethod
     def of(cls, strata: Sequence[Stratum], emitted: Sequence[Emitted]) -> Openings | None:
-        """Return the openings that light paths as they leave their emitters pass, None where there are none."""
+        """Return the openings that emitted light paths pass; None if there are none."""
         found = {}
         for stratum, paths in zip(strata, emitted, strict=True):
             emitter = stratum.emitter
@@ -63,7 +62,7 @@ class Openings:
         return cls(corners, across, up, dr.opaque(UInt32, len(found)))
 
     def aimed(self, point: Array3f, index: UInt32, stream: UInt32) -> Aimed:
-        """Return a direction from each point to one of the openings."""
+        """Return a direction from each point to one of the openings, by the sample `index` of a `stream`."""
         return Aimed(self, point, index, stream)
 
 
@@ -73,9 +72,9 @@ class Aimed:
     Attributes
     ----------
     able
-        Whether the point is where light comes from: only there, directions are mixed.
+        Whether the point is on the lit side of the opening. Only there are directions mixed.
     taken
-        Whether the direction is to be taken, rather than one that is sampled otherwise.
+        Whether to take this direction, rather than one sampled by the phase function or BSDF.
     direction
         The direction, a unit vector.
     """
@@ -94,14 +93,14 @@ class Aimed:
         self.direction = dr.normalize(self._corner + u.x * self._across + u.y * self._up)
 
     def ratio(self, direction: Any, density: Float, smooth: Bool) -> Float:
-        """Return the density of sampled directions over that of the mixture.
+        """Return the density of directions without openings over their density in the mixture.
 
         Parameters
         ----------
         direction, density
             Directions, and their density without openings.
         smooth
-            Whether they have a density; ideal lobes have none, but are sampled more seldom.
+            Whether directions have a density. Those of ideal lobes have none, but the mixture samples them less often.
         """
         cosine = dr.dot(direction, self._normal)
         distance = self._depth * dr.rcp(dr.select(cosine > 0, cosine, 1))

@@ -1,4 +1,4 @@
-"""Segments of light paths as beams: radii within their bounds, cut at the portal or at the focus, in sets."""
+"""Turn segments of light paths into sets of beams: bound their radii, and cut them at the portal or at the focus."""
 
 from __future__ import annotations
 
@@ -24,19 +24,19 @@ from .coverage import medium_coverage
 from .radii import Limits
 from .records import Segments
 
-# A segment is cut at its focus where it is narrower there, by this factor, than a straight cone would be.
+# A segment is cut at its focus if its radius there is less than this fraction of a straight cone's.
 _WAIST = 0.8
 
-# Beams continue beyond the boundary of their medium as far as their rim is in it: by so many radii, or one free path,
-# at most. Without that the medium is dark at a boundary that they cross at a slant; outside of it they are not seen.
+# Beams continue beyond the boundary of their medium as far as their rim is in it, but at most by this many radii, or
+# one free path. Otherwise the medium would be dark at a boundary that they cross at a slant. Outside, they are not seen.
 _BEYOND = 4.0
 
-# Where a grid's density is looked up along a beam, in parts of its length.
+# Places along a beam at which a grid's density is looked up, as fractions of its length.
 _DENSITIES = (0.0, 0.5, 1.0)
 
 
 class Piece(Struct):
-    """A piece of each segment as a beam, at one time; `there` tells which segments have it."""
+    """One piece of each segment as a beam, at one time; `there` says which segments have that piece."""
 
     there: Bool
     beams: Beams
@@ -54,7 +54,7 @@ class Cutting:
     limits, straight
         Bounds of radii of scattered light, and of light straight from the emitter.
     named
-        Whether beams carry what looks and programs may read: their place on the light path, random number and id.
+        Whether beams carry what looks and programs may read: place on the light path, random number and id.
     short
         Whether beams end at the path's next scattering event.
     free_paths
@@ -70,14 +70,14 @@ class Cutting:
     free_paths: float = np.inf
 
     def own(self, segments: Segments) -> Bool:
-        """Return which segments are the emitter's, in the medium."""
+        """Return which segments belong to the emitter and lie in the medium."""
         inside = segments.medium == dr.opaque(UInt32, self.medium.number)
         mine = inside & (segments.source == dr.opaque(UInt32, self.source.number))
         return mine if self.source.beams else mine & (segments.depth > 0)
 
     def fitted(self, world: World, segments: Segments) -> Segments:
-        """Return segments as their beams fit into the medium: narrower, and with the flux that lies outside of it."""
-        # Light straight from lamps is narrowed by its path: see `narrowing`.
+        """Return segments fitted into the medium: narrower, and with their flux corrected for what lies outside."""
+        # `narrowing` has already narrowed the light straight from lamps.
         tried = Bool(True) if self.straight is self.limits else segments.depth > 0
         result = copy(segments)
         fine = self._fine(segments, tried)
@@ -94,7 +94,7 @@ class Cutting:
         return result
 
     def _fine(self, segments: Segments, tried: Bool) -> Float:
-        """Return factors on the radii of beams in a grid, which bound them in free paths where the grid is densest."""
+        """Return factors on the radii of beams in a grid, which bound these in free paths where the grid is densest."""
         if self.medium.tracked is None or not np.isfinite(self.free_paths):
             return dr.ones(Float, dr.width(segments.length))
         densest = Float(0)
@@ -111,12 +111,12 @@ class Cutting:
         return dr.opaque(Float, sum(self.medium.medium.extinction) / 3 if fades else 0)
 
     def pieces(self, segments: Segments, there: Bool) -> list[Piece]:
-        """Return segments as beams, each in the two pieces on either side of its portal or its focus."""
+        """Return segments as beams, cut into two pieces at the portal or the focus where there is one."""
         length = segments.length
         portal = segments.portal - segments.offset
         at_portal = there & (portal > 0) & (portal < length)
         focus = segments.width.focus()
-        # The light's own side of a portal is not narrowed: the surfaces that block a beam's rim are behind the portal.
+        # A beam is not narrowed on the light's side of its portal: surfaces that block its rim are behind the portal.
         narrow = dr.select(at_portal, 1, segments.narrow)
         first, last = self._radius(segments, 0, narrow), self._radius(segments, length, segments.narrow)
         waist = self._radius(segments, focus, segments.narrow)
@@ -136,7 +136,7 @@ class Cutting:
         return [Piece(there, near, segments.depth), Piece(cut, far, segments.depth)]
 
     def _reach(self, segments: Segments, narrow: Any) -> tuple[Any, Any]:
-        """Return how far beams go on before their start and behind their end: as far as their rim is in the medium."""
+        """Return how far beams extend before their start and beyond their end: as far as their rim is in the medium."""
         first, last = self._radius(segments, 0, narrow), self._radius(segments, segments.length, segments.narrow)
         lead, end = self._beyond(segments.slant, first), self._beyond(segments.slant_end, last)
         lead = dr.select(segments.depth == 0, dr.minimum(lead, segments.offset), lead)  # no light before its lamp
@@ -154,7 +154,7 @@ class Cutting:
         return dr.select(segments.depth == 0, self.straight(radius), self.limits(radius)) * narrow
 
     def _left(self, segments: Segments, s: Any) -> Any:
-        """Return the flux that is left at a distance along segments."""
+        """Return the flux that remains at a distance along segments."""
         if self.medium.tracked is not None:
             return segments.flux
         left = dr.exp(-opaque(self.medium.medium.extinction) * s)
@@ -174,14 +174,14 @@ class Cutting:
             result.entry, result.offset = entry, entry + ends[0]
             result.total = dr.select(straight, segments.total, segments.length)
             result.random = unit_float(hash32(segments.index, segments.key))
-            # Light through the portal and light beside it have sequences of their own.
+            # Light through the portal and light beside it have separate sequences, so ids must tell them apart.
             result.id = Float(2 * segments.index + dr.select(dr.isfinite(segments.portal), UInt32(1), UInt32(0)))
             result.generation = Float(segments.depth)
         return result
 
 
 def sets_of(world: World, cuttings: Iterable[Cutting], steps: Sequence[Segments]) -> list[BeamSet]:
-    """Return the beams of all steps in sets: one for each emitter and medium, two where scattered light has no look."""
+    """Return the beams of all steps: a set for each emitter and medium, two where scattered light has another look."""
     result: list[BeamSet] = []
     if not steps:
         return result
@@ -197,17 +197,17 @@ def sets_of(world: World, cuttings: Iterable[Cutting], steps: Sequence[Segments]
     return result
 
 
-#: Segments at shutter open and at shutter close, and which of either are there.
+#: Segments at shutter open and at shutter close, and which of them exist at either time.
 Moments = tuple[Sequence[Segments], Sequence[Bool]]
 
 
 def moving_sets(cuttings: Iterable[Cutting], steps: Sequence[Moments], later: Sequence[Source]) -> list[BeamSet]:
-    """Return the beams of light straight from its lamps, at shutter open and close.
+    """Return the beams of light straight from lamps, at shutter open and close.
 
     Parameters
     ----------
     steps
-        For each step the segments at both times, and which of them are there.
+        For each step, the segments at both times, and which of them exist.
     later
         The emitters at shutter close, by number.
     """
@@ -230,7 +230,7 @@ def moving_sets(cuttings: Iterable[Cutting], steps: Sequence[Moments], later: Se
 
 
 def _pair(first: Piece, last: Piece) -> list[Beams]:
-    """Return the pieces that exist at either time; where one does not exist, it has no power."""
+    """Return the pieces that exist at either time, for both times; where one does not exist, it has no power."""
     kept = compressed(first.there | last.there, first, last)
     return [_present(*kept), _present(*reversed(kept))] if kept else []
 
@@ -242,7 +242,7 @@ def _present(own: Piece, other: Piece) -> Beams:
 
 
 def _set(cutting: Cutting, look: Any, beams: Beams, close: Beams | None = None, depth: Any = None) -> BeamSet:
-    """Return beams as a set of their emitter, with a look."""
+    """Return beams as a set that belongs to their emitter, with a look."""
     source = cutting.source
     dr.eval(beams, close, depth)
     return BeamSet(
@@ -251,7 +251,7 @@ def _set(cutting: Cutting, look: Any, beams: Beams, close: Beams | None = None, 
 
 
 def _sets(cutting: Cutting, found: Piece) -> list[BeamSet]:
-    """Return an emitter's beams in a medium: two sets where its straight and its scattered light have other looks."""
+    """Return an emitter's beams in a medium: two sets if its straight and its scattered light differ in look."""
     source = cutting.source
     like = source.look is None or source.scattered == "look"
     if like and source.scattered != "off" and not source.guides:
@@ -265,7 +265,7 @@ def _sets(cutting: Cutting, found: Piece) -> list[BeamSet]:
 
 
 def _led(sources: Sequence[Source], *states: Beams) -> list[Beams]:
-    """Return light straight from a lamp along the lamp's guides, if it has any: a state of the beams for each time."""
+    """Return beams straight from a lamp, bent along its guides if it has any, for each time."""
     guides = [known_guides(each.guides) for each in sources]
     count = max(pieces_along(each) for each in guides)
     return [led(state, each, count) for state, each in zip(states, guides, strict=True)]

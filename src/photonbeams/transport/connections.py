@@ -1,4 +1,4 @@
-"""Connections: points in fog that cameras see, joined to emitters by straight lines that nothing stops."""
+"""Connections: straight lines between emitters and points in fog that cameras see, and whether anything blocks them."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ from .lamps import PortalEmitter
 if TYPE_CHECKING:
     from ..estimators.tiles import Projection
 
-# Points of all cameras together.
+# Number of points, for all cameras together.
 _POINTS = 1 << 16
 
 
 class VisiblePoints(Struct):
-    """Points in fog that cameras see, with the light that a unit of irradiance would send to the camera."""
+    """Points in fog that cameras see; `light` is what a unit of irradiance there would send to the camera."""
 
     position: Array3f
     medium: UInt32
@@ -40,7 +40,7 @@ class VisiblePoints(Struct):
 class ShadowRays:
     """Lines from an emitter to points in the picture: the points, and the directions of light, (N, 3).
 
-    `weight` (N,) is how much light in the picture they stand for, `free` (N,) whether nothing stops it on its way.
+    `weight`, (N,), is how much light in the picture each stands for; `free`, (N,), is whether nothing blocks the line.
     """
 
     point: Array
@@ -49,7 +49,7 @@ class ShadowRays:
     free: Array
 
     def chosen(self, free: bool, most: int) -> tuple[Array, Array]:
-        """Return points and directions of those lines that are free or of those that are not, by their weights."""
+        """Return points and directions of at most `most` lines that are free, or that are not, chosen by weight."""
         index = np.flatnonzero(self.free == free)
         number = min(most, len(index))
         if not number:
@@ -61,7 +61,7 @@ class ShadowRays:
 
 
 class Connections:
-    """Points all over the pictures of cameras, and which of them the lamps of a stage reach."""
+    """Points all over the pictures of cameras, and the lines along which the lamps of a stage light them."""
 
     def __init__(self, world: StageWorld, views: Sequence[Projection]) -> None:
         self._world = world
@@ -96,7 +96,7 @@ class Connections:
 
 
 def _visible(world: StageWorld, views: Views) -> tuple[Bool, VisiblePoints]:
-    """Return points all over the pictures, at all depths, and which of them are in fog."""
+    """Return points all over the pictures and at all depths, and which of them are in fog."""
     number = dr.arange(UInt32, _POINTS) + dr.opaque(UInt32, 0)
     view = views(hash32(number, UInt32(4)) % views.count)
     place = pixel_sample(number, dr.opaque(UInt32, 5))

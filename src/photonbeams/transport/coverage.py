@@ -1,8 +1,8 @@
-"""Coverage: what part of a photon's disc lies on its surface, and of a beam in its medium.
+"""Coverage: the fraction of a photon's disc that lies on its surface, and of a beam that lies in its medium.
 
-Beyond edges, in walls and outside of a medium nobody gathers, so light that a kernel spreads there is lost. Kernels
-that are divided by the part that is left keep their flux (boundary-corrected kernels); those of which little is left
-are narrowed first.
+Beyond edges, in walls and outside of a medium nothing is gathered, so light that a kernel spreads there is lost. To
+keep its flux, a kernel is divided by the fraction that is covered (boundary-corrected kernels). A kernel of which
+little is covered is narrowed first.
 """
 
 from __future__ import annotations
@@ -24,25 +24,25 @@ from .records import Segments
 
 mi = mitsuba()
 
-# Points on a photon's disc that are looked for on the surface, and lines along a beam, that are in the medium.
+# Numbers of points on a photon's disc, which are tested for the surface, and of lines along a beam, for the medium.
 _POINTS, _LINES = 12, 8
 
-# Kernels that less than this is left of are halved, so many times at most: few points tell little of a small thing. Of
-# a photon beside an edge half is left, however narrow it is: narrowed, it would be a bright dot.
+# Kernels with less coverage than this are halved, at most this many times: few points say little about a small object.
+# Beside an edge, half of a photon is covered however narrow it is; if it were narrowed, it would be a bright dot.
 _ENOUGH_OF_DISC, _ENOUGH_OF_BEAM, _HALVINGS = 0.3, 0.6, 4
 
-# Where lines are looked for, one after the other, as parts of the light that a beam loses along itself.
+# Places along a beam from which a line is looked for, in this order, as fractions of the light lost along the beam.
 _PLACES = (0.5, 0.05, 0.95)
 
-#: Returns what rays meet, as `World.intersect` does; loops in kernels take functions, not worlds.
+#: Returns what rays meet, as `World.intersect` does; loops in kernels can take functions, but not worlds.
 Meet = Callable[[Any, Any, Any, Any], Any]
 
 
 def surface_coverage(world: World, position: Array3f, normal: Array3f, radius: Float) -> tuple[Float, Float]:
-    """Return the radii of photons' discs, narrowed where too little of them is on a surface, and the part that is.
+    """Return the radii of photons' discs, narrowed if too little of a disc is on a surface, and the fraction that is.
 
-    A point of the disc counts where a photon map would find it there (`estimators.photons`), and nothing stands between
-    it and the photon.
+    A point of the disc counts if a photon map would find the photon from there (`estimators.photons`), and nothing
+    stands between the point and the photon.
     """
     disc = to_float(_disc(_POINTS))
 
@@ -54,7 +54,7 @@ def surface_coverage(world: World, position: Array3f, normal: Array3f, radius: F
 
 
 def _enough(covered: Callable[[Any, Any], Any], count: int, enough: float, least: float) -> tuple[Float, Float]:
-    """Return factors on radii that leave enough of kernels covered, and what part that is, `least` or more."""
+    """Return factors on radii with which enough of each kernel is covered, and that fraction, at least `least`."""
     factor, result = dr.ones(Float, count), dr.zeros(Float, count)
     for number in range(_HALVINGS + 1):
         tried = result < enough
@@ -68,7 +68,7 @@ def _enough(covered: Callable[[Any, Any], Any], count: int, enough: float, least
 
 
 def _disc(count: int) -> np.ndarray:
-    """Return points (count, 2) on the unit disc, as dense as Epanechnikov's kernel."""
+    """Return points on the unit disc, (count, 2), with the density of Epanechnikov's kernel."""
     u = (np.arange(count) + 0.5) / count
     angle = np.arange(count) * np.pi * (3 - np.sqrt(5))
     return np.sqrt(1 - np.sqrt(1 - u))[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
@@ -76,7 +76,7 @@ def _disc(count: int) -> np.ndarray:
 
 @dr.syntax
 def _on_surface(meet: Meet, position: Any, normal: Any, radius: Any, disc: Any, active: Any) -> Any:
-    """Return the part of discs that is on a surface; each is turned by an angle of its own."""
+    """Return the fraction of each disc that is on a surface; discs are turned by different angles."""
     lane = dr.arange(UInt32, dr.width(position))
     sine, cosine = dr.sincos(2 * dr.pi * unit_float(hash32(lane)))
     across, up = perpendicular(normal)
@@ -96,7 +96,7 @@ def _on_surface(meet: Meet, position: Any, normal: Any, radius: Any, disc: Any, 
         offset = Array3f(below.p) - position
         facing = dr.abs(dr.dot(Array3f(below.n), normal))
         there = free & below.is_valid() & (below.t < 2 * height) & (facing > FACING)
-        # A slanted surface has more area, farther from the photon, than its projection onto the disc.
+        # A slanted surface has more area than its projection onto the disc, and is farther from the photon.
         left = dr.maximum(1 - dr.squared_norm(offset) / dr.square(radius), 0)
         weight = left * dr.rcp((1 - dr.squared_norm(at)) * dr.maximum(facing, FACING))
         total += dr.select(there, weight, 0)
@@ -104,25 +104,25 @@ def _on_surface(meet: Meet, position: Any, normal: Any, radius: Any, disc: Any, 
     return total * (1 / _POINTS)
 
 
-#: Radii of beams at both ends, how far they reach beyond these, and the normal of the plane in which they end, where
-#: all radii are multiplied by a factor.
+#: Returns, for a factor on all radii: radii of beams at both ends, how far they reach beyond these, and the normal of
+#: the plane in which they end.
 BeamShape = Callable[[Any], tuple[Any, ...]]
 
 
 def medium_coverage(
     world: World, segments: Segments, shape: BeamShape, decay: Float, active: Bool
 ) -> tuple[Float, Float]:
-    """Return factors on the radii of beams that narrow them where too little is in their medium, and the part that is.
+    """Return factors that narrow beams of which too little is in their medium, and the fraction that is.
 
-    It is the light on lines along the beam, before they leave the medium, over that on the axis. A beam that crosses a
-    plane at a slant loses nothing: what one side lacks the other has beyond the axis' end.
+    The fraction is the light on lines along the beam, until they leave the medium, over the light on the axis. A beam
+    that crosses a plane at a slant loses nothing: what one side lacks, the other has beyond the axis' end.
 
     Parameters
     ----------
     decay
         Rate at which beams fade.
     active
-        Which beams are tried; others are taken to lie in the medium.
+        Which beams are tested; others are assumed to lie in the medium.
     """
     disc = to_float(_disc(_LINES))
 
@@ -134,7 +134,7 @@ def medium_coverage(
 
 @dr.syntax
 def _in_medium(meet: Meet, segments: Segments, shape: tuple[Any, ...], disc: Any, decay: Any, active: Any) -> Any:
-    """Return the part of beams' light that is in their medium."""
+    """Return the fraction of beams' light that is in their medium."""
     first, last, lead, end, plane = shape
     origin, direction, medium = segments.origin, segments.direction, segments.medium
     length = dr.minimum(segments.length, 1e18)
@@ -175,9 +175,10 @@ def _in_medium(meet: Meet, segments: Segments, shape: tuple[Any, ...], disc: Any
 
 
 def _free(meet: Meet, origin: Any, direction: Any, medium: Any, seed: Any, active: Any) -> Any:
-    """Return how far rays lead through a medium before they leave it.
+    """Return the distance at which rays leave a medium.
 
-    Walls in the medium do not count: what a beam has behind a board, or beside the hole that it came through, is seen.
+    Walls within the medium do not count: the part of a beam behind a board, or beside the hole that it came through, is
+    visible.
     """
     hit = meet(origin, direction, active, seed)
     leaves = hit.is_medium_transition() & (numbers(hit.target_medium(mi.Vector3f(direction))) != medium)

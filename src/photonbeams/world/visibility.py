@@ -14,7 +14,7 @@ from .spectra import rgb
 mi = mitsuba()
 
 
-# Surfaces without a BSDF that a ray may pass.
+# Most surfaces with a null lobe that a ray may pass.
 _LAYERS = 64
 
 
@@ -23,7 +23,18 @@ def through(
 ) -> tuple[Array3f, Any]:
     """Return the transmittance along rays up to their ends, and the surface that each meets there, if any.
 
-    Surfaces transmit by their null lobes alone. `coarse` is that of `Media.transmittance`.
+    Surfaces transmit light by their null lobes alone.
+
+    Parameters
+    ----------
+    plugin, media
+        The Mitsuba scene and its media.
+    ray, medium
+        Mitsuba's rays, and the numbers of the media in which they begin.
+    seed, active
+        Seeds for tracking heterogeneous media, and which rays are wanted.
+    coarse
+        As in `Media.transmittance`.
     """
     end = dr.minimum(ray.maxt, dr.largest(Float))
 
@@ -41,7 +52,7 @@ def through(
         going = going & found.is_valid()
         clear = rgb(found.bsdf().eval_null_transmission(found, going))
         endless = left >= dr.largest(Float)
-        # An endless ray ends at the surface itself; one toward a lamp is blocked.
+        # A ray without an end stops at the surface itself; one toward a lamp is blocked by it.
         solid = going & (dr.max(clear) <= 0)
         passed = dr.select(solid & ~endless, 0, passed)
         going = going & ~solid

@@ -1,4 +1,4 @@
-"""Random walks through a Mitsuba scene, which tell which medium is where."""
+"""Random walks through a Mitsuba scene, which find out which medium is where."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from .interfaces import UNKNOWN, meet, reflected
 
 mi = mitsuba()
 
-# Steps of a walk.
+# Number of steps of a walk.
 _STEPS = 12
-# Kinds of walks. They pass surfaces that transmit light and name no media; half of the interfaces, too; or everything
-# but interfaces.
+# Kinds of walks. ASKING ones pass surfaces that transmit light and name no media; CROSSING ones pass half of the
+# interfaces, too; ONWARD ones pass everything but interfaces.
 ASKING, CROSSING, ONWARD = 0, 1, 2
 
 
 @dataclass
 class Walks:
-    """Hits of walks, (steps, N): `near` and `far` are the media that an interface names, UNKNOWN elsewhere."""
+    """Hits of walks, (steps, N); `near` and `far` are the media that an interface names, UNKNOWN if it is none."""
 
     alive: Array
     valid: Array
@@ -37,7 +37,7 @@ class Walks:
     end: Array
 
     def part(self, begin: int, end: int | None) -> Walks:
-        """Return some of the walks."""
+        """Return the walks from number `begin` to `end`."""
         return Walks(*(getattr(self, name)[:, begin:end] for name in self.__dataclass_fields__))
 
     def steps(self) -> Iterator[Walks]:
@@ -75,7 +75,7 @@ def walk(plugin: Any, origin: Array, direction: Array, rng: np.random.Generator,
 
 
 def first_interface(walks: Walks) -> tuple[Array, Array, Array]:
-    """Return the media before and behind the first interface of each walk, UNKNOWN without one, and its shape."""
+    """Return the media before and behind the first interface of each walk (UNKNOWN without one), and its shape."""
     met = walks.valid & (walks.near != UNKNOWN)
     step, lane = met.argmax(axis=0), np.arange(met.shape[1])
     some = met.any(axis=0)
@@ -84,14 +84,14 @@ def first_interface(walks: Walks) -> tuple[Array, Array, Array]:
 
 
 def named_medium(walks: Walks) -> Array:
-    """Return the first medium on the near side of an interface of each walk, 0 where there is none."""
+    """Return the first medium that each walk finds on the near side of an interface; 0 if there is none."""
     met = walks.valid & (walks.near != UNKNOWN) & (walks.near > 0)
     step, lane = met.argmax(axis=0), np.arange(met.shape[1])
     return np.where(met.any(axis=0), walks.near[step, lane], 0)
 
 
 def known_media(walks: Walks, everywhere: int) -> Array:
-    """Return the media in which walks began, of those walks that find one: a named one, the background, or none."""
+    """Return the media in which walks began, for walks that find out: a named one, the background's, or none (0)."""
     escaped = (walks.alive & ~walks.valid).any(axis=0)
     named, empty = named_medium(walks), first_interface(walks)[0] == 0
     told = np.where(named > 0, named, np.where(escaped, everywhere, np.where(empty, 0, UNKNOWN)))
@@ -100,11 +100,11 @@ def known_media(walks: Walks, everywhere: int) -> Array:
 
 
 def random_directions(rng: np.random.Generator, count: int) -> Array:
-    """Return unit vectors, (count, 3), all directions as likely."""
+    """Return random unit vectors, (count, 3), uniform over the sphere."""
     return normalized(rng.normal(size=(count, 3)))
 
 
 def normalized(vectors: Array) -> Array:
-    """Return vectors, (N, 3), with length 1."""
+    """Return vectors, (N, 3), scaled to length 1."""
     result: Array = vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-30)
     return result

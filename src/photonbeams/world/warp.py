@@ -1,7 +1,7 @@
 """Measure-preserving maps from the unit square to discs, cones and spheres.
 
-All maps keep neighbours together, so that what is stratified in the square stays stratified on the light: a beam's
-footprint is the size of its cell. Sources: Shirley and Chiu 1997 (square to disc), Clarberg 2008 (square to sphere).
+All maps keep neighbours together, so samples that are stratified in the square are stratified on the light, and a
+beam's footprint is the size of its cell. Sources: Shirley and Chiu 1997 (square to disc), Clarberg 2008 (square to sphere).
 """
 
 from __future__ import annotations
@@ -37,14 +37,15 @@ def perpendicular(axis: Array3f) -> tuple[Array3f, Array3f]:
 
 
 def facing(normal: Array3f, direction: Array3f) -> Array3f:
-    """Return normals on the side of surfaces from which rays along `direction` arrive."""
+    """Return normals turned toward the side from which rays along `direction` arrive."""
     return dr.select(dr.dot(normal, direction) > 0, -normal, normal)
 
 
 def cone(u: Array2f, axis: Array3f, one_minus_cos: Float) -> Array3f:
     """Return a direction around `axis`, uniform in the solid angle 2π(1 − cos) of a cone.
 
-    Takes 1 − cos, not cos: half a degree is 4e-5, of which float32 keeps two digits in the cosine.
+    The parameter is 1 − cos, not cos, for precision: at half a degree it is 4e-5, of which a float32 cosine keeps two
+    digits.
     """
     p = disk(u)
     return around(p, axis, Float(dr.squared_norm(p) * one_minus_cos))
@@ -53,12 +54,12 @@ def cone(u: Array2f, axis: Array3f, one_minus_cos: Float) -> Array3f:
 def power_cone(u: Array2f, axis: Array3f, power: Float, q: Float) -> tuple[Array3f, Float]:
     """Return a direction with density ∝ cos^power within a cone, and that density per solid angle.
 
-    The density is (k + 1) cos^k θ / (2π q), with k = `power` and q = 1 − cos^(k+1) at the cone's edge: k = 0 is uniform
-    in solid angle, k = 1 in projected solid angle, k = focus follows a focused light.
+    The density is (k + 1) cos^k θ / (2π q), with k = `power` and q = 1 − cos^(k+1) at the cone's edge. It is uniform in
+    solid angle for k = 0, uniform in projected solid angle for k = 1, and follows a focused light for k = focus.
     """
     p = disk(u)
     x = Float(dr.squared_norm(p) * q)
-    series = x / (power + 1) * (1 + 0.5 * x * power / (power + 1))  # 1 - (1 - x)^(1/(k+1)), where float32 cancels
+    series = x / (power + 1) * (1 + 0.5 * x * power / (power + 1))  # of 1 - (1 - x)^(1/(k+1)), which cancels in float32
     root = Float(dr.power(dr.maximum(1 - x, 0), 1 / (power + 1)))
     h = Float(dr.select(x < 1e-3, series, 1 - root))
     falloff = Float(dr.select(power > 0, dr.power(dr.maximum(1 - h, 1e-20), power), 1))

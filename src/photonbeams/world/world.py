@@ -1,4 +1,4 @@
-"""The world that light paths and camera paths meet: surfaces and media, of a stage or of a Mitsuba scene."""
+"""The surfaces and media that light paths and camera paths meet, of a stage or of a Mitsuba scene."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .sources import Source
 
 mi = mitsuba()
 
-_LAYERS = 32  # of cut-out surfaces that a ray may pass
+_LAYERS = 32  # most cut-out surfaces that a ray may pass
 
 
 class World:
@@ -24,7 +24,7 @@ class World:
     Attributes
     ----------
     plugin
-        The Mitsuba scene of surfaces and of boundaries of media (Embree on the CPU, OptiX on a GPU).
+        The Mitsuba scene of surfaces and of the media's boundaries (Embree on the CPU, OptiX on a GPU).
     media
         Its media.
     radius
@@ -32,8 +32,8 @@ class World:
     sources
         What the beams of each emitter have in common, by the emitters' numbers.
     cutouts
-        Whether cut-out surfaces stop rays with the probability of their opacity: `intersect` then passes the others. If
-        not, they are surfaces whose BSDFs have null lobes.
+        Whether cut-out surfaces stop rays with the probability of their opacity: `intersect` then skips those that do
+        not. If not, they are ordinary surfaces, whose BSDFs have null lobes.
     perturbed, translucent
         Whether BSDFs may perturb the normal (bump and normal maps), and whether any has diffuse or glossy transmission.
     mirrors
@@ -43,7 +43,7 @@ class World:
     lit_by_domes
         Numbers of the media that domes light without beams.
     host
-        The Mitsuba scene beside which rays look for portals (`shapes.scene_of`).
+        The Mitsuba scene that the scenes of portals share on CUDA: see `shapes.scene_of`.
     """
 
     plugin: Any
@@ -60,7 +60,7 @@ class World:
 
     @property
     def sharp(self) -> bool:
-        """Whether camera paths may continue anywhere: at a boundary of media, a mirror, glass."""
+        """Whether camera paths may continue somewhere: at a boundary of media, a mirror or glass."""
         return True
 
     def without_surfaces(self) -> World:
@@ -68,7 +68,7 @@ class World:
         raise NotImplementedError
 
     def blocking_scenes(self) -> Sequence[Any]:
-        """Return Mitsuba scenes that block light instead of `plugin`, by link number less 1."""
+        """Return the Mitsuba scenes that block light instead of `plugin`, by link number minus 1."""
         return ()
 
     def escape(self, origin: Array3f, direction: Array3f) -> Float:
@@ -80,7 +80,7 @@ class World:
         raise NotImplementedError
 
     def shading_normal(self, hit: Any, active: Bool) -> Array3f:
-        """Return the normals of surfaces in world space; on stages, as normal and bump maps tilt them."""
+        """Return the normals of surfaces in world space; on stages, normal and bump maps are applied."""
         if not any(isinstance(each, NormalMap) for each in parts(self.plugin, mi.BSDF)):
             return Array3f(hit.sh_frame.n)
         return Array3f(dr.dispatch(hit.bsdf(), _mapped_normal, hit, active))
@@ -94,8 +94,8 @@ class World:
     def intersect(self, origin: Any, direction: Any, active: Bool, seed: UInt32, link: UInt32 | None = None) -> Any:
         """Return the first surface, or boundary of a medium, that rays meet, as a SurfaceInteraction3f.
 
-        `seed` decides which cut-out surfaces let a ray pass; `link` selects the surfaces that block light
-        (`blocking_scenes`).
+        `seed` decides which cut-out surfaces a ray passes. `link` selects the surfaces that block light: see
+        `blocking_scenes`.
         """
         return self._first(self.plugin, self.blocking_scenes(), origin, direction, active, seed, link)
 
@@ -117,14 +117,14 @@ class World:
         return hit
 
     def _beyond_cutouts(self, plugin: Any, origin: Any, direction: Any, active: Bool, seed: UInt32) -> tuple[Any, Any]:
-        """Return rays that begin beyond the cut-out surfaces that they pass, and the distance to there."""
+        """Return rays moved beyond the cut-out surfaces that they pass, and the distances by which they were moved."""
         skip = self._skipped(plugin, origin, direction, active, seed) if self.cutouts else 0
         return mi.Ray3f(mi.Point3f(origin + skip * direction), mi.Vector3f(direction)), skip
 
     def _skipped(self, plugin: Any, origin: Any, direction: Any, active: Bool, seed: UInt32) -> Float:
         """Return the distance to the last cut-out surface that rays pass; boundaries of media stop them."""
         origin, direction = dr.detach(Array3f(origin)), dr.detach(Array3f(direction))
-        # Beyond the rounding of a hit's place.
+        # More than the rounding error of a hit's place.
         step = 1e-5 * dr.max(dr.abs(origin))
 
         def passing(skip: Float, layer: UInt32, going: Bool) -> tuple[Float, UInt32, Bool]:
@@ -140,7 +140,7 @@ class World:
         return skip
 
     def opacity(self, hit: Any, active: Any) -> Float:
-        """Return the opacity of cut-out surfaces that stopped a ray, above 0; 1 of others."""
+        """Return the opacity of the cut-out surfaces that stopped rays, above 0; 1 for other surfaces."""
         if not self.cutouts:
             return Float(1)
         return dr.maximum(1 - dr.mean(hit.bsdf().eval_null_transmission(hit, active)), 1e-6)
@@ -153,7 +153,7 @@ def _mapped_normal(bsdf: Any, hit: Any, active: Bool) -> Any:
 
 
 def by_link(plugin: Any, others: Sequence[Any], link: UInt32 | None) -> list[tuple[Any, Any]]:
-    """Return Mitsuba scenes and which rays meet them: those of link 0 meet `plugin`, those of 1 the first other."""
+    """Return Mitsuba scenes and which rays meet them: link 0 meets `plugin`, link 1 the first of the others."""
     if not others or link is None:
         return [(plugin, Bool(True))]
     linked = [(each, link == dr.opaque(UInt32, number)) for number, each in enumerate(others, 1)]
