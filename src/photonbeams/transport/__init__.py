@@ -1,1 +1,1 @@
-"""Light paths: emission, guiding, interactions, radii, and the beams that they leave."""
+"""Light paths: emission, guiding, interactions, radii, and the beams that paths leave."""

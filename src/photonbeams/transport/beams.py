@@ -28,7 +28,7 @@ from .records import Segments
 _WAIST = 0.8
 
 # Beams continue beyond the boundary of their medium as far as their rim is in it, but at most by this many radii, or
-# one free path. Otherwise the medium would be dark at a boundary that they cross at a slant. Outside, they are not seen.
+# one free path. Otherwise the medium would be dark at a boundary that they cross at a slant. Outside they are not seen.
 _BEYOND = 4.0
 
 # Places along a beam at which a grid's density is looked up, as fractions of its length.

@@ -1,4 +1,4 @@
-"""Ray differentials of light (Igehy 1999): derivatives of rays by the four numbers of their emission sample."""
+"""Ray differentials of light paths (Igehy 1999): derivatives of rays by the four numbers of an emission sample."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from ..runtime.device import Array3f, UInt32
 
 
 class RayDifferentials:
-    """Derivatives of rays by their emission sample, four each: (3,) of origin `p` and (3,) of direction `d`."""
+    """Derivatives of rays by the four numbers of their emission sample, (3,) of the origin, `p`, and direction, `d`."""
 
     DRJIT_STRUCT: ClassVar[dict[str, Any]] = {f"{name}{k}": Array3f for name in "pd" for k in range(4)}
 
     def columns(self) -> list[tuple[Any, Any]]:
-        """Return (derivative of the origin, derivative of the direction) by each number."""
+        """Return the derivatives of origin and direction by each of the four numbers."""
         return [(getattr(self, f"p{k}"), getattr(self, f"d{k}")) for k in range(4)]
 
     @classmethod
     def of(cls, columns: list[tuple[Any, Any]]) -> RayDifferentials:
-        """Return derivatives by each number as a struct."""
+        """Return a struct of the derivatives by each of the four numbers."""
         result = cls()
         for k, (p, d) in enumerate(columns):
             setattr(result, f"p{k}", Array3f(p))
@@ -31,8 +31,9 @@ class RayDifferentials:
 def differentiate(inputs: list[Any], outputs: list[Any], directions: list[Any]) -> list[Any]:
     """Return the derivatives of outputs along a direction in the space of the inputs (forward mode).
 
-    `inputs` are attached to the AD graph, and `outputs` are computed from them. There is no second traversal of a graph
-    with calls of Mitsuba's plug-ins: Dr.Jit forgets what they need. For several directions, give each lanes of its own.
+    `inputs` are attached to the AD graph, and `outputs` are computed from them. A graph with calls of Mitsuba's
+    plug-ins cannot be traversed twice, because Dr.Jit discards what they need. For several directions, use separate
+    lanes for each.
     """
     for value, direction in zip(inputs, directions, strict=True):
         dr.set_grad(value, direction)
@@ -42,7 +43,7 @@ def differentiate(inputs: list[Any], outputs: list[Any], directions: list[Any]) 
 
 
 def copies(count: int) -> tuple[UInt32, UInt32]:
-    """Return for 4 · `count` lanes, four for each path, the path and which of its four derivatives the lane has."""
+    """Return, for four lanes for each of `count` paths, the path and the number of the derivative, 0 to 3."""
     lane = dr.arange(UInt32, 4 * count) + dr.opaque(UInt32, 0)
     return lane // 4, lane % 4
 

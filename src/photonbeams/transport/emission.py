@@ -1,8 +1,8 @@
-"""Where light paths begin: samples of emitters, in strata, and how far apart they are.
+"""Emission of light paths: samples of emitters, in strata, with their ray differentials.
 
-Each stratum (an emitter, or the part of a lamp's light that passes its portal) has a 4D Sobol sequence of its own. A
-point of it is an emission sample: two dimensions place a path on the emitter, two choose its direction. Each path
-carries ray differentials, the derivatives of its origin and its direction by the emission sample.
+Each stratum (an emitter, or the part of a lamp's light that passes its portal) has its own 4D Sobol sequence. A point
+of it is an emission sample: two dimensions place a path on the emitter, two choose its direction. Each path carries ray
+differentials, the derivatives of its origin and its direction by the emission sample.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from ..scene import Array
 from .differentials import RayDifferentials
 from .guiding import GuidingMap
 
-# Paths that estimate an emitter's flux.
+# Number of paths that estimate an emitter's flux.
 PROBE = 4096
 
 # Length of SciPy's Sobol sequences, after which another one begins.
@@ -33,9 +33,9 @@ _SEQUENCE = 1 << 30
 class EmissionSample:
     """Light paths as an emitter samples them, (N,) each.
 
-    `flux` is an estimate of the whole emitter's flux from one path; `reach` is the length of a path that meets nothing,
-    `portal` the distance at which it passes its portal, or infinity; `medium` is the number of the medium around it.
-    `valid` are those that are there at all: of light through a portal, those that pass it.
+    `flux` is one path's estimate of the whole emitter's flux; `reach` is the length of a path that meets nothing;
+    `portal` is the distance at which it passes its portal, or infinity; `medium` is the number of the medium where it
+    begins. `valid` says which paths exist at all: of paths through a portal, those that pass it.
     """
 
     origin: Any
@@ -49,18 +49,18 @@ class EmissionSample:
 
 
 class Emitter(Protocol):
-    """What sends light paths: a lamp of a stage, Mitsuba's emitter, or the part of either's light at a portal.
+    """A source of light paths: a lamp of a stage, a Mitsuba emitter, or the part of either's light at a portal.
 
     Attributes
     ----------
     name
         The emitter's name, for messages.
     source, link
-        Numbers of the `Source` that its beams belong to, and of the surfaces that stop its light.
+        The numbers of the `Source` that its beams belong to, and of the set of surfaces that block its light.
     halvings
-        How often a beam is halved at most where a surface blocks its rim.
+        How often a beam is halved, at most, where a surface blocks its rim.
     lamp
-        What reaches a point from it (`world.lights`), None of an emitter that no portal may stand before.
+        The lamp that says what reaches a point (`world.lights`); None if the emitter cannot have a portal.
     """
 
     name: str
@@ -70,12 +70,12 @@ class Emitter(Protocol):
     lamp: Any
 
     def sample(self, u: Array2f, v: Array2f) -> EmissionSample:
-        """Return light paths for emission samples: u places them on the emitter, v directs them."""
+        """Return light paths for emission samples: `u` places them on the emitter, `v` chooses their directions."""
 
 
 @dataclass(frozen=True)
 class Emitted:
-    """Light paths as they leave their emitter; arrays as `transport.paths.LightPaths` has them."""
+    """Light paths as they leave their emitter; the arrays are those of `transport.records.LightPaths`."""
 
     origin: Any
     direction: Any
@@ -99,13 +99,15 @@ class Stratum:
     Attributes
     ----------
     emitter, count
-        Who sends them, and how many a pass.
+        The emitter, and the number of paths in a pass.
     sequence
         Seeds of the stratum's Sobol sequence.
     fixed
-        Whether the emitter says itself how many paths it has.
+        Whether the emitter's own settings give its number of paths.
     guide
-        A map of the samples toward visible light, or None.
+        A map that sends samples toward visible light, or None.
+    key
+        A hash of the sequence.
     """
 
     emitter: Emitter
@@ -125,7 +127,7 @@ class Stratum:
         return sobol_points(self.count, block % blocks, (*self.sequence, *more))
 
     def emit(self, block: int, points: Array | None = None) -> Emitted:
-        """Return the light paths of pass `block`; `points` are taken instead of the pass's own, and not guided."""
+        """Return the light paths of pass `block`; `points`, if given, replace the pass's own, and are not guided."""
         count, derivative = self.count, None
         if points is None:
             points = self.points(block)
@@ -158,14 +160,14 @@ class Stratum:
 
 @dataclass
 class Emission:
-    """All light paths of a pass, by strata; `power` is the flux of all of them, per channel."""
+    """All light paths of a pass, by strata; `power` is their total flux in each channel, (3,)."""
 
     strata: Sequence[Stratum]
     power: np.ndarray
 
     @property
     def count(self) -> int:
-        """Light paths a pass."""
+        """Number of light paths in a pass."""
         return sum(stratum.count for stratum in self.strata)
 
     def emit(self, block: int) -> list[Emitted]:
@@ -174,7 +176,7 @@ class Emission:
 
 
 def probed_flux(emitter: Emitter, number: int) -> np.ndarray:
-    """Return the flux of an emitter per channel, from a few of its paths."""
+    """Return an estimate of an emitter's flux in each channel, (3,), from a few of its paths."""
     sample = emitter.sample(*pairs(sobol_points(PROBE, 0, (PROBE, number))))
     values = (sample.flux + dr.zeros(Array3f, PROBE)).numpy()
     flux: np.ndarray = np.nan_to_num(values, posinf=0, neginf=0).mean(axis=1)

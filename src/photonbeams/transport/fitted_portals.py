@@ -1,9 +1,9 @@
-"""Fitted portals: where most of an emitter's visible light passes a small rectangle, as through a hole in a wall.
+"""Fitted portals: small rectangles that most of an emitter's visible light passes, such as holes in a wall.
 
-A pilot knows which of an emitter's light paths cameras see. Where these pass a rectangle that few others pass, paths
-are better sent through it, as through a portal that somebody has placed: places on the emitter and in the rectangle
-are strata, and what blocks light beside it blocks few of them. The other paths go past it. No light is lost, wherever
-the rectangle is. (Portals: Bitterli, Novák and Jarosz 2015, of environments.)
+A pilot knows which light paths of an emitter cameras see. Where these pass a rectangle that few others pass, it is
+better to send paths through it, as through a portal that somebody has placed: samples are then stratified on the
+emitter and in the rectangle, and few of them are blocked. The other paths go past the rectangle, so no light is lost
+wherever it is. (For portals of environments, see Bitterli, Novák and Jarosz 2015.)
 """
 
 from __future__ import annotations
@@ -27,28 +27,30 @@ from .lamps import PortalEmitter
 
 mi = mitsuba()
 
-# The fewest visible paths that a rectangle is fitted to.
+# The fewest visible paths to which a rectangle is fitted.
 _FEWEST = 24
-# Planes along the mean direction, and angles of rectangles in them. The mean of unit vectors is so long at least: light
-# from all around has no portal.
+# Numbers of planes along the mean direction, and of angles of rectangles in them; and the least length of the mean of
+# directions, which are unit vectors: light from all around has no portal.
 _PLANES, _ANGLES, _SLANTED = 16, 6, 0.2
-# Rounds in which planes are moved and tilted to find a better one, by angles that begin with this one, in radians.
+# Number of rounds in which planes are moved and tilted to find a better one, and the first angle of tilt, in radians.
 _ROUNDS, _TILT = 5, 0.3
-# The paths that tell which plane is best: those that are seen, and the others.
+# How many paths decide which plane is best: of those that are seen, and of the others.
 _THINNED = 512, 1024
-# The parts of visible light that a rectangle may leave out along either axis.
+# The fractions of visible light that a rectangle may leave out along either axis.
 _TRIMS = (0.0, 0.005, 0.02, 0.05, 0.1, 0.2)
-# Rectangles are wider than what is known to pass them, by this part on each side, or by this many of the paths.
+# Rectangles are wider on each side than the known paths through them, by this fraction, or by that of so many paths.
 _MARGIN, _MARGIN_PATHS = 0.02, 2.0
-# Rays that tell how far light gets around a rectangle, in one three times as long and as wide; the part of the usual
-# way that they must get beyond it; strips by which it grows, and how much darker these may be than what is within.
+# Number of rays that measure how far light gets around a rectangle, in one three times as long and wide; the fraction
+# of the usual distance that they must get beyond it; the width of the strips by which it grows, and how bright a strip
+# must be, as a fraction of the rectangle.
 _PROBES, _BEYOND, _STRIP, _DARK = 1 << 13, 0.25, 0.1, 0.1
-# Walls that are tried, and points that tell where they are. Points are of one wall if their normals have such a cosine
-# and their distances are less than this part of their spread. A rectangle in a wall may be so much worse.
+# Numbers of walls that are tried, and of points that may define one. Points belong to one wall if the cosine between
+# their normals is more than _FLAT, and their distance from its plane is less than _THICK of their spread. The cost of a
+# rectangle in a wall may be higher by the factor _WORSE.
 _WALLS, _TRIED, _FLAT, _THICK, _WORSE = 4, 32, 0.99, 0.003, 1.5
-#: All of a rectangle, (2, 2) by axis and end.
+#: The box of a whole rectangle, (2, 2) by axis and end.
 UNIT = np.array([[0.0, 1.0], [0.0, 1.0]])
-# The part of the paths that goes through the rectangle is within these bounds.
+# Bounds of the fraction of paths that goes through the rectangle.
 _SHARES = (0.75, 0.9)
 
 
@@ -56,8 +58,8 @@ _SHARES = (0.75, 0.9)
 class Bundle:
     """Light paths as they leave their emitter, (N, 3), with the light that each stands for, (N,).
 
-    `light` is their flux, `seen` what cameras see of it; the sum of either is 1. `room` is the variance of what is seen
-    by guided paths, against that by uniform ones.
+    `light` is their flux and `seen` is what cameras see of it; each sums to 1. `room` is the variance of visible light
+    by guided paths, relative to that by uniform ones.
     """
 
     origin: Array
@@ -67,7 +69,7 @@ class Bundle:
     room: float = 1.0
 
     def thinned(self) -> Bundle:
-        """Return fewer paths that stand for all: some of those that are seen, and some of the others."""
+        """Return fewer paths that represent all: some of those that are seen, and some of the others."""
         which, scale = [], np.ones(len(self.seen))
         for number, most in enumerate(_THINNED):
             own = np.flatnonzero((self.seen > 0) == (number == 0))
@@ -83,8 +85,8 @@ class Bundle:
 class FittedRectangle:
     """A rectangle: its corner, (3,), and its edges, (2, 3).
 
-    `inside` is which paths of the bundle pass it, (N,); `seen` and `light` are the parts of visible light and of all;
-    `aside` is the variance of paths past it, against that by uniform ones.
+    `inside` says which paths of the bundle pass it, (N,). `seen` and `light` are the fractions of visible light and of
+    all light that pass it. `aside` is the variance of paths past it, relative to that of uniform ones.
     """
 
     corner: Array
@@ -96,18 +98,18 @@ class FittedRectangle:
 
     @property
     def share(self) -> float:
-        """The part of the paths that had best go through it: parts are as the roots of their variances."""
+        """The best fraction of paths to send through it: fractions are proportional to the roots of variances."""
         through, aside = np.sqrt([self.seen * self.light, (1 - self.seen) * (1 - self.light) * self.aside])
         return float(np.clip(through / max(through + aside, 1e-30), *_SHARES))
 
     @property
     def rooms(self) -> tuple[float, float]:
-        """The variances of visible light through it and past it, against that of all by paths in all directions."""
+        """The variances of visible light through it and past it, relative to those of paths in all directions."""
         share = self.share
         return self.seen * self.light / share, (1 - self.seen) * (1 - self.light) * self.aside / (1 - share)
 
     def portal(self, host: Any, wider: float = 0.0) -> Portal:
-        """Return the rectangle as a portal, beside the Mitsuba scene `host`; `wider` by a part of it on each side."""
+        """Return the rectangle as a portal (see `scene_of` for `host`), wider by a fraction `wider` on each side."""
         x, y = (1 + 2 * wider) * self.edges
         corner = self.corner - wider * self.edges.sum(axis=0)
         points = np.array([corner, corner + x, corner + x + y, corner + y])
@@ -116,12 +118,12 @@ class FittedRectangle:
 
     @classmethod
     def of(cls, corner: Array, edges: Array, inside: Array, bundle: Bundle) -> FittedRectangle:
-        """Return a rectangle with what passes it: the paths `inside`."""
+        """Return a rectangle that the paths `inside` of a bundle pass."""
         seen, light = (min(float(each[inside].sum()), 1.0) for each in (bundle.seen, bundle.light))
         return cls(corner, edges, inside, seen, light, bundle.room)
 
     def crossed(self, origin: Array, direction: Array) -> tuple[Array, Array]:
-        """Return where rays cross its plane, (2, N) in units of its edges, and at which distances, (N,)."""
+        """Return where rays cross its plane, (2, N) in units of its edges, and the distances to there, (N,)."""
         axes = self.edges / (self.edges**2).sum(axis=1, keepdims=True)
         return _crossed(origin, direction, self.corner, np.cross(*self.edges), axes)
 
@@ -133,7 +135,7 @@ class FittedRectangle:
 
 
 def _crossed(origin: Array, direction: Array, point: Array, normal: Array, axes: Array) -> tuple[Array, Array]:
-    """Return where rays cross a plane, (2, N) along `axes` from `point`, and at which distances; infinite: nowhere."""
+    """Return where rays cross a plane, (2, N) along `axes` from `point`, and how far away; infinite if they do not."""
     with np.errstate(divide="ignore", invalid="ignore"):
         distance = ((point - origin) @ normal) / (direction @ normal)
     crosses = np.isfinite(distance) & (distance > 0)
@@ -143,14 +145,14 @@ def _crossed(origin: Array, direction: Array, point: Array, normal: Array, axes:
 
 @dataclass(frozen=True)
 class Opening:
-    """A fitted portal, and the part of a stratum's paths that goes through it."""
+    """A fitted portal, and the fraction of a stratum's paths that goes through it."""
 
     portal: Portal
     share: float
 
 
 def parted(stratum: Stratum, opening: Opening | None) -> list[Stratum]:
-    """Return a stratum as two, of the paths through an opening and past it; as it is where there is none."""
+    """Return a stratum as two, of the paths through an opening and past it; without an opening, as it is."""
     if opening is None:
         return [stratum]
     emitter: Any = stratum.emitter
@@ -163,10 +165,10 @@ def parted(stratum: Stratum, opening: Opening | None) -> list[Stratum]:
 
 
 def fitted(bundle: Bundle, size: float) -> FittedRectangle | None:
-    """Return the rectangle that visible light passes and little other light does; None where too little is seen.
+    """Return the rectangle that visible light passes, but little other light; None if too little light is seen.
 
-    Planes square to the light are tried at all depths of a scene of radius `size`. The best is moved and tilted until
-    that makes it no better.
+    Planes square to the light are tried at all depths of a scene of radius `size`. The best one is then moved and
+    tilted in several rounds, as long as that improves it.
     """
     if np.count_nonzero(bundle.seen > 0) < _FEWEST:
         return None
@@ -187,9 +189,9 @@ def fitted(bundle: Bundle, size: float) -> FittedRectangle | None:
 
 
 def walled(rectangle: FittedRectangle, bundle: Bundle, emitter: Any, world: World) -> FittedRectangle | None:
-    """Return a rectangle in the plane of the wall around it, its sides moved outward to where light is stopped.
+    """Return a rectangle moved into the plane of the wall around it, with its sides moved outward to the wall's edges.
 
-    None where light is not stopped: there is no hole.
+    None if no wall stops the light around it, because then there is no hole.
     """
     around = _ProbeRays.of(rectangle, emitter, world)
     planes = (_CrossSection.of(bundle, *wall) for wall in around.walls())
@@ -203,10 +205,10 @@ def walled(rectangle: FittedRectangle, bundle: Bundle, emitter: Any, world: Worl
 
 @dataclass(frozen=True)
 class _ProbeRays:
-    """Rays through a rectangle and around it, (N,), with their light.
+    """Rays through a rectangle and around it, with their `light`, (N,).
 
-    `local` is where they cross it, (2, N) in units of its edges, `beyond` how far they get from there; `point` and
-    `normal`, (N, 3), are of the surface that stops them, not a number where none does.
+    `local` is where they cross its plane, (2, N) in units of its edges; `beyond` is how far they get from there, (N,).
+    `point` and `normal`, (N, 3), are those of the surface that stops them, or NaN if none does.
     """
 
     local: Array
@@ -236,7 +238,7 @@ class _ProbeRays:
         return cls(local, np.where(np.isfinite(distance), ended.numpy() - distance, -1), known, place, upward)
 
     def walls(self) -> list[tuple[Array, Array]]:
-        """Return the planes that stop most of the rays around the rectangle: their normals, and a point of each."""
+        """Return the planes that stop most of the rays around the rectangle: a normal and a point of each."""
         beside = _within(self.local, np.array([[-0.5, 1.5]] * 2)) & ~_within(self.local, UNIT)
         beside &= (self.light > 0) & np.isfinite(self.point).all(axis=1)
         points, normals = self.point[beside], self.normal[beside]
@@ -255,10 +257,10 @@ class _ProbeRays:
         return result
 
     def box(self) -> Array | None:
-        """Return the box, (2, 2) by axis and end in units of the edges, whose sides are where light is stopped.
+        """Return the box whose sides are where light is stopped, (2, 2) by axis and end in units of the edges.
 
-        Light counts as stopped if it gets less far beyond than a part of the way that others get. None where it is not
-        stopped anywhere near.
+        Light counts as stopped if it gets less far than a fraction of the usual distance beyond the rectangle. None if
+        light is not stopped anywhere near.
         """
         usual = self.beyond[_within(self.local, UNIT) & (self.light > 0) & (self.beyond > 0)]
         if not len(usual):
@@ -278,7 +280,7 @@ class _ProbeRays:
 
 
 def _within(local: Array, box: Array) -> Array:
-    """Return which places, (2, N), are in a box, (2, 2) by axis and end."""
+    """Return which places, (2, N), are inside a box, (2, 2) by axis and end."""
     within: Array = np.all((local >= box[:, :1]) & (local <= box[:, 1:]), axis=0)
     return within
 
@@ -286,7 +288,7 @@ def _within(local: Array, box: Array) -> Array:
 class _CrossSection:
     """A plane that a bundle crosses, and a rectangle in it.
 
-    `local` are the places where its paths cross, (2, N), infinite where they do not.
+    `local` has the places where the bundle's paths cross the plane, (2, N); infinite if they do not.
     """
 
     def __init__(self, bundle: Bundle, normal: Array, point: Array, axes: Array, local: Array) -> None:
@@ -299,7 +301,7 @@ class _CrossSection:
 
     @classmethod
     def of(cls, bundle: Bundle, normal: Array, point: Array) -> _CrossSection | None:
-        """Return a plane with its best rectangle; None where little of the visible light crosses it."""
+        """Return a plane with its best rectangle; None if little of the visible light crosses it."""
         x = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
         x /= np.linalg.norm(x)
         axes = np.array([x, np.cross(normal, x)])
@@ -310,13 +312,13 @@ class _CrossSection:
         angle = np.arange(_ANGLES) / _ANGLES * (np.pi / 2)
         turns = np.moveaxis(np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]]), 2, 0)
         seen = np.sort(turns @ local[:, crosses & (bundle.seen > 0)])
-        outer = seen.shape[2] // 50  # neither the farthest on one side nor on the other
+        outer = seen.shape[2] // 50  # the outermost paths on either side do not count
         turn = turns[np.argmin(np.prod(seen[:, :, -1 - outer] - seen[:, :, outer], axis=1))]
         turned = np.where(crosses, turn @ np.where(crosses, local, 0), np.inf)
         return cls(bundle, normal, point, turn @ axes, turned)
 
     def neighbours(self, scale: float, mean: Array, size: float) -> list[_CrossSection]:
-        """Return this plane, and planes that lie beside it along the mean direction and that are tilted."""
+        """Return this plane, planes moved from it along the mean direction, and planes tilted against it."""
         step, angle = scale * size / (4 * _PLANES), scale * _TILT
         moves = [(self.normal, self.point + sign * step * mean) for sign in (-1, 1)]
         moves += [(self.normal + sign * angle * side, self.point) for side in self.axes for sign in (-1, 1)]
@@ -324,7 +326,7 @@ class _CrossSection:
         return [self, *(each for each in found if each is not None)]
 
     def _wider(self, box: Array) -> Array:
-        """Return a box, (2, 2) by axis and end, made wider by its margins."""
+        """Return a box, (2, 2) by axis and end, widened by a margin on each side."""
         paths = max(int((_within(self._local, box) & (self._bundle.seen > 0)).sum()), 1)
         wider: Array = box + max(_MARGIN, _MARGIN_PATHS / paths) * np.diff(box, axis=1) * [-1, 1]
         return wider
@@ -336,13 +338,13 @@ class _CrossSection:
 
 
 def _shortest(places: Array, light: Array) -> list[tuple[float, float]]:
-    """Return the shortest intervals, each of which leaves out a part of the light."""
+    """Return the shortest intervals that leave out at most each of the fractions `_TRIMS` of the light."""
     order = np.argsort(places)
     order = order[np.isfinite(places[order])]
     places, whole = places[order], np.concatenate([[0], np.cumsum(light[order])]) / light.sum()
     result = []
     for trim in _TRIMS:
-        # From each place to the first with so much light; not all of the light crosses the plane.
+        # From each place to the first by which enough light is included; some of the light does not cross the plane.
         last = np.searchsorted(whole, whole[:-1] + (1 - trim) * whole[-1] - 1e-9) - 1
         first = np.flatnonzero(last < len(places))
         best = first[np.argmin(places[last[first]] - places[first])]

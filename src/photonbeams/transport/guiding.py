@@ -1,11 +1,11 @@
-"""Guided emission: which samples of an emitter reach what the camera sees (Jensen 1995; Guo et al. 2018, simplified).
+"""Guided emission: learn which emission samples cameras see (Jensen 1995; Guo et al. 2018, simplified).
 
-A pilot (`transport.pilot`) finds emission samples, points of the unit cube, whose light cameras see. A tree of boxes
-learns their density: each box is halved as long as there are samples enough. The tree warps uniform samples to that
-density: they go down it, and are stretched at each box in proportion to the probabilities of its halves.
+A pilot (`transport.pilot`) finds emission samples, points of the 4D unit cube, whose light cameras see. A tree of boxes
+learns their density: each box is halved as long as it has enough samples. The tree warps uniform samples to that
+density: they descend it, and at each box they are stretched in proportion to the probabilities of its halves.
 
-A part of the samples stays uniform, so that light which the pilot missed is found, too, and the estimate is unbiased
-for any tree. The map is linear in each box, so it keeps strata together.
+A fraction of the samples stays uniform. So light that the pilot missed is found, too, and the estimate is unbiased for
+any tree. The map is linear in each box, so it keeps strata together.
 """
 
 from __future__ import annotations
@@ -18,23 +18,22 @@ import numpy as np
 
 from ..scene import Array
 
-# The part of samples that stays uniform.
+# The fraction of samples that stays uniform.
 _UNIFORM = 0.1
-# Boxes with fewer samples are not halved, nor those that are so many levels down. Few find narrow gaps, many are better
-# where light is even: each tree is judged by samples that it does not know.
+# Least numbers of samples in a box that is halved, and the deepest level. Small numbers find narrow gaps, large ones
+# are better where light is even; so a tree is grown for each, and judged by samples that it does not know.
 _LEAST, _DEEPEST = (4, 16, 64), 40
-# Each half counts as if it had so many samples more: few of them prove little.
+# Each half counts as if it had this many samples more, because a few samples prove little.
 _PRIOR = 2.0
-# The greatest weight of a sample against the mean.
+# Greatest weight of a sample, relative to the mean.
 BRIGHTEST = 8.0
-# How often samples follow light that something stops, against light that is seen: they find the holes that the pilot
-# missed.
+# Total weight of samples whose light is blocked, relative to visible ones: they find the holes that the pilot missed.
 _DOUBT = 0.25
-# Orders of the axes that are halved: of the sun it matters where light passes, of a small lamp where it goes.
+# Orders in which axes are halved. For the sun, the place of a path matters; for a small lamp, its direction.
 _ORDERS = (0, 1), (2, 3), (2, 3, 0, 1)
-#: Emission stays uniform where visible light has, by guided samples, more than this part of the variance that it has by
-#: uniform ones: strata are worth more then, above all for light straight from its emitter, whose beams lie side by
-#: side, and beams beside the picture cost little. Most strata of a portal are in the picture.
+#: Emission stays uniform unless guiding reduces the variance of visible light to less than this fraction. Otherwise
+#: strata are worth more, above all for light straight from its emitter, whose beams lie side by side, while beams
+#: outside the picture cost little. Most strata of a portal are in the picture.
 ENOUGH, ENOUGH_STRAIGHT, ENOUGH_PORTAL = 0.9, 0.4, 0.1
 
 
@@ -45,15 +44,15 @@ class GuidingMap:
     Attributes
     ----------
     axis
-        The axis along which each box is halved, −1 where it is not. The first box is the cube.
+        The axis along which each box is halved; −1 if it is not. The first box is the cube.
     child
-        The number of its lower half; the upper half is the next one.
+        The number of each box's lower half; the upper half is the next one.
     fraction
-        The fraction of a box's samples that is in its lower half.
+        The fraction of each box's samples that is in its lower half.
     widths
-        Factors on the widths of beams by place and by direction, (2,), the same for all samples: the roots of the mean
-        room of visible light. Were each as wide as its own room, the wide beams from where samples are rare would shine
-        into what the camera sees, and the narrow ones from there not back.
+        Factors on the widths of beams by place and by direction, (2,): the roots of the mean room of visible light.
+        They are the same for all samples. If each beam had the width of its own room, wide beams from where samples are
+        rare would shine into what the camera sees, but the narrow beams there would not shine back.
     """
 
     axis: Array
@@ -62,7 +61,7 @@ class GuidingMap:
     widths: Array = field(default_factory=lambda: np.ones(2))
 
     def __call__(self, points: Array) -> tuple[Array, Array]:
-        """Return the images of points (N, 4), and the derivative of the map along each axis there, (N, 4)."""
+        """Return the images of `points`, (N, 4), and the derivative of the map along each axis there, (N, 4)."""
         inside = points.astype(np.float64)
         low, size, stretch = np.zeros_like(inside), np.ones_like(inside), np.ones_like(inside)
         node, rows = np.zeros(len(points), dtype=np.int64), np.arange(len(points))
@@ -81,11 +80,11 @@ class GuidingMap:
         return place.astype(np.float32), stretch
 
     def density(self, points: Array) -> Array:
-        """Return the density of the images at points (N, 4)."""
+        """Return the density of images at `points`, (N, 4)."""
         return 1 / self.stretches(points).prod(axis=1)
 
     def stretches(self, points: Array) -> Array:
-        """Return the derivatives of the map along each axis where its images are points (N, 4)."""
+        """Return the derivatives of the map along each axis, (N, 4), where its images are `points`, (N, 4)."""
         inside, result = points.astype(np.float64), np.ones(points.shape)
         node, rows = np.zeros(len(points), dtype=np.int64), np.arange(len(points))
         while len(rows := rows[self.axis[node[rows]] >= 0]):
@@ -100,19 +99,20 @@ class GuidingMap:
 
 
 def learn(points: Array, weights: Array, stopped: Array | None = None, enough: float = ENOUGH) -> GuidingMap | None:
-    """Return the guiding map for samples (N, 4) of visible light with weights (N,); None where uniform ones serve.
+    """Return the guiding map for samples of visible light; None if uniform samples serve as well.
 
-    Half of the samples tell which tree is best: that of the others in which they have the least room, on average. The
-    room of a sample is 1 / density; its mean is the variance of the light by guided samples against uniform ones.
+    Trees are grown from half of the samples. The best tree is the one in which the other half has the least room, on
+    average. The room of a sample is 1 / density. Its mean is the variance of the light by guided samples, relative to
+    uniform ones.
 
     Parameters
     ----------
     points, weights
-        The samples.
+        The samples, (N, 4), and their weights, (N,).
     stopped
-        Samples whose light something stops before it is seen, (M, 4): a part of the guided samples follows them.
+        Samples whose light is blocked before it is seen, (M, 4); a fraction of the guided samples follows them.
     enough
-        The greatest mean room of samples that are worth guiding.
+        The greatest mean room for which guiding is worthwhile.
     """
     known = weights > 0
     points, weights = points[known], weights[known].astype(np.float64)
@@ -132,7 +132,7 @@ def learn(points: Array, weights: Array, stopped: Array | None = None, enough: f
 
 
 def _with(points: Array, weights: Array, stopped: Array | None) -> tuple[Array, Array]:
-    """Return samples of visible light, and those whose light something stops."""
+    """Return samples of visible light and samples whose light is blocked, with their weights."""
     if stopped is None or not len(stopped):
         return points, weights
     more = np.full(len(stopped), _DOUBT * weights.sum() / len(stopped))
@@ -140,9 +140,9 @@ def _with(points: Array, weights: Array, stopped: Array | None) -> tuple[Array, 
 
 
 def _grown(points: Array, weights: Array, order: Sequence[int], least: int) -> GuidingMap:
-    """Return the map of a tree of boxes that are halved along axes in this order while they have `least` samples.
+    """Return the map of a tree of boxes, halved along axes in this order while they have `least` samples.
 
-    The probabilities of halves are those of a Pólya tree (Lavine 1992): as if each had some samples more.
+    The probabilities of halves are those of a Pólya tree (Lavine 1992), as if each half had a few samples more.
     """
     more = _PRIOR * weights.mean()
     inside, node, own = points.astype(np.float64), np.zeros(len(points), dtype=np.int64), weights
@@ -172,7 +172,7 @@ def _grown(points: Array, weights: Array, order: Sequence[int], least: int) -> G
 
 
 def _mapped(axes: list[Array], children: list[Array], sums: list[Array]) -> GuidingMap:
-    """Return the map of a tree, given by levels: axes, lower halves and probabilities; some samples stay uniform."""
+    """Return the map of a tree, given by levels: axes, children and probabilities; some samples stay uniform."""
     child = np.concatenate(children)
     part = np.concatenate(
         [(1 - _UNIFORM) * own + _UNIFORM * 0.5**level for level, own in enumerate(sums)]

@@ -1,7 +1,8 @@
 """Measure-preserving maps from the unit square to discs, cones and spheres.
 
 All maps keep neighbours together, so samples that are stratified in the square are stratified on the light, and a
-beam's footprint is the size of its cell. Sources: Shirley and Chiu 1997 (square to disc), Clarberg 2008 (square to sphere).
+beam's footprint is the size of its cell. Sources: Shirley and Chiu 1997 (square to disc), Clarberg 2008 (square to
+sphere).
 """
 
 from __future__ import annotations
