@@ -22,13 +22,14 @@ if TYPE_CHECKING:
 
 mi = mitsuba()
 
-# Points on each segment where it is seen from.
+# Number of points on each segment at which it is tested for visibility.
 _POINTS = 4
-# Light beside the picture counts, up to this fraction of its width and height: beams are wide.
+# Light beside the picture counts, within this fraction of its width and height, because beams are wide.
 _MARGIN = 0.15
-# The picture is divided into columns and rows of parts; how dark one may be against their mean and still count.
+# The picture is divided into columns and rows of parts. A dark part counts as if it had about this fraction of their
+# mean light.
 _COLUMNS, _ROWS, _DARKEST = 16, 9, 0.1
-# Light counts no more where it is nearer to the camera than this part of the median distance.
+# Light nearer to the camera than this fraction of the median distance counts as if it were that far away.
 _NEAREST = 0.1
 
 
@@ -36,8 +37,8 @@ _NEAREST = 0.1
 class Sightings:
     """Points of light paths that cameras see, (M,): the path's number, the part of the picture, light and distance.
 
-    `distance` is 0 where it does not matter: of orthographic cameras. `straight` is whether the light comes straight
-    from its emitter.
+    `distance` is 0 for orthographic cameras, for which it does not matter. `straight` says whether the light comes
+    straight from its emitter.
     """
 
     path: Array
@@ -48,7 +49,7 @@ class Sightings:
 
     @classmethod
     def joined(cls, several: Sequence[Sightings]) -> Sightings:
-        """Return sightings as one."""
+        """Return several sightings as one."""
         names = ("path", "part", "light", "distance", "straight")
         columns = ([getattr(each, name) for each in several] for name in names)
         path, part, light, distance, straight = (
@@ -57,31 +58,31 @@ class Sightings:
         return cls(path, part, light, distance, straight.astype(bool))
 
     def of(self, which: Array, first: int) -> Sightings:
-        """Return some of them, with paths numbered from `first` on."""
+        """Return the sightings at `which`, with `first` subtracted from the numbers of paths."""
         part, light, distance = self.part[which], self.light[which], self.distance[which]
         return Sightings(self.path[which] - first, part, light, distance, self.straight[which])
 
     def later(self, first: int) -> Sightings:
-        """Return the same of paths that are numbered higher by `first`."""
+        """Return the same sightings with `first` added to the numbers of paths."""
         return replace(self, path=self.path + first)
 
     @cached_property
     def in_picture(self) -> Array:
-        """How much of the light is in the picture."""
+        """The light that arrives in the picture: it falls with the square of the distance, down to a least distance."""
         if not len(self.distance):
             return self.light
         nearest = max(_NEAREST * float(np.median(self.distance)), 1e-12)
         return self.light / np.where(self.distance > 0, np.maximum(self.distance, nearest), 1) ** 2
 
     def totals(self, count: int) -> Array:
-        """Return how much light of each path is in the picture, (count,)."""
+        """Return how much light of each of `count` paths is in the picture, (count,)."""
         return np.bincount(self.path, self.in_picture, minlength=count)
 
     def importance(self, density: Array) -> Array:
-        """Return the importance of paths that lie with this density, (N,).
+        """Return the importance of paths whose samples have this `density`, (N,).
 
-        Light counts in proportion to that of its part of the picture: a bright part has no more paths than a dark one,
-        for what is seen is noise against light. Contributions to different parts add up as variances do.
+        Light counts relative to the light of its part of the picture, so a bright part gets no more paths than a dark
+        one: noise is visible relative to light. Contributions to different parts add up as variances do.
         """
         if not len(self.path):
             return np.zeros(len(density))
@@ -90,13 +91,13 @@ class Sightings:
 
 
 def relative(light: Array, part: Array) -> Array:
-    """Return light (N,) in proportion to all light in its part of the picture."""
+    """Return light, (N,), relative to all the light in its part of the picture."""
     whole = np.bincount(part, light)
     return light / (whole + _DARKEST * whole[whole > 0].mean())[part] if len(light) else light
 
 
 class Views:
-    """Cameras, packed for gathering; the last is there twice, for an array of one is another kernel."""
+    """Cameras, packed for gathering. The last one is repeated, because an array of one would need another kernel."""
 
     def __init__(self, views: Sequence[Projection]) -> None:
         views = [*views, views[-1]]
@@ -116,7 +117,7 @@ class Views:
         self._orthographic = to_uint([each.orthographic for each in views])
 
     def __call__(self, number: UInt32) -> ViewOfLane:
-        """Return the view of this number."""
+        """Return the views with these numbers."""
         axes = [dr.gather(Array3f, each, number) for each in self._axes]
         scale, center = ([dr.gather(Float, each, number) for each in both] for both in (self._scale, self._center))
         right, up, forward, origin = axes
@@ -125,7 +126,7 @@ class Views:
 
 @dataclass
 class ViewOfLane:
-    """A camera for each lane; the picture is the unit square, its first row on top."""
+    """A camera for each lane; its picture is the unit square, with the first row on top."""
 
     right: Any
     up: Any
@@ -143,7 +144,7 @@ class ViewOfLane:
         return origin, dr.select(self.orthographic, self.forward, dr.normalize(across + self.forward))
 
     def clipped(self, origin: Array3f, direction: Array3f, length: Float) -> tuple[Float, Float]:
-        """Return the part of segments that is in the picture or beside it, as distances; the latter less if none."""
+        """Return between which distances segments are in the picture or its margin; the second is less if nowhere."""
         z, dz = dr.dot(origin - self.origin, self.forward), dr.dot(direction, self.forward)
         low, high = Float(0) + 0 * length, Float(length)
         w, dw = dr.select(self.orthographic, 1, z), dr.select(self.orthographic, 0, dz)
@@ -163,7 +164,7 @@ class ViewOfLane:
         return self.scale[k], self.center[k]
 
     def part(self, point: Array3f) -> UInt32:
-        """Return the number of the part of the picture that points are in."""
+        """Return the numbers of the parts of the picture in which points lie."""
         to = point - self.origin
         depth = dr.select(self.orthographic, 1, dr.maximum(dr.dot(to, self.forward), 1e-30))
         x = self.center[0] + self.scale[0] * dr.dot(to, self.right) / depth
@@ -171,19 +172,19 @@ class ViewOfLane:
         return self.part_at(Array2f(x, y))
 
     def part_at(self, place: Array2f) -> UInt32:
-        """Return the number of the part of the picture of points of it."""
+        """Return the numbers of the parts of the picture in which places of the picture lie."""
         column, row = (UInt32(dr.clip(each * n, 0, n - 1)) for each, n in ((place.x, _COLUMNS), (place.y, _ROWS)))
         return row * _COLUMNS + column
 
 
 class CameraImportance:
-    """How much of the light of paths cameras see: of all of them together, each of which sees a part of the points."""
+    """How much light of paths cameras see; points are divided among the cameras at random."""
 
     def __init__(self, world: World, views: Sequence[Projection]) -> None:
         self._world, self._media, self._views = world, world.media, Views(views)
 
     def seen(self, segments: Any, hits: Any) -> Sightings:
-        """Return what is seen of light that is scattered along segments, and where paths hit surfaces."""
+        """Return sightings of light that is scattered along segments, and of photons that hit surfaces."""
         found = []
         if segments is not None:
             found.append(self._along(segments))
@@ -192,7 +193,7 @@ class CameraImportance:
         return Sightings.joined(found)
 
     def _along(self, segments: Any) -> Sightings:
-        """Return points along segments, several on each, that cameras see; in empty space all light counts."""
+        """Return sightings of several points on each segment; in empty space, all light counts."""
         lane = dr.arange(UInt32, _POINTS * dr.width(segments.length))
         which, place = lane // _POINTS, lane % _POINTS
         origin, direction, flux = (
@@ -211,7 +212,7 @@ class CameraImportance:
         return self._sighted(view, origin + s * direction, medium, number, light, high > low, depth == 0)
 
     def _at(self, hits: Any) -> Sightings:
-        """Return the photons that cameras see."""
+        """Return sightings of photons."""
         view = self._views(hash32(hits.number, UInt32(3)) % self._views.count)
         point = Array3f(hits.position)
         low, high = view.clipped(point, Array3f(hits.direction), Float(0) * point.x)
@@ -223,7 +224,7 @@ class CameraImportance:
     def _sighted(
         self, view: ViewOfLane, point: Array3f, medium: Any, number: Any, light: Any, active: Any, straight: Any
     ) -> Sightings:  # fmt: skip
-        """Return those points that are seen, of all that are active."""
+        """Return the sightings of points that are active."""
         to = view.origin - point
         away = dr.dot(to, view.forward)
         to = dr.select(view.orthographic, away * view.forward, to)

@@ -1,4 +1,4 @@
-"""Interactions of light paths: how far light travels, and how media and surfaces scatter it."""
+"""Interactions of light paths: free flights, and scattering by media and surfaces."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ mi = mitsuba()
 # Streams of samples.
 _FLIGHT, LOBE, TURN = 1, 2, 3
 
-# Scattering events after which paths that lose no flux end by Russian roulette, too.
+# Number of scattering events after which even paths that lose no flux end by Russian roulette.
 _LONG = 256
 
-#: A path's next interaction: it is sampled; it is in the medium; or it is on the next surface, from which the path goes
-#: on anyhow, by ideal lobes alone, or by all others.
+#: Kinds of a path's next interaction. SAMPLED: as it comes. SCATTERED: in the medium. Others are on the next surface,
+#: from which the path goes on by all lobes (PASSED), by ideal lobes alone (IDEAL), or by all others (REFLECTED).
 SAMPLED, SCATTERED, PASSED, IDEAL, REFLECTED = range(5)
 
 
@@ -39,14 +39,22 @@ class Interaction:
     Attributes
     ----------
     scatters, tinted, on_surface
-        Whether the medium scatters the light, whether the medium changes its colour alone (a null collision), and
-        whether it meets a surface.
+        Whether the medium scatters the light; whether the medium only changes its colour (a null collision); and
+        whether the light meets a surface.
     distance, weight
         Distance to the interaction, and the weight of the free flight up to it.
     length
         Distance to the next surface.
     fractions
         The fraction of the path's flux in each channel.
+    varying
+        Whether the medium is heterogeneous.
+    position, smooth
+        Where the interaction is, and whether the next surface has lobes other than ideal ones.
+    hit, valid
+        Mitsuba's record of the next surface, and whether there is one.
+    going
+        Whether the path goes on.
     """
 
     def __init__(self, tracing: Tracing, paths: LightPaths, hit: Any, stream: UInt32) -> None:
@@ -81,15 +89,15 @@ def flight(
 ) -> tuple[Float, Array3f]:
     """Return the distances of free flights in homogeneous media, and their weights.
 
-    A channel is chosen with a probability proportional to its flux, so that no colour is carried by few paths; `branch`
-    says whether the flight is sampled, or ends before or at `length` for sure; `u` are points of the unit square.
+    A channel is chosen with a probability proportional to its flux, so that no colour is carried by few paths. `branch`
+    says whether a flight is sampled, or is certain to end before `length`, or at it. `u` are points of the unit square.
     """
     extinction = media.extinction(medium)
     own = dr.select(
         u.x < fractions.x, extinction.x, dr.select(u.x < fractions.x + fractions.y, extinction.y, extinction.z)
     )
     surely = branch == SCATTERED
-    # The probability that a flight ends before the surface; by its series where float32 would cancel.
+    # The probability that a flight ends before the surface.
     depth = own * dr.minimum(length, 1e30)
     ending = dr.select(surely, _ending(depth), 1)
     distance = dr.select(own > 0, -dr.log(1 - u.y * ending) * dr.rcp(dr.maximum(own, 1e-30)), dr.inf)
@@ -108,24 +116,24 @@ def flight(
 
 
 def _ending(depth: Any) -> Any:
-    """Return 1 − exp(−x)."""
+    """Return 1 − exp(−x), by its series where float32 would cancel."""
     return dr.select(depth < 1e-3, depth * (1 - 0.5 * depth), 1 - dr.exp(-depth))
 
 
 def survival(part: Float, depth: UInt32) -> Float:
-    """Return the probability with which paths survive Russian roulette, by the `part` of their flux that is left.
+    """Return the probability with which paths survive Russian roulette: the fraction `part` of their flux that is left.
 
-    So no path gets more than it began with. Long ones may, or those in a closed white room would never end. With at
-    most 0.95 from the start, the longest paths through white fog, twenty free paths deep, were a thousand times as
-    bright as the others.
+    So no path gets more flux than it began with. Only for long paths is the probability at most 0.95, because paths in
+    a closed white room would never end. With that limit from the start, the longest paths through white fog, twenty
+    free paths deep, were a thousand times as bright as the others.
     """
     return dr.minimum(part, dr.select(depth < dr.opaque(UInt32, _LONG), Float(1), Float(0.95)))
 
 
 class Scatter:
-    """A sample of the BSDF at hits: the ray that leaves, its weight, and the probability that an ideal lobe had.
+    """A sample of the BSDF at hits: the ray that leaves, its weight, and the `probability` of its lobe if ideal.
 
-    `ratio` is the density of directions without openings over that with them (`aiming`); the weight has it.
+    `ratio` is the density of directions without openings over that with them (see `aiming`); the weight includes it.
     """
 
     def __init__(
@@ -145,7 +153,7 @@ def reflect(
     Parameters
     ----------
     aimed
-        Directions to openings, which are mixed with those of the BSDF.
+        Directions to openings, which are mixed with those of the BSDF; None: no openings.
     """
     sample, weight = sampled(world, hit, active, index, stream)
     ratio = Float(1)
@@ -184,19 +192,19 @@ def _mixed(world: World, hit: Any, active: Any, sample: Any, weight: Any, aimed:
     known = density > 0
     weight = dr.select(taken, dr.select(known, value * dr.rcp(dr.select(known, density, 1)), 0), weight)
     sample.pdf = dr.select(taken, density, sample.pdf)
-    if world.cutouts:  # of what is opaque: see `sampled`
+    if world.cutouts:  # the density given that the surface is opaque: see `sampled`
         density *= dr.rcp(dr.maximum(world.opacity(hit, active), 1e-6))
     ratio = aimed.ratio(hit.to_world(sample.wo), density, ~ideal)
     return sample, weight, dr.select(smooth, ratio, 1)
 
 
 def _of_own_normal(hit: Any, sample: Any, weight: Any, ideal: Any, active: Any) -> Array3f:
-    """Return the weight of a sample, but for the cosines to the geometric normal, where a BSDF has its own normal N.
+    """Return the weight of a sample without the cosines to the geometric normal, for a BSDF with its own normal N.
 
-    In importance mode, Mitsuba's BSDFs multiply by the cosine between N and the outgoing direction where the incident
-    one belongs. The value in the reverse direction has the right cosine; it is divided by the sample's pdf. An ideal
-    lobe has no such value; but its N is known: for reflection and refraction, the incident direction plus η times the
-    outgoing one is a multiple of N.
+    In importance mode, Mitsuba's BSDFs multiply by the cosine between N and the outgoing direction, although that of
+    the incident direction belongs there. The value for the reverse direction has the right cosine, and is divided by
+    the sample's pdf. An ideal lobe has no such value, but its N is known: for reflection and refraction, the incident
+    direction plus η times the outgoing one is a multiple of N.
     """
     seen = type(hit)(hit)
     seen.wi = sample.wo
@@ -211,7 +219,7 @@ def _of_own_normal(hit: Any, sample: Any, weight: Any, ideal: Any, active: Any) 
 def sampled(world: World, hit: Any, active: Any, index: UInt32, stream: UInt32) -> Any:
     """Return Mitsuba's sample of the BSDF and its weight.
 
-    A cut-out surface that stops a path was already sampled, with the probability of its opacity.
+    That a cut-out surface stops a path was already decided, with the probability of its opacity.
     """
     lobe = unit_float(hash32(index, stream, UInt32(LOBE)))
     if world.cutouts:

@@ -1,4 +1,4 @@
-"""Emission samples of given rays: an emitter's map from samples to rays, inverted by Newton's method."""
+"""Find the emission samples of given rays: invert an emitter's map from samples to rays by Newton's method."""
 
 from __future__ import annotations
 
@@ -9,16 +9,17 @@ from ..numerics.sampling import pairs, sobol_points
 from ..scene import Array
 from .emission import Emitter
 
-# Rays from which the nearest is the first guess, steps of the iteration, and the difference for derivatives.
+# Number of rays among which the nearest is the first guess, number of iterations, and the step of finite differences.
 _GUESSES, _STEPS, _DIFFERENCE = 1 << 12, 6, 1e-3
-# Rays are found where they miss by less than this, in units of how far the points are apart.
+# A ray is found if it misses by less than this, in units of the spread of the points.
 _NEAR = 2e-3
 
 
 def samples_of(emitter: Emitter, point: Array, direction: Array) -> tuple[Array, Array]:
-    """Return emission samples (N, 4) of rays from an emitter through points (N, 3), and which of them were found.
+    """Return the emission samples of rays from an emitter, (N, 4), and which of them were found, (N,).
 
-    Maps from samples to rays are continuous nearly everywhere. The few rays beyond a seam are not found.
+    The rays pass `point`, (N, 3), along `direction`, (N, 3). Maps from samples to rays are continuous nearly
+    everywhere; the few rays that lie beyond a seam of the map are not found.
     """
     from scipy.spatial import cKDTree  # takes long to import
 
@@ -35,7 +36,7 @@ def samples_of(emitter: Emitter, point: Array, direction: Array) -> tuple[Array,
     current = guesses[known][nearest]
     best, error = current, np.full(len(point), np.inf)
     for _ in range(_STEPS):
-        # A step of the difference along each axis, inward at the edges of the cube.
+        # One step of finite differences along each axis, inward at the edges of the cube.
         steps = np.where(current < 0.5, _DIFFERENCE, -_DIFFERENCE)
         places = np.concatenate([current, *(current + steps * np.eye(4)[axis] for axis in range(4))])
         missed = _missed(*rays_of(emitter, places)[:2], np.tile(point, (5, 1)), np.tile(direction, (5, 1)), size)
@@ -46,18 +47,21 @@ def samples_of(emitter: Emitter, point: Array, direction: Array) -> tuple[Array,
         slopes = np.stack([(each - here) / steps[:, axis, None] for axis, each in enumerate(beside)], axis=2)
         slopes, here = np.nan_to_num(slopes), np.nan_to_num(here)
         normal = np.swapaxes(slopes, 1, 2) @ slopes
-        diagonal = np.einsum("nii->ni", normal)  # damped by Marquardt's rule: light may be the same all along an axis
+        diagonal = np.einsum("nii->ni", normal)  # damped by Marquardt's rule, as rays may be the same all along an axis
         damping = (1e-6 * diagonal + 1e-12 * diagonal.max(axis=1, keepdims=True) + 1e-30)[:, :, None] * np.eye(4)
         step = np.linalg.solve(normal + damping, np.swapaxes(slopes, 1, 2) @ here[:, :, None])[:, :, 0]
         current = np.clip(current - np.clip(step, -0.2, 0.2), 0, 1 - 1e-6)
-    # Axes along which rays are the same, of a point or of a sun without an angle, are sampled evenly.
+    # Axes along which rays are the same, as for a point or for a sun without an angle, are sampled evenly.
     same = diagonal <= 1e-12 * diagonal.max(axis=1, keepdims=True)
     best = np.where(same, sobol_points(len(point), 1, (_GUESSES,)), best)
     return best.astype(np.float32), error < _NEAR * size
 
 
 def rays_of(emitter: Emitter, samples: Array) -> tuple[Array, Array, Array]:
-    """Return origins and directions (N, 3) of an emitter's rays for samples (N, 4), and their greatest flux (N,)."""
+    """Return origins and directions, (N, 3), of an emitter's rays for samples, (N, 4), and their flux, (N,).
+
+    The flux is that of the brightest channel.
+    """
     found = emitter.sample(*pairs(samples.astype(np.float32)))
     flux = dr.select(found.valid, found.flux, 0)
     dr.eval(found.origin, found.direction, flux)
@@ -67,7 +71,7 @@ def rays_of(emitter: Emitter, samples: Array) -> tuple[Array, Array, Array]:
 
 
 def _missed(origin: Array, along: Array, point: Array, direction: Array, size: float) -> Array:
-    """Return by how much rays miss points and directions, (N, 6)."""
+    """Return the vectors by which rays miss points and directions, (N, 6)."""
     to = point - origin
     aside = to - (to * along).sum(axis=1, keepdims=True) * along
     return np.concatenate([-aside, size * (along - direction)], axis=1)

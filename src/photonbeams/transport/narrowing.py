@@ -1,7 +1,7 @@
-"""Narrow the beams straight from a lamp where a surface blocks their rim.
+"""Narrow beams straight from a lamp where a surface blocks their rim.
 
-A beam is one ray with a width. Where a surface blocks the rim but not the axis, in corners and at edges, a wide beam
-would shine through it. The beam keeps its flux and becomes narrower.
+A beam is a single ray with a width. Where a surface blocks its rim but not its axis, as in corners and at edges, a wide
+beam would shine through the surface. It keeps its flux and becomes narrower.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from .radii import width
 if TYPE_CHECKING:
     from .records import LightPaths
 
-_RIM = 6  # rays along a beam's rim that test it for surfaces
-_SLACK = 0.25  # radii that the rim may be stopped short of the plane where the axis ended: surfaces are curved
+_RIM = 6  # rays that test a beam's rim for surfaces
+_SLACK = 0.25  # radii by which the rim may stop before the plane where the axis ended: surfaces are curved
 
 
 def narrow(world: StageWorld, paths: LightPaths, overlap: float, scale: Any, halvings: Any, most: int) -> None:
@@ -32,7 +32,8 @@ def narrow(world: StageWorld, paths: LightPaths, overlap: float, scale: Any, hal
     overlap, scale
         Width of a beam in spacings of its neighbours, and the pass's factor on all radii.
     halvings, most
-        How often each is halved at most, and the most of all: a narrow beam is a bright streak, a wide one a soft edge.
+        How often each beam is halved at most, and the greatest of these: a beam that is too narrow is a bright streak,
+        one that is too wide a soft edge.
     """
     alive = paths.initial > 0
     hit = world.solid(paths.origin, paths.direction, alive, hash32(paths.index, paths.key), paths.link)
@@ -55,9 +56,9 @@ def narrow(world: StageWorld, paths: LightPaths, overlap: float, scale: Any, hal
 def _rim_blocked(
     world: StageWorld, paths: LightPaths, begin: Float, against: Array3f, at_end: Float, active: Bool
 ) -> Bool:
-    """Return whether a ray from the axis' begin to the rim's end meets a surface before the one that stopped the axis.
+    """Return whether rays to the rim's end meet a surface before the one that stopped the axis.
 
-    From the axis, not from the rim: beside a portal's edge the rim begins in the wall, and that is no leak.
+    They begin on the axis, not on the rim: beside a portal's edge the rim begins in the wall, which is not a leak.
     """
     across, up = perpendicular(paths.direction)
     start = paths.origin + begin * paths.direction

@@ -1,4 +1,4 @@
-"""The pilot of a frame: it learns which emission samples make light that cameras see."""
+"""The pilot of a frame, which learns which emission samples make light that cameras see."""
 
 from __future__ import annotations
 
@@ -18,29 +18,29 @@ from .importance import Sightings
 from .inversion import rays_of, samples_of
 from .lamps import PortalEmitter
 
-# Light paths of a round, of all strata together; rounds; the fewest paths of a stratum that is guided.
+# Light paths in a round, for all strata together; number of rounds; fewest paths of a stratum that is guided.
 _ROUND, _ROUNDS, _FEWEST = 1 << 13, 2, 1 << 9
-# Most lines from a stratum to points in the picture, and to points that it does not reach.
+# Most lines from a stratum to points in the picture that it reaches, and to points that it does not reach.
 _LINES, _STOPPED = 1 << 11, 1 << 10
-# Most of the variance by uniform samples, and by guided ones, that a fitted portal leaves.
+# A fitted portal must leave less than these factors times the variance by uniform samples, and by guided ones.
 _WORTH, _BETTER = 0.25, 2.0
-# The least part of visible light that is seen before it is scattered for that alone to tell where a portal is.
+# Portals are fitted to light straight from the emitter alone if that is at least this fraction of the visible light.
 _STRAIGHT = 0.1
 
-#: What cameras see of light paths, whose numbers count on from one element to the next.
+#: Returns what cameras see of light paths; these are numbered consecutively from one element to the next.
 Seen = Callable[[list[Emitted]], Sightings]
 
 
 @dataclass
 class Found:
-    """What the pilot has found of a stratum.
+    """What the pilot has found out about a stratum.
 
     Attributes
     ----------
     strata
-        The guided stratum, or the two strata of its light through a fitted portal and past it.
+        The guided stratum, or its two strata of light through a fitted portal and past it.
     opening
-        The fitted portal; None without one.
+        The fitted portal, or None.
     light
         How much light of each of the strata is in the picture.
     """
@@ -54,11 +54,11 @@ def guide(
     strata: Sequence[Stratum], seen: Seen, world: World, lines: Callable[[Stratum], ShadowRays] | None = None,
     straight: bool = False,
 ) -> list[Found]:  # fmt: skip
-    """Guide strata toward visible light, and return what is found of each.
+    """Guide strata toward visible light, and return what is found out about each.
 
-    Lines to points in the picture tell where light comes in, as far as it comes straight from its emitter. Rounds of
-    light paths follow, each guided by what is known; they find scattered light, too. Where most of what is seen comes
-    through a small rectangle, that becomes a portal. Strata with few of the pilot's paths are left as they are.
+    Lines to points in the picture show where light comes in straight from its emitter. Rounds of light paths follow,
+    each guided by what is known so far; they find scattered light, too. Where most of the visible light comes through a
+    small rectangle, that becomes a portal. Strata with few of the pilot's paths are left as they are.
 
     Parameters
     ----------
@@ -67,12 +67,12 @@ def guide(
     seen
         Returns what cameras see of light paths.
     world
-        What light meets.
+        The world that light meets.
     lines
         Returns lines along which a stratum lights points in the picture; None: no lines are known.
     straight
-        Whether all light that counts is straight from its emitter: no rounds follow where lines tell that uniform
-        samples serve.
+        Whether only light straight from its emitter counts. Then strata for which lines show that uniform samples
+        suffice have no rounds.
     """
     total = max(sum(each.count for each in strata), 1)
     counts = [round(_ROUND * each.count / total) for each in strata]
@@ -97,20 +97,20 @@ def guide(
         own = found.get(id(stratum))
         if own is None:
             result.append(Found([stratum], None, [0.0]))
-        else:  # a window of one lamp may be that of another, of which less is seen
+        else:  # a window found for one lamp may also serve another, of which less is seen
             result.append(own.found(fitted_ones[id(stratum)] or own.one_of(known), world))
     return result
 
 
 def _enough(emitter: Emitter, straight: bool) -> float:
-    """Return above which variance, against that by uniform samples, an emitter's samples stay uniform."""
+    """Return the variance, relative to uniform samples, above which an emitter's samples stay uniform."""
     if not straight:
         return ENOUGH
     return ENOUGH_PORTAL if isinstance(emitter, PortalEmitter) and emitter.through else ENOUGH_STRAIGHT
 
 
 def _round(learning: Sequence[_Learning], number: int, seen: Seen) -> None:
-    """Trace a round of light paths, and hand each stratum what is seen of its own."""
+    """Trace a round of light paths, and add to each stratum the sightings of its own paths."""
     emitted = [each.emit(number) for each in learning]
     sightings, first = seen(emitted), 0
     for each in learning:
@@ -120,7 +120,7 @@ def _round(learning: Sequence[_Learning], number: int, seen: Seen) -> None:
 
 
 class _Learning:
-    """A stratum, and what the pilot has found of it so far."""
+    """A stratum, and what the pilot has found out about it so far."""
 
     def __init__(self, stratum: Stratum, count: int, straight: bool) -> None:
         self.stratum, self.count, self._straight = stratum, count, straight
@@ -133,13 +133,13 @@ class _Learning:
         self._known: tuple[Array, Sightings] | None = None  # `_evidence` of the rounds so far
 
     def follow(self, lines: ShadowRays) -> None:
-        """Take the samples of lines to points in the picture, each as often as its weight says."""
+        """Take the emission samples of lines to points in the picture, in proportion to the lines' weights."""
         free, stopped = lines.chosen(True, _LINES), lines.chosen(False, _STOPPED)
         if not len(free[0]) + len(stopped[0]):
             return
         point, direction = (np.concatenate(both) for both in zip(free, stopped, strict=True))
         samples, found = samples_of(self.stratum.emitter, point, direction)
-        # Not in the order of the picture: half of them are to judge what the other half has learned.
+        # In random order, not in the picture's: one half has to judge what the other half has learned.
         order = np.random.default_rng(0).permutation(np.flatnonzero(found))
         lit = order < len(free[0])
         self._free, self._stopped = samples[order[lit]], samples[order[~lit]]
@@ -154,21 +154,21 @@ class _Learning:
         return replace(self._pilot.emit(number, points), halvings=0)
 
     def add(self, sightings: Sightings) -> None:
-        """Add what is seen of the last round."""
+        """Add the sightings of the last round."""
         self._sightings.append(sightings.later((len(self._points) - 1) * self.count))
         self._known = None
 
     def learned(self) -> GuidingMap | None:
-        """Return the map by all that was found.
+        """Return the map that is learned from all that was found.
 
-        A part of the samples follows lines that are stopped: they find the holes that the pilot missed.
+        A fraction of the samples follows lines that are blocked, to find the holes that the pilot missed.
         """
         found, enough = [(self._free, np.ones(len(self._free)))], _enough(self.stratum.emitter, self._straight)
         if self._points:
             density, sightings = self._evidence()
             importance = sightings.importance(density)
             found.append((np.concatenate(self._points)[importance > 0], (importance / density)[importance > 0]))
-        # Lines and paths tell of the same light: each kind counts as much as it has samples.
+        # Lines and paths sample the same light, so each kind counts in proportion to its number of samples.
         found = [(points, weights * (len(points) / weights.sum())) for points, weights in found if len(points)]
         if not found:
             return learn(self._stopped, np.ones(len(self._stopped)), enough=enough)
@@ -176,7 +176,7 @@ class _Learning:
         return learn(points, weights, self._stopped, enough)
 
     def rectangle(self, world: World) -> FittedRectangle | None:
-        """Return a rectangle by which a portal serves better than the guide, None where there is none."""
+        """Return a rectangle whose portal serves better than the guide; None if there is none."""
         if self._bundle is None:
             return None
         result = fitted(self._bundle, world.radius)
@@ -187,7 +187,7 @@ class _Learning:
         return result if self._serves(result) else None
 
     def one_of(self, rectangles: Sequence[FittedRectangle]) -> FittedRectangle | None:
-        """Return the best of other strata's rectangles, None where none serves better than the guide."""
+        """Return the best of the given rectangles; None if none serves better than the guide."""
         if self._bundle is None or not rectangles:
             return None
         own = [each.cut(UNIT, self._bundle) for each in rectangles]
@@ -199,7 +199,7 @@ class _Learning:
         return rectangle is not None and sum(rectangle.rooms) < min(_WORTH, _BETTER * self._bundle.room)
 
     def found(self, rectangle: FittedRectangle | None, world: World) -> Found:
-        """Return what was found, with a portal where there is a rectangle."""
+        """Return what was found, with a portal if there is a rectangle."""
         light = self._light()
         if rectangle is None or self._bundle is None:
             return Found([self.stratum], None, [light])
@@ -219,10 +219,10 @@ class _Learning:
 
     @cached_property
     def _bundle(self) -> Bundle | None:
-        """The paths of all rounds, once they are over, and what is seen of them before they are scattered.
+        """The paths of all rounds, once these are over, with the light that is seen before it is scattered.
 
-        If hardly any light is seen before it is scattered, what is seen of it later counts. None if nothing is seen,
-        and of emitters that have a portal or can have none.
+        If hardly any light is seen before it is scattered, all visible light counts. None if nothing is seen, and for
+        emitters that already have a portal or cannot have one.
         """
         emitter, guide = self.stratum.emitter, self.stratum.guide
         if not self._points or emitter.lamp is None or isinstance(emitter, PortalEmitter):
@@ -234,7 +234,7 @@ class _Learning:
         seen = straight.importance(density) / density
         if not seen.any():
             return None
-        # The variance is that of paths with these densities: what is seen of them counts by its square.
+        # For the variance of paths with these densities, what is seen counts by its square.
         seen = density * np.minimum(seen, BRIGHTEST * seen[seen > 0].mean()) ** 2
         seen /= seen.sum()
         points = np.concatenate(self._points)
@@ -251,7 +251,7 @@ class _Learning:
         return float((found.totals(len(density)) / density).sum() / len(self._points))
 
     def _evidence(self) -> tuple[Array, Sightings]:
-        """Return how densely the samples of all rounds lie where each sample is, and what is seen of them."""
+        """Return the density of the samples of all rounds at each sample, and their sightings."""
         if self._known is None:
             points = np.concatenate(self._points)
             rounds = [np.ones(len(points)) if each is None else each.density(points) for each in self._guides]

@@ -1,7 +1,7 @@
-"""Portal visibility: whether the camera sees light that does not pass its portal.
+"""Portal visibility: whether the camera sees a lamp's light that does not pass the lamp's portal.
 
-Light paths through a portal light only what lies behind it. Where the camera sees fog that the light reaches without
-passing the portal, the light's other paths are needed too.
+Light paths through a portal only light what lies behind it. If the camera sees fog that the light reaches without
+passing the portal, the light's other paths are needed, too.
 """
 
 from __future__ import annotations
@@ -22,25 +22,25 @@ if TYPE_CHECKING:
     from ..world.stage_world import StageWorld
 
 _POINTS = 12  # along each ray
-_AIMED = 1024  # rays at points of the portal
-_NUDGE = 1e-4  # of the world's radius: keeps the points at a ray's end off the surface
+_AIMED = 1024  # rays to points of the portal
+_NUDGE = 1e-4  # fraction of the world's radius by which points stay away from the surface at a ray's end
 
 
 def lights_seen(world: StageWorld, origin: Array3f, direction: Array3f) -> frozenset[str]:
-    """Return the names of the lights that light visible fog by paths which miss their portal.
+    """Return the names of the lights that light visible fog by paths that miss their portal.
 
     Parameters
     ----------
     world
-        The shot.
+        The world.
     origin, direction
-        Camera rays, a coarse grid of them (128 × 72 suffices). Rays from the same origins at points of the portal are
-        added, so that no hole is too small to be seen through.
+        A coarse grid of camera rays (128 × 72 suffices). Rays from the same origins to points of the portal are added,
+        so that no hole is too small to be seen through.
 
     Notes
     -----
-    On each ray, up to its first surface, points are tested against points of the light: seen if a straight line between
-    them is free, does not pass the portal and carries light.
+    On each ray, up to its first surface, points are paired with points of the light. The light is seen if any line
+    between a pair is free, does not pass the portal, and carries light.
     """
     return frozenset(
         light.name
@@ -56,7 +56,7 @@ def _sees(world: StageWorld, light: scene.Light, source: Any, origin: Array3f, d
 
 
 def _aimed(portal: Portal, origin: Array3f) -> tuple[Array3f, Array3f]:
-    """Return rays from the given origins at points of the portal."""
+    """Return rays from the given origins to points of the portal."""
     u, _ = sobol_block(_AIMED, 0, (0,))
     point, _, on_portal = portal.sample(u)
     index: Any = dr.compress(on_portal)
@@ -71,7 +71,7 @@ def _aimed(portal: Portal, origin: Array3f) -> tuple[Array3f, Array3f]:
 def _any_lit(
     world: StageWorld, stopping: StageWorld, source: Any, portal: Portal, origin: Array3f, direction: Array3f
 ) -> bool:
-    """Return whether any point on the rays is lit past the portal, with the surfaces that are `stopping` the light."""
+    """Return whether any point on the rays is lit past the portal; `stopping` has the surfaces that block the light."""
     width = max(dr.width(origin), dr.width(direction))
     number = dr.arange(UInt32, width)
     always = dr.full(Bool, True, width)
@@ -89,7 +89,7 @@ def _any_lit(
 
 
 def _lit(world: StageWorld, source: Any, portal: Portal, point: Array3f, u: Array2f, seed: UInt32) -> Bool:
-    """Return which points the light reaches by a free line that does not pass the portal."""
+    """Return which points the light reaches along a free line that does not pass the portal."""
     sample = source.illuminate(point, u)
     carries = dr.max(sample.weight) > 0
     distance = dr.minimum(sample.distance, dr.largest(Float)) * (1 - 1e-4)
