@@ -1,8 +1,8 @@
-"""Where the light paths of a light begin: measure-preserving maps from the 4D unit cube, without and with a portal.
+"""Light paths of a lamp as they leave it: measure-preserving maps from the 4D unit cube, with and without a portal.
 
-A sample has two 2D factors: u, on the light's extent, and v, over the directions or over the portal. Along with each
-path goes how a cell of either factor widens it, from which `footprints` makes radii. The flux of a path is radiance ·
-area · solid angle / samples, with the cosines of the geometry (radiometry; Jarosz et al. 2008 for photons).
+A sample has two 2D factors: u, on the light's extent, and v, over directions or over the portal. Each path carries how
+a cell of either factor widens it, from which `radii` computes the radii of beams. The flux of a path is radiance · area
+· solid angle / samples, with the cosines of the geometry (radiometry; Jarosz et al. 2008 for photons).
 """
 
 from __future__ import annotations
@@ -29,30 +29,30 @@ from ..world.warp import disk, perpendicular, power_cone, sphere
 from .differentials import RayDifferentials
 from .emission import EmissionSample, Emitter, Stratum
 
-_PROBE = 4096  # paths that tell how much of a lamp its images leave
+_PROBE = 4096  # paths that measure how much of a lamp's light passes its images
 
-# The fraction of a lamp's beams that do not go through its portal, where they are seen.
+# The fraction of a lamp's beams that do not go through its portal, if such beams are seen.
 LIGHT_SIDE = 0.25
 
-# The fraction of these that pass close by it, where light is scattered.
+# The fraction of these that pass close by the portal, if light is scattered more than once.
 SURROUND = 0.25
 
-# How often a beam is halved at most where a surface blocks its rim.
+# How often a beam is halved, at most, where a surface blocks its rim: through a portal or without one, and past one.
 HALVINGS, HALVINGS_ASIDE = 1, 5
 
 Aimed = tuple[Array3f, Float]  # directions, and their density per solid angle
 
 _WIDE = 2 * np.pi / 3  # a cone wider than this is sampled as part of the whole sphere, which distorts less
-_GRAZING = 0.02  # the least cosine for a footprint: a beam along a surface would be infinitely wide
+_GRAZING = 0.02  # least cosine for a beam's width: along a surface, a beam would be infinitely wide
 
 
 class LampRays(Struct):
-    """Light paths at the light.
+    """Light paths as they leave the light.
 
-    `flux` is the power of each, `portal` the distance at which it passes the portal (infinite: none), `valid` which are
-    there at all. At distance s from the light, a shift by x over the light's extent and by y over the other factor
-    moves the path by x (x0 + x1 s) + y (y0 + y1 s); `extent_x` and `extent_y` are the square roots of the factors'
-    measures, 1 / density.
+    `flux` is the flux of each, `portal` the distance at which it passes the portal (infinite: none), and `valid` says
+    which exist at all. At distance s from the light, a shift by x over the light's extent and by y over the other
+    factor moves the path by x (x0 + x1 s) + y (y0 + y1 s). `extent_x` and `extent_y` are the square roots of the
+    factors' measures, which are 1 / density.
     """
 
     origin: Array3f
@@ -68,10 +68,10 @@ class LampRays(Struct):
     y1: Float
 
     def differentials(self) -> RayDifferentials:
-        """Return the derivatives of rays by the four sample numbers.
+        """Return the derivatives of rays by the four numbers of the emission sample.
 
-        The maps preserve measure and are nearly isotropic: either number of a pair moves a path as far as the other, at
-        right angles to it.
+        The maps preserve measure and are nearly isotropic: the two numbers of a pair move a path equally far, at right
+        angles to each other.
         """
         columns = []
         for extent, shift, turn in ((self.extent_x, self.x0, self.x1), (self.extent_y, self.y0, self.y1)):
@@ -81,7 +81,7 @@ class LampRays(Struct):
 
 
 def emit(light: scene.Light, source: Any, bounds: Bounds, u: Array2f, v: Array2f, count: int) -> LampRays:
-    """Return `count` light paths in all directions of a light: u places them on the light, v directs them."""
+    """Return `count` light paths in all directions of a light: `u` places them on it, `v` chooses directions."""
     lamp = bare(source)
     if isinstance(lamp, SphereLamp):
         result = _emit_sphere(lamp, u, _directions(light, source, v))
@@ -102,9 +102,9 @@ def emit(light: scene.Light, source: Any, bounds: Bounds, u: Array2f, v: Array2f
 
 
 def emit_through(source: Any, portal: Portal, bounds: Bounds, u: Array2f, v: Array2f, count: int) -> LampRays:
-    """Return light paths through a portal: v places them on the portal, u picks the point or direction of the light.
+    """Return light paths through a portal: `v` places them on it, `u` chooses the point or direction of the light.
 
-    Flux = (radiance / pdf) · |cos θ| · area / count, where θ is the angle at the portal. `count` is the number of
+    The flux is (radiance / pdf) · |cos θ| · area / count, where θ is the angle at the portal. `count` is the number of
     candidates; those that miss the portal are not valid.
     """
     result = LampRays()
@@ -123,7 +123,8 @@ def emit_through(source: Any, portal: Portal, bounds: Bounds, u: Array2f, v: Arr
         result.flux = result.flux * source.portal_color(point)
     result.extent_x = dr.select(light_sample.pdf > 0, dr.rsqrt(dr.maximum(light_sample.pdf, 1e-30)), 0)
     result.extent_y = dr.sqrt(area * dr.maximum(cosine, _GRAZING))
-    # From a light at distance d: x d |1 - s/d| + y s/d, with x an angle at the portal. From infinity: x |s - d| + y.
+    # The shift from a light at distance d is x d |1 - s/d| + y s/d, with x an angle at the portal; from infinity, it is
+    # x |s - d| + y.
     result.x0, result.x1 = result.portal, dr.full(Float, -1, dr.width(u))
     result.y0 = dr.full(Float, 1 if infinite else 0, dr.width(u))
     result.y1 = dr.full(Float, 0, dr.width(u)) if infinite else dr.rcp(result.portal)
@@ -156,7 +157,7 @@ def _emit_flat(source: FlatLamp, u: Array2f, aimed: Aimed) -> LampRays:
 
 
 def _emit_cylinder(source: CylinderLamp, u: Array2f, aimed: Aimed) -> LampRays:
-    """Return paths in all directions; those along one direction begin all over the silhouette."""
+    """Return paths in all directions; those along one direction begin uniformly over the silhouette."""
     result = LampRays()
     result.direction, density = aimed
     result.origin = source.position(u, result.direction)
@@ -168,7 +169,7 @@ def _emit_cylinder(source: CylinderLamp, u: Array2f, aimed: Aimed) -> LampRays:
 
 
 def _emit_mesh(source: MeshLamp, u: Array2f, v: Array2f) -> LampRays:
-    """Return paths that leave each point of a mesh in proportion to the cosine."""
+    """Return paths whose directions, at each point of a mesh, have a density proportional to the cosine."""
     result = LampRays()
     result.origin, normal, radiance = source.position(u)
     result.direction, density = power_cone(v, normal, opaque(1.0), opaque(1.0))
@@ -180,7 +181,7 @@ def _emit_mesh(source: MeshLamp, u: Array2f, v: Array2f) -> LampRays:
 
 
 def _emit_from_infinity(source: Any, bounds: Bounds, u: Array2f, v: Array2f) -> LampRays:
-    """Return paths that begin on the disc which touches the bounding sphere and covers it."""
+    """Return paths that begin on a disc that touches the bounding sphere and covers it."""
     result = LampRays()
     light_sample = source.illuminate(dr.zeros(Array3f, dr.width(u)), v)
     result.direction = -light_sample.direction
@@ -195,7 +196,7 @@ def _emit_from_infinity(source: Any, bounds: Bounds, u: Array2f, v: Array2f) -> 
 
 
 def _spread(result: LampRays, density: Float) -> None:
-    """Note that positions stay apart as they are and that directions, of this density, fan out."""
+    """Set how paths widen: positions stay apart as they are, and directions of this density fan out."""
     width = dr.width(result.origin)
     result.extent_y = dr.rsqrt(density)
     result.x0, result.x1 = dr.full(Float, 1, width), dr.full(Float, 0, width)
@@ -203,16 +204,16 @@ def _spread(result: LampRays, density: Float) -> None:
 
 
 def _directions(light: scene.Light, source: Any, v: Array2f) -> Aimed:
-    """Return directions within the light's cone and their density per solid angle.
+    """Return directions within the light's cone, and their density per solid angle.
 
-    The density follows what the light radiates: its profile, cos θ of a flat light, and the focus where that darkens
-    the rest.
+    The density follows what the light radiates: its profile, the cos θ of a flat light, and the focus if that darkens
+    other directions.
     """
     if isinstance(source, ProjectedLight) and source.sampler is not None:
         return source.sampler.sample(v)
     axis, flat = bare(source).axis, isinstance(bare(source), FlatLamp)
     shaping = light.shaping or scene.Shaping(cone_angle=180.0)
-    # Focus darkens what is beside the axis, before a light and behind it.
+    # A focus darkens directions beside the axis, but not those ahead and behind: it is followed on one side alone.
     focused = shaping.focus > 0 and max(shaping.focus_tint) == 0 and (flat or shaping.cone_angle <= 90)
     widest = np.pi / 2 if flat or focused else np.pi
     cutoff = min(np.radians(shaping.cone_angle), widest if flat else min(widest, spread(light)))
@@ -244,11 +245,11 @@ class LampEmitter:
         self._escape = 1.0 if bare(self.lamp).infinite else scene.ESCAPE
 
     def sample(self, u: Array2f, v: Array2f) -> EmissionSample:
-        """Return light paths for emission samples: u places them on the lamp, v directs them."""
+        """Return light paths for emission samples: `u` places them on the lamp, `v` chooses their directions."""
         return self.begun(emit(self.light, self.lamp, self.bounds, u, v, 1))
 
     def begun(self, paths: LampRays) -> EmissionSample:
-        """Return paths that leave the lamp as samples of its emission."""
+        """Return paths that leave the lamp as emission samples."""
         flux = dr.select(paths.valid, paths.flux, 0)
         reach = self.bounds.exit(paths.origin, paths.direction, self._escape)
         medium = self.world.medium_at(paths.origin, paths.direction, dr.max(flux) > 0)
@@ -258,12 +259,12 @@ class LampEmitter:
 
 
 class Windowed(Emitter, Protocol):
-    """An emitter that a portal may stand before.
+    """An emitter that may have a portal.
 
     Attributes
     ----------
     lamp
-        What reaches a point from it: see `world.lights`.
+        The lamp that says what reaches a point: see `world.lights`.
     bounds
         The sphere around the world.
     """
@@ -272,23 +273,23 @@ class Windowed(Emitter, Protocol):
     bounds: Bounds
 
     def begun(self, paths: LampRays) -> EmissionSample:
-        """Return paths that leave the emitter as samples of its emission."""
+        """Return paths that leave the emitter as emission samples."""
 
 
 class PortalEmitter:
-    """The light of an emitter that passes its portal (`through`), or that which does not.
+    """The part of an emitter's light that passes its portal (`through`), or the part that does not.
 
-    `without` is a part of the portal whose light does not count.
+    `without` is an opening within the portal whose light does not count.
     """
 
     def __init__(self, emitter: Windowed, portal: Portal, through: bool, without: Portal | None = None) -> None:
         self.emitter, self.portal, self.through, self.without = emitter, portal, through, without
         self.name, self.source, self.link, self.lamp = emitter.name, emitter.source, emitter.link, emitter.lamp
-        # Seldom where a narrow beam would be seen as a streak, often beside a portal, where light would leak.
+        # Few through a portal, where a narrow beam would be seen as a streak; many beside it, where light would leak.
         self.halvings = HALVINGS if through else HALVINGS_ASIDE
 
     def sample(self, u: Array2f, v: Array2f) -> EmissionSample:
-        """Return light paths for emission samples: u places them on the emitter, v directs them or is on the portal."""
+        """Return light paths: `u` places them on the emitter, `v` chooses a direction or a point of the portal."""
         emitter = self.emitter
         if self.through:
             paths = emit_through(emitter.lamp, self.portal, emitter.bounds, u, v, 1)
@@ -303,10 +304,10 @@ class PortalEmitter:
 
 
 def with_surrounds(strata: Sequence[Stratum]) -> list[Stratum]:
-    """Return strata of which those past a portal are two: of the paths close by the portal, and of all others.
+    """Split each stratum of paths past a portal into two: paths close by the portal, and all others.
 
-    What hits the edges of a hole is little of the light, but scattered into the room it is worth as much as what passes
-    the hole: it needs paths of its own.
+    Only a little of the light hits the edges of a hole. But when it is scattered into the room, it matters as much as
+    the light that passes the hole, so it needs paths of its own.
     """
     result = []
     for stratum in strata:
@@ -326,7 +327,7 @@ def with_surrounds(strata: Sequence[Stratum]) -> list[Stratum]:
 
 
 def lit_fraction(emitter: LampEmitter | PortalEmitter) -> float:
-    """Return which fraction of the paths passes the emitter's images: of a few of them, and 1 of one without."""
+    """Return which fraction of the emitter's paths passes its images, estimated from a few; 1 without images."""
     lamp, through = emitter.lamp, isinstance(emitter, PortalEmitter) and emitter.through
     if not isinstance(lamp, ProjectedLight):
         return 1.0

@@ -1,9 +1,9 @@
 """Light paths: segments in media, which become beams, and photons on surfaces.
 
-A wavefront: all paths take their next step at once, one kernel a step; those that go on are kept, in order. A segment
-reaches from one scattering event to the next surface, and carries the light that leaves the event (a *long* beam); or
-it ends at the next event in the medium (*short*). Free flights are sampled by transmittance, directions by phase
-functions and BSDFs.
+Paths are traced as a wavefront: all of them take their next step at once, with one kernel for each step, and those that
+go on are kept, in order. A segment carries the light that leaves a scattering event. It reaches to the next surface (a
+*long* beam), or ends at the next event in the medium (*short*). Free flights are sampled by transmittance, directions
+by phase functions and BSDFs.
 """
 
 from __future__ import annotations
@@ -48,24 +48,24 @@ from .splitting import split
 
 mi = mitsuba()
 
-# Stream of samples, beside those of interactions.
+# Sample stream; interactions have others.
 _ROULETTE = 4
 
-# Largest weight of a path where its radius is chosen: see `_scattered_radius`.
+# Greatest relative flux of a path by which its radius is chosen: see `_scattered_radius`.
 _BRIGHTEST = 8.0
 
 # Factor on the radius of photons whose paths were scattered at random: see `_photon_hits`.
 _DOZEN = 3.0
 
-# Steps after which mirrors and lenses end ray differentials: light that is still specular by then is faint.
+# Number of steps after which mirrors and lenses end ray differentials: light that is still specular then is faint.
 _COHERENT = 8
 
-# The last paths, so many at most, take so many steps in one kernel, from a step on: light that is caught in a glass may
-# take hundreds, and a kernel of few lanes takes as long as one of thousands.
+# When at most _LAST paths are left, from step _LATE on, they take _TOGETHER steps in one kernel: light that is caught
+# in glass may take hundreds of steps, and a kernel of few lanes takes as long as one of thousands.
 _LAST, _TOGETHER, _LATE = 1024, 64, 12
 
 
-# What a path is called by, and what it knows of its lamp: the same before and after most steps.
+# Fields that identify a path, and fields about its lamp: most steps leave them as they are.
 _NAMES = ("number", "index", "key", "source")
 _STRAIGHT = ("portal", "total", "narrow")
 
@@ -77,25 +77,25 @@ class Tracing:
     Attributes
     ----------
     world
-        What they meet.
+        The world that paths meet.
     max_bounces, rr_depth
-        Most bounces of a light path (None: any number), and after how many Russian roulette begins.
+        Most bounces of a light path (None: any number), and the number of bounces after which Russian roulette begins.
     overlap
         Width of a beam in spacings of its neighbours.
     region, paths, power
-        Size of the region that scattered light crosses, the number of light paths, and their flux: see
+        Size of the region that scattered light crosses, number of light paths, and their flux: see
         `_scattered_radius`.
     short
         Whether beams end at the path's next scattering event; in heterogeneous media they always do.
     scale
         The pass's factor on all radii.
     bounces_by_source
-        Most bounces by the numbers of sources; None: `max_bounces` alone.
+        Most bounces, by the numbers of sources; None: `max_bounces` alone.
     caustics_by_source
-        Which sources' paths count only if the first thing that turns them is a mirror or glass, 1 or 0 by the numbers
-        of sources; None: all paths count.
+        Which sources' paths only count if a mirror or glass is the first to turn them, 1 or 0, by the numbers of
+        sources; None: all paths count.
     openings
-        Portals that scattered light is sent through; None where there are none.
+        Portals through which scattered light is sent; None if there are none.
     """
 
     world: World
@@ -121,20 +121,20 @@ class Tracing:
         return result & (depth <= dr.gather(UInt32, self.bounces_by_source, source))
 
     def undecided(self, paths: LightPaths) -> Bool:
-        """Return which paths count only if a mirror or glass turns them next."""
+        """Return which paths only count if a mirror or glass turns them next."""
         if self.caustics_by_source is None:
             return Bool(False)
         return paths.straight & (dr.gather(UInt32, self.caustics_by_source, paths.source) > 0)
 
 
 def begin(tracing: Tracing, emitted: Sequence[Emitted]) -> LightPaths | None:
-    """Return light paths as they leave their emitters, or None where there are none, or all would be too long."""
+    """Return light paths as they leave their emitters; None if there are none, or all would be too long."""
     paths = leaving(tracing, emitted)
     return None if paths is None else kept(paths.initial > 0, paths)
 
 
 def leaving(tracing: Tracing, emitted: Sequence[Emitted]) -> LightPaths | None:
-    """Return all light paths, also those without flux; None where there are none, or all would be too long."""
+    """Return all light paths, including those without flux; None if there are none, or all would be too long."""
     if not emitted or (tracing.max_bounces is not None and tracing.max_bounces < 0):
         return None
     paths = LightPaths()
@@ -142,8 +142,8 @@ def leaving(tracing: Tracing, emitted: Sequence[Emitted]) -> LightPaths | None:
                  "portal", "medium"):  # fmt: skip
         setattr(paths, name, joined([getattr(each, name) for each in emitted]))
     total = dr.width(paths.origin)
-    # Not a bare counter: once that is evaluated, Dr.Jit takes it for every other counter of its length, in kernels of
-    # another form than those of other lengths.
+    # Not a bare counter: once it is evaluated, Dr.Jit uses it for every other counter of the same length, and kernels
+    # for that length have another form than those for others.
     paths.number = dr.arange(UInt32, total) + dr.opaque(UInt32, 0)
     paths.depth, paths.branch, paths.part = (dr.zeros(UInt32, total) for _ in range(3))
     paths.straight = paths.coherent = dr.full(Bool, True, total)
@@ -160,7 +160,7 @@ def leaving(tracing: Tracing, emitted: Sequence[Emitted]) -> LightPaths | None:
 
 
 def trace(tracing: Tracing, paths: LightPaths | None) -> Iterator[tuple[Segments | None, PhotonHits | None]]:
-    """Yield segments in media and photons on surfaces, step by step; either may be None."""
+    """Yield segments in media and photons on surfaces, step by step; either is None if a step has none."""
     step = 0
     while paths is not None:
         if step >= _LATE and dr.width(paths.number) <= _LAST and not bool(dr.any(paths.coherent)):
@@ -177,7 +177,7 @@ def trace(tracing: Tracing, paths: LightPaths | None) -> Iterator[tuple[Segments
 def straight(tracing: Tracing, paths: LightPaths) -> Iterator[tuple[Segments, Bool]]:
     """Yield segments of light straight from its lamp, step by step, and which of them are in a medium.
 
-    Paths keep their lanes, so that they correspond to the same paths at another time.
+    Paths keep their lanes, so they can be paired with the same paths at another time.
     """
     step, alive = 0, paths.initial > 0
     while True:
@@ -192,9 +192,10 @@ def straight(tracing: Tracing, paths: LightPaths) -> Iterator[tuple[Segments, Bo
 
 
 def kept(mask: Bool, value: Any) -> Any:
-    """Return the entries of a struct where `mask`, None where there are none.
+    """Return the entries of a struct where `mask` is true; None if there are none.
 
-    A single entry gets a second one without flux: Dr.Jit treats arrays of one entry as scalars, in other kernels.
+    A single entry gets a second one without flux, because Dr.Jit treats arrays of one entry as scalars, in other
+    kernels.
     """
     found = compressed(mask, value)
     if not found:
@@ -208,20 +209,20 @@ def kept(mask: Bool, value: Any) -> Any:
 
 
 def _step(tracing: Tracing, paths: LightPaths, step: int) -> tuple[Any, ...]:
-    """Return the result of one step of all paths: segments, photons and continued paths, each with a mask."""
+    """Take one step of all paths; return segments, photons and continued paths, each followed by its mask."""
     stream = hash32(paths.key, dr.opaque(UInt32, step), paths.branch, paths.part)
     segments, in_medium, hits, on_surface, following, going, bent, width_there = _stepped(tracing, paths, stream)
     dr.eval(segments, in_medium, hits, on_surface, following, going, bent, width_there)
     if step < _COHERENT:
         _carry(tracing, paths, following, bent, stream)
-    else:  # null collisions and boundaries, of which smoke may have any number, leave differentials as they are
+    else:  # null collisions and boundaries, which are many in smoke, leave differentials as they are
         following.radius = dr.select(bent, width_there, following.radius)
         following.coherent &= ~bent
     return segments, in_medium, hits, on_surface, following, going
 
 
 def _several_steps(tracing: Tracing, paths: LightPaths, step: int) -> tuple[Any, ...]:
-    """Return the same of many steps, in one kernel; no path is coherent, so none splits or has differentials."""
+    """Take many steps in one kernel, like `_step`; no path is coherent, so none splits or has differentials."""
     count = dr.width(paths.number)
     size, lane = count * _TOGETHER, dr.arange(UInt32, count) + dr.opaque(UInt32, 0)
     segments, hits = dr.zeros(Segments, size), dr.zeros(PhotonHits, size)
@@ -248,7 +249,7 @@ def _several_steps(tracing: Tracing, paths: LightPaths, step: int) -> tuple[Any,
 
 
 def _stepped(tracing: Tracing, paths: LightPaths, stream: UInt32) -> tuple[Any, ...]:
-    """Return the result of one step, which paths a mirror or lens has turned, and how wide they are there."""
+    """Take one step; return also which paths a mirror or lens has turned, and how wide these are there."""
     hit = tracing.world.intersect(paths.origin, paths.direction, Bool(True), hash32(stream, paths.index), paths.link)
     interaction = Interaction(tracing, paths, hit, stream)
     segments = _segments(tracing, paths, interaction)
@@ -258,7 +259,7 @@ def _stepped(tracing: Tracing, paths: LightPaths, stream: UInt32) -> tuple[Any, 
     scatter = reflect(tracing.world, hit, interaction.on_surface, paths.medium, paths.index, stream, aimed)
     following = _following(tracing, paths, interaction, scatter, stream, aimed)
     hits = _photon_hits(paths, interaction, segments.width)
-    # Of a path and the parts that it splits into, one leaves its segment.
+    # Of a path and the parts into which it splits, only one contributes the segment.
     whole = (paths.branch != SCATTERED) & (paths.branch != REFLECTED)
     in_medium = (paths.medium > 0) & (interaction.length > 0) & whole & (dr.max(paths.flux) > 0)
     on_surface = interaction.on_surface & ~paths.straight & interaction.smooth & whole
@@ -272,7 +273,7 @@ def _following(
     tracing: Tracing, paths: LightPaths, interaction: Interaction, scatter: Scatter, stream: UInt32,
     aimed: Aimed | None,
 ) -> LightPaths:  # fmt: skip
-    """Return the paths after their interaction; those that end are removed from `interaction.going`."""
+    """Return the paths after their interaction; `interaction.going` is then false for those that end."""
     following = LightPaths()
     place = dr.zeros(mi.MediumInteraction3f, dr.width(paths.origin))
     place.p, place.wi = mi.Point3f(interaction.position), mi.Vector3f(-paths.direction)
@@ -302,7 +303,7 @@ def _following(
     following.coherent = paths.coherent & (interaction.tinted | (interaction.on_surface & scatter.delta))
     for name in (*_NAMES, *_STRAIGHT, "count", "part"):
         setattr(following, name, getattr(paths, name))
-    # Nor does Russian roulette make up for directions that are chosen oftener, to carry less light each.
+    # Directions toward openings are chosen more often and carry less light each; Russian roulette must not undo that.
     following.initial = paths.initial * _chosen(interaction, ratio, scatter.ratio, Float(1))
     following.narrow = dr.select(passes, paths.narrow, 1)
     following.link = dr.select(passes, paths.link, 0)
@@ -312,7 +313,7 @@ def _following(
     )
     following.branch = dr.zeros(UInt32, dr.width(paths.number))
     following.fraction = paths.fraction * dr.select(interaction.on_surface, scatter.probability, 1)
-    # Along a segment, the derivative of the origin grows with the distance; `_carry` sees to mirrors and lenses.
+    # Along a segment, the derivative of the origin grows with the distance; `_carry` handles mirrors and lenses.
     following.differentials = RayDifferentials.of(
         [(p + interaction.distance * d, d) for p, d in paths.differentials.columns()]
     )
@@ -328,16 +329,16 @@ def _following(
 
 
 def _chosen(interaction: Interaction, scattered: Any, reflected: Any, same: Any) -> Any:
-    """Return for each path the value of its kind of interaction."""
+    """Return, for each path, the value for its kind of interaction."""
     return dr.select(interaction.scatters, scattered, dr.select(interaction.on_surface, reflected, same))
 
 
 def _scattered_radius(tracing: Tracing, following: LightPaths) -> Float:
     """Return the radius of beams that were scattered at random.
 
-    N lines through a region of size ℓ cross it √(ℓ²/N) apart. They lie at random, so they should overlap more than
-    stratified ones. The radiance of a beam is its flux over its width; a path with more flux than others is wider by
-    the same factor, or it would be a bright streak.
+    N lines through a region of size ℓ are √(ℓ²/N) apart. They are placed at random, so they should overlap more than
+    stratified ones. The radiance of a beam is its flux over its width. A path with more flux than others is therefore
+    wider by the same factor; otherwise it would be a bright streak.
     """
     light = dr.max(following.flux) * dr.opaque(Float, tracing.paths / max(tracing.power, 1e-30))
     usual = dr.opaque(Float, tracing.overlap * tracing.region / np.sqrt(tracing.paths))
@@ -345,9 +346,10 @@ def _scattered_radius(tracing: Tracing, following: LightPaths) -> Float:
 
 
 def _roulette(tracing: Tracing, paths: LightPaths, passes: Bool, stream: UInt32, active: Bool) -> None:
-    """End paths by Russian roulette, by the part of the initial flux that is left.
+    """End paths by Russian roulette, according to the fraction of the initial flux that is left.
 
-    Parts of a path end earlier, by the root of it: deep light is faint, but may be all that a corner has.
+    Parts of split paths end earlier, with the root of that fraction as their survival probability: deep light is faint,
+    but may be all the light that a corner has.
     """
     part = dr.max(paths.flux) * dr.rcp(dr.maximum(paths.initial, 1e-30))
     late = paths.depth >= dr.opaque(UInt32, tracing.rr_depth)
@@ -362,7 +364,7 @@ def _roulette(tracing: Tracing, paths: LightPaths, passes: Bool, stream: UInt32,
 def _carry(tracing: Tracing, paths: LightPaths, following: LightPaths, bent: Bool, stream: UInt32) -> None:
     """Propagate ray differentials over mirrors and through lenses, by forward-mode differentiation.
 
-    Each path has four lanes, one for each derivative: Dr.Jit traverses a graph with calls of BSDFs only once.
+    Each path has four lanes, one for each derivative, because Dr.Jit can traverse a graph with BSDF calls only once.
     """
     lanes: Any = dr.compress(bent)
     if not len(lanes):
@@ -396,7 +398,7 @@ def _carry(tracing: Tracing, paths: LightPaths, following: LightPaths, bent: Boo
 
 
 def _segments(tracing: Tracing, paths: LightPaths, interaction: Interaction) -> Segments:
-    """Return the segments of paths up to the next surface, or up to the interaction."""
+    """Return the segments of paths up to the next surface; short ones, up to the interaction."""
     result = Segments()
     result.origin, result.direction, result.flux = paths.origin, paths.direction, paths.flux
     short = Bool(tracing.short) | interaction.varying
@@ -426,14 +428,14 @@ def _tangent(normal: Any, direction: Any) -> Float:
 
 
 def _photon_hits(paths: LightPaths, interaction: Interaction, across: Width) -> PhotonHits:
-    """Return the photons that hit surfaces."""
+    """Return the photons of paths at their interactions."""
     result = PhotonHits()
     result.position, result.direction = interaction.position, paths.direction
     normal: Any = Array3f(interaction.hit.n)
     result.normal = normal
-    # On a slant the footprint is longer by 1 / cos, and its area with it.
+    # On a slanted surface the footprint is longer by 1 / cos, and so is its area.
     cosine = dr.maximum(dr.abs(dr.dot(normal, paths.direction)), 0.05)
-    # Photons at random places should overlap more than beams, of which a ray meets many: a dozen at each point.
+    # A ray meets many beams, but a point has few photons. So photons at random places overlap more: a dozen at a point.
     result.radius = across(interaction.distance) * dr.rsqrt(cosine) * dr.select(paths.coherent, Float(1), Float(_DOZEN))
     result.flux, result.depth = paths.flux * interaction.weight, paths.depth
     result.coherent = paths.coherent

@@ -1,14 +1,14 @@
 """Radii of beams from photon differentials (Schjøth et al. 2007; Progressive Photon Beams, Jarosz et al. 2011).
 
-A light path is a function of the four numbers of its emission, and so is its position at distance s along a segment:
-P(s) = p + s d, with derivatives that are linear in s. N samples of a Sobol sequence fill cells of any aspect, N = N_x ·
-N_y over the two pairs of numbers; cells that are as wide by the one pair as by the other give the least blur. With P_k
-the derivatives across the segment,
+A light path is a function of the four numbers of its emission sample, and so is its position at distance s along a
+segment, P(s) = p + s d, whose derivatives are linear in s. N samples of a Sobol sequence fill cells of any aspect, with
+N = N_x · N_y over the two pairs of numbers. Cells that are equally wide in both pairs give the least blur. With P_k the
+derivatives across the segment,
 
     r² = (overlap / 2)² · ((|P_0|² + |P_1|²) / (2 N_x) + (|P_2|² + |P_3|²) / (2 N_y)),
 
-a quadratic polynomial in s, which has one minimum: at the focus of a lens. Beams are cut there, since radii of beams
-are linear.
+which is a quadratic polynomial in s with one minimum, at the focus of a lens. Beams are cut there, because the radius
+of a beam is linear.
 """
 
 from __future__ import annotations
@@ -35,25 +35,25 @@ class Width(Struct):
         return dr.safe_sqrt(dr.fma(dr.fma(self.c, s, self.b), s, self.a))
 
     def focus(self) -> Any:
-        """Return where the segment is narrowest, before its start or beyond its end as that may be."""
+        """Return the distance at which the segment is narrowest, which may be before its start or beyond its end."""
         return -0.5 * self.b * dr.rcp(dr.maximum(self.c, 1e-30))
 
 
 class Limits(NamedTuple):
-    """Bounds of radii, in scene units, and a factor on all of them that shrinks from pass to pass (all opaque)."""
+    """Bounds of radii in scene units, and a factor on radii that shrinks from pass to pass (all opaque)."""
 
     floor: Any
     ceiling: Any
     scale: Any
 
     def __call__(self, radius: Any) -> Any:
-        """Return a radius within the bounds."""
+        """Return a radius clamped to the bounds, times the factor."""
         return dr.clip(radius, self.floor, self.ceiling) * self.scale
 
 
 @dataclass(frozen=True)
 class _Spread:
-    """Half the summed squares of two derivatives across a segment: a + b s + c s²."""
+    """Half the sum of the squares of two derivatives across a segment: a + b s + c s²."""
 
     a: Any
     b: Any
@@ -73,7 +73,7 @@ class _Spread:
 
 
 def width(differentials: RayDifferentials, direction: Array3f, length: Float, count: Float, overlap: Float) -> Width:
-    """Return the width of segments whose paths are `count` samples of one sequence.
+    """Return the widths of segments of paths that are `count` samples of one sequence.
 
     `overlap` is the width of a beam in spacings of its neighbours.
     """
@@ -84,5 +84,5 @@ def width(differentials: RayDifferentials, direction: Array3f, length: Float, co
     half2 = dr.square(0.5 * overlap)
     x, y = half2 * dr.rcp(cells), half2 * cells * dr.rcp(count)
     a, b, c = (x * getattr(place, each) + y * getattr(aim, each) for each in "abc")
-    known = dr.isfinite(a + b + c)  # at a grazing angle derivatives have no end
+    known = dr.isfinite(a + b + c)  # derivatives may be infinite at a grazing angle
     return Width(*(dr.select(known, each, 0) for each in (a, b, c)))

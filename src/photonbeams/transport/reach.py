@@ -1,4 +1,4 @@
-"""What part of a lamp's light gets into fog, and what part of it cameras see: a few light paths tell."""
+"""Estimate, from a few light paths, what fractions of a lamp's light get into fog and are seen by cameras."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ from .simulation import Simulation, Tuning, emission_of_lamps, lamps_of
 if TYPE_CHECKING:
     from ..estimators.tiles import Projection
 
-# Light paths of each lamp.
+# Number of light paths of each lamp.
 _PATHS = 1 << 13
 
 
 class Reach(NamedTuple):
-    """The fractions of a lamp's light, straight from it, that get into fog, and of which each camera sees a part."""
+    """Fractions of a lamp's direct light: the paths that get into fog, and those that each camera sees in part."""
 
     in_fog: float
     seen: tuple[float, ...]
 
 
 def reach_of_lamps(world: StageWorld, views: Sequence[Projection], seed: int = 0) -> dict[str, Reach]:
-    """Return how far the light of lamps gets that make beams, by name; of lamps with a portal the light through it."""
+    """Return the reach of lamps that make beams, by name; of a lamp with a portal, that of the light through it."""
     cameras = [CameraImportance(world, [view]) for view in views]
     result = {}
     for stratum in lamps_of(world, _PATHS, seed, ()):

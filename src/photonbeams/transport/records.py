@@ -13,32 +13,34 @@ class LightPaths(Struct):
 
     Attributes
     ----------
+    origin, direction
+        Where a path is, and where it goes.
     flux, initial
-        The flux of a path, and the largest channel of the flux that it was emitted with, or that a part had at first.
+        Its flux, and the largest channel of its initial flux: as emitted or, for a part of a split path, as it began.
     medium
-        Number of the medium around it.
+        The number of the medium around it.
     number, index, key, source, link
-        The path's place in its pass; its place in its sample sequence, and a key of that sequence; its emitter's
-        number, and the number of the surfaces that stop its emitter's light.
+        Its number in the pass; its number in its sample sequence, and a key of that sequence; the number of its source;
+        and the number of the set of surfaces that block its light.
     depth
-        Scattering events so far, in media and on surfaces.
+        The number of scattering events so far, in media and on surfaces.
     straight
         Whether it has met nothing but boundaries of media.
-    coherent, tangents, radius
-        Whether all its interactions were specular, so that its differentials tell how far apart its neighbours are; and
-        the radius of other paths.
+    coherent, differentials, radius
+        Whether all its interactions were specular; its ray differentials, which then say how far apart its neighbours
+        are; and the radius of paths that are not coherent.
     count, fraction
-        Length of the path's sequence, and the probability of the specular lobes that it took: of a reflection on glass,
-        a few hundredths.
+        The length of its sequence, and the probability of the specular lobes that it took: a few hundredths for a
+        reflection on glass.
     branch, part
-        The kind of its next interaction; its number among the parts that split off the same path, else 0.
+        The kind of its next interaction, and its number among the parts that split off the same path; else 0.
     reach
-        Its length where it meets nothing.
+        Its length if it meets nothing.
     offset, portal, total, narrow
-        Of light straight from a lamp: distance from the lamp; distance of the portal from the lamp, or infinity;
-        distance from the lamp to the surface that stops it; a factor on its radius.
+        For light straight from a lamp: its distance from the lamp; the portal's distance from the lamp, or infinity;
+        the distance from the lamp to the surface that stops it; and a factor on its radius.
     slant
-        Tangent of its angle to the normal of the boundary where it has just entered its medium; 0 of other paths.
+        If it has just entered its medium, the tangent of its angle to the normal of the boundary; else 0.
     """
 
     origin: Array3f
@@ -69,9 +71,10 @@ class LightPaths(Struct):
 
 
 class Segments(Struct):
-    """Segments of light paths: `flux` at the start, `normal` at the end; other attributes are those of `LightPaths`.
+    """Segments of light paths, with the `flux` at the start, and the `length`, `width` and `normal` at the end.
 
-    `slant_end` is the tangent of the angle to the normal of the boundary where light leaves the medium, else 0.
+    `slant_end` is the tangent of the angle to the boundary's normal where light leaves the medium, else 0. Other
+    attributes are those of `LightPaths`.
     """
 
     origin: Array3f
@@ -95,7 +98,7 @@ class Segments(Struct):
 
 
 class PhotonHits(Struct):
-    """Photons on surfaces that do not come straight from an emitter: `direction` is that of the light."""
+    """Photons on surfaces, which do not come straight from an emitter; `direction` is that of the light."""
 
     position: Array3f
     normal: Array3f

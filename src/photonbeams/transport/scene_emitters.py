@@ -1,4 +1,4 @@
-"""Mitsuba's emitters: light paths by `Emitter.sample_ray`, with their ray differentials."""
+"""Light paths of Mitsuba's emitters, by `Emitter.sample_ray`, with their ray differentials."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from .lamps import LIGHT_SIDE, LampRays, PortalEmitter
 
 mi = mitsuba()
 
-# The least fraction of a pass that an emitter with any power gets.
+# The least fraction of a pass's light paths that an emitter with any power gets.
 _LEAST = 1 / 64
 
 # The fractions of an emitter's paths that go through its portal, and past it.
@@ -29,7 +29,7 @@ _FRACTIONS = (1 - LIGHT_SIDE, LIGHT_SIDE)
 
 
 class SceneEmitter:
-    """An emitter of a Mitsuba scene; it keeps the scene, for an emitter alone does not keep its shape alive."""
+    """An emitter of a Mitsuba scene; it keeps the scene, because an emitter alone does not keep its shape alive."""
 
     link = 0
     halvings = 0
@@ -44,7 +44,7 @@ class SceneEmitter:
         self._spheres = _spheres(world, self._plugin)
 
     def _source(self) -> EmitterSource | None:
-        """Return what reaches a point from the emitter; None of one that shines along one direction."""
+        """Return the emitter as a lamp; None if it shines along one direction."""
         flags = self._plugin.flags()
         ahead = mi.has_flag(flags, mi.EmitterFlags.Surface) and mi.has_flag(flags, mi.EmitterFlags.Delta)
         return None if ahead else EmitterSource(self._plugin)
@@ -59,7 +59,7 @@ class SceneEmitter:
         return self._sample(origin, direction, flux, differentials, Float(dr.inf), Bool(True))
 
     def begun(self, paths: LampRays) -> EmissionSample:
-        """Return paths through a portal as samples of the emission; they begin beyond the rounding of its surface."""
+        """Return paths through a portal as emission samples; they begin off the emitter, beyond rounding errors."""
         step = mi.math.RayEpsilon * (1 + dr.max(dr.abs(paths.origin)))
         origin, flux = paths.origin + step * paths.direction, dr.select(paths.valid, paths.flux, 0)
         return self._sample(origin, paths.direction, flux, paths.differentials(), paths.portal - step, paths.valid)
@@ -93,7 +93,7 @@ class SceneEmitter:
             mi.Point2f(dr.select(which == 2 * k, Float(1), 0), dr.select(which == 2 * k + 1, Float(1), 0))
             for k in range(2)
         ]
-        with dr.resume_grad():  # whatever the caller has suspended, as `mi.render` does
+        with dr.resume_grad():  # the caller may have suspended gradients, as `mi.render` does
             dr.enable_grad(inputs)
             ray, _ = self._ray(*inputs)
             shift, turn = differentiate(inputs, [ray.o, ray.d], units)
@@ -103,7 +103,7 @@ class SceneEmitter:
 
 
 def _spheres(world: SceneWorld, plugin: Any) -> Any:
-    """Return the scene's sphere and the one that light from infinity enters by Mitsuba, where that is another one.
+    """Return the scene's sphere, and the one by which Mitsuba's light from infinity enters; None if they are equal.
 
     Mitsuba leaves merged meshes out of the scene's box.
     """
@@ -111,7 +111,7 @@ def _spheres(world: SceneWorld, plugin: Any) -> Any:
     if not mi.has_flag(plugin.flags(), mi.EmitterFlags.Infinite) or box == box_around(world.plugin):
         return None
     sphere = box.bounding_sphere() if box.valid() else mi.ScalarBoundingSphere3f(mi.ScalarPoint3f(0), 0.0)
-    radius = max(mi.math.RayEpsilon, float(sphere.radius) * (1 + mi.math.RayEpsilon))  # as Mitsuba's emitters have it
+    radius = max(mi.math.RayEpsilon, float(sphere.radius) * (1 + mi.math.RayEpsilon))  # as in Mitsuba's emitters
     return [
         (mi.Point3f(*(dr.opaque(Float, each) for each in np.ravel(center))), dr.opaque(Float, float(size)))
         for center, size in ((world.bounds.center.numpy(), world.radius), (sphere.center, radius))
@@ -119,16 +119,16 @@ def _spheres(world: SceneWorld, plugin: Any) -> Any:
 
 
 def power_of(world: SceneWorld, number: int) -> float:
-    """Return the power of an emitter of a scene, in the channel that has most of it."""
+    """Return the power of an emitter of a scene, in its brightest channel."""
     return float(max(probed_flux(SceneEmitter(world, number), number)))
 
 
 def emission_of(
     world: SceneWorld, count: int, seed: int = 0, sources: Sequence[int] | None = None, without: Collection[int] = ()
 ) -> Emission:
-    """Return the light paths of a Mitsuba scene: about `count` a pass, distributed among its emitters by their power.
+    """Return the emission of a Mitsuba scene: about `count` paths in a pass, distributed among emitters by their power.
 
-    `sources` are the numbers of the emitters' sources, 0 unless given; emitters `without` light paths have none.
+    `sources` has the numbers of the emitters' sources (None: all 0); the emitters `without` have no light paths.
     """
     total = len(world.plugin.emitters())
     parts = [_parts(world, SceneEmitter(world, k, sources[k] if sources else 0), k) for k in range(total)]
@@ -153,7 +153,7 @@ def emission_of(
 
 
 def _parts(world: SceneWorld, emitter: SceneEmitter, number: int) -> list[Emitter]:
-    """Return an emitter as a whole, or the light of it that passes its portal, and that which does not."""
+    """Return an emitter as a whole or, if it has a portal, its light through the portal and past it."""
     before = world.lamps[number]
     if before is None or before.portal is None:
         return [emitter]
@@ -161,9 +161,9 @@ def _parts(world: SceneWorld, emitter: SceneEmitter, number: int) -> list[Emitte
 
 
 def redistribute(strata: Sequence[Stratum], seen: np.ndarray) -> None:
-    """Distribute light paths among the emitters: half by power, as before, and half by the importance `seen`.
+    """Redistribute light paths among the emitters: half by power, as before, and half by the importance `seen`.
 
-    Those that say themselves how many paths they have keep these.
+    Emitters whose number of paths is fixed keep it.
     """
     free = np.array([not each.fixed for each in strata], dtype=bool)
     if not seen[free].sum() > 0:

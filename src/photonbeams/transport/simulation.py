@@ -1,4 +1,4 @@
-"""Simulation: the beams and the photons of a pass, from light paths through a world."""
+"""Simulation of a pass: trace light paths through a world, and return their beams and photons."""
 
 from __future__ import annotations
 
@@ -40,23 +40,23 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
-# Most candidates for one path whose light passes its lamp's images, and most candidates of a stratum.
+# Most candidates for each path that passes its lamp's images, and most candidates of a stratum.
 _MOST_DARK, _MOST_PATHS = 64, 1 << 22
 
-_PORTAL, _ALL = 0, 1  # kinds of strata, in the seeds of their sequences
+_PORTAL, _ALL = 0, 1  # kinds of strata, as part of the seeds of their sequences
 
-# Least and greatest radius in units of a medium's radius (of photons: the world's), and the greatest in free paths.
-# Wide beams stick out of small media, and blur what changes within a free path: at these bounds a ball of 10 free paths
-# is half a per cent dark after 16 passes, and noise is what it is with beams twice as wide.
+# Least and greatest radius as a fraction of a medium's radius (for photons, of the world's), and the greatest in free
+# paths. Wide beams stick out of small media, and blur what changes within a free path. With these bounds, a ball of 10
+# free paths is too dark by half a per cent after 16 passes; beams twice as wide would not lower the noise.
 FLOOR, CEILING, FREE_PATHS = 1e-4, 0.05, 0.25
 
 
 @dataclass(frozen=True)
 class Tuning:
-    """How light paths are traced: those fields of `render.settings.Settings` that transport reads.
+    """How light paths are traced: the fields of `render.settings.Settings` that transport reads.
 
-    `own_bounces`: each source sets the bounces of its light, up to `max_bounces`. `visible`: only those beams are made
-    that a medium or a look shows; programs and files of beams want all.
+    With `own_bounces`, each source sets the bounces of its light, up to `max_bounces`. With `visible`, only beams that
+    a medium or a look shows are made; programs and files of beams want all.
     """
 
     seed: int = 0
@@ -73,14 +73,14 @@ class Tuning:
     visible: bool = False
 
     def limits(self, number: int, size: float, widest: float = np.inf) -> Limits:
-        """Return the bounds of radii in a pass, in a region of radius `size`; `widest` bounds the default."""
+        """Return the bounds of radii in pass `number`, in a region of radius `size`; `widest` bounds the default."""
         low = self.radius or self.min_radius or FLOOR * size
         high = self.radius or self.max_radius or max(min(CEILING * size, widest), low)
         return Limits(*(dr.opaque(Float, each) for each in (low, high, radius_scale(self.alpha, number))))
 
 
 def radius_scale(alpha: float, number: int) -> float:
-    """Return the factor on all radii in a pass: R_{i+1} / R_i = (i + α) / (i + 1) (Progressive Photon Beams)."""
+    """Return the factor on radii in pass `number`: R_{i+1} / R_i = (i + α) / (i + 1) (Progressive Photon Beams)."""
     return float(np.prod([(i + alpha) / (i + 1) for i in range(1, number + 1)]))
 
 
@@ -102,15 +102,15 @@ class Simulation:
     Attributes
     ----------
     world, emission, tuning
-        What light meets, where it begins, and how it is traced.
+        The world that light meets, the light paths, and how they are traced.
     sources
         What the beams of each emitter have in common.
     sizes
-        Radius of each medium, by number; without one it is the world's.
+        Radius of each medium, by number; a medium without an entry has the world's.
     named
         Whether beams carry what looks and programs may read.
     step
-        Called between parts of a pass; what it raises ends the pass.
+        Called between parts of a pass; an exception from it ends the pass.
     """
 
     world: World
@@ -123,7 +123,7 @@ class Simulation:
 
     def simulated(self, number: int, least: int = 0) -> tuple[list[BeamSet], list[PhotonHits]]:
         """Return the beams of pass `number` that have `least` bounces or more, and its photons on surfaces."""
-        # Nothing here keeps paths that have gone on: a million of them take a gigabyte.
+        # Keep only segments and hits, not the paths: a million of these take a gigabyte.
         steps = list(_stepping(self.step, paths.trace(*self._begun(number))))
         segments = [each for each, _ in steps if each is not None]
         if least:
@@ -147,9 +147,9 @@ class Simulation:
         return tracing, paths.begin(tracing, emitted)
 
     def moved(self, last: World, later: Sequence[Stratum], number: int, media: Mapping[int, int]) -> list[BeamSet]:
-        """Return beams straight from their lamps, and where they are in the world `last`, whose lamps are `later`.
+        """Return beams straight from their lamps, in this world and in the world `last`, whose lamps are `later`.
 
-        `media` are the numbers of this world's media by those that they have in `last`.
+        `media` has the numbers of this world's media, by their numbers in `last`.
         """
         tracing = [self.tracing(number), replace(self, world=last).tracing(number)]
         emitted = [self.emission.emit(number), [each.emit(number) for each in later]]
@@ -165,7 +165,7 @@ class Simulation:
         for (opened, there), (closed, then) in _stepping(self.step, zip_longest(*both, fillvalue=(None, None))):
             if closed is not None:
                 closed.medium = _renumbered(closed.medium, media)
-            known = [each for each in (opened, closed) if each is not None]  # the one that has ended is nowhere
+            known = [each for each in (opened, closed) if each is not None]  # one of the two may have ended
             nowhere = dr.zeros(Bool, dr.width(known[0].length))
             masks = [nowhere if mask is None else mask for mask in (there, then)]
             steps.append(([known[0], known[-1]], masks))
@@ -182,7 +182,7 @@ class Simulation:
         )  # fmt: skip
 
     def guide(self, views: Sequence[Projection]) -> list[Found]:
-        """Guide emission toward what the views see, and return what is found of each stratum."""
+        """Guide emission toward what the views see, and return what is found out about each stratum."""
         camera, tracing = CameraImportance(self.world, views), self.tracing(0)
 
         def seen(emitted: list[Emitted]) -> Sightings:
@@ -196,20 +196,20 @@ class Simulation:
         return guide(self.emission.strata, seen, self.world, lambda each: lines(each.emitter), straight)
 
     def _bounces_by_source(self) -> Any:
-        """Return the most bounces by the numbers of sources, None where they are the same for all."""
+        """Return the most bounces, by the numbers of sources; None if they are the same for all."""
         bounces, most = [each.bounces for each in self.sources], self.tuning.max_bounces
         if not self.tuning.own_bounces or all(each is None for each in bounces):
             return None
         return to_uint([*(each or 0 for each in bounces), 0]) if most is not None else None
 
     def _caustics_by_source(self) -> Any:
-        """Return which sources' light counts only as caustics, None where it is none's."""
+        """Return which sources' light only counts as caustics, by their numbers; None if no source's does."""
         if not any(each.caustics for each in self.sources):
             return None
         return to_uint([*(each.caustics for each in self.sources), False])
 
     def cuttings(self, number: int) -> list[Cutting]:
-        """Return how the segments of a pass become beams, for each emitter that makes some and each medium."""
+        """Return how the segments of a pass become beams, for each medium and each source that makes beams in it."""
         free_paths = np.inf if self.tuning.radius or self.tuning.max_radius else FREE_PATHS
         return [
             Cutting(medium, source, *self._both_limits(number, medium), self.named, self.tuning.short, free_paths)
@@ -220,20 +220,20 @@ class Simulation:
         ]
 
     def _shown(self, source: Source, medium: RenderedMedium) -> bool:
-        """Return whether beams of an emitter in a medium are wanted: a look may show them where nothing scatters."""
+        """Return whether beams of a source in a medium are wanted; a look may show them even if the medium does not."""
         return max(medium.medium.scattering) > 0 or (self.named and not (self.tuning.visible and source.look is None))
 
     def _both_limits(self, number: int, medium: RenderedMedium) -> tuple[Limits, Limits]:
-        """Return the bounds of radii of scattered light, and of light straight from an emitter."""
+        """Return the bounds of radii for scattered light, and for light straight from an emitter."""
         widest = np.inf if medium.tracked is not None else FREE_PATHS / max(*medium.medium.extinction, 1e-30)
         limits = self.tuning.limits(number, self.size(medium), widest)
         if not self.world.narrows or self.tuning.radius or self.tuning.max_radius:
             return limits, limits
-        # `narrowing` keeps the wide ones out of walls one by one.
+        # Without a ceiling: `narrowing` keeps each wide beam out of walls.
         return limits, limits._replace(ceiling=dr.opaque(Float, np.inf))
 
     def size(self, medium: RenderedMedium) -> float:
-        """Return the radius of a medium, that of the world at most."""
+        """Return the radius of a medium, at most that of the world."""
         return min(self.sizes.get(medium.number, np.inf), self.world.radius)
 
 
@@ -241,22 +241,26 @@ def lamps_of(
     world: StageWorld, beams: int, seed: int, light_side: Collection[str], surfaces: bool = False,
     scatters: bool = False, visible: bool = False,
 ) -> list[Stratum]:  # fmt: skip
-    """Return the light paths of a stage's lamps that make beams, or light `surfaces`: a fixed count each.
+    """Return the strata of a stage's lamps that make beams, or light `surfaces`, each with a fixed number of paths.
 
-    Where light `scatters`, domes that light media without beams make some of light that was scattered before. If only
-    beams count that are `visible`, lamps without a look make none where no medium scatters light.
-
-    A lamp without a portal has one stratum: all its directions. A lamp with a portal has two that add up to it: the
-    paths through the portal and, where the camera sees the lamp's own side of it, all others.
+    A lamp without a portal has one stratum, with all its directions. A lamp with a portal has two that add up to it:
+    the paths through the portal and, if the camera sees the lamp's side of the portal, all others.
 
     Parameters
     ----------
     world
         The stage.
     beams, seed
-        Light paths a pass of lamps that do not say themselves; the seed of the sequences.
+        Light paths in a pass, for lamps that do not set the number themselves; and the seed of the sequences.
     light_side
-        Names of lamps whose paths that miss the portal are wanted too.
+        Names of lamps whose paths past the portal are wanted, too.
+    surfaces
+        Whether lamps that light surfaces are included, even if they make no beams.
+    scatters
+        Whether light is scattered more than once. Domes that light media without beams are then included, because their
+        scattered light makes beams.
+    visible
+        Whether only visible beams count. Lamps without a look then make none if no medium scatters light.
     """
     result = []
     hazy = not visible or any(max(each.scattering) > 0 for each in world.description.media)
@@ -278,7 +282,7 @@ def lamps_of(
 
 
 def _stratum(world: StageWorld, number: int, seed: int, count: int, through: bool) -> Stratum:
-    """Return the light paths of a lamp through its portal, or beside it, of which about `count` have light."""
+    """Return the stratum of a lamp's paths through its portal, or past it, of which about `count` carry light."""
     lamp, light = LampEmitter(world, number), world.description.lights[number]
     portal = world.portals.get(light.name)
     emitter = lamp if portal is None else PortalEmitter(lamp, portal, through)
@@ -291,7 +295,7 @@ def _stratum(world: StageWorld, number: int, seed: int, count: int, through: boo
 
 
 def emission_of_lamps(strata: list[Stratum], probed: bool = True) -> Emission:
-    """Return the emission of lamps; their power is measured where it is wanted."""
+    """Return the emission of lamps; their power is measured if `probed`, else 0."""
     power = np.zeros(3)
     if probed:
         power = power + sum(probed_flux(each.emitter, number) for number, each in enumerate(strata))
@@ -305,13 +309,13 @@ class StageSimulation:
     Attributes
     ----------
     tuning, beams
-        How light paths are traced, and how many a pass of lamps that do not say themselves.
+        How light paths are traced, and their number in a pass for lamps that do not set it themselves.
     light_side
-        Names of lamps whose paths that miss their portal are wanted too: see `portal_visibility`.
+        Names of lamps whose paths past their portal are wanted, too: see `portal_visibility`.
     guides
-        Where the light paths of lamps are sent, by the keys of their strata.
+        Guiding maps of strata, by their keys.
     openings
-        The fitted portals, by the keys of the strata whose paths go through them and past them.
+        Fitted portals, by the keys of the strata that they divide into paths through them and past them.
     """
 
     tuning: Tuning
@@ -321,9 +325,9 @@ class StageSimulation:
     openings: Mapping[int, Opening] = field(default_factory=dict)
 
     def guided(self, world: StageWorld, views: Sequence[Projection]) -> StageSimulation:
-        """Return the same with light paths sent toward what any of the views sees.
+        """Return the same simulation with light paths guided toward what any of the views sees.
 
-        Not those of lamps whose beams are bent: where they go is not where the paths go.
+        Lamps whose beams are bent along guides are left out, because their beams do not go where the paths go.
         """
         strata = [each for each in self._strata(world) if not world.sources[each.emitter.source].guides]
         emission = emission_of_lamps(strata)
@@ -342,13 +346,13 @@ class StageSimulation:
         Parameters
         ----------
         worlds
-            The stage as the pass opens and, where anything in it moves, as it closes. A light path straight from its
-            lamp has the same samples at both times; scattered light is that of the opening. What is the same object in
-            both is taken to be at rest.
+            The stage at the start of the pass's time slice and, if anything moves, at its end. A light path straight
+            from its lamp has the same samples at both times; scattered light is that of the start. An object that is
+            identical in both worlds is at rest.
         looks
-            Looks by the names of lamps and drawn beams, instead of those that they have in the first world.
+            Looks by the names of lamps and drawn beams, which replace those in the first world.
         step
-            Called between parts of the pass; what it raises ends the pass.
+            Called between parts of the pass; an exception from it ends the pass.
         """
         first, last = worlds[0], worlds[-1]
         sources = tuple(
@@ -390,7 +394,7 @@ class StageSimulation:
 
 
 def _later(stratum: Stratum, last: StageWorld) -> Stratum:
-    """Return the same light paths of a lamp at another time."""
+    """Return the stratum of the same light paths in the world `last`."""
     emitter = stratum.emitter
     lamp = LampEmitter(last, emitter.source)
     if isinstance(emitter, PortalEmitter):  # a fitted portal rests
@@ -400,7 +404,7 @@ def _later(stratum: Stratum, last: StageWorld) -> Stratum:
 
 
 def renumbering(one: StageWorld, other: StageWorld) -> dict[int, int]:
-    """Return the numbers that media of one world have in another of the same stage, by those that they have in it."""
+    """Return the numbers of media in the world `other` of the same stage, by their numbers in the world `one`."""
     if one.media is other.media:
         return {}
     return {number: other.numbers[name] for name, number in one.numbers.items() if name in other.numbers}
@@ -414,7 +418,7 @@ def _renumbered(numbers: UInt32, media: Mapping[int, int]) -> UInt32:
 
 
 def _moving(first: StageWorld, last: StageWorld) -> set[int]:
-    """Return the numbers of lamps whose straight light is not the same at both times."""
+    """Return the numbers of lamps whose direct light differs between both times."""
     lamps = list(zip(first.description.lights, last.description.lights, strict=True))
     if last.surfaces is first.surfaces and last.media is first.media:
         return {number for number, (light, later) in enumerate(lamps) if later is not light}
@@ -422,7 +426,7 @@ def _moving(first: StageWorld, last: StageWorld) -> set[int]:
 
 
 def _drawn(first: StageWorld, last: StageWorld, looks: Mapping[str, Look | None]) -> list[BeamSet]:
-    """Return the drawn beams, by the media in which they begin."""
+    """Return the drawn beams, in sets by the medium that they are in."""
     sets = []
     for number, drawn in enumerate(first.description.drawn):
         later = last.description.drawn[number]
@@ -435,7 +439,7 @@ def _drawn(first: StageWorld, last: StageWorld, looks: Mapping[str, Look | None]
 
 
 def _by_media(world: StageWorld, whole: BeamSet) -> list[BeamSet]:
-    """Return a set of beams in parts that begin in different media; those that begin in none are not seen."""
+    """Divide a set of beams by the media of their middles; beams in no medium are left out."""
     media = world.media.all
     if len(media) < 2 and not world.boundaries:
         return [whole._replace(medium=each.number) for each in media]

@@ -1,9 +1,9 @@
-"""Where light paths split: each part carries about as much light (Kirk & Arvo 1991, "Unbiased Sampling Techniques").
+"""Split light paths into parts that carry about equal flux (Kirk & Arvo 1991, "Unbiased Sampling Techniques").
 
-Light comes straight from its lamp, or by mirrors and lenses, along *coherent* paths, whose neighbours are known. Some
-of it is scattered along the way, in thin fog a few hundredths, and much is reflected by the surface at its end. One
-path for each would leave few bright beams among many dark ones. So the coherent path goes on by ideal lobes alone, and
-for the rest of its light paths are begun, so many that each carries as much.
+Light that comes straight from its lamp, or by mirrors and lenses, follows *coherent* paths, whose neighbours are known.
+Some of it is scattered on the way (in thin fog, a few hundredths), and much of it is reflected by the surface at the
+end. One path for each would leave few bright beams among many dark ones. So the coherent path goes on by ideal lobes
+alone. For the rest of its light new paths begin, as many as are needed for each to carry about the same flux.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ if TYPE_CHECKING:
 
 mi = mitsuba()
 
-# The least reflectance that is reckoned with: some BSDFs do not know theirs.
+# Least reflectance that is assumed, because some BSDFs do not know theirs.
 _LEAST = 0.05
 _DARK = 1e-30
-_ROUNDING = 5  # a stream of samples, beside those of interactions
+_ROUNDING = 5  # sample stream; interactions have others
 
 
 def split(tracing: Tracing, paths: LightPaths, step: int) -> LightPaths:
-    """Return paths before step number `step`, and what is split off for light that is scattered or reflected there."""
+    """Return paths before step number `step`, and the parts split off for light that is scattered or reflected."""
     varying, _ = tracing.world.media.varying(paths.medium)
     able = paths.coherent & ~varying & Bool(not tracing.short)
     if not bool(dr.any(able)):
@@ -40,17 +40,17 @@ def split(tracing: Tracing, paths: LightPaths, step: int) -> LightPaths:
         return paths
     goes_on = dr.select(able, UInt32(IDEAL), UInt32(SAMPLED))
     able &= ~tracing.undecided(paths)
-    able &= tracing.within(paths.depth + 1, paths.source)  # no path for what would exceed the depth
+    able &= tracing.within(paths.depth + 1, paths.source)  # no part that would exceed the depth
     seed = hash32(paths.key, dr.opaque(UInt32, step), paths.index)
     light = _scattered_and_reflected(tracing, paths, able, seed)
     chance = [unit_float(hash32(seed, UInt32(_ROUNDING), UInt32(kind))) for kind in (SCATTERED, REFLECTED)]
     dr.eval(goes_on, light, chance)
     found = np.nan_to_num(to_numpy(light).astype(np.float64), posinf=0.0)
     lamp, width = np.unique(paths.key.numpy(), return_inverse=True)[1].ravel(), dr.width(paths.key)
-    # The paths themselves, and then copies of them: by branch, number among the copies, part of the flux, share.
+    # Rows of the paths themselves, then of copies: origin, branch, number among the copies, factor on the flux, share.
     columns = [(np.arange(width), goes_on.numpy(), np.zeros(width), np.ones(width), np.zeros(width))]
     for branch, own, turn in zip((SCATTERED, REFLECTED), found, chance, strict=True):
-        # Lamps keep their numbers of paths: dim ones may be all that lights a corner.
+        # Each lamp has its own share, and so keeps its number of paths: a dim one may be all that lights a corner.
         share = (np.bincount(lamp, own) / np.maximum(np.bincount(lamp, own > 0), 1))[lamp]
         mean = own / np.maximum(share, _DARK)
         count = (mean + turn.numpy()).astype(np.int64)
@@ -71,7 +71,7 @@ def split(tracing: Tracing, paths: LightPaths, step: int) -> LightPaths:
 def _scattered_and_reflected(
     tracing: Tracing, paths: LightPaths, able: Bool, seed: UInt32
 ) -> tuple[Float, Float]:  # fmt: skip
-    """Return about how much light leaves paths by way of the medium, and of the surface that they come to."""
+    """Return about how much of the paths' light the medium scatters, and the next surface reflects."""
     world, media = tracing.world, tracing.world.media
     hit = world.intersect(paths.origin, paths.direction, able, seed, paths.link)
     valid = able & hit.is_valid()
@@ -81,7 +81,7 @@ def _scattered_and_reflected(
     scattered = paths.flux * albedo * (1 - dr.exp(-extinction * length))
     bsdf = hit.bsdf()
     smooth = valid & (mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth) | Bool(bool(world.cutouts)))
-    # Rather too many dark parts than few bright ones: what reflects otherwise than by a diffuse lobe may be metal.
+    # Too many dark parts are better than few bright ones: what has glossy lobes may be metal, so it counts as 1.
     reflectance = dr.clip(rgb(bsdf.eval_diffuse_reflectance(hit, smooth)), _LEAST, 1)
     reflectance = dr.select(mi.has_flag(bsdf.flags(), mi.BSDFFlags.Glossy), 1, reflectance)
     reflected = paths.flux * media.absorbed(paths.medium, length) * reflectance
