@@ -397,7 +397,7 @@ def _later(stratum: Stratum, last: StageWorld) -> Stratum:
     """Return the stratum of the same light paths in the world `last`."""
     emitter = stratum.emitter
     lamp = LampEmitter(last, emitter.source)
-    if isinstance(emitter, PortalEmitter):  # a fitted portal rests
+    if isinstance(emitter, PortalEmitter):  # a fitted portal does not move
         portal = last.portals.get(lamp.name, emitter.portal)
         return replace(stratum, emitter=PortalEmitter(lamp, portal, emitter.through))
     return replace(stratum, emitter=lamp)

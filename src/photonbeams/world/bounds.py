@@ -28,7 +28,7 @@ class Bounds:
         return bool(np.all(np.linalg.norm(np.asarray(points) - center, axis=1) <= radius * (1 + 1e-4)))
 
     def behind(self, point: Array3f, direction: Array3f) -> Float:
-        """Return how far behind a point, along `direction`, the plane is that touches the sphere there."""
+        """Return the distance from a point, back along `direction`, to the plane that touches the sphere."""
         return dr.dot(point - self.center, direction) + self.radius
 
     def exit(self, origin: Array3f, direction: Array3f, scale: float = 1.0) -> Float:

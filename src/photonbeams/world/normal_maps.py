@@ -30,7 +30,7 @@ NORMAL_MAP = "photonbeams_normalmap"
 #: Kinds of the BSDF inside: its lobes are specular, diffuse, or both.
 SPECULAR, DIFFUSE, MIXED = "specular", "diffuse", "mixed"
 
-_LEAST = 1e-3  # cosine between N and ωi, or the surface's normal: below, directions cancel in float32
+_LEAST = 1e-3  # least cosine between N and ωi, or the surface's normal: below, float32 cancels
 _ABOVE = 0.01  # cosine of a bent N's mirror direction
 
 

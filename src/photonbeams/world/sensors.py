@@ -128,7 +128,7 @@ class Sensor:
         x = (Float(index % columns) + places.x) / dr.opaque(Float, width)
         y = (Float(index // columns) + places.y) / dr.opaque(Float, height)
         aperture = samples.pair(order, _LENS)
-        ray, weight = self.plugin.sample_ray_differential(  # the only rays that some sensors have, as `irradiancemeter`
+        ray, weight = self.plugin.sample_ray_differential(  # some sensors have no others, such as `irradiancemeter`
             Float(self.plugin.shutter_open()), Float(0.5), mi.Point2f(x, y), mi.Point2f(aperture), True
         )
         wide = dr.zeros(Array3f, width * height)

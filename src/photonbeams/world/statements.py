@@ -73,7 +73,7 @@ class Statements:
         if (told[known] == own).mean() > _RARE and foreign.sum() <= _OFTEN * known.sum():
             return
         other = Counter(told[foreign if foreign.any() else known].tolist()).most_common(1)[0][0]
-        if other == 0 and not self._is_inside_of_any(own):  # `warnings` has shapes that name no exterior
+        if other == 0 and not self._is_inside_of_any(own):  # `warnings` reports shapes that name no exterior
             return
         teller = Counter(shape[known & (first == other)].tolist()).most_common(1)
         if teller and self._note(place.name, own, self._shape(teller[0][0]), int(other)):

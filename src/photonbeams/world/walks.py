@@ -25,7 +25,7 @@ ASKING, CROSSING, ONWARD = 0, 1, 2
 
 @dataclass
 class Walks:
-    """Hits of walks, (steps, N); `near` and `far` are the media that an interface names, UNKNOWN if it is none."""
+    """Hits of walks, (steps, N); `near` and `far` are the media that an interface names, UNKNOWN elsewhere."""
 
     alive: Array
     valid: Array
