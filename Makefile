@@ -28,7 +28,7 @@ help:
 	@echo 'make lint     check the code with ruff and mypy, words and prose with codespell and proselint'
 	@echo 'make bench    measure, each figure beside its yardstick'
 	@echo 'make docs     build the documentation'"'"'s site, warnings are errors'
-	@echo 'make pictures render the pictures of docs/, and execute its notebooks (half an hour)'
+	@echo 'make pictures render the pictures of docs/, and execute its notebooks (an hour)'
 
 keyhole: $(READY)
 	@mkdir -p out

@@ -249,7 +249,7 @@ def test_every_link_and_picture_leads_somewhere(name):
 
 def test_renders_are_small():
     pages = ("README.md", "docs/guide.md", "docs/examples.md", "docs/beams.md", "docs/mitsuba.md")
-    shown = {path for name in pages for path, _ in links(page(name)) if re.search(r"pictures/.*\.png$", path)}
+    shown = {path for name in pages for path, _ in links(page(name)) if re.search(r"pictures/.*\.webp$", path)}
     assert len(shown) >= 12
     assert [path for path in shown if (ROOT / "docs/pictures" / path.split("/")[-1]).stat().st_size > 500_000] == []
 

@@ -64,6 +64,6 @@ def test_the_reference_has_every_public_name(site):
 
 def test_no_picture_of_the_gallery_is_missing(site):
     page = Page(site / "gallery.html")
-    pictures = {link for link in page.links if link.endswith(".png")}
+    pictures = {link for link in page.links if link.endswith((".png", ".webp"))}
     assert len(pictures) >= 18
     assert all((site / link).exists() for link in pictures)
