@@ -101,7 +101,7 @@ def render(
     passes: Annotated[
         int | None,
         typer.Option(
-            help="Number of passes; a frame is their mean. Default: 16, or the sampler's count in a Mitsuba scene."
+            help="Number of passes that a frame averages; default: 16, or the sampler's count in a Mitsuba scene."
         ),
     ] = None,
     time_limit: Annotated[
