@@ -162,7 +162,7 @@ def test_other_suffixes_are_refused(tmp_path, layers, name):
 
 def test_a_layer_without_colours_is_no_picture(tmp_path):
     depth = {"depth": np.ones((2, 3, 1), dtype=np.float32)}
-    with pytest.raises(SceneError, match=r"cannot write .*a\.png: 'depth' is no picture: expected a layer of colours"):
+    with pytest.raises(SceneError, match=r"cannot write .*a\.png: 'depth' has no colours: expected another layer"):
         images.write_frame(tmp_path / "a.png", depth, layer="depth")
     assert names_in(tmp_path) == []
 

@@ -105,7 +105,7 @@ def write_frame(
         if layer not in each:
             raise SceneError(f"cannot write {path}: there is no layer '{layer}', only {', '.join(each)}")
         if each[layer].shape[2] < 3:
-            raise SceneError(f"cannot write {path}: '{layer}' is no picture: expected a layer of colours, or an .exr")
+            raise SceneError(f"cannot write {path}: '{layer}' has no colours: expected another layer, or an .exr")
     write_png(path, *(each[layer] for each in eyes), exposure=exposure)
 
 

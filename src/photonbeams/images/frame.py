@@ -43,7 +43,7 @@ class Frame:
     >>> camera = pb.scene.Camera.look_at(origin=(0, 0, 4), target=(0, 0, 0))
     >>> frame = pb.Shot(content, camera).render(passes=1, width=32)
     >>> frame
-    Frame(32 x 18 pixels, 1 passes, rgba, surface, beams, ...)
+    Frame(32 x 18 pixels, 1 pass, rgba, surface, beams, ...)
     >>> frame.write("shot.exr")
     """
 
@@ -82,7 +82,8 @@ class Frame:
     def __repr__(self) -> str:
         height, width = self.layers["rgba"].shape[:2]
         eyes = "two eyes of " if self.views else ""
-        return f"Frame({eyes}{width} x {height} pixels, {self.statistics.passes} passes, {', '.join(self.layers)})"
+        passes = "1 pass" if self.statistics.passes == 1 else f"{self.statistics.passes} passes"
+        return f"Frame({eyes}{width} x {height} pixels, {passes}, {', '.join(self.layers)})"
 
     def _repr_png_(self) -> bytes:
         """Return the PNG that `write` writes, for notebooks; large pictures are scaled down: see `preview`."""

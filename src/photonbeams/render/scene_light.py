@@ -59,8 +59,9 @@ class EmitterSettings:
         emitters = [names_of(each) for each in plugin.emitters()]
         for name in given:
             if name and not any(name in names for names in emitters):
-                known = ", ".join(dict.fromkeys(names[-1] for names in emitters if names)) or "none"
-                raise scene.SceneError(f"the scene has no emitter '{name}': expected one of {known}")
+                known = ", ".join(dict.fromkeys(names[-1] for names in emitters if names))
+                expected = f"expected one of {known}" if known else "none of its emitters has an id"
+                raise scene.SceneError(f"the scene has no emitter '{name}': {expected}")
         beams = [next((given[name] for name in names if name in given), usual) for names in emitters]
         different = list({id(each): each for each in beams}.values()) or [usual]
         numbers = [next(place for place, each in enumerate(different) if each is own) for own in beams]

@@ -337,7 +337,8 @@ class Studio:
         }  # fmt: skip
         own = {name: given.pop(name) for name in ("layer", "eye", "exposure", "display") if name in given}
         if own.get("display", OWN) not in view_transforms():
-            raise SceneError(f"there is no view transform {own['display']!r}")
+            known = ", ".join(view_transforms())
+            raise SceneError(f"there is no view transform {own['display']!r}: expected one of {known}")
         if own.get("eye", ANAGLYPH) not in SHOWN:
             raise SceneError(f"there is no eye {own['eye']!r}: expected one of {', '.join(SHOWN)}")
         if not -64 <= own.get("exposure", 0.0) <= 64:

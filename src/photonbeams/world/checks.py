@@ -31,16 +31,16 @@ def check_numbers(plugin: Any, name: str) -> None:
         if not numbers.size:
             continue
         if key.startswith(("sigma_t.", "albedo.")) and key.endswith((".data", ".value")) and numbers.min() < 0:
-            raise SceneError(f"medium {name}: {key} has numbers below 0, such as {numbers.min():g}")
+            raise SceneError(f"medium {name}: {key} has numbers below 0, such as {numbers.min():g}: expected 0 or more")
         if key.startswith("albedo.") and key.endswith((".data", ".value")) and numbers.max() > 1 + 1e-5:
-            raise SceneError(f"medium {name}: {key} has numbers above 1, such as {numbers.max():g}")
+            raise SceneError(f"medium {name}: {key} has numbers above 1, such as {numbers.max():g}: expected 0 to 1")
 
 
 def check_finite(plugin: Any, name: str) -> None:
     """Raise SceneError where a number of a Mitsuba object, or of its images and grids, is not finite."""
     for key, value in mi.traverse(plugin):
         if not np.all(np.isfinite(_numbers(value))):
-            raise SceneError(f"{name}: {key} has numbers that are not finite")
+            raise SceneError(f"{name}: {key} has numbers that are not finite: expected finite ones")
 
 
 def _numbers(value: Any) -> np.ndarray:

@@ -115,7 +115,7 @@ def _described(emitter: Any, name: str, shared: dict[str, Any]) -> scene.Light:
         return scene.DistantLight(**about, axis=axis, angle=0.0)
     if shared["gobo"] is not None:
         expected = "a point, spot or directional emitter, or a rectangle, disk or sphere that shines"
-        raise SceneError(f"emitter {name}: is a {kind}, which cannot have a gobo: expected {expected}")
+        raise SceneError(f"emitter {name} is of type {kind}, which cannot have a gobo: expected {expected}")
     return scene.Light(**about)
 
 
@@ -169,5 +169,5 @@ def _opening(plugin: Any, name: str, given: str) -> tuple[scene.Mesh, Any]:
         points = np.array(parameters["vertex_positions"], dtype=np.float64).reshape(-1, 3)
         faces = np.array(parameters["faces"], dtype=np.int64).reshape(-1, 3)
     else:
-        raise SceneError(f"emitter {name}: its portal {given} is a {shape.class_name()}: expected a flat shape")
+        raise SceneError(f"emitter {name}: its portal {given} is of type {shape.class_name()}: expected a flat shape")
     return scene.Mesh(given, points, faces), shape
