@@ -40,7 +40,7 @@ SIZE = 192, 108
 ERROR, LEAST = 0.02, 3.0
 # Seconds of the reference, as many times those to the error, at most; samples of Cycles, and when it has had enough.
 REFERENCE, REFERENCE_MOST = 16, 60.0
-SAMPLES, LIMIT = (4, 16, 64, 256, 1024, 4096), 40.0
+SAMPLES, LIMIT = (4, 16, 64, 256, 1024, 4096), 25.0
 
 
 @dataclass(frozen=True)

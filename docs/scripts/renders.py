@@ -42,18 +42,18 @@ RENDERS = {
     (SHAFT, *DIRECTED, *CLEAN): {"rgba": "shaft-directed"},
     ("examples/forest/forest.usda", *CLEAN): {"rgba": "forest"},
     ("examples/concert/concert.usda", *CLEAN): {"rgba": "concert"},
-    ("examples/smoke/smoke.usda", *CLEAN): {"rgba": "smoke"},
+    ("examples/smoke/smoke.usda", "--passes", "8", "--denoise"): {"rgba": "smoke"},
 }  # fmt: skip
 
 # Of the flight every fifth frame, each as a small picture of one sheet.
 FLIGHT = (
-    KEYHOLE, "-cam", "Flight", "-f", "1:96x5", "--res", "512", "0", "--denoise",
+    KEYHOLE, "-cam", "Flight", "-f", "1:96x5", "--res", "512", "0", "--passes", "8", "--denoise",
     "-o", "flight.####.exr", "-q", "--set", "/World/Light/Key.photonbeams:count=2048",
 )  # fmt: skip
 
 # Of the strands that grow, four frames in a row.
 GROWTH = (
-    MAGIC, "--session-layer", "examples/magic/grow.usda", "-f", "6,18,30,42", "--res", "640", "0", "--denoise",
+    MAGIC, "--session-layer", "examples/magic/grow.usda", "-f", "6,18,30,42", "--res", "640", "0", "--passes", "8", "--denoise",
     "-o", "grow.####.exr", "-q",
 )  # fmt: skip
 
