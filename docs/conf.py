@@ -5,9 +5,10 @@
 
 from importlib.metadata import version as _version
 from pathlib import Path
+from zipfile import ZIP_DEFLATED, ZipFile
 
 from docutils import nodes
-from sphinx.addnodes import pending_xref
+from sphinx.addnodes import download_reference, pending_xref
 from sphinx.application import Sphinx
 
 _DOCS = Path(__file__).resolve().parent
@@ -66,14 +67,19 @@ html_theme_options = {
 _SHOWN = {"README.md": "index", "CHANGELOG.md": "changelog", "CONTRIBUTING.md": "contributing"}
 
 
-def _resolve_files(app: Sphinx, doctree: nodes.document) -> None:
-    """Resolve links to files of the repository: link to the page that shows the file, or keep only the link's text.
+#: What links into examples/ lead to on the site: a file alone would lack its textures and layers.
+_EXAMPLES = "examples.zip"
 
-    Pages are also written for readers of the repository. Links to files that do not exist are left for MyST to report.
+
+def _resolve_files(app: Sphinx, doctree: nodes.document) -> None:
+    """Resolve links to files of the repository: to the page that shows the file, or to the zip of the examples.
+
+    Of other files only the link's text is kept. Pages are also written for readers of the repository. Links to files
+    that do not exist are left for MyST to report.
     """
     pages, here = app.env.found_docs, (_DOCS / app.env.docname).parent
-    for link in list(doctree.findall(pending_xref)):
-        if link.get("reftype") != "myst" or link["reftarget"] in pages:
+    for link in list(doctree.findall(lambda node: isinstance(node, (pending_xref, download_reference)))):
+        if isinstance(link, pending_xref) and (link.get("reftype") != "myst" or link["reftarget"] in pages):
             continue
         name, _, anchor = link["reftarget"].partition("#")
         found = [
@@ -88,12 +94,27 @@ def _resolve_files(app: Sphinx, doctree: nodes.document) -> None:
         page = _SHOWN.get(
             str(inside), str(inside.relative_to("docs").with_suffix("")) if inside.parts[0] == "docs" else ""
         )
-        if page in pages:
+        if inside.parts[0] == "examples":
+            address = "../" * app.env.docname.count("/") + _EXAMPLES
+            link.replace_self(nodes.reference("", "", *link.children, refuri=address, internal=False))
+        elif isinstance(link, pending_xref) and page in pages:
             link["refdomain"], link["reftarget"], link["reftargetid"] = "doc", page, anchor or None
-        else:
+        elif isinstance(link, pending_xref):
             link.replace_self(link.children)
 
 
+def _write_examples(app: Sphinx, error: Exception | None) -> None:
+    """Write the zip of the examples beside the pages."""
+    if error is None and app.builder.format == "html":
+        files = [path for path in sorted((_ROOT / "examples").rglob("*")) if path.is_file()]
+        with ZipFile(Path(app.outdir) / _EXAMPLES, "w", ZIP_DEFLATED) as archive:
+            for path in files:
+                if "__pycache__" not in path.parts:
+                    archive.write(path, path.relative_to(_ROOT))
+
+
 def setup(app: Sphinx) -> None:
-    """Register the resolver of links with Sphinx."""
-    app.connect("doctree-read", _resolve_files)
+    """Register the resolver of links and the writer of the zip with Sphinx."""
+    # Before Sphinx collects the files that pages offer for download.
+    app.connect("doctree-read", _resolve_files, priority=100)
+    app.connect("build-finished", _write_examples)

@@ -53,8 +53,8 @@ FLIGHT = (
 
 # Of the strands that grow, four frames in a row.
 GROWTH = (
-    MAGIC, "--session-layer", "examples/magic/grow.usda", "-f", "6,18,30,42", "--res", "640", "0", "--passes", "8", "--denoise",
-    "-o", "grow.####.exr", "-q",
+    MAGIC, "--session-layer", "examples/magic/grow.usda", "-f", "6,18,30,42", "--res", "640", "0", "--passes", "8",
+    "--denoise", "-o", "grow.####.exr", "-q",
 )  # fmt: skip
 
 

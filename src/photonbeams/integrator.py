@@ -7,9 +7,15 @@ set.
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import wraps
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .render.passes import RunOptions
+    from .render.settings import Settings
 
 NAME = "photon_beams"
 
@@ -291,7 +297,8 @@ def _integrator(mi: Any, variant: str) -> type:
             with dr.suspend_grad():
                 findings = self._findings(scene, sensor)
                 extras = Extras(depth=False, findings=findings)
-                frame = render(scene, sensor, settings, warned=self._warned, extras=extras)
+                with _bar(settings) as run:
+                    frame = render(scene, sensor, settings, run, warned=self._warned, extras=extras)
                 # Only now: a render turns parameters that were constants into variables.
                 self._known = Parameters(scene, sensor), findings
                 layers = frame.layers()
@@ -355,6 +362,21 @@ def _integrator(mi: Any, variant: str) -> type:
             return f"PhotonBeams[{self.settings}]"
 
     return PhotonBeams
+
+
+@contextmanager
+def _bar(settings: Settings) -> Iterator[RunOptions]:
+    """Yield options of a render that draw its progress on a terminal, and do nothing elsewhere."""
+    from .render.passes import PLAIN_RUN, RunOptions
+    from .runtime.bars import drawn, terminal
+
+    console = terminal()
+    if console is None:
+        yield PLAIN_RUN
+        return
+    total = None if settings.error else settings.passes
+    with drawn(console) as update:
+        yield RunOptions(progress=lambda done, _: update(done, total, f"{NAME}, passes"))
 
 
 def _number(seed: Any) -> int:

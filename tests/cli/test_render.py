@@ -245,7 +245,7 @@ def test_a_time_limit_ends_a_render_with_what_there_is(render, stage, out):
         stage(), "-o", out / "a.exr", "--res", 16, 9, "--beams", 64, "--passes", 10**6, "--time-limit", 0.2, small=False
     )
     assert code == 0
-    passes = int(re.search(r"([\d,]+) pass", stderr)[1].replace(",", ""))
+    passes = int(re.search(r"([\d,]+) of 1,000,000 passes \(--time-limit\)", stderr)[1].replace(",", ""))
     with OpenEXR.File(str(out / "a.exr"), header_only=True) as file:
         assert 1 <= file.parts[0].header["passes"] == passes < 10**6
 

@@ -164,7 +164,7 @@ class Animation:
             files = sum(len(task.outputs) for task, _ in done)
             self._say(report_line(len(done), len(self.tasks) - len(done), files, seconds))
         else:
-            self._say("\n".join(summary_lines(done[0][1], self.tasks[0].files, seconds)))
+            self._say("\n".join(summary_lines(done[0][1], self.tasks[0].files, seconds, self.passes)))
 
     def _say(self, text: str) -> None:
         if not self.quiet:

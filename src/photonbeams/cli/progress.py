@@ -13,6 +13,8 @@ from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ..runtime.bars import Update, drawn, terminal
+
 if TYPE_CHECKING:
     from ..farm.run import FarmState
     from ..render.passes import Statistics
@@ -165,25 +167,17 @@ def farm_bar(kind: Progress | None, quiet: bool) -> Iterator[Callable[[FarmState
 
 
 @contextmanager
-def _drawn(kind: Progress | None, quiet: bool) -> Iterator[Callable[[int, int | None, str], None] | None]:
+def _drawn(kind: Progress | None, quiet: bool) -> Iterator[Update | None]:
     """Yield a function that draws a bar, of passes done, all passes and a description; None to print lines instead."""
     if quiet or kind is Progress.none:
         yield lambda done, total, description: None
         return
-    from rich.console import Console
-
-    console = Console(stderr=True, highlight=False)
-    if kind in (Progress.plain, Progress.openjd) or (kind is None and not console.is_terminal):
+    console = None if kind in (Progress.plain, Progress.openjd) else terminal(always=kind is Progress.rich)
+    if console is None:
         yield None
         return
-    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
-    from rich.progress import Progress as Bar
-
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(),
-               TextColumn("left"), TimeRemainingColumn())  # fmt: skip
-    with Bar(*columns, console=console, transient=True) as shown:
-        task = shown.add_task("passes", total=None)
-        yield lambda done, total, text: shown.update(task, completed=done, total=total, description=text)
+    with drawn(console) as update:
+        yield update
 
 
 def _plain_farm(openjd: bool) -> Callable[[FarmState], None]:
@@ -251,12 +245,15 @@ def _plain_unknown(frames: int, openjd: bool) -> Show:
     return show
 
 
-def summary_lines(statistics: Statistics, files: Iterable[Path], seconds: float) -> list[str]:
-    """Return lines about a render of one frame."""
+def summary_lines(
+    statistics: Statistics, files: Iterable[Path], seconds: float, planned: int | None = None
+) -> list[str]:
+    """Return lines about a render of one frame; with fewer passes than `planned`, its time was up."""
+    early = planned is not None and statistics.passes < planned
+    passes = f"{statistics.passes:,} of {planned:,} passes (--time-limit)" if early else _passes(statistics)
     phases = ", ".join(f"{name} {value:.1f}" for name, value in statistics.seconds.items())
     return [
-        f"{counted(statistics.passes, 'pass', 'passes')}, {counted(statistics.beams, 'beam')}, "
-        f"{statistics.tests / 1e6:,.0f} million ray-beam tests",
+        f"{passes}, {counted(statistics.beams, 'beam')}, {statistics.tests / 1e6:,.0f} million ray-beam tests",
         f"{seconds:.1f} s ({phases})",
         *filter(None, [error_note(statistics.error)]),
         *(f"wrote {path}" for path in files),
@@ -272,7 +269,7 @@ def error_note(error: float | None, goal: float | None = None) -> str:
 
 def frame_line(name: str, statistics: Statistics, files: Iterable[Path], seconds: float) -> str:
     """Return a line about one frame of several."""
-    done = f"{counted(statistics.passes, 'pass', 'passes')}, {counted(statistics.beams, 'beam')}, {seconds:.1f} s"
+    done = f"{_passes(statistics)}, {counted(statistics.beams, 'beam')}, {seconds:.1f} s"
     return f"frame {name}: {done}, wrote {', '.join(map(str, files))}"
 
 
@@ -280,6 +277,10 @@ def report_line(rendered: int, skipped: int, files: int, seconds: float) -> str:
     """Return a line about all frames."""
     frames = f"{counted(rendered, 'frame')} rendered, {skipped:,} skipped"
     return f"{frames}, {counted(files, 'file')} written, {seconds:.1f} s"
+
+
+def _passes(statistics: Statistics) -> str:
+    return counted(statistics.passes, "pass", "passes")
 
 
 def counted(count: int, noun: str, several: str | None = None) -> str:

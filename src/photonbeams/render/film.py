@@ -333,9 +333,7 @@ class Film:
         complete = {"surface", "alpha", LIGHT, SQUARES} <= set(total)
         same = complete and ("weight" in total) is (self._filter is not None)
         if not same or any(each.shape not in ((count,), (3, count)) for each in total.values()):
-            raise SceneError(
-                "the checkpoint is of another picture: expected one of its size, filter, views and layers"
-            )
+            raise SceneError("the checkpoint is of another picture: expected one of its size, filter, views and layers")
         self.sums = sums
 
     def layers(self) -> dict[str, np.ndarray]:

@@ -438,9 +438,7 @@ class FrameRenderer(PassRenderer):
     def restore(self, sums: FrameSums) -> None:
         """Continue from the sums of another frame; raise SceneError if they are of another picture."""
         if len(sums.views) != len(self._films):
-            raise SceneError(
-                "the checkpoint is of another picture: expected one of its size, filter, views and layers"
-            )
+            raise SceneError("the checkpoint is of another picture: expected one of its size, filter, views and layers")
         for film, each in zip(self._films, sums.views, strict=True):
             film.restore(each)
         statistics = self.statistics
