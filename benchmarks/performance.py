@@ -17,6 +17,7 @@ import platform
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from datetime import date
 from pathlib import Path
 from tempfile import NamedTemporaryFile
 from time import perf_counter
@@ -179,8 +180,8 @@ def row(path: Path, python: Path | None) -> tuple[str, ...]:
         path.stem.removesuffix("_volpath"), shown(ours.wanted), shown(theirs.wanted),
         other.cell() if other else "–", shown(theirs.wanted / ours.wanted),
         shown(other.wanted / ours.wanted) if other and np.isfinite(other.wanted) else "–",
-        f"{100 * (ours.mean / theirs.mean - 1):+.1f} ± {100 * noise:.1f} %",
-        f"{100 * (other.mean - 1):+.1f} %" if other else "–",
+        f"{100 * (ours.mean / theirs.mean - 1):+.1f}\N{NO-BREAK SPACE}±\N{NO-BREAK SPACE}{100 * noise:.1f}\N{NO-BREAK SPACE}%",
+        f"{100 * (other.mean - 1):+.1f}\N{NO-BREAK SPACE}%" if other else "–",
     )  # fmt: skip
 
 
@@ -214,9 +215,16 @@ def report(console: Console, options: Sequence[str] = ()) -> None:
 
 
 HEADS = (
-    "scene", "`photon_beams`, s", "`volpath`, s", "Cycles, denoised, s", "times as fast as `volpath`", "as Cycles",
-    "mean beside `volpath`'s", "Cycles' mean beside the reference",
+    "scene", "`photon_beams`, s", "`volpath`, s", "Cycles, denoised, s", "times as fast as `volpath`",
+    "times as fast as Cycles", "its mean, relative to `volpath`'s", "Cycles' mean, relative to the reference's",
 )  # fmt: skip
+
+
+def processor() -> str:
+    """Return the processor's name."""
+    path = Path("/proc/cpuinfo")
+    found = re.search(r"model name\s*: (.+)", path.read_text()) if path.exists() else None
+    return found[1] if found else platform.machine()
 
 
 def shown(number: float) -> str:
@@ -228,6 +236,7 @@ def write(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
     """Write the table into the page, between its marks."""
     lines = [f"| {' | '.join(heads)} |", "|---" + "|---:" * (len(heads) - 1) + "|"]
     lines += [f"| {' | '.join(row)} |" for row in rows]
-    where = f"{platform.machine()}, {os.cpu_count()} processors, {SIZE[0]} × {SIZE[1]} pixels or the scene's own"
+    size = f"{SIZE[0]} × {SIZE[1]} pixels or the scene's own"
+    where = f"{processor()}, {os.cpu_count()} processors, {size}, {date.today():%B %Y}"
     text = "\n".join(["<!-- table -->", "", *lines, "", f"*{where}.*", "", "<!-- end -->"])
     PAGE.write_text(re.sub(r"<!-- table -->.*<!-- end -->", lambda _: text, PAGE.read_text(), flags=re.DOTALL))
