@@ -40,6 +40,7 @@ SIZE = 192, 108
 # The error that all are brought to, and the least seconds of a render that is measured.
 ERROR, LEAST = 0.02, 3.0
 # Seconds of the reference, as many times those to the error, at most; samples of Cycles, and when it has had enough.
+_GAP = "\N{NO-BREAK SPACE}"
 REFERENCE, REFERENCE_MOST = 16, 60.0
 SAMPLES, LIMIT = (4, 16, 64, 256, 1024, 4096), 25.0
 
@@ -180,8 +181,8 @@ def row(path: Path, python: Path | None) -> tuple[str, ...]:
         path.stem.removesuffix("_volpath"), shown(ours.wanted), shown(theirs.wanted),
         other.cell() if other else "–", shown(theirs.wanted / ours.wanted),
         shown(other.wanted / ours.wanted) if other and np.isfinite(other.wanted) else "–",
-        f"{100 * (ours.mean / theirs.mean - 1):+.1f}\N{NO-BREAK SPACE}±\N{NO-BREAK SPACE}{100 * noise:.1f}\N{NO-BREAK SPACE}%",
-        f"{100 * (other.mean - 1):+.1f}\N{NO-BREAK SPACE}%" if other else "–",
+        f"{100 * (ours.mean / theirs.mean - 1):+.1f}{_GAP}±{_GAP}{100 * noise:.1f}{_GAP}%",
+        f"{100 * (other.mean - 1):+.1f}{_GAP}%" if other else "–",
     )  # fmt: skip
 
 
