@@ -40,9 +40,9 @@ SIZE = 192, 108
 # The error that all are brought to, and the least seconds of a render that is measured.
 ERROR, LEAST = 0.02, 3.0
 # Seconds of the reference, as many times those to the error, at most; samples of Cycles, and when it has had enough.
-_GAP = "\N{NO-BREAK SPACE}"
 REFERENCE, REFERENCE_MOST = 16, 60.0
 SAMPLES, LIMIT = (4, 16, 64, 256, 1024, 4096), 25.0
+_GAP = "\N{NO-BREAK SPACE}"
 
 
 @dataclass(frozen=True)
