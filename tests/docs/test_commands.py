@@ -23,7 +23,7 @@ from photonbeams import Shot, integrator
 from photonbeams.cli import main
 
 PAGES = {
-    "README.md": 5, "docs/guide.md": 13, "docs/beams.md": 6, "docs/examples.md": 17, "docs/looks.md": 0,
+    "README.md": 5, "docs/guide.md": 13, "docs/stages.md": 12, "docs/beams.md": 6, "docs/examples.md": 17, "docs/looks.md": 0,
     "docs/mitsuba.md": 5, "docs/matrix.md": 0, "docs/theory.md": 0, "docs/dependencies.md": 0,
     "docs/architecture.md": 0, "docs/farm.md": 6, "docs/scale.md": 0, "docs/studio.md": 0, "docs/install.md": 1,
     "docs/performance.md": 0,
@@ -127,8 +127,8 @@ def written(words):
 
 
 def save_files(name, folder):
-    """Write the files that a page has its reader save; beams.md goes on from the guide."""
-    before = saved_files(page("docs/guide.md")) if name == "docs/beams.md" else {}
+    """Write the files that a page has its reader save; beams.md and stages.md go on from the guide."""
+    before = saved_files(page("docs/guide.md")) if name in ("docs/beams.md", "docs/stages.md") else {}
     for file, source in {**before, **saved_files(page(name))}.items():
         (folder / file).write_text(source)
 
@@ -248,7 +248,7 @@ def test_every_link_and_picture_leads_somewhere(name):
 
 
 def test_renders_are_small():
-    pages = ("README.md", "docs/guide.md", "docs/examples.md", "docs/beams.md", "docs/mitsuba.md")
+    pages = ("README.md", "docs/guide.md", "docs/stages.md", "docs/examples.md", "docs/beams.md", "docs/mitsuba.md")
     shown = {path for name in pages for path, _ in links(page(name)) if re.search(r"pictures/.*\.webp$", path)}
     assert len(shown) >= 12
     assert [path for path in shown if (ROOT / "docs/pictures" / path.split("/")[-1]).stat().st_size > 500_000] == []

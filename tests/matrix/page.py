@@ -16,7 +16,7 @@ doors. The test is the same for each: the mean of a picture must agree with that
 {100 * BLOCK_BIAS:g} % plus six standard errors. The two doors are compared with each other in the same way.
 
 The scenes are in [`tests/matrix`](../tests/matrix): a box of fog in the dark with a lamp above it. A Mitsuba scene that
-is not written by hand is what [`photonbeams export`](guide.md#a-stage-as-a-mitsuba-scene) makes of the stage. `volpath`
+is not written by hand is what [`photonbeams export`](stages.md#a-stage-as-a-mitsuba-scene) makes of the stage. `volpath`
 had {{samples}} samples per pixel or more.
 
 | feature | stage | Mitsuba scene |
