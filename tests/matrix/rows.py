@@ -1,4 +1,4 @@
-"""The matrix of features by doors: each row a stage, and the same scene as Mitsuba has it.
+"""The matrix of features: each row a stage, and the same scene as Mitsuba has it.
 
 All rows look at a box of fog, [-1, 1]³, in the dark, from outside; a lamp above it is not in the picture.
 """
@@ -53,8 +53,9 @@ class Row:
     settings
         Of the stage's radii: light that sticks out of the fog is lost, and wide beams lose more.
     passes
-        Of either door. Of an odd number the middle of all places that they look through in a pixel is the pixel's.
-        Few of many beams take less time than many of few; the edges of a shaft take more than three places.
+        Of the stage and of the Mitsuba scene. Of an odd number the middle of all places that they look through in a
+        pixel is the pixel's. Few of many beams take less time than many of few; the edges of a shaft take more than
+        three places.
     """
 
     name: str
@@ -272,7 +273,7 @@ SMOKE = prim(
 }
 """  # fmt: skip
 
-#: What both doors render: each row is compared to `volpath`, and door to door.
+#: What stages and Mitsuba scenes render: each row is compared to `volpath`, and the two with each other.
 MATRIX = (
     Row("single scattering, isotropic", stage(lamp(), box(0.4, 0.1))),
     Row("single scattering, Henyey-Greenstein 0.8", stage(lamp(), box(0.4, 0.1, 0.8))),

@@ -1,4 +1,4 @@
-"""Every feature through both doors: a stage and its Mitsuba twin make the picture that `volpath` makes of it."""
+"""Every feature: a stage and its Mitsuba twin make the picture that `volpath` makes of the twin."""
 
 from dataclasses import replace
 
