@@ -28,7 +28,7 @@ _REQUIRED = ("start", "end", "radius_start", "radius_end", "power")
 _OPTIONAL = (
     "offset", "total", "entry", "end_normal", "start_tangent", "end_tangent", "power_end", "random", "id", "generation"
 )  # fmt: skip
-#: An index of beams: a number, a slice, a list, or a NumPy or Dr.Jit array of numbers or truth values.
+#: An index of beams, which is a number, a slice, a list, or a NumPy or Dr.Jit array of numbers or truth values.
 Index: TypeAlias = Union[int, slice, npt.ArrayLike, "UInt32"]
 
 _VECTORS = (*_COLOR, "end_normal", "start_tangent", "end_tangent", "power_end")
@@ -39,11 +39,15 @@ class Beams:
 
     Parameters
     ----------
-    start, end
-        (N, 3) positions of the two ends, in scene units. Required.
-    radius_start, radius_end
-        (N,) radii at the two ends in scene units, 0 or more, or one number for all beams. Required. One radius of a
-        beam may be zero, but not both.
+    start
+        (N, 3) positions where the beams begin, in scene units. Required.
+    end
+        (N, 3) positions where the beams end, in scene units. Required.
+    radius_start
+        (N,) radii where the beams begin, in scene units, 0 or more, or one number for all beams. Required.
+    radius_end
+        (N,) radii where the beams end, given like `radius_start`. Required. One radius of a beam may be zero, but not
+        both.
     power
         (N, 3) RGB flux Φ, or one colour for all beams. Required.
     offset

@@ -69,10 +69,10 @@ class PassContext:
     bounds: tuple[tuple[float, float, float], float] = ((0.0, 0.0, 0.0), 1.0)
 
 
-#: A function that changes beams: it takes `Beams` and a `PassContext`, and returns `Beams`.
+#: A function that takes `Beams` and a `PassContext`, and returns the changed `Beams`.
 Modifier = Callable[[Beams, PassContext], Beams]
 
-#: A function that makes beams from nothing: it takes a `PassContext`.
+#: A function that takes a `PassContext`, and makes beams from nothing.
 Emitter = Callable[[PassContext], "DrawnBeams | Beams | Sequence[DrawnBeams | Beams]"]
 
 

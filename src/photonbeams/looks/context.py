@@ -247,7 +247,7 @@ class ShadingContext:
 
     @property
     def angle(self) -> Any:
-        """Angle between the light's direction and that to the camera, in degrees: 0 is straight into the lens."""
+        """Angle between the light's direction and that to the camera, in degrees; 0 is straight into the lens."""
         return dr.rad2deg(dr.acos(dr.clip(self.cosine, -1, 1)))
 
     @property

@@ -69,9 +69,9 @@ class Factor(Described):
     # NumPy arrays leave the product to the factor, instead of making one product for each entry.
     __array_ufunc__ = None
 
-    #: Where the factor has corners: quadrature splits its interval there.
+    #: Where the factor has corners, at which quadrature splits its interval.
     corners: tuple[Corner, ...] = ()
-    #: Whether it may have unknown corners: quadrature takes finer steps.
+    #: Whether it may have unknown corners, for which quadrature takes finer steps.
     rough: bool = False
     #: Whether it may be negative or not finite.
     wild: bool = False

@@ -103,7 +103,7 @@ class Profile:
 
     @cached_property
     def image(self) -> Array:
-        """The profile without its angle scale as a table (rows, columns, 1): rows are 0 to 180°, columns 0 to 360°."""
+        """The profile without its angle scale as a table (rows, columns, 1); rows are 0 to 180°, columns 0 to 360°."""
         plain = Profile(self.vertical, self.horizontal, self.intensity)
         columns = 2 if len(self.horizontal) == 1 else _COLUMNS
         theta, phi = np.linspace(0, 180, _ROWS), np.linspace(0, 360, columns)

@@ -80,7 +80,7 @@ class Scene:
 
     @property
     def bounces(self) -> int:
-        """The most bounces that a light or a medium asks for: scattering events before the one toward the camera."""
+        """The most bounces, scattering events before the one toward the camera, that a light or a medium asks for."""
         own = [light.bounces for light in self.lights] + [medium.bounces for medium in self.media]
         return max((each for each in own if each is not None), default=0)
 
