@@ -1,4 +1,4 @@
-"""Which room of the package knows which, read from the imports of its modules."""
+"""Which package of the program ("room") imports which, read from its modules."""
 
 import ast
 from functools import cache
@@ -10,7 +10,7 @@ import photonbeams
 
 SOURCE = Path(photonbeams.__file__).parent
 
-#: Each room knows those before it, and none after it.
+#: Each package may import those before it, and none after it.
 ROOMS = (
     "scene", "volumes", "runtime", "numerics", "quadrature", "beams", "looks", "estimators", "world", "transport",
     "render", "images", "usd", "shot", "integrator", "farm", "studio", "cli",
