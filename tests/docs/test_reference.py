@@ -37,10 +37,16 @@ def public(name):
 
 
 def documented(subject):
-    """Return the names that a docstring describes, "s" and "t" of "s, t", without the stars of "**more"."""
-    sections = NumpyDocString(inspect.getdoc(subject) or "")
+    """Return the names that a docstring describes, "s" and "t" of "s, t", without the stars of "**more".
+
+    A class may leave attributes to a public base class, if it names that in `backquotes`.
+    """
+    text = inspect.getdoc(subject) or ""
+    sections = NumpyDocString(text)
     rows = [row.name for section in DESCRIBED for row in sections[section]]
-    return {each.strip(" *`") for row in rows for each in row.split(",")}
+    names = {each.strip(" *`") for row in rows for each in row.split(",")}
+    bases = [each for each in getattr(subject, "__mro__", ())[1:] if each in map(public, NAMES)]
+    return names.union(*(documented(base) for base in bases if f"`{base.__name__}`" in text))
 
 
 def parameters(subject):

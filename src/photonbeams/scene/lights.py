@@ -186,32 +186,46 @@ class BeamSettings:
 
 @dataclass(frozen=True)
 class Light(BeamSettings):
-    """What all lights have in common; their portals are meshes.
+    """What all lights have in common. Their portals are meshes. Other attributes are those of `BeamSettings`.
 
     Attributes
     ----------
     name
-        Prim path.
+        Prim path, by which messages and looks refer to the light.
     radiance
-        Emitted radiance after intensity, exposure, colour, temperature and `normalize`. For a point light: radiant
-        intensity. For a distant light of angle 0: irradiance.
+        Emitted radiance, one or three numbers, after intensity, exposure, colour, temperature and `normalize`. For a
+        point light: radiant intensity. For a distant light of angle 0: irradiance.
     shaping
-        The light's cone and focus, or None for neither.
+        The light's cone, focus and profile, a `Shaping`. Default: none.
+    portal
+        The `Mesh` through which the light reaches the shot; it is not rendered as a surface. Default: none.
     surface_scale
-        A factor on the light that surfaces get from it, not on its beams.
+        A factor on the light that surfaces get from it, not on its beams. Default: 1.
     shadow_distance, shadow_color
-        On surfaces: only objects closer than this distance cast shadows, and this fraction of the light is left in
-        them. Shadows in beams are always black and unlimited.
+        On surfaces: only objects closer than this distance cast shadows (default: all), and this fraction of the light
+        is left in them, per channel (default: 0). Shadows in beams are always black and unlimited.
     seen
-        Whether pictures show the light itself.
+        Whether pictures show the light itself. Default: True.
     frame
         (4, 4) transform from the light's own space to the world, for column vectors: the light shines along its −Z, +Y
         is up, its origin is the light's place. The axes have unit length and are perpendicular; they are without the
-        light's size, and mirrored where the light is.
+        light's size, and mirrored where the light is. Default: the identity.
     unlit, unshadowed
         Names of meshes that the light does not shine on, and of meshes that block neither it nor its beams.
     guides
         Points (M, 3) along each of the curves that lead the light's beams: see `beams.guides`.
+
+    Raises
+    ------
+    SceneError
+        If a number is negative where it may not be, or not finite, or if a vector does not have three numbers.
+
+    Examples
+    --------
+    The kinds of light have these attributes:
+
+    >>> pb.scene.DistantLight("/Sun", 3.0, surface_scale=0.5).lights_surfaces
+    True
     """
 
     name: str
@@ -259,30 +273,7 @@ class SphereLight(Light):
     axis
         (3,) unit direction from which shaping is measured, local −Z.
 
-    Other Parameters
-    ----------------
-    name
-        Prim path, by which messages and looks refer to the light.
-    radiance
-        Emitted radiance, one or three numbers, after intensity, exposure, colour, temperature and `normalize`; of a
-        point, radiant intensity.
-    shaping
-        Cone, focus and profile, a `Shaping`. Default: none.
-    portal
-        The `Mesh` through which the light reaches the shot; it is not rendered as a surface. Default: none.
-    surface_scale, seen
-        A factor on the light that surfaces get, not on beams (default 1); whether pictures show the light itself.
-    shadow_distance, shadow_color
-        On surfaces: only objects closer than this distance cast shadows (default: all), and this fraction of the light
-        is left in them, per channel (default 0). Shadows in beams are always black and unlimited.
-    frame
-        (4, 4) transform from the light's own space to world space. Default: the identity.
-    unlit, unshadowed
-        Names of meshes that the light does not shine on, and of meshes that block neither it nor its beams.
-    guides
-        Curves, each of (M, 3) points, along which its beams are led.
-    group, look, emits_beams, beam_count, beam_scale, seed, gobo, portal_gobo, scattered, bounces
-        Settings of its beams: see `BeamSettings`.
+    Other attributes are those of `Light` and of `BeamSettings`.
 
     Raises
     ------
@@ -318,29 +309,7 @@ class FlatLight(Light):
     disk
         Whether the light is the ellipse with these half axes. False, the default: the rectangle.
 
-    Other Parameters
-    ----------------
-    name
-        Prim path, by which messages and looks refer to the light.
-    radiance
-        Emitted radiance, one or three numbers, after intensity, exposure, colour, temperature and `normalize`.
-    shaping
-        Cone, focus and profile, a `Shaping`. Default: none.
-    portal
-        The `Mesh` through which the light reaches the shot; it is not rendered as a surface. Default: none.
-    surface_scale, seen
-        A factor on the light that surfaces get, not on beams (default 1); whether pictures show the light itself.
-    shadow_distance, shadow_color
-        On surfaces: only objects closer than this distance cast shadows (default: all), and this fraction of the light
-        is left in them, per channel (default 0). Shadows in beams are always black and unlimited.
-    frame
-        (4, 4) transform from the light's own space to world space. Default: the identity.
-    unlit, unshadowed
-        Names of meshes that the light does not shine on, and of meshes that block neither it nor its beams.
-    guides
-        Curves, each of (M, 3) points, along which its beams are led.
-    group, look, emits_beams, beam_count, beam_scale, seed, gobo, portal_gobo, scattered, bounces
-        Settings of its beams: see `BeamSettings`.
+    Other attributes are those of `Light` and of `BeamSettings`.
 
     Raises
     ------
@@ -382,29 +351,7 @@ class CylinderLight(Light):
     axis
         (3,) unit direction from which shaping is measured, local −Z.
 
-    Other Parameters
-    ----------------
-    name
-        Prim path, by which messages and looks refer to the light.
-    radiance
-        Emitted radiance, one or three numbers, after intensity, exposure, colour, temperature and `normalize`.
-    shaping
-        Cone, focus and profile, a `Shaping`. Default: none.
-    portal
-        The `Mesh` through which the light reaches the shot; it is not rendered as a surface. Default: none.
-    surface_scale, seen
-        A factor on the light that surfaces get, not on beams (default 1); whether pictures show the light itself.
-    shadow_distance, shadow_color
-        On surfaces: only objects closer than this distance cast shadows (default: all), and this fraction of the light
-        is left in them, per channel (default 0). Shadows in beams are always black and unlimited.
-    frame
-        (4, 4) transform from the light's own space to world space. Default: the identity.
-    unlit, unshadowed
-        Names of meshes that the light does not shine on, and of meshes that block neither it nor its beams.
-    guides
-        Curves, each of (M, 3) points, along which its beams are led.
-    group, look, emits_beams, beam_count, beam_scale, seed, gobo, portal_gobo, scattered, bounces
-        Settings of its beams: see `BeamSettings`.
+    Other attributes are those of `Light` and of `BeamSettings`.
 
     Raises
     ------
@@ -449,29 +396,7 @@ class MeshLight(Light):
     surface
         Whether the mesh is also a surface of the scene: pictures then show its material, not the light. Default False.
 
-    Other Parameters
-    ----------------
-    name
-        Prim path, by which messages and looks refer to the light.
-    radiance
-        Emitted radiance, one or three numbers, after intensity, exposure, colour, temperature and `normalize`.
-    shaping
-        Cone, focus and profile, a `Shaping`. Default: none.
-    portal
-        The `Mesh` through which the light reaches the shot; it is not rendered as a surface. Default: none.
-    surface_scale, seen
-        A factor on the light that surfaces get, not on beams (default 1); whether pictures show the light itself.
-    shadow_distance, shadow_color
-        On surfaces: only objects closer than this distance cast shadows (default: all), and this fraction of the light
-        is left in them, per channel (default 0). Shadows in beams are always black and unlimited.
-    frame
-        (4, 4) transform from the light's own space to world space. Default: the identity.
-    unlit, unshadowed
-        Names of meshes that the light does not shine on, and of meshes that block neither it nor its beams.
-    guides
-        Curves, each of (M, 3) points, along which its beams are led.
-    group, look, emits_beams, beam_count, beam_scale, seed, gobo, portal_gobo, scattered, bounces
-        Settings of its beams: see `BeamSettings`.
+    Other attributes are those of `Light` and of `BeamSettings`.
 
     Raises
     ------
@@ -508,30 +433,7 @@ class DistantLight(Light):
     angle
         Degrees that the source covers in the sky, edge to edge. Default 0.53, the sun's; at 0 rays are parallel.
 
-    Other Parameters
-    ----------------
-    name
-        Prim path, by which messages and looks refer to the light.
-    radiance
-        Emitted radiance, one or three numbers, after intensity, exposure, colour, temperature and `normalize`; where
-        `angle` is 0, irradiance.
-    shaping
-        Cone, focus and profile, a `Shaping`. Default: none.
-    portal
-        The `Mesh` through which the light reaches the shot; it is not rendered as a surface. Default: none.
-    surface_scale, seen
-        A factor on the light that surfaces get, not on beams (default 1); whether pictures show the light itself.
-    shadow_distance, shadow_color
-        On surfaces: only objects closer than this distance cast shadows (default: all), and this fraction of the light
-        is left in them, per channel (default 0). Shadows in beams are always black and unlimited.
-    frame
-        (4, 4) transform from the light's own space to world space. Default: the identity.
-    unlit, unshadowed
-        Names of meshes that the light does not shine on, and of meshes that block neither it nor its beams.
-    guides
-        Curves, each of (M, 3) points, along which its beams are led.
-    group, look, emits_beams, beam_count, beam_scale, seed, gobo, portal_gobo, scattered, bounces
-        Settings of its beams: see `BeamSettings`.
+    Other attributes are those of `Light` and of `BeamSettings`.
 
     Raises
     ------
@@ -564,29 +466,7 @@ class DomeLight(Light):
         Whether the dome lights media without beams, by samples along camera paths: those with `Medium.lit_by_domes`.
         Default False.
 
-    Other Parameters
-    ----------------
-    name
-        Prim path, by which messages and looks refer to the light.
-    radiance
-        Emitted radiance, one or three numbers, after intensity, exposure, colour, temperature and `normalize`.
-    shaping
-        Cone, focus and profile, a `Shaping`. Default: none.
-    portal
-        The `Mesh` through which the light reaches the shot; it is not rendered as a surface. Default: none.
-    surface_scale, seen
-        A factor on the light that surfaces get, not on beams (default 1); whether pictures show the light itself.
-    shadow_distance, shadow_color
-        On surfaces: only objects closer than this distance cast shadows (default: all), and this fraction of the light
-        is left in them, per channel (default 0). Shadows in beams are always black and unlimited.
-    frame
-        (4, 4) transform from the light's own space to world space. Default: the identity.
-    unlit, unshadowed
-        Names of meshes that the light does not shine on, and of meshes that block neither it nor its beams.
-    guides
-        Curves, each of (M, 3) points, along which its beams are led.
-    group, look, emits_beams, beam_count, beam_scale, seed, gobo, portal_gobo, scattered, bounces
-        Settings of its beams: see `BeamSettings`.
+    Other attributes are those of `Light` and of `BeamSettings`.
 
     Raises
     ------
