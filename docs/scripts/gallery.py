@@ -16,6 +16,7 @@ import numpy as np
 from pages import DOCS, ROOT
 
 PAGE = DOCS / "mitsuba.md"
+NOISY = 75  # quality of pictures that are mostly noise, which takes many bytes
 
 #: Scenes of examples/mitsuba: width and height of their pictures, seconds for each, and the exposure in stops.
 SCENES = {
@@ -76,11 +77,12 @@ def timed(run: Callable[[], Any]) -> tuple[float, Any]:
 
 def write(name: str, pixels: Any, exposure: float) -> None:
     """Write a picture."""
-    from renders import keep
+    from renders import QUALITY, keep
 
     from photonbeams.images.display import srgb_encoded, tone_mapped
 
-    keep(255 * srgb_encoded(tone_mapped(np.nan_to_num(pixels) * 2.0**exposure)), name)
+    levels = 255 * srgb_encoded(tone_mapped(np.nan_to_num(pixels) * 2.0**exposure))
+    keep(levels, name, NOISY if name.endswith("-volpath") else QUALITY)
 
 
 def noted(page: str, name: str, seconds: float, passes: int, others: float, samples: int) -> str:

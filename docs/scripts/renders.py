@@ -63,12 +63,12 @@ def photonbeams(folder: Path, *arguments: str) -> None:
     subprocess.run([sys.executable, "-m", "photonbeams", *arguments], cwd=folder, check=True)
 
 
-def keep(picture: Path | Image.Image | Any, name: str) -> None:
+def keep(picture: Path | Image.Image | Any, name: str, quality: int = QUALITY) -> None:
     """Write a picture, a file or levels from 0 to 255 of the shape (H, W, 3), as one of the pages'."""
     if isinstance(picture, np.ndarray):
         picture = Image.fromarray(np.clip(np.round(picture), 0, 255).astype(np.uint8))
     image = picture if isinstance(picture, Image.Image) else Image.open(picture)
-    image.convert("RGB").save(PICTURES / f"{name}.webp", quality=QUALITY, method=6, use_sharp_yuv=True)
+    image.convert("RGB").save(PICTURES / f"{name}.webp", quality=quality, method=6, use_sharp_yuv=True)
 
 
 def sheet(folder: Path, arguments: tuple[str, ...], name: str, columns: int) -> None:
