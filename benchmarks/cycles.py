@@ -143,13 +143,18 @@ def cycles(
             child = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=log, text=True)
             stopped = threading.Timer(60 + len(files) * 3 * limit, child.kill)
             stopped.start()
-            for line in child.stdout or ():
-                if line.startswith("{"):
-                    spent = json.loads(line)
-                    picture = np.array(mi.Bitmap(f"{folder}/{spent['samples']}.exr"))[..., :3]
-                    yield spent["samples"], picture, spent["seconds"], spent["processor"] / spent["seconds"]
-            stopped.cancel()
-            if child.wait() > 0:
+            try:
+                for line in child.stdout or ():
+                    if line.startswith("{"):
+                        spent = json.loads(line)
+                        picture = np.array(mi.Bitmap(f"{folder}/{spent['samples']}.exr"))[..., :3]
+                        yield spent["samples"], picture, spent["seconds"], spent["processor"] / spent["seconds"]
+                child.wait()
+            finally:  # also where the caller has seen enough: what goes on would slow what is measured next
+                stopped.cancel()
+                child.kill()
+                child.wait()
+            if child.returncode > 0:
                 raise SystemExit(f"Cycles could not render:\n{(Path(folder) / 'log').read_text()}")
 
 

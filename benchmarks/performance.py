@@ -3,9 +3,9 @@
     python -m benchmarks performance [--write] [--cycles PYTHON] [FOLDER …]
 
 `photon_beams` and `volpath` are each measured against themselves: two renders with different seeds differ by √2 of
-their error, and the error falls as the root of the time. So neither needs a reference. Cycles renders
-with its denoiser, whose error is not noise: it is measured against a long render by the faster of the other two.
-The table shows each mean, too. Scenes are those of examples/mitsuba, and the .xml files of the folders named: other
+their error, and the error falls as the root of the time. So neither needs a reference. Cycles renders with its
+denoiser, whose error is not noise: it is measured against a long render by the faster of the other two. The table
+shows each mean, too. Scenes are those of examples/mitsuba, and the .xml files of the folders named: other
 people's, for instance the fog scenes of Mitsuba's own tests.
 """
 
@@ -138,13 +138,14 @@ def by_cycles(python: Path, scene: Any, most: dict[str, Any], both: list[tuple[A
     bounces = most.get("max_depth", -1) - 2
     job["bounces"] = bounces if bounces >= 0 else 1024
     tried: list[tuple[float, float]] = []
+    mean = float("nan")
     for _, picture, seconds, _ in cycles(python, job, SAMPLES, truth.shape[1::-1], LIMIT):
         apart = distance(np.float64(picture), truth, truth)
         tried.append((seconds, float(np.sqrt(max(apart**2 - noise**2, 1e-12)))))
         mean = float(np.mean(picture) / truth.mean())
         if tried[-1][1] <= ERROR:
             break
-    return Cycles(tried, mean)
+    return Cycles(tried, mean) if tried else None
 
 
 @dataclass(frozen=True)
