@@ -162,9 +162,9 @@ def fan(points):
 @pytest.mark.parametrize(
     ("name", "given", "words"),
     [
-        ("mesh", {"gobo": Gobo(HALF)}, "lamp: is a AreaLight, which cannot have a gobo: expected a point"),
+        ("mesh", {"gobo": Gobo(HALF)}, "emitter lamp is of type AreaLight, which cannot have a gobo: expected a point"),
         ("constant", {"gobo": Gobo(HALF)}, "which cannot have a gobo"),
-        ("projector", {"gobo": Gobo(HALF)}, "is a Projector, which cannot have a gobo"),
+        ("projector", {"gobo": Gobo(HALF)}, "emitter lamp is of type Projector, which cannot have a gobo"),
         ("spot", {"portal": "door"}, r"'door' is no shape of the scene: expected one with a null BSDF \(window\)"),
         ("spot", {"portal": "wall"}, "its portal wall stops light: expected a null BSDF"),
         ("spot", {"portal_gobo": Gobo(HALF)}, "has a gobo on its portal, but no portal"),
